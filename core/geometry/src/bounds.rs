@@ -1,0 +1,122 @@
+//! Axis-aligned boxes on the lattice and bounding spheres in lattice steps.
+
+use crate::lattice::LatticePoint;
+
+/// A closed box of lattice points. The empty box has `min > max`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Aabb {
+    /// Smallest coordinate on each axis.
+    pub min: LatticePoint,
+    /// Largest coordinate on each axis.
+    pub max: LatticePoint,
+}
+
+impl Aabb {
+    /// The empty box: the neutral element of [`Aabb::union`].
+    pub const EMPTY: Self = Self { min: [i32::MAX; 3], max: [i32::MIN; 3] };
+
+    /// The smallest box round some points.
+    pub fn of<'a>(points: impl IntoIterator<Item = &'a LatticePoint>) -> Self {
+        let mut b = Self::EMPTY;
+        for p in points {
+            b.add(*p);
+        }
+        b
+    }
+
+    /// Grow to contain a point.
+    pub fn add(&mut self, p: LatticePoint) {
+        for i in 0..3 {
+            self.min[i] = self.min[i].min(p[i]);
+            self.max[i] = self.max[i].max(p[i]);
+        }
+    }
+
+    /// The smallest box round both.
+    #[must_use]
+    pub fn union(&self, o: &Self) -> Self {
+        Self {
+            min: std::array::from_fn(|i| self.min[i].min(o.min[i])),
+            max: std::array::from_fn(|i| self.max[i].max(o.max[i])),
+        }
+    }
+
+    /// Whether no point lies inside.
+    pub fn is_empty(&self) -> bool {
+        (0..3).any(|i| self.min[i] > self.max[i])
+    }
+}
+
+/// A ball in lattice steps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sphere {
+    /// Centre, in lattice steps.
+    pub center: [f64; 3],
+    /// Radius, in lattice steps; negative for the empty ball.
+    pub radius: f64,
+}
+
+impl Sphere {
+    /// The empty ball: the neutral element of [`Sphere::union`].
+    pub const EMPTY: Self = Self { center: [0.0; 3], radius: -1.0 };
+
+    /// A ball round points: box centre, exact largest distance, inflated by 1e-12 relative against rounding.
+    pub fn of(points: &[LatticePoint]) -> Self {
+        let b = Aabb::of(points);
+        if b.is_empty() {
+            return Self::EMPTY;
+        }
+        let center: [f64; 3] = std::array::from_fn(|i| (f64::from(b.min[i]) + f64::from(b.max[i])) * 0.5);
+        let r2 = points.iter().map(|p| dist2(center, p.map(f64::from))).fold(0.0, f64::max);
+        Self { center, radius: inflate(libm::sqrt(r2)) }
+    }
+
+    /// The smallest ball round two balls (inflated by 1e-12 relative against rounding).
+    #[must_use]
+    pub fn union(&self, o: &Self) -> Self {
+        if self.radius < 0.0 {
+            return *o;
+        }
+        if o.radius < 0.0 {
+            return *self;
+        }
+        let d = libm::sqrt(dist2(self.center, o.center));
+        if d + o.radius <= self.radius {
+            return *self;
+        }
+        if d + self.radius <= o.radius {
+            return *o;
+        }
+        let r = (d + self.radius + o.radius) * 0.5;
+        let t = (r - self.radius) / d;
+        let center = std::array::from_fn(|i| self.center[i] + (o.center[i] - self.center[i]) * t);
+        Self { center, radius: inflate(r) }
+    }
+
+    /// Whether `o` lies inside, with the tolerance `slack` in steps.
+    pub fn contains(&self, o: &Self, slack: f64) -> bool {
+        o.radius < 0.0 || libm::sqrt(dist2(self.center, o.center)) + o.radius <= self.radius + slack
+    }
+}
+
+fn inflate(r: f64) -> f64 {
+    r * (1.0 + 1e-12) + 1e-9
+}
+
+fn dist2(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|i| (a[i] - b[i]) * (a[i] - b[i])).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_union_ball_contains_both() {
+        let a = Sphere { center: [0.0, 0.0, 0.0], radius: 2.0 };
+        let b = Sphere { center: [5.0, 1.0, 0.0], radius: 0.5 };
+        let u = a.union(&b);
+        assert!(u.contains(&a, 0.0) && u.contains(&b, 0.0));
+        assert_eq!(Sphere::EMPTY.union(&a), a);
+    }
+}

@@ -1,0 +1,115 @@
+//! Diamonds: all tetrahedra that share their longest edge, named by that edge's midpoint.
+//!
+//! | level mod 3 | longest edge | tetrahedra inside | parents | children |
+//! |---|---|---|---|---|
+//! | 0 | cube diagonal | 6 | 3 | 6 |
+//! | 1 | face diagonal | 4 | 2 | 4 |
+//! | 2 | cube edge | 8 | 4 | 8 |
+//!
+//! On the hull of the root cube some of these do not exist.
+
+use crate::lattice::LatticePoint;
+use crate::tetra::Tetra;
+
+/// The name of a diamond. The level follows from the midpoint and the cube; it is carried because it orders diamonds
+/// coarse to fine, which every list of them is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct DiamondKey {
+    /// Level of the tetrahedra in this diamond.
+    pub level: u8,
+    /// Midpoint of the shared longest edge.
+    pub midpoint: LatticePoint,
+}
+
+impl DiamondKey {
+    /// The diamond that splits a tetrahedron.
+    pub fn of(t: &Tetra) -> Self {
+        Self { level: t.level, midpoint: t.midpoint() }
+    }
+
+    /// The diamonds of the level above whose tetrahedra, when split, give this diamond's tetrahedra: all of them must
+    /// be refined before this one can be. Up to 4, inside the cube `0..=2^cube_log2`; empty at level 0.
+    pub fn parents(&self, cube_log2: u32) -> Vec<Self> {
+        if self.level == 0 {
+            return Vec::new();
+        }
+        let side = 1i32 << cube_log2;
+        let m = self.midpoint;
+        // Side of the cubes at this level's triple: level 0..2 -> side, 3..5 -> side / 2, ...
+        let s = side >> (self.level / 3);
+        let mut candidates: Vec<LatticePoint> = Vec::with_capacity(4);
+        let offset = |p: LatticePoint, axis: usize, by: i32| {
+            let mut q = p;
+            q[axis] += by;
+            q
+        };
+        match self.level % 3 {
+            1 => {
+                // A face centre: two coordinates are odd multiples of s/2, the third (the face's normal) is a multiple of s.
+                for axis in 0..3 {
+                    if m[axis] % s == 0 {
+                        candidates.extend([offset(m, axis, -s / 2), offset(m, axis, s / 2)]);
+                    }
+                }
+            }
+            2 => {
+                // An edge midpoint: one coordinate is an odd multiple of s/2; the faces round the edge lie on the other axes.
+                for axis in 0..3 {
+                    if m[axis] % s == 0 {
+                        candidates.extend([offset(m, axis, -s / 2), offset(m, axis, s / 2)]);
+                    }
+                }
+            }
+            _ => {
+                // The centre of a cube of side s inside a cube of side 2s. The corner of the small cube that is also a
+                // corner of the large one is the one with all coordinates multiples of 2s; the three large edges at it
+                // have their midpoints one small side away along each axis.
+                let corner: LatticePoint = std::array::from_fn(|i| {
+                    let low = m[i] - s / 2;
+                    if low % (2 * s) == 0 { low } else { low + s }
+                });
+                for axis in 0..3 {
+                    let towards = if m[axis] > corner[axis] { s } else { -s };
+                    candidates.push(offset(corner, axis, towards));
+                }
+            }
+        }
+        let level = self.level - 1;
+        candidates.retain(|p| p.iter().all(|&x| (0..=side).contains(&x)));
+        candidates.into_iter().map(|midpoint| Self { level, midpoint }).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::{BTreeMap, BTreeSet};
+
+    /// Uniform refinement of the whole cube, diamonds found by brute force: the formula must agree with it.
+    #[test]
+    fn parents_and_counts_agree_with_an_exhaustive_enumeration() {
+        const LOG2: u32 = 5;
+        let side = 1 << LOG2;
+        let mut level: Vec<(Tetra, Option<DiamondKey>)> = Tetra::roots(LOG2).map(|t| (t, None)).to_vec();
+        for l in 0..10u8 {
+            let mut tets: BTreeMap<DiamondKey, usize> = BTreeMap::new();
+            let mut parents: BTreeMap<DiamondKey, BTreeSet<DiamondKey>> = BTreeMap::new();
+            let mut next = Vec::new();
+            for (t, parent) in &level {
+                let key = DiamondKey::of(t);
+                *tets.entry(key).or_default() += 1;
+                parents.entry(key).or_default().extend(parent.iter());
+                next.extend(t.children().map(|c| (c, Some(key))));
+            }
+            for (key, found) in &parents {
+                let mut said: Vec<_> = key.parents(LOG2);
+                said.sort();
+                assert_eq!(said, found.iter().copied().collect::<Vec<_>>(), "level {l} {key:?}");
+                if key.midpoint.iter().all(|&x| x > 0 && x < side) {
+                    assert_eq!(tets[key], [6, 4, 8][usize::from(l) % 3], "{key:?}");
+                }
+            }
+            level = next;
+        }
+    }
+}

@@ -1,0 +1,22 @@
+//! Pure geometry for Kilwa: the one integer lattice, the tetrahedra and diamonds that subdivide it, bounds,
+//! mesh fragments and exact distances.
+//!
+//! Nothing here touches files, threads, clocks or the GPU. Every function gives the same answer on every machine:
+//! decisions are taken on integers, and where `f64` is used (distances) only `+ - * / sqrt` occur, which IEEE 754 fixes.
+//!
+//! Ownership and order: [`lattice`] defines points; [`tetra`] and [`diamond`] define the hierarchy over them
+//! (Cignoni et al., "Adaptive TetraPuzzles", SIGGRAPH 2004); [`mesh`] is the fragment that every stage hands to the next.
+
+pub mod bounds;
+pub mod diamond;
+pub mod distance;
+pub mod lattice;
+pub mod mesh;
+pub mod normal;
+pub mod tetra;
+
+pub use bounds::{Aabb, Sphere};
+pub use diamond::DiamondKey;
+pub use lattice::{Lattice, LatticePoint};
+pub use mesh::Mesh;
+pub use tetra::Tetra;

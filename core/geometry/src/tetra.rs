@@ -1,0 +1,178 @@
+//! Tetrahedra of the subdivision: a root cube split into six round its main diagonal, each bisected at the midpoint of
+//! its unique longest edge (design/hierarchy.md). Everything is exact in integers.
+//!
+//! Vertex order carries the structure: `v[0] - v[3]` is always the longest edge (the one that a bisection splits).
+//! With Maubach's rule the tag (level mod 3) selects which vertex goes where, so that this holds at every level.
+
+use crate::lattice::LatticePoint;
+
+/// Levels of bisection at which a cube of side 2 is reached from a cube of side `2^log2`.
+pub fn max_level(cube_log2: u32) -> u8 {
+    (3 * cube_log2.saturating_sub(1)) as u8
+}
+
+/// One tetrahedron.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Tetra {
+    /// Corners on the lattice; the edge `v[0]`–`v[3]` is the longest.
+    pub v: [LatticePoint; 4],
+    /// Bisections from the root; the roots have level 0.
+    pub level: u8,
+}
+
+impl Tetra {
+    /// The six root tetrahedra of the cube `0..2^cube_log2`, in a fixed order.
+    pub fn roots(cube_log2: u32) -> [Self; 6] {
+        let s = 1i32 << cube_log2;
+        // One per permutation of the axes: walk from the origin to the far corner one axis at a time.
+        [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]].map(|axes: [usize; 3]| {
+            let mut v = [[0; 3]; 4];
+            for i in 0..3 {
+                v[i + 1] = v[i];
+                v[i + 1][axes[i]] = s;
+            }
+            Self { v, level: 0 }
+        })
+    }
+
+    /// The midpoint of the longest edge: the name of the diamond that splits this tetrahedron.
+    pub fn midpoint(&self) -> LatticePoint {
+        std::array::from_fn(|i| (self.v[0][i] + self.v[3][i]) >> 1)
+    }
+
+    /// The two halves. Child 0 keeps `v[0]`, child 1 keeps `v[3]`.
+    /// Maubach, "Local bisection refinement for n-simplicial grids", 1995, with k = 3 - level mod 3.
+    pub fn children(&self) -> [Self; 2] {
+        let [a, b, c, d] = self.v;
+        let m = self.midpoint();
+        let level = self.level + 1;
+        // Each child's corners are ordered so that its longest edge is first-last again (checked by a test).
+        let (first, second) = match self.level % 3 {
+            0 => ([a, b, c, m], [d, c, b, m]),
+            1 => ([a, b, m, c], [d, b, m, c]),
+            _ => ([a, m, b, c], [d, m, b, c]),
+        };
+        let fix = |v: [LatticePoint; 4]| Self { v: longest_first_last(v), level };
+        [fix(first), fix(second)]
+    }
+
+    /// On which side of the bisecting plane a point lies: the child (0 or 1) that a point given as the *sum of three
+    /// vertices* (three times a triangle's centroid) belongs to. Exact; ties go to child 0.
+    pub fn child_of_sum(&self, sum: [i64; 3]) -> usize {
+        // The bisecting plane contains the midpoint and the two vertices off the longest edge. Its normal is the
+        // longest edge's direction made orthogonal to (v1-m) and (v2-m); v[0] lies on its positive side.
+        let m = self.midpoint();
+        let e1 = sub(self.v[1], m);
+        let e2 = sub(self.v[2], m);
+        let mut n = cross(e1, e2);
+        let g = gcd(gcd(n[0].unsigned_abs() as u128, n[1].unsigned_abs() as u128), n[2].unsigned_abs() as u128).max(1);
+        for x in &mut n {
+            *x /= g as i128;
+        }
+        if dot(n, sub(self.v[0], m)) < 0 {
+            n = n.map(|x| -x);
+        }
+        let p: [i128; 3] = std::array::from_fn(|i| i128::from(sum[i]) - 3 * i128::from(m[i]));
+        usize::from(dot(n, p) < 0)
+    }
+
+    /// How far the point `sum / 3` lies outside this tetrahedron, as a non-negative number comparable between
+    /// tetrahedra of one diamond (largest plane violation, in steps); 0 inside.
+    pub fn violation(&self, sum: [i64; 3]) -> f64 {
+        let mut worst = 0.0f64;
+        for i in 0..4 {
+            let [a, b, c] = [self.v[(i + 1) % 4], self.v[(i + 2) % 4], self.v[(i + 3) % 4]];
+            let mut n = cross(sub(b, a), sub(c, a)).map(|x| x as f64);
+            if (0..3).map(|k| n[k] * f64::from(self.v[i][k] - a[k])).sum::<f64>() < 0.0 {
+                n = n.map(|x| -x);
+            }
+            let len = libm::sqrt(n.iter().map(|x| x * x).sum::<f64>());
+            let s: f64 = (0..3).map(|k| n[k] / len * (sum[k] as f64 / 3.0 - f64::from(a[k]))).sum();
+            worst = worst.max(-s);
+        }
+        worst
+    }
+}
+
+/// Reorder so that the longest edge is first-last, keeping child order deterministic.
+fn longest_first_last(v: [LatticePoint; 4]) -> [LatticePoint; 4] {
+    let mut best = (0, 3, -1i128);
+    for (i, j) in [(0, 3), (0, 1), (0, 2), (1, 2), (1, 3), (2, 3)] {
+        let e = sub(v[i], v[j]);
+        let l = dot(e, e);
+        if l > best.2 {
+            best = (i, j, l);
+        }
+    }
+    let (i, j, _) = best;
+    let mut rest = (0..4).filter(|&k| k != i && k != j).map(|k| v[k]);
+    let b = rest.next().unwrap_or(v[0]);
+    let c = rest.next().unwrap_or(v[0]);
+    [v[i], b, c, v[j]]
+}
+
+fn sub(a: LatticePoint, b: LatticePoint) -> [i128; 3] {
+    std::array::from_fn(|i| i128::from(a[i]) - i128::from(b[i]))
+}
+
+fn cross(a: [i128; 3], b: [i128; 3]) -> [i128; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn dot(a: [i128; 3], b: [i128; 3]) -> i128 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn gcd(a: u128, b: u128) -> u128 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn volume6(t: &Tetra) -> i128 {
+        dot(sub(t.v[1], t.v[0]), cross(sub(t.v[2], t.v[0]), sub(t.v[3], t.v[0]))).abs()
+    }
+
+    #[test]
+    fn ten_levels_keep_the_longest_edge_first_and_halve_the_volume() {
+        let mut level: Vec<Tetra> = Tetra::roots(6).to_vec();
+        for l in 0..10u8 {
+            let expected = [3, 2, 1][usize::from(l) % 3] * (1i128 << (6 - i128::from(l / 3))).pow(2);
+            let mut next = Vec::new();
+            for t in &level {
+                let e = sub(t.v[0], t.v[3]);
+                // Level 0 mod 3: sqrt(3) s; 1: sqrt(2) s; 2: s, where s halves every third level.
+                assert_eq!(dot(e, e), expected, "level {l}: {t:?}");
+                let unique = (0..4).flat_map(|i| (i + 1..4).map(move |j| (i, j))).filter(|&(i, j)| {
+                    let e = sub(t.v[i], t.v[j]);
+                    dot(e, e) == expected
+                });
+                assert_eq!(unique.count(), 1, "the longest edge is unique");
+                for c in t.children() {
+                    assert_eq!(volume6(&c) * 2, volume6(t));
+                    next.push(c);
+                }
+            }
+            level = next;
+        }
+    }
+
+    #[test]
+    fn every_point_falls_into_a_child_that_contains_it() {
+        let mut seed = 7u64;
+        let mut random = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 33) as i64 % (64 * 3)
+        };
+        for _ in 0..2000 {
+            let sum = [random(), random(), random()];
+            let mut t = *Tetra::roots(6).iter().find(|t| t.violation(sum) <= 1e-9).expect("the roots tile the cube");
+            for _ in 0..9 {
+                t = t.children()[t.child_of_sum(sum)];
+                assert!(t.violation(sum) <= 1e-9, "{t:?} {sum:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! Everything that can be wrong with a pack, each with what, where and what to do.
+
+use thiserror::Error;
+
+/// Why a pack, or a part of one, was refused.
+#[derive(Debug, Error)]
+pub enum PackError {
+    /// Not a Kilwa pack at all.
+    #[error("not a Kilwa pack: the file does not begin with the magic bytes \"KILWAPCK\"")]
+    Magic,
+    /// A version of the format that this program does not know.
+    #[error("format version {major}.{minor} is newer than this program knows (0.1): install a newer kilwa")]
+    Version {
+        /// Major version found.
+        major: u16,
+        /// Minor version found.
+        minor: u16,
+    },
+    /// A required feature bit that this program does not know.
+    #[error("the pack needs feature bit {bit}, which this program does not know: install a newer kilwa")]
+    Feature {
+        /// Number of the unknown bit.
+        bit: u32,
+    },
+    /// Fewer bytes than the file says there are.
+    #[error("{what} is truncated: {needed} bytes needed, {available} there; copy the file again")]
+    Truncated {
+        /// The part that is short.
+        what: String,
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes there.
+        available: u64,
+    },
+    /// A checksum does not match: bytes were changed after the pack was written.
+    #[error("{what} is damaged: its checksum does not match; copy the file again")]
+    Checksum {
+        /// The damaged part.
+        what: String,
+    },
+    /// A value that no writer produces.
+    #[error("{what} is invalid: {why}")]
+    Invalid {
+        /// The part.
+        what: String,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// Reading failed.
+    #[error("cannot read {what}: {source}")]
+    Io {
+        /// The part being read.
+        what: String,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+}

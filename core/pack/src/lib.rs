@@ -1,0 +1,26 @@
+//! The Kilwa file format, `name.kilwa`: one immutable file, read by range. `docs/FORMAT.md` is normative; comments here
+//! point into it.
+//!
+//! Layout (FORMAT section 2): `header | metadata JSON | directory page 0 | coarsest chunks | other pages | other chunks | footer`.
+//! Header, metadata, page 0 and the coarsest chunks lie in the first 128 KiB, so that one request gives a picture.
+//! All integers are little-endian. Chunks and directory entries are ordered coarse to fine (by level), then along a
+//! space-filling curve, so that any prefix of the directory is a usable coarser tree.
+//!
+//! This crate parses bytes that it is given and makes bytes; it opens no file. Nothing is allocated before it is
+//! checked against the bytes that are really there; no input makes it panic.
+
+pub mod chunk;
+pub mod directory;
+pub mod error;
+pub mod header;
+pub mod metadata;
+pub mod reader;
+pub mod writer;
+
+pub use chunk::{Attributes, Chunk, PatchRange};
+pub use directory::{DirectoryEntry, ENTRIES_PER_PAGE, NO_DIAMOND, PAGE_BYTES};
+pub use error::PackError;
+pub use header::{HEAD_BYTES, HEADER_BYTES, Header};
+pub use metadata::Metadata;
+pub use reader::{Reader, Source};
+pub use writer::PackWriter;

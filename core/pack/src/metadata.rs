@@ -1,0 +1,68 @@
+//! The metadata block: JSON, for people and archives as much as for programs. FORMAT section 6.
+
+use serde::{Deserialize, Serialize};
+
+/// One scalar channel carried per vertex.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ScalarChannel {
+    /// The name in the source, for example `confidence`, `quality`, `intensity`, `alpha`.
+    pub name: String,
+    /// Smallest value at the finest level.
+    pub min: f32,
+    /// Largest value at the finest level.
+    pub max: f32,
+}
+
+/// One source file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SourceFile {
+    /// File name without folders.
+    pub name: String,
+    /// Bytes.
+    pub bytes: u64,
+    /// SHA-256, lower-case hexadecimal.
+    pub sha256: String,
+}
+
+/// What the pack says of itself. Lengths in metres, world coordinates, f64.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Metadata {
+    /// Title, or the file name it was built from.
+    pub title: String,
+    /// Units of the source, for example `m`; the pack itself is in metres.
+    pub source_units: String,
+    /// Up axis of the source: `z` or `y`; the pack itself is z-up.
+    pub source_up: String,
+    /// Coordinate reference system, an EPSG code or WKT, where known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub crs: Option<String>,
+    /// Lattice step in metres.
+    pub lattice_step: f64,
+    /// Smallest corner of the model, metres.
+    pub bounds_min: [f64; 3],
+    /// Largest corner of the model, metres.
+    pub bounds_max: [f64; 3],
+    /// Median edge length at the finest level, metres.
+    pub median_edge: f64,
+    /// Triangles of the finest level.
+    pub triangles: u64,
+    /// Distinct lattice positions of the finest level.
+    pub vertices: u64,
+    /// True-border edges of the finest level.
+    pub border_edges: u64,
+    /// Scalar channels, in the order of `Mesh::scalars`.
+    #[serde(default)]
+    pub scalars: Vec<ScalarChannel>,
+    /// Source files.
+    pub sources: Vec<SourceFile>,
+    /// Program and version that wrote the pack.
+    pub tool: String,
+    /// Options that shaped it (not thread counts or paths).
+    pub options: std::collections::BTreeMap<String, String>,
+    /// Standard uncertainty of the capture, metres, where known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capture_accuracy: Option<f64>,
+    /// What reading and building repaired or dropped: reason to count. Empty means nothing.
+    #[serde(default)]
+    pub repairs: std::collections::BTreeMap<String, u64>,
+}

@@ -1,0 +1,63 @@
+//! `kilwa`: build, check, render, measure and serve multiresolution packs of scanned sites. One file per verb.
+
+mod build;
+mod extract;
+mod info;
+mod measure;
+mod render;
+mod serve;
+mod source;
+mod synth;
+mod verify;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Publish scanned heritage sites in 3D, and measure on them.
+#[derive(Parser)]
+#[command(name = "kilwa", version, about)]
+struct Cli {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    Synth(synth::Args),
+    Build(build::Args),
+    Info(info::Args),
+    Verify(verify::Args),
+    Extract(extract::Args),
+    Render(render::Args),
+    Measure(measure::Args),
+    Serve(serve::Args),
+}
+
+fn run(cli: Cli) -> anyhow::Result<()> {
+    match cli.verb {
+        Verb::Synth(a) => synth::run(&a),
+        Verb::Build(a) => build::run(&a),
+        Verb::Info(a) => info::run(&a),
+        Verb::Verify(a) => verify::run(&a),
+        Verb::Extract(a) => extract::run(&a),
+        Verb::Render(a) => render::run(&a),
+        Verb::Measure(a) => measure::run(&a),
+        Verb::Serve(a) => serve::run(&a),
+    }
+}
+
+/// Exit 0 done, 1 the input or the world is wrong, 2 usage (clap's own). A closed pipe is success.
+fn main() -> ExitCode {
+    match run(Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) if broken_pipe(&e) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("kilwa: {e:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn broken_pipe(e: &anyhow::Error) -> bool {
+    e.chain().any(|c| c.downcast_ref::<std::io::Error>().is_some_and(|io| io.kind() == std::io::ErrorKind::BrokenPipe))
+}

@@ -1,0 +1,9 @@
+//! `kilwa verify`.
+
+/// Check every byte of a pack.
+#[derive(clap::Args)]
+pub(crate) struct Args {}
+
+pub(crate) fn run(_args: &Args) -> anyhow::Result<()> {
+    todo!()
+}
