@@ -3,7 +3,10 @@
 //! Entry 0 is the *root*: its chunk holds the patches of the six root tetrahedra, it has no parents, and it is always
 //! refined. Entry `i > 0` is a diamond; its chunk holds the patches of its tetrahedra's children.
 
+use crate::bytes::Cursor;
+use crate::chunk::{MAX_CHUNK_BYTES, MAX_CHUNK_TRIANGLES, MAX_CHUNK_VERTICES};
 use crate::error::PackError;
+use kilwa_geometry::lattice::MAX_COORDINATE;
 use kilwa_geometry::{Aabb, Sphere};
 
 /// Bytes of one page: a 128-byte page header and 127 entries of 128 bytes.
@@ -52,16 +55,165 @@ impl DirectoryEntry {
     }
 }
 
+/// First bytes of a page.
+pub const PAGE_MAGIC: [u8; 4] = *b"KPAG";
+/// Bytes of a page's own header.
+const PAGE_HEADER_BYTES: usize = 128;
+/// Where the checksum lies in a page; it counts as zero when the checksum is computed.
+const CHECKSUM_AT: std::ops::Range<usize> = 16..32;
+
+/// The smallest `f32` that is not below `x`: how a certified error is stored. Infinite above the range of `f32`.
+pub fn round_up(x: f64) -> f32 {
+    #[expect(clippy::cast_possible_truncation, reason = "rounds to nearest; the next lines repair rounding down")]
+    let nearest = x as f32;
+    if f64::from(nearest) < x { nearest.next_up() } else { nearest }
+}
+
+/// Number of entries that page `page` of a directory of `entry_count` entries holds.
+pub fn entries_in_page(page: u32, entry_count: u32) -> u32 {
+    let full = u32::try_from(ENTRIES_PER_PAGE).unwrap_or(u32::MAX);
+    entry_count.saturating_sub(page.saturating_mul(full)).min(full)
+}
+
 /// Parse and check one page; `page` is its number. Checks the page checksum, and that offsets, counts, parents,
 /// spheres and errors are possible. Returns its entries.
 ///
 /// # Errors
 /// [`PackError`] naming the page and entry.
-pub fn parse_page(_bytes: &[u8], _page: u32, _entry_count: u32) -> Result<Vec<DirectoryEntry>, PackError> {
-    todo!()
+pub fn parse_page(bytes: &[u8], page: u32, entry_count: u32) -> Result<Vec<DirectoryEntry>, PackError> {
+    let what = format!("directory page {page}");
+    if bytes.len() != PAGE_BYTES {
+        return Err(PackError::Truncated { what, needed: PAGE_BYTES as u64, available: bytes.len() as u64 });
+    }
+    let mut c = Cursor::new(bytes, &what);
+    let (magic, number, count, _) = (c.array()?, c.u32()?, c.u32()?, c.u32()?);
+    let stored: [u8; 16] = c.array()?;
+    if page_checksum(bytes) != stored {
+        return Err(PackError::checksum(what));
+    }
+    let expected = entries_in_page(page, entry_count);
+    if magic != PAGE_MAGIC || number != page || count != expected {
+        return Err(c.invalid(&format!("it says to be page {number} with {count} entries, {expected} are expected")));
+    }
+    c.take(PAGE_HEADER_BYTES - 32)?;
+    let first = page.saturating_mul(u32::try_from(ENTRIES_PER_PAGE).unwrap_or(u32::MAX));
+    let mut entries = Vec::with_capacity(usize::try_from(count).unwrap_or(0));
+    for index in (first..).take(entries.capacity()) {
+        let entry = parse_entry(&mut c)?;
+        entry.check(index)?;
+        entries.push(entry);
+    }
+    Ok(entries)
+}
+
+/// The checksum of a page.
+pub(crate) fn page_checksum(bytes: &[u8]) -> [u8; 16] {
+    let mut copy = bytes.to_vec();
+    if let Some(field) = copy.get_mut(CHECKSUM_AT) {
+        field.fill(0);
+    }
+    crate::checksum(&copy)
+}
+
+fn parse_entry(c: &mut Cursor<'_>) -> Result<DirectoryEntry, PackError> {
+    let entry = DirectoryEntry {
+        offset: c.u64()?,
+        encoded_bytes: c.u32()?,
+        vertices: c.u32()?,
+        triangles: c.u32()?,
+        error: c.f32()?,
+        color_error: c.f32()?,
+        level: u8::try_from(c.u32()?).map_err(|_| c.invalid("a level is above 255"))?,
+        sphere: Sphere { center: [c.f64()?, c.f64()?, c.f64()?], radius: c.f64()? },
+        bounds: Aabb { min: [c.i32()?, c.i32()?, c.i32()?], max: [c.i32()?, c.i32()?, c.i32()?] },
+        parents: [c.u32()?, c.u32()?, c.u32()?, c.u32()?],
+        checksum: c.array()?,
+    };
+    c.take(8)?;
+    Ok(entry)
+}
+
+impl DirectoryEntry {
+    /// Whether all values are possible for entry `index`, whoever made them.
+    pub(crate) fn check(&self, index: u32) -> Result<(), PackError> {
+        let bad = |why: String| Err(PackError::invalid(format!("directory entry {index}"), why));
+        if self.triangles > MAX_CHUNK_TRIANGLES || self.vertices > MAX_CHUNK_VERTICES {
+            return bad(format!("{} triangles and {} vertices are too many", self.triangles, self.vertices));
+        }
+        if self.encoded_bytes == 0 || self.encoded_bytes > MAX_CHUNK_BYTES {
+            return bad(format!("a chunk of {} bytes is not possible", self.encoded_bytes));
+        }
+        if self.error.is_nan() || self.error < 0.0 || self.color_error.is_nan() || self.color_error < 0.0 {
+            return bad(format!("errors {} m and {} are not possible", self.error, self.color_error));
+        }
+        let s = &self.sphere;
+        if !s.center.iter().all(|x| x.is_finite()) || !s.radius.is_finite() {
+            return bad("its sphere is not finite".to_owned());
+        }
+        let in_lattice = |p: [i32; 3]| p.iter().all(|x| (0..=MAX_COORDINATE).contains(x));
+        let b = &self.bounds;
+        if !(b.is_empty() && self.vertices == 0 || in_lattice(b.min) && in_lattice(b.max) && !b.is_empty()) {
+            return bad("its box is not possible".to_owned());
+        }
+        if index == 0 {
+            if self.parents().next().is_some() || self.error != f32::INFINITY {
+                return bad("the root entry has no parents and an infinite error".to_owned());
+            }
+            return Ok(());
+        }
+        let mut seen = Vec::with_capacity(4);
+        for parent in self.parents() {
+            if parent >= index || seen.contains(&parent) {
+                return bad(format!("parent {parent} does not come before it, or stands there twice"));
+            }
+            seen.push(parent);
+        }
+        if seen.is_empty() {
+            return bad("it has no parent".to_owned());
+        }
+        if self.error.is_infinite() {
+            return bad("only the root entry has an infinite error".to_owned());
+        }
+        Ok(())
+    }
+
+    fn write(&self, out: &mut Vec<u8>) {
+        out.extend(self.offset.to_le_bytes());
+        for x in [self.encoded_bytes, self.vertices, self.triangles] {
+            out.extend(x.to_le_bytes());
+        }
+        out.extend(self.error.to_le_bytes());
+        out.extend(self.color_error.to_le_bytes());
+        out.extend(u32::from(self.level).to_le_bytes());
+        for x in self.sphere.center {
+            out.extend(x.to_le_bytes());
+        }
+        out.extend(self.sphere.radius.to_le_bytes());
+        for x in self.bounds.min.iter().chain(&self.bounds.max) {
+            out.extend(x.to_le_bytes());
+        }
+        for x in self.parents {
+            out.extend(x.to_le_bytes());
+        }
+        out.extend(self.checksum);
+        out.extend([0; 8]);
+    }
 }
 
 /// Serialise up to [`ENTRIES_PER_PAGE`] entries as page `page`.
-pub fn write_page(_entries: &[DirectoryEntry], _page: u32) -> Vec<u8> {
-    todo!()
+pub fn write_page(entries: &[DirectoryEntry], page: u32) -> Vec<u8> {
+    let mut b = Vec::with_capacity(PAGE_BYTES);
+    b.extend(PAGE_MAGIC);
+    b.extend(page.to_le_bytes());
+    b.extend(u32::try_from(entries.len()).unwrap_or(u32::MAX).to_le_bytes());
+    b.resize(PAGE_HEADER_BYTES, 0);
+    for entry in entries.iter().take(ENTRIES_PER_PAGE) {
+        entry.write(&mut b);
+    }
+    b.resize(PAGE_BYTES, 0);
+    let sum = page_checksum(&b);
+    if let Some(field) = b.get_mut(CHECKSUM_AT) {
+        field.copy_from_slice(&sum);
+    }
+    b
 }

@@ -55,3 +55,15 @@ pub enum PackError {
         source: std::io::Error,
     },
 }
+
+impl PackError {
+    /// A value that no writer produces.
+    pub(crate) fn invalid(what: impl Into<String>, why: impl Into<String>) -> Self {
+        Self::Invalid { what: what.into(), why: why.into() }
+    }
+
+    /// A failed checksum.
+    pub(crate) fn checksum(what: impl Into<String>) -> Self {
+        Self::Checksum { what: what.into() }
+    }
+}

@@ -1,12 +1,24 @@
 //! The fixed header of 256 bytes. FORMAT section 3.
 
+use crate::bytes::Cursor;
 use crate::error::PackError;
-use kilwa_geometry::Lattice;
+use kilwa_geometry::{Lattice, lattice::MAX_COORDINATE};
 
 /// Bytes of the header.
 pub const HEADER_BYTES: usize = 256;
 /// What a reader asks for first: header, metadata, page 0 and the coarsest chunks lie in it.
 pub const HEAD_BYTES: u64 = 131_072;
+
+/// First bytes of every pack.
+pub const MAGIC: [u8; 8] = *b"KILWAPCK";
+/// Format version written and read: major, minor. Before 1.0 another minor version is another format.
+pub const VERSION: (u16, u16) = (0, 1);
+/// Longest metadata block, in bytes: it has to leave room for page 0 and a picture in the first [`HEAD_BYTES`].
+pub const MAX_METADATA_BYTES: u32 = 65_536;
+/// Most directory entries: indices are 32-bit and `u32::MAX` means none.
+pub const MAX_ENTRIES: u32 = u32::MAX - 1;
+/// Where the header's own hash lies in it.
+const HASH_AT: usize = 224;
 
 /// The parsed header.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,26 +52,152 @@ pub struct Header {
 impl Header {
     /// Number of directory pages.
     pub fn page_count(&self) -> u32 {
-        self.entry_count.div_ceil(crate::ENTRIES_PER_PAGE as u32)
+        self.entry_count.div_ceil(127)
     }
 
     /// Byte range of a directory page, as offset and length.
     pub fn page_range(&self, page: u32) -> (u64, u64) {
-        let offset =
-            if page == 0 { self.first_page } else { self.other_pages + u64::from(page - 1) * crate::PAGE_BYTES as u64 };
-        (offset, crate::PAGE_BYTES as u64)
+        let bytes = crate::PAGE_BYTES as u64;
+        let offset = if page == 0 {
+            self.first_page
+        } else {
+            self.other_pages.saturating_add(u64::from(page - 1).saturating_mul(bytes))
+        };
+        (offset, bytes)
     }
 
     /// Parse and check the first [`HEADER_BYTES`] bytes of a file.
     ///
     /// # Errors
     /// [`PackError`] when this is no pack, a newer one, damaged or impossible.
-    pub fn parse(_bytes: &[u8]) -> Result<Self, PackError> {
-        todo!()
+    pub fn parse(bytes: &[u8]) -> Result<Self, PackError> {
+        let there = bytes.len().min(MAGIC.len());
+        if bytes.get(..there) != MAGIC.get(..there) || there == 0 {
+            return Err(PackError::Magic);
+        }
+        let Some((hashed, hash)) = bytes.get(..HEADER_BYTES).and_then(|b| b.split_at_checked(HASH_AT)) else {
+            return Err(PackError::Truncated {
+                what: "header".to_owned(),
+                needed: HEADER_BYTES as u64,
+                available: bytes.len() as u64,
+            });
+        };
+        if blake3::hash(hashed).as_bytes().as_slice() != hash {
+            return Err(PackError::checksum("header"));
+        }
+        let mut c = Cursor::new(hashed, "header");
+        c.take(MAGIC.len())?;
+        let (major, minor) = (c.u16()?, c.u16()?);
+        if (major, minor) != VERSION {
+            return Err(PackError::Version { major, minor });
+        }
+        if c.u32()? as usize != HEADER_BYTES {
+            return Err(PackError::invalid("header", "its length is not 256 bytes"));
+        }
+        let required = c.u64()?;
+        if required != 0 {
+            return Err(PackError::Feature { bit: required.trailing_zeros() });
+        }
+        c.u64()?; // Optional features: a reader may ignore every one of them.
+        let header = Self {
+            lattice: Lattice { origin: [c.f64()?, c.f64()?, c.f64()?], step_log2: c.i32()? },
+            cube_log2: c.u32()?,
+            file_bytes: c.u64()?,
+            metadata: (c.u64()?, c.u32()?),
+            entry_count: c.u32()?,
+            metadata_checksum: c.array()?,
+            first_page: c.u64()?,
+            other_pages: c.u64()?,
+            triangles: c.u64()?,
+            stored_triangles: c.u64()?,
+            stored_vertices: c.u64()?,
+            attributes: {
+                let (flags, scalars) = (c.u8()?, c.u8()?);
+                if flags > 1 {
+                    return Err(PackError::invalid("header", format!("attribute flags {flags:#x} are unknown")));
+                }
+                crate::Attributes { colors: flags == 1, scalars }
+            },
+        };
+        header.check()?;
+        Ok(header)
+    }
+
+    /// Whether all values are possible, whoever made them.
+    pub(crate) fn check(&self) -> Result<(), PackError> {
+        let bad = |why: String| Err(PackError::invalid("header", why));
+        if !self.lattice.origin.iter().all(|x| x.is_finite()) {
+            return bad("the lattice origin is not finite".to_owned());
+        }
+        if !(-1000..=1000).contains(&self.lattice.step_log2) {
+            return bad(format!("a lattice step of 2^{} metres is not usable", self.lattice.step_log2));
+        }
+        if self.cube_log2 == 0 || self.cube_log2 > (MAX_COORDINATE + 1).trailing_zeros() {
+            return bad(format!("a root cube of 2^{} steps is not usable", self.cube_log2));
+        }
+        if self.attributes.scalars > crate::chunk::MAX_SCALARS {
+            return bad(format!("{} scalar channels; at most 16 are possible", self.attributes.scalars));
+        }
+        if self.entry_count == 0 || self.entry_count > MAX_ENTRIES {
+            return bad(format!("{} directory entries are not possible", self.entry_count));
+        }
+        let (at, length) = self.metadata;
+        if at < HEADER_BYTES as u64 || length == 0 || length > MAX_METADATA_BYTES {
+            return bad(format!("metadata of {length} bytes at {at} is not possible"));
+        }
+        let last = |(offset, bytes): (u64, u64)| offset.checked_add(bytes).filter(|&end| end <= self.file_bytes);
+        let others = u64::from(self.page_count() - 1).saturating_mul(crate::PAGE_BYTES as u64);
+        for (what, range) in [
+            ("metadata", (at, u64::from(length))),
+            ("directory page 0", (self.first_page, crate::PAGE_BYTES as u64)),
+            ("directory pages", (self.other_pages, others)),
+        ] {
+            if last(range).is_none() {
+                return bad(format!("{what} would lie outside the file of {} bytes", self.file_bytes));
+            }
+        }
+        Ok(())
     }
 
     /// Serialise, checksum included.
     pub fn to_bytes(&self) -> [u8; HEADER_BYTES] {
-        todo!()
+        let mut b = Vec::with_capacity(HEADER_BYTES);
+        b.extend(MAGIC);
+        b.extend(VERSION.0.to_le_bytes());
+        b.extend(VERSION.1.to_le_bytes());
+        b.extend(256u32.to_le_bytes());
+        b.extend(0u64.to_le_bytes()); // required features
+        b.extend(0u64.to_le_bytes()); // optional features
+        for x in self.lattice.origin {
+            b.extend(x.to_le_bytes());
+        }
+        b.extend(self.lattice.step_log2.to_le_bytes());
+        b.extend(self.cube_log2.to_le_bytes());
+        b.extend(self.file_bytes.to_le_bytes());
+        b.extend(self.metadata.0.to_le_bytes());
+        b.extend(self.metadata.1.to_le_bytes());
+        b.extend(self.entry_count.to_le_bytes());
+        b.extend(self.metadata_checksum);
+        for x in [self.first_page, self.other_pages, self.triangles, self.stored_triangles, self.stored_vertices] {
+            b.extend(x.to_le_bytes());
+        }
+        b.extend([u8::from(self.attributes.colors), self.attributes.scalars]);
+        b.resize(HASH_AT, 0);
+        let hash = blake3::hash(&b);
+        b.extend(hash.as_bytes());
+        let mut out = [0; HEADER_BYTES];
+        for (to, from) in out.iter_mut().zip(b) {
+            *to = from;
+        }
+        out
+    }
+
+    /// The header's own hash, which the footer repeats.
+    pub fn hash(&self) -> [u8; 32] {
+        let mut out = [0; 32];
+        for (to, from) in out.iter_mut().zip(self.to_bytes().into_iter().skip(HASH_AT)) {
+            *to = from;
+        }
+        out
     }
 }

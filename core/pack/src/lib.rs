@@ -9,18 +9,36 @@
 //! This crate parses bytes that it is given and makes bytes; it opens no file. Nothing is allocated before it is
 //! checked against the bytes that are really there; no input makes it panic.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::indexing_slicing,
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::cast_possible_truncation
+    )
+)]
+
+mod bytes;
 pub mod chunk;
 pub mod directory;
 pub mod error;
+pub mod footer;
+pub mod head;
 pub mod header;
 pub mod metadata;
 pub mod reader;
+pub mod vertex_layout;
 pub mod writer;
 
+pub use bytes::checksum;
 pub use chunk::{Attributes, Chunk, PatchRange};
 pub use directory::{DirectoryEntry, ENTRIES_PER_PAGE, NO_DIAMOND, PAGE_BYTES};
 pub use error::PackError;
+pub use head::{Head, parse_head};
 pub use header::{HEAD_BYTES, HEADER_BYTES, Header};
 pub use metadata::Metadata;
-pub use reader::{Reader, Source};
+pub use reader::{Reader, SliceSource, Source};
+pub use vertex_layout::{GpuChunk, interleave};
 pub use writer::PackWriter;

@@ -1,5 +1,7 @@
 //! The metadata block: JSON, for people and archives as much as for programs. FORMAT section 6.
 
+use crate::header::MAX_METADATA_BYTES;
+use crate::{Header, PackError};
 use serde::{Deserialize, Serialize};
 
 /// One scalar channel carried per vertex.
@@ -65,4 +67,62 @@ pub struct Metadata {
     /// What reading and building repaired or dropped: reason to count. Empty means nothing.
     #[serde(default)]
     pub repairs: std::collections::BTreeMap<String, u64>,
+}
+
+impl Metadata {
+    /// Parse the metadata block and check it against the header.
+    ///
+    /// # Errors
+    /// [`PackError`] when the checksum fails, it is no JSON of this shape, or it contradicts the header.
+    pub fn parse(bytes: &[u8], header: &Header) -> Result<Self, PackError> {
+        if crate::checksum(bytes) != header.metadata_checksum {
+            return Err(PackError::checksum("metadata"));
+        }
+        let metadata: Self =
+            serde_json::from_slice(bytes).map_err(|e| PackError::invalid("metadata", e.to_string()))?;
+        metadata.check(header)?;
+        Ok(metadata)
+    }
+
+    /// Serialise for a pack with this header.
+    ///
+    /// # Errors
+    /// [`PackError::Invalid`] when it contradicts the header, has numbers that are not finite, or is too long.
+    pub(crate) fn to_bytes(&self, header: &Header) -> Result<Vec<u8>, PackError> {
+        self.check(header)?;
+        let bytes = serde_json::to_vec(self).map_err(|e| PackError::invalid("metadata", e.to_string()))?;
+        if bytes.len() > MAX_METADATA_BYTES as usize {
+            return Err(PackError::invalid(
+                "metadata",
+                format!(
+                    "it would take {} bytes, {MAX_METADATA_BYTES} are possible: shorten the title, the names and the \
+                     number of sources",
+                    bytes.len()
+                ),
+            ));
+        }
+        // JSON has no NaN or infinity: serde writes null for them, which would not read back.
+        match serde_json::from_slice::<Self>(&bytes) {
+            Ok(back) if back == *self => Ok(bytes),
+            _ => Err(PackError::invalid("metadata", "a number in it is not finite")),
+        }
+    }
+
+    fn check(&self, header: &Header) -> Result<(), PackError> {
+        let bad = |why: String| Err(PackError::invalid("metadata", why));
+        if self.lattice_step != header.lattice.step() {
+            return bad(format!("lattice step {} m, but {} m in the header", self.lattice_step, header.lattice.step()));
+        }
+        if self.scalars.len() != usize::from(header.attributes.scalars) {
+            return bad(format!(
+                "{} scalar channels, but {} in the header",
+                self.scalars.len(),
+                header.attributes.scalars
+            ));
+        }
+        if self.triangles != header.triangles {
+            return bad(format!("{} triangles, but {} in the header", self.triangles, header.triangles));
+        }
+        Ok(())
+    }
 }

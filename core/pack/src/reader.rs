@@ -1,6 +1,9 @@
 //! Reading a pack from anything that gives bytes by range.
 
-use crate::{Chunk, DirectoryEntry, Header, Metadata, PackError};
+use crate::chunk::Declared;
+use crate::directory::{page_checksum, parse_page};
+use crate::footer::{FOOTER_BYTES, Footer};
+use crate::{Chunk, DirectoryEntry, HEADER_BYTES, Header, Metadata, PAGE_BYTES, PackError};
 
 /// Bytes by range: a file, a memory slice, an HTTP object.
 pub trait Source {
@@ -10,11 +13,37 @@ pub trait Source {
     /// What the system says.
     fn len(&self) -> std::io::Result<u64>;
 
-    /// Exactly the bytes `offset .. offset + length`; a short read is an error of kind `UnexpectedEof`.
+    /// Whether there is no byte at all.
+    ///
+    /// # Errors
+    /// What the system says.
+    fn is_empty(&self) -> std::io::Result<bool> {
+        Ok(self.len()? == 0)
+    }
+
+    /// Exactly the bytes `offset .. offset + length`; a short read is an error of kind `UnexpectedEof`. Callers ask
+    /// only for what lies inside [`Source::len`].
     ///
     /// # Errors
     /// What the system says.
     fn read_at(&self, offset: u64, length: usize) -> std::io::Result<Vec<u8>>;
+}
+
+/// A pack in memory.
+#[derive(Debug, Clone)]
+pub struct SliceSource<B>(pub B);
+
+impl<B: AsRef<[u8]>> Source for SliceSource<B> {
+    fn len(&self) -> std::io::Result<u64> {
+        Ok(self.0.as_ref().len() as u64)
+    }
+
+    fn read_at(&self, offset: u64, length: usize) -> std::io::Result<Vec<u8>> {
+        let from = usize::try_from(offset).ok();
+        let range = from.and_then(|from| Some(from..from.checked_add(length)?));
+        let bytes = range.and_then(|range| self.0.as_ref().get(range));
+        bytes.map(<[u8]>::to_vec).ok_or_else(|| std::io::ErrorKind::UnexpectedEof.into())
+    }
 }
 
 /// An open pack: header, metadata and the whole directory, chunks on demand.
@@ -30,8 +59,34 @@ impl<S: Source> Reader<S> {
     ///
     /// # Errors
     /// [`PackError`] naming the damaged part.
-    pub fn open(_source: S) -> Result<Self, PackError> {
-        todo!()
+    pub fn open(source: S) -> Result<Self, PackError> {
+        let there = source.len().map_err(|source| PackError::Io { what: "pack".to_owned(), source })?;
+        let first = there.min(HEADER_BYTES as u64);
+        let header = Header::parse(&read(&source, "header", 0, first)?)?;
+        if there < header.file_bytes {
+            return Err(PackError::Truncated { what: "pack".to_owned(), needed: header.file_bytes, available: there });
+        }
+        if there > header.file_bytes {
+            return Err(PackError::invalid(
+                "pack",
+                format!("{} bytes follow its end; copy the file again", there - header.file_bytes),
+            ));
+        }
+        let (at, length) = header.metadata;
+        let metadata = Metadata::parse(&read(&source, "metadata", at, u64::from(length))?, &header)?;
+        let (entries, directory_hash) = read_directory(&source, &header)?;
+        check_ranges(&header, &entries, 0)?;
+        check_totals(&header, &entries)?;
+        check_tree(&entries)?;
+        let at = there.saturating_sub(FOOTER_BYTES as u64);
+        let footer = Footer::parse(&read(&source, "footer", at, FOOTER_BYTES as u64)?)?;
+        if footer.file_bytes != there || footer.header_hash != header.hash() {
+            return Err(PackError::invalid("footer", "it belongs to another pack"));
+        }
+        if footer.directory_hash != directory_hash {
+            return Err(PackError::invalid("footer", "the directory is not the one that was written with it"));
+        }
+        Ok(Self { source, header, metadata, entries })
     }
 
     /// The header.
@@ -58,7 +113,143 @@ impl<S: Source> Reader<S> {
     ///
     /// # Errors
     /// [`PackError`] naming the chunk.
-    pub fn chunk(&self, _index: u32) -> Result<Chunk, PackError> {
-        todo!()
+    pub fn chunk(&self, index: u32) -> Result<Chunk, PackError> {
+        let what = format!("chunk {index}");
+        let Some(entry) = self.entries.get(index as usize) else {
+            return Err(PackError::invalid(what, format!("the pack has {} chunks", self.entries.len())));
+        };
+        let bytes = read(&self.source, &what, entry.offset, u64::from(entry.encoded_bytes))?;
+        decode_checked(&bytes, index, entry, &self.header)
     }
+}
+
+/// Check and decode the bytes of chunk `index`, however they were fetched.
+///
+/// # Errors
+/// [`PackError`] naming the chunk.
+pub fn decode_checked(bytes: &[u8], index: u32, entry: &DirectoryEntry, header: &Header) -> Result<Chunk, PackError> {
+    let what = format!("chunk {index}");
+    if bytes.len() as u64 != u64::from(entry.encoded_bytes) {
+        let needed = u64::from(entry.encoded_bytes);
+        return Err(PackError::Truncated { what, needed, available: bytes.len() as u64 });
+    }
+    if crate::checksum(bytes) != entry.checksum {
+        return Err(PackError::checksum(what));
+    }
+    let declared = Declared { vertices: entry.vertices, triangles: entry.triangles };
+    let chunk = crate::chunk::decode(bytes, declared, header.attributes).map_err(|e| match e {
+        PackError::Invalid { what: part, why } => PackError::invalid(what.clone(), format!("{part}: {why}")),
+        other => other,
+    })?;
+    let unknown = |p: &&crate::PatchRange| {
+        p.diamond != crate::NO_DIAMOND && (p.diamond <= index || p.diamond >= header.entry_count)
+    };
+    if let Some(patch) = chunk.patches.iter().find(unknown) {
+        return Err(PackError::invalid(
+            what,
+            format!("a patch names diamond {}, which is no later one", patch.diamond),
+        ));
+    }
+    Ok(chunk)
+}
+
+/// Read `length` bytes that were checked to lie inside the file.
+fn read<S: Source>(source: &S, what: &str, offset: u64, length: u64) -> Result<Vec<u8>, PackError> {
+    let io = |source| PackError::Io { what: what.to_owned(), source };
+    let length = usize::try_from(length).map_err(|_| io(std::io::ErrorKind::OutOfMemory.into()))?;
+    let bytes = source.read_at(offset, length).map_err(io)?;
+    if bytes.len() != length {
+        return Err(io(std::io::ErrorKind::UnexpectedEof.into()));
+    }
+    Ok(bytes)
+}
+
+/// All pages, and the hash of their checksums.
+fn read_directory<S: Source>(source: &S, header: &Header) -> Result<(Vec<DirectoryEntry>, [u8; 32]), PackError> {
+    // The header was checked: all pages lie inside the file, so that memory is bounded by the file's length.
+    let mut entries = Vec::new();
+    let mut sums = Vec::new();
+    for page in 0..header.page_count() {
+        let (offset, length) = header.page_range(page);
+        let bytes = read(source, &format!("directory page {page}"), offset, length)?;
+        entries.extend(parse_page(&bytes, page, header.entry_count)?);
+        sums.push(page_checksum(&bytes));
+    }
+    let hash = crate::writer::directory_hash(sums.into_iter());
+    Ok((entries, hash))
+}
+
+/// Chunks lie inside the file, in order, without overlap; `first` is the index of the first of `entries`.
+pub(crate) fn check_ranges(header: &Header, entries: &[DirectoryEntry], first: u32) -> Result<(), PackError> {
+    let mut end = header.first_page.saturating_add(PAGE_BYTES as u64);
+    for (index, entry) in (first..).zip(entries) {
+        let stop = entry.offset.checked_add(u64::from(entry.encoded_bytes));
+        match stop.filter(|&stop| stop <= header.file_bytes && entry.offset >= end) {
+            Some(stop) => end = stop,
+            None => {
+                let why = "its chunk lies outside the file or overlaps another";
+                return Err(PackError::invalid(format!("directory entry {index}"), why));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_totals(header: &Header, entries: &[DirectoryEntry]) -> Result<(), PackError> {
+    let triangles: u64 = entries.iter().map(|e| u64::from(e.triangles)).sum();
+    let vertices: u64 = entries.iter().map(|e| u64::from(e.vertices)).sum();
+    if triangles != header.stored_triangles || vertices != header.stored_vertices {
+        return Err(PackError::invalid(
+            "directory",
+            format!(
+                "its chunks sum to {triangles} triangles and {vertices} vertices, the header says {} and {}",
+                header.stored_triangles, header.stored_vertices
+            ),
+        ));
+    }
+    Ok(())
+}
+
+/// Entries come coarse to fine, and errors never grow from a parent to its child.
+pub(crate) fn check_tree(entries: &[DirectoryEntry]) -> Result<(), PackError> {
+    let mut level = 0;
+    for (index, entry) in entries.iter().enumerate() {
+        let bad = |why: String| Err(PackError::invalid(format!("directory entry {index}"), why));
+        if entry.level < level {
+            return bad(format!("level {} after level {level}", entry.level));
+        }
+        level = entry.level;
+        for parent in entry.parents() {
+            let Some(above) = entries.get(parent as usize) else {
+                return bad(format!("parent {parent} does not exist"));
+            };
+            // The root entry is always refined: it has no coarse form and so no colour error.
+            if above.error < entry.error || (parent != 0 && above.color_error < entry.color_error) {
+                return bad(format!("its error is larger than that of its parent {parent}"));
+            }
+            if parent != 0 && above.level >= entry.level {
+                return bad(format!("its parent {parent} is not of a coarser level"));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Every sphere contains the spheres of the diamonds below it, to a relative 1e-9 of its radius.
+///
+/// # Errors
+/// [`PackError::Invalid`] naming the entry.
+pub fn check_spheres(entries: &[DirectoryEntry]) -> Result<(), PackError> {
+    for (index, entry) in entries.iter().enumerate() {
+        for parent in entry.parents() {
+            let contained = entries
+                .get(parent as usize)
+                .is_some_and(|above| above.sphere.contains(&entry.sphere, above.sphere.radius.abs() * 1e-9));
+            if !contained {
+                let why = format!("the sphere of its parent {parent} does not contain its own");
+                return Err(PackError::invalid(format!("directory entry {index}"), why));
+            }
+        }
+    }
+    Ok(())
 }

@@ -1,0 +1,188 @@
+//! A chunk: all child patches of one diamond, which is what one refinement loads. FORMAT section 5.
+
+mod order;
+mod payload;
+
+use crate::error::PackError;
+use kilwa_geometry::Mesh;
+use kilwa_geometry::lattice::MAX_COORDINATE;
+
+/// Most triangles of one chunk.
+pub const MAX_CHUNK_TRIANGLES: u32 = 1 << 20;
+/// Most vertices of one chunk.
+pub const MAX_CHUNK_VERTICES: u32 = 3 << 20;
+/// Most encoded bytes of one chunk.
+pub const MAX_CHUNK_BYTES: u32 = 1 << 29;
+/// Most scalar channels.
+pub const MAX_SCALARS: u8 = 16;
+
+/// A run of triangles of a chunk that belongs to one tetrahedron.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PatchRange {
+    /// First triangle in the chunk.
+    pub first: u32,
+    /// Number of triangles.
+    pub count: u32,
+    /// Directory index of the diamond that splits this patch's tetrahedron, or [`crate::NO_DIAMOND`] for a leaf: the
+    /// patch is drawn while that diamond is not refined.
+    pub diamond: u32,
+}
+
+/// A decoded chunk.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Chunk {
+    /// The geometry of all patches, with one shared vertex array.
+    pub mesh: Mesh,
+    /// The patches; they tile `0..mesh.triangle_count()` in order.
+    pub patches: Vec<PatchRange>,
+}
+
+impl Chunk {
+    /// What the chunk holds, whatever its triangle, corner and vertex order: two chunks with equal canonical forms are
+    /// the same geometry with the same attributes and patches.
+    pub fn canonical(&self) -> Canonical {
+        let mesh = &self.mesh;
+        let vertex = |v: u32| {
+            let v = v as usize;
+            CanonicalVertex {
+                position: mesh.positions.get(v).copied().unwrap_or_default(),
+                color: mesh.colors.get(v).copied(),
+                normal: mesh.normals.get(v).copied().unwrap_or_default(),
+                scalars: mesh.scalars.iter().filter_map(|s| s.get(v)).map(|x| x.to_bits()).collect(),
+            }
+        };
+        let patches = self.patches.iter().map(|patch| {
+            let both = mesh.triangles.iter().zip(&mesh.borders);
+            let mut triangles: Vec<_> = both
+                .skip(patch.first as usize)
+                .take(patch.count as usize)
+                .map(|(&[a, b, c], &bits)| {
+                    let [p, q, r] = [a, b, c].map(vertex);
+                    let rotations = [
+                        ([p.clone(), q.clone(), r.clone()], bits),
+                        ([q.clone(), r.clone(), p.clone()], (bits >> 1 | bits << 2) & 7),
+                        ([r, p, q], (bits << 1 | bits >> 2) & 7),
+                    ];
+                    rotations.into_iter().min()
+                })
+                .collect();
+            triangles.sort();
+            (patch.diamond, triangles.into_iter().flatten().collect())
+        });
+        Canonical(patches.collect())
+    }
+}
+
+/// A vertex with all its attributes, comparable (scalars by their bits).
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct CanonicalVertex {
+    /// Lattice position.
+    pub position: kilwa_geometry::LatticePoint,
+    /// Colour, where the pack has them.
+    pub color: Option<[u8; 3]>,
+    /// Normal.
+    pub normal: [i16; 2],
+    /// Bits of the scalars.
+    pub scalars: Vec<u32>,
+}
+
+/// See [`Chunk::canonical`]: per patch its diamond and its sorted triangles, each rotated to its smallest form, with
+/// border bits.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Canonical(pub Vec<(u32, Vec<([CanonicalVertex; 3], u8)>)>);
+
+/// Which attributes every chunk of a pack carries; from the metadata.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Attributes {
+    /// Colours are present.
+    pub colors: bool,
+    /// Number of scalar channels (at most 16).
+    pub scalars: u8,
+}
+
+/// What the directory promises about a chunk; decoding checks it and never allocates more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Declared {
+    /// Vertices.
+    pub vertices: u32,
+    /// Triangles.
+    pub triangles: u32,
+}
+
+/// Encode a chunk. Triangle order inside a patch and vertex order may change (for the vertex cache); what each triangle
+/// is, its corner order up to rotation, border bits and attributes do not. Deterministic.
+///
+/// # Errors
+/// [`PackError::Invalid`] when the mesh contradicts itself or `attributes`.
+pub fn encode(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, PackError> {
+    check(chunk, attributes)?;
+    payload::encode(&order::ordered(chunk)?, attributes)
+}
+
+/// Decode a chunk that [`encode`] wrote.
+///
+/// # Errors
+/// [`PackError`] for every byte sequence that no encoder wrote; never panics, never allocates more than a small
+/// multiple of what `declared` implies, which is itself checked against a hard cap and against `bytes.len()`.
+pub fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -> Result<Chunk, PackError> {
+    let bad = |why: String| Err(PackError::invalid("chunk", why));
+    if declared.triangles > MAX_CHUNK_TRIANGLES || declared.vertices > MAX_CHUNK_VERTICES {
+        return bad(format!("{} triangles and {} vertices are too many", declared.triangles, declared.vertices));
+    }
+    if attributes.scalars > MAX_SCALARS {
+        return bad(format!("{} scalar channels; at most 16 are possible", attributes.scalars));
+    }
+    // Every triangle takes a byte at least: what is not there is not allocated for.
+    if declared.triangles as usize > bytes.len() || declared.vertices as usize > 3 * declared.triangles as usize {
+        return bad(format!(
+            "{} triangles and {} vertices cannot be in {} bytes",
+            declared.triangles,
+            declared.vertices,
+            bytes.len()
+        ));
+    }
+    let chunk = payload::decode(bytes, declared, attributes)?;
+    check(&chunk, attributes)?;
+    Ok(chunk)
+}
+
+/// Whether a chunk is what it should be: attributes complete, indices inside, patches tiling the triangles.
+fn check(chunk: &Chunk, attributes: Attributes) -> Result<(), PackError> {
+    let bad = |why: String| Err(PackError::invalid("chunk", why));
+    let mesh = &chunk.mesh;
+    let vertices = mesh.positions.len();
+    if vertices > MAX_CHUNK_VERTICES as usize || mesh.triangles.len() > MAX_CHUNK_TRIANGLES as usize {
+        return bad(format!("{} triangles and {vertices} vertices are too many", mesh.triangles.len()));
+    }
+    if vertices > mesh.triangles.len().saturating_mul(3) {
+        return bad(format!("{vertices} vertices, more than its {} triangles can use", mesh.triangles.len()));
+    }
+    if mesh.normals.len() != vertices
+        || mesh.colors.len() != if attributes.colors { vertices } else { 0 }
+        || mesh.scalars.len() != usize::from(attributes.scalars)
+        || mesh.scalars.iter().any(|s| s.len() != vertices)
+        || mesh.borders.len() != mesh.triangles.len()
+    {
+        return bad("a vertex or triangle attribute is missing or too long".to_owned());
+    }
+    if mesh.borders.iter().any(|&b| b > 7) {
+        return bad("border bits above 7".to_owned());
+    }
+    if !mesh.positions.as_flattened().iter().all(|x| (0..=MAX_COORDINATE).contains(x)) {
+        return bad("a position lies outside the lattice".to_owned());
+    }
+    if mesh.triangles.as_flattened().iter().any(|&v| v as usize >= vertices) {
+        return bad(format!("a triangle names a vertex outside of {vertices}"));
+    }
+    let mut next = 0u32;
+    for patch in &chunk.patches {
+        if patch.first != next {
+            return bad(format!("a patch begins at triangle {}, not {next}", patch.first));
+        }
+        next = next.saturating_add(patch.count);
+    }
+    if next as usize != mesh.triangles.len() {
+        return bad(format!("its patches hold {next} triangles of {}", mesh.triangles.len()));
+    }
+    Ok(())
+}

@@ -1,0 +1,49 @@
+//! How a decoded chunk lies in GPU memory: shared by the decoding worker and the native renderer.
+//!
+//! A vertex is [`VERTEX_BYTES`] bytes, little-endian: `i32 x, y, z` (lattice), `u8 red, green, blue, 255`,
+//! `i16 u, v` (octahedral normal). Positions stay integers so that the shader subtracts the eye exactly.
+
+use crate::{Chunk, PatchRange};
+
+/// Bytes of one vertex.
+pub const VERTEX_BYTES: usize = 20;
+/// What a model without colours is drawn in: a neutral grey of lit limestone, sRGB.
+pub const NEUTRAL: [u8; 3] = [200, 196, 188];
+
+/// A chunk ready for upload.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct GpuChunk {
+    /// Vertices, [`VERTEX_BYTES`] each.
+    pub vertices: Vec<u8>,
+    /// Indices into the chunk's vertices, three per triangle.
+    pub indices: Vec<u32>,
+    /// The patches; they tile the triangles in order.
+    pub patches: Vec<PatchRange>,
+    /// Number of vertices.
+    pub vertex_count: u32,
+    /// Number of triangles.
+    pub triangle_count: u32,
+}
+
+/// Lay a chunk out for the GPU.
+pub fn interleave(chunk: &Chunk) -> GpuChunk {
+    let mesh = &chunk.mesh;
+    let mut vertices = Vec::with_capacity(mesh.vertex_count().saturating_mul(VERTEX_BYTES));
+    for (v, position) in mesh.positions.iter().enumerate() {
+        for x in position {
+            vertices.extend(x.to_le_bytes());
+        }
+        let [r, g, b] = mesh.colors.get(v).copied().unwrap_or(NEUTRAL);
+        vertices.extend([r, g, b, 255]);
+        for x in mesh.normals.get(v).copied().unwrap_or_default() {
+            vertices.extend(x.to_le_bytes());
+        }
+    }
+    GpuChunk {
+        vertices,
+        indices: mesh.triangles.as_flattened().to_vec(),
+        patches: chunk.patches.clone(),
+        vertex_count: u32::try_from(mesh.vertex_count()).unwrap_or(u32::MAX),
+        triangle_count: u32::try_from(mesh.triangle_count()).unwrap_or(u32::MAX),
+    }
+}

@@ -1,0 +1,166 @@
+//! Chunks, entries and small packs to test with; deterministic.
+#![allow(dead_code, reason = "each test file uses its part")]
+
+use kilwa_geometry::{Aabb, Lattice, Mesh, Sphere, normal};
+use kilwa_pack::metadata::{ScalarChannel, SourceFile};
+use kilwa_pack::{Attributes, Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, PackWriter, PatchRange};
+
+/// A small, good enough generator (Knuth's MMIX constants).
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 >> 33
+    }
+
+    pub fn below(&mut self, n: u64) -> u64 {
+        self.next() % n
+    }
+
+    /// Roughly normal with standard deviation 1.
+    pub fn gauss(&mut self) -> f64 {
+        (0..12).map(|_| self.next() as f64 / f64::from(1u32 << 31)).sum::<f64>() - 6.0
+    }
+}
+
+/// A wavy, noisy height field like a scanned wall: `n` by `n` cells of about 10 mm on a lattice of 2^-13 m, noise
+/// 0.15 mm, colours with noise of sigma 4, cut into `patches` patches.
+pub fn height_field(n: usize, patches: usize, seed: u64, attributes: Attributes) -> Chunk {
+    let mut random = Random(seed);
+    let step = 8192.0;
+    let mut mesh = Mesh { scalars: vec![Vec::new(); usize::from(attributes.scalars)], ..Mesh::default() };
+    for j in 0..=n {
+        for i in 0..=n {
+            let (x, y) = (i as f64 * 0.01, j as f64 * 0.01);
+            let relief = 0.05 * (x * 7.0).sin() * (y * 5.0).cos() + 0.004 * (x * 61.0).sin() * (y * 83.0).sin();
+            let jitter = [random.gauss() * 0.002, random.gauss() * 0.002];
+            let z = relief + random.gauss() * 0.00015;
+            mesh.positions.push([x + jitter[0] + 3.0, y + jitter[1] + 5.0, z + 1.0].map(|c| (c * step) as i32));
+            let slope = [0.35 * (x * 7.0).cos() * (y * 5.0).cos(), 0.25 * (x * 7.0).sin() * (y * 5.0).sin(), 1.0];
+            let slope = [slope[0] + random.gauss() * 0.03, slope[1] + random.gauss() * 0.03, slope[2]];
+            mesh.normals.push(normal::quantize(normal::encode(slope), 10));
+            if attributes.colors {
+                let base = 130.0 + 40.0 * (x * 11.0).sin() * (y * 13.0).sin();
+                let grey = random.gauss() * 3.5;
+                mesh.colors
+                    .push([1.1, 1.0, 0.85].map(|k| (base * k + grey + random.gauss() * 2.0).clamp(0.0, 255.0) as u8));
+            }
+            for channel in &mut mesh.scalars {
+                channel.push((random.below(1000) as f32) / 999.0);
+            }
+        }
+    }
+    let at = |i: usize, j: usize| (j * (n + 1) + i) as u32;
+    for j in 0..n {
+        for i in 0..n {
+            let (west, east) = (i == 0, i + 1 == n);
+            let (south, north) = (j == 0, j + 1 == n);
+            mesh.triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+            mesh.borders.push(u8::from(south) | u8::from(east) << 1);
+            mesh.triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+            mesh.borders.push(u8::from(north) << 1 | u8::from(west) << 2);
+        }
+    }
+    let total = mesh.triangles.len() as u32;
+    let patches = patches as u32;
+    let edges: Vec<u32> =
+        (0..=patches).map(|p| total / patches * p + if p == patches { total % patches } else { 0 }).collect();
+    let patches =
+        edges.windows(2).map(|w| PatchRange { first: w[0], count: w[1] - w[0], diamond: NO_DIAMOND }).collect();
+    Chunk { mesh, patches }
+}
+
+/// The entry of an encoded chunk.
+pub fn entry_of(chunk: &Chunk, encoded: &[u8], level: u8, error: f32, parents: &[u32]) -> DirectoryEntry {
+    let mut all = [NO_DIAMOND; 4];
+    all[..parents.len()].copy_from_slice(parents);
+    DirectoryEntry {
+        offset: 0,
+        encoded_bytes: encoded.len() as u32,
+        vertices: chunk.mesh.vertex_count() as u32,
+        triangles: chunk.mesh.triangle_count() as u32,
+        level,
+        error,
+        color_error: if error.is_finite() { error * 100.0 } else { 0.0 },
+        sphere: Sphere { center: [30_000.0, 45_000.0, 8000.0], radius: 40_000.0 - f64::from(level) },
+        bounds: if chunk.mesh.positions.is_empty() { Aabb::EMPTY } else { chunk.mesh.bounds() },
+        parents: all,
+        checksum: kilwa_pack::checksum(encoded),
+    }
+}
+
+/// Metadata that agrees with [`header`].
+pub fn metadata(attributes: Attributes, triangles: u64) -> Metadata {
+    Metadata {
+        title: "Gereza of Kilwa Kisiwani".to_owned(),
+        source_units: "m".to_owned(),
+        source_up: "z".to_owned(),
+        crs: Some("EPSG:32737".to_owned()),
+        lattice_step: 1.0 / 8192.0,
+        bounds_min: [0.1, 0.2, 0.3],
+        bounds_max: [3.0, 4.0, 1.0 / 3.0],
+        median_edge: 0.0123,
+        triangles,
+        vertices: 7,
+        border_edges: 3,
+        scalars: (0..attributes.scalars)
+            .map(|i| ScalarChannel { name: format!("scalar{i}"), min: 0.0, max: 1.0 })
+            .collect(),
+        sources: vec![SourceFile { name: "a.ply".to_owned(), bytes: 12, sha256: "00".repeat(32) }],
+        tool: "kilwa test".to_owned(),
+        options: std::iter::once(("patch".to_owned(), "8000".to_owned())).collect(),
+        capture_accuracy: None,
+        repairs: std::iter::once(("degenerate triangles dropped".to_owned(), 2)).collect(),
+    }
+}
+
+/// A header; the writer fills in offsets and counts.
+pub fn header(attributes: Attributes, triangles: u64) -> Header {
+    Header {
+        lattice: Lattice { origin: [500_000.0, 9_000_000.0, -3.5], step_log2: -13 },
+        cube_log2: 17,
+        file_bytes: 0,
+        metadata: (0, 0),
+        metadata_checksum: [0; 16],
+        entry_count: 0,
+        first_page: 0,
+        other_pages: 0,
+        triangles,
+        stored_triangles: 0,
+        stored_vertices: 0,
+        attributes,
+    }
+}
+
+/// A pack of `count` chunks of `n` by `n` cells: entry 0, then a binary tree of diamonds.
+pub fn pack(count: u32, n: usize, attributes: Attributes) -> Vec<u8> {
+    let mut chunks = Vec::new();
+    for i in 0..count {
+        let mut chunk = height_field(n, 2, u64::from(i) + 1, attributes);
+        // The root holds one diamond's coarse form, every later chunk those of its two children, where they exist.
+        for (k, patch) in chunk.patches.iter_mut().enumerate() {
+            let child = if i == 0 { 1 } else { 2 * i + k as u32 };
+            patch.diamond = if child < count { child } else { NO_DIAMOND };
+        }
+        chunks.push(chunk);
+    }
+    let encoded: Vec<Vec<u8>> =
+        chunks.iter().map(|c| kilwa_pack::chunk::encode(c, attributes).expect("encodes")).collect();
+    let level = |i: u32| if i == 0 { 0 } else { i.ilog2() as u8 };
+    let entries = (0..count)
+        .map(|i| {
+            let (error, parents) =
+                if i == 0 { (f32::INFINITY, vec![]) } else { (1.0 / f32::from(level(i) + 1), vec![i / 2]) };
+            entry_of(&chunks[i as usize], &encoded[i as usize], level(i), error, &parents)
+        })
+        .collect();
+    let drawn: u64 =
+        chunks.iter().flat_map(|c| &c.patches).filter(|p| p.diamond == NO_DIAMOND).map(|p| u64::from(p.count)).sum();
+    let mut writer = PackWriter::begin(Vec::new(), header(attributes, drawn), &metadata(attributes, drawn), entries)
+        .expect("begins");
+    for bytes in &encoded {
+        writer.chunk(bytes).expect("writes");
+    }
+    writer.finish().expect("finishes")
+}
