@@ -1,2 +1,36 @@
-//! x
-fn main() {}
+//! `cargo xtask web | test | demo | bench`: everything a person or CI does with this repository beside plain cargo.
+//!
+//! One file per task; `setup` holds the checks and installs they share, `process` how commands are run and shown,
+//! `tally` how the results of different test runners are read. Exit codes are those of `kilwa`: 0 done, 1 something
+//! failed (said above), 2 usage.
+
+mod process;
+mod setup;
+mod tally;
+mod test;
+mod web;
+
+use clap::Parser;
+use std::process::ExitCode;
+
+/// Build the page, run all tests, show a demo, measure.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+enum Task {
+    Web(web::Args),
+    Test(test::Args),
+}
+
+fn main() -> ExitCode {
+    let done = match Task::parse() {
+        Task::Web(args) => web::run(&args),
+        Task::Test(args) => test::run(&args),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("xtask: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

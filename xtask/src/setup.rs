@@ -1,0 +1,154 @@
+//! What the tasks need beside cargo, checked before it is used and installed where that is possible without asking:
+//! the wasm target (rustup), Node and npm packages (npm ci from the lock files), Debian's Chromium and Mesa's software
+//! Vulkan (apt-get, only as root).
+//!
+//! Invariants: each step says what it does before it does it; nothing is installed through sudo; where a step cannot be done the
+//! error is the command to type. A step that has nothing to do prints one line or none.
+
+use crate::process::{command, on_path, output, root, run, shown};
+use anyhow::{Context, Result, bail};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The target of the page's code.
+pub(crate) const WASM: &str = "wasm32-unknown-unknown";
+
+/// Oldest major version of Node that the tools were run with.
+const NODE_AT_LEAST: u32 = 18;
+
+/// The standard library for wasm32 of the toolchain in use.
+///
+/// # Errors
+/// It is not there and rustup cannot add it.
+pub(crate) fn wasm_target() -> Result<()> {
+    let folder = output(&mut command("rustc", &["--print", "target-libdir", "--target", WASM])?)?;
+    if Path::new(&folder).is_dir() {
+        return Ok(());
+    }
+    println!("setup: the Rust target {WASM} is not installed; adding it with rustup");
+    if on_path(&["rustup"]).is_none() {
+        bail!(
+            "rustc has no {WASM} ({folder} is missing) and there is no rustup to add it; \
+             install Rust from https://rustup.rs, or your distribution's package for that target"
+        );
+    }
+    run(&mut command("rustup", &["target", "add", WASM])?)
+        .with_context(|| format!("run `rustup target add {WASM}` yourself"))
+}
+
+/// Node and npm, not older than what the tools were tried with.
+///
+/// # Errors
+/// One of them is missing or too old.
+pub(crate) fn node() -> Result<()> {
+    for program in ["node", "npm"] {
+        if on_path(&[program, &format!("{program}.exe"), &format!("{program}.cmd")]).is_none() {
+            apt(&["nodejs", "npm"], &format!("{program} is not on PATH"))?;
+        }
+    }
+    let version = output(&mut command("node", &["--version"])?)?;
+    let major = version.trim_start_matches('v').split('.').next().and_then(|n| n.parse::<u32>().ok());
+    match major {
+        Some(major) if major >= NODE_AT_LEAST => Ok(()),
+        _ => bail!("node is {version}; version {NODE_AT_LEAST} or newer is needed (https://nodejs.org)"),
+    }
+}
+
+/// `npm ci` in `folder` (relative to the root), skipped where the packages of this very lock file are installed already.
+///
+/// # Errors
+/// There is no lock file, or npm fails.
+pub(crate) fn npm_packages(folder: &str) -> Result<PathBuf> {
+    node()?;
+    let folder = root()?.join(folder);
+    let lock_file = folder.join("package-lock.json");
+    let lock = fs::read(&lock_file).with_context(|| format!("cannot read {}", lock_file.display()))?;
+    let wanted = blake3::hash(&lock).to_hex();
+    let stamp = folder.join("node_modules/.kilwa-lock");
+    if fs::read_to_string(&stamp).is_ok_and(|have| have == wanted.as_str()) {
+        return Ok(folder);
+    }
+    println!("setup: installing the npm packages of {}", folder.display());
+    // npm's own cache (~/.npm, by version and checksum) makes the second clone cheap; prefer-offline uses it without asking the registry.
+    let mut npm = command("npm", &["ci", "--prefer-offline", "--no-audit", "--no-fund"])?;
+    npm.current_dir(&folder);
+    run(&mut npm).with_context(|| {
+        format!(
+            "npm cannot install what {} lists. Without network it needs these packages in its cache (`npm config get cache`); \
+             behind a proxy set HTTPS_PROXY and NODE_EXTRA_CA_CERTS. To try again: cd {} && {}",
+            lock_file.display(),
+            folder.display(),
+            shown(&npm)
+        )
+    })?;
+    fs::write(&stamp, wanted.as_str()).with_context(|| format!("cannot write {}", stamp.display()))?;
+    Ok(folder)
+}
+
+/// The browser that the page is tested in: `$CHROMIUM`, or the first Chromium on `PATH`, installed from Debian where possible.
+///
+/// # Errors
+/// None is there and none can be installed.
+pub(crate) fn chromium() -> Result<PathBuf> {
+    if let Some(chosen) = std::env::var_os("CHROMIUM").map(PathBuf::from) {
+        if chosen.is_file() {
+            return Ok(chosen);
+        }
+        bail!("CHROMIUM={} is not a file", chosen.display());
+    }
+    let names = ["chromium", "chromium-browser", "google-chrome-stable", "google-chrome"];
+    if let Some(found) = on_path(&names) {
+        return Ok(found);
+    }
+    apt(&["chromium"], "no Chromium on PATH; the page is tested in one (or set CHROMIUM to another build's program)")?;
+    on_path(&names).context("Debian's package chromium was installed, yet there is no chromium on PATH")
+}
+
+/// A Vulkan driver for headless rendering: any on Linux, Mesa's software one where there is none.
+///
+/// # Errors
+/// None is there and none can be installed.
+pub(crate) fn vulkan() -> Result<()> {
+    if !cfg!(target_os = "linux")
+        || std::env::var_os("VK_DRIVER_FILES").or_else(|| std::env::var_os("VK_ICD_FILENAMES")).is_some()
+    {
+        return Ok(());
+    }
+    let has_driver = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d"]
+        .iter()
+        .filter_map(|folder| fs::read_dir(folder).ok())
+        .flat_map(Iterator::flatten)
+        .any(|entry| entry.path().extension().is_some_and(|e| e == "json"));
+    let has_loader =
+        output(&mut command("ldconfig", &["-p"])?).map_or(true, |libraries| libraries.contains("libvulkan.so.1"));
+    if has_driver && has_loader {
+        return Ok(());
+    }
+    apt(
+        &["mesa-vulkan-drivers", "libvulkan1"],
+        "no Vulkan driver; headless rendering needs one (Mesa's llvmpipe will do)",
+    )
+}
+
+/// Installs Debian packages when root, else fails with the command to type.
+fn apt(packages: &[&str], why: &str) -> Result<()> {
+    let by_hand = format!("apt-get install -y --no-install-recommends {}", packages.join(" "));
+    if on_path(&["apt-get"]).is_none() {
+        bail!("{why}. Install it with this system's package manager (on Debian: {by_hand})");
+    }
+    let is_root = output(&mut command("id", &["-u"])?)? == "0";
+    if !is_root {
+        bail!("{why}. As root: apt-get update && {by_hand}");
+    }
+    println!("setup: {why}; installing {} from Debian", packages.join(", "));
+    apt_get(&["update"])?;
+    let mut args = vec!["install", "-y", "--no-install-recommends"];
+    args.extend_from_slice(packages);
+    apt_get(&args)
+}
+
+fn apt_get(args: &[&str]) -> Result<()> {
+    let mut apt: Command = command("apt-get", args)?;
+    run(apt.env("DEBIAN_FRONTEND", "noninteractive"))
+}

@@ -1,0 +1,150 @@
+//! Reads the results that test runners print: cargo test, cargo nextest, node --test (TAP and spec), and the plain line
+//! `N passed, N failed, N skipped`; and collects by name what the tests themselves say they skipped.
+//!
+//! Input: the output of a run, line by line. Invariant: only a runner's closing line counts, never the lines of single tests, so that
+//! nothing is counted twice.
+
+use std::collections::BTreeSet;
+
+/// What a test prints before the reason when it cannot run here, for example because `../shared/data` is not there.
+const SKIPPED: &str = "SKIPPED: ";
+
+/// Sums over the suites of a run.
+#[derive(Debug, Default, Clone, PartialEq, Eq)]
+pub(crate) struct Tally {
+    /// Tests that ran and held.
+    pub(crate) passed: u64,
+    /// Tests that ran and did not hold.
+    pub(crate) failed: u64,
+    /// Tests that a runner left out (ignored, filtered by the author).
+    pub(crate) left_out: u64,
+    /// What tests said they skipped, sorted, each once.
+    pub(crate) skips: BTreeSet<String>,
+}
+
+impl Tally {
+    /// Everything skipped, by the runners or by the tests.
+    pub(crate) fn skipped(&self) -> u64 {
+        self.left_out + self.skips.len() as u64
+    }
+
+    /// Takes one line of a runner's output into account.
+    pub(crate) fn read(&mut self, line: &str) {
+        let line = line.trim();
+        if let Some(at) = line.find(SKIPPED) {
+            self.skips.insert(line[at + SKIPPED.len()..].trim().to_owned());
+        }
+        if let Some(rest) = line.strip_prefix("test result: ") {
+            // cargo test: `ok. 5 passed; 0 failed; 1 ignored; 0 measured; 0 filtered out; finished in 0.01s`
+            self.add_counts(rest.split_once(". ").map_or(rest, |(_, counts)| counts).split(';'));
+        } else if let Some(rest) = line.strip_prefix("Summary [") {
+            // cargo nextest: `[   0.2s] 5 tests run: 4 passed (1 slow), 1 failed, 2 skipped`
+            if let Some((_, counts)) = rest.split_once("run: ") {
+                self.add_counts(counts.split(','));
+            }
+        } else if let Some((word, count)) = node_count(line) {
+            self.add(word, count);
+        } else if is_plain(line) {
+            self.add_counts(line.split(','));
+        }
+    }
+
+    fn add_counts<'a>(&mut self, counts: impl Iterator<Item = &'a str>) {
+        for count in counts {
+            let count = count.split(" (").next().unwrap_or(count).trim();
+            if let Some((number, word)) = count.split_once(' ')
+                && let Ok(number) = number.parse()
+            {
+                self.add(word, number);
+            }
+        }
+    }
+
+    fn add(&mut self, word: &str, count: u64) {
+        match word {
+            "passed" | "pass" => self.passed += count,
+            "failed" | "fail" | "exec failed" | "timed out" | "cancelled" => self.failed += count,
+            "ignored" | "skipped" | "todo" => self.left_out += count,
+            _ => {}
+        }
+    }
+}
+
+/// `# pass 5` (TAP) or `ℹ pass 5` (spec), the closing lines of node --test.
+fn node_count(line: &str) -> Option<(&str, u64)> {
+    let (word, count) = line.strip_prefix("# ").or_else(|| line.strip_prefix("\u{2139} "))?.split_once(' ')?;
+    let is_known = matches!(word, "pass" | "fail" | "cancelled" | "skipped" | "todo");
+    Some((word, count.parse().ok()?)).filter(|_| is_known)
+}
+
+/// `3 passed, 0 failed` or `3 passed, 0 failed, 1 skipped`, and nothing else on the line.
+fn is_plain(line: &str) -> bool {
+    let words: Vec<&str> = line.split([' ', ',']).filter(|word| !word.is_empty()).collect();
+    let number = |at: usize| words.get(at).is_some_and(|word| word.parse::<u64>().is_ok());
+    let word = |at: usize, expected: &str| words.get(at) == Some(&expected);
+    let pairs = number(0) && word(1, "passed") && number(2) && word(3, "failed");
+    pairs && (words.len() == 4 || (words.len() == 6 && number(4) && word(5, "skipped")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(lines: &[&str]) -> (u64, u64, u64) {
+        let mut tally = Tally::default();
+        for line in lines {
+            tally.read(line);
+        }
+        (tally.passed, tally.failed, tally.skipped())
+    }
+
+    #[test]
+    fn cargo_test_sums_over_binaries() {
+        let counts = read(&[
+            "test lattice::snaps ... ok",
+            "test result: ok. 5 passed; 0 failed; 1 ignored; 0 measured; 0 filtered out; finished in 0.01s",
+            "test result: FAILED. 2 passed; 3 failed; 0 ignored; 0 measured; 7 filtered out; finished in 1.00s",
+        ]);
+        assert_eq!(counts, (7, 3, 1));
+    }
+
+    #[test]
+    fn nextest_counts_slow_once_and_timeouts_as_failures() {
+        assert_eq!(read(&["     Summary [   0.200s] 5 tests run: 5 passed (1 slow), 0 skipped"]), (5, 0, 0));
+        let counts = read(&[
+            "Summary [ 9.1s] 8/9 tests run: 5 passed (1 flaky), 1 failed, 1 timed out, 1 exec failed, 2 skipped",
+        ]);
+        assert_eq!(counts, (5, 3, 2));
+    }
+
+    #[test]
+    fn node_is_read_in_both_of_its_forms() {
+        assert_eq!(
+            read(&["# tests 4", "# pass 2", "# fail 1", "# cancelled 1", "# skipped 0", "# duration_ms 12.5"]),
+            (2, 2, 0)
+        );
+        assert_eq!(read(&["\u{2139} pass 3", "\u{2139} fail 0", "\u{2139} skipped 1"]), (3, 0, 1));
+    }
+
+    #[test]
+    fn plain_lines_count_and_sentences_about_numbers_do_not() {
+        assert_eq!(read(&["12 passed, 1 failed, 2 skipped", "3 passed, 0 failed"]), (15, 1, 2));
+        assert_eq!(
+            read(&["3 passed the gate, 0 failed", "# pass the salt", "Summary of 3 passed, 1 failed"]),
+            (0, 0, 0)
+        );
+    }
+
+    #[test]
+    fn a_skip_is_kept_by_name_once_wherever_the_runner_puts_it() {
+        let mut tally = Tally::default();
+        tally.read("test reads_horse ... SKIPPED: reads_horse: ../shared/data is not there");
+        tally.read("    SKIPPED: reads_horse: ../shared/data is not there");
+        tally.read("SKIPPED: lucy");
+        assert_eq!(
+            tally.skips.iter().map(String::as_str).collect::<Vec<_>>(),
+            ["lucy", "reads_horse: ../shared/data is not there"]
+        );
+        assert_eq!(tally.skipped(), 2);
+    }
+}

@@ -1,0 +1,184 @@
+//! `cargo xtask test`: everything that has to hold before a change is taken, in the order that shares compile work.
+//!
+//! Stages: format, lints natively and for wasm32, the page, the workspace's tests, its documentation's examples, the browser.
+//! All in the profile dev (the page in its own). Invariants: a failing stage does not stop the later ones, so that one run shows all
+//! failures; the last line is `N passed, N failed, N skipped` over all suites, where a stage that is not a suite counts only when it
+//! fails; a suite that ran no test has failed. The exit code is 1 when anything failed.
+
+use crate::process::{cargo, command, on_path, root, run as run_command, watch};
+use crate::tally::Tally;
+use crate::{setup, web};
+use anyhow::{Result, bail};
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+/// Run all checks and tests: format, lints, the page, Rust, the browser.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Run only the stages whose name contains this text
+    #[arg(long, value_name = "TEXT")]
+    only: Option<String>,
+}
+
+/// Crates that have to build for wasm32: the page's own and every pure crate below them.
+const WASM_PACKAGES: [&str; 6] =
+    ["kilwa-viewer", "kilwa-decode", "kilwa-stream", "kilwa-pack", "kilwa-geometry", "kilwa-measure"];
+
+/// One row of the closing table.
+struct Row {
+    name: &'static str,
+    took: Duration,
+    outcome: Result<Tally>,
+}
+
+type Stage = (&'static str, fn() -> Result<Tally>);
+
+const STAGES: [Stage; 8] = [
+    ("set up", set_up),
+    ("format", format),
+    ("lints", lints),
+    ("lints wasm32", lints_wasm),
+    ("page", page),
+    ("rust tests", rust_tests),
+    ("doc examples", doc_examples),
+    ("browser", browser),
+];
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let wanted = |name: &str| args.only.as_deref().is_none_or(|text| name.contains(text));
+    let mut rows = Vec::new();
+    for (name, stage) in STAGES.into_iter().filter(|(name, _)| wanted(name)) {
+        println!("\n== {name}");
+        let started = Instant::now();
+        let outcome = stage();
+        if let Err(error) = &outcome {
+            println!("{name} FAILED: {error:#}");
+        }
+        rows.push(Row { name, took: started.elapsed(), outcome });
+    }
+    if rows.is_empty() {
+        let names: Vec<_> = STAGES.iter().map(|(name, _)| *name).collect();
+        bail!("no stage is called like that; there are: {}", names.join(", "));
+    }
+    report(&rows)
+}
+
+/// Prints the table, the skips and the closing line; an error when anything failed.
+fn report(rows: &[Row]) -> Result<()> {
+    println!("\n{:<14} {:>8} {:>7} {:>7} {:>8}  ", "stage", "seconds", "passed", "failed", "skipped");
+    let mut total = Tally::default();
+    for row in rows {
+        let counts = row.outcome.as_ref().ok().cloned().unwrap_or_else(|| Tally { failed: 1, ..Tally::default() });
+        println!(
+            "{:<14} {:>8.1} {:>7} {:>7} {:>8}  {}",
+            row.name,
+            row.took.as_secs_f64(),
+            counts.passed,
+            counts.failed,
+            counts.skipped(),
+            if counts.failed == 0 { "" } else { "FAILED" }
+        );
+        total.passed += counts.passed;
+        total.failed += counts.failed;
+        total.left_out += counts.left_out;
+        total.skips.extend(counts.skips);
+    }
+    for skip in &total.skips {
+        println!("skipped: {skip}");
+    }
+    let seconds: f64 = rows.iter().map(|row| row.took.as_secs_f64()).sum();
+    println!("\nall stages took {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
+    println!("{} passed, {} failed, {} skipped", total.passed, total.failed, total.skipped());
+    if total.failed > 0 {
+        let names: Vec<_> = rows.iter().filter(|row| has_failed(row)).map(|row| row.name).collect();
+        // On stderr, so that the line above stays the last of the report.
+        bail!("failed: {}", names.join(", "));
+    }
+    Ok(())
+}
+
+fn has_failed(row: &Row) -> bool {
+    row.outcome.as_ref().map_or(true, |counts| counts.failed > 0)
+}
+
+fn set_up() -> Result<Tally> {
+    setup::wasm_target()?;
+    setup::npm_packages("xtask/npm")?;
+    setup::vulkan()?;
+    println!("browser: {}", setup::chromium()?.display());
+    Ok(Tally::default())
+}
+
+fn format() -> Result<Tally> {
+    check(&mut cargo(&["fmt", "--all", "--check"])?)
+}
+
+fn lints() -> Result<Tally> {
+    check(&mut cargo(&["clippy", "--locked", "--workspace", "--all-targets", "--", "-D", "warnings"])?)
+}
+
+fn lints_wasm() -> Result<Tally> {
+    let mut clippy = cargo(&["clippy", "--locked", "--target", setup::WASM])?;
+    for package in WASM_PACKAGES {
+        clippy.args(["--package", package]);
+    }
+    check(clippy.args(["--", "-D", "warnings"]))
+}
+
+fn page() -> Result<Tally> {
+    web::run(&web::Args {})?;
+    Ok(Tally::default())
+}
+
+/// nextest where it is installed (it shows time per test and survives an abort), cargo test elsewhere; both print what tests print.
+fn rust_tests() -> Result<Tally> {
+    if on_path(&["cargo-nextest", "cargo-nextest.exe"]).is_some() {
+        let args =
+            ["nextest", "run", "--locked", "--workspace", "--no-fail-fast", "--config-file", "xtask/nextest.toml"];
+        suite(cargo(&args)?.args(["--success-output", "immediate"]))
+    } else {
+        suite(&mut cargo(&["test", "--locked", "--workspace", "--all-targets", "--no-fail-fast", "--", "--nocapture"])?)
+    }
+}
+
+/// The examples in documentation comments, which nextest does not run. There may be none, so an empty run is no failure.
+fn doc_examples() -> Result<Tally> {
+    counted(&mut cargo(&["test", "--locked", "--workspace", "--doc", "--no-fail-fast"])?)
+}
+
+/// The page in a real browser against the real server: `npm test` in tests/browser, with the programs to use in its environment.
+fn browser() -> Result<Tally> {
+    let chromium = setup::chromium()?;
+    let folder = setup::npm_packages("tests/browser")?;
+    let root = root()?;
+    // The same build as the tests above; a no-op after them.
+    run_command(&mut cargo(&["build", "--locked", "--workspace", "--bins"])?)?;
+    let kilwa = root.join("target/debug").join(format!("kilwa{}", std::env::consts::EXE_SUFFIX));
+    let mut npm = command("npm", &["test", "--silent"])?;
+    suite(npm.current_dir(&folder).env("CHROMIUM", chromium).env("KILWA", kilwa))
+}
+
+/// A stage that is not a suite: it holds or it does not.
+fn check(command: &mut Command) -> Result<Tally> {
+    run_command(command)?;
+    Ok(Tally::default())
+}
+
+/// Runs a test runner and reads its counts. A runner that fails without a failed test (it did not compile, it crashed) is an error.
+fn counted(command: &mut Command) -> Result<Tally> {
+    let mut tally = Tally::default();
+    let is_success = watch(command, |line| tally.read(line))?;
+    if !is_success && tally.failed == 0 {
+        bail!("the runner failed before or after its tests; see above");
+    }
+    Ok(tally)
+}
+
+/// As [`counted`], and a run without a test is an error: green on nothing is a defect.
+fn suite(command: &mut Command) -> Result<Tally> {
+    let tally = counted(command)?;
+    if tally.passed + tally.failed == 0 {
+        bail!("not one test ran");
+    }
+    Ok(tally)
+}

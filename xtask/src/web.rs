@@ -1,0 +1,314 @@
+//! `cargo xtask web`: the page, ready to be served by any static host, in `www/dist`.
+//!
+//! Input: the crates `kilwa-viewer` and `kilwa-decode`, and the static files of `www/`. Steps: cargo for wasm32 with the profile
+//! `web` (in `target/web`, so that a native build does not wait for it), wasm-bindgen as a library of exactly the version that the
+//! crates link, wasm-opt from npm's binaryen, a copy of the static files, a `.gz` beside everything that compresses.
+//!
+//! Invariants: `www/dist` holds what this run wrote and nothing else; a file whose bytes did not change is not touched, so
+//! that a binary that embeds the page is not rebuilt for nothing. wasm-opt is skipped where its input, version and flags are those
+//! of the last run. Fails on any step, and when the page outgrows its budget.
+
+use crate::process::{cargo, command, root, run as run_command};
+use crate::setup;
+use anyhow::{Context, Result, bail};
+use flate2::{Compression, write::GzEncoder};
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use wasm_bindgen_cli_support::Bindgen;
+
+/// Build the page into www/dist.
+#[derive(clap::Args)]
+pub(crate) struct Args {}
+
+/// Wasm modules: cargo package, name of its library file, name in the page.
+const MODULES: [(&str, &str, &str); 2] =
+    [("kilwa-viewer", "kilwa_viewer", "viewer"), ("kilwa-decode", "kilwa_decode", "decode")];
+
+/// What wasm-opt is told. The features are those rustc uses for this target plus `+simd128` of .cargo/config.toml.
+const WASM_OPT: [&str; 9] = [
+    "-Oz",
+    "--enable-simd",
+    "--enable-bulk-memory",
+    "--enable-nontrapping-float-to-int",
+    "--enable-sign-ext",
+    "--enable-mutable-globals",
+    "--enable-reference-types",
+    "--enable-multivalue",
+    "--strip-producers",
+];
+
+/// Budget of the viewer's wasm, gzipped bytes (design/viewer.md: readers on slow links are the audience).
+const VIEWER_GZ_MAX: u64 = 350_000;
+/// Budget of everything else that the page loads, gzipped bytes.
+const PAGE_GZ_MAX: u64 = 120_000;
+
+/// File name extensions that are worth compressing beforehand.
+const COMPRESSED: [&str; 8] = ["html", "js", "mjs", "css", "json", "wasm", "svg", "webmanifest"];
+
+/// The files of the page: path below `www/dist` with `/`, and bytes.
+type Page = BTreeMap<String, Vec<u8>>;
+
+pub(crate) fn run(_args: &Args) -> Result<()> {
+    setup::wasm_target()?;
+    let tools = setup::npm_packages("xtask/npm")?;
+    let root = root()?;
+
+    let started = Instant::now();
+    let mut build =
+        cargo(&["build", "--locked", "--target", setup::WASM, "--profile", "web", "--target-dir", "target/web"])?;
+    for (package, _, _) in MODULES {
+        build.args(["--package", package]);
+    }
+    run_command(&mut build).context("the page's code does not compile for wasm32")?;
+    println!("web: wasm compiled in {:.1} s", started.elapsed().as_secs_f64());
+
+    let mut page = Page::new();
+    for (_, library, name) in MODULES {
+        let compiled = root.join("target/web").join(setup::WASM).join(format!("web/{library}.wasm"));
+        add_module(&mut page, &compiled, name, &tools, &root.join("target/web/bindgen"))?;
+    }
+    add_static_files(&mut page, &root.join("www"), "")?;
+    add_compressed(&mut page)?;
+    let dist = root.join("www/dist");
+    let written = synchronise(&dist, &page)?;
+    println!("web: {} files in {}, {written} of them new or changed", page.len(), dist.display());
+    check_sizes(&page)
+}
+
+/// wasm-bindgen and wasm-opt on one compiled module; adds `NAME.js`, `NAME_bg.wasm` and snippets.
+fn add_module(page: &mut Page, compiled: &Path, name: &str, tools: &Path, scratch: &Path) -> Result<()> {
+    let bound = scratch.join(name);
+    if bound.exists() {
+        fs::remove_dir_all(&bound).with_context(|| format!("cannot empty {}", bound.display()))?;
+    }
+    let mut bindgen = Bindgen::new();
+    bindgen.input_path(compiled).out_name(name).typescript(false);
+    bindgen
+        .web(true)
+        .and_then(|b| b.generate(&bound))
+        .with_context(|| format!("wasm-bindgen on {}", compiled.display()))?;
+    let wasm = format!("{name}_bg.wasm");
+    optimise(&bound.join(&wasm), tools, &scratch.join(format!("{name}.opt.wasm")))?;
+    add_folder(page, &bound, "", &|_| true)
+}
+
+/// Replaces `module` by what wasm-opt makes of it; `kept` holds the last result, valid while the stamp beside it agrees.
+fn optimise(module: &Path, tools: &Path, kept: &Path) -> Result<()> {
+    let input = fs::read(module).with_context(|| format!("wasm-bindgen left no {}", module.display()))?;
+    let mut key = blake3::Hasher::new();
+    key.update(&input);
+    key.update(&fs::read(tools.join("package-lock.json"))?);
+    key.update(WASM_OPT.join(" ").as_bytes());
+    let key = key.finalize().to_hex();
+    let stamp = kept.with_extension("stamp");
+    let is_current = kept.is_file() && fs::read_to_string(&stamp).is_ok_and(|have| have == key.as_str());
+    if !is_current {
+        // A stamp must never outlive the file it vouches for.
+        if stamp.exists() {
+            fs::remove_file(&stamp)?;
+        }
+        let program = tools.join("node_modules/binaryen/bin/wasm-opt");
+        let started = Instant::now();
+        let mut wasm_opt = command("node", &[])?;
+        wasm_opt.arg(&program).args(WASM_OPT).arg(module).arg("-o").arg(kept);
+        run_command(&mut wasm_opt)?;
+        let output_len = fs::metadata(kept)?.len();
+        println!("web: wasm-opt {} to {output_len} bytes in {:.1} s", input.len(), started.elapsed().as_secs_f64());
+        fs::write(&stamp, key.as_str())?;
+    }
+    fs::copy(kept, module).with_context(|| format!("cannot copy {} to {}", kept.display(), module.display()))?;
+    Ok(())
+}
+
+/// The hand-written part of the page: everything under `www/` that is neither output nor a development tool.
+fn add_static_files(page: &mut Page, www: &Path, prefix: &str) -> Result<()> {
+    let belongs = |name: &str| {
+        !name.starts_with('.')
+            && !matches!(name, "dist" | "node_modules" | "package.json" | "package-lock.json" | "README.md")
+    };
+    add_folder(page, www, prefix, &belongs)?;
+    if !page.contains_key("index.html") {
+        bail!("{} has no index.html", www.display());
+    }
+    Ok(())
+}
+
+fn add_folder(page: &mut Page, folder: &Path, prefix: &str, belongs: &dyn Fn(&str) -> bool) -> Result<()> {
+    let entries = fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))?;
+    for entry in entries {
+        let entry = entry.with_context(|| format!("cannot list {}", folder.display()))?;
+        let Ok(name) = entry.file_name().into_string() else {
+            bail!("{} has a name that is not UTF-8; a page cannot link to it", entry.path().display());
+        };
+        if !belongs(&name) {
+            continue;
+        }
+        let path = entry.path();
+        let key = format!("{prefix}{name}");
+        if path.is_dir() {
+            add_folder(page, &path, &format!("{key}/"), belongs)?;
+            continue;
+        }
+        let bytes = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        if page.insert(key.clone(), bytes).is_some() {
+            bail!("{} would overwrite the generated file {key}; give it another name", path.display());
+        }
+    }
+    Ok(())
+}
+
+/// Adds `NAME.gz` for every file that compresses, the same bytes for the same input (no time stamp inside).
+fn add_compressed(page: &mut Page) -> Result<()> {
+    let mut compressed = Page::new();
+    for (name, bytes) in page.iter().filter(|(name, _)| is_compressed(name)) {
+        let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+        encoder.write_all(bytes)?;
+        compressed.insert(format!("{name}.gz"), encoder.finish()?);
+    }
+    page.append(&mut compressed);
+    Ok(())
+}
+
+fn is_compressed(name: &str) -> bool {
+    name.rsplit_once('.').is_some_and(|(_, extension)| COMPRESSED.contains(&extension))
+}
+
+/// Makes `dist` equal to `page`; returns how many files were written.
+fn synchronise(dist: &Path, page: &Page) -> Result<usize> {
+    fs::create_dir_all(dist).with_context(|| format!("cannot create {}", dist.display()))?;
+    remove_strangers(dist, "", page)?;
+    let mut written = 0;
+    for (name, bytes) in page {
+        let path = dist.join(name);
+        if fs::read(&path).is_ok_and(|have| have == *bytes) {
+            continue;
+        }
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        }
+        // Written beside and renamed: a server that reads the folder meanwhile never sees half a file.
+        let partial = PathBuf::from(format!("{}.part", path.display()));
+        fs::write(&partial, bytes).with_context(|| format!("cannot write {}", partial.display()))?;
+        fs::rename(&partial, &path).with_context(|| format!("cannot write {}", path.display()))?;
+        written += 1;
+    }
+    Ok(written)
+}
+
+fn remove_strangers(folder: &Path, prefix: &str, page: &Page) -> Result<()> {
+    for entry in fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))? {
+        let path = entry?.path();
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let key = format!("{prefix}{name}");
+        if path.is_dir() {
+            let inside = format!("{key}/");
+            if page.keys().any(|k| k.starts_with(&inside)) {
+                remove_strangers(&path, &inside, page)?;
+            } else {
+                fs::remove_dir_all(&path).with_context(|| format!("cannot remove {}", path.display()))?;
+            }
+        } else if !page.contains_key(&key) {
+            fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?;
+        }
+    }
+    Ok(())
+}
+
+/// Prints what a visitor downloads, and fails where it is more than the budget.
+fn check_sizes(page: &Page) -> Result<()> {
+    let gzipped =
+        |name: &str| page.get(&format!("{name}.gz")).or_else(|| page.get(name)).map_or(0, |bytes| bytes.len() as u64);
+    println!("{:>10} {:>10}  file", "bytes", "gzipped");
+    let (mut viewer, mut decode, mut rest) = (0, 0, 0);
+    for (name, bytes) in page.iter().filter(|(name, _)| !has_extension(name, "gz")) {
+        let size = gzipped(name);
+        println!("{:>10} {size:>10}  {name}", bytes.len());
+        match name.as_str() {
+            "viewer_bg.wasm" => viewer = size,
+            "decode_bg.wasm" => decode = size,
+            _ => rest += size,
+        }
+    }
+    println!(
+        "web: viewer wasm {viewer} of {VIEWER_GZ_MAX}, decoder wasm {decode}, page without wasm {rest} of {PAGE_GZ_MAX} bytes gzipped"
+    );
+    if viewer > VIEWER_GZ_MAX {
+        bail!(
+            "the viewer's wasm is {viewer} bytes gzipped; at most {VIEWER_GZ_MAX} are allowed (VIEWER_GZ_MAX in xtask/src/web.rs)"
+        );
+    }
+    if rest > PAGE_GZ_MAX {
+        bail!(
+            "the page without wasm is {rest} bytes gzipped; at most {PAGE_GZ_MAX} are allowed (PAGE_GZ_MAX in xtask/src/web.rs)"
+        );
+    }
+    Ok(())
+}
+
+fn has_extension(name: &str, extension: &str) -> bool {
+    name.rsplit_once('.').is_some_and(|(_, have)| have == extension)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn page(files: &[(&str, &str)]) -> Page {
+        files.iter().map(|(name, text)| ((*name).to_owned(), text.as_bytes().to_vec())).collect()
+    }
+
+    fn scratch(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("kilwa-xtask-{}-{name}", std::process::id()));
+        let _ = fs::remove_dir_all(&folder);
+        folder
+    }
+
+    #[test]
+    fn synchronise_leaves_what_the_page_holds_and_nothing_else() {
+        let dist = scratch("sync");
+        assert_eq!(
+            synchronise(&dist, &page(&[("index.html", "a"), ("i18n/en.json", "{}"), ("old/x.js", "1")])).unwrap(),
+            3
+        );
+        let next = page(&[("index.html", "b"), ("i18n/en.json", "{}")]);
+        assert_eq!(synchronise(&dist, &next).unwrap(), 1, "only the changed file is written");
+        assert!(!dist.join("old").exists());
+        let mut found = Page::new();
+        add_folder(&mut found, &dist, "", &|_| true).unwrap();
+        assert_eq!(found, next);
+        fs::remove_dir_all(&dist).unwrap();
+    }
+
+    #[test]
+    fn only_text_and_wasm_get_a_compressed_twin_and_it_decompresses_to_the_same() {
+        let text = "kilwa ".repeat(500);
+        let mut files = page(&[("a.js", text.as_str()), ("b.png", "png"), ("c", "no extension")]);
+        add_compressed(&mut files).unwrap();
+        assert_eq!(files.keys().collect::<Vec<_>>(), ["a.js", "a.js.gz", "b.png", "c"]);
+        let mut back = String::new();
+        std::io::Read::read_to_string(&mut flate2::read::GzDecoder::new(&files["a.js.gz"][..]), &mut back).unwrap();
+        assert_eq!(back, text);
+    }
+
+    #[test]
+    fn a_page_over_its_budget_is_refused_with_its_size() {
+        let mut files = page(&[("index.html", "x")]);
+        files.insert("viewer_bg.wasm".into(), vec![0; 10]);
+        assert!(check_sizes(&files).is_ok());
+        files.insert("viewer_bg.wasm.gz".into(), vec![0; VIEWER_GZ_MAX as usize + 1]);
+        assert!(check_sizes(&files).unwrap_err().to_string().contains("350001"));
+    }
+
+    #[test]
+    fn a_static_file_cannot_replace_a_generated_one() {
+        let folder = scratch("clash");
+        fs::create_dir_all(&folder).unwrap();
+        fs::write(folder.join("viewer.js"), "mine").unwrap();
+        let mut files = page(&[("viewer.js", "generated")]);
+        assert!(add_folder(&mut files, &folder, "", &|_| true).unwrap_err().to_string().contains("viewer.js"));
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}
