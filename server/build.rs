@@ -1,0 +1,22 @@
+//! Points `include_dir!` at `www/dist` where the page has been built, and at an empty folder where it has not, so that
+//! the server compiles on a machine that never built the page (it then says how).
+
+use std::path::{Path, PathBuf};
+
+fn main() -> std::io::Result<()> {
+    let here = PathBuf::from(std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
+    let www = here.join("../www");
+    let built = www.join("dist");
+    // Watching a path that does not exist would rebuild every time: watch the folder that it would appear in.
+    let (page, watched) = if built.join("index.html").is_file() {
+        (built.clone(), built)
+    } else {
+        let empty = Path::new(&std::env::var_os("OUT_DIR").unwrap_or_default()).join("no-page");
+        std::fs::create_dir_all(&empty)?;
+        (empty, www)
+    };
+    println!("cargo:rerun-if-changed={}", watched.display());
+    println!("cargo:rerun-if-changed=build.rs");
+    println!("cargo:rustc-env=KILWA_PAGE={}", page.display());
+    Ok(())
+}

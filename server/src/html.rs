@@ -1,0 +1,240 @@
+//! The HTML that the server writes: the list of models, one model's facts inside the viewer page, "not found".
+//!
+//! Everything from a pack is escaped. The pages work without JavaScript: the list is a list of links, and a model's
+//! page holds its facts and the download in plain HTML.
+
+use crate::catalogue::{Model, Summary};
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+const HEAD: &str = "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+    <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+    <meta name=\"color-scheme\" content=\"light dark\">\n\
+    <link rel=\"icon\" href=\"/viewer/icons/kilwa.svg\" type=\"image/svg+xml\">\n\
+    <link rel=\"stylesheet\" href=\"/viewer/style.css\">\n";
+
+/// The list of models.
+pub(crate) fn list(models: &[Arc<Model>]) -> String {
+    let mut s = String::from(HEAD);
+    s.push_str("<title>Models - Kilwa</title>\n</head>\n<body class=\"list\">\n");
+    s.push_str("<header class=\"site\"><a class=\"brand\" href=\"/\"><img src=\"/viewer/icons/kilwa.svg\" alt=\"\" width=\"28\" height=\"28\"> Kilwa</a></header>\n<main>\n<h1>Models</h1>\n");
+    let triangles: u64 = models.iter().filter_map(|m| m.summary.as_ref().ok()).map(|x| x.header.triangles).sum();
+    let bytes: u64 = models.iter().map(|m| m.bytes).sum();
+    if models.is_empty() {
+        s.push_str(
+            "<p class=\"lead\">There is no pack in this folder yet. Make one with \
+             <code>kilwa build MESH.ply -o NAME.kilwa</code>, put it here, and load this page again.</p>\n",
+        );
+    } else {
+        let _ = writeln!(
+            s,
+            "<p class=\"lead\">{} {}, {} triangles, {}.</p>\n<ul class=\"cards\">",
+            models.len(),
+            if models.len() == 1 { "model" } else { "models" },
+            grouped(triangles),
+            size(bytes)
+        );
+        for m in models {
+            card(&mut s, m);
+        }
+        s.push_str("</ul>\n");
+    }
+    s.push_str("</main>\n</body>\n</html>\n");
+    s
+}
+
+fn card(s: &mut String, m: &Model) {
+    let (title, slug) = (escape(m.title()), &m.slug);
+    match &m.summary {
+        Ok(summary) => {
+            let _ = write!(s, "<li class=\"card\">\n{}", extent(summary));
+            let _ = write!(s, "<h2><a href=\"/m/{slug}\">{title}</a></h2>\n{}", facts(m, summary));
+        }
+        Err(why) => {
+            let _ = write!(
+                s,
+                "<li class=\"card broken\">\n<h2>{title}</h2>\n<p><strong>This file cannot be shown.</strong> {}</p>\n",
+                escape(why)
+            );
+        }
+    }
+    let _ = writeln!(
+        s,
+        "<p class=\"actions\"><a href=\"/packs/{slug}.kilwa\" download>Download pack<span class=\"hidden\"> of {title}</span></a> <span>{}</span></p>\n</li>",
+        size(m.bytes)
+    );
+}
+
+fn facts(m: &Model, summary: &Summary) -> String {
+    let (h, d) = (&summary.header, &summary.metadata);
+    let e = dimensions(summary);
+    let mut s = String::from("<dl class=\"facts\">\n");
+    let mut row = |name: &str, value: &str| {
+        let _ = writeln!(s, "<div><dt>{name}</dt><dd>{value}</dd></div>");
+    };
+    row("Triangles", &grouped(h.triangles));
+    row("Extent", &format!("{} × {} × {} m", metres(e[0]), metres(e[1]), metres(e[2])));
+    row("Finest spacing", &length(d.median_edge));
+    row("File", &size(m.bytes));
+    row("Reference system", &d.crs.as_deref().map_or_else(|| "local".to_owned(), escape));
+    row("Licence", "not stated");
+    s.push_str("</dl>\n");
+    s
+}
+
+fn dimensions(summary: &Summary) -> [f64; 3] {
+    let (a, b) = (summary.metadata.bounds_min, summary.metadata.bounds_max);
+    [0, 1, 2].map(|i: usize| (b[i] - a[i]).abs())
+}
+
+/// The model's box, drawn in proportion, with its longest side: what can be said of its shape without drawing it.
+fn extent(summary: &Summary) -> String {
+    let e = dimensions(summary);
+    if e.iter().any(|v| !v.is_finite()) {
+        return String::new();
+    }
+    // Isometric axes: x to the lower right, y to the upper right, z up.
+    let (cos, sin) = (0.866, 0.5);
+    let project = |x: f64, y: f64, z: f64| ((x + y) * cos, (x - y) * sin - z);
+    let corners = [0, 1, 2, 3, 4, 5, 6, 7].map(|i: u8| {
+        let pick = |bit: u8, v: f64| if i & bit == 0 { 0.0 } else { v };
+        project(pick(1, e[0]), pick(2, e[1]), pick(4, e[2]))
+    });
+    let fold = |f: fn(f64, f64) -> f64, k: fn(&(f64, f64)) -> f64| corners.iter().map(k).reduce(f).unwrap_or(0.0);
+    let (x0, x1) = (fold(f64::min, |c| c.0), fold(f64::max, |c| c.0));
+    let (y0, y1) = (fold(f64::min, |c| c.1), fold(f64::max, |c| c.1));
+    let scale = (260.0 / (x1 - x0).max(1e-9)).min(120.0 / (y1 - y0).max(1e-9));
+    let at = |i: usize| {
+        let (x, y) = corners[i];
+        format!("{:.1},{:.1}", 160.0 + (x - f64::midpoint(x0, x1)) * scale, 80.0 + (y - f64::midpoint(y0, y1)) * scale)
+    };
+    let face = |class: &str, c: [usize; 4]| {
+        format!("<polygon class=\"{class}\" points=\"{} {} {} {}\"/>", at(c[0]), at(c[1]), at(c[2]), at(c[3]))
+    };
+    format!(
+        "<svg class=\"extent\" viewBox=\"0 0 320 160\" aria-hidden=\"true\">{}{}{}</svg>\n",
+        face("top", [4, 5, 7, 6]),
+        face("left", [0, 1, 5, 4]),
+        face("right", [1, 3, 7, 5]),
+    )
+}
+
+/// The viewer page for one model: title, pack address and facts put into the built `index.html`.
+pub(crate) fn model(page: &str, m: &Model) -> String {
+    let title = escape(m.title());
+    let body = match &m.summary {
+        Ok(summary) => facts(m, summary),
+        Err(why) => format!("<p><strong>This file cannot be shown.</strong> {}</p>\n", escape(why)),
+    };
+    page.replacen("<base href=\"./\">", "<base href=\"/viewer/\">", 1)
+        .replacen("<title>Kilwa</title>", &format!("<title>{title} - Kilwa</title>"), 1)
+        .replacen("<!--title-->", &title, 1)
+        .replacen("data-pack=\"\"", &format!("data-pack=\"/packs/{}.kilwa\"", m.slug), 1)
+        .replacen("data-list=\"\"", "data-list=\"/\"", 1)
+        .replacen("<!--facts-->", &body, 1)
+}
+
+/// The list for machines.
+pub(crate) fn list_json(models: &[Arc<Model>]) -> Value {
+    let one = |m: &Arc<Model>| {
+        let mut v = json!({
+            "slug": m.slug, "title": m.title(), "file": m.file_name, "bytes": m.bytes,
+            "page": format!("/m/{}", m.slug), "pack": format!("/packs/{}.kilwa", m.slug),
+        });
+        match &m.summary {
+            Ok(x) => {
+                v["triangles"] = json!(x.header.triangles);
+                v["bounds_min"] = json!(x.metadata.bounds_min);
+                v["bounds_max"] = json!(x.metadata.bounds_max);
+                v["crs"] = json!(x.metadata.crs);
+            }
+            Err(why) => v["error"] = json!(why),
+        }
+        v
+    };
+    json!({ "models": models.iter().map(one).collect::<Vec<_>>() })
+}
+
+/// The page for an address that leads nowhere.
+pub(crate) fn lost() -> String {
+    format!(
+        "{HEAD}<title>Not found - Kilwa</title>\n</head>\n<body class=\"list\">\n<main>\n<h1>There is nothing at this address</h1>\n\
+         <p class=\"lead\">The model may have been renamed or taken away. <a href=\"/\">See all models</a>.</p>\n</main>\n</body>\n</html>\n"
+    )
+}
+
+fn escape(text: &str) -> String {
+    let mut s = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => s.push_str("&amp;"),
+            '<' => s.push_str("&lt;"),
+            '>' => s.push_str("&gt;"),
+            '"' => s.push_str("&quot;"),
+            '\'' => s.push_str("&#39;"),
+            c => s.push(c),
+        }
+    }
+    s
+}
+
+/// 1234567 as `1 234 567`, with narrow no-break spaces.
+fn grouped(n: u64) -> String {
+    let digits = n.to_string();
+    let mut s = String::new();
+    for (i, c) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            s.push('\u{202f}');
+        }
+        s.push(c);
+    }
+    s
+}
+
+fn size(bytes: u64) -> String {
+    let b = bytes as f64;
+    match bytes {
+        0..1_000 => format!("{bytes} bytes"),
+        1_000..1_000_000 => format!("{:.0} kB", b / 1e3),
+        1_000_000..1_000_000_000 => format!("{:.1} MB", b / 1e6),
+        _ => format!("{:.2} GB", b / 1e9),
+    }
+}
+
+fn metres(v: f64) -> String {
+    let decimals = match v {
+        v if v >= 100.0 => 0,
+        v if v >= 10.0 => 1,
+        v if v >= 1.0 => 2,
+        _ => 3,
+    };
+    format!("{v:.decimals$}")
+}
+
+fn length(v: f64) -> String {
+    if !v.is_finite() {
+        "unknown".to_owned()
+    } else if v < 0.001 {
+        format!("{:.3} mm", v * 1e3)
+    } else if v < 0.1 {
+        format!("{:.1} mm", v * 1e3)
+    } else {
+        format!("{} m", metres(v))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_written_for_people() {
+        assert_eq!(grouped(1_234_567), "1\u{202f}234\u{202f}567");
+        assert_eq!(grouped(12), "12");
+        assert_eq!(size(999), "999 bytes");
+        assert_eq!(size(5_230_000), "5.2 MB");
+        assert_eq!(length(0.0021), "2.1 mm");
+        assert_eq!(escape("<b a=\"1\">&'"), "&lt;b a=&quot;1&quot;&gt;&amp;&#39;");
+    }
+}

@@ -1,0 +1,161 @@
+//! The built viewer page: every file of `www/dist` in memory, by its name relative to that folder.
+//!
+//! A file `NAME.gz` beside `NAME` is its compressed form and is sent where the client accepts gzip. Nothing else of the
+//! disk can be reached through it.
+
+use include_dir::{Dir, include_dir};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use thiserror::Error;
+
+static EMBEDDED: Dir<'_> = include_dir!("$KILWA_PAGE");
+/// A page folder with more than this in it is not one of ours.
+const PAGE_LIMIT: u64 = 256 << 20;
+
+/// Why there is no page.
+#[derive(Debug, Error)]
+pub enum PageError {
+    /// Neither embedded nor given.
+    #[error("the viewer page is not built into this program: run `cargo xtask web` and build again, or give --www DIR")]
+    NotBuilt,
+    /// The folder given holds no page.
+    #[error("{folder} holds no built viewer page ({missing} is missing): run `cargo xtask web`, which writes www/dist")]
+    Incomplete {
+        /// The folder.
+        folder: PathBuf,
+        /// The first file that is missing.
+        missing: &'static str,
+    },
+    /// The folder given cannot be read.
+    #[error("cannot read {path}: {source}")]
+    Unreadable {
+        /// File or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The folder is something else.
+    #[error("{folder} holds more than {PAGE_LIMIT} bytes, so it is not the built viewer page; give www/dist")]
+    TooLarge {
+        /// The folder.
+        folder: PathBuf,
+    },
+}
+
+/// One file, ready to be sent.
+#[derive(Debug, Clone)]
+pub(crate) struct Asset {
+    pub(crate) bytes: axum::body::Bytes,
+    pub(crate) gzip: Option<axum::body::Bytes>,
+    pub(crate) content_type: &'static str,
+    pub(crate) etag: String,
+}
+
+/// The page's files.
+#[derive(Debug, Clone)]
+pub struct Page {
+    files: Arc<BTreeMap<String, Asset>>,
+}
+
+impl Page {
+    /// The page that was built into the program, or the one in `folder`.
+    ///
+    /// # Errors
+    /// [`PageError`] when there is none, saying how to build it.
+    pub fn load(folder: Option<&Path>) -> Result<Self, PageError> {
+        let mut raw = BTreeMap::new();
+        match folder {
+            Some(folder) => read_folder(folder, folder, &mut 0, &mut raw)?,
+            None => collect(&EMBEDDED, &mut raw),
+        }
+        let page = Self::from_files(raw);
+        match (page.missing(), folder) {
+            (None, _) => Ok(page),
+            (Some(_), None) => Err(PageError::NotBuilt),
+            (Some(missing), Some(folder)) => Err(PageError::Incomplete { folder: folder.to_owned(), missing }),
+        }
+    }
+
+    /// A page of the files given, by relative name.
+    pub fn from_files(raw: BTreeMap<String, Vec<u8>>) -> Self {
+        let (mut packed, plain): (BTreeMap<_, _>, BTreeMap<_, _>) =
+            raw.into_iter().partition(|(name, _)| Path::new(name).extension().is_some_and(|e| e == "gz"));
+        let files = plain.into_iter().map(|(name, bytes)| {
+            let gzip = packed.remove(&format!("{name}.gz")).map(axum::body::Bytes::from);
+            let etag = format!("\"{}\"", &blake3::hash(&bytes).to_hex().as_str()[..32]);
+            let asset = Asset { gzip, content_type: content_type(&name), etag, bytes: bytes.into() };
+            (name, asset)
+        });
+        Self { files: Arc::new(files.collect()) }
+    }
+
+    fn missing(&self) -> Option<&'static str> {
+        ["index.html", "boot.js", "viewer.js", "viewer_bg.wasm", "decode.js", "decode_bg.wasm"]
+            .into_iter()
+            .find(|f| !self.files.contains_key(*f))
+    }
+
+    pub(crate) fn file(&self, name: &str) -> Option<&Asset> {
+        self.files.get(name)
+    }
+
+    /// The HTML of the viewer, empty where there is none.
+    pub(crate) fn html(&self) -> &str {
+        self.file("index.html").and_then(|a| std::str::from_utf8(&a.bytes).ok()).unwrap_or_default()
+    }
+}
+
+fn collect(dir: &Dir<'_>, into: &mut BTreeMap<String, Vec<u8>>) {
+    for file in dir.files() {
+        if let Some(name) = file.path().to_str() {
+            into.insert(name.replace('\\', "/"), file.contents().to_vec());
+        }
+    }
+    for dir in dir.dirs() {
+        collect(dir, into);
+    }
+}
+
+fn read_folder(
+    root: &Path,
+    folder: &Path,
+    total: &mut u64,
+    into: &mut BTreeMap<String, Vec<u8>>,
+) -> Result<(), PageError> {
+    let unreadable = |path: &Path| {
+        let path = path.to_owned();
+        move |source| PageError::Unreadable { path, source }
+    };
+    for entry in std::fs::read_dir(folder).map_err(unreadable(folder))? {
+        let path = entry.map_err(unreadable(folder))?.path();
+        let metadata = std::fs::metadata(&path).map_err(unreadable(&path))?;
+        if metadata.is_dir() {
+            read_folder(root, &path, total, into)?;
+            continue;
+        }
+        *total += metadata.len();
+        if *total > PAGE_LIMIT {
+            return Err(PageError::TooLarge { folder: root.to_owned() });
+        }
+        if let Some(name) = path.strip_prefix(root).ok().and_then(Path::to_str) {
+            into.insert(name.replace('\\', "/"), std::fs::read(&path).map_err(unreadable(&path))?);
+        }
+    }
+    Ok(())
+}
+
+fn content_type(name: &str) -> &'static str {
+    match name.rsplit('.').next().unwrap_or_default() {
+        "html" => "text/html; charset=utf-8",
+        "js" | "mjs" => "text/javascript; charset=utf-8",
+        "css" => "text/css; charset=utf-8",
+        "json" => "application/json",
+        "wasm" => "application/wasm",
+        "svg" => "image/svg+xml",
+        "png" => "image/png",
+        "webp" => "image/webp",
+        "txt" | "md" => "text/plain; charset=utf-8",
+        _ => "application/octet-stream",
+    }
+}

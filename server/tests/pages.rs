@@ -1,0 +1,157 @@
+//! The pages a person sees, and the page's own files.
+
+mod common;
+
+use common::{ask, get, page, site};
+use kilwa_geometry::{Aabb, Lattice, Sphere};
+use kilwa_pack::chunk::encode;
+use kilwa_pack::{Attributes, Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, PackWriter, PatchRange};
+use kilwa_server::{Catalogue, Page, Site, app};
+use std::fs::write;
+use std::path::Path;
+
+/// A true pack of one triangle.
+fn pack(title: &str) -> Vec<u8> {
+    let attributes = Attributes { colors: true, scalars: 0 };
+    let mut chunk = Chunk::default();
+    chunk.mesh.positions = vec![[0, 0, 0], [1000, 0, 0], [0, 800, 400]];
+    chunk.mesh.normals = vec![[0, 0]; 3];
+    chunk.mesh.colors = vec![[200, 190, 170]; 3];
+    chunk.mesh.triangles = vec![[0, 1, 2]];
+    chunk.mesh.borders = vec![7];
+    chunk.patches = vec![PatchRange { first: 0, count: 1, diamond: NO_DIAMOND }];
+    let encoded = encode(&chunk, attributes).unwrap();
+    let lattice = Lattice { origin: [0.0; 3], step_log2: -10 };
+    let step = lattice.step();
+    let bounds = Aabb::of(&chunk.mesh.positions);
+    let entry = DirectoryEntry {
+        offset: 0,
+        encoded_bytes: encoded.len() as u32,
+        vertices: 3,
+        triangles: 1,
+        level: 0,
+        error: f32::INFINITY,
+        color_error: 0.0,
+        sphere: Sphere { center: [500.0, 400.0, 200.0], radius: 900.0 },
+        bounds,
+        parents: [NO_DIAMOND; 4],
+        checksum: kilwa_pack::checksum(&encoded),
+    };
+    let header = Header {
+        lattice,
+        cube_log2: 10,
+        file_bytes: 0,
+        metadata: (0, 0),
+        metadata_checksum: [0; 16],
+        entry_count: 1,
+        first_page: 0,
+        other_pages: 0,
+        triangles: 1,
+        stored_triangles: 1,
+        stored_vertices: 3,
+        attributes,
+    };
+    let metadata = Metadata {
+        title: title.to_owned(),
+        source_units: "m".to_owned(),
+        source_up: "z".to_owned(),
+        crs: Some("EPSG:32737".to_owned()),
+        lattice_step: step,
+        bounds_min: [0.0; 3],
+        bounds_max: [1000.0 * step, 800.0 * step, 400.0 * step],
+        median_edge: 0.02,
+        triangles: 1,
+        vertices: 3,
+        border_edges: 3,
+        scalars: Vec::new(),
+        sources: Vec::new(),
+        tool: "test".to_owned(),
+        options: std::collections::BTreeMap::new(),
+        capture_accuracy: None,
+        repairs: std::collections::BTreeMap::new(),
+    };
+    let mut writer = PackWriter::begin(Vec::new(), header, &metadata, vec![entry]).unwrap();
+    writer.chunk(&encoded).unwrap();
+    writer.finish().unwrap()
+}
+
+#[tokio::test]
+async fn the_list_names_every_model_and_the_reason_of_every_broken_one() {
+    let dir = tempfile::tempdir().unwrap();
+    let good = pack("Gereza <Kilwa> & \"fort\"");
+    write(dir.path().join("Gereza Ñ 2009.kilwa"), &good).unwrap();
+    write(dir.path().join("gereza-2009.kilwa"), &good).unwrap();
+    write(dir.path().join("cut.KILWA"), &good[..good.len() - 5]).unwrap();
+    write(dir.path().join("text.kilwa"), "hello").unwrap();
+    let app = site(dir.path());
+    let html = get(&app, "/").await.text();
+    assert!(html.contains("Gereza &lt;Kilwa&gt; &amp; &quot;fort&quot;"), "{html}");
+    assert!(!html.contains("<Kilwa>"));
+    assert!(html.contains("href=\"/m/gereza-2009\"") && html.contains("href=\"/m/gereza-2009-2\""));
+    assert!(html.contains("EPSG:32737") && html.contains("Licence"));
+    assert_eq!(html.matches("cannot be shown").count(), 2);
+    assert!(html.contains("truncated"));
+    assert!(!html.contains("<script"), "the list needs no script");
+    let json = get(&app, "/models.json").await.text();
+    assert!(json.contains("\"slug\":\"cut\"") && json.contains("\"triangles\":1"));
+}
+
+#[tokio::test]
+async fn a_model_page_carries_its_pack_and_facts_in_plain_html() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path().join("fort.kilwa"), pack("Fort")).unwrap();
+    let app = site(dir.path());
+    let a = get(&app, "/m/fort").await;
+    let html = a.text();
+    assert!(html.contains("<title>Fort - Kilwa</title>") && html.contains("<h1>Fort</h1>"), "{html}");
+    assert!(html.contains("data-pack=\"/packs/fort.kilwa\"") && html.contains("<base href=\"/viewer/\">"));
+    assert!(html.contains("Triangles"));
+    let policy = a.header("content-security-policy");
+    assert!(policy.contains("script-src 'self' 'wasm-unsafe-eval'") && !policy.contains("unsafe-inline"));
+    assert_eq!(a.header("cache-control"), "no-cache");
+    assert_eq!(get(&app, "/m/castle").await.status, 404);
+}
+
+#[tokio::test]
+async fn a_model_added_to_the_folder_appears_and_a_single_pack_can_be_served() {
+    let dir = tempfile::tempdir().unwrap();
+    let app = site(dir.path());
+    assert!(get(&app, "/").await.text().contains("no pack in this folder"));
+    write(dir.path().join("late.kilwa"), pack("Late")).unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(1100));
+    assert_eq!(get(&app, "/m/late").await.status, 200);
+    let single = site(&dir.path().join("late.kilwa"));
+    assert!(get(&single, "/").await.text().contains("/m/late"));
+    assert!(Catalogue::open(Path::new("/nowhere")).is_err_and(|e| e.to_string().contains("/nowhere")));
+    write(dir.path().join("mesh.ply"), "ply").unwrap();
+    let refused = Catalogue::open(&dir.path().join("mesh.ply")).err().unwrap();
+    assert!(refused.to_string().contains("kilwa build"), "{refused}");
+}
+
+#[tokio::test]
+async fn page_files_are_compressed_where_that_is_accepted() {
+    let dir = tempfile::tempdir().unwrap();
+    let app = app(Site { catalogue: Catalogue::open(dir.path()).unwrap().into(), page: page() });
+    let plain = get(&app, "/viewer/boot.js").await;
+    let packed = ask(&app, "GET", "/viewer/boot.js", &[("accept-encoding", "br;q=1, gzip;q=0.5")]).await;
+    assert_eq!((plain.text().as_str(), plain.header("content-encoding")), ("export {};", ""));
+    assert_eq!((packed.text().as_str(), packed.header("content-encoding")), ("(gzip)", "gzip"));
+    assert_eq!(packed.header("vary"), "Accept-Encoding");
+    assert_ne!(plain.header("etag"), packed.header("etag"));
+    assert_eq!(packed.header("content-type"), "text/javascript; charset=utf-8");
+    let again = ask(&app, "GET", "/viewer/boot.js", &[("if-none-match", plain.header("etag"))]).await;
+    assert_eq!(again.status, 304);
+    let refused = ask(&app, "GET", "/viewer/boot.js", &[("accept-encoding", "gzip;q=0")]).await;
+    assert_eq!(refused.header("content-encoding"), "");
+    assert_eq!(get(&app, "/viewer/viewer_bg.wasm").await.header("content-type"), "application/wasm");
+    assert_eq!(get(&app, "/viewer/i18n/sw.json").await.status, 200);
+    assert_eq!(get(&app, "/viewer/boot.js.gz").await.status, 404);
+    assert_eq!(get(&app, "/healthz").await.text(), "ok\n");
+}
+
+#[test]
+fn a_page_folder_without_a_page_says_how_to_build_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let e = Page::load(Some(dir.path())).err().unwrap().to_string();
+    assert!(e.contains("cargo xtask web") && e.contains("index.html"), "{e}");
+}
