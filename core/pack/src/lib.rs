@@ -22,6 +22,7 @@
 
 mod bytes;
 pub mod chunk;
+pub mod cut;
 pub mod directory;
 pub mod error;
 pub mod footer;
@@ -34,6 +35,7 @@ pub mod writer;
 
 pub use bytes::checksum;
 pub use chunk::{Attributes, Chunk, PatchRange};
+pub use cut::Cut;
 pub use directory::{DirectoryEntry, ENTRIES_PER_PAGE, NO_DIAMOND, PAGE_BYTES};
 pub use error::PackError;
 pub use head::{Head, parse_head};
