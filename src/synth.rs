@@ -1,9 +1,139 @@
 //! `kilwa synth`.
 
-/// Make a synthetic site.
-#[derive(clap::Args)]
-pub(crate) struct Args {}
+use anyhow::Result;
+use clap::ValueEnum;
+use indicatif::{ProgressBar, ProgressStyle};
+use kilwa_builder::synth::{self, Phantom, Shape, SynthOptions, UTM_CRS};
+use std::io::Write as _;
+use std::path::PathBuf;
 
-pub(crate) fn run(_args: &Args) -> anyhow::Result<()> {
-    todo!()
+/// Make a synthetic site: a mesh to try, to test and to measure with.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// What to make.
+    #[arg(value_enum)]
+    site: SiteArg,
+    /// Triangles wanted, for example 2000000, 2M or 300k; what it comes to is within 2 % of it.
+    #[arg(long, value_name = "N", value_parser = count)]
+    triangles: u64,
+    /// The PLY file to write.
+    #[arg(short, long = "output", value_name = "FILE")]
+    output: PathBuf,
+    /// Seed of everything random: another seed makes another site of the same kind.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// Write B separate files NAME_000.ply, NAME_001.ply … whose border vertices match bit for bit.
+    #[arg(long, value_name = "B")]
+    blocks: Option<u32>,
+    /// Put it at real-world coordinates (EPSG:32737, near 566000 E, 9010000 N), in doubles.
+    #[arg(long)]
+    utm: bool,
+    /// Which phantom.
+    #[arg(long, value_enum, value_name = "SHAPE", default_value = "cube")]
+    shape: ShapeArg,
+    /// Replace files that exist.
+    #[arg(long)]
+    force: bool,
+    /// Say what was written as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum SiteArg {
+    /// A brick wall of 10 m by 5 m that faces south.
+    Wall,
+    /// A closed solid of known size: see --shape.
+    Phantom,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ShapeArg {
+    Cube,
+    Ramp,
+    Cylinder,
+    Sphere,
+    SteppedWall,
+    BentWall,
+}
+
+impl ShapeArg {
+    fn phantom(self) -> Phantom {
+        match self {
+            Self::Cube => Phantom::Cube,
+            Self::Ramp => Phantom::Ramp,
+            Self::Cylinder => Phantom::Cylinder,
+            Self::Sphere => Phantom::Sphere,
+            Self::SteppedWall => Phantom::SteppedWall,
+            Self::BentWall => Phantom::BentWall,
+        }
+    }
+}
+
+/// A count with an optional suffix k, M or G and optional digit separators.
+fn count(text: &str) -> Result<u64, String> {
+    let plain = text.replace(['_', ','], "");
+    let (digits, unit) = match plain.char_indices().last() {
+        Some((at, 'k' | 'K')) => (&plain[..at], 1_000),
+        Some((at, 'm' | 'M')) => (&plain[..at], 1_000_000),
+        Some((at, 'g' | 'G')) => (&plain[..at], 1_000_000_000),
+        _ => (plain.as_str(), 1),
+    };
+    let number = digits.parse::<u64>().ok().and_then(|n| n.checked_mul(unit));
+    number.ok_or_else(|| format!("`{text}` is no number of triangles: write for example 2000000, 2M or 300k"))
+}
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let shape = match args.site {
+        SiteArg::Wall => Shape::Wall,
+        SiteArg::Phantom => Shape::Phantom(args.shape.phantom()),
+    };
+    let options = SynthOptions {
+        triangles: args.triangles,
+        seed: args.seed,
+        blocks: args.blocks,
+        utm: args.utm,
+        force: args.force,
+    };
+    let bar = ProgressBar::new(args.triangles);
+    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent} %  {eta} left") {
+        bar.set_style(style);
+    }
+    bar.set_message("synth");
+    let report = synth::write(shape, &options, &args.output, &mut |done, expected| {
+        bar.set_length(expected.max(done));
+        bar.set_position(done);
+    });
+    bar.finish_and_clear();
+    let report = report?;
+    let mut out = std::io::stdout().lock();
+    if args.json {
+        let files: Vec<String> = report.files.iter().map(|f| f.display().to_string()).collect();
+        let json = serde_json::json!({
+            "files": files,
+            "vertices": report.vertices,
+            "triangles": report.triangles,
+            "asked_triangles": args.triangles,
+            "bytes": report.bytes,
+            "spacing_m": report.spacing,
+            "seed": args.seed,
+            "crs": args.utm.then_some(UTM_CRS),
+        });
+        writeln!(out, "{json}")?;
+        return Ok(());
+    }
+    let off = (report.triangles as f64 / args.triangles as f64 - 1.0) * 100.0;
+    match report.files.as_slice() {
+        [one] => write!(out, "{}: ", one.display())?,
+        many => write!(out, "{} files beside {}: ", many.len(), args.output.display())?,
+    }
+    writeln!(
+        out,
+        "{} triangles ({off:+.1} % of what was asked), {} vertices about {:.1} mm apart, {:.1} MB",
+        report.triangles,
+        report.vertices,
+        report.spacing * 1000.0,
+        report.bytes as f64 / 1e6
+    )?;
+    Ok(())
 }
