@@ -1,1 +1,25 @@
-//! Placeholder while the house is framed.
+//! Which chunks to fetch, decode, upload, draw and evict: a pure state machine, without I/O, clock or threads.
+//!
+//! The shell (a browser page, the headless renderer, a simulation) owns a [`Streamer`], tells it what happened as
+//! [`Event`]s and where the camera is as a [`View`], and gets [`Command`]s to carry out and the cut to draw
+//! ([`DrawPatch`]) from [`Streamer::step`]. The same calls in the same order give the same answers.
+//!
+//! Invariants, whatever the order of events: every drawn chunk is resident; the drawn cut is closed under parents, so
+//! it has neither a hole nor an overlap; what is held never exceeds the budgets ([`Budgets`]), the root chunk excepted.
+//! With a network that works in the end and a camera at rest, the drawn pixel error falls to the target or to what the
+//! budgets allow, and then nothing moves.
+//!
+//! A failed request, a damaged chunk or page is retried for as long as the streamer lives, with exponential backoff
+//! and deterministic jitter.
+
+pub mod command;
+mod draw;
+mod fetch;
+mod nodes;
+mod select;
+pub mod streamer;
+pub mod view;
+
+pub use command::{Budgets, Command, DrawPatch, Event, FetchKind, HEAD_REQUEST, RequestId, Stats, Step};
+pub use streamer::Streamer;
+pub use view::{Projection, View};

@@ -1,0 +1,145 @@
+//! Which chunks the view wants: the largest projected errors first, parents before children, until the target is
+//! met or a memory budget is full.
+//!
+//! The order is monotone along the hierarchy (a child's priority is capped by its parents'), so what is wanted is
+//! always closed under parents. Chunks that are already held count a little more ([`HELD_BONUS`]): at a camera that
+//! trembles nothing is swapped, and at a camera at rest the wanted set can only stay as it is.
+
+use crate::command::Budgets;
+use crate::nodes::{Node, Nodes};
+use crate::view::View;
+use std::collections::{BTreeMap, BinaryHeap};
+
+/// How much more a chunk counts that is already held, and how much farther one that is drawn stays drawn.
+pub(crate) const HELD_BONUS: f64 = 1.2;
+
+/// Levels that stay loaded whatever the view, if they take up no more than an eighth of the budgets.
+const PINNED_LEVEL: u8 = 2;
+const PINNED_SHARE: u64 = 8;
+
+/// The outcome.
+#[derive(Debug, Clone)]
+pub(crate) struct Wanted {
+    view: View,
+    step: f64,
+    /// Wanted chunks, most important first.
+    pub(crate) order: Vec<u32>,
+    /// The same with their priorities.
+    pub(crate) priority: BTreeMap<u32, f64>,
+    /// Something above the target did not fit.
+    pub(crate) limited: bool,
+}
+
+impl Wanted {
+    pub(crate) fn raw_priority(&self, index: u32, node: &Node) -> f64 {
+        raw_priority(index, node, &self.view, self.step)
+    }
+
+    pub(crate) fn contains(&self, index: u32) -> bool {
+        self.priority.contains_key(&index)
+    }
+}
+
+/// An entry of the frontier; ordered by priority, then the coarser (smaller) index.
+struct Candidate {
+    priority: f64,
+    index: u32,
+}
+
+impl PartialEq for Candidate {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+impl Eq for Candidate {}
+impl PartialOrd for Candidate {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl Ord for Candidate {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.priority.total_cmp(&other.priority).then(other.index.cmp(&self.index))
+    }
+}
+
+/// Running sums against the two memory budgets.
+struct Room {
+    gpu: u64,
+    cpu: u64,
+}
+
+impl Room {
+    fn take(&mut self, node: &Node, scalars: u8) -> bool {
+        let (gpu, cpu) = (node.gpu_bytes(), node.cpu_bytes(scalars));
+        if gpu > self.gpu || cpu > self.cpu {
+            return false;
+        }
+        self.gpu -= gpu;
+        self.cpu -= cpu;
+        true
+    }
+}
+
+/// Raw priority of a known chunk: weighted pixel error of what is shown while it is not refined.
+pub(crate) fn raw_priority(index: u32, node: &Node, view: &View, step: f64) -> f64 {
+    if index == 0 {
+        return f64::INFINITY;
+    }
+    let priority = view.priority(&node.entry.sphere, f64::from(node.entry.error) / step);
+    if priority.is_nan() { 0.0 } else { priority }
+}
+
+/// The pinned chunks: the first ones in directory order, closed under parents.
+pub(crate) fn pinned(nodes: &Nodes, budgets: &Budgets, scalars: u8) -> Vec<u32> {
+    let mut room = Room { gpu: budgets.gpu_bytes / PINNED_SHARE, cpu: budgets.cpu_bytes / PINNED_SHARE };
+    let mut pinned: Vec<u32> = Vec::new();
+    for (index, node) in nodes.iter() {
+        let next = index as usize == pinned.len() && node.entry.level <= PINNED_LEVEL;
+        let fits = next && room.take(node, scalars);
+        if !fits && index > 0 {
+            break;
+        }
+        pinned.push(index); // The root goes in even where it is larger than the budget: without it there is nothing.
+    }
+    pinned
+}
+
+/// What the view wants of the known part of the directory.
+pub(crate) fn wanted(nodes: &Nodes, view: &View, step: f64, budgets: &Budgets, scalars: u8, pinned: &[u32]) -> Wanted {
+    let mut room = Room { gpu: budgets.gpu_bytes, cpu: budgets.cpu_bytes };
+    for node in pinned.iter().filter_map(|&i| nodes.get(i)) {
+        let _ = room.take(node, scalars);
+    }
+    let mut out = Wanted { view: *view, step, order: Vec::new(), priority: BTreeMap::new(), limited: false };
+    let mut parents_in = BTreeMap::<u32, usize>::new();
+    let mut full = false;
+    let mut heap = BinaryHeap::from([Candidate { priority: f64::INFINITY, index: 0 }]);
+    while let Some(Candidate { priority, index }) = heap.pop() {
+        let Some(node) = nodes.get(index) else { continue };
+        if pinned.binary_search(&index).is_err() {
+            let above = raw_priority(index, node, view, step) > view.target_pixels;
+            if priority <= view.target_pixels {
+                continue;
+            }
+            full = full || !room.take(node, scalars);
+            if full {
+                out.limited |= above;
+                continue;
+            }
+        }
+        out.order.push(index);
+        out.priority.insert(index, priority);
+        for &child in nodes.children(index) {
+            let Some(node) = nodes.get(child) else { continue };
+            let count = parents_in.entry(child).or_insert(0);
+            *count += 1;
+            if *count == Nodes::parent_count(node) {
+                let bonus = if node.is_held() { HELD_BONUS } else { 1.0 };
+                let own = raw_priority(child, node, view, step) * bonus;
+                heap.push(Candidate { priority: own.min(priority), index: child });
+            }
+        }
+    }
+    out
+}

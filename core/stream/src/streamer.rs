@@ -1,0 +1,363 @@
+//! The state machine itself: events in, commands and a cut out.
+
+use crate::command::{Budgets, Command, Event, RequestId, Stats, Step};
+use crate::fetch::{PageRetry, Request, retry_time};
+use crate::nodes::{Nodes, State};
+use crate::select::{self, Wanted};
+use crate::view::View;
+use kilwa_pack::{DirectoryEntry, Head, Header, NO_DIAMOND, PAGE_BYTES, PatchRange, directory};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Streams one pack. See the crate's documentation.
+#[derive(Debug, Clone)]
+pub struct Streamer {
+    pub(crate) header: Header,
+    pub(crate) head_bytes: u64,
+    pub(crate) budgets: Budgets,
+    pub(crate) nodes: Nodes,
+    /// Chunks that are not absent.
+    pub(crate) held: BTreeSet<u32>,
+    pub(crate) requests: BTreeMap<RequestId, Request>,
+    pub(crate) next_request: RequestId,
+    pub(crate) page_retries: BTreeMap<u32, PageRetry>,
+    pub(crate) requests_made: u64,
+    /// Encoded bytes of the chunks being decoded.
+    pub(crate) decoding_bytes: u64,
+    pinned: Vec<u32>,
+    gpu_bytes: u64,
+    cpu_bytes: u64,
+    bytes_received: u64,
+    failures: u64,
+}
+
+impl Streamer {
+    /// A streamer for the pack whose head is `head` ([`kilwa_pack::parse_head`]), of which the shell has the first
+    /// `head_bytes` bytes: chunks inside them need no request.
+    pub fn new(head: &Head, head_bytes: u64, budgets: Budgets) -> Self {
+        let mut nodes = Nodes::default();
+        nodes.add_page(0, head.entries.clone());
+        let mut streamer = Self {
+            header: head.header.clone(),
+            head_bytes,
+            budgets,
+            nodes,
+            held: BTreeSet::new(),
+            requests: BTreeMap::new(),
+            next_request: crate::HEAD_REQUEST + 1,
+            page_retries: BTreeMap::new(),
+            requests_made: 0,
+            decoding_bytes: 0,
+            pinned: Vec::new(),
+            gpu_bytes: 0,
+            cpu_bytes: 0,
+            bytes_received: 0,
+            failures: 0,
+        };
+        streamer.set_budgets(budgets);
+        streamer
+    }
+
+    /// The pack's header.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// The budgets in force.
+    pub fn budgets(&self) -> &Budgets {
+        &self.budgets
+    }
+
+    /// Change the budgets; what is too much goes in the next step.
+    pub fn set_budgets(&mut self, budgets: Budgets) {
+        self.budgets = budgets;
+        self.pinned = select::pinned(&self.nodes, &budgets, self.header.attributes.scalars);
+    }
+
+    /// A directory entry, where its page is known.
+    pub fn entry(&self, index: u32) -> Option<&DirectoryEntry> {
+        self.nodes.get(index).map(|n| &n.entry)
+    }
+
+    /// The patches of a chunk, where it is decoded.
+    pub fn patches(&self, index: u32) -> Option<&[PatchRange]> {
+        self.nodes.get(index).filter(|n| !n.patches.is_empty()).map(|n| n.patches.as_slice())
+    }
+
+    /// Whether a chunk is in GPU memory.
+    pub fn is_resident(&self, index: u32) -> bool {
+        self.nodes.get(index).is_some_and(|n| n.state == State::Resident)
+    }
+
+    /// Take in what happened, decide, and say what to do and what to draw. `now_ms` is any clock that does not run
+    /// backwards.
+    pub fn step(&mut self, view: &View, now_ms: f64, events: impl IntoIterator<Item = Event>) -> Step {
+        let mut commands = Vec::new();
+        let mut arrived = Vec::new();
+        for event in events {
+            self.apply(event, now_ms, &mut arrived);
+        }
+        let scalars = self.header.attributes.scalars;
+        let step = self.header.lattice.step();
+        let wanted = select::wanted(&self.nodes, view, step, &self.budgets, scalars, &self.pinned);
+        // Answers first: their decoding frees no memory, but the bytes are here now.
+        for (chunk, request, offset) in arrived {
+            self.push_decode(chunk, request, offset, &mut commands);
+        }
+        self.cancel_unwanted(&wanted, &mut commands);
+        self.make_room(0, 0, &wanted, &mut commands);
+        self.schedule(&wanted, now_ms, &mut commands);
+        self.upload(&wanted, &mut commands);
+        let refined = self.refine(view);
+        let (draw, quality) = self.cut(view, &refined);
+        let mut stats = self.stats(&wanted, now_ms);
+        stats.patches_drawn = draw.len() as u32;
+        stats.triangles_drawn = quality.triangles;
+        stats.worst_pixel_error = quality.pixels;
+        stats.worst_error_metres = quality.metres;
+        stats.target_reached = quality.pixels <= view.target_pixels;
+        Step { commands, draw, stats }
+    }
+
+    fn apply(&mut self, event: Event, now_ms: f64, arrived: &mut Vec<(u32, RequestId, u64)>) {
+        match event {
+            Event::Bytes { request, length } => self.take_bytes(request, length, now_ms, arrived),
+            Event::PageBytes { request, bytes } => self.take_pages(request, &bytes, now_ms),
+            Event::Failed { request } => {
+                if let Some(r) = self.requests.remove(&request) {
+                    self.fail_request(request, &r, now_ms);
+                }
+            }
+            Event::Decoded { chunk, patches } => self.take_decoded(chunk, patches, now_ms),
+            Event::DecodeFailed { chunk } => {
+                if self.nodes.get(chunk).is_some_and(|n| n.state == State::Decoding) {
+                    self.fail_chunk(chunk, now_ms);
+                }
+            }
+            Event::GpuLost => {
+                for chunk in self.held.clone() {
+                    if self.nodes.get(chunk).is_some_and(|n| n.state == State::Resident) {
+                        self.release(chunk);
+                    }
+                }
+            }
+        }
+    }
+
+    fn take_bytes(&mut self, request: RequestId, length: u64, now_ms: f64, arrived: &mut Vec<(u32, RequestId, u64)>) {
+        let Some(r) = self.requests.remove(&request) else { return };
+        self.bytes_received += length;
+        if length != r.length {
+            self.fail_request(request, &r, now_ms);
+            return;
+        }
+        for &chunk in &r.parts {
+            let Some(node) = self.nodes.get_mut(chunk) else { continue };
+            if node.state == State::Requested(request) {
+                node.state = State::Decoding;
+                self.decoding_bytes += u64::from(node.entry.encoded_bytes);
+                arrived.push((chunk, request, node.entry.offset - r.offset));
+            }
+        }
+    }
+
+    fn take_pages(&mut self, request: RequestId, bytes: &[u8], now_ms: f64) {
+        let Some(r) = self.requests.remove(&request) else { return };
+        self.bytes_received += bytes.len() as u64;
+        for (at, &page) in r.parts.iter().enumerate() {
+            let parsed = bytes
+                .get(at * PAGE_BYTES..(at + 1) * PAGE_BYTES)
+                .and_then(|b| directory::parse_page(b, page, self.header.entry_count).ok());
+            match parsed {
+                Some(entries) => {
+                    self.nodes.add_page(page, entries);
+                    self.page_retries.remove(&page);
+                }
+                None => self.fail_page(page, now_ms),
+            }
+        }
+        self.set_budgets(self.budgets);
+    }
+
+    fn take_decoded(&mut self, chunk: u32, patches: Vec<PatchRange>, now_ms: f64) {
+        let entry_count = self.header.entry_count;
+        let Some(node) = self.nodes.get_mut(chunk) else { return };
+        if node.state != State::Decoding {
+            return;
+        }
+        let sound = patches.iter().all(|p| {
+            let inside = p.first.checked_add(p.count).is_some_and(|end| end <= node.entry.triangles);
+            inside && (p.diamond == NO_DIAMOND || (p.diamond > chunk && p.diamond < entry_count))
+        });
+        if !sound {
+            self.fail_chunk(chunk, now_ms);
+            return;
+        }
+        node.state = State::Decoded;
+        node.attempts = 0;
+        node.patches = patches;
+        self.decoding_bytes -= u64::from(node.entry.encoded_bytes);
+    }
+
+    fn fail_request(&mut self, request: RequestId, r: &Request, now_ms: f64) {
+        for &part in &r.parts {
+            match r.kind {
+                crate::FetchKind::Pages => self.fail_page(part, now_ms),
+                crate::FetchKind::Chunks => {
+                    if self.nodes.get(part).is_some_and(|n| n.state == State::Requested(request)) {
+                        self.fail_chunk(part, now_ms);
+                    }
+                }
+            }
+        }
+    }
+
+    fn fail_page(&mut self, page: u32, now_ms: f64) {
+        self.failures += 1;
+        let retry = self.page_retries.entry(page).or_default();
+        retry.attempts = retry.attempts.saturating_add(1);
+        retry.retry_at = retry_time(now_ms, retry.attempts, u64::from(page) << 32);
+        retry.in_flight = false;
+    }
+
+    fn fail_chunk(&mut self, chunk: u32, now_ms: f64) {
+        self.failures += 1;
+        self.release(chunk);
+        if let Some(node) = self.nodes.get_mut(chunk) {
+            node.attempts = node.attempts.saturating_add(1);
+            node.retry_at = retry_time(now_ms, node.attempts, u64::from(chunk));
+        }
+    }
+
+    pub(crate) fn push_decode(&self, chunk: u32, request: RequestId, offset: u64, commands: &mut Vec<Command>) {
+        if let Some(node) = self.nodes.get(chunk) {
+            commands.push(Command::Decode {
+                chunk,
+                request,
+                offset,
+                length: node.entry.encoded_bytes,
+                vertices: node.entry.vertices,
+                triangles: node.entry.triangles,
+                checksum: node.entry.checksum,
+            });
+        }
+    }
+
+    /// Commit memory for an absent chunk, evicting unwanted ones where needed; whether it fits.
+    pub(crate) fn hold(&mut self, chunk: u32, state: State, wanted: &Wanted, commands: &mut Vec<Command>) -> bool {
+        let scalars = self.header.attributes.scalars;
+        let Some((gpu, cpu)) = self.nodes.get(chunk).map(|n| (n.gpu_bytes(), n.cpu_bytes(scalars))) else {
+            return false;
+        };
+        if !self.make_room(gpu, cpu, wanted, commands) && chunk != 0 {
+            return false;
+        }
+        let Some(node) = self.nodes.get_mut(chunk) else { return false };
+        node.state = state;
+        if state == State::Decoding {
+            self.decoding_bytes += u64::from(node.entry.encoded_bytes);
+        }
+        self.gpu_bytes += gpu;
+        self.cpu_bytes += cpu;
+        self.held.insert(chunk);
+        true
+    }
+
+    /// Back to absent, memory given back.
+    pub(crate) fn release(&mut self, chunk: u32) {
+        let scalars = self.header.attributes.scalars;
+        let Some(node) = self.nodes.get_mut(chunk) else { return };
+        if node.state == State::Absent {
+            return;
+        }
+        if node.state == State::Decoding {
+            self.decoding_bytes -= u64::from(node.entry.encoded_bytes);
+        }
+        node.state = State::Absent;
+        node.refined = false;
+        node.patches = Vec::new();
+        self.gpu_bytes -= node.gpu_bytes();
+        self.cpu_bytes -= node.cpu_bytes(scalars);
+        self.held.remove(&chunk);
+    }
+
+    /// Evict what is not wanted, least important and finest first, until so many more bytes fit; whether they do.
+    fn make_room(&mut self, gpu: u64, cpu: u64, wanted: &Wanted, commands: &mut Vec<Command>) -> bool {
+        let fits = |s: &Self| s.gpu_bytes + gpu <= s.budgets.gpu_bytes && s.cpu_bytes + cpu <= s.budgets.cpu_bytes;
+        if fits(self) {
+            return true;
+        }
+        let mut victims: Vec<(f64, u32)> = self
+            .held
+            .iter()
+            .filter(|&&i| !wanted.contains(i))
+            .filter_map(|&i| Some((wanted.raw_priority(i, self.nodes.get(i)?), i)))
+            .collect();
+        victims.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        for (_, chunk) in victims {
+            if fits(self) {
+                return true;
+            }
+            let told = self.nodes.get(chunk).is_some_and(|n| !matches!(n.state, State::Requested(_)));
+            self.release(chunk);
+            if told {
+                commands.push(Command::Evict { chunk });
+            }
+        }
+        fits(self)
+    }
+
+    fn upload(&mut self, wanted: &Wanted, commands: &mut Vec<Command>) {
+        let mut left = self.budgets.uploads.max(1);
+        for &chunk in &wanted.order {
+            if left == 0 {
+                break;
+            }
+            if let Some(node) = self.nodes.get_mut(chunk).filter(|n| n.state == State::Decoded) {
+                node.state = State::Resident;
+                commands.push(Command::Upload { chunk });
+                left -= 1;
+            }
+        }
+    }
+
+    fn stats(&self, wanted: &Wanted, now_ms: f64) -> Stats {
+        let mut stats = Stats {
+            chunks_wanted: wanted.order.len() as u32,
+            requests_in_flight: self.requests.len() as u32,
+            requests_made: self.requests_made,
+            bytes_received: self.bytes_received,
+            failures: self.failures,
+            gpu_bytes: self.gpu_bytes,
+            cpu_bytes: self.cpu_bytes,
+            budget_limited: wanted.limited,
+            entries_known: self.nodes.iter().count() as u32,
+            retry_in_ms: -1.0,
+            ..Stats::default()
+        };
+        let mut retry_at = f64::INFINITY;
+        for node in wanted.order.iter().filter_map(|&i| self.nodes.get(i)) {
+            let bytes = u64::from(node.entry.encoded_bytes);
+            stats.bytes_wanted += bytes;
+            if node.state != State::Resident {
+                stats.chunks_missing += 1;
+                stats.bytes_missing += bytes;
+                if node.state == State::Absent && node.attempts > 0 {
+                    retry_at = retry_at.min(node.retry_at);
+                }
+            }
+        }
+        for retry in self.page_retries.values().filter(|r| !r.in_flight) {
+            retry_at = retry_at.min(retry.retry_at);
+        }
+        if retry_at.is_finite() {
+            stats.retry_in_ms = (retry_at - now_ms).max(0.0);
+        }
+        let resident = |i: &&u32| self.nodes.get(**i).is_some_and(|n| n.state == State::Resident);
+        stats.chunks_resident = self.held.iter().filter(resident).count() as u32;
+        stats.settled = stats.chunks_missing == 0
+            && self.requests.is_empty()
+            && self.decoding_bytes == 0
+            && self.nodes.page_count() == self.header.page_count() as usize;
+        stats
+    }
+}
