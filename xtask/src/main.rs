@@ -4,6 +4,9 @@
 //! `tally` how the results of different test runners are read. Exit codes are those of `kilwa`: 0 done, 1 something
 //! failed (said above), 2 usage.
 
+mod bench;
+mod demo;
+mod http;
 mod process;
 mod setup;
 mod tally;
@@ -19,12 +22,16 @@ use std::process::ExitCode;
 enum Task {
     Web(web::Args),
     Test(test::Args),
+    Demo(demo::Args),
+    Bench(bench::Args),
 }
 
 fn main() -> ExitCode {
     let done = match Task::parse() {
         Task::Web(args) => web::run(&args),
         Task::Test(args) => test::run(&args),
+        Task::Demo(args) => demo::run(&args),
+        Task::Bench(args) => bench::run(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -72,6 +72,25 @@ pub(crate) fn run(command: &mut Command) -> Result<()> {
     Ok(())
 }
 
+/// Compiles `kilwa` in the given cargo profile; the path of the program.
+///
+/// # Errors
+/// It does not compile, or there is no such profile.
+pub(crate) fn compile_kilwa(profile: &str) -> Result<PathBuf> {
+    run(&mut cargo(&["build", "--locked", "--package", "kilwa", "--profile", profile])?)?;
+    kilwa(profile)
+}
+
+/// Where cargo puts `kilwa` in the given profile.
+///
+/// # Errors
+/// As [`root`].
+pub(crate) fn kilwa(profile: &str) -> Result<PathBuf> {
+    let folder = if profile == "dev" { "debug" } else { profile };
+    let target = root()?.join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()));
+    Ok(target.join(folder).join(format!("kilwa{}", std::env::consts::EXE_SUFFIX)))
+}
+
 /// What a command writes to stdout, trimmed; nothing is shown.
 ///
 /// # Errors

@@ -5,7 +5,7 @@
 //! failures; the last line is `N passed, N failed, N skipped` over all suites, where a stage that is not a suite counts only when it
 //! fails; a suite that ran no test has failed. The exit code is 1 when anything failed.
 
-use crate::process::{cargo, command, on_path, root, run as run_command, watch};
+use crate::process::{cargo, command, kilwa, on_path, run as run_command, watch};
 use crate::tally::Tally;
 use crate::{setup, web};
 use anyhow::{Result, bail};
@@ -150,10 +150,9 @@ fn doc_examples() -> Result<Tally> {
 fn browser() -> Result<Tally> {
     let chromium = setup::chromium()?;
     let folder = setup::npm_packages("tests/browser")?;
-    let root = root()?;
-    // The same build as the tests above; a no-op after them.
+    // The same build as the tests above, so nearly nothing after them.
     run_command(&mut cargo(&["build", "--locked", "--workspace", "--bins"])?)?;
-    let kilwa = root.join("target/debug").join(format!("kilwa{}", std::env::consts::EXE_SUFFIX));
+    let kilwa = kilwa("dev")?;
     let mut npm = command("npm", &["test", "--silent"])?;
     suite(npm.current_dir(&folder).env("CHROMIUM", chromium).env("KILWA", kilwa))
 }

@@ -1,0 +1,269 @@
+//! `cargo xtask bench`: figures, never a gate.
+//!
+//! `bench kernels` runs criterion on the crates that have benches. `bench build` makes synthetic meshes, builds their packs with
+//! the release program and prints a table: time, triangles per CPU second, peak memory per input triangle, pack size. The
+//! table is added to `docs/bench/DATE-build.md` with the machine it ran on, so that figures are never compared across machines unseen.
+
+use crate::process::{cargo, command, compile_kilwa, on_path, output, root, run as run_command};
+use anyhow::{Context, Result, bail};
+use std::fmt::Write as _;
+use std::fs::{self, OpenOptions};
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+/// Measure the kernels and the building of packs.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// Criterion's benches of the core crates
+    Kernels,
+    /// Building packs of synthetic meshes: time, memory, size
+    Build(Build),
+    /// Run a program and write what it used to a file (used by `build`, in a process of its own)
+    #[command(hide = true)]
+    Measured { report: PathBuf, program: PathBuf, args: Vec<String> },
+}
+
+#[derive(clap::Args)]
+struct Build {
+    /// Triangles of each mesh
+    #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1000..))]
+    triangles: u64,
+    /// Meshes to build
+    #[arg(long, value_name = "NAME", default_values_t = ["wall".to_owned(), "fort".to_owned()])]
+    mesh: Vec<String>,
+    /// Threads of the builder; its own choice by default
+    #[arg(long, value_name = "N")]
+    threads: Option<u32>,
+    /// Cargo profile of the program; figures of `dev` are for trying out only
+    #[arg(long, value_name = "NAME", default_value = "release")]
+    profile: String,
+    /// Print the table without adding it to docs/bench
+    #[arg(long)]
+    dry: bool,
+}
+
+/// Crates with criterion benches.
+const BENCHED: [&str; 1] = ["kilwa-pack"];
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    match &args.what {
+        What::Kernels => kernels(),
+        What::Build(build) => bench_build(build),
+        What::Measured { report, program, args } => measured(report, program, args),
+    }
+}
+
+fn kernels() -> Result<()> {
+    let mut bench = cargo(&["bench", "--locked", "--benches"])?;
+    for package in BENCHED {
+        bench.args(["--package", package]);
+    }
+    run_command(&mut bench)
+}
+
+/// What one run of a program used.
+struct Usage {
+    wall_s: f64,
+    cpu_s: f64,
+    /// Largest resident set, bytes; counts mapped pages too.
+    peak_bytes: u64,
+}
+
+fn bench_build(args: &Build) -> Result<()> {
+    let kilwa = compile_kilwa(&args.profile)?;
+    let root = root()?;
+    let scratch = root.join("target/bench");
+    fs::create_dir_all(&scratch).with_context(|| format!("cannot create {}", scratch.display()))?;
+    let mut table = String::from(
+        "| mesh | triangles | input MiB | wall s | CPU s | triangles / CPU s | triangles / wall s | peak MiB | peak bytes / triangle | pack bytes / triangle |\n\
+         |---|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
+    );
+    for mesh in &args.mesh {
+        let row = bench_mesh(args, mesh, &kilwa, &scratch)?;
+        table.push_str(&row);
+    }
+    println!("\n{table}");
+    if args.dry { Ok(()) } else { archive(&root, &table, &args.profile) }
+}
+
+/// One row: makes the mesh, builds its pack, measures the build alone.
+fn bench_mesh(args: &Build, mesh: &str, kilwa: &Path, scratch: &Path) -> Result<String> {
+    let (input, pack) = (scratch.join(format!("{mesh}.ply")), scratch.join(format!("{mesh}.kilwa")));
+    let count = args.triangles.to_string();
+    let program = kilwa.to_string_lossy().into_owned();
+    run_command(command(&program, &["synth", mesh, "--triangles", &count, "-o"])?.arg(&input))?;
+    let triangles = ply_faces(&input)?;
+    let mut build = vec!["build".to_owned(), input.display().to_string(), "-o".into(), pack.display().to_string()];
+    if let Some(threads) = args.threads {
+        build.extend(["--threads".into(), threads.to_string()]);
+    }
+    let usage = run_measured(kilwa, &build, &scratch.join("usage"))?;
+    let (input_bytes, pack_bytes) = (fs::metadata(&input)?.len(), fs::metadata(&pack)?.len());
+    fs::remove_file(&input)?;
+    fs::remove_file(&pack)?;
+    let n = triangles as f64;
+    let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    Ok(format!(
+        "| {mesh} | {triangles} | {:.1} | {:.2} | {:.2} | {:.0} | {:.0} | {:.0} | {:.0} | {:.2} |\n",
+        mib(input_bytes),
+        usage.wall_s,
+        usage.cpu_s,
+        n / usage.cpu_s,
+        n / usage.wall_s,
+        mib(usage.peak_bytes),
+        usage.peak_bytes as f64 / n,
+        pack_bytes as f64 / n
+    ))
+}
+
+/// The number of faces that a PLY's header promises: what was really put in, as synth rounds.
+fn ply_faces(file: &Path) -> Result<u64> {
+    let mut head = vec![0; 4096];
+    let length = fs::File::open(file)
+        .and_then(|mut f| f.read(&mut head))
+        .with_context(|| format!("cannot read {}", file.display()))?;
+    let head = String::from_utf8_lossy(&head[..length]).into_owned();
+    let faces = head.lines().find_map(|line| line.strip_prefix("element face ")).and_then(|n| n.trim().parse().ok());
+    faces.filter(|n| *n > 0).with_context(|| format!("{} has no faces in its header", file.display()))
+}
+
+/// Runs the program below a process of its own, because the system keeps the peak memory over *all* children of a process.
+fn run_measured(program: &Path, args: &[String], report: &Path) -> Result<Usage> {
+    let me = std::env::current_exe().context("cannot find this program")?;
+    let mut wrapper = Command::new(me);
+    wrapper.args(["bench", "measured"]).arg(report).arg(program).arg("--").args(args);
+    run_command(&mut wrapper)?;
+    let text = fs::read_to_string(report).with_context(|| format!("cannot read {}", report.display()))?;
+    let mut words = text.split_whitespace();
+    let mut next = || words.next().with_context(|| format!("{} is cut short: {text:?}", report.display()));
+    Ok(Usage { wall_s: next()?.parse()?, cpu_s: next()?.parse()?, peak_bytes: next()?.parse()? })
+}
+
+#[cfg(unix)]
+fn measured(report: &Path, program: &Path, args: &[String]) -> Result<()> {
+    use nix::sys::resource::{UsageWho, getrusage};
+    use nix::sys::time::TimeValLike;
+    let started = Instant::now();
+    let status = Command::new(program)
+        .args(args)
+        .stdin(Stdio::null())
+        .status()
+        .with_context(|| format!("cannot start {}", program.display()))?;
+    let wall_s = started.elapsed().as_secs_f64();
+    if !status.success() {
+        bail!("{} failed ({status})", program.display());
+    }
+    let used = getrusage(UsageWho::RUSAGE_CHILDREN)?;
+    let cpu_s = (used.user_time() + used.system_time()).num_microseconds() as f64 / 1e6;
+    // Kilobytes on Linux, bytes on macOS.
+    let unit = if cfg!(target_os = "macos") { 1 } else { 1024 };
+    let peak_bytes = u64::try_from(used.max_rss())? * unit;
+    fs::write(report, format!("{wall_s} {cpu_s} {peak_bytes}\n"))
+        .with_context(|| format!("cannot write {}", report.display()))
+}
+
+#[cfg(not(unix))]
+fn measured(_report: &Path, _program: &Path, _args: &[String]) -> Result<()> {
+    bail!(
+        "CPU time and peak memory of a child are read with getrusage, which this system does not have; run this on Linux or macOS"
+    )
+}
+
+/// Adds the table to today's file, with the commit and the machine.
+fn archive(root: &Path, table: &str, profile: &str) -> Result<()> {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).context("the clock stands before 1970")?.as_secs();
+    let (year, month, day) = civil_date(now / 86_400);
+    let folder = root.join("docs/bench");
+    fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    let file = folder.join(format!("{year:04}-{month:02}-{day:02}-build.md"));
+    let mut text = String::new();
+    if !file.exists() {
+        writeln!(
+            text,
+            "# Building packs, {year:04}-{month:02}-{day:02}\n\nWritten by `cargo xtask bench build`; release build of `kilwa`."
+        )?;
+    }
+    let commit =
+        output(&mut command("git", &["describe", "--always", "--dirty"])?).unwrap_or_else(|_| "unknown".into());
+    let compiler = output(&mut command("rustc", &["--version"])?)?;
+    writeln!(
+        text,
+        "\n## {:02}:{:02} UTC, commit {commit}\n\n{}; {compiler}, profile {profile}.\n",
+        now / 3600 % 24,
+        now / 60 % 60,
+        machine()
+    )?;
+    text.push_str(table);
+    let mut archive = OpenOptions::new()
+        .create(true)
+        .append(true)
+        .open(&file)
+        .with_context(|| format!("cannot open {}", file.display()))?;
+    archive.write_all(text.as_bytes()).with_context(|| format!("cannot write {}", file.display()))?;
+    println!("added to {}", file.display());
+    Ok(())
+}
+
+/// Processor, number of threads, memory and system, as far as they can be read.
+fn machine() -> String {
+    let field = |file: &str, name: &str| {
+        let text = fs::read_to_string(file).unwrap_or_default();
+        text.lines().find_map(|line| line.strip_prefix(name)?.split_once(':').map(|(_, value)| value.trim().to_owned()))
+    };
+    let processor = field("/proc/cpuinfo", "model name").unwrap_or_else(|| std::env::consts::ARCH.into());
+    let threads = std::thread::available_parallelism().map_or(0, std::num::NonZero::get);
+    let memory = field("/proc/meminfo", "MemTotal").unwrap_or_else(|| "unknown".into());
+    let system = on_path(&["uname"])
+        .and_then(|_| output(&mut command("uname", &["-sr"]).ok()?).ok())
+        .unwrap_or_else(|| std::env::consts::OS.into());
+    format!("{processor}, {threads} threads available, memory {memory}, {system}")
+}
+
+/// Year, month and day of a day counted from 1970-01-01 in the Gregorian calendar (Hinnant, "chrono-compatible low-level date algorithms").
+fn civil_date(day: u64) -> (u64, u64, u64) {
+    let shifted = day + 719_468;
+    let era = shifted / 146_097;
+    let day_of_era = shifted % 146_097;
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    (year, month, day_of_year - (153 * month_from_march + 2) / 5 + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_become_dates_across_leap_years_and_centuries() {
+        assert_eq!(civil_date(0), (1970, 1, 1));
+        assert_eq!(civil_date(11_016), (2000, 2, 29));
+        assert_eq!(civil_date(11_017), (2000, 3, 1));
+        assert_eq!(civil_date(20_778), (2026, 11, 21));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_measured_run_reports_its_own_use_and_a_failing_one_is_an_error() {
+        let report = std::env::temp_dir().join(format!("kilwa-usage-{}", std::process::id()));
+        measured(&report, Path::new("sh"), &["-c".into(), "exit 0".into()]).unwrap();
+        let text = fs::read_to_string(&report).unwrap();
+        let numbers: Vec<f64> = text.split_whitespace().map(|word| word.parse().unwrap()).collect();
+        assert_eq!(numbers.len(), 3);
+        assert!(numbers[2] > 0.0, "peak memory of a shell is not zero");
+        assert!(
+            measured(&report, Path::new("sh"), &["-c".into(), "exit 3".into()]).unwrap_err().to_string().contains('3')
+        );
+        fs::remove_file(&report).unwrap();
+    }
+}

@@ -1,0 +1,200 @@
+//! `cargo xtask demo`: from sources to a fort in the browser. Builds the page and the program, makes a synthetic fort, builds
+//! and verifies its pack, serves it on this machine and prints the address.
+//!
+//! Output: the folder `demo/` (ignored by git). The pack of an earlier run is kept while program and size are the same.
+//! `--check` fetches the page and the head of the pack once over HTTP, then ends; CI uses it with a small fort.
+
+use crate::process::{command, compile_kilwa, root, run as run_command};
+use crate::{http, web};
+use anyhow::{Context, Result, bail};
+use std::fs;
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+/// Make a fort, build its pack and show it in the browser.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Triangles of the fort
+    #[arg(long, value_name = "N", default_value_t = 2_000_000, value_parser = clap::value_parser!(u64).range(1000..))]
+    triangles: u64,
+    /// Cargo profile of the program; `dev` compiles faster and builds packs slower
+    #[arg(long, value_name = "NAME", default_value = "release")]
+    profile: String,
+    /// First port to try
+    #[arg(long, value_name = "PORT", default_value_t = 8080)]
+    port: u16,
+    /// Fetch the page and the head of the pack once, then end
+    #[arg(long)]
+    check: bool,
+}
+
+/// How long the server may take until it answers.
+const START_WITHIN: Duration = Duration::from_secs(30);
+/// How many ports after the first are tried.
+const PORTS: u16 = 20;
+/// First request of a viewer (FORMAT section 2: header, directory page 0 and the coarsest chunks lie in it).
+const HEAD_BYTES: u64 = 128 << 10;
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let mut times = Vec::new();
+    timed(&mut times, "page", || web::run(&web::Args {}))?;
+    let kilwa = timed(&mut times, "compile", || compile_kilwa(&args.profile))?;
+    let folder = root()?.join("demo");
+    let pack = make_pack(&mut times, &kilwa, &folder, args.triangles)?;
+    timed(&mut times, "verify", || run_kilwa(&kilwa, &["verify"], &[&pack]))?;
+
+    let address = free_address(args.port)?;
+    let served = Instant::now();
+    let mut server = Server::start(&kilwa, &folder, address)?;
+    check(address, &pack)?;
+    times.push(("serve", served.elapsed()));
+
+    println!("\nseconds  step");
+    for (step, took) in &times {
+        println!("{:>7.1}  {step}", took.as_secs_f64());
+    }
+    if args.check {
+        println!("\nThe page and the head of the pack came over HTTP from http://{address}/");
+        return Ok(());
+    }
+    println!("\nThe fort is at  http://{address}/m/fort  (Ctrl-C ends)");
+    server.wait()
+}
+
+/// The fort's pack in `folder`, made anew unless the last run made the same with the same program.
+fn make_pack(
+    times: &mut Vec<(&'static str, Duration)>,
+    kilwa: &Path,
+    folder: &Path,
+    triangles: u64,
+) -> Result<PathBuf> {
+    fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    let (mesh, pack, stamp) = (folder.join("fort.ply"), folder.join("fort.kilwa"), folder.join(".fort"));
+    let program = fs::read(kilwa).with_context(|| format!("cargo left no {}", kilwa.display()))?;
+    let key = format!("{triangles} {}", blake3::hash(&program).to_hex());
+    if pack.is_file() && fs::read_to_string(&stamp).is_ok_and(|have| have == key) {
+        println!("demo: {} of the last run is kept", pack.display());
+        return Ok(pack);
+    }
+    let count = triangles.to_string();
+    timed(times, "synth", || run_kilwa(kilwa, &["synth", "fort", "--triangles", &count, "-o"], &[&mesh]))?;
+    timed(times, "build", || run_kilwa(kilwa, &["build", "-o"], &[&pack, &mesh]))?;
+    // The mesh is the larger of the two files and the pack holds all of it.
+    fs::remove_file(&mesh).with_context(|| format!("cannot remove {}", mesh.display()))?;
+    fs::write(&stamp, key).with_context(|| format!("cannot write {}", stamp.display()))?;
+    Ok(pack)
+}
+
+fn run_kilwa(kilwa: &Path, args: &[&str], paths: &[&Path]) -> Result<()> {
+    let mut command = command(&kilwa.to_string_lossy(), args)?;
+    run_command(command.args(paths))
+}
+
+fn timed<T>(
+    times: &mut Vec<(&'static str, Duration)>,
+    step: &'static str,
+    work: impl FnOnce() -> Result<T>,
+) -> Result<T> {
+    println!("\n== {step}");
+    let started = Instant::now();
+    let made = work()?;
+    times.push((step, started.elapsed()));
+    Ok(made)
+}
+
+/// The first address of this machine, from `port` on, that nobody listens at.
+fn free_address(port: u16) -> Result<SocketAddr> {
+    for port in port..=port.saturating_add(PORTS) {
+        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+        if TcpListener::bind(address).is_ok() {
+            return Ok(address);
+        }
+        println!("demo: port {port} is taken");
+    }
+    bail!("ports {port} to {} are all taken; choose another with --port", port.saturating_add(PORTS))
+}
+
+/// What a visitor's browser asks for first: the list, the model's page, its code, and the head of the pack by range.
+fn check(address: SocketAddr, pack: &Path) -> Result<()> {
+    for (path, expected) in [("/", &b"<html"[..]), ("/m/fort", b"<canvas"), ("/viewer/viewer_bg.wasm", b"\0asm")] {
+        let answer = http::get(address, path, None, 16 << 20)?;
+        if answer.status != 200 || !answer.body.windows(expected.len()).any(|window| window == expected) {
+            let expected = String::from_utf8_lossy(expected);
+            bail!("http://{address}{path}: status {}, {} bytes without {expected:?}", answer.status, answer.body.len());
+        }
+    }
+    let path = "/packs/fort.kilwa";
+    let head = http::get(address, path, Some((0, HEAD_BYTES - 1)), 1 << 20)?;
+    let on_disk = fs::read(pack).with_context(|| format!("cannot read {}", pack.display()))?;
+    let expected = &on_disk[..on_disk.len().min(usize::try_from(HEAD_BYTES)?)];
+    if head.status != 206 || head.body != expected {
+        bail!(
+            "http://{address}{path}: a range of {HEAD_BYTES} bytes is answered with status {} and {} bytes, not the head of {}",
+            head.status,
+            head.body.len(),
+            pack.display()
+        );
+    }
+    Ok(())
+}
+
+/// `kilwa serve` as a child that never outlives this task.
+struct Server(Child);
+
+impl Server {
+    fn start(kilwa: &Path, folder: &Path, address: SocketAddr) -> Result<Self> {
+        let listen = address.to_string();
+        let mut serve = command(&kilwa.to_string_lossy(), &["serve", "--listen", &listen])?;
+        let child = serve
+            .arg(folder)
+            .stdin(Stdio::null())
+            .spawn()
+            .with_context(|| format!("cannot start {}", kilwa.display()))?;
+        let mut server = Self(child);
+        let started = Instant::now();
+        while TcpStream::connect(address).is_err() {
+            if let Some(status) = server.0.try_wait()? {
+                bail!("`kilwa serve` ended before it listened at {address} ({status})");
+            }
+            if started.elapsed() > START_WITHIN {
+                bail!("`kilwa serve` does not listen at {address} after {} s", START_WITHIN.as_secs());
+            }
+            sleep(Duration::from_millis(50));
+        }
+        Ok(server)
+    }
+
+    fn wait(&mut self) -> Result<()> {
+        let status = self.0.wait()?;
+        // Ctrl-C reaches the server too; it has no exit code then, or 0 when it shut down in order.
+        if status.success() || status.code().is_none() {
+            return Ok(());
+        }
+        bail!("`kilwa serve` failed ({status})")
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        // It may have ended already; nothing is left to do then.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_taken_port_is_passed_over() {
+        let taken = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let port = taken.local_addr().unwrap().port();
+        let free = free_address(port).unwrap();
+        assert_ne!(free.port(), port);
+        assert!(free.ip().is_loopback());
+    }
+}
