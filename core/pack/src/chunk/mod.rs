@@ -2,6 +2,9 @@
 
 mod order;
 mod payload;
+mod predict;
+mod rans;
+mod residual;
 
 use crate::error::PackError;
 use kilwa_geometry::Mesh;
@@ -13,6 +16,9 @@ pub const MAX_CHUNK_TRIANGLES: u32 = 1 << 20;
 pub const MAX_CHUNK_VERTICES: u32 = 3 << 20;
 /// Most encoded bytes of one chunk.
 pub const MAX_CHUNK_BYTES: u32 = 1 << 29;
+/// Most triangles per encoded byte: a chunk that would be denser is padded, so that a decoder can bound what it
+/// allocates by what is there.
+const MAX_PER_BYTE: usize = 64;
 /// Most scalar channels.
 pub const MAX_SCALARS: u8 = 16;
 
@@ -132,8 +138,10 @@ pub fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -> Resul
     if attributes.scalars > MAX_SCALARS {
         return bad(format!("{} scalar channels; at most 16 are possible", attributes.scalars));
     }
-    // Every triangle takes a byte at least: what is not there is not allocated for.
-    if declared.triangles as usize > bytes.len() || declared.vertices as usize > 3 * declared.triangles as usize {
+    // What the bytes cannot hold is not allocated for.
+    if (declared.triangles as usize).div_ceil(MAX_PER_BYTE) > bytes.len()
+        || declared.vertices as usize > 3 * declared.triangles as usize
+    {
         return bad(format!(
             "{} triangles and {} vertices cannot be in {} bytes",
             declared.triangles,
@@ -144,6 +152,14 @@ pub fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -> Resul
     let chunk = payload::decode(bytes, declared, attributes)?;
     check(&chunk, attributes)?;
     Ok(chunk)
+}
+
+/// The patch table of an encoded chunk, without decoding its geometry.
+///
+/// # Errors
+/// [`PackError`] when the bytes do not begin with one.
+pub fn patch_table(bytes: &[u8]) -> Result<Vec<PatchRange>, PackError> {
+    payload::read_patches(&mut crate::bytes::Cursor::new(bytes, "chunk"))
 }
 
 /// Whether a chunk is what it should be: attributes complete, indices inside, patches tiling the triangles.

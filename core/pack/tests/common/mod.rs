@@ -37,9 +37,6 @@ pub fn height_field(n: usize, patches: usize, seed: u64, attributes: Attributes)
             let jitter = [random.gauss() * 0.002, random.gauss() * 0.002];
             let z = relief + random.gauss() * 0.00015;
             mesh.positions.push([x + jitter[0] + 3.0, y + jitter[1] + 5.0, z + 1.0].map(|c| (c * step) as i32));
-            let slope = [0.35 * (x * 7.0).cos() * (y * 5.0).cos(), 0.25 * (x * 7.0).sin() * (y * 5.0).sin(), 1.0];
-            let slope = [slope[0] + random.gauss() * 0.03, slope[1] + random.gauss() * 0.03, slope[2]];
-            mesh.normals.push(normal::quantize(normal::encode(slope), 10));
             if attributes.colors {
                 let base = 130.0 + 40.0 * (x * 11.0).sin() * (y * 13.0).sin();
                 let grey = random.gauss() * 3.5;
@@ -62,6 +59,7 @@ pub fn height_field(n: usize, patches: usize, seed: u64, attributes: Attributes)
             mesh.borders.push(u8::from(north) << 1 | u8::from(west) << 2);
         }
     }
+    mesh.normals = area_weighted(&mesh);
     let total = mesh.triangles.len() as u32;
     let patches = patches as u32;
     let edges: Vec<u32> =
@@ -69,6 +67,22 @@ pub fn height_field(n: usize, patches: usize, seed: u64, attributes: Attributes)
     let patches =
         edges.windows(2).map(|w| PatchRange { first: w[0], count: w[1] - w[0], diamond: NO_DIAMOND }).collect();
     Chunk { mesh, patches }
+}
+
+/// Area-weighted normals of the whole field, to 10 bits, as the builder makes them.
+fn area_weighted(mesh: &Mesh) -> Vec<[i16; 2]> {
+    let mut sums = vec![[0.0f64; 3]; mesh.positions.len()];
+    for (t, triangle) in mesh.triangles.iter().enumerate() {
+        let [p, q, r] = mesh.corners(t).map(|c| c.map(f64::from));
+        let [u, v] = [q, r].map(|x| [x[0] - p[0], x[1] - p[1], x[2] - p[2]]);
+        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        for corner in triangle {
+            for k in 0..3 {
+                sums[*corner as usize][k] += n[k];
+            }
+        }
+    }
+    sums.into_iter().map(|n| normal::quantize(normal::encode(n), 10)).collect()
 }
 
 /// The entry of an encoded chunk.
