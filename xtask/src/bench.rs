@@ -81,7 +81,6 @@ fn bench_build(args: &Build) -> Result<()> {
     let kilwa = compile_kilwa(&args.profile)?;
     let root = root()?;
     let scratch = root.join("target/bench");
-    fs::create_dir_all(&scratch).with_context(|| format!("cannot create {}", scratch.display()))?;
     let mut table = String::from(
         "| mesh | triangles | input MiB | wall s | CPU s | triangles / CPU s | triangles / wall s | peak MiB | peak bytes / triangle | pack bytes / triangle |\n\
          |---|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
@@ -96,6 +95,10 @@ fn bench_build(args: &Build) -> Result<()> {
 
 /// One row: makes the mesh, builds its pack, measures the build alone.
 fn bench_mesh(args: &Build, mesh: &str, kilwa: &Path, scratch: &Path) -> Result<String> {
+    if scratch.exists() {
+        fs::remove_dir_all(scratch).with_context(|| format!("cannot empty {}", scratch.display()))?;
+    }
+    fs::create_dir_all(scratch).with_context(|| format!("cannot create {}", scratch.display()))?;
     let (input, pack) = (scratch.join(format!("{mesh}.ply")), scratch.join(format!("{mesh}.kilwa")));
     let count = args.triangles.to_string();
     let program = kilwa.to_string_lossy().into_owned();
@@ -107,8 +110,6 @@ fn bench_mesh(args: &Build, mesh: &str, kilwa: &Path, scratch: &Path) -> Result<
     }
     let usage = run_measured(kilwa, &build, &scratch.join("usage"))?;
     let (input_bytes, pack_bytes) = (fs::metadata(&input)?.len(), fs::metadata(&pack)?.len());
-    fs::remove_file(&input)?;
-    fs::remove_file(&pack)?;
     let n = triangles as f64;
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
     Ok(format!(

@@ -8,6 +8,7 @@ use crate::process::{command, compile_kilwa, root, run as run_command};
 use crate::{http, web};
 use anyhow::{Context, Result, bail};
 use std::fs;
+use std::io::ErrorKind;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
@@ -79,13 +80,26 @@ fn make_pack(
         println!("demo: {} of the last run is kept", pack.display());
         return Ok(pack);
     }
+    // What an interrupted run left is no result.
+    for file in [&stamp, &mesh, &pack] {
+        remove(file)?;
+    }
     let count = triangles.to_string();
     timed(times, "synth", || run_kilwa(kilwa, &["synth", "fort", "--triangles", &count, "-o"], &[&mesh]))?;
     timed(times, "build", || run_kilwa(kilwa, &["build", "-o"], &[&pack, &mesh]))?;
     // The mesh is the larger of the two files and the pack holds all of it.
-    fs::remove_file(&mesh).with_context(|| format!("cannot remove {}", mesh.display()))?;
+    remove(&mesh)?;
     fs::write(&stamp, key).with_context(|| format!("cannot write {}", stamp.display()))?;
     Ok(pack)
+}
+
+fn remove(file: &Path) -> Result<()> {
+    match fs::remove_file(file) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("cannot remove {}", file.display()))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn run_kilwa(kilwa: &Path, args: &[&str], paths: &[&Path]) -> Result<()> {
