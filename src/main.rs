@@ -4,6 +4,7 @@ mod build;
 mod extract;
 mod info;
 mod measure;
+mod progress;
 mod render;
 mod serve;
 mod source;

@@ -4,8 +4,20 @@
 //! `levels` (merge, lock, simplify, certify, split; finest first) → `assemble` (encode, order, write).
 //! `synth` makes the demo and test sites.
 
+pub mod assemble;
+mod build;
+pub mod certify;
+pub mod levels;
+pub mod options;
+pub mod partition;
+pub mod prepare;
+pub mod progress;
 pub mod raw;
 pub mod read;
+pub mod simplify;
 pub mod synth;
 
-pub use raw::RawMesh;
+pub use build::{BuildReport, Built, Finding, build_pack};
+pub use options::{BuildError, BuildOptions, Units, Up};
+pub use progress::{Progress, Silent};
+pub use raw::{Findings, RawMesh};

@@ -66,3 +66,49 @@ impl Findings {
         }
     }
 }
+
+/// The grey of a vertex whose file has no colours, where others have.
+const UNCOLOURED: [u8; 3] = [200, 196, 188];
+
+impl RawMesh {
+    /// Join another mesh to this one. Where only one of them has colours or scalars, the vertices of the other get a
+    /// neutral grey or 0, counted; where only one has normals, the given normals are dropped and made anew, counted.
+    pub fn append(&mut self, mut other: Self) {
+        let (mine, theirs) = (self.positions.len(), other.positions.len());
+        if self.colors.is_empty() != other.colors.is_empty() {
+            let n = if self.colors.is_empty() { mine } else { theirs };
+            self.findings.add_many("vertices without colour beside coloured ones, shown grey", n as u64);
+            self.colors.resize(mine, UNCOLOURED);
+            other.colors.resize(theirs, UNCOLOURED);
+        }
+        self.colors.append(&mut other.colors);
+        if self.normals.is_empty() == other.normals.is_empty() {
+            self.normals.append(&mut other.normals);
+        } else {
+            let n = self.normals.len() + other.normals.len();
+            self.findings.add_many("normals dropped and computed anew, because other files have none", n as u64);
+            self.normals.clear();
+        }
+        for (name, values) in &mut self.scalars {
+            match other.scalars.iter_mut().find(|s| s.0 == *name) {
+                Some((_, more)) => values.append(more),
+                None => {
+                    self.findings.add_many("vertices without a scalar that other files have, set to 0", theirs as u64);
+                    values.resize(mine + theirs, 0.0);
+                }
+            }
+        }
+        for (name, values) in other.scalars {
+            if !self.scalars.iter().any(|s| s.0 == name) {
+                self.findings.add_many("vertices without a scalar that other files have, set to 0", mine as u64);
+                let mut all = vec![0.0; mine];
+                all.extend(values);
+                self.scalars.push((name, all));
+            }
+        }
+        let base = mine as u32;
+        self.positions.append(&mut other.positions);
+        self.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + base)));
+        self.findings.merge(other.findings);
+    }
+}

@@ -56,24 +56,19 @@ impl Tetra {
         [fix(first), fix(second)]
     }
 
-    /// On which side of the bisecting plane a point lies: the child (0 or 1) that a point given as the *sum of three
-    /// vertices* (three times a triangle's centroid) belongs to. Exact; ties go to child 0.
-    pub fn child_of_sum(&self, sum: [i64; 3]) -> usize {
-        // The bisecting plane contains the midpoint and the two vertices off the longest edge. Its normal is the
-        // longest edge's direction made orthogonal to (v1-m) and (v2-m); v[0] lies on its positive side.
+    /// The plane that separates the two children.
+    pub fn split_plane(&self) -> SplitPlane {
+        // It contains the midpoint and the two vertices off the longest edge; v[0] lies on its positive side.
         let m = self.midpoint();
-        let e1 = sub(self.v[1], m);
-        let e2 = sub(self.v[2], m);
-        let mut n = cross(e1, e2);
-        let g = gcd(gcd(n[0].unsigned_abs() as u128, n[1].unsigned_abs() as u128), n[2].unsigned_abs() as u128).max(1);
+        let mut n = cross(sub(self.v[1], m), sub(self.v[2], m));
+        let g = gcd(gcd(n[0].unsigned_abs(), n[1].unsigned_abs()), n[2].unsigned_abs()).max(1);
         for x in &mut n {
             *x /= g as i128;
         }
         if dot(n, sub(self.v[0], m)) < 0 {
             n = n.map(|x| -x);
         }
-        let p: [i128; 3] = std::array::from_fn(|i| i128::from(sum[i]) - 3 * i128::from(m[i]));
-        usize::from(dot(n, p) < 0)
+        SplitPlane { normal: n.map(|x| x as i64), through3: m.map(|x| 3 * i64::from(x)) }
     }
 
     /// How far the point `sum / 3` lies outside this tetrahedron, as a non-negative number comparable between
@@ -91,6 +86,21 @@ impl Tetra {
             worst = worst.max(-s);
         }
         worst
+    }
+}
+
+/// A bisecting plane: its normal has components -1, 0 or 1 (the subdivision knows no others).
+#[derive(Debug, Clone, Copy)]
+pub struct SplitPlane {
+    normal: [i64; 3],
+    through3: [i64; 3],
+}
+
+impl SplitPlane {
+    /// The child (0 or 1) that a point, given as the *sum of three vertices* (three times a triangle's centroid),
+    /// belongs to. Exact; ties go to child 0.
+    pub fn child_of_sum(&self, sum: [i64; 3]) -> usize {
+        usize::from((0..3).map(|i| self.normal[i] * (sum[i] - self.through3[i])).sum::<i64>() < 0)
     }
 }
 
@@ -170,7 +180,7 @@ mod tests {
             let sum = [random(), random(), random()];
             let mut t = *Tetra::roots(6).iter().find(|t| t.violation(sum) <= 1e-9).expect("the roots tile the cube");
             for _ in 0..9 {
-                t = t.children()[t.child_of_sum(sum)];
+                t = t.children()[t.split_plane().child_of_sum(sum)];
                 assert!(t.violation(sum) <= 1e-9, "{t:?} {sum:?}");
             }
         }

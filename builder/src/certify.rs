@@ -1,0 +1,321 @@
+//! The certified two-sided error of one simplification step, and its accumulation to a bound against the finest surface.
+//!
+//! The distance from a point of a triangle T to *one* triangle T' is convex over T, so the largest of the distances of
+//! T's corners to T' bounds it for all of T. The smallest such bound over all T' is what a piece of T is certified with;
+//! pieces are halved where that is loose (design/hierarchy.md, "The error is a promise").
+//!
+//! Carried per triangle of a patch, in lattice steps, both against the *finest* surface:
+//! `out` – every point of this triangle is within `out` of the finest surface;
+//! `back` – every point of the finest surface that is accounted to this triangle is within `back` of it.
+//! Every point of the finest surface is accounted to some triangle of every level, so the largest `back` bounds the
+//! other direction.
+
+use kilwa_geometry::Mesh;
+use kilwa_geometry::distance::{DISTANCE_SLACK, Vec3, dot, point_triangle_squared, sub};
+use rustc_hash::FxHashMap;
+
+/// Halvings of a triangle after which a loose bound is accepted (it is a bound all the same).
+const MAX_HALVINGS: u32 = 12;
+/// A piece whose bound is this close to what is surely there is tight enough.
+const TIGHT: f64 = 1.25;
+/// Pieces bounded by this share of the largest distance found so far do not decide anything.
+const UNIMPORTANT: f64 = 0.7;
+
+/// Bounds of one triangle against the finest surface, in lattice steps.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Bound {
+    /// From this triangle to the finest surface.
+    pub out: f32,
+    /// From the finest surface accounted to this triangle, to it.
+    pub back: f32,
+}
+
+type Triangle = [Vec3; 3];
+
+/// Bounds for every triangle of `coarse`, given those of `fine`, which `coarse` replaces.
+pub fn certify(fine: &Mesh, fine_bounds: &[Bound], coarse: &Mesh) -> Vec<Bound> {
+    let origin = fine.bounds().min;
+    let local = |m: &Mesh| -> Vec<Triangle> {
+        (0..m.triangle_count())
+            .map(|t| m.corners(t).map(|p| std::array::from_fn(|i| f64::from(p[i] - origin[i]))))
+            .collect()
+    };
+    let (f, c) = (local(fine), local(coarse));
+    // Triangles that both share need no search.
+    let name = |t: &Triangle| {
+        let mut k = t.map(|p| p.map(|x| x as i64));
+        k.sort_unstable();
+        k
+    };
+    let mut same: FxHashMap<[[i64; 3]; 3], u32> = FxHashMap::default();
+    c.iter().enumerate().for_each(|(i, t)| {
+        same.entry(name(t)).or_insert(i as u32);
+    });
+    let twin_in_coarse: Vec<Option<u32>> = f.iter().map(|t| same.get(&name(t)).copied()).collect();
+    let mut twin_in_fine: Vec<Option<u32>> = vec![None; c.len()];
+    for (i, twin) in twin_in_coarse.iter().enumerate() {
+        if let Some(t) = twin {
+            twin_in_fine[*t as usize].get_or_insert(i as u32);
+        }
+    }
+    let mut bounds = vec![Bound::default(); c.len()];
+    // From fine to coarse: what was accounted to a fine triangle is now accounted to the nearest coarse ones.
+    let tree = Bvh::new(&c);
+    let sure = cover(&f, &twin_in_coarse, &tree, &c, 0.0, |from, to, d| {
+        let b = &mut bounds[to as usize].back;
+        *b = b.max(add_up(d, fine_bounds[from as usize].back));
+    });
+    // From coarse to fine. What the first direction found is there anyway, so the second need not look below it.
+    let tree = Bvh::new(&f);
+    cover(&c, &twin_in_fine, &tree, &f, sure, |from, to, d| {
+        let b = &mut bounds[from as usize].out;
+        *b = b.max(add_up(d, fine_bounds[to as usize].out));
+    });
+    bounds
+}
+
+/// `d + carried` rounded up to f32, with the slack of the distance computation.
+fn add_up(d: f64, carried: f32) -> f32 {
+    let sum = d * (1.0 + DISTANCE_SLACK) + f64::from(carried);
+    let f = sum as f32;
+    if f64::from(f) < sum { f.next_up() } else { f }
+}
+
+/// Cover every triangle of `from` with pieces, each certified to be within `d` of one triangle of `to`, and report them.
+/// `sure` is a distance that is there in any case; returns it raised by what was found here. It steers the effort, not
+/// the truth of the result.
+fn cover(
+    from: &[Triangle],
+    twins: &[Option<u32>],
+    tree: &Bvh,
+    to: &[Triangle],
+    mut sure: f64,
+    mut report: impl FnMut(u32, u32, f64),
+) -> f64 {
+    let mut hint = 0;
+    let mut corners: Vec<[f64; 3]> = vec![[0.0; 3]; from.len()];
+    for (i, t) in from.iter().enumerate() {
+        if twins[i].is_none() {
+            for k in 0..3 {
+                let (d, h) = tree.nearest(&[t[k]], to, hint);
+                hint = h;
+                corners[i][k] = d;
+                sure = sure.max(d);
+            }
+        }
+    }
+    for (i, t) in from.iter().enumerate() {
+        if let Some(twin) = twins[i] {
+            report(i as u32, twin, 0.0);
+            continue;
+        }
+        let mut stack = vec![(*t, corners[i], 0u32)];
+        while let Some((piece, at_corners, depth)) = stack.pop() {
+            let (bound, nearest) = tree.nearest(&piece, to, hint);
+            hint = nearest;
+            let there = at_corners.iter().copied().fold(0.0, f64::max);
+            if bound <= there * TIGHT || bound <= sure * UNIMPORTANT || depth >= MAX_HALVINGS {
+                report(i as u32, nearest, bound);
+                continue;
+            }
+            // Halve the longest edge.
+            let len = |k: usize| {
+                let e = sub(piece[k], piece[(k + 1) % 3]);
+                dot(e, e)
+            };
+            let k = (0..3).max_by(|&a, &b| len(a).total_cmp(&len(b))).unwrap_or(0);
+            let (p, q, r) = (piece[k], piece[(k + 1) % 3], piece[(k + 2) % 3]);
+            let m: Vec3 = std::array::from_fn(|x| (p[x] + q[x]) * 0.5);
+            let (dp, dq, dr) = (at_corners[k], at_corners[(k + 1) % 3], at_corners[(k + 2) % 3]);
+            let (dm, _) = tree.nearest(&[m], to, nearest);
+            sure = sure.max(dm);
+            stack.push(([p, m, r], [dp, dm, dr], depth + 1));
+            stack.push(([m, q, r], [dm, dq, dr], depth + 1));
+        }
+    }
+    sure
+}
+
+/// Triangles in a leaf of the search tree.
+const LEAF: usize = 4;
+
+struct Node {
+    min: Vec3,
+    max: Vec3,
+    /// Leaf: first item; inner: index of the right child (the left one follows the node).
+    link: u32,
+    /// Items in a leaf; 0 for an inner node.
+    count: u32,
+}
+
+/// A bounding-volume tree over triangles, split at the median of the longest axis.
+struct Bvh {
+    nodes: Vec<Node>,
+    items: Vec<u32>,
+}
+
+impl Bvh {
+    fn new(triangles: &[Triangle]) -> Self {
+        let centers: Vec<Vec3> =
+            triangles.iter().map(|t| std::array::from_fn(|i| t[0][i] + t[1][i] + t[2][i])).collect();
+        let mut tree = Self { nodes: Vec::new(), items: (0..triangles.len() as u32).collect() };
+        if !triangles.is_empty() {
+            tree.build(triangles, &centers, 0, triangles.len());
+        }
+        tree
+    }
+
+    fn build(&mut self, triangles: &[Triangle], centers: &[Vec3], start: usize, end: usize) {
+        let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        let (mut cmin, mut cmax) = (min, max);
+        for &t in &self.items[start..end] {
+            for i in 0..3 {
+                for p in &triangles[t as usize] {
+                    min[i] = min[i].min(p[i]);
+                    max[i] = max[i].max(p[i]);
+                }
+                let c = centers[t as usize][i];
+                cmin[i] = cmin[i].min(c);
+                cmax[i] = cmax[i].max(c);
+            }
+        }
+        let node = self.nodes.len();
+        self.nodes.push(Node { min, max, link: start as u32, count: (end - start) as u32 });
+        if end - start <= LEAF {
+            return;
+        }
+        let axis = (0..3).max_by(|&a, &b| (cmax[a] - cmin[a]).total_cmp(&(cmax[b] - cmin[b]))).unwrap_or(0);
+        let mid = usize::midpoint(start, end);
+        self.items[start..end].select_nth_unstable_by(mid - start, |a, b| {
+            centers[*a as usize][axis].total_cmp(&centers[*b as usize][axis]).then(a.cmp(b))
+        });
+        self.build(triangles, centers, start, mid);
+        self.nodes[node].link = self.nodes.len() as u32;
+        self.nodes[node].count = 0;
+        self.build(triangles, centers, mid, end);
+    }
+
+    /// The triangle T' that makes the largest distance of `points` to T' smallest, and that distance. `hint` is a
+    /// triangle to start from; it changes the time taken, and the answer only among equals.
+    fn nearest(&self, points: &[Vec3], triangles: &[Triangle], hint: u32) -> (f64, u32) {
+        let largest = |t: u32, limit: f64| {
+            let mut worst = 0.0f64;
+            for p in points {
+                worst = worst.max(point_triangle_squared(*p, triangles[t as usize]));
+                if worst >= limit {
+                    break;
+                }
+            }
+            worst
+        };
+        let mut best = (largest(hint, f64::INFINITY), hint);
+        let box_distance = |n: &Node| {
+            let mut worst = 0.0f64;
+            for p in points {
+                let mut d = 0.0;
+                for i in 0..3 {
+                    let x = (n.min[i] - p[i]).max(p[i] - n.max[i]).max(0.0);
+                    d += x * x;
+                }
+                worst = worst.max(d);
+            }
+            worst
+        };
+        let mut stack: [(u32, f64); 64] = [(0, 0.0); 64];
+        let mut depth = 1;
+        while depth > 0 {
+            depth -= 1;
+            let (n, lower) = stack[depth];
+            if lower >= best.0 {
+                continue;
+            }
+            let node = &self.nodes[n as usize];
+            if node.count > 0 {
+                for &t in &self.items[node.link as usize..(node.link + node.count) as usize] {
+                    let d = largest(t, best.0);
+                    if d < best.0 {
+                        best = (d, t);
+                    }
+                }
+                continue;
+            }
+            let (l, r) = (n + 1, node.link);
+            let (dl, dr) = (box_distance(&self.nodes[l as usize]), box_distance(&self.nodes[r as usize]));
+            // Nearer child last, so that it is taken first.
+            let order = if dl <= dr { [(r, dr), (l, dl)] } else { [(l, dl), (r, dr)] };
+            for (child, d) in order {
+                if d < best.0 {
+                    stack[depth] = (child, d);
+                    depth += 1;
+                }
+            }
+        }
+        (best.0.sqrt(), best.1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn mesh(z: impl Fn(i32, i32) -> i32, step: usize) -> Mesh {
+        let mut m = Mesh::default();
+        let n = 16 / step as i32;
+        for y in 0..=n {
+            for x in 0..=n {
+                let (x, y) = (x * step as i32, y * step as i32);
+                m.positions.push([x * 10, y * 10, z(x, y)]);
+            }
+        }
+        let w = n as u32 + 1;
+        for y in 0..n as u32 {
+            for x in 0..n as u32 {
+                let i = y * w + x;
+                m.triangles.extend([[i, i + 1, i + w], [i + 1, i + w + 1, i + w]]);
+            }
+        }
+        m
+    }
+
+    fn sampled(from: &Mesh, to: &Mesh) -> f64 {
+        let tri = |m: &Mesh, t| m.corners(t).map(|p| p.map(f64::from));
+        let mut worst = 0.0f64;
+        for t in 0..from.triangle_count() {
+            let [a, b, c] = tri(from, t);
+            for i in 0..=6 {
+                for j in 0..=(6 - i) {
+                    let (u, v) = (f64::from(i) / 6.0, f64::from(j) / 6.0);
+                    let p: Vec3 = std::array::from_fn(|k| a[k] + (b[k] - a[k]) * u + (c[k] - a[k]) * v);
+                    let d = (0..to.triangle_count())
+                        .map(|s| point_triangle_squared(p, tri(to, s)))
+                        .fold(f64::MAX, f64::min);
+                    worst = worst.max(d.sqrt());
+                }
+            }
+        }
+        worst
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+        #[test]
+        fn the_bound_holds_in_both_directions_and_is_not_wild(seed in 0i32..1000) {
+            let rough = |x: i32, y: i32| 500 + ((x * 31 + y * 17 + seed) * 7919 % 23);
+            let (fine, coarse) = (mesh(rough, 1), mesh(rough, 4));
+            let bounds = certify(&fine, &vec![Bound::default(); fine.triangle_count()], &coarse);
+            let out = f64::from(bounds.iter().map(|b| b.out).fold(0.0, f32::max));
+            let back = f64::from(bounds.iter().map(|b| b.back).fold(0.0, f32::max));
+            let (so, sb) = (sampled(&coarse, &fine), sampled(&fine, &coarse));
+            prop_assert!(so <= out && sb <= back, "{so} <= {out}, {sb} <= {back}");
+            prop_assert!(out <= so * 1.6 + 0.1 && back <= sb * 1.6 + 0.1, "{so} ~ {out}, {sb} ~ {back}");
+        }
+    }
+
+    #[test]
+    fn an_unchanged_mesh_has_no_error_and_carries_its_bounds() {
+        let m = mesh(|x, y| x * y, 1);
+        let given = vec![Bound { out: 1.5, back: 2.5 }; m.triangle_count()];
+        assert_eq!(certify(&m, &given, &m), given);
+    }
+}

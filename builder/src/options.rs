@@ -1,0 +1,165 @@
+//! What the user can choose about a build, and everything that can go wrong in one.
+
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Largest number of triangles in a leaf tetrahedron that is not split further. With about seven non-empty child
+/// patches in a diamond this gives chunks of some ten thousand triangles.
+pub const LEAF_TRIANGLES: usize = 2048;
+
+/// The axis that points up in the source.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Up {
+    /// z is up: stored as it is.
+    Z,
+    /// y is up: (x, y, z) is stored as (x, -z, y).
+    Y,
+}
+
+/// Units of the source.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Units {
+    /// Metres.
+    Metre,
+    /// Decimetres.
+    Decimetre,
+    /// Centimetres.
+    Centimetre,
+    /// Millimetres.
+    Millimetre,
+    /// Kilometres.
+    Kilometre,
+    /// International feet, 0.3048 m.
+    Foot,
+    /// US survey feet, 1200/3937 m.
+    UsSurveyFoot,
+    /// Inches, 0.0254 m.
+    Inch,
+}
+
+impl Units {
+    /// Name as accepted on the command line and stored in the metadata.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Metre => "m",
+            Self::Decimetre => "dm",
+            Self::Centimetre => "cm",
+            Self::Millimetre => "mm",
+            Self::Kilometre => "km",
+            Self::Foot => "ft",
+            Self::UsSurveyFoot => "us-ft",
+            Self::Inch => "in",
+        }
+    }
+
+    /// Metres in one unit.
+    pub fn metres(self) -> f64 {
+        match self {
+            Self::Metre => 1.0,
+            Self::Decimetre => 0.1,
+            Self::Centimetre => 0.01,
+            Self::Millimetre => 0.001,
+            Self::Kilometre => 1000.0,
+            Self::Foot => 0.3048,
+            Self::UsSurveyFoot => 1200.0 / 3937.0,
+            Self::Inch => 0.0254,
+        }
+    }
+
+    /// The unit of that name.
+    pub fn parse(name: &str) -> Option<Self> {
+        [
+            Self::Metre,
+            Self::Decimetre,
+            Self::Centimetre,
+            Self::Millimetre,
+            Self::Kilometre,
+            Self::Foot,
+            Self::UsSurveyFoot,
+            Self::Inch,
+        ]
+        .into_iter()
+        .find(|u| u.name() == name)
+    }
+}
+
+/// Options of [`crate::build_pack`].
+#[derive(Debug, Clone)]
+pub struct BuildOptions {
+    /// Title for the metadata; the caller gives the file name when the user gave none.
+    pub title: String,
+    /// Worker threads; 0 means one per core. Never changes the bytes.
+    pub threads: usize,
+    /// Lattice step in metres, a power of two; `None` derives it from the mesh.
+    pub step: Option<f64>,
+    /// Units of the source.
+    pub units: Units,
+    /// Up axis of the source.
+    pub up: Up,
+    /// EPSG code or WKT, stored as given.
+    pub crs: Option<String>,
+    /// Standard uncertainty of the capture, metres.
+    pub capture_accuracy: Option<f64>,
+    /// Largest leaf, see [`LEAF_TRIANGLES`].
+    pub leaf_triangles: usize,
+    /// Files that the mesh came from, for the metadata.
+    pub sources: Vec<kilwa_pack::metadata::SourceFile>,
+}
+
+impl Default for BuildOptions {
+    fn default() -> Self {
+        Self {
+            title: String::new(),
+            threads: 0,
+            step: None,
+            units: Units::Metre,
+            up: Up::Z,
+            crs: None,
+            capture_accuracy: None,
+            leaf_triangles: LEAF_TRIANGLES,
+            sources: Vec::new(),
+        }
+    }
+}
+
+/// Why a pack could not be built.
+#[derive(Debug, Error)]
+pub enum BuildError {
+    /// An input could not be read.
+    #[error(transparent)]
+    Read(#[from] crate::read::ReadError),
+    /// The mesh has no triangles, or none that has an area on the lattice.
+    #[error("nothing to build: {why}")]
+    Empty {
+        /// What was found and what to do.
+        why: String,
+    },
+    /// A step that cannot be used.
+    #[error("--step {step} m cannot be used: {why}")]
+    Step {
+        /// The step asked for, metres.
+        step: f64,
+        /// The reason and what to do.
+        why: String,
+    },
+    /// More than the format holds.
+    #[error("the mesh is too large for this version: {why}")]
+    TooLarge {
+        /// What exceeds what.
+        why: String,
+    },
+    /// The pack could not be laid out.
+    #[error(transparent)]
+    Pack(#[from] kilwa_pack::PackError),
+    /// The output could not be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// Worker threads could not be started.
+    #[error("cannot start worker threads: {0}")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+}
