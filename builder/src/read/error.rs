@@ -1,0 +1,96 @@
+//! What can go wrong while a mesh is read. Every text names the file, the place, what was found, what was expected
+//! and, where there is something to do, what to do.
+
+use std::fmt;
+use std::io;
+use std::path::PathBuf;
+
+/// Where in a file something was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// A line of a text file or of a text header; the first line is 1.
+    Line(u64),
+    /// An offset in bytes from the beginning of the file.
+    Byte(u64),
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Line(n) => write!(f, "line {n}"),
+            Self::Byte(n) => write!(f, "byte {n}"),
+        }
+    }
+}
+
+/// Why a mesh file was refused.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReadError {
+    /// The file cannot be opened; the cause is the source of this error.
+    #[error("{} cannot be opened", file.display())]
+    Open {
+        /// The file.
+        file: PathBuf,
+        /// Why the system refused.
+        source: io::Error,
+    },
+    /// The path names a folder, a pipe or a device.
+    #[error("{} is {what}; give the path of a mesh file", file.display())]
+    NotAFile {
+        /// The path given.
+        file: PathBuf,
+        /// What it is.
+        what: &'static str,
+    },
+    /// The system failed to deliver bytes; the cause is the source of this error.
+    #[error("{} cannot be read at byte {offset}", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// Where reading stopped.
+        offset: u64,
+        /// Why the system refused.
+        source: io::Error,
+    },
+    /// The file is of a format that is not read.
+    #[error("{} is {what}; this version of Kilwa reads PLY. {way_out}", file.display())]
+    Format {
+        /// The file.
+        file: PathBuf,
+        /// The format, with its article, for example "a Wavefront OBJ mesh".
+        what: &'static str,
+        /// What the user can do.
+        way_out: &'static str,
+    },
+    /// The file is damaged, cut or not what its header says.
+    #[error("{}, {place}: found {found}; expected {expected}", file.display())]
+    Malformed {
+        /// The file.
+        file: PathBuf,
+        /// Where.
+        place: Place,
+        /// What stands there.
+        found: String,
+        /// What should stand there and, where that helps, what to do.
+        expected: String,
+    },
+    /// The file is sound but has no triangle to build from.
+    #[error("{} has no triangles: {found}. {way_out}", file.display())]
+    NoTriangles {
+        /// The file.
+        file: PathBuf,
+        /// What it has instead.
+        found: String,
+        /// What the user can do.
+        way_out: &'static str,
+    },
+    /// The file is sound but beyond a limit of this version.
+    #[error("{}: {what}", file.display())]
+    TooLarge {
+        /// The file.
+        file: PathBuf,
+        /// The limit, what the file needs, and what to do.
+        what: String,
+    },
+}
