@@ -1,0 +1,254 @@
+//! A turntable camera: it looks at a target from an azimuth and an elevation, and up stays up.
+//!
+//! World metres, z up, north +y, east +x, all in f64. Pure: input is turned into moves here, and tested here.
+
+use kilwa_geometry::Lattice;
+use kilwa_geometry::distance::{Vec3, cross, dot, sub};
+use kilwa_stream::{Projection, View};
+
+/// A box in world metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// Smallest corner.
+    pub min: Vec3,
+    /// Largest corner.
+    pub max: Vec3,
+}
+
+impl Bounds {
+    /// The middle.
+    pub fn center(&self) -> Vec3 {
+        std::array::from_fn(|i| (self.min[i] + self.max[i]) * 0.5)
+    }
+
+    /// Radius of the ball round the box; never 0.
+    pub fn radius(&self) -> f64 {
+        let half: Vec3 = std::array::from_fn(|i| (self.max[i] - self.min[i]) * 0.5);
+        libm::sqrt(dot(half, half)).max(1e-6)
+    }
+
+    fn corners(&self) -> [Vec3; 8] {
+        std::array::from_fn(|k| std::array::from_fn(|i| if k >> i & 1 == 0 { self.min[i] } else { self.max[i] }))
+    }
+}
+
+/// The views that a survey drawing has, and a first impression.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StandardView {
+    /// From above, north up.
+    Plan,
+    /// The north face, from the north.
+    North,
+    /// The east face, from the east.
+    East,
+    /// The south face, from the south.
+    South,
+    /// The west face, from the west.
+    West,
+    /// From the south-west and above, in perspective.
+    Iso,
+}
+
+impl StandardView {
+    /// All of them with the names of the command line and the page.
+    pub const ALL: [(Self, &'static str); 6] = [
+        (Self::Plan, "plan"),
+        (Self::North, "north"),
+        (Self::East, "east"),
+        (Self::South, "south"),
+        (Self::West, "west"),
+        (Self::Iso, "iso"),
+    ];
+
+    /// The view of a name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.iter().find(|(_, n)| *n == name).map(|(view, _)| *view)
+    }
+}
+
+/// A turntable camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Camera {
+    /// The point that it turns round, world metres.
+    pub target: Vec3,
+    /// Where the eye stands, seen from the target: radians from north, clockwise (east is π/2).
+    pub azimuth: f64,
+    /// How high the eye stands, radians, −π/2 to π/2.
+    pub elevation: f64,
+    /// Metres from the eye to the target. For parallel projection it gives the scale.
+    pub distance: f64,
+    /// Vertical opening angle, radians.
+    pub field_of_view: f64,
+    /// Parallel projection instead of perspective. The scale at the target stays the same.
+    pub orthographic: bool,
+}
+
+/// Half a right angle of vertical view: close to what a surveyor's photograph shows.
+const DEFAULT_FIELD_OF_VIEW: f64 = 0.7;
+/// The eye never stands farther or nearer than these multiples of the model's radius.
+const DISTANCE_RANGE: (f64, f64) = (1e-5, 50.0);
+const QUARTER: f64 = std::f64::consts::FRAC_PI_2;
+
+impl Camera {
+    /// A camera that shows all of `bounds` in a picture of `size` pixels.
+    pub fn standard(view: StandardView, bounds: &Bounds, size: [u32; 2]) -> Self {
+        let (azimuth, elevation) = match view {
+            StandardView::Plan => (2.0 * QUARTER, QUARTER),
+            StandardView::North => (0.0, 0.0),
+            StandardView::East => (QUARTER, 0.0),
+            StandardView::South => (2.0 * QUARTER, 0.0),
+            StandardView::West => (3.0 * QUARTER, 0.0),
+            StandardView::Iso => (2.5 * QUARTER, 0.55),
+        };
+        let mut camera = Self {
+            target: bounds.center(),
+            azimuth,
+            elevation,
+            distance: 1.0,
+            field_of_view: DEFAULT_FIELD_OF_VIEW,
+            orthographic: view != StandardView::Iso,
+        };
+        camera.fit(bounds, size);
+        camera
+    }
+
+    /// From the target to the eye, a unit vector.
+    pub fn backward(&self) -> Vec3 {
+        let (se, ce) = libm::sincos(self.elevation);
+        let (sa, ca) = libm::sincos(self.azimuth);
+        [ce * sa, ce * ca, se]
+    }
+
+    /// To the right of the picture, a unit vector, always level.
+    pub fn right(&self) -> Vec3 {
+        let (sa, ca) = libm::sincos(self.azimuth);
+        [-ca, sa, 0.0]
+    }
+
+    /// To the top of the picture, a unit vector.
+    pub fn up(&self) -> Vec3 {
+        cross(self.backward(), self.right())
+    }
+
+    /// The eye, world metres.
+    pub fn eye(&self) -> Vec3 {
+        let back = self.backward();
+        std::array::from_fn(|i| self.target[i] + back[i] * self.distance)
+    }
+
+    /// Metres at the target that half the picture's height shows.
+    pub fn half_height(&self) -> f64 {
+        self.distance * libm::tan(self.field_of_view * 0.5)
+    }
+
+    /// Turn round the target, radians. A positive `azimuth` moves the eye clockwise seen from above.
+    pub fn orbit(&mut self, azimuth: f64, elevation: f64) {
+        self.azimuth = libm::fmod(self.azimuth + azimuth, 4.0 * QUARTER);
+        if self.azimuth < 0.0 {
+            self.azimuth += 4.0 * QUARTER;
+        }
+        self.elevation = (self.elevation + elevation).clamp(-QUARTER, QUARTER);
+    }
+
+    /// Move with the picture: what is at the target's depth follows a pointer that moved `dx`, `dy` pixels (y down).
+    pub fn pan(&mut self, dx: f64, dy: f64, size: [u32; 2]) {
+        let metres = 2.0 * self.half_height() / f64::from(size[1].max(1));
+        let (right, up) = (self.right(), self.up());
+        for i in 0..3 {
+            self.target[i] += metres * (up[i] * dy - right[i] * dx);
+        }
+    }
+
+    /// Come nearer (`factor` < 1) or go away, so that the world point `toward` stays on its pixel.
+    /// The distance stays within sensible multiples of the model's radius.
+    pub fn zoom(&mut self, factor: f64, toward: Vec3, bounds: &Bounds) {
+        if !(factor.is_finite() && factor > 0.0) {
+            return;
+        }
+        let radius = bounds.radius();
+        let distance = (self.distance * factor).clamp(DISTANCE_RANGE.0 * radius, DISTANCE_RANGE.1 * radius);
+        let factor = distance / self.distance;
+        for (target, toward) in self.target.iter_mut().zip(toward) {
+            *target = toward + (*target - toward) * factor;
+        }
+        self.distance = distance;
+    }
+
+    /// The world point under a pixel, at the target's depth. Pixels count from the top left corner.
+    pub fn point_at_target_depth(&self, pixel: [f64; 2], size: [u32; 2]) -> Vec3 {
+        let (x, y) = self.plane_offset(pixel, size);
+        let (right, up) = (self.right(), self.up());
+        std::array::from_fn(|i| self.target[i] + right[i] * x + up[i] * y)
+    }
+
+    /// The ray through a pixel: an origin in world metres and a unit direction.
+    pub fn ray(&self, pixel: [f64; 2], size: [u32; 2]) -> (Vec3, Vec3) {
+        let through = self.point_at_target_depth(pixel, size);
+        let back = self.backward();
+        if self.orthographic {
+            let origin = std::array::from_fn(|i| through[i] + back[i] * self.distance);
+            return (origin, back.map(|x| -x));
+        }
+        let eye = self.eye();
+        let d = sub(through, eye);
+        let length = libm::sqrt(dot(d, d));
+        (eye, d.map(|x| x / length))
+    }
+
+    fn plane_offset(&self, [px, py]: [f64; 2], size: [u32; 2]) -> (f64, f64) {
+        let metres = 2.0 * self.half_height() / f64::from(size[1].max(1));
+        ((px - f64::from(size[0]) * 0.5) * metres, (f64::from(size[1]) * 0.5 - py) * metres)
+    }
+
+    /// Turn round another point from now on, without moving the picture.
+    pub fn set_pivot(&mut self, point: Vec3) {
+        let along = dot(sub(self.eye(), point), self.backward());
+        if self.orthographic {
+            let shift = dot(sub(point, self.target), self.backward());
+            let back = self.backward();
+            self.target = std::array::from_fn(|i| self.target[i] + back[i] * shift);
+        } else if along > 0.0 {
+            let (eye, back) = (self.eye(), self.backward());
+            self.distance = along;
+            self.target = std::array::from_fn(|i| eye[i] - back[i] * along);
+        }
+    }
+
+    /// Keep the direction; show all of `bounds` with a small margin.
+    pub fn fit(&mut self, bounds: &Bounds, size: [u32; 2]) {
+        const MARGIN: f64 = 1.06;
+        self.target = bounds.center();
+        let tan = libm::tan(self.field_of_view * 0.5);
+        let aspect = f64::from(size[0].max(1)) / f64::from(size[1].max(1));
+        let (right, up, back) = (self.right(), self.up(), self.backward());
+        let mut distance = 0.0f64;
+        for corner in bounds.corners() {
+            let d = sub(corner, self.target);
+            let (x, y, toward_eye) = (dot(d, right).abs(), dot(d, up).abs(), dot(d, back));
+            let needed = y.max(x / aspect) * MARGIN / tan;
+            distance = distance.max(if self.orthographic { needed } else { needed + toward_eye });
+        }
+        self.distance = distance.max(bounds.radius() * 1e-3);
+    }
+
+    /// The view in lattice steps for a picture of `size` pixels, to be refined to `target_pixels`. `bounds` is the
+    /// model's box: parallel projection shows all of its depth.
+    pub fn view(&self, lattice: &Lattice, bounds: &Bounds, size: [u32; 2], target_pixels: f64) -> View {
+        let step = lattice.step();
+        let back = self.backward();
+        let forward = back.map(|x| -x);
+        let anchor = lattice.steps_from_world(if self.orthographic { self.target } else { self.eye() });
+        let (eye, projection, near, far) = if self.orthographic {
+            let from_center = dot(sub(self.target, bounds.center()), back);
+            let depth = bounds.radius() * 1.01;
+            // The plane that depth is counted from touches the ball round the model, on the eye's side.
+            let eye = std::array::from_fn(|i| self.target[i] + back[i] * (depth - from_center));
+            let half_height = self.half_height() / step;
+            (lattice.steps_from_world(eye), Projection::Orthographic { half_height }, 0.0, 2.0 * depth / step)
+        } else {
+            let tan_half_height = libm::tan(self.field_of_view * 0.5);
+            (anchor, Projection::Perspective { tan_half_height }, (self.distance * 1e-3 / step).max(1.0), f64::INFINITY)
+        };
+        View { eye, right: self.right(), up: self.up(), forward, anchor, projection, size, near, far, target_pixels }
+    }
+}

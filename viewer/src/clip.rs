@@ -1,0 +1,158 @@
+//! From lattice points to clip space: the integer cell near the eye, and the one matrix for everything.
+//!
+//! `clip = clip_from_cell × (f32(position − cell), 1)`. Depth is reversed: 1 at the near plane, 0 at the far one (or at
+//! infinity), which spends the precision of floats evenly.
+
+use crate::options::Tile;
+use kilwa_geometry::LatticePoint;
+use kilwa_stream::{Projection, View};
+
+/// What the vertex shaders need of a view.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClipTransform {
+    /// Positions are counted from this lattice point.
+    pub cell: LatticePoint,
+    /// Columns of the matrix.
+    pub clip_from_cell: [[f32; 4]; 4],
+    /// The eye from the cell, in steps, and 1; or for parallel projection the direction to the eye, and 0.
+    pub eye_from_cell: [f32; 4],
+}
+
+/// Cells are kept where the difference to any lattice point fits an `i32`.
+const CELL_RANGE: (f64, f64) = (-1_073_741_824.0, 2_147_483_647.0);
+
+impl ClipTransform {
+    /// The transform of a view, or of a tile of it.
+    pub fn new(view: &View, tile: Option<Tile>) -> Self {
+        let cell: LatticePoint =
+            std::array::from_fn(|i| view.anchor[i].round().clamp(CELL_RANGE.0, CELL_RANGE.1) as i32);
+        let offset: [f64; 3] = std::array::from_fn(|i| f64::from(cell[i]) - view.eye[i]);
+        let rows = view_rows(view, offset);
+        let clip = match view.projection {
+            Projection::Perspective { tan_half_height } => {
+                let (sx, sy) = (1.0 / (tan_half_height * view.aspect()), 1.0 / tan_half_height);
+                // Reversed, infinite far: depth = near / distance along the axis.
+                [scale(rows[0], sx), scale(rows[1], sy), [0.0, 0.0, 0.0, view.near], rows[2]]
+            }
+            Projection::Orthographic { half_height } => {
+                let (sx, sy) = (1.0 / (half_height * view.aspect()), 1.0 / half_height);
+                let depth = 1.0 / (view.far - view.near);
+                let mut z = scale(rows[2], -depth);
+                z[3] += view.far * depth;
+                [scale(rows[0], sx), scale(rows[1], sy), z, [0.0, 0.0, 0.0, 1.0]]
+            }
+        };
+        let clip = crop(clip, view, tile);
+        let eye_from_cell = match view.projection {
+            Projection::Perspective { .. } => {
+                let e = offset.map(|x| -x as f32);
+                [e[0], e[1], e[2], 1.0]
+            }
+            Projection::Orthographic { .. } => {
+                let d = view.forward.map(|x| -x as f32);
+                [d[0], d[1], d[2], 0.0]
+            }
+        };
+        Self {
+            cell,
+            clip_from_cell: std::array::from_fn(|column| std::array::from_fn(|row| clip[row][column] as f32)),
+            eye_from_cell,
+        }
+    }
+}
+
+/// Depth along the view axis, in steps, of a value of the depth buffer.
+pub fn distance_from_depth(view: &View, depth: f32) -> f64 {
+    match view.projection {
+        Projection::Perspective { .. } => view.near / f64::from(depth),
+        Projection::Orthographic { .. } => view.far - f64::from(depth) * (view.far - view.near),
+    }
+}
+
+/// Rows that take a point counted from the cell to right, up and forward coordinates from the eye.
+fn view_rows(view: &View, offset: [f64; 3]) -> [[f64; 4]; 3] {
+    [view.right, view.up, view.forward].map(|axis| {
+        let shift = axis.iter().zip(offset).map(|(a, o)| a * o).sum();
+        [axis[0], axis[1], axis[2], shift]
+    })
+}
+
+fn scale(row: [f64; 4], by: f64) -> [f64; 4] {
+    row.map(|x| x * by)
+}
+
+/// Stretch a tile of the picture over the whole clip square.
+fn crop(clip: [[f64; 4]; 4], view: &View, tile: Option<Tile>) -> [[f64; 4]; 4] {
+    let Some(tile) = tile else { return clip };
+    let mut out = clip;
+    for axis in 0..2 {
+        let full = f64::from(view.size[axis].max(1));
+        let part = f64::from(tile.size[axis].max(1));
+        let middle = (2.0 * f64::from(tile.offset[axis]) + part) / full - 1.0;
+        let middle = if axis == 0 { middle } else { -middle };
+        out[axis] = std::array::from_fn(|k| (clip[axis][k] - middle * clip[3][k]) * full / part);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn view() -> View {
+        View {
+            eye: [1000.5, -2000.25, 300.125],
+            right: [1.0, 0.0, 0.0],
+            up: [0.0, 0.0, 1.0],
+            forward: [0.0, 1.0, 0.0],
+            anchor: [1000.5, -2000.25, 300.125],
+            projection: Projection::Perspective { tan_half_height: 0.5 },
+            size: [400, 200],
+            near: 10.0,
+            far: 0.0,
+            target_pixels: 1.0,
+        }
+    }
+
+    fn apply(t: &ClipTransform, p: LatticePoint) -> [f64; 4] {
+        let d: [f64; 3] = std::array::from_fn(|i| f64::from(p[i] - t.cell[i]));
+        std::array::from_fn(|row| {
+            let c = |k: usize| f64::from(t.clip_from_cell[k][row]);
+            c(0) * d[0] + c(1) * d[1] + c(2) * d[2] + c(3)
+        })
+    }
+
+    #[test]
+    fn the_axis_lands_in_the_middle_and_depth_is_near_over_distance() {
+        let t = ClipTransform::new(&view(), None);
+        let [x, y, z, w] = apply(&t, [1000, -1000, 300]);
+        assert!((x / w).abs() < 1e-3 && (y / w).abs() < 1e-3);
+        assert!((distance_from_depth(&view(), (z / w) as f32) - 1000.25).abs() < 0.01);
+    }
+
+    #[test]
+    fn a_tile_shows_exactly_its_part() {
+        let view = view();
+        let whole = ClipTransform::new(&view, None);
+        let tile = Tile { offset: [100, 50], size: [50, 25] };
+        let part = ClipTransform::new(&view, Some(tile));
+        let p = [1011, -1950, 311];
+        let (a, b) = (apply(&whole, p), apply(&part, p));
+        let pixel =
+            |c: [f64; 4], size: [f64; 2]| [(c[0] / c[3] + 1.0) * 0.5 * size[0], (1.0 - c[1] / c[3]) * 0.5 * size[1]];
+        let (a, b) = (pixel(a, [400.0, 200.0]), pixel(b, [50.0, 25.0]));
+        assert!((a[0] - 100.0 - b[0]).abs() < 1e-3 && (a[1] - 50.0 - b[1]).abs() < 1e-3, "{a:?} {b:?}");
+    }
+
+    #[test]
+    fn far_away_eyes_keep_the_cell_in_range() {
+        let mut v = view();
+        v.eye = [1e12, -1e12, 0.0];
+        v.anchor = v.eye;
+        let t = ClipTransform::new(&v, None);
+        for i in 0..3 {
+            assert!(0i32.checked_sub(t.cell[i]).is_some());
+            assert!(kilwa_geometry::lattice::MAX_COORDINATE.checked_sub(t.cell[i]).is_some());
+        }
+    }
+}

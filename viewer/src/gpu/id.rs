@@ -1,0 +1,31 @@
+//! The id pass: which draw covers a pixel, at which depth. `shaders/id.wgsl`.
+
+use super::frame::Uniforms;
+use super::pool::{ATTRIBUTES, vertex_buffer_layout};
+use super::{ID_FORMAT, depth_state, shader};
+
+/// The pass's pipeline: one sample, the same positions as the surface pass.
+pub(crate) fn pipeline(device: &wgpu::Device, uniforms: &Uniforms) -> wgpu::RenderPipeline {
+    let module = shader(device, 2);
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some("id"),
+        layout: Some(&uniforms.pipeline_layout(device)),
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some("vertex"),
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            buffers: &[Some(vertex_buffer_layout(&ATTRIBUTES[..1]))],
+        },
+        primitive: wgpu::PrimitiveState::default(),
+        depth_stencil: Some(depth_state(true)),
+        multisample: wgpu::MultisampleState::default(),
+        fragment: Some(wgpu::FragmentState {
+            module: &module,
+            entry_point: Some("fragment"),
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            targets: &[Some(ID_FORMAT.into())],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}

@@ -1,0 +1,266 @@
+//! The renderer: GPU memory of chunks, and pictures of a cut.
+
+use crate::gpu::context::{Gpu, GpuError};
+use crate::gpu::frame::{UniformBytes, Uniforms, draw_uniform, frame_uniform};
+use crate::gpu::pool::Pool;
+use crate::gpu::readback::Readback;
+use crate::gpu::target::{Attachments, texture, view_of};
+use crate::gpu::{ID_FORMAT, background, id, surface};
+use crate::options::{Mode, RenderOptions, Tile};
+use kilwa_pack::GpuChunk;
+use kilwa_stream::{DrawPatch, View};
+use std::ops::Range;
+
+/// Format of pictures that are read back.
+pub const IMAGE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
+
+/// A picture, rows from the top, four sRGB bytes (red, green, blue, alpha) per pixel.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Image {
+    /// Width and height.
+    pub size: [u32; 2],
+    /// `4 × width × height` bytes.
+    pub pixels: Vec<u8>,
+}
+
+/// What covers every pixel, rows from the top.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IdImage {
+    /// Width and height.
+    pub size: [u32; 2],
+    /// Index into the list of patches that was drawn, or `None` for the background; and the depth value (reversed: see
+    /// [`crate::clip::distance_from_depth`]).
+    pub pixels: Vec<(Option<u32>, f32)>,
+}
+
+/// One draw call.
+struct Call {
+    chunk: u32,
+    triangles: Range<u32>,
+}
+
+/// Draws cuts with one device. Chunks are uploaded and evicted as the streamer says.
+pub struct Renderer {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    pool: Pool,
+    uniforms: Uniforms,
+    format: wgpu::TextureFormat,
+    samples: u32,
+    surface: wgpu::RenderPipeline,
+    background: wgpu::RenderPipeline,
+    id: wgpu::RenderPipeline,
+    attachments: Attachments,
+    id_attachments: Attachments,
+}
+
+impl Renderer {
+    /// A renderer for targets of `format`, with `samples` samples per pixel ([`Gpu::samples`] says how many are
+    /// possible). Formats without sRGB get encoded values.
+    pub fn new(device: wgpu::Device, queue: wgpu::Queue, format: wgpu::TextureFormat, samples: u32) -> Self {
+        let uniforms = Uniforms::new(&device);
+        let surface = surface::pipeline(&device, &uniforms, format, samples);
+        let background = background::pipeline(&device, &uniforms, format, samples);
+        let id = id::pipeline(&device, &uniforms);
+        Self {
+            device,
+            queue,
+            pool: Pool::default(),
+            uniforms,
+            format,
+            samples,
+            surface,
+            background,
+            id,
+            attachments: Attachments::default(),
+            id_attachments: Attachments::default(),
+        }
+    }
+
+    /// A renderer for pictures that are read back ([`Renderer::image`]).
+    pub fn headless(gpu: &Gpu) -> Self {
+        Self::new(gpu.device.clone(), gpu.queue.clone(), IMAGE_FORMAT, gpu.samples(IMAGE_FORMAT))
+    }
+
+    /// Put a chunk into GPU memory, replacing what was there of it.
+    pub fn upload(&mut self, index: u32, chunk: &GpuChunk) {
+        self.pool.upload(&self.device, &self.queue, index, chunk);
+    }
+
+    /// Free a chunk's GPU memory.
+    pub fn evict(&mut self, index: u32) {
+        self.pool.evict(index);
+    }
+
+    /// Free all chunks.
+    pub fn clear(&mut self) {
+        self.pool.clear();
+    }
+
+    /// GPU memory held by chunks, bytes.
+    pub fn chunk_bytes(&self) -> u64 {
+        self.pool.bytes()
+    }
+
+    /// Number of chunks in GPU memory.
+    pub fn chunk_count(&self) -> usize {
+        self.pool.len()
+    }
+
+    /// Draw a cut into `target`, a view of the renderer's format whose size is the tile's, or the view's where there
+    /// is none. Patches that are not visible, and those whose chunk is not uploaded, are left out.
+    pub fn draw(&mut self, view: &View, patches: &[DrawPatch], options: &RenderOptions, target: &wgpu::TextureView) {
+        let size = target_size(view, options.tile);
+        let (depth, samples) = self.attachments.fit(&self.device, size, self.samples, self.format);
+        let merge = options.mode != Mode::Error;
+        let (calls, draws) = self.calls(patches, merge);
+        let frame = frame_uniform(view, options, !self.format.is_srgb());
+        self.uniforms.write(&self.device, &self.queue, &frame, &draws);
+        let (attached, resolve) = match &samples {
+            Some(samples) => (samples, Some(target)),
+            None => (target, None),
+        };
+        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        {
+            let mut pass = begin(&mut encoder, attached, resolve, &depth);
+            pass.set_bind_group(0, &self.uniforms.frame_group, &[]);
+            pass.set_bind_group(1, &self.uniforms.draw_group, &[0]);
+            pass.set_pipeline(&self.background);
+            pass.draw(0..3, 0..1);
+            pass.set_pipeline(&self.surface);
+            self.record(&mut pass, &calls);
+        }
+        self.queue.submit([encoder.finish()]);
+    }
+
+    /// A picture of a cut.
+    ///
+    /// # Errors
+    /// [`GpuError::Readback`] when the device was lost. Only for renderers made by [`Renderer::headless`] or with
+    /// [`IMAGE_FORMAT`].
+    pub async fn image(
+        &mut self,
+        view: &View,
+        patches: &[DrawPatch],
+        options: &RenderOptions,
+    ) -> Result<Image, GpuError> {
+        let size = target_size(view, options.tile);
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        let picture = texture(&self.device, "picture", size, 1, self.format, usage);
+        self.draw(view, patches, options, &view_of(&picture));
+        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let readback = Readback::record(&self.device, &mut encoder, &picture, 4);
+        self.queue.submit([encoder.finish()]);
+        Ok(Image { size, pixels: readback.bytes(&self.device).await? })
+    }
+
+    /// Which patch covers every pixel, at which depth, without multisampling.
+    ///
+    /// # Errors
+    /// [`GpuError::Readback`] when the device was lost.
+    pub async fn ids(&mut self, view: &View, patches: &[DrawPatch], tile: Option<Tile>) -> Result<IdImage, GpuError> {
+        let size = target_size(view, tile);
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
+        let ids = texture(&self.device, "ids", size, 1, ID_FORMAT, usage);
+        let (depth, _) = self.id_attachments.fit(&self.device, size, 1, ID_FORMAT);
+        let (calls, draws) = self.calls(patches, false);
+        let options = RenderOptions { tile, ..RenderOptions::default() };
+        self.uniforms.write(&self.device, &self.queue, &frame_uniform(view, &options, false), &draws);
+        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        {
+            let mut pass = begin(&mut encoder, &view_of(&ids), None, &depth);
+            pass.set_bind_group(0, &self.uniforms.frame_group, &[]);
+            pass.set_pipeline(&self.id);
+            self.record(&mut pass, &calls);
+        }
+        let readback = Readback::record(&self.device, &mut encoder, &ids, 8);
+        self.queue.submit([encoder.finish()]);
+        let bytes = readback.bytes(&self.device).await?;
+        let word = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+        let pixels =
+            bytes.chunks_exact(8).map(|b| (word(&b[..4]).checked_sub(1), f32::from_bits(word(&b[4..])))).collect();
+        Ok(IdImage { size, pixels })
+    }
+
+    /// What is under one pixel: the index of the patch in `patches`, and the depth along the view axis in steps. The
+    /// place is then computed from the decoded chunk: the GPU only says where to look.
+    ///
+    /// # Errors
+    /// [`GpuError::Readback`] when the device was lost.
+    pub async fn pick(
+        &mut self,
+        view: &View,
+        patches: &[DrawPatch],
+        pixel: [u32; 2],
+    ) -> Result<Option<(u32, f64)>, GpuError> {
+        let ids = self.ids(view, patches, Some(Tile { offset: pixel, size: [1, 1] })).await?;
+        Ok(ids.pixels.first().and_then(|(id, depth)| Some(((*id)?, crate::clip::distance_from_depth(view, *depth)))))
+    }
+
+    /// Draw calls and their uniforms. The id of a call is 1 plus the index of its first patch. With `merge`,
+    /// neighbouring patches of a chunk become one call.
+    fn calls(&self, patches: &[DrawPatch], merge: bool) -> (Vec<Call>, Vec<UniformBytes>) {
+        let mut calls: Vec<Call> = Vec::new();
+        let mut draws = Vec::new();
+        for (index, patch) in patches.iter().enumerate() {
+            let end = patch.first.saturating_add(patch.count);
+            let inside = self.pool.get(patch.chunk).is_some_and(|c| end <= c.triangles);
+            if !patch.visible || !inside || patch.count == 0 {
+                continue;
+            }
+            let last = calls.last_mut().filter(|c| merge && c.chunk == patch.chunk && c.triangles.end == patch.first);
+            if let Some(last) = last {
+                last.triangles.end = end;
+                continue;
+            }
+            calls.push(Call { chunk: patch.chunk, triangles: patch.first..end });
+            draws.push(draw_uniform(index as u32 + 1, u32::from(patch.level), patch.error));
+        }
+        (calls, draws)
+    }
+
+    fn record(&self, pass: &mut wgpu::RenderPass<'_>, calls: &[Call]) {
+        let mut bound = None;
+        for (number, call) in calls.iter().enumerate() {
+            let Some(chunk) = self.pool.get(call.chunk) else { continue };
+            if bound != Some(call.chunk) {
+                pass.set_vertex_buffer(0, chunk.vertices.slice(..));
+                pass.set_index_buffer(chunk.indices.slice(..), wgpu::IndexFormat::Uint32);
+                bound = Some(call.chunk);
+            }
+            pass.set_bind_group(1, &self.uniforms.draw_group, &[number as u32 * self.uniforms.stride]);
+            pass.draw_indexed(call.triangles.start * 3..call.triangles.end * 3, 0, 0..1);
+        }
+    }
+}
+
+fn target_size(view: &View, tile: Option<Tile>) -> [u32; 2] {
+    tile.map_or(view.size, |t| t.size).map(|x| x.max(1))
+}
+
+/// Begin a pass over a cleared target and cleared (farthest) depth.
+fn begin<'e>(
+    encoder: &'e mut wgpu::CommandEncoder,
+    color: &wgpu::TextureView,
+    resolve: Option<&wgpu::TextureView>,
+    depth: &wgpu::TextureView,
+) -> wgpu::RenderPass<'e> {
+    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: None,
+        color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+            view: color,
+            depth_slice: None,
+            resolve_target: resolve,
+            ops: wgpu::Operations {
+                load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                store: if resolve.is_some() { wgpu::StoreOp::Discard } else { wgpu::StoreOp::Store },
+            },
+        })],
+        depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+            view: depth,
+            depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
+            stencil_ops: None,
+        }),
+        ..wgpu::RenderPassDescriptor::default()
+    })
+}

@@ -1,0 +1,6 @@
+//! What carries the streamer's commands out: a browser page, or a process with a file.
+
+#[cfg(not(target_arch = "wasm32"))]
+pub mod native;
+#[cfg(target_arch = "wasm32")]
+pub mod web;

@@ -1,0 +1,1 @@
+//! The browser: canvas, fetch and workers.
