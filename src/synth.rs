@@ -41,6 +41,8 @@ pub(crate) struct Args {
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum SiteArg {
+    /// A ruined stone fort by the sea, about 50 m across.
+    Fort,
     /// A brick wall of 10 m by 5 m that faces south.
     Wall,
     /// A closed solid of known size: see --shape.
@@ -85,6 +87,7 @@ fn count(text: &str) -> Result<u64, String> {
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let shape = match args.site {
+        SiteArg::Fort => Shape::Fort,
         SiteArg::Wall => Shape::Wall,
         SiteArg::Phantom => Shape::Phantom(args.shape.phantom()),
     };

@@ -1,10 +1,11 @@
-//! Synthetic sites: a brick wall and analytic phantoms, as PLY files or in memory.
+//! Synthetic sites: a stone fort, a brick wall and analytic phantoms, as PLY files or in memory.
 //!
 //! Inputs: a [`Shape`] and [`SynthOptions`]. Output: one PLY, or one per block. The same options give the same bytes on
 //! every machine and with any number of threads. Sites are made piece by piece ([`piece`]) and streamed to disk
 //! ([`ply`]): memory does not grow with the number of triangles. Failures: [`SynthError`]; nothing is left under a
 //! final name unless the whole run succeeded.
 
+mod fort;
 mod noise;
 mod phantom;
 mod piece;
@@ -21,6 +22,8 @@ use std::path::{Path, PathBuf};
 /// What to make.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
+    /// A ruined stone fort with its ground, about 50 m across.
+    Fort,
     /// A brick wall, 10 m by 5 m, facing south.
     Wall,
     /// A closed analytic solid.
@@ -31,6 +34,7 @@ impl Shape {
     /// The fewest triangles that still give the shape.
     pub fn fewest(self) -> u64 {
         match self {
+            Self::Fort => 5_000,
             Self::Wall => 2_000,
             Self::Phantom(_) => 200,
         }
@@ -209,6 +213,11 @@ fn site(shape: Shape, options: &SynthOptions, tiles: u32) -> Result<Box<dyn Site
     };
     limit(MOST_BLOCKS)?;
     Ok(match shape {
+        Shape::Fort => {
+            let fort = fort::Fort::new(asked, options.seed, tiles);
+            limit(fort.most_tiles())?;
+            Box::new(fort)
+        }
         Shape::Wall => {
             let wall = wall::Wall::new(asked, options.seed, tiles);
             limit(wall.most_tiles())?;
@@ -224,6 +233,7 @@ fn site(shape: Shape, options: &SynthOptions, tiles: u32) -> Result<Box<dyn Site
 
 fn comments(shape: Shape, options: &SynthOptions) -> Vec<String> {
     let name = match shape {
+        Shape::Fort => "fort".to_owned(),
         Shape::Wall => "wall".to_owned(),
         Shape::Phantom(p) => format!("phantom {}", p.name()),
     };

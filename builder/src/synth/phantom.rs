@@ -268,10 +268,6 @@ impl Site for Solid {
         (self.shape.area() / (self.expected_triangles() as f64 / 2.0)).sqrt()
     }
 
-    fn tiles(&self) -> u32 {
-        self.tiles
-    }
-
     fn slabs(&self, _tile: u32) -> u32 {
         1
     }

@@ -38,8 +38,6 @@ pub(super) trait Site: Sync {
     fn expected_triangles(&self) -> u64;
     /// Distance between neighbouring vertices, in metres.
     fn spacing(&self) -> f64;
-    /// Number of tiles: the files that are asked for.
-    fn tiles(&self) -> u32;
     /// Number of slabs of a tile.
     fn slabs(&self, tile: u32) -> u32;
     /// Number of pieces of a slab.

@@ -143,10 +143,6 @@ impl Site for Wall {
         WIDTH / f64::from(self.columns)
     }
 
-    fn tiles(&self) -> u32 {
-        self.tiles.0 * self.tiles.1
-    }
-
     fn slabs(&self, tile: u32) -> u32 {
         let w = self.tile(tile);
         (w.y1 - w.y0).div_ceil(ROWS_PER_PIECE)

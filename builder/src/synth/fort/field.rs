@@ -1,0 +1,141 @@
+//! The fort as one signed distance field: plan, ruin, relief, ground and stray crumbs. Negative inside, metres.
+
+use super::Vec3;
+use super::ground::{Ground, broad, ground, standing};
+use super::masonry::{MOST_IN, MOST_OUT, face};
+use super::plan::{HALF_X, HALF_Y, Plan};
+use super::solid::{Form, Solid};
+use crate::synth::noise::{derive, hash2, noise3, unit};
+
+/// A distance that is certainly further than anything that matters.
+const FAR: f64 = 1e3;
+/// Slack on the distances of the plan's solids, which are bounds and bend where earth meets wall.
+const SLACK: f64 = 0.4;
+/// Width over which earth silts up the foot of a wall, in metres.
+const SILT: f64 = 0.16;
+
+/// The whole fort.
+pub(super) struct Field {
+    /// Seed of all its noise.
+    pub(super) seed: u64,
+    plan: Plan,
+    crumbs: Vec<Solid>,
+}
+
+/// The part of the fort that matters near a place.
+#[derive(Default)]
+pub(super) struct Near {
+    walls: Vec<Solid>,
+    openings: Vec<Solid>,
+    fittings: Vec<Solid>,
+    shafts: Vec<Solid>,
+    crumbs: Vec<Solid>,
+}
+
+/// Distances at a place, relief included or not.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Distance {
+    /// To masonry.
+    pub(super) walls: f64,
+    /// To the ground's surface.
+    pub(super) ground: f64,
+    /// To the nearest crumb.
+    pub(super) crumbs: f64,
+    /// To all of it together.
+    pub(super) all: f64,
+}
+
+impl Field {
+    /// The fort of a seed; crumbs are at least `smallest` in radius, so that a coarse sampling still meets them.
+    pub(super) fn new(seed: u64, smallest: f64) -> Self {
+        let salt = derive(seed, 0x81);
+        let crumbs = (0..46)
+            .map(|k| {
+                let (h, g) = (hash2(salt, k, 0), hash2(salt, k, 1));
+                // Above the heads of the walls, where plants grow and birds sit.
+                let along = 2.0 * unit(h, 0) - 1.0;
+                let [x, y] = match k % 4 {
+                    0 => [along * HALF_X, HALF_Y - 0.5],
+                    1 => [along * HALF_X, 0.5 - HALF_Y],
+                    2 => [HALF_X - 0.5, along * HALF_Y],
+                    _ => [along * (HALF_X + 6.0), (2.0 * unit(g, 2) - 1.0) * (HALF_Y + 6.0)],
+                };
+                let radius = (0.07 + 0.13 * unit(h, 1) * unit(h, 2)).max(smallest);
+                let z = 8.9 + 2.6 * unit(g, 0) + 2.0 * radius;
+                Solid::new(Form::Ball { radius }, [x + 0.8 * (unit(g, 1) - 0.5), y, z])
+            })
+            .collect();
+        Self { seed, plan: Plan::new(), crumbs }
+    }
+
+    /// What matters within `reach` metres of a place.
+    pub(super) fn near(&self, p: Vec3, reach: f64) -> Near {
+        let close = |solids: &[Solid]| -> Vec<Solid> {
+            solids.iter().filter(|s| s.distance(p) < reach * 1.1 + SLACK).copied().collect()
+        };
+        Near {
+            walls: close(&self.plan.walls),
+            openings: close(&self.plan.openings),
+            fittings: close(&self.plan.fittings),
+            shafts: close(&self.plan.shafts),
+            crumbs: close(&self.crumbs),
+        }
+    }
+
+    /// Whether everything is further than `reach` from a place, or it lies that deep inside.
+    pub(super) fn clear(&self, near: &Near, p: Vec3, reach: f64) -> bool {
+        let d = self.rough(near, p);
+        d.all > reach + MOST_OUT + SLACK || (d.all < -(reach + MOST_IN + SLACK) && d.walls.min(d.ground) == d.all)
+    }
+
+    /// Distances without relief.
+    pub(super) fn rough(&self, near: &Near, p: Vec3) -> Distance {
+        let walls = self.masonry(near, p);
+        let earth = (p[2] - broad(self.seed, p[0], p[1])) * 0.85;
+        combine(near, p, walls, earth, nearest(&near.crumbs, p))
+    }
+
+    /// Distances with relief, on ground known to be `g`.
+    pub(super) fn fine(&self, near: &Near, p: Vec3, g: &Ground) -> Distance {
+        let mut walls = self.masonry(near, p);
+        if walls < MOST_OUT + 0.02 && walls > -(MOST_IN + 0.02) {
+            walls -= face(self.seed, p).relief;
+        }
+        let earth = (p[2] - g.height) * 0.85;
+        let mut crumbs = nearest(&near.crumbs, p);
+        if crumbs < 0.4 {
+            crumbs += 0.05 * noise3(derive(self.seed, 0x82), p.map(|x| x * 9.0));
+        }
+        combine(near, p, walls, earth, crumbs)
+    }
+
+    /// The ground at a place.
+    pub(super) fn ground(&self, x: f64, y: f64) -> Ground {
+        ground(self.seed, x, y)
+    }
+
+    fn masonry(&self, near: &Near, p: Vec3) -> f64 {
+        let mut walls = nearest(&near.walls, p);
+        if walls < 2.0 && p[2] > 0.2 {
+            walls = walls.max((p[2] - standing(self.seed, p[0], p[1])) * 0.6);
+        }
+        walls.max(-nearest(&near.openings, p)).min(nearest(&near.fittings, p))
+    }
+}
+
+fn nearest(solids: &[Solid], p: Vec3) -> f64 {
+    solids.iter().fold(FAR, |d, s| d.min(s.distance(p)))
+}
+
+fn combine(near: &Near, p: Vec3, walls: f64, ground: f64, crumbs: f64) -> Distance {
+    let shafts = -nearest(&near.shafts, p);
+    let (walls, ground) = (walls.max(shafts), ground.max(shafts));
+    let all = silted(walls, ground).min(crumbs);
+    Distance { walls, ground, crumbs, all }
+}
+
+/// Smooth union (Quilez): fills the corner of wall and ground.
+fn silted(a: f64, b: f64) -> f64 {
+    let h = (SILT - (a - b).abs()).max(0.0) / SILT;
+    a.min(b) - h * h * SILT * 0.25
+}
