@@ -1,9 +1,215 @@
-//! `kilwa info`.
+//! `kilwa info`: what a pack says of itself, from its header, metadata and directory; no chunk is read.
 
-/// Say what a pack is.
+use crate::source::open_pack;
+use kilwa_pack::{DirectoryEntry, Header, Metadata};
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+/// Say what a pack is: size, place, precision, levels of detail, where it came from.
 #[derive(clap::Args)]
-pub(crate) struct Args {}
+pub(crate) struct Args {
+    /// The pack.
+    file: PathBuf,
+    /// Report as JSON.
+    #[arg(long)]
+    json: bool,
+}
 
-pub(crate) fn run(_args: &Args) -> anyhow::Result<()> {
-    todo!()
+/// One row of the table of levels.
+#[derive(Serialize)]
+struct Level {
+    /// `root`, or the level of the diamonds.
+    #[serde(rename = "level")]
+    name: String,
+    chunks: u64,
+    triangles: u64,
+    bytes: u64,
+    /// Smallest and largest certified error, in metres, of what is shown while these diamonds are not refined; none for
+    /// the root, which always is.
+    errors: Option<(f32, f32)>,
+}
+
+#[derive(Serialize)]
+struct Info<'a> {
+    file: String,
+    format: String,
+    bytes: u64,
+    bytes_per_input_triangle: f64,
+    stored_triangles: u64,
+    stored_vertices: u64,
+    stored_per_input_triangle: f64,
+    lattice_origin: [f64; 3],
+    lattice_step: f64,
+    colors: bool,
+    chunks: u32,
+    levels: Vec<Level>,
+    metadata: &'a Metadata,
+}
+
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    let reader = open_pack(&args.file)?;
+    let header = reader.header();
+    let per_input = |x: u64| x as f64 / header.triangles.max(1) as f64;
+    let (major, minor) = kilwa_pack::header::VERSION;
+    let info = Info {
+        file: args.file.display().to_string(),
+        format: format!("{major}.{minor}"),
+        bytes: header.file_bytes,
+        bytes_per_input_triangle: per_input(header.file_bytes),
+        stored_triangles: header.stored_triangles,
+        stored_vertices: header.stored_vertices,
+        stored_per_input_triangle: per_input(header.stored_triangles),
+        lattice_origin: header.lattice.origin,
+        lattice_step: header.lattice.step(),
+        colors: header.attributes.colors,
+        chunks: header.entry_count,
+        levels: levels(reader.entries()),
+        metadata: reader.metadata(),
+    };
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&info)?);
+    } else {
+        print!("{}", words(&info, header));
+    }
+    Ok(())
+}
+
+fn levels(entries: &[DirectoryEntry]) -> Vec<Level> {
+    let mut rows: Vec<Level> = Vec::new();
+    for (i, e) in entries.iter().enumerate() {
+        let name = if i == 0 { "root".to_owned() } else { e.level.to_string() };
+        if rows.last().is_none_or(|row| row.name != name) {
+            rows.push(Level { name, chunks: 0, triangles: 0, bytes: 0, errors: None });
+        }
+        let Some(row) = rows.last_mut() else { continue };
+        row.chunks += 1;
+        row.triangles += u64::from(e.triangles);
+        row.bytes += u64::from(e.encoded_bytes);
+        if i > 0 {
+            let (low, high) = row.errors.unwrap_or((e.error, e.error));
+            row.errors = Some((low.min(e.error), high.max(e.error)));
+        }
+    }
+    rows
+}
+
+fn words(info: &Info<'_>, header: &Header) -> String {
+    let m = info.metadata;
+    let mut out = String::new();
+    let mut line = |name: &str, value: String| {
+        let _ = writeln!(out, "{name:<14}{value}");
+    };
+    line("title", m.title.clone());
+    line("triangles", grouped(m.triangles));
+    line("vertices", grouped(m.vertices));
+    line("border edges", grouped(m.border_edges));
+    let size = |k: usize| m.bounds_max[k] - m.bounds_min[k];
+    line("size", format!("{} x {} x {}", metres(size(0)), metres(size(1)), metres(size(2))));
+    let corner = |c: [f64; 3]| format!("{:.3} {:.3} {:.3}", c[0], c[1], c[2]);
+    line("from", format!("{} m", corner(m.bounds_min)));
+    line("to", format!("{} m", corner(m.bounds_max)));
+    line("crs", m.crs.clone().unwrap_or_else(|| "unknown (local coordinates)".to_owned()));
+    line("step", format!("{} (2^{} m)", metres(info.lattice_step), header.lattice.step_log2));
+    line("median edge", metres(m.median_edge));
+    if let Some(accuracy) = m.capture_accuracy {
+        line("accuracy", format!("{} (standard uncertainty of the capture)", metres(accuracy)));
+    }
+    let mut attributes = vec!["normals".to_owned()];
+    if info.colors {
+        attributes.insert(0, "colours".to_owned());
+    }
+    attributes.extend(m.scalars.iter().map(|s| format!("{} ({} to {})", s.name, s.min, s.max)));
+    line("attributes", attributes.join(", "));
+    line("file", format!("{} bytes, format {}", grouped(info.bytes), info.format));
+    line(
+        "density",
+        format!(
+            "{:.2} bytes per input triangle; {:.2} triangles stored for each",
+            info.bytes_per_input_triangle, info.stored_per_input_triangle
+        ),
+    );
+    for source in &m.sources {
+        line("source", format!("{} ({} bytes, sha256 {})", source.name, grouped(source.bytes), source.sha256));
+    }
+    line("source units", format!("{}, {} up", m.source_units, m.source_up));
+    line("made by", m.tool.clone());
+    for (option, value) in &m.options {
+        line("option", format!("{option} = {value}"));
+    }
+    if m.repairs.is_empty() {
+        line("repairs", "none".to_owned());
+    }
+    for (reason, count) in &m.repairs {
+        line("repair", format!("{reason}: {}", grouped(*count)));
+    }
+    out.push('\n');
+    out += &table(&info.levels);
+    out
+}
+
+/// The levels, coarse to fine.
+fn table(levels: &[Level]) -> String {
+    let mut out =
+        format!("{:>5} {:>9} {:>14} {:>15}  {}\n", "level", "chunks", "triangles", "bytes", "certified error");
+    for l in levels {
+        let errors = match l.errors {
+            None => "always refined".to_owned(),
+            Some((low, high)) if low == high => metres(f64::from(low)),
+            Some((low, high)) => format!("{} to {}", metres(f64::from(low)), metres(f64::from(high))),
+        };
+        let _ = writeln!(
+            out,
+            "{:>5} {:>9} {:>14} {:>15}  {errors}",
+            l.name,
+            grouped(l.chunks),
+            grouped(l.triangles),
+            grouped(l.bytes)
+        );
+    }
+    out
+}
+
+/// A length in the unit that reads best.
+pub(crate) fn metres(x: f64) -> String {
+    let a = x.abs();
+    if a == 0.0 {
+        "0 m".to_owned()
+    } else if a >= 1.0 {
+        format!("{x:.3} m")
+    } else if a >= 1e-3 {
+        format!("{:.3} mm", x * 1e3)
+    } else if a >= 1e-7 {
+        format!("{:.4} mm", x * 1e3)
+    } else {
+        format!("{x:.3e} m")
+    }
+}
+
+/// Digits in groups of three.
+pub(crate) fn grouped(n: u64) -> String {
+    let digits = n.to_string();
+    let mut out = String::with_capacity(digits.len() + digits.len() / 3);
+    for (i, d) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push(',');
+        }
+        out.push(d);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_read_well() {
+        assert_eq!(grouped(0), "0");
+        assert_eq!(grouped(999), "999");
+        assert_eq!(grouped(1_234_567), "1,234,567");
+        assert_eq!(metres(0.000_122), "0.1220 mm");
+        assert_eq!(metres(12.3456), "12.346 m");
+        assert_eq!(metres(0.0123), "12.300 mm");
+    }
 }

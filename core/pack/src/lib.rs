@@ -30,6 +30,7 @@ pub mod head;
 pub mod header;
 pub mod metadata;
 pub mod reader;
+pub mod verify;
 pub mod vertex_layout;
 pub mod writer;
 

@@ -184,13 +184,11 @@ pub(crate) fn check_ranges(header: &Header, entries: &[DirectoryEntry], first: u
     let mut end = header.first_page.saturating_add(PAGE_BYTES as u64);
     for (index, entry) in (first..).zip(entries) {
         let stop = entry.offset.checked_add(u64::from(entry.encoded_bytes));
-        match stop.filter(|&stop| stop <= header.file_bytes && entry.offset >= end) {
-            Some(stop) => end = stop,
-            None => {
-                let why = "its chunk lies outside the file or overlaps another";
-                return Err(PackError::invalid(format!("directory entry {index}"), why));
-            }
-        }
+        let Some(stop) = stop.filter(|&stop| stop <= header.file_bytes && entry.offset >= end) else {
+            let why = "its chunk lies outside the file or overlaps another";
+            return Err(PackError::invalid(format!("directory entry {index}"), why));
+        };
+        end = stop;
     }
     Ok(())
 }

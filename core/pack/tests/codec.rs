@@ -4,7 +4,7 @@ mod common;
 
 use common::height_field;
 use kilwa_pack::chunk::{Declared, decode, encode};
-use kilwa_pack::{Attributes, Chunk, PackError};
+use kilwa_pack::{Attributes, Chunk};
 
 fn declared(chunk: &Chunk) -> Declared {
     Declared { vertices: chunk.mesh.vertex_count() as u32, triangles: chunk.mesh.triangle_count() as u32 }

@@ -92,10 +92,13 @@ pub struct CanonicalVertex {
     pub scalars: Vec<u32>,
 }
 
+/// A triangle rotated to its smallest form, with its border bits.
+pub type CanonicalTriangle = ([CanonicalVertex; 3], u8);
+
 /// See [`Chunk::canonical`]: per patch its diamond and its sorted triangles, each rotated to its smallest form, with
 /// border bits.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Canonical(pub Vec<(u32, Vec<([CanonicalVertex; 3], u8)>)>);
+pub struct Canonical(pub Vec<(u32, Vec<CanonicalTriangle>)>);
 
 /// Which attributes every chunk of a pack carries; from the metadata.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

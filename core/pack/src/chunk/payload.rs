@@ -178,7 +178,9 @@ fn encode_vertices(mesh: &Mesh, attributes: Attributes, w: &mut Writer) {
             })
             .collect();
         for k in 0..3 {
-            residuals.iter().for_each(|r| w.push(axis(*r, k)));
+            for r in &residuals {
+                w.push(axis(*r, k));
+            }
             w.finish_stream();
         }
     }
@@ -307,7 +309,6 @@ fn section<'a>(c: &mut Cursor<'a>) -> Result<&'a [u8], PackError> {
     c.take(length as usize)
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "shaped for map_err")]
 fn refused(e: meshoptimizer_rs::Error) -> PackError {
     PackError::invalid("chunk", e.to_string())
 }

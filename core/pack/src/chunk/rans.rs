@@ -185,7 +185,7 @@ mod tests {
     #[test]
     fn a_constant_stream_costs_a_few_bytes() {
         let mut out = Vec::new();
-        encode(&[7; 100_000], &mut out);
+        encode(&vec![7; 100_000], &mut out);
         assert!(out.len() < 20, "{}", out.len());
         assert_eq!(decode(&mut Cursor::new(&out, "test"), 100_000).expect("decodes"), vec![7; 100_000]);
     }

@@ -6,27 +6,27 @@ use kilwa_pack::metadata::{ScalarChannel, SourceFile};
 use kilwa_pack::{Attributes, Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, PackWriter, PatchRange};
 
 /// A small, good enough generator (Knuth's MMIX constants).
-pub struct Random(pub u64);
+pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
-    pub fn next(&mut self) -> u64 {
+    pub(crate) fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         self.0 >> 33
     }
 
-    pub fn below(&mut self, n: u64) -> u64 {
+    pub(crate) fn below(&mut self, n: u64) -> u64 {
         self.next() % n
     }
 
     /// Roughly normal with standard deviation 1.
-    pub fn gauss(&mut self) -> f64 {
+    pub(crate) fn gauss(&mut self) -> f64 {
         (0..12).map(|_| self.next() as f64 / f64::from(1u32 << 31)).sum::<f64>() - 6.0
     }
 }
 
 /// A wavy, noisy height field like a scanned wall: `n` by `n` cells of about 10 mm on a lattice of 2^-13 m, noise
 /// 0.15 mm, colours with noise of sigma 4, cut into `patches` patches.
-pub fn height_field(n: usize, patches: usize, seed: u64, attributes: Attributes) -> Chunk {
+pub(crate) fn height_field(n: usize, patches: usize, seed: u64, attributes: Attributes) -> Chunk {
     let mut random = Random(seed);
     let step = 8192.0;
     let mut mesh = Mesh { scalars: vec![Vec::new(); usize::from(attributes.scalars)], ..Mesh::default() };
@@ -86,7 +86,7 @@ fn area_weighted(mesh: &Mesh) -> Vec<[i16; 2]> {
 }
 
 /// The entry of an encoded chunk.
-pub fn entry_of(chunk: &Chunk, encoded: &[u8], level: u8, error: f32, parents: &[u32]) -> DirectoryEntry {
+pub(crate) fn entry_of(chunk: &Chunk, encoded: &[u8], level: u8, error: f32, parents: &[u32]) -> DirectoryEntry {
     let mut all = [NO_DIAMOND; 4];
     all[..parents.len()].copy_from_slice(parents);
     DirectoryEntry {
@@ -105,7 +105,7 @@ pub fn entry_of(chunk: &Chunk, encoded: &[u8], level: u8, error: f32, parents: &
 }
 
 /// Metadata that agrees with [`header`].
-pub fn metadata(attributes: Attributes, triangles: u64) -> Metadata {
+pub(crate) fn metadata(attributes: Attributes, triangles: u64) -> Metadata {
     Metadata {
         title: "Gereza of Kilwa Kisiwani".to_owned(),
         source_units: "m".to_owned(),
@@ -130,7 +130,7 @@ pub fn metadata(attributes: Attributes, triangles: u64) -> Metadata {
 }
 
 /// A header; the writer fills in offsets and counts.
-pub fn header(attributes: Attributes, triangles: u64) -> Header {
+pub(crate) fn header(attributes: Attributes, triangles: u64) -> Header {
     Header {
         lattice: Lattice { origin: [500_000.0, 9_000_000.0, -3.5], step_log2: -13 },
         cube_log2: 17,
@@ -148,7 +148,7 @@ pub fn header(attributes: Attributes, triangles: u64) -> Header {
 }
 
 /// A pack of `count` chunks of `n` by `n` cells: entry 0, then a binary tree of diamonds.
-pub fn pack(count: u32, n: usize, attributes: Attributes) -> Vec<u8> {
+pub(crate) fn pack(count: u32, n: usize, attributes: Attributes) -> Vec<u8> {
     let mut chunks = Vec::new();
     for i in 0..count {
         let mut chunk = height_field(n, 2, u64::from(i) + 1, attributes);

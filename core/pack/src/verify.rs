@@ -1,0 +1,105 @@
+//! What a sound pack promises beyond its checksums, chunk by chunk: that the directory tells the truth about each
+//! chunk, and that nothing of the finest level is lost. [`crate::Reader::open`] has checked header, metadata,
+//! directory and footer before.
+
+use crate::reader::check_spheres;
+use crate::{Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, PackError};
+use kilwa_geometry::Aabb;
+
+/// Rounding that a sphere may be short of, relative to its radius and to the coordinates.
+const SLACK: f64 = 1e-9;
+
+/// Counts that grow chunk by chunk and are compared with header and metadata at the end.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Totals {
+    /// Chunks seen.
+    pub chunks: u64,
+    /// Triangles of leaf patches: the finest level.
+    pub finest_triangles: u64,
+    /// True-border edges of leaf patches.
+    pub finest_borders: u64,
+    /// Triangles of all patches.
+    pub stored_triangles: u64,
+}
+
+impl Totals {
+    /// Add another part's counts.
+    #[must_use]
+    pub fn plus(self, other: Self) -> Self {
+        Self {
+            chunks: self.chunks + other.chunks,
+            finest_triangles: self.finest_triangles + other.finest_triangles,
+            finest_borders: self.finest_borders + other.finest_borders,
+            stored_triangles: self.stored_triangles + other.stored_triangles,
+        }
+    }
+
+    /// Compare with what header and metadata say, all chunks having been counted.
+    ///
+    /// # Errors
+    /// [`PackError::Invalid`] when a triangle or border is missing or stands there twice.
+    pub fn agree(&self, header: &Header, metadata: &Metadata) -> Result<(), PackError> {
+        for (what, found, said) in [
+            ("chunks", self.chunks, u64::from(header.entry_count)),
+            ("triangles of the finest level", self.finest_triangles, header.triangles),
+            ("stored triangles", self.stored_triangles, header.stored_triangles),
+            ("border edges of the finest level", self.finest_borders, metadata.border_edges),
+        ] {
+            if found != said {
+                return Err(PackError::invalid("pack", format!("{found} {what} are there, {said} are announced")));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The directory on its own: every sphere contains the spheres below it.
+///
+/// # Errors
+/// [`PackError::Invalid`] naming the entry.
+pub fn directory(entries: &[DirectoryEntry]) -> Result<(), PackError> {
+    check_spheres(entries)
+}
+
+/// One decoded chunk against the directory: its box is exact, its geometry inside its sphere, and every patch's
+/// diamond has this entry among its parents.
+///
+/// # Errors
+/// [`PackError::Invalid`] naming the chunk.
+pub fn chunk(index: u32, chunk: &Chunk, entries: &[DirectoryEntry]) -> Result<Totals, PackError> {
+    let bad = |why: String| Err(PackError::invalid(format!("chunk {index}"), why));
+    let Some(entry) = entries.get(index as usize) else {
+        return bad("it has no directory entry".to_owned());
+    };
+    let bounds = Aabb::of(&chunk.mesh.positions);
+    if bounds != entry.bounds && !(bounds.is_empty() && entry.bounds.is_empty()) {
+        return bad("its box is not the one in the directory".to_owned());
+    }
+    let sphere = &entry.sphere;
+    for p in &chunk.mesh.positions {
+        let mut squared = 0.0;
+        for (x, c) in p.iter().zip(sphere.center) {
+            squared += (f64::from(*x) - c) * (f64::from(*x) - c);
+        }
+        if squared.sqrt() > sphere.radius * (1.0 + SLACK) + SLACK {
+            return bad(format!("the vertex at {p:?} lies outside its bounding sphere"));
+        }
+    }
+    let mut totals = Totals { chunks: 1, ..Totals::default() };
+    let mut borders = chunk.mesh.borders.iter();
+    for patch in &chunk.patches {
+        let count = u64::from(patch.count);
+        let bits: u64 = borders.by_ref().take(patch.count as usize).map(|b| u64::from(b.count_ones())).sum();
+        totals.stored_triangles += count;
+        if patch.diamond == NO_DIAMOND {
+            totals.finest_triangles += count;
+            totals.finest_borders += bits;
+            continue;
+        }
+        let below = entries.get(patch.diamond as usize);
+        if !below.is_some_and(|below| below.parents().any(|parent| parent == index)) {
+            return bad(format!("a patch names diamond {}, which does not name it as a parent", patch.diamond));
+        }
+    }
+    Ok(totals)
+}

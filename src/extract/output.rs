@@ -1,0 +1,94 @@
+//! Writing a file so that its name never shows a half of it.
+
+use anyhow::Context;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// Where a result goes.
+pub(crate) struct Output {
+    path: PathBuf,
+    /// Something that is not a file (a device, a pipe) is written to directly: there is nothing to rename.
+    direct: bool,
+    replace: bool,
+}
+
+impl Output {
+    /// Check that the output can be written.
+    ///
+    /// # Errors
+    /// When it exists and may not be replaced, is a folder, lies in a missing folder, or is not named `.ply`.
+    pub(crate) fn prepare(path: &Path, replace: bool) -> anyhow::Result<Self> {
+        let shown = path.display();
+        let kind = std::fs::metadata(path).ok();
+        if kind.as_ref().is_some_and(std::fs::Metadata::is_dir) {
+            anyhow::bail!("{shown} is a folder; give a file name in it");
+        }
+        let direct = kind.as_ref().is_some_and(|k| !k.is_file());
+        if kind.is_some() && !direct && !replace {
+            anyhow::bail!("{shown} exists already; give --force to replace it");
+        }
+        if !direct && !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) {
+            anyhow::bail!("{shown}: only PLY is written; give the output a name that ends in .ply");
+        }
+        let output = Self { path: path.to_owned(), direct, replace };
+        let folder = output.folder();
+        if !folder.is_dir() {
+            anyhow::bail!("{shown}: the folder {} does not exist; make it first", folder.display());
+        }
+        Ok(output)
+    }
+
+    fn folder(&self) -> &Path {
+        self.path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+    }
+
+    /// Write with `body` and return the number of bytes; on failure nothing is left.
+    ///
+    /// # Errors
+    /// What the system says, naming the file.
+    pub(crate) fn write(&self, body: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> anyhow::Result<u64> {
+        let cannot = || format!("cannot write {}", self.path.display());
+        if self.direct {
+            let file = File::options().write(true).open(&self.path).with_context(cannot)?;
+            return fill(&file, body).with_context(cannot);
+        }
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".kilwa-").suffix(".part");
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let file = builder.tempfile_in(self.folder()).with_context(cannot)?;
+        let bytes = fill(file.as_file(), body).with_context(cannot)?;
+        file.as_file().sync_all().with_context(cannot)?;
+        let renamed = if self.replace { file.persist(&self.path) } else { file.persist_noclobber(&self.path) };
+        renamed.map_err(|e| e.error).with_context(cannot)?;
+        Ok(bytes)
+    }
+}
+
+/// Run `body` on a buffered, counted file.
+fn fill(file: &File, body: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> std::io::Result<u64> {
+    let mut counted = Counted { inner: file, bytes: 0 };
+    let mut buffered = BufWriter::with_capacity(1 << 20, &mut counted);
+    body(&mut buffered)?;
+    buffered.flush()?;
+    drop(buffered);
+    Ok(counted.bytes)
+}
+
+struct Counted<W> {
+    inner: W,
+    bytes: u64,
+}
+
+impl<W: Write> Write for Counted<W> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let n = self.inner.write(bytes)?;
+        self.bytes += n as u64;
+        Ok(n)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.inner.flush()
+    }
+}
