@@ -113,8 +113,8 @@ impl Simplifier<'_> {
         }
     }
 
-    /// The link condition with counts. Returns the neighbours whose edge to the merged point becomes a border, or
-    /// `None` when the collapse is not allowed.
+    /// The link condition with counts. Returns the neighbours whose edge to the merged point is a true border afterwards
+    /// though its triangle may change, or `None` when the collapse is not allowed.
     fn check_edges(&self, keep: u32, remove: u32, nk: &[Neighbour], nr: &[Neighbour]) -> Option<Vec<u32>> {
         let keep_locked = self.points[keep as usize].locked;
         let mut shared: Vec<(u32, u32)> = Vec::with_capacity(4);
@@ -148,6 +148,10 @@ impl Simplifier<'_> {
             if keep_locked && self.points[r.point as usize].locked {
                 if after != k.count {
                     return None;
+                }
+                // A border of the scan stays one, though another triangle may now lie along it.
+                if after == 1 && k.border {
+                    new_borders.push(r.point);
                 }
             } else if after == 1 {
                 if !(k.border || r.border) {

@@ -1,0 +1,161 @@
+//! Meshes and an independent reading of packs, shared by the property tests of the hierarchy.
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use kilwa_builder::synth::{self, Phantom, Shape, SynthOptions};
+use kilwa_builder::{BuildOptions, RawMesh, Silent, build_pack};
+use kilwa_geometry::LatticePoint;
+use kilwa_pack::cut::Cut;
+use kilwa_pack::reader::SliceSource;
+use kilwa_pack::{Chunk, DirectoryEntry, Reader};
+use std::collections::HashMap;
+
+/// A small, fast, seeded generator (SplitMix64).
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    pub fn below(&mut self, n: usize) -> usize {
+        (self.next() % n as u64) as usize
+    }
+
+    pub fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+pub fn fort(triangles: u64) -> RawMesh {
+    synth::mesh(Shape::Fort, &SynthOptions::new(triangles)).expect("fort")
+}
+
+pub fn wall(triangles: u64) -> RawMesh {
+    synth::mesh(Shape::Wall, &SynthOptions::new(triangles)).expect("wall")
+}
+
+/// A closed manifold: a sphere with relief.
+pub fn closed(triangles: u64) -> RawMesh {
+    let mut mesh = synth::mesh(Shape::Phantom(Phantom::Sphere), &SynthOptions::new(triangles)).expect("sphere");
+    for p in &mut mesh.positions {
+        let r = 1.0 + 0.05 * (p[0] * 9.0).sin() * (p[1] * 7.0).cos() + 0.01 * (p[2] * 61.0).sin();
+        *p = p.map(|x| x * r);
+    }
+    mesh
+}
+
+/// The closed mesh with patches of triangles torn out: true borders.
+pub fn with_holes(triangles: u64) -> RawMesh {
+    let mut mesh = closed(triangles);
+    let mut random = Random(5);
+    let centres: Vec<[f64; 3]> = (0..40).map(|_| mesh.positions[random.below(mesh.positions.len())]).collect();
+    let positions = mesh.positions.clone();
+    mesh.triangles.retain(|t| {
+        let p = positions[t[0] as usize];
+        centres.iter().enumerate().all(|(i, c)| {
+            let d: f64 = (0..3).map(|k| (p[k] - c[k]).powi(2)).sum::<f64>().sqrt();
+            d > 0.01 + 0.004 * i as f64
+        })
+    });
+    // And single triangles, so that borders touch in points.
+    let mut n = 0;
+    mesh.triangles.retain(|_| {
+        n += 1;
+        n % 997 != 0
+    });
+    mesh
+}
+
+/// Sheets that cross in shared edges (four triangles at an edge), fans that touch in points (bow-ties), doubled
+/// triangles and loose islands.
+pub fn non_manifold(n: u32) -> RawMesh {
+    let mut mesh = RawMesh::default();
+    let mut at: HashMap<[i64; 3], u32> = HashMap::new();
+    let mut vertex = |mesh: &mut RawMesh, p: [f64; 3]| {
+        let key = p.map(|x| (x * 1e6).round() as i64);
+        *at.entry(key).or_insert_with(|| {
+            mesh.positions.push(p);
+            mesh.colors.push(p.map(|x| (128.0 + 100.0 * (x * 11.0).sin()) as u8));
+            mesh.positions.len() as u32 - 1
+        })
+    };
+    let s = 1.0 / f64::from(n);
+    for i in 0..n {
+        for j in 0..n {
+            let (x, y) = (f64::from(i) * s, f64::from(j) * s);
+            let relief = |u: f64, v: f64| if (u - 0.5).abs() < s * 0.5 { 0.0 } else { 0.02 * (u * 20.0).sin() * (v * 30.0).cos() };
+            let horizontal = |u: f64, v: f64| [u, v, relief(u, v)];
+            let upright = |u: f64, v: f64| [0.5 + relief(u, v), v, u - 0.5];
+            for sheet in [&horizontal as &dyn Fn(f64, f64) -> [f64; 3], &upright] {
+                let q = [sheet(x, y), sheet(x + s, y), sheet(x + s, y + s), sheet(x, y + s)];
+                let v = q.map(|p| vertex(&mut mesh, p));
+                // Checkerboard holes in one corner: bow-ties everywhere.
+                if x < 0.2 && y < 0.2 && (i + j) % 2 == 0 {
+                    continue;
+                }
+                mesh.triangles.extend([[v[0], v[1], v[2]], [v[0], v[2], v[3]]]);
+            }
+        }
+    }
+    let mut random = Random(3);
+    for _ in 0..50 {
+        let t = mesh.triangles[random.below(mesh.triangles.len())];
+        mesh.triangles.push(t);
+    }
+    for k in 0..200 {
+        let base: [f64; 3] = std::array::from_fn(|_| random.unit());
+        let v = [[0.0, 0.0, 0.0], [s, 0.0, 0.0], [0.0, s, 0.0], [0.0, 0.0, s]].map(|d| {
+            let p = std::array::from_fn(|i| base[i] + d[i] + 1e-4 * f64::from(k));
+            vertex(&mut mesh, p)
+        });
+        mesh.triangles.extend([[v[0], v[2], v[1]], [v[0], v[1], v[3]]]);
+        if k % 2 == 0 {
+            mesh.triangles.extend([[v[1], v[2], v[3]], [v[0], v[3], v[2]]]);
+        }
+    }
+    mesh
+}
+
+pub fn build(raw: RawMesh, threads: usize) -> Vec<u8> {
+    let options = BuildOptions { threads, title: "test".into(), ..BuildOptions::default() };
+    build_pack(raw, &options, &Silent).expect("builds").bytes
+}
+
+/// A whole decoded pack.
+pub struct Opened {
+    pub entries: Vec<DirectoryEntry>,
+    pub chunks: Vec<Chunk>,
+    pub step: f64,
+    pub triangles: u64,
+    pub border_edges: u64,
+}
+
+pub fn open(bytes: &[u8]) -> Opened {
+    let pack = Reader::open(SliceSource(bytes)).expect("opens");
+    let chunks = (0..pack.entries().len() as u32).map(|i| pack.chunk(i).expect("decodes")).collect();
+    Opened {
+        entries: pack.entries().to_vec(),
+        chunks,
+        step: pack.header().lattice.step(),
+        triangles: pack.header().triangles,
+        border_edges: pack.metadata().border_edges,
+    }
+}
+
+/// The triangles of a cut: corner positions and border bits.
+pub fn drawn(pack: &Opened, cut: &Cut) -> Vec<([LatticePoint; 3], u8)> {
+    let mut out = Vec::new();
+    for i in cut.refined() {
+        let chunk = &pack.chunks[i as usize];
+        for patch in cut.drawn(&chunk.patches) {
+            for t in patch.first..patch.first + patch.count {
+                out.push((chunk.mesh.corners(t as usize), chunk.mesh.borders[t as usize]));
+            }
+        }
+    }
+    out
+}
