@@ -191,13 +191,13 @@ impl Header {
         }
         out
     }
+}
 
-    /// The header's own hash, which the footer repeats.
-    pub fn hash(&self) -> [u8; 32] {
-        let mut out = [0; 32];
-        for (to, from) in out.iter_mut().zip(self.to_bytes().into_iter().skip(HASH_AT)) {
-            *to = from;
-        }
-        out
+/// The header's own hash, its last 32 bytes, which the footer repeats.
+pub(crate) fn hash_of(bytes: &[u8]) -> [u8; 32] {
+    let mut out = [0; 32];
+    for (to, from) in out.iter_mut().zip(bytes.iter().skip(HASH_AT)) {
+        *to = *from;
     }
+    out
 }

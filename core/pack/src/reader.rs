@@ -3,6 +3,7 @@
 use crate::chunk::Declared;
 use crate::directory::{page_checksum, parse_page};
 use crate::footer::{FOOTER_BYTES, Footer};
+use crate::header::hash_of;
 use crate::{Chunk, DirectoryEntry, HEADER_BYTES, Header, Metadata, PAGE_BYTES, PackError};
 
 /// Bytes by range: a file, a memory slice, an HTTP object.
@@ -62,7 +63,8 @@ impl<S: Source> Reader<S> {
     pub fn open(source: S) -> Result<Self, PackError> {
         let there = source.len().map_err(|source| PackError::Io { what: "pack".to_owned(), source })?;
         let first = there.min(HEADER_BYTES as u64);
-        let header = Header::parse(&read(&source, "header", 0, first)?)?;
+        let header_bytes = read(&source, "header", 0, first)?;
+        let header = Header::parse(&header_bytes)?;
         if there < header.file_bytes {
             return Err(PackError::Truncated { what: "pack".to_owned(), needed: header.file_bytes, available: there });
         }
@@ -80,7 +82,7 @@ impl<S: Source> Reader<S> {
         check_tree(&entries)?;
         let at = there.saturating_sub(FOOTER_BYTES as u64);
         let footer = Footer::parse(&read(&source, "footer", at, FOOTER_BYTES as u64)?)?;
-        if footer.file_bytes != there || footer.header_hash != header.hash() {
+        if footer.file_bytes != there || footer.header_hash != hash_of(&header_bytes) {
             return Err(PackError::invalid("footer", "it belongs to another pack"));
         }
         if footer.directory_hash != directory_hash {

@@ -2,6 +2,7 @@
 
 use crate::directory::{page_checksum, write_page};
 use crate::footer::{FOOTER_BYTES, Footer};
+use crate::header::hash_of;
 use crate::{DirectoryEntry, ENTRIES_PER_PAGE, HEAD_BYTES, HEADER_BYTES, Header, Metadata, PAGE_BYTES, PackError};
 
 /// Lays out and writes one pack, streaming: no more than one chunk and the directory are held.
@@ -94,7 +95,7 @@ impl<W: std::io::Write> PackWriter<W> {
         self.put_other_pages()?;
         let footer = Footer {
             file_bytes: self.header.file_bytes,
-            header_hash: self.header.hash(),
+            header_hash: hash_of(&self.header.to_bytes()),
             directory_hash: self.directory_hash,
         };
         self.put(&footer.to_bytes(), "footer")?;

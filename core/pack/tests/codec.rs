@@ -1,29 +1,199 @@
-//! The chunk codec gives back exactly what it was given, and refuses everything else.
+//! The chunk codec gives back exactly what it was given, and refuses everything else without a panic.
 
 mod common;
 
-use common::height_field;
-use kilwa_pack::chunk::{Declared, decode, encode};
-use kilwa_pack::{Attributes, Chunk};
+use common::{Random, height_field};
+use kilwa_geometry::Mesh;
+use kilwa_pack::chunk::{Declared, decode, encode, patch_table};
+use kilwa_pack::{Attributes, Chunk, NO_DIAMOND, PatchRange};
+use proptest::prelude::*;
+
+const COLORED: Attributes = Attributes { colors: true, scalars: 0 };
 
 fn declared(chunk: &Chunk) -> Declared {
     Declared { vertices: chunk.mesh.vertex_count() as u32, triangles: chunk.mesh.triangle_count() as u32 }
 }
 
+/// A triangle soup with everything that a mesh may have: duplicates, degenerate triangles, unused vertices, any
+/// normal, any float, empty patches.
+fn soup(seed: u64, triangles: usize, wide: bool, attributes: Attributes) -> Chunk {
+    let mut random = Random(seed);
+    let vertices = 1 + random.below(3 * triangles.max(1) as u64) as usize;
+    let vertices = if triangles == 0 { 0 } else { vertices };
+    let extent = if wide { 1 << 30 } else { 50 };
+    let mut mesh = Mesh { scalars: vec![Vec::new(); usize::from(attributes.scalars)], ..Mesh::default() };
+    for _ in 0..vertices {
+        mesh.positions.push([(); 3].map(|()| random.below(extent) as i32));
+        mesh.normals.push([(); 2].map(|()| random.next() as i16));
+        if attributes.colors {
+            mesh.colors.push([(); 3].map(|()| random.next() as u8));
+        }
+        for channel in &mut mesh.scalars {
+            channel.push(f32::from_bits(random.next() as u32 ^ (random.next() as u32) << 16));
+        }
+    }
+    let mut patches = Vec::new();
+    let mut first = 0;
+    for _ in 0..triangles {
+        let again = !mesh.triangles.is_empty() && random.below(8) == 0;
+        let triangle = if again {
+            mesh.triangles[random.below(mesh.triangles.len() as u64) as usize]
+        } else {
+            [(); 3].map(|()| random.below(vertices as u64) as u32)
+        };
+        mesh.triangles.push(triangle);
+        mesh.borders.push(if random.below(3) == 0 { random.below(8) as u8 } else { 0 });
+        if random.below(6) == 0 {
+            let end = mesh.triangles.len() as u32 - random.below(2) as u32;
+            let end = end.max(first);
+            let diamond = if random.below(2) == 0 { NO_DIAMOND } else { random.below(1 << 20) as u32 };
+            patches.push(PatchRange { first, count: end - first, diamond });
+            first = end;
+        }
+    }
+    patches.push(PatchRange { first, count: triangles as u32 - first, diamond: NO_DIAMOND });
+    Chunk { mesh, patches }
+}
+
 #[test]
 fn a_height_field_comes_back_with_every_attribute_and_border() {
-    for attributes in [Attributes { colors: true, scalars: 0 }, Attributes { colors: false, scalars: 2 }] {
+    for attributes in [COLORED, Attributes { colors: false, scalars: 2 }, Attributes { colors: false, scalars: 0 }] {
         let chunk = height_field(40, 5, 1, attributes);
         let bytes = encode(&chunk, attributes).expect("encodes");
         let back = decode(&bytes, declared(&chunk), attributes).expect("decodes");
         assert_eq!(back.canonical(), chunk.canonical());
+        assert_eq!(patch_table(&bytes).expect("has a table"), chunk.patches);
     }
 }
 
 #[test]
-fn report_bytes_per_triangle() {
-    let attributes = Attributes { colors: true, scalars: 0 };
-    let chunk = height_field(90, 8, 1, attributes);
-    let bytes = encode(&chunk, attributes).expect("encodes");
-    println!("{:.3} bytes per triangle", bytes.len() as f64 / chunk.mesh.triangle_count() as f64);
+fn a_chunk_without_triangles_is_possible() {
+    let chunk = Chunk::default();
+    let bytes = encode(&chunk, COLORED).expect("encodes");
+    assert_eq!(decode(&bytes, declared(&chunk), COLORED).expect("decodes"), chunk);
+}
+
+#[test]
+fn a_scanned_wall_takes_less_than_three_bytes_per_triangle() {
+    let chunk = height_field(64, 8, 1, COLORED);
+    let bytes = encode(&chunk, COLORED).expect("encodes");
+    let density = bytes.len() as f64 / chunk.mesh.triangle_count() as f64;
+    println!("{density:.3} bytes per triangle, colours and normals included");
+    assert!(density < 3.0, "{density}");
+}
+
+#[test]
+fn the_cache_order_never_crosses_patches() {
+    let chunk = height_field(20, 4, 3, COLORED);
+    let back = decode(&encode(&chunk, COLORED).expect("encodes"), declared(&chunk), COLORED).expect("decodes");
+    assert_eq!(back.patches, chunk.patches);
+    assert_eq!(back.canonical(), chunk.canonical(), "canonical forms are compared patch by patch");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn any_soup_comes_back(
+        seed in any::<u64>(), triangles in 0usize..120, wide in any::<bool>(), colors in any::<bool>(), scalars in 0u8..4,
+    ) {
+        let attributes = Attributes { colors, scalars };
+        let chunk = soup(seed, triangles, wide, attributes);
+        let bytes = encode(&chunk, attributes).expect("encodes");
+        prop_assert_eq!(&bytes, &encode(&chunk, attributes).expect("encodes"), "encoding is deterministic");
+        let back = decode(&bytes, declared(&chunk), attributes).expect("decodes");
+        prop_assert_eq!(back.canonical(), chunk.canonical());
+        prop_assert_eq!(declared(&back), declared(&chunk));
+    }
+
+    #[test]
+    fn random_bytes_are_no_chunk(bytes in proptest::collection::vec(any::<u8>(), 0..400), triangles in 1u32..100) {
+        let declared = Declared { vertices: triangles, triangles };
+        prop_assert!(decode(&bytes, declared, COLORED).is_err());
+    }
+}
+
+/// Without the checksum, which would catch all of these: the decoder alone must withstand them.
+#[test]
+fn damaged_chunks_never_panic_and_never_break_a_promise() {
+    let attributes = Attributes { colors: true, scalars: 1 };
+    let mut refused = 0;
+    for seed in 0..6 {
+        let chunk = soup(seed, 40, false, attributes);
+        let bytes = encode(&chunk, attributes).expect("encodes");
+        for bit in 0..bytes.len() * 8 {
+            let mut damaged = bytes.clone();
+            damaged[bit / 8] ^= 1 << (bit % 8);
+            match decode(&damaged, declared(&chunk), attributes) {
+                Err(_) => refused += 1,
+                Ok(other) => {
+                    assert_eq!(declared(&other), declared(&chunk));
+                    let vertices = other.mesh.vertex_count() as u32;
+                    assert!(other.mesh.triangles.as_flattened().iter().all(|&v| v < vertices));
+                    assert_eq!(other.patches.iter().map(|p| p.count).sum::<u32>(), declared(&chunk).triangles);
+                }
+            }
+        }
+        for length in 0..bytes.len() {
+            assert!(decode(&bytes[..length], declared(&chunk), attributes).is_err(), "cut at {length}");
+        }
+        let mut longer = bytes.clone();
+        longer.push(0);
+        assert!(decode(&longer, declared(&chunk), attributes).is_err());
+    }
+    assert!(refused > 1000, "{refused}");
+}
+
+#[test]
+fn noise_in_several_places_never_panics() {
+    let chunk = height_field(12, 3, 5, COLORED);
+    let bytes = encode(&chunk, COLORED).expect("encodes");
+    let mut random = Random(11);
+    for _ in 0..3000 {
+        let mut damaged = bytes.clone();
+        for _ in 0..=random.below(8) {
+            let at = random.below(damaged.len() as u64) as usize;
+            damaged[at] = random.next() as u8;
+        }
+        let _ = decode(&damaged, declared(&chunk), COLORED);
+    }
+}
+
+#[test]
+fn other_counts_than_the_encoded_ones_are_refused() {
+    let chunk = height_field(8, 2, 5, COLORED);
+    let bytes = encode(&chunk, COLORED).expect("encodes");
+    let right = declared(&chunk);
+    for (vertices, triangles) in [
+        (right.vertices - 1, right.triangles),
+        (right.vertices + 1, right.triangles),
+        (right.vertices, right.triangles - 1),
+        (right.vertices, right.triangles + 1),
+        (u32::MAX, right.triangles),
+        (right.vertices, u32::MAX),
+        (3 << 20, 1 << 20),
+        (0, 0),
+    ] {
+        assert!(decode(&bytes, Declared { vertices, triangles }, COLORED).is_err(), "{vertices} {triangles}");
+    }
+    assert!(decode(&bytes, right, Attributes { colors: false, scalars: 0 }).is_err());
+    assert!(decode(&bytes, right, Attributes { colors: true, scalars: 1 }).is_err());
+    assert!(decode(&bytes, right, Attributes { colors: true, scalars: 200 }).is_err());
+}
+
+#[test]
+fn contradictory_chunks_are_not_encoded() {
+    let good = height_field(4, 1, 5, COLORED);
+    let spoil = |f: &dyn Fn(&mut Chunk)| {
+        let mut chunk = good.clone();
+        f(&mut chunk);
+        encode(&chunk, COLORED).expect_err("refused").to_string()
+    };
+    assert!(spoil(&|c| c.mesh.triangles[3] = [0, 1, 99]).contains("names a vertex"));
+    assert!(spoil(&|c| c.mesh.positions[3][1] = -1).contains("lattice"));
+    assert!(spoil(&|c| c.mesh.borders[0] = 8).contains("border"));
+    assert!(spoil(&|c| c.mesh.colors.clear()).contains("attribute"));
+    assert!(spoil(&|c| c.mesh.borders.truncate(3)).contains("attribute"));
+    assert!(spoil(&|c| c.patches[0].count -= 1).contains("patches hold"));
+    assert!(spoil(&|c| c.patches[0].first = 1).contains("begins at"));
 }

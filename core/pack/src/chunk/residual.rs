@@ -63,8 +63,8 @@ impl<'a> Reader<'a> {
             } else {
                 let below = u32::from(token - 16) / 2 + 3;
                 let raw = if below > 30 { None } else { self.bits.take(below) };
-                let lead = 2 + u32::from(token & 1);
-                lead << below | raw.ok_or_else(|| c.invalid("a residual has bits that are not there"))?
+                let raw = raw.ok_or_else(|| c.invalid("a residual has bits that are not there"))?;
+                (2 + u32::from(token & 1)) << below | raw
             };
             out.push((u >> 1).cast_signed() ^ -(u & 1).cast_signed());
         }
