@@ -136,3 +136,158 @@ fn a_reader_that_leaves_early_is_no_error() {
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
 }
+
+#[test]
+fn every_option_is_explained_in_the_documentation() {
+    for verb in VERBS {
+        let page =
+            std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/{verb}.md"))).unwrap();
+        let help = stdout(&kilwa(&[verb, "--help"]));
+        let options = help.split_whitespace().filter(|word| word.starts_with("--") && word.len() > 2);
+        for option in options.map(|word| word.trim_end_matches(|c: char| !c.is_ascii_alphanumeric())) {
+            let is_explained = option == "--help" || page.contains(option);
+            assert!(is_explained, "docs/{verb}.md says nothing about {option}");
+        }
+    }
+}
+
+/// A fort in a folder of its own, and its pack.
+fn fort() -> (tempfile::TempDir, String, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (mesh, pack) = (path("fort.ply"), path("fort.kilwa"));
+    succeed(&["synth", "fort", "--triangles", "20000", "-o", &mesh]);
+    succeed(&["build", &mesh, "-o", &pack]);
+    (folder, mesh, pack)
+}
+
+fn succeed(args: &[&str]) -> String {
+    let output = kilwa(args);
+    assert_eq!(output.status.code(), Some(0), "kilwa {args:?}: {}", stderr(&output));
+    stdout(&output)
+}
+
+/// The number of `element NAME` in a PLY's header.
+fn ply_count(file: &str, element: &str) -> u64 {
+    let bytes = std::fs::read(file).unwrap();
+    let header = String::from_utf8_lossy(&bytes[..bytes.len().min(2000)]).into_owned();
+    let prefix = format!("element {element} ");
+    header.lines().find_map(|line| line.strip_prefix(&prefix)).unwrap().trim().parse().unwrap()
+}
+
+fn json(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).unwrap_or_else(|error| panic!("no JSON ({error}): {text}"))
+}
+
+#[test]
+fn a_mesh_goes_through_every_verb_and_comes_back_whole() {
+    let (folder, mesh, pack) = fort();
+    let triangles = ply_count(&mesh, "face");
+    let verified = json(&succeed(&["verify", &pack, "--json"]));
+    assert_eq!(verified["sound"], true);
+    assert_eq!(verified["triangles"], triangles);
+    let info = json(&succeed(&["info", &pack, "--json"]));
+    assert_eq!(info["bytes"], std::fs::metadata(&pack).unwrap().len());
+    assert_eq!(info["metadata"]["sources"][0]["name"], "fort.ply");
+
+    let whole = folder.path().join("whole.ply").display().to_string();
+    succeed(&["extract", &pack, "-o", &whole]);
+    assert_eq!(ply_count(&whole, "face"), triangles, "extract gives back every triangle");
+
+    // What comes out goes in again.
+    let again = folder.path().join("again.kilwa").display().to_string();
+    succeed(&["build", &whole, "-o", &again]);
+    assert_eq!(json(&succeed(&["verify", &again, "--json"]))["triangles"], triangles);
+
+    let light = folder.path().join("light.ply").display().to_string();
+    succeed(&["extract", &pack, "-o", &light, "--max-triangles", "10000"]);
+    let count = ply_count(&light, "face");
+    assert!(count <= 10_000 && count > 0, "{count} triangles");
+}
+
+#[test]
+fn an_existing_file_is_not_replaced_unless_told() {
+    let (folder, mesh, pack) = fort();
+    let before = std::fs::read(&pack).unwrap();
+    let ply = folder.path().join("out.ply").display().to_string();
+    std::fs::write(&ply, "mine").unwrap();
+    let call = ["synth", "fort", "--triangles", "10000", "-o", &mesh];
+    for call in [&["build", &mesh, "-o", &pack][..], &["extract", &pack, "-o", &ply], &call] {
+        let output = kilwa(call);
+        assert_eq!(output.status.code(), Some(1), "kilwa {call:?}");
+        assert!(stderr(&output).contains("--force"), "kilwa {call:?} does not say how: {}", stderr(&output));
+    }
+    assert_eq!(std::fs::read(&pack).unwrap(), before);
+    assert_eq!(std::fs::read(&ply).unwrap(), b"mine");
+    succeed(&["build", &mesh, "-o", &pack, "--force", "--title", "another"]);
+    assert_ne!(std::fs::read(&pack).unwrap(), before);
+}
+
+#[test]
+fn a_damaged_pack_is_named_and_exits_with_1() {
+    let (_folder, _, pack) = fort();
+    let good = std::fs::read(&pack).unwrap();
+    let mut flipped = good.clone();
+    let at = good.len() * 2 / 3;
+    flipped[at] ^= 0x10;
+    for (what, bytes) in [("flipped", &flipped[..]), ("cut", &good[..good.len() / 2]), ("empty", &[])] {
+        std::fs::write(&pack, bytes).unwrap();
+        let output = kilwa(&["verify", &pack]);
+        assert_eq!(output.status.code(), Some(1), "{what}: {}", stdout(&output));
+        assert!(stderr(&output).contains("fort.kilwa"), "{what}: {}", stderr(&output));
+    }
+}
+
+#[test]
+fn bad_meshes_are_refused_by_name_and_leave_nothing_under_the_final_name() {
+    let header = |vertices: &str, faces: &str| {
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n\
+             element face {faces}\nproperty list uchar int vertex_indices\nend_header\n"
+        )
+    };
+    let meshes = [
+        ("truncated", header("3", "2") + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"),
+        ("huge", header("9223372036854775808", "1") + "0 0 0\n"),
+        ("not-a-number", header("3", "1") + "0 0 0\n1 0 0\nnan nan nan\n3 0 1 2\n"),
+        ("index", header("3", "1") + "0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n"),
+        ("no-faces", header("3", "0") + "0 0 0\n1 0 0\n0 1 0\n"),
+        ("nothing", String::new()),
+        ("one-point", header("3", "1") + "1 1 1\n1 1 1\n1 1 1\n3 0 1 2\n"),
+        ("letter", "Dear archivist,\n".to_owned()),
+    ];
+    for (name, text) in meshes {
+        let folder = tempfile::tempdir().unwrap();
+        let mesh = folder.path().join(format!("{name}.ply"));
+        std::fs::write(&mesh, text).unwrap();
+        let pack = folder.path().join("result.kilwa").display().to_string();
+        let output = kilwa(&["build", &mesh.display().to_string(), "-o", &pack]);
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{name}: {message}");
+        assert!(message.contains(&format!("{name}.ply")), "{name}: the message does not name the file: {message}");
+        let left = std::fs::read_dir(folder.path()).unwrap().count();
+        assert_eq!(left, 1, "{name}: more than the input is left");
+    }
+}
+
+#[test]
+fn a_suffix_in_capitals_is_as_good() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (small, capital) = (path("fort.ply"), path("FORT.PLY"));
+    succeed(&["synth", "fort", "--triangles", "5000", "-o", &small]);
+    std::fs::rename(&small, &capital).unwrap();
+    succeed(&["build", &capital, "-o", &path("fort.kilwa")]);
+}
+
+#[test]
+fn an_output_that_cannot_be_written_is_named() {
+    let (folder, mesh, pack) = fort();
+    let nowhere = folder.path().join("no/such/folder/out");
+    for (verb, input, suffix) in [("build", &mesh, "kilwa"), ("extract", &pack, "ply"), ("render", &pack, "png")] {
+        let target = nowhere.with_extension(suffix).display().to_string();
+        let output = kilwa(&[verb, input, "-o", &target]);
+        assert_eq!(output.status.code(), Some(1), "kilwa {verb}");
+        assert!(stderr(&output).contains("no/such/folder"), "kilwa {verb}: {}", stderr(&output));
+    }
+}
