@@ -3,7 +3,7 @@
 use super::Vec3;
 use super::ground::{Ground, broad, ground, standing};
 use super::masonry::{MOST_IN, MOST_OUT, face};
-use super::plan::{HALF_X, HALF_Y, Plan};
+use super::plan::{HALF_X, HALF_Y, PARAPET, Plan};
 use super::solid::{Form, Solid};
 use crate::synth::noise::{derive, hash2, noise3, unit};
 
@@ -18,6 +18,8 @@ const SILT: f64 = 0.16;
 pub(super) struct Field {
     /// Seed of all its noise.
     pub(super) seed: u64,
+    /// Grid constant, metres: finer relief is left out.
+    pub(super) step: f64,
     plan: Plan,
     crumbs: Vec<Solid>,
 }
@@ -46,26 +48,10 @@ pub(super) struct Distance {
 }
 
 impl Field {
-    /// The fort of a seed; crumbs are at least `smallest` in radius, so that a coarse sampling still meets them.
-    pub(super) fn new(seed: u64, smallest: f64) -> Self {
-        let salt = derive(seed, 0x81);
-        let crumbs = (0..46)
-            .map(|k| {
-                let (h, g) = (hash2(salt, k, 0), hash2(salt, k, 1));
-                // Above the heads of the walls, where plants grow and birds sit.
-                let along = 2.0 * unit(h, 0) - 1.0;
-                let [x, y] = match k % 4 {
-                    0 => [along * HALF_X, HALF_Y - 0.5],
-                    1 => [along * HALF_X, 0.5 - HALF_Y],
-                    2 => [HALF_X - 0.5, along * HALF_Y],
-                    _ => [along * (HALF_X + 6.0), (2.0 * unit(g, 2) - 1.0) * (HALF_Y + 6.0)],
-                };
-                let radius = (0.07 + 0.13 * unit(h, 1) * unit(h, 2)).max(smallest);
-                let z = 8.9 + 2.6 * unit(g, 0) + 2.0 * radius;
-                Solid::new(Form::Ball { radius }, [x + 0.8 * (unit(g, 1) - 0.5), y, z])
-            })
-            .collect();
-        Self { seed, plan: Plan::new(), crumbs }
+    /// The fort of a seed for a sampling `step` metres apart.
+    pub(super) fn new(seed: u64, step: f64) -> Self {
+        let plan = Plan::new(&|x, y| broad(seed, x, y));
+        Self { seed, step, plan, crumbs: crumbs(seed, 1.3 * step) }
     }
 
     /// What matters within `reach` metres of a place.
@@ -90,37 +76,66 @@ impl Field {
 
     /// Distances without relief.
     pub(super) fn rough(&self, near: &Near, p: Vec3) -> Distance {
-        let walls = self.masonry(near, p);
+        let walls = self.masonry(near, p, standing(self.seed, p[0], p[1]));
         let earth = (p[2] - broad(self.seed, p[0], p[1])) * 0.85;
         combine(near, p, walls, earth, nearest(&near.crumbs, p))
     }
 
     /// Distances with relief, on ground known to be `g`.
     pub(super) fn fine(&self, near: &Near, p: Vec3, g: &Ground) -> Distance {
-        let mut walls = self.masonry(near, p);
+        let mut walls = self.masonry(near, p, g.standing);
         if walls < MOST_OUT + 0.02 && walls > -(MOST_IN + 0.02) {
-            walls -= face(self.seed, p).relief;
+            walls -= face(self.seed, p, self.step).relief;
         }
         let earth = (p[2] - g.height) * 0.85;
         let mut crumbs = nearest(&near.crumbs, p);
         if crumbs < 0.4 {
-            crumbs += 0.05 * noise3(derive(self.seed, 0x82), p.map(|x| x * 9.0));
+            crumbs += 0.06 * noise3(derive(self.seed, 0x82), p.map(|x| x * 8.0));
+            crumbs += 0.11 * noise3(derive(self.seed, 0x83), p.map(|x| x * 3.1));
         }
         combine(near, p, walls, earth, crumbs)
     }
 
     /// The ground at a place.
     pub(super) fn ground(&self, x: f64, y: f64) -> Ground {
-        ground(self.seed, x, y)
+        ground(self.seed, x, y, self.step)
     }
 
-    fn masonry(&self, near: &Near, p: Vec3) -> f64 {
-        let mut walls = nearest(&near.walls, p);
-        if walls < 2.0 && p[2] > 0.2 {
-            walls = walls.max((p[2] - standing(self.seed, p[0], p[1])) * 0.6);
-        }
+    fn masonry(&self, near: &Near, p: Vec3, standing: f64) -> f64 {
+        let walls = nearest(&near.walls, p).max((p[2] - standing.max(0.2)) * 0.6);
         walls.max(-nearest(&near.openings, p)).min(nearest(&near.fittings, p))
     }
+}
+
+/// Stray bits above the heads of the walls, where plants grow and birds sit, and a few bushes on the ground. None is
+/// smaller than `smallest` in radius, so that a coarse sampling still meets them.
+fn crumbs(seed: u64, smallest: f64) -> Vec<Solid> {
+    let salt = derive(seed, 0x81);
+    let ball = |radius: f64, at| Solid::new(Form::Ball { radius: radius.max(smallest) }, at);
+    let stray = (0..30).map(|k| {
+        let (h, g) = (hash2(salt, k, 0), hash2(salt, k, 1));
+        let along = 2.0 * unit(h, 0) - 1.0;
+        let [x, y] = match k % 4 {
+            0 => [along * HALF_X, HALF_Y - 0.6],
+            1 => [along * HALF_X, 0.6 - HALF_Y],
+            2 => [HALF_X - 0.6, along * HALF_Y],
+            _ => [0.6 - HALF_X, along * HALF_Y],
+        };
+        let radius = 0.09 + 0.1 * unit(h, 1) * unit(h, 2);
+        let head = standing(seed, x, y).min(PARAPET + 1.0);
+        let z = head + 0.45 + 0.5 * unit(g, 0) + 1.5 * radius.max(smallest);
+        ball(radius, [x + 0.8 * (unit(g, 1) - 0.5), y, z])
+    });
+    let bushes = (0..9).map(|k| {
+        let h = hash2(salt, k, 2);
+        let angle = (k as f64 + 0.6 * unit(h, 0)) / 9.0 * std::f64::consts::TAU;
+        let reach = 18.0 + 2.5 * unit(h, 1);
+        let (sin, cos) = libm::sincos(angle);
+        let (x, y) = (reach * cos, reach * sin);
+        let radius = 0.35 + 0.4 * unit(h, 2);
+        ball(radius, [x, y, broad(seed, x, y) + 0.45 * radius])
+    });
+    stray.chain(bushes).collect()
 }
 
 fn nearest(solids: &[Solid], p: Vec3) -> f64 {

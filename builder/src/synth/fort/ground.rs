@@ -1,5 +1,6 @@
 //! The ground: a height field with the shore to the south, banks of rubble under the breaches, scattered stones.
 
+use super::masonry::grain_octaves;
 use super::plan::{DRUM, GATE_X, HALF_X, HALF_Y, KEEP, WELL};
 use crate::synth::noise::{derive, fractal2, hash2, lerp, noise2, smooth, unit};
 
@@ -32,6 +33,8 @@ pub(super) struct Ground {
     pub(super) rubble: f64,
     /// Identity of the stone that shows here, or 0.
     pub(super) stone: u64,
+    /// Height to which ruined masonry stands here.
+    pub(super) standing: f64,
 }
 
 /// Height without stones and fine relief: cheap, within 0.5 m of the whole.
@@ -77,12 +80,12 @@ pub(super) fn standing(seed: u64, x: f64, y: f64) -> f64 {
     })
 }
 
-/// The whole ground at a place.
-pub(super) fn ground(seed: u64, x: f64, y: f64) -> Ground {
+/// The whole ground at a place, as far as a sampling `step` metres apart can show it.
+pub(super) fn ground(seed: u64, x: f64, y: f64, step: f64) -> Ground {
     let mut rubble: f64 = BREACHES.iter().map(|b| 1.15 * falloff(b, x, y)).sum();
     let d = (x.abs() - HALF_X).abs().max(0.0).min((y.abs() - HALF_Y).abs());
     rubble = (rubble + 0.18 * smooth(2.5, 0.4, d)).min(1.0);
-    let fine = fractal2(derive(seed, 0x63), x, y, 1.1, 4, 0.55);
+    let fine = fractal2(derive(seed, 0x63), x, y, 1.1, 2 + grain_octaves(step), 0.55);
     let tuft = 0.05 * smooth(0.15, 0.6, noise2(derive(seed, 0x64), x * 2.3, y * 2.3));
     let out = outside(x, y);
     let well = smooth(1.6, 1.1, {
@@ -91,7 +94,7 @@ pub(super) fn ground(seed: u64, x: f64, y: f64) -> Ground {
     });
     let plain = broad(seed, x, y) + fine * lerp(0.018, 0.055, out) + tuft * out + 0.03 * well;
     let (rise, stone) = stones(derive(seed, 0x65), x, y, rubble);
-    Ground { height: plain + rise, rubble, stone }
+    Ground { height: plain + rise, rubble, stone, standing: standing(seed, x, y) }
 }
 
 /// Stones that lie on the ground: domes with broken facets, larger and denser where rubble lies.

@@ -16,6 +16,7 @@ mod plan;
 mod scan;
 mod solid;
 
+use super::noise::{derive, hash2};
 use super::piece::{Piece, Site, tiling};
 use field::Field;
 use net::BLOCK;
@@ -40,37 +41,59 @@ fn fort_from_site(p: Vec3) -> Vec3 {
 /// The fort at one sampling density.
 pub(super) struct Fort {
     field: Field,
-    /// Grid constant in metres.
-    step: f64,
     /// Blocks along each axis.
     blocks: [u32; 3],
     tiles: (u32, u32),
     expected: u64,
 }
 
+/// Triangles times the square of the grid constant, about.
+const AREA: f64 = 11_000.0;
+/// Up to this many triangles all are counted to find the grid constant; beyond, those of a sample.
+const COUNTED: u64 = 250_000;
+/// How many columns of blocks the sample has, about.
+const SAMPLE: u32 = 320;
+
 impl Fort {
     /// A fort of about `triangles` triangles, to be cut into `tiles` tiles.
     pub(super) fn new(triangles: u64, seed: u64, tiles: u32) -> Self {
-        let seed = derive_seed(seed);
-        let mut step = (AREA / triangles as f64).sqrt();
-        let mut fort = Self::at(step, seed, tiles, triangles);
+        let seed = derive(seed, 0xf027);
+        let at = |step| Self::at(step, seed, tiles, triangles);
+        // Small forts are counted in full, twice, since relief comes and goes with the grid constant.
+        let counted = triangles.min(COUNTED);
+        let mut fort = at((AREA / counted as f64).sqrt());
+        let mut columns = fort.count(1);
         for _ in 0..4 {
-            let ratio = fort.estimate() / triangles as f64;
-            step *= ratio.sqrt();
-            fort = Self::at(step, seed, tiles, triangles);
-            if (ratio - 1.0).abs() < 0.004 {
+            let ratio = total(&columns) / counted as f64;
+            if (ratio - 1.0).abs() < 0.003 {
                 break;
             }
+            fort = at(fort.field.step * ratio.sqrt());
+            columns = fort.count(1);
         }
-        fort
+        if counted == triangles {
+            return fort;
+        }
+        // Larger ones by the ratio of what a sample has to what the counted fort had in the same places.
+        let finer = at(fort.field.step * (total(&columns) / triangles as f64).sqrt());
+        let every = (finer.blocks[0] * finer.blocks[1] / SAMPLE).max(1);
+        let (mut found, mut foreseen) = (0.0, 0.0);
+        for ([x, y], count) in finer.count(every) {
+            let share = fort.share_of(&columns, finer.corner(x, y), finer.corner(x + 1, y + 1));
+            foreseen += share * (fort.field.step / finer.field.step) * (fort.field.step / finer.field.step);
+            found += count as f64;
+        }
+        let ratio: f64 = found / foreseen;
+        at(finer.field.step * (ratio * total(&columns) * fort.field.step * fort.field.step
+            / (triangles as f64 * finer.field.step * finer.field.step)).sqrt())
     }
 
     fn at(step: f64, seed: u64, tiles: u32, expected: u64) -> Self {
         let side = f64::from(BLOCK) * step;
         let along = (2.0 * REACH / side).ceil() as u32;
         let up = ((HIGHEST - LOWEST) / side).ceil() as u32;
-        let field = Field::new(seed, 1.3 * step);
-        Self { field, step, blocks: [along, along, up], tiles: tiling(tiles, 1.0, 1.0), expected }
+        let field = Field::new(seed, step);
+        Self { field, blocks: [along, along, up], tiles: tiling(tiles, 1.0, 1.0), expected }
     }
 
     /// The largest number of tiles along one side.
@@ -78,21 +101,36 @@ impl Fort {
         self.blocks[0]
     }
 
-    /// About how many triangles there will be: those of all blocks while they are few, else of a sample.
-    fn estimate(&self) -> f64 {
-        let columns = self.blocks[0] * self.blocks[1];
-        let every = (columns / SAMPLE_COLUMNS).max(1);
-        let count = |column: u32| -> u64 {
-            let (x, y) = (column / self.blocks[1], column % self.blocks[1]);
-            (0..self.blocks[2]).map(|z| self.block([x, y, z]).triangles.len() as u64).sum()
-        };
-        let sample: Vec<u32> = (0..columns / every).map(|k| k * every).collect();
-        let sum: u64 = sample.par_iter().map(|c| count(*c)).sum();
-        sum as f64 * f64::from(columns) / sample.len() as f64
+    /// The south-west corner of a column of blocks.
+    fn corner(&self, x: u32, y: u32) -> [f64; 2] {
+        [x, y].map(|k| f64::from(k * BLOCK) * self.field.step)
     }
 
-    fn block(&self, block: [u32; 3]) -> Piece {
-        net::block(&self.field, self.step, block)
+    /// How many triangles each column of blocks has: all columns, or one in `every` at random.
+    fn count(&self, every: u32) -> Vec<([u32; 2], u64)> {
+        let of_column = |[x, y]: [u32; 2]| -> u64 {
+            (0..self.blocks[2]).map(|z| net::block(&self.field, [x, y, z], false).triangles.len() as u64).sum()
+        };
+        let salt = derive(self.field.seed, 0xf028);
+        (0..self.blocks[0] * self.blocks[1])
+            .into_par_iter()
+            .map(|k| [k / self.blocks[1], k % self.blocks[1]])
+            .filter(|[x, y]| hash2(salt, i64::from(*x), i64::from(*y)).is_multiple_of(u64::from(every)))
+            .map(|column| (column, of_column(column)))
+            .collect()
+    }
+
+    /// How many of the counted triangles lie in a rectangle, if those of a column lie evenly in it.
+    fn share_of(&self, columns: &[([u32; 2], u64)], low: [f64; 2], high: [f64; 2]) -> f64 {
+        let side = f64::from(BLOCK) * self.field.step;
+        columns
+            .iter()
+            .map(|([x, y], count)| {
+                let corner = self.corner(*x, *y);
+                let overlap = |k: usize| (high[k].min(corner[k] + side) - low[k].max(corner[k])).max(0.0) / side;
+                *count as f64 * overlap(0) * overlap(1)
+            })
+            .sum()
     }
 
     /// The blocks of a tile: first and behind the last along x, and along y.
@@ -107,13 +145,8 @@ impl Fort {
     }
 }
 
-/// Triangles times the square of the grid constant, about.
-const AREA: f64 = 9_000.0;
-/// How many columns of blocks the estimate looks at, about.
-const SAMPLE_COLUMNS: u32 = 400;
-
-fn derive_seed(seed: u64) -> u64 {
-    super::noise::derive(seed, 0xf027)
+fn total(columns: &[([u32; 2], u64)]) -> f64 {
+    columns.iter().map(|(_, count)| *count as f64).sum()
 }
 
 impl Site for Fort {
@@ -122,7 +155,7 @@ impl Site for Fort {
     }
 
     fn spacing(&self) -> f64 {
-        self.step
+        self.field.step
     }
 
     fn slabs(&self, tile: u32) -> u32 {
@@ -138,7 +171,7 @@ impl Site for Fort {
     fn piece(&self, tile: u32, slab: u32, index: u32) -> Piece {
         let [[x0, _], [y0, _]] = self.window(tile);
         let up = self.blocks[2];
-        let mut piece = self.block([x0 + slab, y0 + index / up, index % up]);
+        let mut piece = net::block(&self.field, [x0 + slab, y0 + index / up, index % up], true);
         for v in &mut piece.vertices {
             // The net says whether the next slab needs it too.
             if let Some((_, last)) = &mut v.shared {

@@ -5,7 +5,7 @@
 //! own cells and one layer before them: blocks need nothing of each other. Only small cubes near the surface are looked
 //! at; where the surface leaves such a cube its neighbour is looked at too, so steep relief is not lost.
 
-use super::field::{Distance, Field, Near};
+use super::field::{Field, Near};
 use super::ground::Ground;
 use super::{LOWEST, REACH, Vec3, fort_from_site, paint, scan};
 use crate::synth::noise::{self, derive, hash3, unit};
@@ -28,8 +28,8 @@ type Local = [i32; 3];
 
 struct Block<'a> {
     field: &'a Field,
+    painted: bool,
     near: Near,
-    step: f64,
     first: [i64; 3],
     values: Vec<f32>,
     columns: Vec<Option<Ground>>,
@@ -39,7 +39,9 @@ struct Block<'a> {
 }
 
 /// Make a block: the triangles of its grid edges. A shared vertex says 1 where the next block along x needs it, else 0.
-pub(super) fn block(field: &Field, step: f64, block: [u32; 3]) -> Piece {
+/// Colours are left black where `painted` is false.
+pub(super) fn block(field: &Field, block: [u32; 3], painted: bool) -> Piece {
+    let step = field.step;
     let first = block.map(|b| i64::from(b) * i64::from(BLOCK));
     let side = f64::from(BLOCK) * step;
     let middle = fort_from_site(site(step, first, [BLOCK as i32 / 2; 3]));
@@ -51,8 +53,8 @@ pub(super) fn block(field: &Field, step: f64, block: [u32; 3]) -> Piece {
     let slots = (SIDE * SIDE * SIDE) as usize;
     let mut b = Block {
         field,
+        painted,
         near,
-        step,
         first,
         values: vec![f32::NAN; slots],
         columns: vec![None; (SIDE * SIDE) as usize],
@@ -110,8 +112,8 @@ impl Block<'_> {
     /// Whether the surface may pass through a cube.
     fn may_cross(&mut self, cube: Local) -> bool {
         let middle = cube.map(|c| c * CUBE + CUBE / 2);
-        let radius = f64::from(CUBE) * self.step * 0.87;
-        let p = fort_from_site(site(self.step, self.first, middle));
+        let radius = f64::from(CUBE) * self.field.step * 0.87;
+        let p = fort_from_site(site(self.field.step, self.first, middle));
         if self.field.clear(&self.near, p, radius) {
             return false;
         }
@@ -157,7 +159,7 @@ impl Block<'_> {
         if let Some(g) = self.columns[at] {
             return g;
         }
-        let p = fort_from_site(site(self.step, self.first, l));
+        let p = fort_from_site(site(self.field.step, self.first, l));
         let g = self.field.ground(p[0], p[1]);
         self.columns[at] = Some(g);
         g
@@ -168,7 +170,7 @@ impl Block<'_> {
         let at = slot(l);
         if self.values[at].is_nan() {
             let g = self.ground(l);
-            let p = fort_from_site(site(self.step, self.first, l));
+            let p = fort_from_site(site(self.field.step, self.first, l));
             let d = self.field.fine(&self.near, p, &g).all as f32;
             // Never exactly on a corner: a crossing then lies inside its edge.
             self.values[at] = if d == 0.0 { 1e-6 } else { d };
@@ -212,35 +214,36 @@ impl Block<'_> {
         let h = hash3(derive(self.field.seed, 0x91), whole[0], whole[1], whole[2]);
         let push: Vec3 = std::array::from_fn(|k| (unit(h, k as u32) - 0.5) * JITTER);
         let across = push[0] * normal[0] + push[1] * normal[1] + push[2] * normal[2];
-        let grain = SCANNER_NOISE * noise::normal(noise::mix(h ^ 0x55)) / self.step;
+        let grain = SCANNER_NOISE * noise::normal(noise::mix(h ^ 0x55)) / self.field.step;
         for k in 0..3 {
             crossing[k] = (crossing[k] + push[k] + (grain - across) * normal[k]).clamp(0.02, 0.98);
         }
-        let corner = site(self.step, self.first, cell);
-        let position: Vec3 = std::array::from_fn(|k| corner[k] + crossing[k] * self.step);
+        let corner = site(self.field.step, self.first, cell);
+        let place = |c: Vec3| -> Vec3 { std::array::from_fn(|k| corner[k] + c[k] * self.field.step) };
+        let (p, across) = (fort_from_site(place(crossing)), fort_from_site(normal));
+        let ground = self.field.ground(p[0], p[1]);
+        let distance = self.field.fine(&self.near, p, &ground);
+        // The mean of the crossings lies a little off the surface, in a pattern that the eye finds: one Newton step.
+        let off = (distance.all / self.field.step).clamp(-0.4, 0.4);
+        for k in 0..3 {
+            crossing[k] = (crossing[k] - off * normal[k]).clamp(0.02, 0.98);
+        }
+        let position = place(crossing);
         let edge = cell.iter().any(|c| *c == -1 || *c == BLOCK as i32 - 1);
         let key = whole.iter().fold(0_u64, |key, c| key << 21 | ((c + 1) as u64 & 0x1f_ffff));
         let shared = edge.then_some((key, u32::from(cell[0] == BLOCK as i32 - 1)));
-        let (color, kept) = self.surface(position, normal, h);
+        let kept = scan::seen(self.field.seed, p, across, &distance);
+        let color = if kept && self.painted {
+            let spot = paint::Spot { p, normal: across, distance, ground, hash: h };
+            paint::color(self.field, &self.near, &spot)
+        } else {
+            [0; 3]
+        };
         let index = self.piece.vertices.len() as u32;
         self.piece.vertices.push(Vertex { position, color, shared });
         self.kept.push(kept);
         self.cells[at] = index;
         index
-    }
-
-    /// Colour at a place of the surface, and whether the scanner saw it.
-    fn surface(&self, position: Vec3, site_normal: Vec3, h: u64) -> ([u8; 3], bool) {
-        let p = fort_from_site(position);
-        let normal = fort_from_site(site_normal);
-        let g = self.field.ground(p[0], p[1]);
-        let d: Distance = self.field.fine(&self.near, p, &g);
-        let kept = scan::seen(self.field.seed, p, normal, &d);
-        if !kept {
-            return ([0; 3], false);
-        }
-        let spot = paint::Spot { p, normal, distance: d, ground: g, step: self.step, hash: h };
-        (paint::color(self.field, &self.near, &spot), true)
     }
 
     /// Mean of the crossings of a cell's edges, in cells, and the mean slope.

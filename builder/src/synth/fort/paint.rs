@@ -17,8 +17,6 @@ pub(super) struct Spot {
     pub(super) distance: Distance,
     /// The ground here.
     pub(super) ground: Ground,
-    /// Grid constant, metres.
-    pub(super) step: f64,
     /// Random bits of this vertex.
     pub(super) hash: u64,
 }
@@ -37,7 +35,7 @@ pub(super) fn color(field: &Field, near: &Near, spot: &Spot) -> [u8; 3] {
         let leaf = noise3(derive(seed, 0xb1), spot.p.map(|x| x * 8.0));
         blend([98.0, 112.0, 58.0], [132.0, 122.0, 84.0], 0.5 + leaf)
     } else {
-        let wall = masonry(seed, spot);
+        let wall = masonry(seed, spot, field.step);
         let earth = earth(seed, spot);
         let ragged = 0.05 * noise3(derive(seed, 0xb2), spot.p.map(|x| x * 6.0));
         blend(wall, earth, smooth(-0.03, 0.07, d.walls - d.ground + ragged))
@@ -56,7 +54,7 @@ pub(super) fn color(field: &Field, near: &Near, spot: &Spot) -> [u8; 3] {
 /// How much sky a place sees, about: what hollows and rooms lose of the light.
 fn shade(field: &Field, near: &Near, spot: &Spot) -> f64 {
     let mut light = 1.0;
-    for (reach, weight) in [(0.18, 0.22), (0.6, 0.24)] {
+    for (reach, weight) in [(0.18, 0.16), (0.6, 0.2)] {
         let q: Vec3 = std::array::from_fn(|k| spot.p[k] + spot.normal[k] * reach);
         let free = (field.rough(near, q).all / reach).clamp(0.0, 1.0);
         light -= weight * (1.0 - free);
@@ -64,22 +62,21 @@ fn shade(field: &Field, near: &Near, spot: &Spot) -> f64 {
     light * (0.93 + 0.07 * spot.normal[2])
 }
 
-fn masonry(seed: u64, spot: &Spot) -> Rgb {
+fn masonry(seed: u64, spot: &Spot, step: f64) -> Rgb {
     const STONES: [Rgb; 5] = [
-        [186.0, 174.0, 150.0],
-        [170.0, 158.0, 136.0],
-        [157.0, 148.0, 132.0],
-        [194.0, 178.0, 146.0],
-        [150.0, 137.0, 116.0],
+        [204.0, 193.0, 170.0],
+        [190.0, 179.0, 156.0],
+        [176.0, 168.0, 151.0],
+        [210.0, 194.0, 163.0],
+        [168.0, 155.0, 133.0],
     ];
     let p = spot.p;
-    let f = face(seed, p);
+    let f = face(seed, p, step);
     let tone = STONES[(f.stone % 5) as usize].map(|x| x * (0.93 + 0.14 * unit(f.stone, 2)));
     let speck = fractal3(derive(seed, 0xb4), p, 0.16, 3, 0.7);
     let stone = tone.map(|x| x * (1.0 + 0.07 * speck));
     let mortar = blend([196.0, 182.0, 154.0], [122.0, 110.0, 92.0], 0.35 + 0.5 * f.worn);
-    let joint = f.joint.max(if spot.step > 0.03 { 0.0 } else { 0.0 });
-    let mut c = blend(stone, mortar, 0.75 * joint);
+    let mut c = blend(stone, mortar, 0.75 * f.joint);
     let cloud = fractal3(derive(seed, 0xb5), p, 1.9, 3, 0.6);
     let coat = blend([222.0, 213.0, 194.0], [196.0, 184.0, 160.0], 0.5 + 0.8 * cloud);
     c = blend(c, coat, f.plaster);
@@ -99,10 +96,10 @@ fn weathered(seed: u64, spot: &Spot, mut c: Rgb, cloud: f64) -> Rgb {
     // Rain draws dark tongues down from the heads of walls.
     let tongue = fractal3(derive(seed, 0xb7), [p[0] * 1.6, p[1] * 1.6, p[2] * 0.22], 1.0, 3, 0.6);
     let rain = smooth(0.05, 0.7, tongue + 0.14 * (above - 3.6)) * smooth(0.5, 2.0, above);
-    c = blend(c, [98.0, 93.0, 84.0], 0.62 * rain);
+    c = blend(c, [104.0, 99.0, 90.0], 0.5 * rain);
     // Lichen where it is light: black-grey crusts and orange spots.
     let crust = fractal3(derive(seed, 0xb8), p, 0.7, 4, 0.65);
-    c = blend(c, [84.0, 83.0, 78.0], 0.6 * smooth(0.25, 0.7, crust + 0.5 * n[2].max(0.0) - 0.1));
+    c = blend(c, [84.0, 83.0, 78.0], 0.5 * smooth(0.3, 0.8, crust + 0.5 * n[2].max(0.0) - 0.1));
     let spots = fractal3(derive(seed, 0xb9), p, 0.35, 2, 0.6);
     c = blend(c, [186.0, 146.0, 82.0], 0.55 * smooth(0.55, 0.8, spots + 0.15 * cloud));
     // Damp rises from the ground, and moss follows it on the shaded sides.

@@ -15,7 +15,7 @@ const THICK: f64 = 1.25;
 /// Height of the wall-walk.
 pub(super) const WALK: f64 = 4.9;
 /// Height of the parapet without merlons.
-const PARAPET: f64 = 5.8;
+pub(super) const PARAPET: f64 = 5.8;
 /// Centre of the round tower.
 pub(super) const DRUM: [f64; 2] = [12.4, -10.8];
 /// Centre of the square tower.
@@ -46,8 +46,8 @@ fn arch(x: f64, y: f64, z: f64, half_width: f64, half_depth: f64, spring: f64, r
 }
 
 impl Plan {
-    /// The plan.
-    pub(super) fn new() -> Self {
+    /// The plan on ground of a given height: `ground(x, y)`.
+    pub(super) fn new(ground: &dyn Fn(f64, f64) -> f64) -> Self {
         let mut plan = Self { walls: Vec::new(), openings: Vec::new(), fittings: Vec::new(), shafts: Vec::new() };
         plan.curtain();
         plan.round_tower();
@@ -57,6 +57,7 @@ impl Plan {
         plan.north_range();
         plan.east_range();
         plan.court();
+        plan.fallen(ground);
         plan
     }
 
@@ -228,8 +229,11 @@ impl Plan {
         self.shafts.push(block(wx + 1.75, wy - 0.4, 0.18, [0.26, 0.68], 1.0).turned(12.0));
         self.fittings.push(block(-7.2, -5.4, -0.4, [0.42, 1.6], 0.82));
         self.fittings.push(block(-4.0, 6.35, -0.4, [1.5, 0.35], 0.8));
-        // Fallen pieces of the parapet.
-        let fallen = [
+    }
+
+    /// Pieces of the parapet that have come down and lie as they fell.
+    fn fallen(&mut self, ground: &dyn Fn(f64, f64) -> f64) {
+        let pieces = [
             (15.6, 2.4, 24.0, 0.55),
             (16.4, 0.6, 71.0, 0.42),
             (10.9, 3.3, 40.0, 0.5),
@@ -239,12 +243,13 @@ impl Plan {
             (4.6, 13.4, 20.0, 0.5),
             (6.1, 14.2, 52.0, 0.38),
             (6.9, 2.2, 15.0, 0.34),
-            (1.6, -15.2, 37.0, 0.33),
-            (-8.8, -14.4, 58.0, 0.4),
+            (1.6, -15.2, 37.0, 0.4),
+            (-8.8, -14.4, 58.0, 0.46),
             (9.7, -3.4, 80.0, 0.3),
         ];
-        for (x, y, turn, size) in fallen {
-            self.fittings.push(block(x, y, -1.9, [size, size * 0.62], 1.9 + size * 0.9).turned(turn));
+        for (x, y, turn, size) in pieces {
+            let piece = block(x, y, ground(x, y) - size * 0.5, [size, size * 0.66], size * 1.05);
+            self.fittings.push(piece.turned(turn).tipped(turn - 45.0));
         }
     }
 }

@@ -40,18 +40,26 @@ pub(super) struct Solid {
     repeat: Repeat,
     at: Vec3,
     turn: [f64; 2],
+    tip: [f64; 2],
 }
 
 impl Solid {
     /// A solid with its foot at a place.
     pub(super) fn new(form: Form, at: Vec3) -> Self {
-        Self { form, repeat: Repeat::Once, at, turn: [1.0, 0.0] }
+        Self { form, repeat: Repeat::Once, at, turn: [1.0, 0.0], tip: [1.0, 0.0] }
     }
 
     /// Turned counter-clockwise seen from above, in degrees.
     pub(super) fn turned(mut self, degrees: f64) -> Self {
         let angle = degrees.to_radians();
         self.turn = [libm::cos(angle), libm::sin(angle)];
+        self
+    }
+
+    /// Tipped about its own y axis after turning, in degrees.
+    pub(super) fn tipped(mut self, degrees: f64) -> Self {
+        let (s, c) = libm::sincos(degrees.to_radians());
+        self.tip = [c, s];
         self
     }
 
@@ -66,6 +74,8 @@ impl Solid {
         let d = [p[0] - self.at[0], p[1] - self.at[1], p[2] - self.at[2]];
         let [c, s] = self.turn;
         let q = [c * d[0] + s * d[1], c * d[1] - s * d[0], d[2]];
+        let [c, s] = self.tip;
+        let q = [c * q[0] + s * q[2], q[1], c * q[2] - s * q[0]];
         match self.repeat {
             Repeat::Once => self.form.distance(q),
             Repeat::Row { count, pitch } => {
