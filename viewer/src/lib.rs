@@ -13,6 +13,7 @@ pub mod camera;
 pub mod clip;
 pub mod gpu;
 pub mod options;
+pub mod pick;
 pub mod renderer;
 pub mod shell;
 

@@ -1,0 +1,124 @@
+//! What a pixel shows, computed from the decoded chunks: the nearest drawn triangle that a ray meets.
+//!
+//! Exact for what is on screen (the drawn cut, not the finest level), in f64, in lattice steps. No GPU and no waiting, so a wheel
+//! event can zoom towards the surface in the very frame that it belongs to.
+
+use kilwa_geometry::Aabb;
+use kilwa_geometry::distance::{Vec3, ray_triangle};
+use kilwa_pack::GpuChunk;
+use kilwa_pack::vertex_layout::VERTEX_BYTES;
+use kilwa_stream::DrawPatch;
+
+/// A point of the drawn surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hit {
+    /// The place, in lattice steps.
+    pub point: Vec3,
+    /// Certified error of the patch that was hit, metres: 0 where it is the finest.
+    pub error: f32,
+    /// Multiples of the ray's direction to the place.
+    pub along: f64,
+}
+
+/// The nearest drawn surface along `origin + t * direction`, `t >= 0`, from either side. `chunk` gives the decoded
+/// form and the box of a chunk; patches whose chunk it does not give are passed over.
+pub fn nearest<'a>(
+    origin: Vec3,
+    direction: Vec3,
+    patches: &[DrawPatch],
+    chunk: impl Fn(u32) -> Option<(&'a GpuChunk, Aabb)>,
+) -> Option<Hit> {
+    let mut best: Option<Hit> = None;
+    let mut current: Option<(u32, Option<&GpuChunk>)> = None;
+    for patch in patches.iter().filter(|p| p.visible) {
+        let mesh = match current {
+            Some((index, mesh)) if index == patch.chunk => mesh,
+            _ => {
+                let limit = best.map_or(f64::INFINITY, |b| b.along);
+                let mesh = chunk(patch.chunk).filter(|(_, b)| meets(origin, direction, b, limit)).map(|(m, _)| m);
+                current = Some((patch.chunk, mesh));
+                mesh
+            }
+        };
+        let Some(mesh) = mesh else { continue };
+        let from = patch.first as usize * 3;
+        let triangles = mesh.indices.get(from..from + patch.count as usize * 3).unwrap_or_default();
+        for t in triangles.chunks_exact(3) {
+            let Some(corners) = corners(mesh, t) else { continue };
+            let Some(along) = ray_triangle(origin, direction, corners) else { continue };
+            if best.is_none_or(|b| along < b.along) {
+                let point = std::array::from_fn(|i| origin[i] + direction[i] * along);
+                best = Some(Hit { point, error: patch.error, along });
+            }
+        }
+    }
+    best
+}
+
+fn corners(mesh: &GpuChunk, triangle: &[u32]) -> Option<[Vec3; 3]> {
+    let corner = |v: u32| {
+        let at = v as usize * VERTEX_BYTES;
+        let bytes = mesh.vertices.get(at..at + 12)?;
+        let x = |i: usize| f64::from(i32::from_le_bytes([bytes[i], bytes[i + 1], bytes[i + 2], bytes[i + 3]]));
+        Some([x(0), x(4), x(8)])
+    };
+    Some([corner(triangle[0])?, corner(triangle[1])?, corner(triangle[2])?])
+}
+
+/// Whether the ray meets the box before `limit`: slabs.
+fn meets(origin: Vec3, direction: Vec3, bounds: &Aabb, limit: f64) -> bool {
+    if bounds.is_empty() {
+        return false;
+    }
+    let (mut from, mut to) = (0.0f64, limit);
+    for i in 0..3 {
+        let (low, high) = (f64::from(bounds.min[i]) - 0.5, f64::from(bounds.max[i]) + 0.5);
+        if direction[i] == 0.0 {
+            if origin[i] < low || origin[i] > high {
+                return false;
+            }
+            continue;
+        }
+        let (a, b) = ((low - origin[i]) / direction[i], (high - origin[i]) / direction[i]);
+        from = from.max(a.min(b));
+        to = to.min(a.max(b));
+    }
+    from <= to
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kilwa_pack::{Chunk, NO_DIAMOND, PatchRange, interleave};
+
+    fn squares() -> GpuChunk {
+        // Two squares across the y axis, at y = 10 and y = 20.
+        let mut chunk = Chunk::default();
+        for y in [10, 20] {
+            chunk.mesh.positions.extend([[0, y, 0], [8, y, 0], [8, y, 8], [0, y, 8]]);
+        }
+        chunk.mesh.triangles = vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
+        chunk.patches = vec![PatchRange { first: 0, count: 4, diamond: NO_DIAMOND }];
+        interleave(&chunk)
+    }
+
+    fn patch(first: u32, count: u32, visible: bool) -> DrawPatch {
+        DrawPatch { chunk: 7, patch: 0, first, count, diamond: NO_DIAMOND, level: 0, error: 0.5, visible }
+    }
+
+    #[test]
+    fn the_nearest_drawn_triangle_is_hit_and_hidden_patches_are_not() {
+        let mesh = squares();
+        let bounds = Aabb { min: [0, 10, 0], max: [8, 20, 8] };
+        let find = |patches: &[DrawPatch], origin| nearest(origin, [0.0, 1.0, 0.0], patches, |c| (c == 7).then_some((&mesh, bounds)));
+        let all = [patch(0, 2, true), patch(2, 2, true)];
+        let hit = find(&all, [4.0, 0.0, 5.0]).unwrap();
+        assert_eq!((hit.point, hit.error), ([4.0, 10.0, 5.0], 0.5));
+        assert_eq!(find(&all[1..], [4.0, 0.0, 5.0]).unwrap().point[1], 20.0);
+        assert_eq!(find(&[patch(0, 2, false), patch(2, 2, true)], [4.0, 0.0, 5.0]).unwrap().point[1], 20.0);
+        assert_eq!(find(&all, [4.0, 15.0, 5.0]).unwrap().point[1], 20.0);
+        assert!(find(&all, [9.5, 0.0, 5.0]).is_none());
+        assert!(find(&all, [4.0, 25.0, 5.0]).is_none());
+        assert!(find(&[patch(2, 9, true)], [4.0, 0.0, 5.0]).is_none(), "a patch beyond the chunk is passed over");
+    }
+}

@@ -1,0 +1,186 @@
+// Everything round the picture that needs no model: tabs, the phone's sheet, popover, tooltips, dialogs, notices.
+
+import { t } from "./i18n.js";
+
+const $ = (id) => document.getElementById(id);
+const isPhone = () => matchMedia("(max-width: 720px)").matches;
+
+/** Tabs as WAI-ARIA has them: one in the tab order, arrows move, the panel follows. */
+export function tabs() {
+  const all = [...document.querySelectorAll("[role=tab]")];
+  const select = (tab, { focus = false } = {}) => {
+    for (const other of all) {
+      const isIt = other === tab;
+      other.setAttribute("aria-selected", String(isIt));
+      other.tabIndex = isIt ? 0 : -1;
+      $(other.getAttribute("aria-controls")).hidden = !isIt;
+    }
+    if (focus) tab.focus();
+    if ($("panel").dataset.size === "peek") sheet("half");
+  };
+  for (const [at, tab] of all.entries()) {
+    tab.addEventListener("click", () => {
+      const isOpen = tab.getAttribute("aria-selected") === "true" && $("panel").dataset.size !== "peek";
+      if (isPhone() && isOpen) sheet("peek");
+      else select(tab);
+    });
+    tab.addEventListener("keydown", (event) => {
+      const forward = document.documentElement.dir === "rtl" ? "ArrowLeft" : "ArrowRight";
+      const back = document.documentElement.dir === "rtl" ? "ArrowRight" : "ArrowLeft";
+      const to = { [forward]: at + 1, [back]: at - 1, Home: 0, End: all.length - 1 }[event.key];
+      if (to === undefined) return;
+      event.preventDefault();
+      select(all[(to + all.length) % all.length], { focus: true });
+    });
+  }
+}
+
+function sheet(size) {
+  $("panel").dataset.size = size;
+}
+
+/** The panel beside the picture, or the sheet below it on a phone: a press or a pull changes its size. */
+export function panel() {
+  sheet("peek");
+  $("panel-toggle").addEventListener("click", () => {
+    const isOpen = document.body.dataset.panel !== "closed";
+    document.body.dataset.panel = isOpen ? "closed" : "open";
+    $("panel-toggle").setAttribute("aria-expanded", String(!isOpen));
+  });
+  const sizes = ["peek", "half", "full"];
+  const grip = $("grip");
+  let from = null;
+  grip.addEventListener("pointerdown", (event) => {
+    from = event.clientY;
+    grip.setPointerCapture(event.pointerId);
+  });
+  grip.addEventListener("pointerup", (event) => {
+    if (from === null) return;
+    const pulled = from - event.clientY;
+    from = null;
+    if (Math.abs(pulled) < 12) return;
+    const at = sizes.indexOf($("panel").dataset.size) + Math.sign(pulled);
+    sheet(sizes[Math.max(0, Math.min(2, at))]);
+    grip.dataset.pulled = "yes";
+  });
+  grip.addEventListener("click", () => {
+    if (grip.dataset.pulled) return delete grip.dataset.pulled;
+    return sheet(sizes[(sizes.indexOf($("panel").dataset.size) + 1) % 3]);
+  });
+}
+
+/** A menu below a button: arrows move, Escape and a press elsewhere close. */
+export function menu(button, list, choose) {
+  const items = [...list.querySelectorAll("[role=menuitem]")];
+  const show = (open) => {
+    list.hidden = !open;
+    button.setAttribute("aria-expanded", String(open));
+    if (open) items[0].focus();
+  };
+  button.addEventListener("click", () => show(list.hidden));
+  list.addEventListener("keydown", (event) => {
+    const at = items.indexOf(document.activeElement);
+    const to = { ArrowDown: at + 1, ArrowUp: at - 1, Home: 0, End: items.length - 1 }[event.key];
+    if (to !== undefined) items[(to + items.length) % items.length].focus();
+    else if (event.key === "Escape") {
+      show(false);
+      button.focus();
+    } else if (event.key === "Tab") return show(false);
+    else if (event.key.length === 1 && items[Number(event.key) - 1]) items[Number(event.key) - 1].click();
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  });
+  for (const item of items) {
+    item.addEventListener("click", () => {
+      show(false);
+      button.focus();
+      choose(item);
+    });
+  }
+  document.addEventListener("pointerdown", (event) => {
+    if (!list.hidden && !list.contains(event.target) && !button.contains(event.target)) show(false);
+  });
+}
+
+/** The names of the controls, and their keys, beside them while the pointer rests there or the keyboard stands there. */
+export function tooltips() {
+  const tip = document.createElement("div");
+  tip.className = "tip";
+  tip.hidden = true;
+  tip.setAttribute("aria-hidden", "true");
+  document.body.append(tip);
+  let timer;
+  const hide = () => {
+    clearTimeout(timer);
+    tip.hidden = true;
+  };
+  const show = (element) => {
+    tip.textContent = t(element.dataset.label);
+    if (element.dataset.key) {
+      const key = document.createElement("kbd");
+      key.textContent = element.dataset.key;
+      tip.append(key);
+    }
+    tip.hidden = false;
+    const box = element.getBoundingClientRect();
+    const own = tip.getBoundingClientRect();
+    const isBeside = element.closest(".rail") && !isPhone();
+    const isRtl = document.documentElement.dir === "rtl";
+    const x = isBeside ? (isRtl ? box.left - own.width - 8 : box.right + 8) : box.left + (box.width - own.width) / 2;
+    const below = box.bottom + 6 + own.height < innerHeight ? box.bottom + 6 : box.top - own.height - 6;
+    tip.style.left = `${Math.max(8, Math.min(innerWidth - own.width - 8, x))}px`;
+    tip.style.top = `${isBeside ? box.top + (box.height - own.height) / 2 : below}px`;
+  };
+  const later = (event) => {
+    const element = event.target.closest?.("[data-label]");
+    hide();
+    if (element && event.pointerType !== "touch") timer = setTimeout(() => show(element), 400);
+  };
+  document.addEventListener("pointerover", later);
+  document.addEventListener("focusin", (event) => event.target.matches?.(":focus-visible") && later(event));
+  document.addEventListener("pointerdown", hide);
+  document.addEventListener("focusout", hide);
+  document.addEventListener("keydown", hide);
+}
+
+let noticeTimer;
+/** One sentence above the picture's lower edge, for a while. */
+export function notice(text, milliseconds = 6000) {
+  clearTimeout(noticeTimer);
+  $("notice").textContent = text;
+  $("notice").hidden = false;
+  noticeTimer = setTimeout(() => ($("notice").hidden = true), milliseconds);
+}
+
+/** Hide or show everything but the model. */
+export function toggleChrome() {
+  const isHidden = document.body.dataset.chrome === "hidden";
+  document.body.dataset.chrome = isHidden ? "shown" : "hidden";
+  $("show-again").hidden = isHidden;
+}
+
+/** The help dialog, written anew for the language. */
+export function help() {
+  const fill = (id, rows) =>
+    $(id).replaceChildren(
+      ...rows.map(([what, how]) => {
+        const row = document.createElement("div");
+        const [dt, dd] = [document.createElement("dt"), document.createElement("dd")];
+        dt.textContent = what;
+        dd.textContent = how;
+        row.append(dt, dd);
+        return row;
+      }),
+    );
+  fill("help-mouse", [
+    [t("turn"), t("leftDrag")], [t("move"), t("rightDrag")], [t("zoom"), t("wheel")], [t("pivot"), t("doubleClick")],
+  ]);
+  fill("help-touch", [
+    [t("turn"), `${t("oneFinger")}, ${t("twist")}`], [t("move"), t("twoFingers")], [t("zoom"), t("pinch")], [t("pivot"), t("doubleTap")],
+  ]);
+  fill("help-keys", [
+    [t("turn"), t("arrows")], [t("move"), t("shiftArrows")], [t("zoom"), "+ −"], [t("fit"), "F"], [t("views6"), "1 – 6"],
+    [t("orthographic"), "O"], [t("hide"), "H"], [t("help"), "?"],
+  ]);
+}

@@ -1,0 +1,94 @@
+// A few workers that decode; each has one job at a time, so that what is no longer wanted never starts.
+
+export class DecodePool {
+  /** @param {number} size number of workers */
+  constructor(size) {
+    this.size = size;
+    this.idle = [];
+    this.workers = new Set();
+    this.waiting = [];
+    this.running = new Map();
+    this.jobs = 0;
+    this.module = WebAssembly.compileStreaming(fetch(new URL("decode_bg.wasm", import.meta.url)));
+    this.module.catch(() => {});
+  }
+
+  /** Decode `task` (a chunk's bytes and what the directory declares); resolves to its buffers. `key` is for `drop`. */
+  decode(key, task) {
+    return new Promise((resolve, reject) => {
+      this.waiting.push({ key, task, resolve, reject });
+      this.#next();
+    });
+  }
+
+  /** Forget what waits under this key; a running job ends, and its result is the caller's to ignore. */
+  drop(key) {
+    this.waiting = this.waiting.filter((w) => w.key !== key);
+  }
+
+  close() {
+    for (const worker of this.workers) worker.terminate();
+    this.workers.clear();
+    this.idle = [];
+    this.waiting = [];
+  }
+
+  async #next() {
+    if (this.waiting.length === 0) return;
+    if (this.idle.length === 0) {
+      if (this.workers.size >= this.size) return;
+      await this.#start();
+    }
+    const worker = this.idle.pop();
+    const next = worker && this.waiting.shift();
+    if (!next) {
+      if (worker) this.idle.push(worker);
+      return;
+    }
+    const job = (this.jobs += 1);
+    this.running.set(job, { worker, ...next });
+    worker.postMessage({ job, ...next.task }, [next.task.bytes.buffer]);
+  }
+
+  async #start() {
+    const worker = new Worker(new URL("decode-worker.js", import.meta.url), { type: "module" });
+    this.workers.add(worker);
+    worker.onmessage = ({ data }) => this.#done(worker, data);
+    worker.onerror = (event) => this.#lost(worker, event.message || "the decoding worker did not start");
+    try {
+      worker.postMessage({ module: await this.module });
+      this.idle.push(worker);
+    } catch (error) {
+      this.#lost(worker, String(error?.message ?? error));
+    }
+  }
+
+  #done(worker, { job, error, broken, ...decoded }) {
+    const entry = this.running.get(job);
+    this.running.delete(job);
+    if (broken) {
+      this.workers.delete(worker);
+      worker.terminate();
+    } else {
+      this.idle.push(worker);
+    }
+    if (error) entry?.reject(new Error(error));
+    else entry?.resolve(decoded);
+    this.#next();
+  }
+
+  #lost(worker, message) {
+    worker.terminate();
+    this.workers.delete(worker);
+    this.idle = this.idle.filter((w) => w !== worker);
+    const lost = [...this.running].filter(([, entry]) => entry.worker === worker);
+    for (const [job, entry] of lost) {
+      this.running.delete(job);
+      entry.reject(new Error(message));
+    }
+    // Without any worker nothing that waits would ever end.
+    if (this.workers.size === 0) {
+      for (const w of this.waiting.splice(0)) w.reject(new Error(message));
+    }
+  }
+}

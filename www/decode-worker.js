@@ -1,0 +1,27 @@
+// A worker: checks and decodes chunks. The compiled module comes from the page, once for all workers.
+import init, { decode } from "./decode.js";
+
+let module;
+
+onmessage = async ({ data }) => {
+  if (data.module) {
+    module = data.module;
+    return;
+  }
+  const { job, bytes, vertices, triangles, colors, scalars, checksum } = data;
+  try {
+    await init({ module_or_path: module });
+    const decoded = decode(bytes, vertices, triangles, colors, scalars, checksum);
+    const out = {
+      job,
+      vertices: decoded.takeVertices(),
+      indices: decoded.takeIndices(),
+      patches: decoded.takePatches(),
+    };
+    decoded.free();
+    postMessage(out, [out.vertices.buffer, out.indices.buffer, out.patches.buffer]);
+  } catch (error) {
+    // A trap leaves the instance unusable: the page then starts another worker.
+    postMessage({ job, error: String(error?.message ?? error), broken: error instanceof WebAssembly.RuntimeError });
+  }
+};

@@ -1,0 +1,59 @@
+// The strings of the page. Elements name theirs: data-text (content), data-label (name and tooltip), data-aria (name only).
+
+import { setLocale } from "./format.js";
+
+export const LANGUAGES = ["en", "fr", "pt", "sw", "ar"];
+const RIGHT_TO_LEFT = new Set(["ar"]);
+
+let strings = {};
+const listeners = new Set();
+
+/** The string of a key, its `{names}` replaced. A key without a string shows itself: a test keeps that from happening. */
+export function t(key, values = {}) {
+  return (strings[key] ?? key).replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
+}
+
+/** `?lang=`, else what was chosen before, else what the browser asks for, else English. */
+export function preferred(parameters) {
+  const chosen = [parameters.get("lang"), stored(), ...navigator.languages];
+  const found = chosen.map((l) => l?.toLowerCase().split("-")[0]).find((l) => LANGUAGES.includes(l));
+  return found ?? "en";
+}
+
+function stored() {
+  try {
+    return localStorage.getItem("kilwa.language");
+  } catch {
+    return null; // Storage is switched off: the choice then lasts as long as the page.
+  }
+}
+
+export function remember(language) {
+  try {
+    localStorage.setItem("kilwa.language", language);
+  } catch {
+    // As above.
+  }
+}
+
+export async function use(language) {
+  const response = await fetch(new URL(`i18n/${language}.json`, import.meta.url));
+  if (!response.ok) throw new Error(`i18n/${language}.json: ${response.status}`);
+  strings = await response.json();
+  setLocale(language);
+  document.documentElement.lang = language;
+  document.documentElement.dir = RIGHT_TO_LEFT.has(language) ? "rtl" : "ltr";
+  apply(document);
+  for (const listener of listeners) listener();
+}
+
+export function onChange(listener) {
+  listeners.add(listener);
+}
+
+/** Write the strings into everything below `root`. */
+export function apply(root) {
+  for (const e of root.querySelectorAll("[data-text]")) e.textContent = t(e.dataset.text);
+  for (const e of root.querySelectorAll("[data-label]")) e.setAttribute("aria-label", t(e.dataset.label));
+  for (const e of root.querySelectorAll("[data-aria]")) e.setAttribute("aria-label", t(e.dataset.aria));
+}

@@ -1,0 +1,176 @@
+// One open model: carries out what the viewer asks for (fetch, decode) and draws a frame whenever something changed.
+// The viewer (wasm) decides; nothing here knows what a chunk looks like.
+
+import { isPassing } from "./loader.js";
+
+export class Session {
+  /**
+   * @param {object} parts
+   * @param {HTMLCanvasElement} parts.canvas
+   * @param {object} parts.viewer the wasm Viewer
+   * @param {import("./loader.js").Pack} parts.pack
+   * @param {Uint8Array} parts.head
+   * @param {import("./decode-pool.js").DecodePool} parts.pool
+   * @param {{colors: boolean, scalars: number}} parts.attributes
+   * @param {object} parts.on `frame(stats)`, `first()`, `changed()`, `damaged()`, `broken(error)`
+   */
+  constructor({ canvas, viewer, pack, head, pool, attributes, on }) {
+    Object.assign(this, { canvas, viewer, pack, head, pool, attributes, on });
+    this.inFlight = new Map(); // request → AbortController
+    this.answers = new Map(); // request → bytes, until the step that was told of them
+    this.decoding = new Map(); // chunk → number of its newest job
+    this.damaged = new Map(); // chunk → times in a row
+    this.suspect = false; // the next requests go round the browser's own store
+    this.jobs = 0;
+    this.scheduled = false;
+    this.closed = false;
+    this.drawn = false;
+    this.frames = 0;
+    this.stats = null;
+    // Requests wait for the first picture, so that nothing competes with it.
+    this.firstPicture = new Promise((resolve) => (this.showFirst = resolve));
+    this.observer = new ResizeObserver(() => this.resize());
+    this.observer.observe(canvas);
+    this.resize();
+  }
+
+  /** Draw soon. */
+  wake() {
+    if (this.scheduled || this.closed) return;
+    this.scheduled = true;
+    requestAnimationFrame((now) => {
+      this.scheduled = false;
+      this.#guarded(() => this.#frame(now));
+    });
+  }
+
+  /** The picture has as many pixels as the screen, up to two per CSS pixel. */
+  resize() {
+    const ratio = Math.min(devicePixelRatio || 1, 2);
+    const width = Math.max(1, Math.round(this.canvas.clientWidth * ratio));
+    const height = Math.max(1, Math.round(this.canvas.clientHeight * ratio));
+    this.ratio = ratio;
+    if (this.canvas.width === width && this.canvas.height === height && this.sized) return;
+    this.sized = true;
+    this.canvas.width = width;
+    this.canvas.height = height;
+    this.viewer.resize(width, height);
+    this.wake();
+  }
+
+  close() {
+    this.closed = true;
+    clearTimeout(this.retry);
+    this.observer.disconnect();
+    for (const controller of this.inFlight.values()) controller.abort();
+    this.pool.close();
+    this.viewer.free();
+  }
+
+  #guarded(action) {
+    if (this.closed) return;
+    try {
+      action();
+    } catch (error) {
+      this.closed = true;
+      this.on.broken(error);
+    }
+  }
+
+  #frame(now) {
+    const { commands, stats } = this.viewer.frame(now);
+    for (const command of commands) this.#carryOut(command);
+    this.answers.clear();
+    this.stats = stats;
+    this.frames += 1;
+    if (!this.drawn && stats.trianglesDrawn > 0) {
+      this.drawn = true;
+      this.showFirst();
+      this.on.first(stats);
+    }
+    clearTimeout(this.retry);
+    if (stats.more) this.wake();
+    else if (stats.retryInMs >= 0) this.retry = setTimeout(() => this.wake(), Math.max(stats.retryInMs, 16));
+    this.on.frame(stats);
+  }
+
+  #carryOut(command) {
+    switch (command.type) {
+      case "fetch":
+        this.#fetch(command);
+        break;
+      case "cancel":
+        this.inFlight.get(command.request)?.abort();
+        break;
+      case "decode":
+        this.#decode(command);
+        break;
+      case "evict":
+        this.decoding.delete(command.chunk);
+        this.pool.drop(command.chunk);
+        break;
+    }
+  }
+
+  async #fetch({ request, offset, length, pages }) {
+    const controller = new AbortController();
+    this.inFlight.set(request, controller);
+    const fresh = this.suspect;
+    try {
+      await this.firstPicture;
+      const bytes = await this.pack.range(offset, length, controller.signal, fresh);
+      this.suspect = false;
+      this.#guarded(() => {
+        if (pages) {
+          this.viewer.onPageBytes(request, bytes);
+        } else {
+          this.answers.set(request, bytes);
+          this.viewer.onBytes(request, bytes.length);
+        }
+      });
+    } catch (error) {
+      if (error.name === "AbortError") return;
+      this.#guarded(() => this.viewer.onFailed(request));
+      this.lastFailure = error;
+      if (error.kind === "changed") this.on.changed(error);
+      else if (!isPassing(error)) this.on.lost(error);
+    } finally {
+      this.inFlight.delete(request);
+      this.wake();
+    }
+  }
+
+  /** The bytes of a part of the head again, round the browser's own store: they may have been damaged on the way. */
+  async #repairHead(offset, length) {
+    try {
+      this.head.set(await this.pack.range(offset, length, undefined, true), offset);
+    } catch (error) {
+      this.lastFailure = error;
+    }
+  }
+
+  async #decode({ chunk, request, offset, length, vertices, triangles, checksum }) {
+    const job = (this.jobs += 1);
+    this.decoding.set(chunk, job);
+    const source = request === 0 ? this.head : this.answers.get(request);
+    const bytes = source?.slice(offset, offset + length) ?? new Uint8Array();
+    const isWanted = () => this.decoding.get(chunk) === job;
+    try {
+      const decoded = await this.pool.decode(chunk, { bytes, vertices, triangles, checksum, ...this.attributes });
+      if (!isWanted()) return;
+      this.damaged.delete(chunk);
+      this.#guarded(() => this.viewer.onDecoded(chunk, decoded.vertices, decoded.indices, decoded.patches));
+    } catch (error) {
+      if (!isWanted()) return;
+      const times = (this.damaged.get(chunk) ?? 0) + 1;
+      this.damaged.set(chunk, times);
+      this.suspect = true;
+      if (request === 0) await this.#repairHead(offset, length);
+      this.#guarded(() => this.viewer.onDecodeFailed(chunk));
+      if (times >= 2) this.on.damaged(chunk, error);
+    } finally {
+      if (isWanted()) this.decoding.delete(chunk);
+      this.wake();
+    }
+  }
+}

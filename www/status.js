@@ -1,0 +1,97 @@
+// The line below the picture, the compass, and the list of figures.
+
+import { fill, place } from "./facts.js";
+import { bytes, count, length, niceBelow, pixels, round } from "./format.js";
+import { t } from "./i18n.js";
+
+const $ = (id) => document.getElementById(id);
+const SCALE_PIXELS = 110;
+
+export class Status {
+  constructor() {
+    this.hovering = false;
+  }
+
+  /** The place under the pointer, at most once per frame of the screen. */
+  hover(viewer, x, y) {
+    this.at = [x, y];
+    if (this.hovering) return;
+    this.hovering = true;
+    requestAnimationFrame(() => {
+      this.hovering = false;
+      if (!this.at) return;
+      const hit = viewer.pick(...this.at);
+      $("coordinates").textContent = hit.length > 0 ? place(hit) : "";
+    });
+  }
+
+  leave() {
+    this.at = null;
+    $("coordinates").textContent = "";
+  }
+
+  /** After each frame. */
+  show(stats, viewer, session) {
+    const error = stats.worstErrorMetres;
+    const shown = error === 0 ? t("shownFull") : t("shownTo", { error: length(error) });
+    text("accuracy", Number.isFinite(error) ? shown : "");
+    this.scale(viewer, session.ratio);
+    this.load(stats, session);
+    this.compass(viewer.camera());
+  }
+
+  scale(viewer, ratio) {
+    const metresPerCss = viewer.metresPerPixel() * ratio;
+    const metres = niceBelow(metresPerCss * SCALE_PIXELS);
+    $("scale").hidden = false;
+    $("scale-bar").style.width = `${(metres / metresPerCss).toFixed(1)}px`;
+    text("scale-text", round(metres));
+  }
+
+  load(stats, session) {
+    const bar = $("load-bar");
+    const received = bytes(session.head.length + stats.bytesReceived);
+    let says = t("complete", { received });
+    let isLoading = false;
+    if (stats.retryInMs >= 0 && stats.requestsInFlight === 0) {
+      const seconds = Math.max(1, Math.ceil(stats.retryInMs / 1000));
+      const isOffline = !navigator.onLine || session.lastFailure?.kind === "offline";
+      says = t(isOffline ? "offline" : "retrying", { seconds });
+    } else if (stats.bytesMissing > 0 || stats.chunksMissing > 0) {
+      says = t("toLoad", { missing: bytes(stats.bytesMissing) });
+      isLoading = true;
+    } else if (stats.budgetLimited) {
+      says = t("memoryFull");
+    }
+    text("load", says);
+    bar.hidden = !isLoading;
+    bar.value = stats.bytesWanted > 0 ? 1 - stats.bytesMissing / stats.bytesWanted : 0;
+  }
+
+  /** North on the screen, lying as flat as the ground does. */
+  compass([azimuth, elevation]) {
+    const turn = 180 - (azimuth * 180) / Math.PI;
+    const tilt = Math.min(68, Math.max(0, 90 - Math.abs((elevation * 180) / Math.PI)));
+    $("compass").firstElementChild.style.transform = `rotateX(${tilt.toFixed(1)}deg)`;
+    $("compass-needle").style.transform = `rotate(${turn.toFixed(1)}deg)`;
+  }
+
+  /** All figures, for the Info tab. */
+  list(into, stats, session) {
+    fill(into, [
+      [t("drawn"), count(stats.trianglesDrawn)],
+      [t("pixelError"), t("pixels", { n: pixels(stats.worstPixelError) })],
+      [t("surfaceError"), length(stats.worstErrorMetres)],
+      [t("chunks"), count(stats.chunksResident)],
+      [t("gpuMemory"), t("memoryOf", { used: bytes(stats.gpuBytes), limit: bytes(stats.gpuLimit) })],
+      [t("received"), t("memoryOf", { used: bytes(session.head.length + stats.bytesReceived), limit: bytes(session.pack.bytes) })],
+      [t("requests"), count(session.pack.requests)],
+      [t("failures"), count(stats.failures)],
+    ]);
+  }
+}
+
+function text(id, value) {
+  const element = $(id);
+  if (element.textContent !== value) element.textContent = value;
+}

@@ -1,0 +1,54 @@
+// What cannot be shown, why, and what to do: one plate over the empty stage, never over a model.
+
+import { notice } from "./chrome.js";
+import { bytes } from "./format.js";
+import { t } from "./i18n.js";
+
+const $ = (id) => document.getElementById(id);
+const ICONS = { noGpu: "noscreen", offline: "offline", server: "offline" };
+const TEXTS = { empty: "damaged", truncated: "damaged", missing: "missing", damaged: "damaged", noRange: "noRange", changed: "changed" };
+/** Trying the same again helps with these. */
+const RETRY = new Set(["broken", "changed", "missing", "damaged", "server", "noRange"]);
+
+export class Trouble {
+  constructor() {
+    this.current = null;
+  }
+
+  /** @param {string} kind what `PackError.kind` says, or noGpu, damaged, broken */
+  show(kind, error = null, { reason } = {}) {
+    this.current = { kind, error, reason };
+    // With a picture on screen the sentence stands below it: errors never cover the model.
+    if (document.body.dataset.state === "ready") {
+      const { title, text } = this.words();
+      notice(`${title}. ${text}`, 60000);
+      return;
+    }
+    document.body.dataset.state = "trouble";
+    $("loading").hidden = true;
+    $("trouble").hidden = false;
+    this.translate();
+  }
+
+  words() {
+    const { kind, error, reason } = this.current;
+    if (kind === "noGpu") return { title: t("noGpuTitle"), text: t(reason) };
+    const key = TEXTS[kind] ?? "broken";
+    const size = Number.isFinite(error?.bytes) ? bytes(error.bytes) : "…";
+    return { title: t(`${key}Title`), text: t(`${key}Text`, { size }) };
+  }
+
+  translate() {
+    if (!this.current) return;
+    const { kind, error } = this.current;
+    const { title, text } = this.words();
+    const key = TEXTS[kind] ?? kind;
+    $("trouble-title").textContent = title;
+    $("trouble-text").textContent = text;
+    // The machine's own words, for whoever looks after the server.
+    $("trouble-detail").textContent = kind === "noGpu" ? "" : String(error?.message ?? "");
+    $("trouble-icon").setAttribute("href", `icons/sprite.svg#${ICONS[kind] ?? "warning"}`);
+    $("trouble-retry").hidden = !RETRY.has(key) && kind !== "broken";
+    $("trouble-download").hidden = kind === "missing" || kind === "empty";
+  }
+}
