@@ -1,0 +1,166 @@
+//! The certified error holds: for every stored level of three meshes, points sampled on the coarse surface are within ε*
+//! of the finest one and points sampled on the finest one within the cut's ε* of the coarse one. The search here is a
+//! plain grid, written apart from the certifier.
+
+mod support;
+
+use kilwa_geometry::distance::{Vec3, point_triangle_squared};
+use kilwa_pack::cut::Cut;
+use rayon::prelude::*;
+use std::collections::HashMap;
+use support::{Opened, Random, build, closed, fort, open, wall};
+
+type Triangle = [Vec3; 3];
+
+/// Triangles in a uniform grid of cubes.
+struct Grid {
+    cell: f64,
+    cells: HashMap<[i32; 3], Vec<u32>>,
+    triangles: Vec<Triangle>,
+}
+
+impl Grid {
+    fn new(triangles: Vec<Triangle>) -> Self {
+        let edge = |t: &Triangle| (0..3).map(|i| (t[0][i] - t[1][i]).powi(2)).sum::<f64>().sqrt();
+        let cell = (triangles.iter().map(edge).sum::<f64>() / triangles.len() as f64 * 1.5).max(1.0);
+        let mut cells: HashMap<[i32; 3], Vec<u32>> = HashMap::new();
+        for (n, t) in triangles.iter().enumerate() {
+            let low: [i32; 3] =
+                std::array::from_fn(|i| (t.iter().map(|p| p[i]).fold(f64::MAX, f64::min) / cell).floor() as i32);
+            let high: [i32; 3] =
+                std::array::from_fn(|i| (t.iter().map(|p| p[i]).fold(f64::MIN, f64::max) / cell).floor() as i32);
+            for x in low[0]..=high[0] {
+                for y in low[1]..=high[1] {
+                    for z in low[2]..=high[2] {
+                        cells.entry([x, y, z]).or_default().push(n as u32);
+                    }
+                }
+            }
+        }
+        Self { cell, cells, triangles }
+    }
+
+    /// Distance to the nearest triangle: cubes in growing shells until no nearer one is possible.
+    fn distance(&self, p: Vec3) -> f64 {
+        let home = p.map(|x| (x / self.cell).floor() as i32);
+        let mut best = f64::MAX;
+        for r in 0i32.. {
+            if best.sqrt() <= f64::from(r - 1) * self.cell {
+                break;
+            }
+            for x in -r..=r {
+                for y in -r..=r {
+                    let shell = x.abs() == r || y.abs() == r;
+                    for z in (-r..=r).step_by(if shell || r == 0 { 1 } else { 2 * r as usize }) {
+                        for t in self.cells.get(&[home[0] + x, home[1] + y, home[2] + z]).into_iter().flatten() {
+                            best = best.min(point_triangle_squared(p, self.triangles[*t as usize]));
+                        }
+                    }
+                }
+            }
+        }
+        best.sqrt()
+    }
+}
+
+/// Points on a triangle: corners, middle, and some at random.
+fn samples(t: &Triangle, random: &mut Random, n: usize) -> Vec<Vec3> {
+    let at = |u: f64, v: f64| std::array::from_fn(|i| t[0][i] + (t[1][i] - t[0][i]) * u + (t[2][i] - t[0][i]) * v);
+    let mut out = vec![t[0], t[1], t[2], at(1.0 / 3.0, 1.0 / 3.0)];
+    for _ in 0..n {
+        let (mut u, mut v) = (random.unit(), random.unit());
+        if u + v > 1.0 {
+            (u, v) = (1.0 - u, 1.0 - v);
+        }
+        out.push(at(u, v));
+    }
+    out
+}
+
+fn drawn_by_diamond(pack: &Opened, cut: &Cut) -> HashMap<u32, Vec<Triangle>> {
+    let mut out: HashMap<u32, Vec<Triangle>> = HashMap::new();
+    for i in cut.refined() {
+        let chunk = &pack.chunks[i as usize];
+        for p in cut.drawn(&chunk.patches) {
+            let triangles =
+                (p.first..p.first + p.count).map(|t| chunk.mesh.corners(t as usize).map(|c| c.map(f64::from)));
+            out.entry(p.diamond).or_default().extend(triangles);
+        }
+    }
+    out
+}
+
+fn the_bound_holds_at_every_level(name: &str, raw: kilwa_builder::RawMesh) {
+    let pack = open(&build(raw, 0));
+    let finest: Vec<Triangle> = drawn_by_diamond(&pack, &Cut::finest(&pack.entries)).into_values().flatten().collect();
+    let reference = Grid::new(finest);
+    let deepest = pack.entries.iter().map(|e| e.level).max().unwrap_or(0);
+    let mut ratios = Vec::new();
+    for level in 0..=deepest {
+        let refined = (0..pack.entries.len() as u32).filter(|i| *i == 0 || pack.entries[*i as usize].level < level);
+        let cut = Cut::from_refined(&pack.entries, refined).expect("a uniform cut is valid");
+        let shown = drawn_by_diamond(&pack, &cut);
+        // From the coarse form of each diamond to the finest surface: its own ε* must hold.
+        let coarse: Vec<(u32, f64)> = shown
+            .par_iter()
+            .filter(|(d, _)| **d != kilwa_pack::NO_DIAMOND)
+            .map(|(d, triangles)| {
+                let mut random = Random(u64::from(*d));
+                let n = 6;
+                let worst = triangles
+                    .iter()
+                    .flat_map(|t| samples(t, &mut random, n))
+                    .map(|p| reference.distance(p))
+                    .fold(0.0, f64::max);
+                (*d, worst * pack.step)
+            })
+            .collect();
+        for (d, sampled) in &coarse {
+            let bound = f64::from(pack.entries[*d as usize].error);
+            assert!(*sampled <= bound, "{name}, diamond {d}: sampled {sampled} m, certified {bound} m");
+        }
+        // From the finest surface to the whole cut: the cut's ε* must hold.
+        let error = f64::from(cut.error(&pack.entries));
+        let whole = Grid::new(shown.into_values().flatten().collect());
+        let worst = reference
+            .triangles
+            .par_iter()
+            .enumerate()
+            .map(|(i, t)| {
+                let mut random = Random(i as u64);
+                samples(t, &mut random, 1).into_iter().map(|p| whole.distance(p)).fold(0.0, f64::max)
+            })
+            .reduce(|| 0.0, f64::max)
+            * pack.step;
+        assert!(worst <= error, "{name}, level {level}: sampled {worst} m, certified {error} m");
+        for (d, sampled) in coarse {
+            // Levels at which a diamond is first shown: each counts once.
+            if pack.entries[d as usize].level == level && sampled > 0.0 {
+                ratios.push(f64::from(pack.entries[d as usize].error) / sampled);
+            }
+        }
+        println!(
+            "{name}, level {level}: certified {:.3} mm, finest to coarse sampled {:.3} mm",
+            error * 1e3,
+            worst * 1e3
+        );
+    }
+    ratios.sort_by(f64::total_cmp);
+    println!("{name}: median of certified over sampled, {} diamonds: {:.2}", ratios.len(), ratios[ratios.len() / 2]);
+    assert!(ratios[ratios.len() / 2] < 6.0, "{name}: a bound this loose says nothing");
+}
+
+#[test]
+fn the_bound_holds_on_a_wall() {
+    the_bound_holds_at_every_level("wall", wall(40_000));
+}
+
+#[test]
+fn the_bound_holds_on_a_closed_mesh() {
+    the_bound_holds_at_every_level("closed", closed(40_000));
+}
+
+#[test]
+fn the_bound_holds_on_a_fort() {
+    the_bound_holds_at_every_level("fort", fort(60_000));
+}

@@ -1,0 +1,84 @@
+//! A value with its standard uncertainty, and as many digits as that allows.
+
+/// Where the uncertainty of one measured point comes from, in metres.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Uncertainty {
+    /// Rounding to the lattice: half a step on each of three axes, as a standard deviation (step / sqrt 12 per axis).
+    pub lattice: f64,
+    /// Certified error of the level measured on; 0 on the finest surface.
+    pub level: f64,
+    /// Standard uncertainty of the capture, where known.
+    pub capture: Option<f64>,
+}
+
+impl Uncertainty {
+    /// Of a point on the finest surface of a pack with this lattice step, per axis.
+    pub fn finest(step: f64, capture: Option<f64>) -> Self {
+        Self { lattice: step / libm::sqrt(12.0), level: 0.0, capture }
+    }
+
+    /// The parts combined, in metres, per axis.
+    pub fn combined(&self) -> f64 {
+        let c = self.capture.unwrap_or(0.0);
+        libm::sqrt(self.lattice * self.lattice + self.level * self.level + c * c)
+    }
+}
+
+/// A value with its standard uncertainty in the same unit.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Quantity {
+    /// The value.
+    pub value: f64,
+    /// Its standard uncertainty.
+    pub uncertainty: f64,
+}
+
+impl std::fmt::Display for Quantity {
+    /// The uncertainty to two significant digits, the value to the same decimal.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let digits = if self.uncertainty > 0.0 {
+            (1.0 - libm::floor(libm::log10(self.uncertainty))).clamp(0.0, 12.0)
+        } else {
+            6.0
+        };
+        let digits = digits as usize;
+        write!(f, "{:.digits$} ± {:.digits$}", self.value, self.uncertainty)
+    }
+}
+
+/// A distance between two points and its parts, all in metres.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Length {
+    /// Straight.
+    pub straight: Quantity,
+    /// In plan.
+    pub horizontal: Quantity,
+    /// Upwards from the first to the second.
+    pub vertical: Quantity,
+}
+
+impl Length {
+    /// Between two points given in metres, each with the same uncertainty per axis.
+    pub fn between(a: [f64; 3], b: [f64; 3], per_axis: &Uncertainty) -> Self {
+        let d: [f64; 3] = std::array::from_fn(|i| b[i] - a[i]);
+        // Two independent points: the difference along any one direction.
+        let uncertainty = libm::sqrt(2.0) * per_axis.combined();
+        let of = |value| Quantity { value, uncertainty };
+        let plan = libm::sqrt(d[0] * d[0] + d[1] * d[1]);
+        Self { straight: of(libm::sqrt(plan * plan + d[2] * d[2])), horizontal: of(plan), vertical: of(d[2]) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_length_has_its_parts_and_digits_follow_from_the_uncertainty() {
+        let u = Uncertainty::finest(0.001, Some(0.002));
+        let l = Length::between([0.0, 0.0, 0.0], [3.0, 4.0, 12.0], &u);
+        assert_eq!((l.straight.value, l.horizontal.value, l.vertical.value), (13.0, 5.0, 12.0));
+        assert_eq!(l.straight.to_string(), "13.0000 ± 0.0029");
+        assert_eq!(Quantity { value: 1234.5678, uncertainty: 12.0 }.to_string(), "1235 ± 12");
+    }
+}
