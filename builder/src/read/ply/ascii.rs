@@ -45,7 +45,8 @@ impl<'s, 'a> Ascii<'s, 'a> {
     fn word_length(&mut self) -> Result<usize, ReadError> {
         loop {
             let here = self.source.available();
-            if let Some(n) = here.iter().position(|&b| is_blank(b) || is_line_end(b)) {
+            let end = here.iter().position(|&b| is_blank(b) || is_line_end(b));
+            if let Some(n) = end.filter(|&n| n <= MAX_WORD) {
                 return Ok(n);
             }
             if here.len() > MAX_WORD {

@@ -219,7 +219,8 @@ pub(super) fn skip(
 fn length(rows: &mut impl Rows, row: Row<'_>, field: &Field, count: Scalar, item: Scalar) -> Result<u64, ReadError> {
     let n = rows.integer(row, field, count)?;
     match u64::try_from(n) {
-        Ok(n) if rows.can_hold(item, n) => Ok(n),
+        // A short list that is cut is told better by what follows.
+        Ok(n) if n <= MAX_CORNERS as u64 || rows.can_hold(item, n) => Ok(n),
         Ok(n) => Err(rows.fault(
             row,
             field,

@@ -6,7 +6,8 @@
 //!
 //! What is kept: positions; colours as 8-bit sRGB (`red green blue`, `diffuse_red …`, `r g b`); normals; `alpha` where
 //! it is not opaque throughout (0 to 1); `confidence`, `quality`, `intensity`, `value` and `scalar_*` under their
-//! names. All else is dropped and listed in the findings. Vertices and faces are counted from 0, as PLY indices are.
+//! names. Numbers in text are read as doubles whatever type the header gives them, so that nothing written is lost (some
+//! programs declare `float` and write real-world coordinates in full). All else is dropped and listed in the findings. Vertices and faces are counted from 0, as PLY indices are.
 //!
 //! Repaired and counted: polygons are triangulated with all their surface; faces of fewer than three corners and
 //! triangles that name a vertex twice are dropped; vertices without a finite position are dropped with their triangles;
