@@ -6,10 +6,12 @@ import { t } from "./i18n.js";
 
 const $ = (id) => document.getElementById(id);
 const SCALE_PIXELS = 110;
+const NOWHERE = "x –  y –  z – m";
 
 export class Status {
   constructor() {
     this.hovering = false;
+    this.leave();
   }
 
   /** The place under the pointer, at most once per frame of the screen. */
@@ -21,13 +23,13 @@ export class Status {
       this.hovering = false;
       if (!this.at) return;
       const hit = viewer.pick(...this.at);
-      $("coordinates").textContent = hit.length > 0 ? place(hit) : "";
+      $("coordinates").textContent = hit.length > 0 ? place(hit) : NOWHERE;
     });
   }
 
   leave() {
     this.at = null;
-    $("coordinates").textContent = "";
+    $("coordinates").textContent = NOWHERE;
   }
 
   /** After each frame. */

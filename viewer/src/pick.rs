@@ -110,7 +110,9 @@ mod tests {
     fn the_nearest_drawn_triangle_is_hit_and_hidden_patches_are_not() {
         let mesh = squares();
         let bounds = Aabb { min: [0, 10, 0], max: [8, 20, 8] };
-        let find = |patches: &[DrawPatch], origin| nearest(origin, [0.0, 1.0, 0.0], patches, |c| (c == 7).then_some((&mesh, bounds)));
+        let find = |patches: &[DrawPatch], origin| {
+            nearest(origin, [0.0, 1.0, 0.0], patches, |c| (c == 7).then_some((&mesh, bounds)))
+        };
         let all = [patch(0, 2, true), patch(2, 2, true)];
         let hit = find(&all, [4.0, 0.0, 5.0]).unwrap();
         assert_eq!((hit.point, hit.error), ([4.0, 10.0, 5.0], 0.5));

@@ -91,14 +91,12 @@ impl Viewer {
         let size = [canvas.width().max(1), canvas.height().max(1)];
         let surface = instance.create_surface(wgpu::SurfaceTarget::Canvas(canvas)).map_err(|e| no_gpu(&e))?;
         let gpu = Gpu::for_surface(&instance, &surface).await.map_err(|e| no_gpu(&e))?;
-        let mut config = surface
+        // The canvas's own format, whose values are encoded by the shader: a view of it with an sRGB format is not
+        // honoured everywhere (Chromium on SwiftShader shows linear values).
+        let config = surface
             .get_default_config(&gpu.adapter, size[0], size[1])
             .ok_or_else(|| no_gpu(&"the adapter cannot draw to a canvas"))?;
-        // The canvas takes encoded values; drawing through an sRGB view of it blends samples in linear light.
-        let format = config.format.add_srgb_suffix();
-        if format != config.format {
-            config.view_formats.push(format);
-        }
+        let format = config.format;
         surface.configure(&gpu.device, &config);
         let lost = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&lost);
@@ -284,10 +282,8 @@ impl Viewer {
     /// A worker decoded a chunk. `patches`: first triangle, number of triangles, diamond; three numbers each.
     #[wasm_bindgen(js_name = onDecoded)]
     pub fn on_decoded(&mut self, chunk: u32, vertices: Vec<u8>, indices: Vec<u32>, patches: &[u32]) {
-        let patches: Vec<PatchRange> = patches
-            .chunks_exact(3)
-            .map(|p| PatchRange { first: p[0], count: p[1], diamond: p[2] })
-            .collect();
+        let patches: Vec<PatchRange> =
+            patches.chunks_exact(3).map(|p| PatchRange { first: p[0], count: p[1], diamond: p[2] }).collect();
         let decoded = GpuChunk {
             vertex_count: (vertices.len() / kilwa_pack::vertex_layout::VERTEX_BYTES) as u32,
             triangle_count: (indices.len() / 3) as u32,
@@ -344,7 +340,7 @@ impl Viewer {
     #[wasm_bindgen(js_name = readPixels)]
     pub fn read_pixels(&mut self) -> Promise {
         let view = self.view();
-        let format = self.config.format.add_srgb_suffix();
+        let format = self.config.format;
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         let device = self.gpu.device.clone();
         let target = texture(&device, "pixels", view.size, 1, format, usage);
@@ -395,9 +391,7 @@ impl Viewer {
             }
             _ => return,
         };
-        let format = Some(self.config.format.add_srgb_suffix());
-        let target = frame.texture.create_view(&wgpu::TextureViewDescriptor { format, ..Default::default() });
-        self.renderer.draw(view, &self.draw, &self.options, &target);
+        self.renderer.draw(view, &self.draw, &self.options, &view_of(&frame.texture));
         self.gpu.queue.present(frame);
     }
 

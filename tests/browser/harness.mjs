@@ -1,0 +1,175 @@
+// The real server over a real pack, a proxy that misbehaves on request, and Debian's Chromium.
+//
+// Environment: KILWA or KILWA_BIN (the program; default target/debug/kilwa), KILWA_PACK (a pack; default: a fort of
+// 200 k triangles, made here), KILWA_WWW (the page; default www/dist), CHROMIUM (default /usr/bin/chromium).
+
+import assert from "node:assert/strict";
+import { execFile, spawn } from "node:child_process";
+import { copyFile, mkdir, mkdtemp, rm, stat } from "node:fs/promises";
+import http from "node:http";
+import { tmpdir } from "node:os";
+import path from "node:path";
+import { fileURLToPath } from "node:url";
+import { promisify } from "node:util";
+import { chromium } from "playwright-core";
+
+export const ROOT = path.resolve(path.dirname(fileURLToPath(import.meta.url)), "../..");
+const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
+const WWW = process.env.KILWA_WWW || path.join(ROOT, "www/dist");
+const TRIANGLES = 200_000;
+
+/** With these, WebGPU runs on SwiftShader and a screenshot shows the canvas too. */
+const FLAGS = [
+  "--no-sandbox", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
+  "--enable-unsafe-webgpu", "--enable-gpu", "--enable-features=Vulkan", "--use-vulkan=swiftshader", "--use-angle=swiftshader",
+  "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
+];
+
+/** A folder with `fort.kilwa` in it. */
+export async function packFolder() {
+  const folder = await mkdtemp(path.join(tmpdir(), "kilwa-browser-"));
+  const pack = path.join(folder, "fort.kilwa");
+  if (process.env.KILWA_PACK) {
+    await copyFile(process.env.KILWA_PACK, pack);
+    return folder;
+  }
+  // Made once per version of the program.
+  const made = path.join(tmpdir(), `kilwa-browser-${(await stat(KILWA)).mtimeMs}`);
+  const cached = path.join(made, "fort.kilwa");
+  if (!(await stat(cached).catch(() => null))) {
+    await mkdir(made, { recursive: true });
+    const run = promisify(execFile);
+    const mesh = path.join(made, "fort.ply");
+    await run(KILWA, ["synth", "fort", "--triangles", String(TRIANGLES), "-o", mesh]);
+    await run(KILWA, ["build", mesh, "-o", cached]);
+  }
+  await copyFile(cached, pack);
+  return folder;
+}
+
+/** `kilwa serve`, until `stop()`. */
+export async function serve(folder) {
+  const child = spawn(KILWA, ["serve", folder, "--listen", "127.0.0.1:0", "--www", WWW], { stdio: ["ignore", "pipe", "inherit"] });
+  const address = await new Promise((resolve, reject) => {
+    let said = "";
+    child.stdout.on("data", (text) => {
+      said += text;
+      const found = /http:\/\/([\d.]+:\d+)\//.exec(said);
+      if (found) resolve(found[1]);
+    });
+    child.once("error", reject);
+    child.once("exit", (code) => reject(new Error(`kilwa serve ended with ${code}: ${said}`)));
+  });
+  const ended = new Promise((resolve) => child.once("exit", resolve));
+  return {
+    url: `http://${address}`,
+    stop: async () => {
+      child.kill("SIGTERM");
+      assert.equal(await ended, 0, "kilwa serve ends well when it is told to");
+      await rm(folder, { recursive: true });
+    },
+  };
+}
+
+/**
+ * A proxy before `upstream` that can misbehave about packs. `proxy.mishap` is null, or a function of
+ * `{ range: [first, last] | null, number }` that returns null (behave), or changes to the answer:
+ * `{ status, headers, body(Buffer) → Buffer, whole: true, drop: true, announce }`.
+ */
+export async function hostile(upstream) {
+  const proxy = { mishap: null, requests: [] };
+  const server = http.createServer((request, response) => {
+    answer(proxy, upstream, request, response).catch((error) => response.destroy(error));
+  });
+  await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));
+  proxy.url = `http://127.0.0.1:${server.address().port}`;
+  proxy.stop = () => {
+    server.closeAllConnections();
+    return new Promise((resolve) => server.close(resolve));
+  };
+  return proxy;
+}
+
+async function answer(proxy, upstream, request, response) {
+  const isPack = request.url.startsWith("/packs/");
+  const range = /^bytes=(\d+)-(\d+)$/.exec(request.headers.range ?? "");
+  let mishap = null;
+  if (isPack) {
+    proxy.requests.push({ range: request.headers.range ?? null, at: Date.now() });
+    const asked = range ? [Number(range[1]), Number(range[2])] : null;
+    mishap = proxy.mishap?.({ range: asked, number: proxy.requests.length }) ?? null;
+  }
+  if (mishap?.drop) {
+    request.socket.destroy();
+    return;
+  }
+  const headers = { ...(range && !mishap?.whole ? { range: request.headers.range } : {}) };
+  const real = await fetch(upstream + request.url, { headers });
+  let body = Buffer.from(await real.arrayBuffer());
+  if (mishap?.body) body = mishap.body(body);
+  const out = {};
+  for (const name of ["content-type", "etag", "content-range", "content-security-policy", "cache-control"]) {
+    if (real.headers.has(name)) out[name] = real.headers.get(name);
+  }
+  if (isPack) out["cache-control"] = "no-store";
+  response.writeHead(mishap?.status ?? real.status, { ...out, "content-length": mishap?.announce ?? body.length, ...mishap?.headers });
+  // Fewer bytes than announced: the connection ends in the middle.
+  if (mishap?.announce > body.length) response.write(body, () => response.destroy());
+  else response.end(body);
+}
+
+export const launch = () =>
+  chromium.launch({ executablePath: process.env.CHROMIUM || "/usr/bin/chromium", args: FLAGS });
+
+/** A page, with everything it complained about and every request for a pack. */
+export async function open(browser, url, { size = [800, 600], wait = "settled", before, ...options } = {}) {
+  const context = await browser.newContext({ viewport: { width: size[0], height: size[1] }, ...options });
+  const page = await context.newPage();
+  page.setDefaultTimeout(90_000);
+  const complaints = [];
+  const packs = [];
+  page.on("console", (message) => message.type() === "error" && complaints.push(message.text()));
+  page.on("pageerror", (error) => complaints.push(error.stack ?? error.message));
+  page.on("request", (request) => {
+    if (new URL(request.url()).pathname.startsWith("/packs/")) packs.push(request.headers().range ?? "");
+  });
+  if (before) await before(page);
+  await page.goto(url);
+  if (wait) await waitFor(page, wait);
+  return { page, complaints, packs, close: () => context.close() };
+}
+
+/** Wait until the picture is there (`first`), at rest (`settled`), or refused (`trouble`). */
+export async function waitFor(page, what) {
+  const done = {
+    first: () => document.body.dataset.state === "ready",
+    settled: () => {
+      const s = globalThis.kilwa?.session;
+      return Boolean(s?.stats?.settled && !s.stats.more && !s.scheduled && s.answers.size === 0);
+    },
+    trouble: () => document.body.dataset.state === "trouble",
+  };
+  await page.waitForFunction(done[what], null, { polling: 50 });
+}
+
+export const stats = (page) => page.evaluate(() => globalThis.kilwa.session.stats);
+
+/** The picture that is on screen, read back from a texture: how much of it is model, and a hash of its pixels. */
+export const picture = (page) =>
+  page.evaluate(async () => {
+    const { width, height, pixels } = await globalThis.kilwa.viewer.readPixels();
+    let model = 0;
+    let hash = 0;
+    for (let y = 0; y < height; y += 1) {
+      // The background is one colour per row; the first pixel of each row shows it.
+      const row = y * width * 4;
+      for (let x = 0; x < width; x += 1) {
+        const at = row + x * 4;
+        const isBackground = [0, 1, 2].every((i) => Math.abs(pixels[at + i] - pixels[row + i]) <= 2);
+        if (!isBackground) model += 1;
+        hash = (Math.imul(hash, 31) + pixels[at] + pixels[at + 1] * 7 + pixels[at + 2] * 13) | 0;
+      }
+    }
+    const middle = ((height >> 1) * width + (width >> 1)) * 4;
+    return { width, height, share: model / (width * height), hash, middle: [...pixels.slice(middle, middle + 4)] };
+  });

@@ -1,0 +1,136 @@
+// The loader against servers that do not behave: a clear reason or a recovery, never wrong bytes.
+
+import assert from "node:assert/strict";
+import http from "node:http";
+import { after, before, test } from "node:test";
+import { HEAD_BYTES, Pack, WHOLE_LIMIT, isPassing } from "../../www/loader.js";
+
+const FILE = Buffer.from(Array.from({ length: 300_000 }, (_, i) => (i * 31 + (i >> 8)) & 255));
+let server;
+let behave;
+let url;
+
+before(async () => {
+  server = http.createServer((request, response) => behave(request, response));
+  await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));
+  url = new URL(`http://127.0.0.1:${server.address().port}/a.kilwa`);
+});
+after(() => {
+  server.closeAllConnections();
+  server.close();
+});
+
+/** A good server, changed by `change({ status, headers, body, from, to })`. */
+function good(change = () => ({})) {
+  return (request, response) => {
+    const [, first, last] = /^bytes=(\d+)-(\d+)$/.exec(request.headers.range);
+    const [from, to] = [Number(first), Math.min(Number(last), FILE.length - 1)];
+    const answer = {
+      status: 206,
+      headers: { etag: '"1"', "content-range": `bytes ${from}-${to}/${FILE.length}` },
+      body: FILE.subarray(from, to + 1),
+    };
+    const changed = { ...answer, ...change({ ...answer, from, to }) };
+    response.writeHead(changed.status, { "content-length": changed.length ?? changed.body.length, ...changed.headers });
+    if (changed.length > changed.body.length) response.write(changed.body, () => response.destroy());
+    else response.end(changed.body);
+  };
+}
+
+const kind = (wanted) => (error) => {
+  assert.equal(error.kind, wanted, `${error.kind}: ${error.message}`);
+  return true;
+};
+
+test("head and ranges are the bytes of the file", async () => {
+  behave = good();
+  const pack = new Pack(url);
+  assert.deepEqual(Buffer.from(await pack.head()), FILE.subarray(0, HEAD_BYTES));
+  assert.deepEqual(Buffer.from(await pack.range(200_000, 1234)), FILE.subarray(200_000, 201_234));
+  assert.equal(pack.bytes, FILE.length);
+  assert.equal(pack.requests, 2);
+});
+
+test("a server that ignores Range gives a small file whole, and nothing more is asked of it", async () => {
+  let asked = 0;
+  behave = (_, response) => {
+    asked += 1;
+    response.writeHead(200, { "content-length": FILE.length });
+    response.end(FILE);
+  };
+  const pack = new Pack(url);
+  assert.equal((await pack.head()).length, HEAD_BYTES);
+  assert.deepEqual(Buffer.from(await pack.range(250_000, 50_000)), FILE.subarray(250_000));
+  await assert.rejects(pack.range(299_999, 2), kind("truncated"));
+  assert.equal(asked, 1);
+});
+
+test("a server that ignores Range and has a large file, or none of a known length, is refused", async () => {
+  behave = (_, response) => {
+    response.writeHead(200, { "content-length": WHOLE_LIMIT + 1 });
+    response.write("x");
+  };
+  await assert.rejects(new Pack(url).head(), (e) => kind("noRange")(e) && e.bytes === WHOLE_LIMIT + 1);
+  behave = (_, response) => response.writeHead(200).write("x");
+  await assert.rejects(new Pack(url).head(), kind("noRange"));
+});
+
+test("a file that changes between two requests is noticed by tag and by length", async () => {
+  for (const headers of [
+    { etag: '"2"', "content-range": "bytes 5-9/300000" },
+    { etag: '"1"', "content-range": "bytes 5-9/300001" },
+  ]) {
+    behave = good();
+    const pack = new Pack(url);
+    await pack.head();
+    behave = good(() => ({ headers }));
+    await assert.rejects(pack.range(5, 5), kind("changed"));
+  }
+  behave = good();
+  const pack = new Pack(url);
+  await pack.head();
+  behave = (_, response) => response.writeHead(416, { "content-range": "bytes */10" }).end();
+  await assert.rejects(pack.range(5, 5), kind("changed"));
+});
+
+test("short, long and misplaced answers are failures that can be tried again", async () => {
+  behave = good();
+  const pack = new Pack(url);
+  await pack.head();
+  for (const change of [
+    ({ body }) => ({ body: body.subarray(0, 3) }),
+    ({ body }) => ({ body: body.subarray(0, 3), length: body.length }),
+    ({ body }) => ({ body: Buffer.concat([body, body]) }),
+    ({ from, to }) => ({ headers: { etag: '"1"', "content-range": `bytes ${from + 1}-${to + 1}/300000` } }),
+    () => ({ status: 200 }),
+    () => ({ status: 503 }),
+    () => ({ status: 429 }),
+  ]) {
+    behave = good(change);
+    await assert.rejects(pack.range(100, 50), (e) => isPassing(e));
+  }
+  behave = (request) => request.socket.destroy();
+  await assert.rejects(pack.range(100, 50), kind("offline"));
+  behave = good();
+  assert.deepEqual(Buffer.from(await pack.range(100, 50)), FILE.subarray(100, 150));
+});
+
+test("what is not there, empty, or without a length is said", async () => {
+  behave = (_, response) => response.writeHead(404).end();
+  await assert.rejects(new Pack(url).head(), kind("missing"));
+  behave = (_, response) => response.writeHead(416, { "content-range": "bytes */0" }).end();
+  await assert.rejects(new Pack(url).head(), kind("empty"));
+  behave = good(() => ({ headers: { "content-range": "bytes 0-131071/*" } }));
+  await assert.rejects(new Pack(url).head(), kind("noRange"));
+});
+
+test("a cancelled request ends as such", async () => {
+  behave = good();
+  const pack = new Pack(url);
+  await pack.head();
+  behave = (_, response) => response.writeHead(206, { "content-range": "bytes 0-9/300000", "content-length": 10 }).write("x");
+  const controller = new AbortController();
+  const asked = pack.range(0, 10, controller.signal);
+  setTimeout(() => controller.abort(), 20);
+  await assert.rejects(asked, { name: "AbortError" });
+});

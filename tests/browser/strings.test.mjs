@@ -1,0 +1,57 @@
+// Every language has every string, with the same places to fill in, and every string is used.
+
+import assert from "node:assert/strict";
+import { readFile, readdir } from "node:fs/promises";
+import path from "node:path";
+import { test } from "node:test";
+import { fileURLToPath } from "node:url";
+
+const WWW = path.resolve(path.dirname(fileURLToPath(import.meta.url)), "../../www");
+const LANGUAGES = ["en", "fr", "pt", "sw", "ar"];
+
+async function strings(language) {
+  return JSON.parse(await readFile(path.join(WWW, `i18n/${language}.json`), "utf8"));
+}
+
+async function sources() {
+  const names = (await readdir(WWW)).filter((n) => n.endsWith(".js") || n === "index.html");
+  return (await Promise.all(names.map((n) => readFile(path.join(WWW, n), "utf8")))).join("\n");
+}
+
+test("all languages have the same keys, none of them empty, with the same places to fill in", async () => {
+  const english = await strings("en");
+  const places = (text) => [...text.matchAll(/\{\w+\}/g)].map(String).sort().join();
+  for (const language of LANGUAGES) {
+    const other = await strings(language);
+    assert.deepEqual(Object.keys(other).sort(), Object.keys(english).sort(), language);
+    for (const [key, text] of Object.entries(other)) {
+      assert.ok(text.trim().length > 0, `${language}: ${key} is empty`);
+      assert.equal(places(text), places(english[key]), `${language}: ${key}`);
+    }
+  }
+  assert.deepEqual((await readdir(path.join(WWW, "i18n"))).sort(), LANGUAGES.map((l) => `${l}.json`).sort());
+});
+
+test("every key that the page names has a string", async () => {
+  const english = await strings("en");
+  const text = await sources();
+  const named = [
+    ...text.matchAll(/data-(?:text|label|aria)="(\w+)"/g),
+    ...text.matchAll(/\bt\("(\w+)"/g),
+    ...text.matchAll(/"(noGpu\w+|mode[A-Z]\w+)"/g),
+  ].map((m) => m[1]);
+  const missing = named.filter((key) => !(key in english) && key !== "noGpu");
+  assert.deepEqual(missing, []);
+});
+
+test("every string is used somewhere", async () => {
+  const text = await sources();
+  const made = ["missing", "damaged", "noRange", "changed", "broken"].flatMap((k) => [`${k}Title`, `${k}Text`]);
+  const unused = Object.keys(await strings("en")).filter((key) => !made.includes(key) && !text.includes(`"${key}"`));
+  assert.deepEqual(unused, []);
+});
+
+test("no page file holds an inline script, style or handler", async () => {
+  const html = await readFile(path.join(WWW, "index.html"), "utf8");
+  assert.ok(!/<script(?![^>]*\bsrc=)/.test(html) && !/\son\w+=/.test(html) && !/\sstyle=/.test(html) && !/<style/.test(html));
+});
