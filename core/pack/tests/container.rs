@@ -94,7 +94,7 @@ fn a_short_head_says_how_much_is_needed() {
     for length in (256..needed).step_by(997) {
         match parse_head(&bytes[..length as usize]) {
             Err(PackError::Truncated { needed: said, available, .. }) => {
-                assert_eq!((said, available), (needed, length))
+                assert_eq!((said, available), (needed, length));
             }
             other => panic!("{other:?}"),
         }
@@ -261,7 +261,7 @@ fn the_writer_refuses_what_a_reader_would() {
     let mut writer = begin(vec![root.clone(), child(0, 1.0, &[0])]).expect("begins");
     assert!(writer.chunk(&encoded[1..]).is_err(), "not the announced bytes");
     writer.chunk(&encoded).expect("writes");
-    assert!(writer.finish().err().expect("refused").to_string().contains("1 chunks written, 2 announced"));
+    assert!(writer.finish().expect_err("refused").to_string().contains("1 chunks written, 2 announced"));
     assert_eq!(checksum(&encoded), root.checksum);
 }
 

@@ -111,8 +111,8 @@ fn read_indices(c: &mut Cursor<'_>, triangles: usize, workspace: &mut Workspace)
     if triangles == 0 {
         return Ok(Vec::new());
     }
-    // The format of meshoptimizer writes at most 5 bytes for each of three corners, and 16 bytes of table.
-    if length > triangles.saturating_mul(15).saturating_add(16) {
+    // meshoptimizer writes at most one byte and 5 for each of three corners, and 16 bytes of table.
+    if length > triangles.saturating_mul(16).saturating_add(16) {
         return Err(c.invalid("its index data is too long"));
     }
     let mut coded = rans::decode(c, 1 + triangles)?;
