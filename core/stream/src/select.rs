@@ -70,6 +70,12 @@ struct Room {
 }
 
 impl Room {
+    /// Take what is there, and more: nothing is left then.
+    fn force(&mut self, node: &Node, scalars: u8) {
+        self.gpu = self.gpu.saturating_sub(node.gpu_bytes());
+        self.cpu = self.cpu.saturating_sub(node.cpu_bytes(scalars));
+    }
+
     fn take(&mut self, node: &Node, scalars: u8) -> bool {
         let (gpu, cpu) = (node.gpu_bytes(), node.cpu_bytes(scalars));
         if gpu > self.gpu || cpu > self.cpu {
@@ -109,7 +115,7 @@ pub(crate) fn pinned(nodes: &Nodes, budgets: &Budgets, scalars: u8) -> Vec<u32> 
 pub(crate) fn wanted(nodes: &Nodes, view: &View, step: f64, budgets: &Budgets, scalars: u8, pinned: &[u32]) -> Wanted {
     let mut room = Room { gpu: budgets.gpu_bytes, cpu: budgets.cpu_bytes };
     for node in pinned.iter().filter_map(|&i| nodes.get(i)) {
-        let _ = room.take(node, scalars);
+        room.force(node, scalars);
     }
     let mut out = Wanted { view: *view, step, order: Vec::new(), priority: BTreeMap::new(), limited: false };
     let mut parents_in = BTreeMap::<u32, usize>::new();

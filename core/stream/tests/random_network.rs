@@ -1,0 +1,181 @@
+//! Claims about the streamer under random packs, cameras, latencies and failures.
+
+mod support;
+
+use kilwa_stream::{Budgets, Event, Step, Streamer};
+use proptest::prelude::*;
+use support::{Faults, Pack, Random, World, random_view};
+
+fn budgets() -> impl Strategy<Value = Budgets> {
+    (1usize..8, 1_000u64..200_000, 1_000u64..100_000, 10_000u64..400_000, 1usize..5).prop_map(
+        |(requests, bytes_in_flight, request_bytes, memory, uploads)| Budgets {
+            requests,
+            bytes_in_flight,
+            request_bytes,
+            cpu_bytes: memory * 2,
+            gpu_bytes: memory,
+            uploads,
+        },
+    )
+}
+
+/// Fly about with a bad network, then rest with a good one until nothing moves. The last step, and the log.
+fn fly(pack: &Pack, seed: u64, budgets: Budgets, faults: Faults) -> (Streamer, Step, Vec<String>) {
+    let mut streamer = Streamer::new(&pack.head, pack.head_bytes, budgets);
+    let mut world = World::new(pack, seed, budgets, faults);
+    let mut random = Random(seed ^ 7);
+    let mut view = random_view(&mut random);
+    let mut now = 0;
+    for _ in 0..60 {
+        if random.below(6) == 0 {
+            view = random_view(&mut random);
+        }
+        let mut events = world.due(now);
+        if random.below(40) == 0 {
+            events.extend(events.clone()); // Everything twice.
+        }
+        let step = streamer.step(&view, now as f64, events);
+        world.take(now, &step, &streamer);
+        now += 1 + random.below(60) as u64;
+    }
+    world.faults = Faults { fail: 0, garble: 0 };
+    for _ in 0..20_000 {
+        let events = world.due(now);
+        let step = streamer.step(&view, now as f64, events);
+        world.take(now, &step, &streamer);
+        if step.stats.settled && step.commands.is_empty() && world.is_quiet() {
+            return (streamer, step, world.log);
+        }
+        now += if step.stats.retry_in_ms > 0.0 && world.is_quiet() { step.stats.retry_in_ms as u64 + 1 } else { 10 };
+    }
+    panic!("the streamer never came to rest: {:?}", world.log.last());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// `World` checks every step: no hole, no overlap, only resident chunks, all budgets.
+    #[test]
+    fn every_cut_is_valid_and_at_rest_the_target_is_reached(
+        seed in any::<u64>(), splits in 1usize..300, budgets in budgets(), fail in 0usize..60, garble in 0usize..30,
+    ) {
+        let pack = Pack::random(seed, splits);
+        let (_, step, _) = fly(&pack, seed, budgets, Faults { fail, garble });
+        prop_assert!(step.stats.target_reached || step.stats.budget_limited, "{:?}", step.stats);
+        prop_assert!(step.stats.worst_pixel_error.is_finite());
+    }
+
+    #[test]
+    fn with_room_for_everything_the_target_is_reached(
+        seed in any::<u64>(), splits in 1usize..300, fail in 0usize..60, garble in 0usize..30,
+    ) {
+        let pack = Pack::random(seed, splits);
+        let (_, step, _) = fly(&pack, seed, Budgets::default(), Faults { fail, garble });
+        prop_assert!(step.stats.target_reached && !step.stats.budget_limited, "{:?}", step.stats);
+    }
+
+    #[test]
+    fn the_same_flight_gives_the_same_commands(seed in any::<u64>(), budgets in budgets()) {
+        let pack = Pack::random(seed, 120);
+        let faults = Faults { fail: 20, garble: 10 };
+        prop_assert_eq!(fly(&pack, seed, budgets, faults).2, fly(&pack, seed, budgets, faults).2);
+    }
+
+    #[test]
+    fn a_camera_at_rest_is_a_picture_at_rest(seed in any::<u64>(), budgets in budgets()) {
+        let pack = Pack::random(seed, 200);
+        let (mut streamer, last, _) = fly(&pack, seed, budgets, Faults { fail: 10, garble: 5 });
+        let mut random = Random(seed ^ 7);
+        let mut view = random_view(&mut random);
+        for _ in 0..60 {
+            if random.below(6) == 0 {
+                view = random_view(&mut random);
+            }
+            random.below(40);
+            random.below(60);
+        }
+        for k in 0..5 {
+            let step = streamer.step(&view, 1e9 + f64::from(k), []);
+            prop_assert_eq!(&step.commands, &Vec::new());
+            prop_assert_eq!(&step.draw, &last.draw);
+        }
+    }
+}
+
+#[test]
+fn events_that_nobody_asked_for_change_nothing() {
+    let pack = Pack::random(3, 50);
+    let mut streamer = Streamer::new(&pack.head, pack.head_bytes, Budgets::default());
+    let view = random_view(&mut Random(1));
+    let strays = [
+        Event::Bytes { request: 999, length: 5 },
+        Event::Failed { request: 998 },
+        Event::PageBytes { request: 997, bytes: vec![1; 70_000] },
+        Event::Decoded { chunk: 3, patches: Vec::new() },
+        Event::DecodeFailed { chunk: 4_000_000_000 },
+        Event::Decoded { chunk: u32::MAX, patches: Vec::new() },
+    ];
+    let mut quiet = streamer.clone();
+    assert_eq!(streamer.step(&view, 0.0, strays), quiet.step(&view, 0.0, []));
+}
+
+#[test]
+fn neighbouring_chunks_come_in_one_request() {
+    let pack = Pack::random(11, 200);
+    let budgets = Budgets { bytes_in_flight: 64 << 20, request_bytes: 1 << 20, ..Budgets::default() };
+    let (streamer, step, log) = fly(&pack, 11, budgets, Faults { fail: 0, garble: 0 });
+    let requests = log.iter().filter(|l| l.contains("Fetch")).count();
+    let decoded = log.iter().filter(|l| l.contains("Decode {")).count();
+    assert!(streamer.is_resident(0) && step.stats.settled);
+    assert!(requests * 2 < decoded, "{requests} requests for {decoded} chunks");
+}
+
+#[test]
+fn a_lost_gpu_is_filled_again() {
+    let pack = Pack::random(5, 80);
+    let (mut streamer, last, _) = fly(&pack, 5, Budgets::default(), Faults { fail: 0, garble: 0 });
+    assert!(!last.draw.is_empty());
+    let step = streamer.step(&random_view(&mut Random(1)), 1e9, [Event::GpuLost]);
+    assert!(step.draw.is_empty(), "nothing is resident after the loss");
+    assert!(step.commands.iter().any(|c| matches!(c, kilwa_stream::Command::Decode { chunk: 0, .. })));
+}
+
+#[test]
+fn the_pixel_error_covers_every_displacement_that_can_be_seen() {
+    let mut random = Random(42);
+    let mut seen = 0;
+    for _ in 0..20_000 {
+        let view = random_view(&mut random);
+        let kilwa_stream::Projection::Perspective { tan_half_height } = view.projection else { continue };
+        let center: [f64; 3] = std::array::from_fn(|_| random.unit() * 4096.0);
+        let sphere = kilwa_geometry::Sphere { center, radius: random.unit() * 500.0 };
+        let error = 1e-4;
+        let bound = view.pixel_error(&sphere, error);
+        let ball = |random: &mut Random, r: f64| -> [f64; 3] {
+            loop {
+                let d: [f64; 3] = std::array::from_fn(|_| random.unit() * 2.0 - 1.0);
+                let n = d.iter().map(|x| x * x).sum::<f64>();
+                if n <= 1.0 {
+                    return d.map(|x| x * r);
+                }
+            }
+        };
+        let project = |p: [f64; 3]| {
+            let [x, y, z] = view.in_view(p);
+            let focal = 400.0 / tan_half_height;
+            (z > view.near).then(|| [x / z * focal, y / z * focal])
+        };
+        let (at, by) = (ball(&mut random, sphere.radius), ball(&mut random, error));
+        let p = std::array::from_fn(|i| center[i] + at[i]);
+        let q = std::array::from_fn(|i| p[i] + by[i]);
+        let (Some(a), Some(b)) = (project(p), project(q)) else { continue };
+        if a[0].abs() > 600.0 || a[1].abs() > 400.0 {
+            continue;
+        }
+        seen += 1;
+        assert!(view.may_see(&sphere), "a visible point lies in a ball that is said to be invisible");
+        let moved = (a[0] - b[0]).hypot(a[1] - b[1]);
+        assert!(moved <= bound * (1.0 + 1e-4) + 1e-9, "moved {moved} px, bound {bound}");
+    }
+    assert!(seen > 1000, "only {seen} points were in view");
+}

@@ -1,0 +1,366 @@
+//! Random packs (directories only) and a network that is slow, loses, garbles and reorders.
+
+use kilwa_geometry::{Aabb, DiamondKey, Lattice, Sphere, Tetra};
+use kilwa_pack::{
+    Attributes, DirectoryEntry, ENTRIES_PER_PAGE, Head, Header, Metadata, NO_DIAMOND, PatchRange, directory,
+};
+use kilwa_stream::{Budgets, Command, Event, FetchKind, Projection, Step, Streamer, View};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// SplitMix64: seeded randomness.
+pub(crate) struct Random(pub u64);
+
+impl Random {
+    pub(crate) fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    pub(crate) fn below(&mut self, n: usize) -> usize {
+        (self.next() % n as u64) as usize
+    }
+
+    pub(crate) fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+const CUBE_LOG2: u32 = 12;
+
+/// A directory over a real tetrahedral subdivision, with the patches of every chunk.
+pub(crate) struct Pack {
+    pub(crate) head: Head,
+    pub(crate) head_bytes: u64,
+    pub(crate) entries: Vec<DirectoryEntry>,
+    pub(crate) patches: Vec<Vec<PatchRange>>,
+    /// Where each tetrahedron is a patch: chunk and number.
+    place: BTreeMap<Tetra, (u32, u32)>,
+    split: BTreeSet<DiamondKey>,
+}
+
+impl Pack {
+    /// Split `splits` random diamonds, parents first.
+    pub(crate) fn random(seed: u64, splits: usize) -> Self {
+        let mut random = Random(seed);
+        let mut split = BTreeSet::<DiamondKey>::new();
+        let mut open: BTreeSet<DiamondKey> = Tetra::roots(CUBE_LOG2).iter().map(DiamondKey::of).collect();
+        while split.len() < splits {
+            let Some(key) = open.iter().nth(random.below(open.len())).copied() else { break };
+            split_with_parents(key, &mut split);
+            let tetras = all_tetras(&split);
+            open = tetras.iter().filter(|t| t.level < 18).map(DiamondKey::of).filter(|k| !split.contains(k)).collect();
+        }
+        Self::of(split, &mut random)
+    }
+
+    fn of(split: BTreeSet<DiamondKey>, random: &mut Random) -> Self {
+        let index: BTreeMap<DiamondKey, u32> = split.iter().copied().zip(1..).collect();
+        let diamond = |t: &Tetra| index.get(&DiamondKey::of(t)).copied().unwrap_or(NO_DIAMOND);
+        let mut members: Vec<Vec<Tetra>> = vec![Tetra::roots(CUBE_LOG2).to_vec()];
+        members.resize(split.len() + 1, Vec::new());
+        let mut parents = vec![BTreeSet::new(); split.len() + 1];
+        let mut place = BTreeMap::new();
+        let mut patches = vec![Vec::new(); split.len() + 1];
+        let mut triangles = vec![0u32; split.len() + 1];
+        for chunk in 0..members.len() {
+            for number in 0..members[chunk].len() {
+                let tetra = members[chunk][number];
+                let of = diamond(&tetra);
+                let count = 1 + random.below(40) as u32;
+                patches[chunk].push(PatchRange { first: triangles[chunk], count, diamond: of });
+                triangles[chunk] += count;
+                place.insert(tetra, (chunk as u32, number as u32));
+                if of != NO_DIAMOND {
+                    parents[of as usize].insert(chunk as u32);
+                    members[of as usize].extend(tetra.children());
+                }
+            }
+        }
+        let mut entries: Vec<DirectoryEntry> = Vec::new();
+        let mut offset = 40_000u64;
+        for chunk in 0..members.len() {
+            let level = if chunk == 0 { 0 } else { split.iter().nth(chunk - 1).expect("indexed").level };
+            let points: Vec<_> = members[chunk].iter().flat_map(|t| t.v).collect();
+            let mut slots = [NO_DIAMOND; 4];
+            for (slot, parent) in slots.iter_mut().zip(&parents[chunk]) {
+                *slot = *parent;
+            }
+            let encoded_bytes = 100 + random.below(30_000) as u32;
+            entries.push(DirectoryEntry {
+                offset,
+                encoded_bytes,
+                vertices: triangles[chunk] + 2,
+                triangles: triangles[chunk],
+                level,
+                error: (2f64.powf(-f64::from(level) / 3.0) * (0.01 + 0.04 * random.unit())) as f32,
+                color_error: 0.0,
+                sphere: Sphere::of(&points),
+                bounds: Aabb::of(&points),
+                parents: slots,
+                checksum: [0; 16],
+            });
+            offset += u64::from(encoded_bytes);
+        }
+        for chunk in (1..entries.len()).rev() {
+            let (error, sphere) = (entries[chunk].error, entries[chunk].sphere);
+            for parent in parents[chunk].iter().map(|&p| p as usize) {
+                entries[parent].error = entries[parent].error.max(error);
+                entries[parent].sphere = entries[parent].sphere.union(&sphere);
+            }
+        }
+        entries[0].error = f32::INFINITY;
+        let head = head(&entries, offset);
+        Self { head, head_bytes: 40_000 + random.below(60_000) as u64, entries, patches, place, split }
+    }
+
+    fn page(&self, page: u32) -> Vec<u8> {
+        let chunks: Vec<_> = self.entries.chunks(ENTRIES_PER_PAGE).collect();
+        directory::write_page(chunks[page as usize], page)
+    }
+
+    /// Why a drawn set is not a cut: every path from a root tetrahedron to a leaf must meet exactly one drawn patch.
+    pub(crate) fn fault(&self, drawn: &BTreeSet<(u32, u32)>) -> Option<String> {
+        let mut stack: Vec<(Tetra, usize)> = Tetra::roots(CUBE_LOG2).into_iter().map(|t| (t, 0)).collect();
+        while let Some((tetra, above)) = stack.pop() {
+            let here = above + usize::from(drawn.contains(&self.place[&tetra]));
+            if here > 1 {
+                return Some(format!("overlap at {:?}", self.place[&tetra]));
+            }
+            if self.split.contains(&DiamondKey::of(&tetra)) {
+                stack.extend(tetra.children().map(|t| (t, here)));
+            } else if here == 0 {
+                return Some(format!("hole at {:?}", self.place[&tetra]));
+            }
+        }
+        None
+    }
+
+    pub(crate) fn gpu_bytes(&self, chunk: u32) -> u64 {
+        let e = &self.entries[chunk as usize];
+        u64::from(e.vertices) * 20 + u64::from(e.triangles) * 12
+    }
+}
+
+fn split_with_parents(key: DiamondKey, split: &mut BTreeSet<DiamondKey>) {
+    for parent in key.parents(CUBE_LOG2) {
+        split_with_parents(parent, split);
+    }
+    split.insert(key);
+}
+
+fn all_tetras(split: &BTreeSet<DiamondKey>) -> Vec<Tetra> {
+    let mut out = Tetra::roots(CUBE_LOG2).to_vec();
+    let mut at = 0;
+    while at < out.len() {
+        if split.contains(&DiamondKey::of(&out[at])) {
+            out.extend(out[at].children());
+        }
+        at += 1;
+    }
+    out
+}
+
+fn head(entries: &[DirectoryEntry], end: u64) -> Head {
+    let header = Header {
+        lattice: Lattice { origin: [0.0; 3], step_log2: -12 },
+        cube_log2: CUBE_LOG2,
+        file_bytes: end + (1 << 40),
+        metadata: (256, 100),
+        metadata_checksum: [0; 16],
+        entry_count: entries.len() as u32,
+        first_page: 512,
+        other_pages: 1 << 39,
+        triangles: 1,
+        stored_triangles: 1,
+        stored_vertices: 1,
+        attributes: Attributes { colors: true, scalars: 0 },
+    };
+    let metadata = Metadata {
+        title: String::new(),
+        source_units: "m".into(),
+        source_up: "z".into(),
+        crs: None,
+        lattice_step: 2f64.powi(-12),
+        bounds_min: [0.0; 3],
+        bounds_max: [1.0; 3],
+        median_edge: 0.01,
+        triangles: 1,
+        vertices: 1,
+        border_edges: 0,
+        scalars: Vec::new(),
+        sources: Vec::new(),
+        tool: String::new(),
+        options: BTreeMap::new(),
+        capture_accuracy: None,
+        repairs: BTreeMap::new(),
+    };
+    let page = directory::write_page(&entries[..entries.len().min(ENTRIES_PER_PAGE)], 0);
+    let entries = directory::parse_page(&page, 0, header.entry_count).expect("a sound page");
+    Head { header, metadata, entries }
+}
+
+/// A camera on a sphere round the cube, or inside it.
+pub(crate) fn random_view(random: &mut Random) -> View {
+    let side = f64::from(1 << CUBE_LOG2);
+    let eye: [f64; 3] = std::array::from_fn(|_| (random.unit() * 2.0 - 0.5) * side);
+    let (a, h) = (random.unit() * 6.3, random.unit() * 1.8 - 0.9);
+    let r = (1.0 - h * h).sqrt();
+    let forward = [r * a.cos(), r * a.sin(), h];
+    let right = [a.sin(), -a.cos(), 0.0];
+    let up = kilwa_geometry::distance::cross(right, forward);
+    let projection = if random.below(5) == 0 {
+        Projection::Orthographic { half_height: side * (0.02 + random.unit()) }
+    } else {
+        Projection::Perspective { tan_half_height: 0.2 + random.unit() }
+    };
+    View {
+        eye,
+        right,
+        up,
+        forward,
+        anchor: eye,
+        projection,
+        size: [1200, 800],
+        near: 1.0,
+        far: side * 4.0,
+        target_pixels: 0.5 + random.unit() * 30.0,
+    }
+}
+
+/// What goes wrong, in per cent.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Faults {
+    pub(crate) fail: usize,
+    pub(crate) garble: usize,
+}
+
+/// The other side: carries commands out after random delays, and checks them.
+pub(crate) struct World<'p> {
+    pack: &'p Pack,
+    random: Random,
+    pub(crate) faults: Faults,
+    queue: BTreeMap<(u64, u64), Event>,
+    sequence: u64,
+    open: BTreeMap<u64, (u64, u64)>,
+    decoded: BTreeSet<u32>,
+    uploaded: BTreeSet<u32>,
+    budgets: Budgets,
+    pub(crate) log: Vec<String>,
+}
+
+impl<'p> World<'p> {
+    pub(crate) fn new(pack: &'p Pack, seed: u64, budgets: Budgets, faults: Faults) -> Self {
+        Self {
+            pack,
+            random: Random(seed),
+            faults,
+            queue: BTreeMap::new(),
+            sequence: 0,
+            open: BTreeMap::new(),
+            decoded: BTreeSet::new(),
+            uploaded: BTreeSet::new(),
+            budgets,
+            log: Vec::new(),
+        }
+    }
+
+    /// Events due at `now`.
+    pub(crate) fn due(&mut self, now: u64) -> Vec<Event> {
+        let later = self.queue.split_off(&(now + 1, 0));
+        let due: Vec<Event> = std::mem::replace(&mut self.queue, later).into_values().collect();
+        for event in &due {
+            match event {
+                Event::Decoded { chunk, .. } => {
+                    self.decoded.insert(*chunk);
+                }
+                Event::Bytes { request, .. } | Event::PageBytes { request, .. } | Event::Failed { request } => {
+                    self.open.remove(request);
+                }
+                _ => {}
+            }
+        }
+        due
+    }
+
+    fn later(&mut self, now: u64, event: Event) {
+        self.sequence += 1;
+        let at = now + 1 + self.random.below(120) as u64;
+        self.queue.insert((at, self.sequence), event);
+    }
+
+    /// Carry a step's commands out and check what it draws.
+    pub(crate) fn take(&mut self, now: u64, step: &Step, streamer: &Streamer) {
+        for command in &step.commands {
+            self.log.push(format!("{now} {command:?}"));
+            match *command {
+                Command::Fetch { request, offset, length, kind } => self.fetch(now, request, offset, length, kind),
+                Command::Cancel { request } => {
+                    assert!(self.open.remove(&request).is_some(), "cancelled {request}, which is not in flight");
+                }
+                Command::Decode { chunk, .. } => {
+                    let event = if self.random.below(100) < self.faults.garble {
+                        Event::DecodeFailed { chunk }
+                    } else {
+                        Event::Decoded { chunk, patches: self.pack.patches[chunk as usize].clone() }
+                    };
+                    self.later(now, event);
+                }
+                Command::Upload { chunk } => {
+                    assert!(self.decoded.contains(&chunk), "uploaded {chunk}, which is not decoded");
+                    assert!(self.uploaded.insert(chunk), "uploaded {chunk} twice");
+                }
+                Command::Evict { chunk } => {
+                    self.decoded.remove(&chunk);
+                    self.uploaded.remove(&chunk);
+                }
+            }
+        }
+        self.check(step, streamer);
+    }
+
+    fn fetch(&mut self, now: u64, request: u64, offset: u64, length: u64, kind: FetchKind) {
+        assert!(length <= self.budgets.request_bytes.max(30_100), "a request of {length} bytes");
+        assert!(self.open.insert(request, (offset, length)).is_none(), "request {request} made twice");
+        let event = if self.random.below(100) < self.faults.fail {
+            Event::Failed { request }
+        } else if kind == FetchKind::Pages {
+            let first = ((offset - self.pack.head.header.other_pages) / 16_384) as u32 + 1;
+            let mut bytes: Vec<u8> =
+                (first..first + (length / 16_384) as u32).flat_map(|p| self.pack.page(p)).collect();
+            if self.random.below(100) < self.faults.garble {
+                let at = self.random.below(bytes.len());
+                bytes[at] ^= 1;
+            }
+            Event::PageBytes { request, bytes }
+        } else {
+            let short = u64::from(self.random.below(100) < self.faults.garble);
+            Event::Bytes { request, length: length - short }
+        };
+        self.later(now, event);
+    }
+
+    fn check(&self, step: &Step, streamer: &Streamer) {
+        assert!(self.open.len() <= self.budgets.requests, "{} requests in flight", self.open.len());
+        let bytes: u64 = self.open.values().map(|(_, length)| length).sum();
+        assert!(bytes <= self.budgets.bytes_in_flight || self.open.len() == 1, "{bytes} bytes in flight");
+        let gpu: u64 = self.uploaded.iter().map(|&c| self.pack.gpu_bytes(c)).sum();
+        let only_root = self.uploaded.iter().all(|&c| c == 0);
+        assert!(gpu <= self.budgets.gpu_bytes || only_root, "{gpu} bytes of GPU memory");
+        assert!(step.stats.gpu_bytes <= self.budgets.gpu_bytes.max(self.pack.gpu_bytes(0)));
+        let drawn: BTreeSet<(u32, u32)> = step.draw.iter().map(|d| (d.chunk, d.patch)).collect();
+        assert_eq!(drawn.len(), step.draw.len(), "a patch is drawn twice");
+        assert!(drawn.iter().all(|(c, _)| self.uploaded.contains(c)), "a chunk is drawn that is not resident");
+        assert_eq!(step.draw.is_empty(), !streamer.is_resident(0), "something is drawn exactly when the root is there");
+        if !drawn.is_empty() {
+            assert_eq!(self.pack.fault(&drawn), None);
+        }
+    }
+
+    /// Whether nothing is on its way.
+    pub(crate) fn is_quiet(&self) -> bool {
+        self.queue.is_empty()
+    }
+}

@@ -1,0 +1,127 @@
+//! Claims about the camera.
+
+use kilwa_geometry::Lattice;
+use kilwa_geometry::distance::{cross, dot, sub};
+use kilwa_viewer::{Bounds, Camera, StandardView};
+
+const BOUNDS: Bounds = Bounds { min: [500_000.0, 4_649_776.0, 100.0], max: [500_040.0, 4_649_806.0, 112.0] };
+const SIZE: [u32; 2] = [1200, 800];
+const LATTICE: Lattice = Lattice { origin: [499_990.0, 4_649_700.0, 90.0], step_log2: -13 };
+
+fn close(a: [f64; 3], b: [f64; 3], within: f64) -> bool {
+    (0..3).all(|i| (a[i] - b[i]).abs() <= within)
+}
+
+/// The pixel of a world point.
+fn pixel(camera: &Camera, point: [f64; 3]) -> [f64; 2] {
+    let d = sub(point, camera.eye());
+    let (x, y, z) = (dot(d, camera.right()), dot(d, camera.up()), -dot(d, camera.backward()));
+    let scale =
+        f64::from(SIZE[1]) * 0.5 / camera.half_height() * if camera.orthographic { 1.0 } else { camera.distance / z };
+    [f64::from(SIZE[0]) * 0.5 + x * scale, f64::from(SIZE[1]) * 0.5 - y * scale]
+}
+
+#[test]
+fn elevations_look_at_the_face_they_are_named_after() {
+    let from = |view| Camera::standard(view, &BOUNDS, SIZE).backward();
+    assert!(close(from(StandardView::North), [0.0, 1.0, 0.0], 1e-12));
+    assert!(close(from(StandardView::East), [1.0, 0.0, 0.0], 1e-12));
+    assert!(close(from(StandardView::South), [0.0, -1.0, 0.0], 1e-12));
+    assert!(close(from(StandardView::West), [-1.0, 0.0, 0.0], 1e-12));
+    assert!(close(from(StandardView::Plan), [0.0, 0.0, 1.0], 1e-12));
+}
+
+#[test]
+fn a_plan_has_north_up_and_east_right() {
+    let plan = Camera::standard(StandardView::Plan, &BOUNDS, SIZE);
+    assert!(close(plan.up(), [0.0, 1.0, 0.0], 1e-12) && close(plan.right(), [1.0, 0.0, 0.0], 1e-12));
+}
+
+#[test]
+fn axes_are_orthogonal_and_right_handed_from_every_side() {
+    let mut camera = Camera::standard(StandardView::Iso, &BOUNDS, SIZE);
+    for k in 0..500 {
+        camera.orbit(0.37, if k % 2 == 0 { 0.9 } else { -1.0 });
+        let (r, u, b) = (camera.right(), camera.up(), camera.backward());
+        assert!(close(cross(r, u), b, 1e-12), "{camera:?}");
+        assert!(camera.elevation.abs() <= std::f64::consts::FRAC_PI_2);
+        assert!(r[2] == 0.0 && u[2] >= -1e-12, "up stays up");
+    }
+}
+
+#[test]
+fn every_standard_view_shows_all_of_the_model() {
+    for (view, name) in StandardView::ALL {
+        for size in [[1200u32, 800], [390, 844]] {
+            let camera = Camera::standard(view, &BOUNDS, size);
+            let v = camera.view(&LATTICE, &BOUNDS, size, 1.0);
+            for k in 0..8 {
+                let corner = std::array::from_fn(|i| if k >> i & 1 == 0 { BOUNDS.min[i] } else { BOUNDS.max[i] });
+                let [x, y, z] = v.in_view(LATTICE.steps_from_world(corner));
+                let (half, depth) = match v.projection {
+                    kilwa_stream::Projection::Perspective { tan_half_height } => (tan_half_height * z, z > v.near),
+                    kilwa_stream::Projection::Orthographic { half_height } => (half_height, z >= 0.0 && z <= v.far),
+                };
+                let inside = x.abs() <= half * v.aspect() * 1.000_001 && y.abs() <= half * 1.000_001 && depth;
+                assert!(inside, "{name} {size:?} corner {k}: {x} {y} {z}");
+            }
+        }
+    }
+}
+
+#[test]
+fn zooming_keeps_the_point_under_the_pointer() {
+    for view in [StandardView::Iso, StandardView::North] {
+        let mut camera = Camera::standard(view, &BOUNDS, SIZE);
+        let point = [500_010.0, 4_649_790.0, 104.0];
+        let before = pixel(&camera, point);
+        for factor in [0.5, 0.8, 1.3, 0.2] {
+            camera.zoom(factor, point, &BOUNDS);
+            let after = pixel(&camera, point);
+            assert!((before[0] - after[0]).abs() < 1e-4 && (before[1] - after[1]).abs() < 1e-4, "{before:?} {after:?}");
+        }
+    }
+}
+
+#[test]
+fn zooming_never_runs_away_or_passes_through_the_target() {
+    let mut camera = Camera::standard(StandardView::Iso, &BOUNDS, SIZE);
+    for factor in [1e-9, 1e-9, 1e12, f64::NAN, 0.0, -1.0, f64::INFINITY] {
+        camera.zoom(factor, BOUNDS.center(), &BOUNDS);
+        assert!(camera.distance > 0.0 && camera.distance < 1e4 && camera.target.iter().all(|x| x.is_finite()));
+    }
+}
+
+#[test]
+fn panning_moves_the_target_with_the_pointer() {
+    for view in [StandardView::Iso, StandardView::Plan] {
+        let mut camera = Camera::standard(view, &BOUNDS, SIZE);
+        let point = camera.target;
+        camera.pan(100.0, -40.0, SIZE);
+        let [x, y] = pixel(&camera, point);
+        assert!((x - 700.0).abs() < 1e-6 && (y - 360.0).abs() < 1e-6, "{x} {y}");
+    }
+}
+
+#[test]
+fn a_ray_through_a_pixel_meets_what_is_drawn_there() {
+    for view in [StandardView::Iso, StandardView::West] {
+        let camera = Camera::standard(view, &BOUNDS, SIZE);
+        let (origin, direction) = camera.ray([300.0, 650.0], SIZE);
+        let far: [f64; 3] = std::array::from_fn(|i| origin[i] + direction[i] * 17.0);
+        let [x, y] = pixel(&camera, far);
+        assert!((x - 300.0).abs() < 1e-6 && (y - 650.0).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn a_new_pivot_does_not_move_the_picture() {
+    for view in [StandardView::Iso, StandardView::South] {
+        let mut camera = Camera::standard(view, &BOUNDS, SIZE);
+        let point = [500_020.0, 4_649_780.0, 101.0];
+        let before = pixel(&camera, point);
+        camera.set_pivot(point);
+        let after = pixel(&camera, point);
+        assert!((before[0] - after[0]).abs() < 1e-6 && (before[1] - after[1]).abs() < 1e-6, "{before:?} {after:?}");
+    }
+}

@@ -1,0 +1,93 @@
+//! Without a GPU: every shader is sound WGSL, stays inside WebGL2, and agrees with Rust about memory.
+
+use kilwa_stream::{Projection, View};
+use kilwa_viewer::RenderOptions;
+use kilwa_viewer::gpu::frame::{UniformBytes, draw_uniform, frame_uniform};
+use kilwa_viewer::gpu::{SHADERS, pool};
+use wgpu::naga;
+
+fn parse(name: &str, source: &str) -> naga::Module {
+    naga::front::wgsl::parse_str(source).unwrap_or_else(|e| panic!("{name}.wgsl: {}", e.emit_to_string(source)))
+}
+
+#[test]
+fn every_shader_is_valid_with_no_capability_beyond_the_baseline() {
+    for (name, source) in SHADERS {
+        let module = parse(name, source);
+        let mut validator =
+            naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::empty());
+        validator.validate(&module).unwrap_or_else(|e| panic!("{name}.wgsl: {}", e.emit_to_string(source)));
+    }
+}
+
+#[test]
+fn no_shader_needs_more_than_webgl2_has() {
+    for (name, source) in SHADERS {
+        for (_, variable) in parse(name, source).global_variables.iter() {
+            assert!(
+                matches!(variable.space, naga::AddressSpace::Uniform),
+                "{name}.wgsl uses {:?}, which WebGL2 has not",
+                variable.space
+            );
+        }
+    }
+}
+
+#[test]
+fn positions_are_invariant_in_every_pass_that_draws_chunks() {
+    for (name, source) in SHADERS.iter().filter(|(name, _)| *name != "background") {
+        assert!(source.contains("@invariant @builtin(position)"), "{name}.wgsl");
+        assert!(source.contains("frame.clip_from_cell * vec4<f32>("), "{name}.wgsl");
+    }
+}
+
+/// Fields of a WGSL struct: name, offset and bytes.
+fn layout(module: &naga::Module, name: &str) -> Vec<(String, usize, usize)> {
+    let (_, found) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).expect("the struct exists");
+    let naga::TypeInner::Struct { members, .. } = &found.inner else { panic!("{name} is no struct") };
+    members
+        .iter()
+        .map(|m| {
+            let size = module.types[m.ty].inner.size(module.to_ctx());
+            (m.name.clone().expect("named"), m.offset as usize, size as usize)
+        })
+        .collect()
+}
+
+fn as_owned(uniform: &UniformBytes) -> Vec<(String, usize, usize)> {
+    uniform.fields.iter().map(|(name, at, size)| ((*name).to_owned(), *at, *size)).collect()
+}
+
+#[test]
+fn uniforms_lie_in_memory_as_the_shaders_read_them() {
+    let view = View {
+        eye: [0.0; 3],
+        right: [1.0, 0.0, 0.0],
+        up: [0.0, 0.0, 1.0],
+        forward: [0.0, 1.0, 0.0],
+        anchor: [0.0; 3],
+        projection: Projection::Perspective { tan_half_height: 0.5 },
+        size: [100, 100],
+        near: 1.0,
+        far: 10.0,
+        target_pixels: 1.0,
+    };
+    let frame = frame_uniform(&view, &RenderOptions::default(), false);
+    let draw = draw_uniform(1, 2, 3.0);
+    for (name, source) in SHADERS {
+        let module = parse(name, source);
+        assert_eq!(layout(&module, "Frame"), as_owned(&frame), "{name}.wgsl");
+        assert_eq!(layout(&module, "Draw"), as_owned(&draw), "{name}.wgsl");
+    }
+    assert_eq!((frame.bytes.len() % 16, draw.bytes.len()), (0, 16));
+}
+
+#[test]
+fn vertex_attributes_tile_the_vertex_of_the_pack() {
+    let mut at = 0;
+    for attribute in pool::ATTRIBUTES {
+        assert_eq!(attribute.offset, at);
+        at += attribute.format.size();
+    }
+    assert_eq!(at as usize, kilwa_pack::vertex_layout::VERTEX_BYTES);
+}
