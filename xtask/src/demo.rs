@@ -65,6 +65,21 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     server.wait()
 }
 
+/// What `--check` shows, with a program that is compiled already and a small fort; leaves nothing behind.
+///
+/// # Errors
+/// Any step fails.
+pub(crate) fn check_small(kilwa: &Path, triangles: u64) -> Result<()> {
+    let folder = root()?.join("target/demo-check");
+    let pack = make_pack(&mut Vec::new(), kilwa, &folder, triangles)?;
+    run_kilwa(kilwa, &["verify"], &[&pack])?;
+    let address = free_address(8080)?;
+    let server = Server::start(kilwa, &folder, address)?;
+    check(address, &pack)?;
+    drop(server);
+    fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))
+}
+
 /// The fort's pack in `folder`, made anew unless the last run made the same with the same program.
 fn make_pack(
     times: &mut Vec<(&'static str, Duration)>,

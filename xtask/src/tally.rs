@@ -28,6 +28,14 @@ impl Tally {
         self.left_out + self.skips.len() as u64
     }
 
+    /// Adds another suite's counts.
+    pub(crate) fn add_all(&mut self, other: Self) {
+        self.passed += other.passed;
+        self.failed += other.failed;
+        self.left_out += other.left_out;
+        self.skips.extend(other.skips);
+    }
+
     /// Takes one line of a runner's output into account.
     pub(crate) fn read(&mut self, line: &str) {
         let line = line.trim();

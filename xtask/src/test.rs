@@ -1,14 +1,15 @@
 //! `cargo xtask test`: everything that has to hold before a change is taken, in the order that shares compile work.
 //!
-//! Stages: format, lints natively and for wasm32, the page, the workspace's tests, its documentation's examples, the browser.
+//! Stages: format, lints natively and for wasm32, the page, the workspace's tests, its documentation's examples, the demo, the browser.
 //! All in the profile dev (the page in its own). Invariants: a failing stage does not stop the later ones, so that one run shows all
 //! failures; the last line is `N passed, N failed, N skipped` over all suites, where a stage that is not a suite counts only when it
 //! fails; a suite that ran no test has failed. The exit code is 1 when anything failed.
 
 use crate::process::{cargo, command, kilwa, on_path, run as run_command, watch};
 use crate::tally::Tally;
-use crate::{setup, web};
+use crate::{demo, setup, web};
 use anyhow::{Result, bail};
+use std::path::PathBuf;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
@@ -24,16 +25,20 @@ pub(crate) struct Args {
 const WASM_PACKAGES: [&str; 6] =
     ["kilwa-viewer", "kilwa-decode", "kilwa-stream", "kilwa-pack", "kilwa-geometry", "kilwa-measure"];
 
+/// Triangles of the fort that the demo's check uses.
+const DEMO_TRIANGLES: u64 = 50_000;
+
 /// One row of the closing table.
 struct Row {
     name: &'static str,
     took: Duration,
-    outcome: Result<Tally>,
+    /// A stage that is no suite counts one failure or nothing.
+    counts: Tally,
 }
 
 type Stage = (&'static str, fn() -> Result<Tally>);
 
-const STAGES: [Stage; 8] = [
+const STAGES: [Stage; 9] = [
     ("set up", set_up),
     ("format", format),
     ("lints", lints),
@@ -41,6 +46,7 @@ const STAGES: [Stage; 8] = [
     ("page", page),
     ("rust tests", rust_tests),
     ("doc examples", doc_examples),
+    ("demo", demo),
     ("browser", browser),
 ];
 
@@ -50,11 +56,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     for (name, stage) in STAGES.into_iter().filter(|(name, _)| wanted(name)) {
         println!("\n== {name}");
         let started = Instant::now();
-        let outcome = stage();
-        if let Err(error) = &outcome {
-            println!("{name} FAILED: {error:#}");
-        }
-        rows.push(Row { name, took: started.elapsed(), outcome });
+        let counts = stage().unwrap_or_else(|error| failure(&error));
+        rows.push(Row { name, took: started.elapsed(), counts });
     }
     if rows.is_empty() {
         let names: Vec<_> = STAGES.iter().map(|(name, _)| *name).collect();
@@ -68,7 +71,7 @@ fn report(rows: &[Row]) -> Result<()> {
     println!("\n{:<14} {:>8} {:>7} {:>7} {:>8}  ", "stage", "seconds", "passed", "failed", "skipped");
     let mut total = Tally::default();
     for row in rows {
-        let counts = row.outcome.as_ref().ok().cloned().unwrap_or_else(|| Tally { failed: 1, ..Tally::default() });
+        let counts = &row.counts;
         println!(
             "{:<14} {:>8.1} {:>7} {:>7} {:>8}  {}",
             row.name,
@@ -78,10 +81,7 @@ fn report(rows: &[Row]) -> Result<()> {
             counts.skipped(),
             if counts.failed == 0 { "" } else { "FAILED" }
         );
-        total.passed += counts.passed;
-        total.failed += counts.failed;
-        total.left_out += counts.left_out;
-        total.skips.extend(counts.skips);
+        total.add_all(counts.clone());
     }
     for skip in &total.skips {
         println!("skipped: {skip}");
@@ -89,17 +89,20 @@ fn report(rows: &[Row]) -> Result<()> {
     let seconds: f64 = rows.iter().map(|row| row.took.as_secs_f64()).sum();
     println!("\nall stages took {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
     println!("{} passed, {} failed, {} skipped", total.passed, total.failed, total.skipped());
-    if total.failed > 0 {
-        let names: Vec<_> = rows.iter().filter(|row| has_failed(row)).map(|row| row.name).collect();
-        // On stderr, so that the line above stays the last of the report.
-        bail!("failed: {}", names.join(", "));
-    }
-    Ok(())
+    if total.failed > 0 { Err(Failed.into()) } else { Ok(()) }
 }
 
-fn has_failed(row: &Row) -> bool {
-    row.outcome.as_ref().map_or(true, |counts| counts.failed > 0)
+/// Something failed and all of it has been said: the line of counts stays the last one.
+#[derive(Debug)]
+pub(crate) struct Failed;
+
+impl std::fmt::Display for Failed {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("tests failed; see above")
+    }
 }
+
+impl std::error::Error for Failed {}
 
 fn set_up() -> Result<Tally> {
     setup::wasm_target()?;
@@ -130,31 +133,56 @@ fn page() -> Result<Tally> {
     Ok(Tally::default())
 }
 
-/// nextest where it is installed (it shows time per test and survives an abort), cargo test elsewhere; both print what tests print.
+/// Arguments that choose what is tested. Every cargo call of these stages uses the same ones, because another choice of packages unifies
+/// features otherwise and compiles much of the tree again; and xtask stays out, for what it runs as is compiled already.
+const TESTED: [&str; 4] = ["--locked", "--workspace", "--exclude", "xtask"];
+
+/// nextest where it is installed (it shows time per test and ends one that hangs), cargo test elsewhere; both print what tests print.
 fn rust_tests() -> Result<Tally> {
-    if on_path(&["cargo-nextest", "cargo-nextest.exe"]).is_some() {
-        let args =
-            ["nextest", "run", "--locked", "--workspace", "--no-fail-fast", "--config-file", "xtask/nextest.toml"];
-        suite(cargo(&args)?.args(["--success-output", "immediate"]))
-    } else {
-        suite(&mut cargo(&["test", "--locked", "--workspace", "--all-targets", "--no-fail-fast", "--", "--nocapture"])?)
+    let has_nextest = on_path(&["cargo-nextest", "cargo-nextest.exe"]).is_some();
+    let mut tally = Tally::default();
+    for packages in [&["--locked", "--package", "xtask"][..], &TESTED] {
+        let counts = if has_nextest {
+            let options = ["--no-fail-fast", "--config-file", "xtask/nextest.toml", "--success-output", "immediate"];
+            suite(cargo(&["nextest", "run"])?.args(packages).args(options))
+        } else {
+            suite(cargo(&["test", "--no-fail-fast"])?.args(packages).args(["--all-targets", "--", "--nocapture"]))
+        };
+        tally.add_all(counts.unwrap_or_else(|error| failure(&error)));
     }
+    Ok(tally)
 }
 
 /// The examples in documentation comments, which nextest does not run. There may be none, so an empty run is no failure.
 fn doc_examples() -> Result<Tally> {
-    counted(&mut cargo(&["test", "--locked", "--workspace", "--doc", "--no-fail-fast"])?)
+    counted(cargo(&["test", "--doc", "--no-fail-fast"])?.args(TESTED))
+}
+
+/// `kilwa` as the tests above use it; nothing to do after them.
+fn tested_kilwa() -> Result<PathBuf> {
+    run_command(cargo(&["test", "--no-run", "--quiet"])?.args(TESTED))?;
+    kilwa("dev")
+}
+
+/// The README's first command, with a small fort and the program of the tests: made, verified, served and fetched.
+fn demo() -> Result<Tally> {
+    demo::check_small(&tested_kilwa()?, DEMO_TRIANGLES)?;
+    Ok(Tally { passed: 1, ..Tally::default() })
 }
 
 /// The page in a real browser against the real server: `npm test` in tests/browser, with the programs to use in its environment.
 fn browser() -> Result<Tally> {
     let chromium = setup::chromium()?;
     let folder = setup::npm_packages("tests/browser")?;
-    // The same build as the tests above, so nearly nothing after them.
-    run_command(&mut cargo(&["build", "--locked", "--workspace", "--bins"])?)?;
-    let kilwa = kilwa("dev")?;
+    let kilwa = tested_kilwa()?;
     let mut npm = command("npm", &["test", "--silent"])?;
     suite(npm.current_dir(&folder).env("CHROMIUM", chromium).env("KILWA", kilwa))
+}
+
+/// An error as a count, after it was shown.
+fn failure(error: &anyhow::Error) -> Tally {
+    println!("FAILED: {error:#}");
+    Tally { failed: 1, ..Tally::default() }
 }
 
 /// A stage that is not a suite: it holds or it does not.
