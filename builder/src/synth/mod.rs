@@ -12,6 +12,9 @@ mod piece;
 mod ply;
 mod wall;
 
+#[cfg(test)]
+mod tests;
+
 pub use phantom::Phantom;
 
 use crate::raw::RawMesh;
@@ -114,6 +117,14 @@ pub enum SynthError {
         /// Possible.
         most: u32,
     },
+    /// A block that no triangle falls into.
+    #[error("block {block} of {asked} would be empty: ask for fewer blocks or more triangles")]
+    EmptyBlock {
+        /// Which.
+        block: usize,
+        /// Blocks asked for.
+        asked: usize,
+    },
     /// The file name cannot be used.
     #[error("{}: {why}", .path.display())]
     Name {
@@ -156,6 +167,9 @@ pub fn write(
         let before = report.triangles;
         weld(site.as_ref(), tile as u32, !options.utm, &mut file, &mut |n| progress(before + n, expected))?;
         let finished = file.finish()?;
+        if finished.triangles == 0 {
+            return Err(SynthError::EmptyBlock { block: tile, asked: files.len() });
+        }
         report.vertices += finished.vertices;
         report.triangles += finished.triangles;
         report.bytes += finished.bytes;
@@ -194,7 +208,7 @@ pub fn mesh(shape: Shape, options: &SynthOptions) -> Result<RawMesh, SynthError>
     let origin = if options.utm { UTM_ORIGIN } else { [0.0; 3] };
     let mut sink = Memory { mesh: RawMesh::default(), origin };
     match weld(site.as_ref(), 0, !options.utm, &mut sink, &mut |_| {}) {
-        Ok(()) => Ok(sink.mesh),
+        Ok(_) => Ok(sink.mesh),
         Err(never) => match never {},
     }
 }
@@ -215,7 +229,9 @@ fn site(shape: Shape, options: &SynthOptions, tiles: u32) -> Result<Box<dyn Site
     Ok(match shape {
         Shape::Fort => {
             let fort = fort::Fort::new(asked, options.seed, tiles);
-            limit(fort.most_tiles())?;
+            if !fort.tiles_fit() {
+                limit(fort.most_tiles())?;
+            }
             Box::new(fort)
         }
         Shape::Wall => {

@@ -60,13 +60,15 @@ pub(super) trait Sink {
 const PIECES_AT_ONCE: u32 = 64;
 
 /// Stream one tile into a sink. `single` rounds positions to `f32` first; `progress` is told the triangles so far.
+/// Gives the most shared vertices that were remembered at once.
 pub(super) fn weld<S: Sink>(
     site: &dyn Site,
     tile: u32,
     single: bool,
     sink: &mut S,
     progress: &mut dyn FnMut(u64),
-) -> Result<(), S::Error> {
+) -> Result<usize, S::Error> {
+    let mut most = 0;
     let mut shared: HashMap<u64, (u32, u32)> = HashMap::new();
     let (mut next, mut written) = (0_u32, 0_u64);
     let mut local: Vec<Option<u32>> = Vec::new();
@@ -97,9 +99,10 @@ pub(super) fn weld<S: Sink>(
             }
             progress(written);
         }
+        most = most.max(shared.len());
         shared.retain(|_, (_, last)| *last > slab);
     }
-    Ok(())
+    Ok(most)
 }
 
 /// The index of a vertex in the stream, putting it out where it is new.

@@ -51,7 +51,7 @@ impl Field {
     /// The fort of a seed for a sampling `step` metres apart.
     pub(super) fn new(seed: u64, step: f64) -> Self {
         let plan = Plan::new(&|x, y| broad(seed, x, y));
-        Self { seed, step, plan, crumbs: crumbs(seed, 1.3 * step) }
+        Self { seed, step, plan, crumbs: crumbs(seed, 0.8 * step) }
     }
 
     /// What matters within `reach` metres of a place.

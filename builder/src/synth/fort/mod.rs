@@ -49,43 +49,39 @@ pub(super) struct Fort {
 
 /// Triangles times the square of the grid constant, about.
 const AREA: f64 = 11_000.0;
-/// Up to this many triangles all are counted to find the grid constant; beyond, those of a sample.
-const COUNTED: u64 = 250_000;
-/// How many columns of blocks the sample has, about.
-const SAMPLE: u32 = 320;
+/// Side of the windows in plan in which triangles are counted, in metres, and how many there are along a side.
+const WINDOW: f64 = 0.5;
+const WINDOWS: u32 = (2.0 * REACH / WINDOW) as u32;
 
 impl Fort {
     /// A fort of about `triangles` triangles, to be cut into `tiles` tiles.
     pub(super) fn new(triangles: u64, seed: u64, tiles: u32) -> Self {
         let seed = derive(seed, 0xf027);
         let at = |step| Self::at(step, seed, tiles, triangles);
-        // Small forts are counted in full, twice, since relief comes and goes with the grid constant.
-        let counted = triangles.min(COUNTED);
-        let mut fort = at((AREA / counted as f64).sqrt());
-        let mut columns = fort.count(1);
-        for _ in 0..4 {
-            let ratio = total(&columns) / counted as f64;
-            if (ratio - 1.0).abs() < 0.003 {
-                break;
+        let wanted = triangles as f64;
+        if triangles <= 300_000 {
+            // Few enough to count them all, until the number is right.
+            let mut fort = at((AREA / wanted).sqrt());
+            for _ in 0..6 {
+                let ratio = fort.census(1).iter().sum::<u64>() as f64 / wanted;
+                if (ratio - 1.0).abs() < 0.004 {
+                    break;
+                }
+                fort = at(fort.field.step * ratio.sqrt());
             }
-            fort = at(fort.field.step * ratio.sqrt());
-            columns = fort.count(1);
-        }
-        if counted == triangles {
             return fort;
         }
-        // Larger ones by the ratio of what a sample has to what the counted fort had in the same places.
-        let finer = at(fort.field.step * (total(&columns) / triangles as f64).sqrt());
-        let every = (finer.blocks[0] * finer.blocks[1] / SAMPLE).max(1);
-        let (mut found, mut foreseen) = (0.0, 0.0);
-        for ([x, y], count) in finer.count(every) {
-            let share = fort.share_of(&columns, finer.corner(x, y), finer.corner(x + 1, y + 1));
-            foreseen += share * (fort.field.step / finer.field.step) * (fort.field.step / finer.field.step);
-            found += count as f64;
-        }
-        let ratio: f64 = found / foreseen;
-        at(finer.field.step * (ratio * total(&columns) * fort.field.step * fort.field.step
-            / (triangles as f64 * finer.field.step * finer.field.step)).sqrt())
+        // Count a coarser fort in full and the wanted one in some windows: their ratio there holds everywhere, since
+        // the number differs only by the relief that the finer one shows.
+        let coarse = at((AREA / if triangles > 4_000_000 { 1e6 } else { 2.5e5 }).sqrt());
+        let known = coarse.census(1);
+        let total = known.iter().sum::<u64>() as f64;
+        let fine = at(coarse.field.step * (total / wanted).sqrt());
+        let every = [6, 5, 4, 3].into_iter().find(|e| triangles > 500_000 * e * e).unwrap_or(2) as u32;
+        let found = fine.census(every).iter().sum::<u64>() as f64;
+        let there = (0..WINDOWS * WINDOWS).filter(|w| fine.chosen(w / WINDOWS, w % WINDOWS, every));
+        let ratio = found / there.map(|w| known[w as usize]).sum::<u64>().max(1) as f64;
+        at(fine.field.step * (ratio * total / wanted).sqrt())
     }
 
     fn at(step: f64, seed: u64, tiles: u32, expected: u64) -> Self {
@@ -101,36 +97,45 @@ impl Fort {
         self.blocks[0]
     }
 
-    /// The south-west corner of a column of blocks.
-    fn corner(&self, x: u32, y: u32) -> [f64; 2] {
-        [x, y].map(|k| f64::from(k * BLOCK) * self.field.step)
+    /// Whether every tile has at least a block.
+    pub(super) fn tiles_fit(&self) -> bool {
+        self.tiles.0.max(self.tiles.1) <= self.blocks[0]
     }
 
-    /// How many triangles each column of blocks has: all columns, or one in `every` at random.
-    fn count(&self, every: u32) -> Vec<([u32; 2], u64)> {
-        let of_column = |[x, y]: [u32; 2]| -> u64 {
-            (0..self.blocks[2]).map(|z| net::block(&self.field, [x, y, z], false).triangles.len() as u64).sum()
+    /// Whether a window is in the sample: one of each group of `every` by `every`.
+    fn chosen(&self, x: u32, y: u32, every: u32) -> bool {
+        let group = [x / every, y / every].map(i64::from);
+        let pick = hash2(derive(self.field.seed, 0xf028), group[0], group[1]) % u64::from(every * every);
+        pick == u64::from(x % every * every + y % every)
+    }
+
+    /// How many triangles lie in each window in plan: in all windows, or in one of each group of `every` by
+    /// `every`.
+    fn census(&self, every: u32) -> Vec<u64> {
+        let chosen = |x: u32, y: u32| self.chosen(x, y, every);
+        let window = |place: f64| (((place + REACH) / WINDOW).max(0.0) as u32).min(WINDOWS - 1);
+        let reach = |block: u32| {
+            let low = f64::from(block * BLOCK) * self.field.step - REACH;
+            window(low - self.field.step)..=window(low + f64::from(BLOCK) * self.field.step)
         };
-        let salt = derive(self.field.seed, 0xf028);
-        (0..self.blocks[0] * self.blocks[1])
+        let columns: Vec<Vec<u32>> = (0..self.blocks[0] * self.blocks[1])
             .into_par_iter()
             .map(|k| [k / self.blocks[1], k % self.blocks[1]])
-            .filter(|[x, y]| hash2(salt, i64::from(*x), i64::from(*y)).is_multiple_of(u64::from(every)))
-            .map(|column| (column, of_column(column)))
-            .collect()
-    }
-
-    /// How many of the counted triangles lie in a rectangle, if those of a column lie evenly in it.
-    fn share_of(&self, columns: &[([u32; 2], u64)], low: [f64; 2], high: [f64; 2]) -> f64 {
-        let side = f64::from(BLOCK) * self.field.step;
-        columns
-            .iter()
-            .map(|([x, y], count)| {
-                let corner = self.corner(*x, *y);
-                let overlap = |k: usize| (high[k].min(corner[k] + side) - low[k].max(corner[k])).max(0.0) / side;
-                *count as f64 * overlap(0) * overlap(1)
+            .filter(|[x, y]| reach(*x).any(|wx| reach(*y).any(|wy| chosen(wx, wy))))
+            .map(|[x, y]| {
+                let pieces = (0..self.blocks[2]).map(|z| net::block(&self.field, [x, y, z], false));
+                let windows = pieces.flat_map(|piece| {
+                    let place = |t: &[u32; 3]| piece.vertices[t[0] as usize].position;
+                    piece.triangles.iter().map(place).map(|p| (window(p[0]), window(p[1]))).collect::<Vec<_>>()
+                });
+                windows.filter(|(x, y)| chosen(*x, *y)).map(|(x, y)| x * WINDOWS + y).collect()
             })
-            .sum()
+            .collect();
+        let mut counts = vec![0; (WINDOWS * WINDOWS) as usize];
+        for w in columns.into_iter().flatten() {
+            counts[w as usize] += 1;
+        }
+        counts
     }
 
     /// The blocks of a tile: first and behind the last along x, and along y.
@@ -143,10 +148,6 @@ impl Fort {
             [share(ny, ty, self.tiles.1), share(ny, ty + 1, self.tiles.1)],
         ]
     }
-}
-
-fn total(columns: &[([u32; 2], u64)]) -> f64 {
-    columns.iter().map(|(_, count)| *count as f64).sum()
 }
 
 impl Site for Fort {

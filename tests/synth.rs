@@ -1,0 +1,80 @@
+//! `kilwa synth` as a person or a script meets it: files, messages, exit codes.
+
+mod support;
+
+use std::path::Path;
+use support::{fails, json, kilwa, succeeds, text};
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().unwrap()
+}
+
+fn header(path: &Path) -> String {
+    let bytes = std::fs::read(path).unwrap();
+    let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap();
+    String::from_utf8(bytes[..end].to_vec()).unwrap()
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn a_phantom_is_written_with_the_documented_properties_and_counted() {
+    let folder = folder();
+    let path = folder.path().join("ball.ply");
+    let said = succeeds(&["synth", "phantom", "--shape", "sphere", "--triangles", "5k", "-o", text(&path)]);
+    let header = header(&path);
+    assert!(header.contains("property float x\nproperty float y\nproperty float z\nproperty uchar red"), "{header}");
+    assert!(header.contains("property list uchar int vertex_indices"), "{header}");
+    let faces = header.lines().find_map(|l| l.strip_prefix("element face ")).unwrap();
+    assert!(said.contains(&format!("{faces} triangles")), "{said}");
+}
+
+#[test]
+fn utm_writes_doubles_and_names_the_reference_system() {
+    let folder = folder();
+    let path = folder.path().join("far.ply");
+    let said = json(&["synth", "wall", "--utm", "--triangles", "3000", "-o", text(&path)]);
+    let header = header(&path);
+    assert!(header.contains("property double x") && header.contains("EPSG:32737"), "{header}");
+    assert_eq!(said["crs"], "EPSG:32737");
+    assert_eq!(said["bytes"].as_u64().unwrap(), std::fs::metadata(&path).unwrap().len());
+}
+
+#[test]
+fn blocks_are_numbered_files_that_hold_all_triangles() {
+    let folder = folder();
+    let said = |extra: &[&str], name: &str| {
+        let path = folder.path().join(name);
+        json(&[&["synth", "fort", "--triangles", "8000", "-o", text(&path)], extra].concat())
+    };
+    let cut = said(&["--blocks", "4"], "part.ply");
+    let whole = said(&[], "whole.ply");
+    assert_eq!(names(folder.path()), ["part_000.ply", "part_001.ply", "part_002.ply", "part_003.ply", "whole.ply"]);
+    assert_eq!(cut["triangles"], whole["triangles"]);
+    assert!(cut["vertices"].as_u64() > whole["vertices"].as_u64(), "no border vertex is doubled");
+}
+
+#[test]
+fn what_cannot_be_written_is_said_by_name_and_leaves_nothing() {
+    let folder = folder();
+    let missing = folder.path().join("no/such/a.ply");
+    let error = fails(&["synth", "wall", "--triangles", "3000", "-o", text(&missing)]);
+    assert!(error.contains("a.ply") && error.contains("folder does not exist"), "{error}");
+    let error = fails(&["synth", "fort", "--triangles", "10", "-o", text(&folder.path().join("a.ply"))]);
+    assert!(error.contains("at least 5000"), "{error}");
+    assert!(names(folder.path()).is_empty());
+}
+
+#[test]
+fn a_count_that_is_none_is_a_usage_error() {
+    for count in ["many", "-5", "1.5M", "99999999999G", ""] {
+        let output = kilwa(&["synth", "wall", "--triangles", count, "-o", "never.ply"]);
+        assert_eq!(output.status.code(), Some(2), "{count:?}");
+    }
+    assert!(!Path::new("never.ply").exists());
+}
