@@ -11,7 +11,7 @@
 //! other direction.
 
 use kilwa_geometry::Mesh;
-use kilwa_geometry::distance::{DISTANCE_SLACK, Vec3, dot, point_triangle_squared, sub};
+use kilwa_geometry::distance::{DISTANCE_SLACK, Vec3, cross, dot, point_triangle_squared, sub};
 use rustc_hash::FxHashMap;
 
 /// Halvings of a triangle after which a loose bound is accepted (it is a bound all the same).
@@ -118,23 +118,82 @@ fn cover(
                 report(i as u32, nearest, bound);
                 continue;
             }
-            // Halve the longest edge.
-            let len = |k: usize| {
-                let e = sub(piece[k], piece[(k + 1) % 3]);
-                dot(e, e)
-            };
-            let k = (0..3).max_by(|&a, &b| len(a).total_cmp(&len(b))).unwrap_or(0);
-            let (p, q, r) = (piece[k], piece[(k + 1) % 3], piece[(k + 2) % 3]);
-            let m: Vec3 = std::array::from_fn(|x| (p[x] + q[x]) * 0.5);
-            let (dp, dq, dr) = (at_corners[k], at_corners[(k + 1) % 3], at_corners[(k + 2) % 3]);
-            let (dm, _) = tree.nearest(&[m], to, nearest);
-            sure = sure.max(dm);
-            stack.push(([p, m, r], [dp, dm, dr], depth + 1));
-            stack.push(([m, q, r], [dm, dq, dr], depth + 1));
+            divide(&piece, &to[nearest as usize], &mut |corners: [Corner; 3]| {
+                let mut part = [[0.0; 3]; 3];
+                let mut distances = [0.0; 3];
+                for (k, corner) in corners.into_iter().enumerate() {
+                    (part[k], distances[k]) = match corner {
+                        Corner::Old(i) => (piece[i], at_corners[i]),
+                        Corner::New(p) => {
+                            let (d, _) = tree.nearest(&[p], to, nearest);
+                            sure = sure.max(d);
+                            (p, d)
+                        }
+                    };
+                }
+                stack.push((part, distances, depth + 1));
+            });
         }
     }
     sure
 }
+
+/// A corner of a part of a piece.
+#[derive(Clone, Copy)]
+enum Corner {
+    /// Corner of the piece.
+    Old(usize),
+    /// A point on one of its edges.
+    New(Vec3),
+}
+
+/// Divide a piece: along the side of `near` that it sticks out over, so that one part lies over `near` alone (there the
+/// bound is exact, being the distance to a plane); where no side divides it well, across its longest edge.
+fn divide(piece: &Triangle, near: &Triangle, part: &mut impl FnMut([Corner; 3])) {
+    use Corner::{New, Old};
+    let length = |k: usize| {
+        let e = sub(piece[k], piece[(k + 1) % 3]);
+        dot(e, e)
+    };
+    let longest = (0..3).max_by(|&a, &b| length(a).total_cmp(&length(b))).unwrap_or(0);
+    let n = cross(sub(near[1], near[0]), sub(near[2], near[0]));
+    let enough = length(longest).sqrt() * WORTH_CUTTING;
+    let mut best: Option<([f64; 3], f64)> = None;
+    for k in 0..3 {
+        // Pointing out of the triangle across this side.
+        let out = cross(sub(near[(k + 1) % 3], near[k]), n);
+        let len = dot(out, out).sqrt();
+        if len <= 0.0 {
+            continue;
+        }
+        let s = piece.map(|p| dot(sub(p, near[k]), out) / len);
+        let (low, high) = (s.iter().copied().fold(f64::MAX, f64::min), s.iter().copied().fold(f64::MIN, f64::max));
+        if low < -enough && high > enough && best.is_none_or(|b| high > b.1) {
+            best = Some((s, high));
+        }
+    }
+    let between =
+        |i: usize, j: usize, t: f64| -> Vec3 { std::array::from_fn(|x| piece[i][x] + (piece[j][x] - piece[i][x]) * t) };
+    let Some((s, _)) = best else {
+        let (i, j, k) = (longest, (longest + 1) % 3, (longest + 2) % 3);
+        let m = between(i, j, 0.5);
+        part([Old(i), New(m), Old(k)]);
+        part([New(m), Old(j), Old(k)]);
+        return;
+    };
+    // The corner that is alone on its side.
+    let outside = s.map(|x| x > 0.0);
+    let alone = (0..3).find(|&k| outside[k] != outside[(k + 1) % 3] && outside[k] != outside[(k + 2) % 3]).unwrap_or(0);
+    let (q, r) = ((alone + 1) % 3, (alone + 2) % 3);
+    let a = between(alone, q, s[alone] / (s[alone] - s[q]));
+    let b = between(alone, r, s[alone] / (s[alone] - s[r]));
+    part([Old(alone), New(a), New(b)]);
+    part([New(a), Old(q), Old(r)]);
+    part([New(a), Old(r), New(b)]);
+}
+
+/// A cut must leave at least this share of the longest edge on both sides.
+const WORTH_CUTTING: f64 = 0.05;
 
 /// Triangles in a leaf of the search tree.
 const LEAF: usize = 4;

@@ -10,9 +10,9 @@ use kilwa_geometry::lattice::MAX_COORDINATE;
 enum Kind {
     /// Every edge is used twice.
     Smooth,
-    /// Exactly two edges are used otherwise, both by this many triangles: a border (1) or a non-manifold line (3 and more).
-    Line(u32),
-    /// Anything else: it stays where it is, but others may come to it.
+    /// Exactly two edges are used otherwise, both equally often: a border (once) or a non-manifold line.
+    Line,
+    /// Anything else: it keeps its place against all but its like.
     Corner,
 }
 
@@ -20,7 +20,7 @@ fn kind(neighbours: &[Neighbour]) -> Kind {
     let mut odd = neighbours.iter().filter(|n| n.count != 2);
     match (odd.next(), odd.next(), odd.next()) {
         (None, ..) => Kind::Smooth,
-        (Some(a), Some(b), None) if a.count == b.count => Kind::Line(a.count),
+        (Some(a), Some(b), None) if a.count == b.count => Kind::Line,
         _ => Kind::Corner,
     }
 }
@@ -33,24 +33,24 @@ impl Simplifier<'_> {
         let nr = self.neighbours(remove);
         let edge = nr.iter().find(|n| n.point == keep)?.count;
         let kr = kind(&nr);
+        // A point on a line of odd edges leaves along the line only; what it drags with it, the quadrics weigh.
+        let odd = edge != 2;
         if pk.locked {
-            // The free end comes to the locked one, unless that takes it off its line.
-            let allowed = match kr {
-                Kind::Smooth => true,
-                Kind::Line(c) => c == edge,
-                Kind::Corner => false,
-            };
-            return allowed.then_some(pk.at);
+            return (kr == Kind::Smooth || odd).then_some(pk.at);
         }
-        let kk = kind(&self.neighbours(keep));
-        match (kk, kr) {
+        match (kind(&self.neighbours(keep)), kr) {
             (Kind::Smooth, Kind::Smooth) => Some(self.best_position(keep, remove)),
-            (Kind::Line(a), Kind::Line(b)) => (a == edge && b == edge).then(|| self.best_position(keep, remove)),
-            (Kind::Line(_) | Kind::Corner, Kind::Smooth) => Some(pk.at),
-            (Kind::Smooth, Kind::Line(_) | Kind::Corner) => Some(pr.at),
-            (Kind::Corner, Kind::Line(c)) => (c == edge).then_some(pk.at),
-            (Kind::Line(c), Kind::Corner) => (c == edge).then_some(pr.at),
-            (Kind::Corner, Kind::Corner) => None,
+            (_, Kind::Smooth) => Some(pk.at),
+            (Kind::Smooth, _) => Some(pr.at),
+            _ if !odd => None,
+            (Kind::Line, Kind::Line) => Some(self.best_position(keep, remove)),
+            (Kind::Corner, Kind::Line) => Some(pk.at),
+            (Kind::Line, Kind::Corner) => Some(pr.at),
+            (Kind::Corner, Kind::Corner) => {
+                let mut q = pk.quadric;
+                q.add(&pr.quadric);
+                Some(if q.at(pk.local) <= q.at(pr.local) { pk.at } else { pr.at })
+            }
         }
     }
 
