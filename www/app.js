@@ -197,6 +197,10 @@ class Page {
     this.viewer.setTargetPixels(detail);
     this.viewer.setDark(matchMedia("(prefers-color-scheme: dark)").matches);
     if (mode) this.viewer.setMode(mode);
+    const [low, high] = this.module.Viewer.errorScale();
+    $("error-legend").hidden = this.viewer.mode() !== "error";
+    $("error-low").textContent = `≤ ${format.round(low)}`;
+    $("error-high").textContent = `≥ ${format.round(high)}`;
     this.settings.orthographic = this.viewer.camera()[6] === 1;
     this.#showProjection();
     this.session.wake();
@@ -259,12 +263,10 @@ class Page {
 
   #modes() {
     const chosen = this.settings.mode ?? this.viewer.mode();
-    const legend = $("modes").querySelector("legend");
     const names = this.module.Viewer.modes().filter((m) => m !== "colour" || this.info.pack.colors);
     const selected = names.includes(chosen) ? chosen : (names[0] ?? chosen);
     this.settings.mode = selected;
     $("modes").replaceChildren(
-      legend,
       ...names.map((name) => {
         const label = document.createElement("label");
         label.className = "choice";

@@ -1,6 +1,6 @@
 // Lists of facts: what a pack says of itself.
 
-import { bytes, coordinate, count, length } from "./format.js";
+import { bound, bytes, coordinate, count, extent, length } from "./format.js";
 import { t } from "./i18n.js";
 
 /** Put `[name, value]` rows into a list, keeping the elements that are there. */
@@ -31,11 +31,11 @@ export function factsList({ metadata: m, pack }) {
   const rows = [
     [t("triangles"), count(pack.triangles)],
     [t("vertices"), count(m.vertices)],
-    [t("extent"), size.map(length).join(" × ")],
+    [t("extent"), extent(size)],
     [t("spacing"), length(m.median_edge)],
     [t("grid"), length(m.lattice_step)],
     [t("crs"), m.crs ?? t("crsLocal")],
-    [t("accuracy"), m.capture_accuracy === undefined ? t("accuracyUnknown") : `±${length(m.capture_accuracy)}`],
+    [t("accuracy"), m.capture_accuracy === undefined ? t("accuracyUnknown") : bound(m.capture_accuracy)],
     [t("licence"), t("licenceUnknown")],
     [t("file"), bytes(pack.bytes)],
     [t("tool"), m.tool],

@@ -1,10 +1,15 @@
 // Numbers for people, in the language of the page. Digits stay those of the coordinates (0 to 9) in every language.
 
 let locale = "en-u-nu-latn";
+let isolates = false;
 
-export function setLocale(language) {
+export function setLocale(language, rightToLeft = false) {
   locale = `${language}-u-nu-latn`;
+  isolates = rightToLeft;
 }
+
+/** A figure with its unit keeps its order inside text from right to left. */
+const isolate = (text) => (isolates ? `\u2066${text}\u2069` : text);
 
 const fixed = (value, digits) =>
   new Intl.NumberFormat(locale, { minimumFractionDigits: digits, maximumFractionDigits: digits }).format(value);
@@ -23,22 +28,39 @@ export function bytes(n) {
   return unit(n / 1e9, "gigabyte", 2);
 }
 
-/** A length in metres with a unit that leaves two to four digits. The symbols are the same in every language. */
+/** Factor, unit and decimals that leave two to four digits of a length. The symbols are the same in every language. */
+function scaleOf(metres) {
+  const a = Math.abs(metres);
+  if (a === 0) return [1e3, "mm", 0];
+  if (a < 0.1) return [1e3, "mm", a < 1e-4 ? 3 : a < 1e-3 ? 2 : 1];
+  if (a < 1) return [1e2, "cm", 1];
+  if (a < 1e3) return [1, "m", a < 10 ? 2 : 1];
+  return [1e-3, "km", 2];
+}
+
+/** A length in metres. */
 export function length(metres) {
   if (!Number.isFinite(metres)) return "–";
-  const a = Math.abs(metres);
-  if (a === 0) return "0 mm";
-  if (a < 1e-3) return `${fixed(metres * 1e3, a < 1e-4 ? 3 : 2)} mm`;
-  if (a < 0.1) return `${fixed(metres * 1e3, 1)} mm`;
-  if (a < 1) return `${fixed(metres * 1e2, 1)} cm`;
-  if (a < 1000) return `${fixed(metres, a < 10 ? 2 : 1)} m`;
-  return `${fixed(metres / 1e3, 2)} km`;
+  const [factor, name, digits] = scaleOf(metres);
+  return isolate(`${fixed(metres * factor, digits)} ${name}`);
+}
+
+/** A bound on a length. */
+export function bound(metres) {
+  const [factor, name, digits] = scaleOf(metres);
+  return isolate(`±${fixed(metres * factor, digits)} ${name}`);
+}
+
+/** Width, depth and height in one unit. */
+export function extent(metres) {
+  const [factor, name, digits] = scaleOf(Math.max(...metres));
+  return isolate(`${metres.map((v) => fixed(v * factor, digits)).join(" × ")} ${name}`);
 }
 
 /** A round length without superfluous digits, for the scale bar. */
 export function round(metres) {
   const [value, name] = metres < 0.01 ? [metres * 1e3, "mm"] : metres < 1 ? [metres * 1e2, "cm"] : metres < 1e3 ? [metres, "m"] : [metres / 1e3, "km"];
-  return `${new Intl.NumberFormat(locale, { maximumSignificantDigits: 3 }).format(value)} ${name}`;
+  return isolate(`${new Intl.NumberFormat(locale, { maximumSignificantDigits: 3 }).format(value)} ${name}`);
 }
 
 /** A coordinate to the millimetre. */

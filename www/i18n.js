@@ -40,7 +40,7 @@ export async function use(language) {
   const response = await fetch(new URL(`i18n/${language}.json`, import.meta.url));
   if (!response.ok) throw new Error(`i18n/${language}.json: ${response.status}`);
   strings = await response.json();
-  setLocale(language);
+  setLocale(language, RIGHT_TO_LEFT.has(language));
   document.documentElement.lang = language;
   document.documentElement.dir = RIGHT_TO_LEFT.has(language) ? "rtl" : "ltr";
   apply(document);

@@ -27,7 +27,6 @@ export class Session {
     this.drawn = false;
     this.frames = 0;
     this.stats = null;
-    // Requests wait for the first picture, so that nothing competes with it.
     this.firstPicture = new Promise((resolve) => (this.showFirst = resolve));
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(canvas);
@@ -117,7 +116,9 @@ export class Session {
     this.inFlight.set(request, controller);
     const fresh = this.suspect;
     try {
-      await this.firstPicture;
+      await null; // the other commands of this step first
+      // While the root chunk is being decoded from the head, nothing competes with the first picture.
+      if (!this.drawn && this.decoding.has(0)) await this.firstPicture;
       const bytes = await this.pack.range(offset, length, controller.signal, fresh);
       this.suspect = false;
       this.#guarded(() => {

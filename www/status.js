@@ -1,11 +1,13 @@
 // The line below the picture, the compass, and the list of figures.
 
 import { fill, place } from "./facts.js";
-import { bytes, count, length, niceBelow, pixels, round } from "./format.js";
+import { bound, bytes, count, length, niceBelow, pixels, round } from "./format.js";
 import { t } from "./i18n.js";
 
 const $ = (id) => document.getElementById(id);
 const SCALE_PIXELS = 110;
+/** On a phone the line has room for the figures alone. */
+const narrow = matchMedia("(max-width: 720px)");
 const NOWHERE = "x –  y –  z – m";
 
 export class Status {
@@ -35,8 +37,9 @@ export class Status {
   /** After each frame. */
   show(stats, viewer, session) {
     const error = stats.worstErrorMetres;
-    const shown = error === 0 ? t("shownFull") : t("shownTo", { error: length(error) });
-    text("accuracy", Number.isFinite(error) ? shown : "");
+    const full = error === 0 ? t("shownFull") : t("shownTo", { error: bound(error) });
+    text("accuracy", Number.isFinite(error) ? (narrow.matches ? bound(error) : full) : "");
+    $("accuracy").title = full;
     this.scale(viewer, session.ratio);
     this.load(stats, session);
     this.compass(viewer.camera());
@@ -44,7 +47,7 @@ export class Status {
 
   scale(viewer, ratio) {
     const metresPerCss = viewer.metresPerPixel() * ratio;
-    const metres = niceBelow(metresPerCss * SCALE_PIXELS);
+    const metres = niceBelow(metresPerCss * SCALE_PIXELS * (narrow.matches ? 0.7 : 1));
     $("scale").hidden = false;
     $("scale-bar").style.width = `${(metres / metresPerCss).toFixed(1)}px`;
     text("scale-text", round(metres));

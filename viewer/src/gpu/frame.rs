@@ -5,7 +5,7 @@ use crate::options::{Background, RenderOptions};
 use kilwa_stream::View;
 
 /// Range of the error view's scale: a tenth of a millimetre to a metre, log2 of metres.
-const ERROR_SCALE: (f32, f32) = (-13.0, 0.0);
+pub(crate) const ERROR_SCALE: (f32, f32) = (-13.0, 0.0);
 
 /// A uniform struct as bytes, with the fields' names and offsets for the layout test.
 #[derive(Debug, Clone, Default)]

@@ -7,6 +7,7 @@
 
 use crate::camera::{Bounds, Camera, StandardView};
 use crate::gpu::context::Gpu;
+use crate::gpu::frame::ERROR_SCALE;
 use crate::gpu::readback::Readback;
 use crate::gpu::target::{texture, view_of};
 use crate::options::{Background, Mode, RenderOptions};
@@ -157,6 +158,12 @@ impl Viewer {
     /// Names of all shadings.
     pub fn modes() -> Vec<String> {
         Mode::ALL.iter().map(|(_, name)| (*name).to_owned()).collect()
+    }
+
+    /// Where the colours of the error shading begin and end, metres.
+    #[wasm_bindgen(js_name = errorScale)]
+    pub fn error_scale() -> Vec<f64> {
+        [ERROR_SCALE.0, ERROR_SCALE.1].map(|log2| f64::from(log2.exp2())).to_vec()
     }
 
     /// The shading in force.
