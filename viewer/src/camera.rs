@@ -214,21 +214,33 @@ impl Camera {
         }
     }
 
-    /// Keep the direction; show all of `bounds` with a small margin.
+    /// Keep the direction; show all of `bounds`, in the middle of the picture, with a small margin.
     pub fn fit(&mut self, bounds: &Bounds, size: [u32; 2]) {
-        const MARGIN: f64 = 1.06;
-        self.target = bounds.center();
-        let tan = libm::tan(self.field_of_view * 0.5);
+        const MARGIN: f64 = 1.04;
+        let tan = libm::tan(self.field_of_view * 0.5) / MARGIN;
         let aspect = f64::from(size[0].max(1)) / f64::from(size[1].max(1));
-        let (right, up, back) = (self.right(), self.up(), self.backward());
-        let mut distance = 0.0f64;
-        for corner in bounds.corners() {
-            let d = sub(corner, self.target);
-            let (x, y, toward_eye) = (dot(d, right).abs(), dot(d, up).abs(), dot(d, back));
-            let needed = y.max(x / aspect) * MARGIN / tan;
-            distance = distance.max(if self.orthographic { needed } else { needed + toward_eye });
+        let axes = [self.right(), self.up(), self.backward()];
+        self.target = bounds.center();
+        // In perspective the near side looks larger: the middle of the picture is found in a few rounds.
+        for round in 0..8 {
+            let corners = bounds.corners().map(|c| axes.map(|axis| dot(sub(c, self.target), axis)));
+            let needed = |[x, y, toward]: [f64; 3]| {
+                y.abs().max(x.abs() / aspect) / tan + if self.orthographic { 0.0 } else { toward }
+            };
+            self.distance = corners.iter().map(|c| needed(*c)).fold(bounds.radius() * 1e-3, f64::max);
+            if round == 7 {
+                break; // The last word is the distance.
+            }
+            let scale = |toward: f64| if self.orthographic { 1.0 } else { self.distance / (self.distance - toward) };
+            let middle: [f64; 2] = std::array::from_fn(|i| {
+                let shown = corners.map(|c| c[i] * scale(c[2]));
+                let (low, high) = shown.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+                (low + high) * 0.5
+            });
+            for i in 0..3 {
+                self.target[i] += axes[0][i] * middle[0] + axes[1][i] * middle[1];
+            }
         }
-        self.distance = distance.max(bounds.radius() * 1e-3);
     }
 
     /// The view in lattice steps for a picture of `size` pixels, to be refined to `target_pixels`. `bounds` is the

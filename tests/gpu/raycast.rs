@@ -1,0 +1,135 @@
+//! A ray-caster in f64 on the CPU, over the same triangles as a frame: the oracle of the GPU tests.
+
+use kilwa_geometry::distance::{Vec3, cross, dot, ray_triangle, sub};
+use kilwa_stream::{Projection, View};
+
+/// A triangle with the index of its draw.
+#[derive(Clone, Copy)]
+pub(crate) struct Triangle {
+    pub(crate) corners: [Vec3; 3],
+    pub(crate) id: u32,
+}
+
+/// A bounding volume hierarchy: nodes in depth-first order.
+pub(crate) struct Scene {
+    triangles: Vec<Triangle>,
+    nodes: Vec<Node>,
+}
+
+struct Node {
+    min: Vec3,
+    max: Vec3,
+    /// First triangle and count of a leaf; or the second child and 0 (the first child is the next node).
+    first: usize,
+    count: usize,
+}
+
+/// A hit: the draw, the triangle and the depth along the view axis, in steps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Hit {
+    pub(crate) id: u32,
+    pub(crate) triangle: usize,
+    pub(crate) depth: f64,
+}
+
+impl Scene {
+    pub(crate) fn new(mut triangles: Vec<Triangle>) -> Self {
+        let mut nodes = Vec::new();
+        let count = triangles.len();
+        if count > 0 {
+            split(&mut triangles, 0, count, &mut nodes);
+        }
+        Self { triangles, nodes }
+    }
+
+    /// The ray through a point of the picture, in pixels from its top left corner.
+    pub(crate) fn ray(view: &View, [px, py]: [f64; 2]) -> (Vec3, Vec3) {
+        let x = (2.0 * px / f64::from(view.size[0]) - 1.0) * view.aspect();
+        let y = 1.0 - 2.0 * py / f64::from(view.size[1]);
+        match view.projection {
+            Projection::Perspective { tan_half_height: t } => {
+                let d = |i: usize| view.forward[i] + view.right[i] * x * t + view.up[i] * y * t;
+                (view.eye, [d(0), d(1), d(2)])
+            }
+            Projection::Orthographic { half_height: h } => {
+                let o = |i: usize| view.eye[i] + view.right[i] * x * h + view.up[i] * y * h;
+                ([o(0), o(1), o(2)], view.forward)
+            }
+        }
+    }
+
+    /// The nearest hit beyond the near plane. The direction advances one step of depth per unit.
+    pub(crate) fn cast(&self, view: &View, pixel: [f64; 2]) -> Option<Hit> {
+        let (origin, direction) = Self::ray(view, pixel);
+        let mut best: Option<Hit> = None;
+        let mut stack = vec![0usize];
+        while let Some(at) = stack.pop() {
+            let Some(node) = self.nodes.get(at) else { continue };
+            let limit = best.map_or(f64::INFINITY, |h| h.depth);
+            if !meets(node, origin, direction, limit) {
+                continue;
+            }
+            if node.count == 0 {
+                stack.extend([node.first, at + 1]);
+                continue;
+            }
+            for k in node.first..node.first + node.count {
+                let t = &self.triangles[k];
+                let depth = ray_triangle(origin, direction, t.corners).filter(|d| *d >= view.near);
+                if let Some(depth) = depth.filter(|d| best.is_none_or(|h| *d < h.depth)) {
+                    best = Some(Hit { id: t.id, triangle: k, depth });
+                }
+            }
+        }
+        best
+    }
+
+    /// Depth at which a ray meets the plane of a triangle.
+    pub(crate) fn plane_depth(&self, view: &View, triangle: usize, pixel: [f64; 2]) -> f64 {
+        let (origin, direction) = Self::ray(view, pixel);
+        let [a, b, c] = self.triangles[triangle].corners;
+        let n = cross(sub(b, a), sub(c, a));
+        dot(n, sub(a, origin)) / dot(n, direction)
+    }
+}
+
+fn split(triangles: &mut [Triangle], first: usize, count: usize, nodes: &mut Vec<Node>) {
+    let part = &mut triangles[first..first + count];
+    let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for p in part.iter().flat_map(|t| t.corners) {
+        for i in 0..3 {
+            min[i] = min[i].min(p[i]);
+            max[i] = max[i].max(p[i]);
+        }
+    }
+    let at = nodes.len();
+    nodes.push(Node { min, max, first, count });
+    if count <= 4 {
+        return;
+    }
+    let axis = (0..3).max_by(|&a, &b| (max[a] - min[a]).total_cmp(&(max[b] - min[b]))).unwrap_or(0);
+    let middle = |t: &Triangle| t.corners.iter().map(|p| p[axis]).sum::<f64>();
+    let half = count / 2;
+    part.select_nth_unstable_by(half, |a, b| middle(a).total_cmp(&middle(b)));
+    split(triangles, first, half, nodes);
+    let second = nodes.len();
+    split(triangles, first + half, count - half, nodes);
+    nodes[at].first = second;
+    nodes[at].count = 0;
+}
+
+fn meets(node: &Node, origin: Vec3, direction: Vec3, limit: f64) -> bool {
+    let (mut near, mut far) = (0.0f64, limit);
+    for i in 0..3 {
+        let (a, b) = ((node.min[i] - origin[i]) / direction[i], (node.max[i] - origin[i]) / direction[i]);
+        if direction[i] == 0.0 {
+            if origin[i] < node.min[i] || origin[i] > node.max[i] {
+                return false;
+            }
+            continue;
+        }
+        near = near.max(a.min(b));
+        far = far.min(a.max(b));
+    }
+    near <= far * (1.0 + 1e-12) + 1e-9
+}
