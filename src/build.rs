@@ -63,6 +63,10 @@ fn up(name: &str) -> Result<Up, String> {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    // A rename would put a file in the place of a device or a pipe (as root even of /dev/full).
+    if args.output.exists() && !args.output.is_file() {
+        anyhow::bail!("{} is a folder or a device; give the name of a file", args.output.display());
+    }
     if args.output.exists() && !args.force {
         anyhow::bail!("{} exists; give --force to replace it, or another name", args.output.display());
     }

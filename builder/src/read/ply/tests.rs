@@ -320,6 +320,14 @@ fn a_list_longer_than_the_file_is_refused_before_it_is_read() {
 }
 
 #[test]
+fn a_face_of_more_corners_than_can_be_cut_in_time_is_refused() {
+    let corners = "0 1 2 3 ".repeat(2501);
+    let message = refusal(text(&XYZ, &["0 0 0", "1 0 0", "1 1 0", "0 1 0"], &[&format!("10004 {corners}")]));
+    assert!(message.contains("line 14: found a face of 10004 corners in face 0"), "{message}");
+    assert!(message.contains("at most 10000"), "{message}");
+}
+
+#[test]
 fn files_without_triangles_are_refused_with_what_they_have() {
     let cloud = refusal(text(&XYZ, &CORNERS, &[]));
     assert!(cloud.contains("has no triangles: it has 3 points") && cloud.contains("Poisson"), "{cloud}");
