@@ -106,7 +106,9 @@ fn words(info: &Info<'_>, header: &Header) -> String {
     line("border edges", grouped(m.border_edges));
     let size = |k: usize| m.bounds_max[k] - m.bounds_min[k];
     line("size", format!("{} x {} x {}", metres(size(0)), metres(size(1)), metres(size(2))));
-    let corner = |c: [f64; 3]| format!("{:.3} {:.3} {:.3}", c[0], c[1], c[2]);
+    // As many digits as the lattice has.
+    let digits = (-info.lattice_step.log10()).ceil().clamp(0.0, 9.0) as usize;
+    let corner = |c: [f64; 3]| format!("{:.digits$} {:.digits$} {:.digits$}", c[0], c[1], c[2]);
     line("from", format!("{} m", corner(m.bounds_min)));
     line("to", format!("{} m", corner(m.bounds_max)));
     line("crs", m.crs.clone().unwrap_or_else(|| "unknown (local coordinates)".to_owned()));

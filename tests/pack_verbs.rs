@@ -1,0 +1,262 @@
+//! `kilwa info`, `verify` and `extract` on packs that `kilwa build` wrote: the mesh comes back whole, coarser forms have
+//! no cracks, damage is found and named, and a failure leaves nothing behind.
+
+mod support;
+
+use kilwa_geometry::Lattice;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use support::{Input, Ply, fails, json, kilwa, shared, succeeds, text};
+
+/// Triangles of the torus.
+const TRIANGLES: usize = 40_960;
+
+/// A torus at UTM coordinates, and the pack of it; built once.
+fn torus() -> &'static (Input, PathBuf) {
+    static BUILT: OnceLock<(Input, PathBuf)> = OnceLock::new();
+    BUILT.get_or_init(|| {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pack_verbs");
+        std::fs::create_dir_all(&folder).unwrap();
+        let mesh = Input::torus(320, 64, [531_000.0, 9_010_000.0, 12.0]);
+        let (input, pack) = (folder.join("torus.ply"), folder.join("torus.kilwa"));
+        mesh.write(&input);
+        succeeds(&["build", text(&input), "-o", text(&pack), "--crs", "EPSG:32737", "--force"]);
+        (mesh, pack)
+    })
+}
+
+fn lattice(pack: &Path) -> Lattice {
+    let info = json(&["info", text(pack)]);
+    let step = info["lattice_step"].as_f64().unwrap();
+    let origin = [0, 1, 2].map(|k| info["lattice_origin"][k].as_f64().unwrap());
+    let lattice = Lattice { origin, step_log2: step.log2().round() as i32 };
+    assert_eq!(lattice.step(), step);
+    lattice
+}
+
+type Corner = ([i32; 3], Option<[u8; 3]>);
+
+/// Triangles as a sorted multiset of lattice corners with colours, each rotated to its smallest form; those whose
+/// corners fall together on the lattice are left out.
+fn multiset(triangles: impl Iterator<Item = [Corner; 3]>) -> Vec<[Corner; 3]> {
+    let mut all: Vec<_> = triangles
+        .filter(|[a, b, c]| a.0 != b.0 && b.0 != c.0 && c.0 != a.0)
+        .map(|[a, b, c]| [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap())
+        .collect();
+    all.sort_unstable();
+    all
+}
+
+fn of_ply(ply: &Ply, lattice: &Lattice) -> Vec<[Corner; 3]> {
+    let corner = |v: u32| {
+        let color = ply.get(v, "red").map(|r| [r, ply.get(v, "green").unwrap(), ply.get(v, "blue").unwrap()]);
+        (lattice.snap(ply.position(v)).expect("inside the lattice"), color.map(|c| c.map(|x| x as u8)))
+    };
+    multiset(ply.triangles.iter().map(|t| t.map(corner)))
+}
+
+#[test]
+fn a_full_extract_gives_back_every_triangle_with_its_colours() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mesh, pack) = torus();
+    let lattice = lattice(pack);
+    let corner = |v: u32| (lattice.snap(mesh.positions[v as usize]).unwrap(), Some(mesh.colors[v as usize]));
+    let wanted = multiset(mesh.triangles.iter().map(|t| t.map(corner)));
+    assert_eq!(wanted.len(), TRIANGLES);
+    for form in [&[][..], &["--ascii"]] {
+        let out = folder.path().join("back.ply");
+        let args = [&["extract", text(pack), "-o", text(&out), "--force"], form].concat();
+        assert_eq!(json(&args)["max_error"], 0.0);
+        let back = Ply::read(&out);
+        assert_eq!(back.types[0], "double", "a float cannot hold UTM coordinates");
+        assert_eq!(back.vertices.len(), mesh.positions.len(), "vertices are welded");
+        assert!(of_ply(&back, &lattice) == wanted, "the same triangles, as a multiset");
+        for v in 0..100 {
+            let n = ["nx", "ny", "nz"].map(|k| back.get(v, k).unwrap());
+            assert!((n.iter().map(|x| x * x).sum::<f64>() - 1.0).abs() < 1e-5);
+        }
+    }
+}
+
+#[test]
+fn coarser_extracts_have_no_cracks_and_keep_their_promise() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, pack) = torus();
+    let out = folder.path().join("coarse.ply");
+    let mut last = 0;
+    for limit in ["1", "0.1", "0.02", "0.005", "0.001", "0"] {
+        let report = json(&["extract", text(pack), "-o", text(&out), "--force", "--max-error", limit]);
+        assert!(report["max_error"].as_f64().unwrap() <= limit.parse::<f64>().unwrap());
+        let ply = Ply::read(&out);
+        assert_eq!(report["triangles"], ply.triangles.len());
+        assert!(ply.triangles.len() >= last, "a smaller error needs no fewer triangles");
+        last = ply.triangles.len();
+        assert!(ply.edge_uses().values().all(|&n| n == 2), "a closed mesh stays closed at {limit} m");
+    }
+    assert_eq!(last, TRIANGLES);
+    for limit in [15_000u64, 20_000, 25_000, 33_333, 40_959] {
+        let args = ["extract", text(pack), "-o", text(&out), "--force", "--max-triangles", &limit.to_string()];
+        let found = json(&args)["triangles"].as_u64().unwrap();
+        assert!(found <= limit && found * 100 >= limit * 67, "{found} triangles of {limit}");
+        assert!(Ply::read(&out).edge_uses().values().all(|&n| n == 2));
+    }
+    let few = kilwa(&["extract", text(pack), "-o", text(&out), "--force", "--max-triangles", "10"]);
+    assert!(few.status.success());
+    assert!(
+        String::from_utf8_lossy(&few.stderr).contains("coarsest"),
+        "where there is nothing so coarse, that is said"
+    );
+}
+
+/// All PLY files below a folder, in order.
+fn plys(folder: &Path, found: &mut Vec<PathBuf>) {
+    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    entries.sort();
+    for path in entries {
+        if path.is_dir() {
+            plys(&path, found);
+        } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) {
+            found.push(path);
+        }
+    }
+}
+
+/// Build, verify and extract one file; whether it was built. What comes back is compared with what the reader gives.
+fn comes_back_whole(input: &Path) -> bool {
+    let folder = tempfile::tempdir().unwrap();
+    let (pack, out) = (folder.path().join("a.kilwa"), folder.path().join("a.ply"));
+    let shown = input.display();
+    let built = kilwa(&["build", text(input), "-o", text(&pack)]);
+    if !built.status.success() {
+        let said = String::from_utf8_lossy(&built.stderr);
+        let name = input.file_name().unwrap().to_str().unwrap();
+        assert_eq!(built.status.code(), Some(1), "{shown}: {said}");
+        assert!(said.contains(name) || said.contains("no triangles"), "{shown}: the message names no file: {said}");
+        assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none(), "{shown}: something is left behind");
+        return false;
+    }
+    succeeds(&["verify", text(&pack)]);
+    succeeds(&["extract", text(&pack), "-o", text(&out)]);
+    let lattice = lattice(&pack);
+    let raw = kilwa_builder::read::read_mesh(input, &mut |_, _| {}).unwrap();
+    let corner = |v: u32| (lattice.snap(raw.positions[v as usize]).unwrap(), raw.colors.get(v as usize).copied());
+    let wanted = multiset(raw.triangles.iter().map(|t| t.map(corner)));
+    let back = Ply::read(&out);
+    assert!(of_ply(&back, &lattice) == wanted, "{shown}: {} triangles of {}", back.triangles.len(), wanted.len());
+    for (scalar, _) in &raw.scalars {
+        assert!(back.properties.contains(scalar), "{shown}: {scalar} is lost");
+    }
+    true
+}
+
+#[test]
+fn every_shared_ply_comes_back_whole_or_is_refused_by_name() {
+    let Some(listed) = shared("LIST.sha256") else { return };
+    let mut files = Vec::new();
+    plys(listed.parent().unwrap(), &mut files);
+    let (built, refused): (Vec<_>, Vec<_>) = files.iter().partition(|file| comes_back_whole(file));
+    println!("{} built, {} refused: {refused:#?}", built.len(), refused.len());
+    for name in ["horse.ply", "laurana.ply", "gargo.ply", "lucy.ply", "bun_zipper.ply", "turbineblade.ply"] {
+        assert!(built.iter().any(|file| file.ends_with(name)), "{name} must build");
+    }
+}
+
+#[test]
+fn info_says_what_is_in_the_pack() {
+    let (mesh, pack) = torus();
+    let info = json(&["info", text(pack)]);
+    assert_eq!(info["metadata"]["triangles"], mesh.triangles.len());
+    assert_eq!(info["metadata"]["vertices"], mesh.positions.len());
+    assert_eq!(info["metadata"]["border_edges"], 0);
+    assert_eq!(info["metadata"]["crs"], "EPSG:32737");
+    assert_eq!(info["bytes"], std::fs::metadata(pack).unwrap().len());
+    let levels = info["levels"].as_array().unwrap();
+    let sum = |key: &str| levels.iter().map(|l| l[key].as_u64().unwrap()).sum::<u64>();
+    assert_eq!(sum("triangles"), info["stored_triangles"].as_u64().unwrap());
+    assert_eq!(sum("chunks"), info["chunks"].as_u64().unwrap());
+    let words = succeeds(&["info", text(pack)]);
+    for part in ["40,960", "EPSG:32737", "531", "bytes per input triangle", "torus.ply", "repairs"] {
+        assert!(words.contains(part), "{part} is missing in\n{words}");
+    }
+}
+
+#[test]
+fn verify_names_the_damaged_part() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, pack) = torus();
+    assert!(succeeds(&["verify", text(pack)]).contains("sound"));
+    assert_eq!(json(&["verify", text(pack)])["sound"], true);
+    let good = std::fs::read(pack).unwrap();
+    let reader = kilwa_pack::Reader::open(kilwa_pack::SliceSource(&good)).unwrap();
+    let header = reader.header();
+    let chunk = reader.entries()[3].offset as usize;
+    let damaged = folder.path().join("damaged.kilwa");
+    let places = [
+        (5, "not a Kilwa pack"),
+        (100, "header"),
+        (300, "metadata"),
+        (header.first_page as usize + 200, "directory page 0"),
+        (chunk + 20, "chunk 3"),
+        (good.len() - 30, "footer"),
+    ];
+    for (at, part) in places {
+        let mut bytes = good.clone();
+        bytes[at] ^= 0x10;
+        std::fs::write(&damaged, &bytes).unwrap();
+        let said = fails(&["verify", text(&damaged)]);
+        assert!(said.contains(part) && said.contains("damaged.kilwa"), "byte {at}: {said}");
+        let output = kilwa(&["verify", text(&damaged), "--json"]);
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(report["sound"], false);
+        assert!(report["damaged"][0].as_str().unwrap().contains(part));
+    }
+    std::fs::write(&damaged, &good[..good.len() - 1000]).unwrap();
+    assert!(fails(&["verify", text(&damaged)]).contains("truncated"));
+    let all_but_one = [3usize, 5, 7].map(|i| reader.entries()[i].offset as usize);
+    let mut bytes = good.clone();
+    for at in all_but_one {
+        bytes[at + 9] ^= 1;
+    }
+    std::fs::write(&damaged, &bytes).unwrap();
+    let said = fails(&["verify", text(&damaged)]);
+    assert!(["chunk 3", "chunk 5", "chunk 7"].iter().all(|c| said.contains(c)), "every damaged chunk is named: {said}");
+}
+
+#[test]
+fn a_failed_extract_leaves_nothing_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, pack) = torus();
+    let work = folder.path().join("work");
+    std::fs::create_dir(&work).unwrap();
+    let empty = || std::fs::read_dir(&work).unwrap().next().is_none();
+    let out = work.join("a.ply");
+
+    let mut bytes = std::fs::read(pack).unwrap();
+    let offset = kilwa_pack::Reader::open(kilwa_pack::SliceSource(&bytes)).unwrap().entries()[4].offset as usize;
+    bytes[offset + 30] ^= 4;
+    let damaged = folder.path().join("damaged.kilwa");
+    std::fs::write(&damaged, &bytes).unwrap();
+    for limit in [&[][..], &["--max-triangles", "9000"]] {
+        let said = fails(&[&["extract", text(&damaged), "-o", text(&out)], limit].concat());
+        assert!(said.contains("chunk 4") && said.contains("damaged.kilwa"), "{said}");
+        assert!(empty());
+    }
+    let missing = work.join("no/such/folder/a.ply");
+    assert!(fails(&["extract", text(pack), "-o", text(&missing)]).contains("folder"));
+    assert!(fails(&["extract", text(pack), "-o", text(&work)]).contains("folder"));
+    assert!(fails(&["extract", text(pack), "-o", text(&work.join("a.obj"))]).contains(".ply"));
+    assert!(fails(&["extract", text(&work.join("no.kilwa")), "-o", text(&out)]).contains("no.kilwa"));
+    if Path::new("/dev/full").exists() {
+        assert!(fails(&["extract", text(pack), "-o", "/dev/full"]).contains("/dev/full"));
+        assert!(Path::new("/dev/full").exists());
+    }
+    assert!(empty());
+
+    std::fs::write(&out, "precious").unwrap();
+    assert!(fails(&["extract", text(pack), "-o", text(&out)]).contains("--force"));
+    assert_eq!(std::fs::read_to_string(&out).unwrap(), "precious");
+    assert!(fails(&["extract", text(&damaged), "-o", text(&out), "--force"]).contains("chunk 4"));
+    assert_eq!(std::fs::read_to_string(&out).unwrap(), "precious", "replaced only by a complete file");
+    succeeds(&["extract", text(pack), "-o", text(&out), "--force"]);
+    assert_eq!(std::fs::read_dir(&work).unwrap().count(), 1);
+}

@@ -1,0 +1,199 @@
+//! Running `kilwa`, and a PLY reader of its own so that the program is not its own witness.
+#![allow(dead_code, reason = "each test file uses its part")]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+/// Run the program.
+pub(crate) fn kilwa(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_kilwa")).args(args).stdin(Stdio::null()).output().unwrap()
+}
+
+/// Run the program, which must succeed; its standard output.
+pub(crate) fn succeeds(args: &[&str]) -> String {
+    let output = kilwa(args);
+    assert!(output.status.success(), "kilwa {args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// Run the program, which must exit with 1; its standard error.
+pub(crate) fn fails(args: &[&str]) -> String {
+    let output = kilwa(args);
+    assert_eq!(output.status.code(), Some(1), "kilwa {args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Run the program with `--json`; what it prints.
+pub(crate) fn json(args: &[&str]) -> serde_json::Value {
+    serde_json::from_str(&succeeds(&[args, &["--json"]].concat())).unwrap()
+}
+
+/// A path as text.
+pub(crate) fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// A file of the shared data, or `None`, said by name.
+pub(crate) fn shared(name: &str) -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
+    if path.is_file() {
+        return Some(path);
+    }
+    println!("skipped: {} is not here", path.display());
+    None
+}
+
+/// A PLY as read back: vertices as named numbers, triangles.
+#[derive(Debug, Default)]
+pub(crate) struct Ply {
+    pub(crate) properties: Vec<String>,
+    pub(crate) types: Vec<String>,
+    pub(crate) vertices: Vec<Vec<f64>>,
+    pub(crate) triangles: Vec<[u32; 3]>,
+}
+
+impl Ply {
+    /// The position of a vertex.
+    pub(crate) fn position(&self, v: u32) -> [f64; 3] {
+        let at = &self.vertices[v as usize];
+        [at[0], at[1], at[2]]
+    }
+
+    /// A property of a vertex.
+    pub(crate) fn get(&self, v: u32, name: &str) -> Option<f64> {
+        let at = self.properties.iter().position(|p| p == name)?;
+        Some(self.vertices[v as usize][at])
+    }
+
+    /// How many triangles use each edge, edges named by the positions of their ends.
+    pub(crate) fn edge_uses(&self) -> BTreeMap<[[u64; 3]; 2], u32> {
+        let mut uses = BTreeMap::new();
+        for t in &self.triangles {
+            for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+                let mut ends = [a, b].map(|v| self.position(v).map(f64::to_bits));
+                ends.sort_unstable();
+                *uses.entry(ends).or_default() += 1;
+            }
+        }
+        uses
+    }
+
+    /// Read what `kilwa extract` writes: `vertex` and `face`, binary little-endian or ascii.
+    pub(crate) fn read(path: &Path) -> Self {
+        let bytes = std::fs::read(path).unwrap();
+        let end = b"end_header\n";
+        let at = bytes.windows(end.len()).position(|w| w == end).expect("a header") + end.len();
+        let header = std::str::from_utf8(&bytes[..at]).unwrap();
+        let mut ply = Self::default();
+        let mut counts = BTreeMap::new();
+        let mut element = String::new();
+        let mut ascii = false;
+        for line in header.lines() {
+            match line.split_whitespace().collect::<Vec<_>>()[..] {
+                ["format", format, "1.0"] => ascii = format == "ascii",
+                ["element", name, count] => {
+                    name.clone_into(&mut element);
+                    counts.insert(element.clone(), count.parse::<usize>().unwrap());
+                }
+                ["property", "list", "uchar", "int", "vertex_indices"] => assert_eq!(element, "face"),
+                ["property", kind, name] => {
+                    assert_eq!(element, "vertex");
+                    ply.types.push(kind.to_owned());
+                    ply.properties.push(name.to_owned());
+                }
+                _ => {}
+            }
+        }
+        let mut body = Body { bytes: &bytes[at..], ascii };
+        for _ in 0..counts["vertex"] {
+            let vertex = ply.types.iter().map(|kind| body.number(kind)).collect();
+            ply.vertices.push(vertex);
+        }
+        for _ in 0..counts["face"] {
+            assert_eq!(body.number("uchar"), 3.0);
+            ply.triangles.push([(); 3].map(|()| body.number("int") as u32));
+        }
+        assert!(body.bytes.iter().all(u8::is_ascii_whitespace) || !ascii && body.bytes.is_empty(), "bytes left over");
+        ply
+    }
+}
+
+struct Body<'a> {
+    bytes: &'a [u8],
+    ascii: bool,
+}
+
+impl Body<'_> {
+    fn number(&mut self, kind: &str) -> f64 {
+        if self.ascii {
+            let from = self.bytes.iter().position(|b| !b.is_ascii_whitespace()).unwrap();
+            let rest = &self.bytes[from..];
+            let to = rest.iter().position(u8::is_ascii_whitespace).unwrap();
+            self.bytes = &rest[to..];
+            return std::str::from_utf8(&rest[..to]).unwrap().parse().unwrap();
+        }
+        let size = match kind {
+            "uchar" => 1,
+            "float" | "int" => 4,
+            "double" => 8,
+            other => panic!("unexpected type {other}"),
+        };
+        let (now, rest) = self.bytes.split_at(size);
+        self.bytes = rest;
+        match kind {
+            "uchar" => f64::from(now[0]),
+            "float" => f64::from(f32::from_le_bytes(now.try_into().unwrap())),
+            "int" => f64::from(i32::from_le_bytes(now.try_into().unwrap())),
+            _ => f64::from_le_bytes(now.try_into().unwrap()),
+        }
+    }
+}
+
+/// A mesh to build from: positions, colours, triangles; written as ascii PLY with doubles.
+#[derive(Default)]
+pub(crate) struct Input {
+    pub(crate) positions: Vec<[f64; 3]>,
+    pub(crate) colors: Vec<[u8; 3]>,
+    pub(crate) triangles: Vec<[u32; 3]>,
+}
+
+impl Input {
+    /// A closed, dented, coloured torus of `2 n m` triangles about `origin`.
+    pub(crate) fn torus(n: u32, m: u32, origin: [f64; 3]) -> Self {
+        let mut mesh = Self::default();
+        for i in 0..n {
+            for j in 0..m {
+                let (u, v) = (f64::from(i) / f64::from(n), f64::from(j) / f64::from(m));
+                let (u, v) = (u * std::f64::consts::TAU, v * std::f64::consts::TAU);
+                let r = 1.0 + 0.1 * (7.0 * u).sin() * (5.0 * v).cos() + 0.003 * (91.0 * u).sin() * (53.0 * v).sin();
+                let ring = 3.0 + r * v.cos();
+                let p = [ring * u.cos(), ring * u.sin(), r * v.sin()];
+                mesh.positions.push([0, 1, 2].map(|k| origin[k] + p[k]));
+                mesh.colors.push([(i % 256) as u8, (j * 3 % 256) as u8, ((i * 7 + j * 5) % 256) as u8]);
+                let at = |i: u32, j: u32| (i % n) * m + j % m;
+                mesh.triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+                mesh.triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+            }
+        }
+        mesh
+    }
+
+    /// Write it.
+    pub(crate) fn write(&self, path: &Path) {
+        use std::fmt::Write;
+        let mut out = String::from("ply\nformat ascii 1.0\n");
+        let _ = writeln!(out, "element vertex {}", self.positions.len());
+        out += "property double x\nproperty double y\nproperty double z\n";
+        out += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+        let _ =
+            writeln!(out, "element face {}\nproperty list uchar int vertex_indices\nend_header", self.triangles.len());
+        for (p, c) in self.positions.iter().zip(&self.colors) {
+            let _ = writeln!(out, "{} {} {} {} {} {}", p[0], p[1], p[2], c[0], c[1], c[2]);
+        }
+        for t in &self.triangles {
+            let _ = writeln!(out, "3 {} {} {}", t[0], t[1], t[2]);
+        }
+        std::fs::write(path, out).unwrap();
+    }
+}
