@@ -271,12 +271,9 @@ impl Bvh {
         let box_distance = |n: &Node| {
             let mut worst = 0.0f64;
             for p in points {
-                let mut d = 0.0;
-                for i in 0..3 {
-                    let x = (n.min[i] - p[i]).max(p[i] - n.max[i]).max(0.0);
-                    d += x * x;
-                }
-                worst = worst.max(d);
+                let outside = |i: usize| (n.min[i] - p[i]).max(p[i] - n.max[i]).max(0.0);
+                let (x, y, z) = (outside(0), outside(1), outside(2));
+                worst = worst.max(x * x + y * y + z * z);
             }
             worst
         };

@@ -333,10 +333,10 @@ fn color_difference(fine: &Mesh, coarse: &Mesh) -> f32 {
     for tri in &fine.triangles {
         for k in 0..3 {
             let (a, b) = (tri[k] as usize, tri[(k + 1) % 3] as usize);
-            if let Some(&to) = kept.get(&fine.positions[b]) {
-                if !kept.contains_key(&fine.positions[a]) {
-                    add(a, to);
-                }
+            if let Some(&to) = kept.get(&fine.positions[b])
+                && !kept.contains_key(&fine.positions[a])
+            {
+                add(a, to);
             }
             if let Some(&same) = kept.get(&fine.positions[a]) {
                 add(a, same);

@@ -90,12 +90,11 @@ impl RawMesh {
             self.normals.clear();
         }
         for (name, values) in &mut self.scalars {
-            match other.scalars.iter_mut().find(|s| s.0 == *name) {
-                Some((_, more)) => values.append(more),
-                None => {
-                    self.findings.add_many("vertices without a scalar that other files have, set to 0", theirs as u64);
-                    values.resize(mine + theirs, 0.0);
-                }
+            if let Some((_, more)) = other.scalars.iter_mut().find(|s| s.0 == *name) {
+                values.append(more);
+            } else {
+                self.findings.add_many("vertices without a scalar that other files have, set to 0", theirs as u64);
+                values.resize(mine + theirs, 0.0);
             }
         }
         for (name, values) in other.scalars {

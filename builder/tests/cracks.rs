@@ -63,9 +63,13 @@ fn number(pack: &Opened) -> Numbered {
             }
         }
     }
-    allowed.iter_mut().for_each(|a| *a = (*a).max(1));
+    for a in &mut allowed {
+        *a = (*a).max(1);
+    }
     let mut names = vec![([0; 3], [0; 3]); edges.len()];
-    edges.into_iter().for_each(|(e, i)| names[i as usize] = e);
+    for (e, i) in edges {
+        names[i as usize] = e;
+    }
     Numbered { patches, edges: names, allowed }
 }
 

@@ -17,9 +17,10 @@ mod quadric;
 use kilwa_geometry::distance::Vec3;
 use kilwa_geometry::{LatticePoint, Mesh, normal};
 use quadric::Quadric;
-use rustc_hash::{FxHashMap, FxHashSet};
+use rustc_hash::FxHashMap;
 use std::cmp::Ordering;
-use std::collections::BinaryHeap;
+use std::collections::{BinaryHeap, HashSet};
+use std::hash::BuildHasher;
 
 const NONE: u32 = u32::MAX;
 
@@ -106,7 +107,7 @@ struct Simplifier<'a> {
 
 /// Simplify towards `target` triangles; returns fewer or as many triangles as given, never fewer than `target` minus
 /// what the last collapse took, and the input itself (reordered) where nothing can go.
-pub fn simplify(mesh: &Mesh, locked: &FxHashSet<LatticePoint>, target: usize) -> Mesh {
+pub fn simplify<S: BuildHasher>(mesh: &Mesh, locked: &HashSet<LatticePoint, S>, target: usize) -> Mesh {
     let mut s = Simplifier::new(mesh, locked);
     s.seed();
     while s.triangles > target {
@@ -123,10 +124,10 @@ pub fn simplify(mesh: &Mesh, locked: &FxHashSet<LatticePoint>, target: usize) ->
 }
 
 impl<'a> Simplifier<'a> {
-    fn new(mesh: &'a Mesh, locked: &FxHashSet<LatticePoint>) -> Self {
+    fn new<S: BuildHasher>(mesh: &'a Mesh, locked: &HashSet<LatticePoint, S>) -> Self {
         let center = {
             let b = mesh.bounds();
-            std::array::from_fn(|i| ((i64::from(b.min[i]) + i64::from(b.max[i])) / 2) as i32)
+            std::array::from_fn(|i| i32::midpoint(b.min[i], b.max[i]))
         };
         // Points in lattice order, so that numbers (and ties) follow geometry.
         let mut at: Vec<LatticePoint> = mesh.positions.clone();

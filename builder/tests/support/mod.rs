@@ -10,10 +10,10 @@ use kilwa_pack::{Chunk, DirectoryEntry, Reader};
 use std::collections::HashMap;
 
 /// A small, fast, seeded generator (SplitMix64).
-pub struct Random(pub u64);
+pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
-    pub fn next(&mut self) -> u64 {
+    pub(crate) fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -21,25 +21,25 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    pub fn below(&mut self, n: usize) -> usize {
+    pub(crate) fn below(&mut self, n: usize) -> usize {
         (self.next() % n as u64) as usize
     }
 
-    pub fn unit(&mut self) -> f64 {
+    pub(crate) fn unit(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 }
 
-pub fn fort(triangles: u64) -> RawMesh {
+pub(crate) fn fort(triangles: u64) -> RawMesh {
     synth::mesh(Shape::Fort, &SynthOptions::new(triangles)).expect("fort")
 }
 
-pub fn wall(triangles: u64) -> RawMesh {
+pub(crate) fn wall(triangles: u64) -> RawMesh {
     synth::mesh(Shape::Wall, &SynthOptions::new(triangles)).expect("wall")
 }
 
 /// A closed manifold: a sphere with relief.
-pub fn closed(triangles: u64) -> RawMesh {
+pub(crate) fn closed(triangles: u64) -> RawMesh {
     let mut mesh = synth::mesh(Shape::Phantom(Phantom::Sphere), &SynthOptions::new(triangles)).expect("sphere");
     for p in &mut mesh.positions {
         let r = 1.0 + 0.05 * (p[0] * 9.0).sin() * (p[1] * 7.0).cos() + 0.01 * (p[2] * 61.0).sin();
@@ -49,7 +49,7 @@ pub fn closed(triangles: u64) -> RawMesh {
 }
 
 /// The closed mesh with patches of triangles torn out: true borders.
-pub fn with_holes(triangles: u64) -> RawMesh {
+pub(crate) fn with_holes(triangles: u64) -> RawMesh {
     let mut mesh = closed(triangles);
     let mut random = Random(5);
     let centres: Vec<[f64; 3]> = (0..40).map(|_| mesh.positions[random.below(mesh.positions.len())]).collect();
@@ -72,7 +72,7 @@ pub fn with_holes(triangles: u64) -> RawMesh {
 
 /// Sheets that cross in shared edges (four triangles at an edge), fans that touch in points (bow-ties), doubled
 /// triangles and loose islands.
-pub fn non_manifold(n: u32) -> RawMesh {
+pub(crate) fn non_manifold(n: u32) -> RawMesh {
     let mut mesh = RawMesh::default();
     let mut at: HashMap<[i64; 3], u32> = HashMap::new();
     let mut vertex = |mesh: &mut RawMesh, p: [f64; 3]| {
@@ -87,7 +87,9 @@ pub fn non_manifold(n: u32) -> RawMesh {
     for i in 0..n {
         for j in 0..n {
             let (x, y) = (f64::from(i) * s, f64::from(j) * s);
-            let relief = |u: f64, v: f64| if (u - 0.5).abs() < s * 0.5 { 0.0 } else { 0.02 * (u * 20.0).sin() * (v * 30.0).cos() };
+            let relief = |u: f64, v: f64| {
+                if (u - 0.5).abs() < s * 0.5 { 0.0 } else { 0.02 * (u * 20.0).sin() * (v * 30.0).cos() }
+            };
             let horizontal = |u: f64, v: f64| [u, v, relief(u, v)];
             let upright = |u: f64, v: f64| [0.5 + relief(u, v), v, u - 0.5];
             for sheet in [&horizontal as &dyn Fn(f64, f64) -> [f64; 3], &upright] {
@@ -120,21 +122,21 @@ pub fn non_manifold(n: u32) -> RawMesh {
     mesh
 }
 
-pub fn build(raw: RawMesh, threads: usize) -> Vec<u8> {
+pub(crate) fn build(raw: RawMesh, threads: usize) -> Vec<u8> {
     let options = BuildOptions { threads, title: "test".into(), ..BuildOptions::default() };
     build_pack(raw, &options, &Silent).expect("builds").bytes
 }
 
 /// A whole decoded pack.
-pub struct Opened {
-    pub entries: Vec<DirectoryEntry>,
-    pub chunks: Vec<Chunk>,
-    pub step: f64,
-    pub triangles: u64,
-    pub border_edges: u64,
+pub(crate) struct Opened {
+    pub(crate) entries: Vec<DirectoryEntry>,
+    pub(crate) chunks: Vec<Chunk>,
+    pub(crate) step: f64,
+    pub(crate) triangles: u64,
+    pub(crate) border_edges: u64,
 }
 
-pub fn open(bytes: &[u8]) -> Opened {
+pub(crate) fn open(bytes: &[u8]) -> Opened {
     let pack = Reader::open(SliceSource(bytes)).expect("opens");
     let chunks = (0..pack.entries().len() as u32).map(|i| pack.chunk(i).expect("decodes")).collect();
     Opened {
@@ -147,7 +149,7 @@ pub fn open(bytes: &[u8]) -> Opened {
 }
 
 /// The triangles of a cut: corner positions and border bits.
-pub fn drawn(pack: &Opened, cut: &Cut) -> Vec<([LatticePoint; 3], u8)> {
+pub(crate) fn drawn(pack: &Opened, cut: &Cut) -> Vec<([LatticePoint; 3], u8)> {
     let mut out = Vec::new();
     for i in cut.refined() {
         let chunk = &pack.chunks[i as usize];

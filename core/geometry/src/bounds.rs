@@ -26,10 +26,8 @@ impl Aabb {
 
     /// Grow to contain a point.
     pub fn add(&mut self, p: LatticePoint) {
-        for i in 0..3 {
-            self.min[i] = self.min[i].min(p[i]);
-            self.max[i] = self.max[i].max(p[i]);
-        }
+        self.min = std::array::from_fn(|i| self.min[i].min(p[i]));
+        self.max = std::array::from_fn(|i| self.max[i].max(p[i]));
     }
 
     /// The smallest box round both.
