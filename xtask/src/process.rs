@@ -103,11 +103,12 @@ pub(crate) fn output(command: &mut Command) -> Result<String> {
     Ok(String::from_utf8_lossy(&result.stdout).trim().to_owned())
 }
 
-/// Runs a command, passing its output on line by line and handing every line to `each`; true when it ended with status 0.
+/// Runs a command, handing its output line by line to `each` and passing on the lines that this keeps (true); true when the command ended with
+/// status 0.
 ///
 /// # Errors
 /// It cannot be started.
-pub(crate) fn watch(command: &mut Command, mut each: impl FnMut(&str)) -> Result<bool> {
+pub(crate) fn watch(command: &mut Command, mut each: impl FnMut(&str) -> bool) -> Result<bool> {
     println!("  $ {}", shown(command));
     let mut child = command
         .stdin(Stdio::null())
@@ -127,8 +128,9 @@ pub(crate) fn watch(command: &mut Command, mut each: impl FnMut(&str)) -> Result
         .collect();
     drop(sender);
     for line in lines {
-        println!("{line}");
-        each(&line);
+        if each(&line) {
+            println!("{line}");
+        }
     }
     for reader in readers {
         // A reader only ends with its stream; a panic there would have been printed.

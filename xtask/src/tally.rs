@@ -1,8 +1,9 @@
 //! Reads the results that test runners print: cargo test, cargo nextest, node --test (TAP and spec), and the plain line
 //! `N passed, N failed, N skipped`; and collects by name what the tests themselves say they skipped.
 //!
-//! Input: the output of a run, line by line. Invariant: only a runner's closing line counts, never the lines of single tests, so that
-//! nothing is counted twice.
+//! Input: the output of a run, line by line. Invariant: only a runner's own closing line counts, which begins at the margin (that of nextest
+//! excepted, which indents its own and, deeper, what the tests printed, another runner's closing line included), so that nothing is
+//! counted twice.
 
 use std::collections::BTreeSet;
 
@@ -38,14 +39,14 @@ impl Tally {
 
     /// Takes one line of a runner's output into account.
     pub(crate) fn read(&mut self, line: &str) {
-        let line = line.trim();
+        let line = line.trim_end();
         if let Some(at) = line.find(SKIPPED) {
             self.skips.insert(line[at + SKIPPED.len()..].trim().to_owned());
         }
         if let Some(rest) = line.strip_prefix("test result: ") {
             // cargo test: `ok. 5 passed; 0 failed; 1 ignored; 0 measured; 0 filtered out; finished in 0.01s`
             self.add_counts(rest.split_once(". ").map_or(rest, |(_, counts)| counts).split(';'));
-        } else if let Some(rest) = line.strip_prefix("Summary [") {
+        } else if let Some(rest) = line.trim_start().strip_prefix("Summary [") {
             // cargo nextest: `[   0.2s] 5 tests run: 4 passed (1 slow), 1 failed, 2 skipped`
             if let Some((_, counts)) = rest.split_once("run: ") {
                 self.add_counts(counts.split(','));
@@ -94,6 +95,15 @@ fn is_plain(line: &str) -> bool {
     pairs && (words.len() == 4 || (words.len() == 6 && number(4) && word(5, "skipped")))
 }
 
+/// True for what nextest shows of a test that said nothing: its headings and blank lines.
+pub(crate) fn is_noise(line: &str) -> bool {
+    let text = line.trim();
+    let is_heading = text.starts_with("stdout \u{2500}") || text == "running 1 test" || text.is_empty();
+    let is_verdict =
+        text.starts_with("test result: ok. 1 passed") || (text.starts_with("test ") && text.ends_with(" ... ok"));
+    is_heading || (line.starts_with("    ") && is_verdict)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -123,6 +133,19 @@ mod tests {
             "Summary [ 9.1s] 8/9 tests run: 5 passed (1 flaky), 1 failed, 1 timed out, 1 exec failed, 2 skipped",
         ]);
         assert_eq!(counts, (5, 3, 2));
+    }
+
+    #[test]
+    fn what_a_test_printed_under_nextest_is_not_counted_again() {
+        let counts = read(&[
+            "        PASS [   0.021s] ( 1/14) kilwa-pack tests::reads",
+            "  stdout \u{2500}\u{2500}\u{2500}",
+            "    running 1 test",
+            "    test result: ok. 1 passed; 0 failed; 0 ignored; 0 measured; 13 filtered out; finished in 0.01s",
+            "    7 passed, 1 failed",
+            "     Summary [   0.099s] 1 test run: 1 passed, 0 skipped",
+        ]);
+        assert_eq!(counts, (1, 0, 0));
     }
 
     #[test]

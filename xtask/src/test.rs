@@ -6,7 +6,7 @@
 //! fails; a suite that ran no test has failed. The exit code is 1 when anything failed.
 
 use crate::process::{cargo, command, kilwa, on_path, run as run_command, watch};
-use crate::tally::Tally;
+use crate::tally::{Tally, is_noise};
 use crate::{demo, setup, web};
 use anyhow::{Result, bail};
 use std::path::PathBuf;
@@ -117,11 +117,11 @@ fn format() -> Result<Tally> {
 }
 
 fn lints() -> Result<Tally> {
-    check(&mut cargo(&["clippy", "--locked", "--workspace", "--all-targets", "--", "-D", "warnings"])?)
+    check(&mut cargo(&["clippy", "--locked", "--workspace", "--all-targets", "--keep-going", "--", "-D", "warnings"])?)
 }
 
 fn lints_wasm() -> Result<Tally> {
-    let mut clippy = cargo(&["clippy", "--locked", "--target", setup::WASM])?;
+    let mut clippy = cargo(&["clippy", "--locked", "--keep-going", "--target", setup::WASM])?;
     for package in WASM_PACKAGES {
         clippy.args(["--package", package]);
     }
@@ -194,7 +194,10 @@ fn check(command: &mut Command) -> Result<Tally> {
 /// Runs a test runner and reads its counts. A runner that fails without a failed test (it did not compile, it crashed) is an error.
 fn counted(command: &mut Command) -> Result<Tally> {
     let mut tally = Tally::default();
-    let is_success = watch(command, |line| tally.read(line))?;
+    let is_success = watch(command, |line| {
+        tally.read(line);
+        !is_noise(line)
+    })?;
     if !is_success && tally.failed == 0 {
         bail!("the runner failed before or after its tests; see above");
     }
