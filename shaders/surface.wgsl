@@ -8,7 +8,8 @@ struct VertexIn {
 
 struct VertexOut {
     @invariant @builtin(position) clip: vec4<f32>,
-    @location(0) color: vec3<f32>,
+    // Linear; alpha 0 where the model has no colours.
+    @location(0) color: vec4<f32>,
     @location(1) normal: vec3<f32>,
     @location(2) from_cell: vec3<f32>,
 }
@@ -28,19 +29,19 @@ fn vertex(in: VertexIn) -> VertexOut {
     var out: VertexOut;
     out.from_cell = steps_from_cell(in.position);
     out.clip = frame.clip_from_cell * vec4<f32>(out.from_cell, 1.0);
-    out.color = linear_from_srgb(in.color.rgb);
+    out.color = vec4<f32>(linear_from_srgb(in.color.rgb), in.color.a);
     out.normal = direction_from_octahedral(in.normal);
     return out;
 }
 
 // A warm stone under a sky, a key light and a lamp at the eye.
 fn clay(normal: vec3<f32>, to_eye: vec3<f32>) -> vec3<f32> {
-    let ground = vec3<f32>(0.115, 0.100, 0.088);
-    let sky = vec3<f32>(0.250, 0.256, 0.265);
+    let ground = vec3<f32>(0.085, 0.074, 0.065);
+    let sky = vec3<f32>(0.190, 0.195, 0.204);
     let ambient = mix(ground, sky, 0.5 + 0.5 * normal.z);
-    let key = 0.46 * max(dot(normal, frame.light.xyz), 0.0);
-    let lamp = 0.20 * max(dot(normal, to_eye), 0.0);
-    return vec3<f32>(0.97, 0.93, 0.87) * (ambient + vec3<f32>(key + lamp));
+    let key = 0.50 * max(dot(normal, frame.light.xyz), 0.0);
+    let lamp = 0.13 * max(dot(normal, to_eye), 0.0);
+    return vec3<f32>(0.86, 0.80, 0.72) * (ambient + vec3<f32>(key + lamp));
 }
 
 // Neighbouring levels get hues that are far apart.
@@ -88,12 +89,15 @@ fn fragment(in: VertexOut, @builtin(front_facing) front: bool) -> @location(0) v
             c = error_color(draw.error) * (0.45 + 0.55 * lamp);
         }
         default: {
-            c = in.color * mix(1.0, 0.25 + 0.85 * lamp, frame.shading);
+            c = in.color.rgb * mix(1.0, 0.25 + 0.85 * lamp, frame.shading);
+            if in.color.a < 0.5 {
+                c = clay(normal, to_eye);
+            }
         }
     }
-    // The inside of the surface: darker and bluish, so that a hole in a wall is not taken for a wall.
+    // The inside of the surface: darker and cooler, so that a hole in a wall is not taken for a wall.
     if !front {
-        c = mix(c, c * vec3<f32>(0.45, 0.55, 0.80) + vec3<f32>(0.004, 0.008, 0.030), frame.back_tint);
+        c = mix(c, c * vec3<f32>(0.50, 0.56, 0.68) + vec3<f32>(0.003, 0.005, 0.012), frame.back_tint);
     }
     return for_target(vec4<f32>(c, 1.0));
 }

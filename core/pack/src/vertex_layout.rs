@@ -1,7 +1,7 @@
 //! How a decoded chunk lies in GPU memory: shared by the decoding worker and the native renderer.
 //!
-//! A vertex is [`VERTEX_BYTES`] bytes, little-endian: `i32 x, y, z` (lattice), `u8 red, green, blue, 255`,
-//! `i16 u, v` (octahedral normal). Positions stay integers so that the shader subtracts the eye exactly.
+//! A vertex is [`VERTEX_BYTES`] bytes, little-endian: `i32 x, y, z` (lattice), `u8 red, green, blue, has`,
+//! `i16 u, v` (octahedral normal); `has` is 255 where the model has colours, 0 where it has none and is lit as clay. Positions stay integers so that the shader subtracts the eye exactly.
 
 use crate::{Chunk, PatchRange};
 
@@ -33,8 +33,9 @@ pub fn interleave(chunk: &Chunk) -> GpuChunk {
         for x in position {
             vertices.extend(x.to_le_bytes());
         }
-        let [r, g, b] = mesh.colors.get(v).copied().unwrap_or(NEUTRAL);
-        vertices.extend([r, g, b, 255]);
+        let color = mesh.colors.get(v);
+        let [r, g, b] = color.copied().unwrap_or(NEUTRAL);
+        vertices.extend([r, g, b, if color.is_some() { 255 } else { 0 }]);
         for x in mesh.normals.get(v).copied().unwrap_or_default() {
             vertices.extend(x.to_le_bytes());
         }
