@@ -84,14 +84,11 @@ pub(super) fn weld<S: Sink>(
                 for t in piece.triangles.iter().filter(|t| has_area(piece, **t)) {
                     let mut corners = [0; 3];
                     for (corner, &v) in corners.iter_mut().zip(t) {
-                        *corner = match local[v as usize] {
-                            Some(index) => index,
-                            None => {
-                                let index = place(&piece.vertices[v as usize], &mut shared, &mut next, sink)?;
-                                local[v as usize] = Some(index);
-                                index
-                            }
-                        };
+                        let known = local[v as usize];
+                        let index = known
+                            .map_or_else(|| place(&piece.vertices[v as usize], &mut shared, &mut next, sink), Ok)?;
+                        local[v as usize] = Some(index);
+                        *corner = index;
                     }
                     sink.triangle(corners)?;
                     written += 1;

@@ -94,20 +94,16 @@ impl Writer {
 
     /// The header with `padding` further characters in its last comment.
     fn header(&self, vertices: u64, faces: u64, padding: usize) -> String {
-        let mut text = "ply\nformat binary_little_endian 1.0\n".to_owned();
-        for line in &self.comments {
-            text += &format!("comment {line}\n");
-        }
-        text += &format!("comment {}\n", ".".repeat(padding));
         let real = if self.origin.is_some() { "double" } else { "float" };
-        text += &format!("element vertex {vertices}\n");
-        for axis in ["x", "y", "z"] {
-            text += &format!("property {real} {axis}\n");
-        }
-        for channel in ["red", "green", "blue"] {
-            text += &format!("property uchar {channel}\n");
-        }
-        text + &format!("element face {faces}\nproperty list uchar int vertex_indices\nend_header\n")
+        let mut lines = vec!["ply".to_owned(), "format binary_little_endian 1.0".to_owned()];
+        lines.extend(self.comments.iter().map(|line| format!("comment {line}")));
+        lines.push(format!("comment {}", ".".repeat(padding)));
+        lines.push(format!("element vertex {vertices}"));
+        lines.extend(["x", "y", "z"].map(|axis| format!("property {real} {axis}")));
+        lines.extend(["red", "green", "blue"].map(|channel| format!("property uchar {channel}")));
+        lines.push(format!("element face {faces}"));
+        lines.push("property list uchar int vertex_indices\nend_header\n".to_owned());
+        lines.join("\n")
     }
 
     /// Append the faces, write the header, and hand over a complete file that still has a temporary name.

@@ -125,7 +125,7 @@ impl Brick {
         let (course, v) = cell(z + wobble, BRICK_HEIGHT);
         let shift = 0.5 * (course.rem_euclid(2)) as f64 + 0.15 * unit(hash2(seed ^ 9, course, 0), 0);
         let (column, u) = cell(x + shift * BRICK_LENGTH + wobble, BRICK_LENGTH);
-        let id = hash2(seed ^ 10, column, course);
+        let id = hash2(seed ^ 0x0a, column, course);
         let across = u.min(1.0 - u) * BRICK_LENGTH;
         let along = v.min(1.0 - v) * BRICK_HEIGHT;
         let joint = 1.0 - smooth(0.004, 0.011, across.min(along));

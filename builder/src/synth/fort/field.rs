@@ -76,14 +76,20 @@ impl Field {
 
     /// Distances without relief.
     pub(super) fn rough(&self, near: &Near, p: Vec3) -> Distance {
-        let walls = self.masonry(near, p, standing(self.seed, p[0], p[1]));
+        let walls = Self::masonry(near, p, standing(self.seed, p[0], p[1]));
         let earth = (p[2] - broad(self.seed, p[0], p[1])) * 0.85;
         combine(near, p, walls, earth, nearest(&near.crumbs, p))
     }
 
+    /// Distance without relief, where the ground is known to be about `g`.
+    pub(super) fn free(near: &Near, p: Vec3, g: &Ground) -> f64 {
+        let walls = Self::masonry(near, p, g.standing);
+        combine(near, p, walls, (p[2] - g.height) * 0.85, nearest(&near.crumbs, p)).all
+    }
+
     /// Distances with relief, on ground known to be `g`.
     pub(super) fn fine(&self, near: &Near, p: Vec3, g: &Ground) -> Distance {
-        let mut walls = self.masonry(near, p, g.standing);
+        let mut walls = Self::masonry(near, p, g.standing);
         if walls < MOST_OUT + 0.02 && walls > -(MOST_IN + 0.02) {
             walls -= face(self.seed, p, self.step).relief;
         }
@@ -101,7 +107,7 @@ impl Field {
         ground(self.seed, x, y, self.step)
     }
 
-    fn masonry(&self, near: &Near, p: Vec3, standing: f64) -> f64 {
+    fn masonry(near: &Near, p: Vec3, standing: f64) -> f64 {
         let walls = nearest(&near.walls, p).max((p[2] - standing.max(0.2)) * 0.6);
         walls.max(-nearest(&near.openings, p)).min(nearest(&near.fittings, p))
     }

@@ -60,16 +60,20 @@ impl Fort {
         let at = |step| Self::at(step, seed, tiles, triangles);
         let wanted = triangles as f64;
         if triangles <= 300_000 {
-            // Few enough to count them all, until the number is right.
-            let mut fort = at((AREA / wanted).sqrt());
-            for _ in 0..6 {
-                let ratio = fort.census(1).iter().sum::<u64>() as f64 / wanted;
-                if (ratio - 1.0).abs() < 0.004 {
+            // Few enough to count them all, until the number is right. It jumps a little as the grid shifts.
+            let mut step = (AREA / wanted).sqrt();
+            let mut best = (f64::MAX, step);
+            for attempt in 0..12 {
+                let ratio = at(step).census(1).iter().sum::<u64>() as f64 / wanted;
+                if (ratio - 1.0).abs() < best.0 {
+                    best = ((ratio - 1.0).abs(), step);
+                }
+                if best.0 < 0.004 {
                     break;
                 }
-                fort = at(fort.field.step * ratio.sqrt());
+                step *= if attempt < 4 { ratio.sqrt() } else { ratio.sqrt().sqrt() };
             }
-            return fort;
+            return at(best.1);
         }
         // Count a coarser fort in full and the wanted one in some windows: their ratio there holds everywhere, since
         // the number differs only by the relief that the finer one shows.

@@ -221,10 +221,15 @@ impl Block<'_> {
         let corner = site(self.field.step, self.first, cell);
         let place = |c: Vec3| -> Vec3 { std::array::from_fn(|k| corner[k] + c[k] * self.field.step) };
         let (p, across) = (fort_from_site(place(crossing)), fort_from_site(normal));
-        let ground = self.field.ground(p[0], p[1]);
+        // High above the ground, that of the cell's corner will do.
+        let mut ground = self.ground(cell);
+        if p[2] - ground.height < 1.0 {
+            ground = self.field.ground(p[0], p[1]);
+        }
         let distance = self.field.fine(&self.near, p, &ground);
         // The mean of the crossings lies a little off the surface, in a pattern that the eye finds: one Newton step.
-        let off = (distance.all / self.field.step).clamp(-0.4, 0.4);
+        let steepness = (length / (4.0 * self.field.step)).max(1.0);
+        let off = (distance.all / (steepness * self.field.step)).clamp(-0.4, 0.4);
         for k in 0..3 {
             crossing[k] = (crossing[k] - off * normal[k]).clamp(0.02, 0.98);
         }
@@ -254,11 +259,11 @@ impl Block<'_> {
             *v = f64::from(self.value(l));
         }
         let (mut sum, mut count, mut slope) = ([0.0; 3], 0.0, [0.0; 3]);
-        for axis in 0..3 {
+        for (axis, rise) in slope.iter_mut().enumerate() {
             let bit = 1 << axis;
             for k in (0..8).filter(|k| k & bit == 0) {
                 let (a, b) = (value[k], value[k | bit]);
-                slope[axis] += b - a;
+                *rise += b - a;
                 if (a < 0.0) != (b < 0.0) {
                     let t = a / (a - b);
                     for (other, s) in sum.iter_mut().enumerate() {

@@ -35,12 +35,17 @@ pub(super) fn color(field: &Field, near: &Near, spot: &Spot) -> [u8; 3] {
         let leaf = noise3(derive(seed, 0xb1), spot.p.map(|x| x * 8.0));
         blend([98.0, 112.0, 58.0], [132.0, 122.0, 84.0], 0.5 + leaf)
     } else {
-        let wall = masonry(seed, spot, field.step);
-        let earth = earth(seed, spot);
         let ragged = 0.05 * noise3(derive(seed, 0xb2), spot.p.map(|x| x * 6.0));
-        blend(wall, earth, smooth(-0.03, 0.07, d.walls - d.ground + ragged))
+        let earthen = smooth(-0.03, 0.07, d.walls - d.ground + ragged);
+        if earthen == 0.0 {
+            masonry(seed, spot, field.step)
+        } else if earthen == 1.0 {
+            earth(seed, spot)
+        } else {
+            blend(masonry(seed, spot, field.step), earth(seed, spot), earthen)
+        }
     };
-    let light = shade(field, near, spot);
+    let light = shade(near, spot);
     // Each set-up of the scanner has its own exposure.
     let exposure = 1.0 + 0.025 * noise2(derive(seed, 0xb3), spot.p[0] / 6.0, spot.p[1] / 6.0);
     c = c.map(|x| x * light * exposure);
@@ -52,11 +57,11 @@ pub(super) fn color(field: &Field, near: &Near, spot: &Spot) -> [u8; 3] {
 }
 
 /// How much sky a place sees, about: what hollows and rooms lose of the light.
-fn shade(field: &Field, near: &Near, spot: &Spot) -> f64 {
+fn shade(near: &Near, spot: &Spot) -> f64 {
     let mut light = 1.0;
     for (reach, weight) in [(0.18, 0.16), (0.6, 0.2)] {
         let q: Vec3 = std::array::from_fn(|k| spot.p[k] + spot.normal[k] * reach);
-        let free = (field.rough(near, q).all / reach).clamp(0.0, 1.0);
+        let free = (Field::free(near, q, &spot.ground) / reach).clamp(0.0, 1.0);
         light -= weight * (1.0 - free);
     }
     light * (0.93 + 0.07 * spot.normal[2])

@@ -2,7 +2,7 @@
 
 use super::Vec3;
 use super::field::Distance;
-use super::plan::WELL;
+use super::plan::{DRUM, WELL};
 use crate::synth::noise::{derive, fractal2, fractal3, noise3, smooth};
 
 /// Whether a place of the surface was seen. `p` and `normal` are in the fort's frame.
@@ -21,7 +21,10 @@ pub(super) fn seen(seed: u64, p: Vec3, normal: Vec3, d: &Distance) -> bool {
     }
     if d.walls < d.ground {
         // Heads of walls above the eye of the instrument.
-        let up = smooth(0.62, 0.9, normal[2]) * smooth(2.6, 5.0, z);
+        let (tx, ty) = (x - DRUM[0], y - DRUM[1]);
+        // The round tower's platform had a set-up of its own.
+        let platform = 0.4 * smooth(4.0, 3.2, (tx * tx + ty * ty).sqrt());
+        let up = smooth(0.62, 0.9, normal[2]) * smooth(2.6, 5.0, z) - platform;
         if up > 0.0 && fractal2(derive(seed, 0xa3), x, y, 1.9, 4, 0.6) + 0.9 * up > 1.05 {
             return false;
         }
@@ -30,10 +33,10 @@ pub(super) fn seen(seed: u64, p: Vec3, normal: Vec3, d: &Distance) -> bool {
     // Shadows of low things on the ground, longer than wide.
     let (a, b) = (0.8 * x + 0.6 * y, 0.8 * y - 0.6 * x);
     let patch = fractal3(derive(seed, 0xa4), [a * 0.55, b * 1.3, 0.0], 1.0, 3, 0.6);
-    patch < lerp_limit(d.walls)
+    patch < shadow_limit(d.walls)
 }
 
 /// Shadows are frequent close to walls and rare in the open.
-fn lerp_limit(to_wall: f64) -> f64 {
+fn shadow_limit(to_wall: f64) -> f64 {
     0.86 + 0.5 * smooth(0.3, 2.5, to_wall)
 }
