@@ -82,7 +82,7 @@ export class Session {
     this.answers.clear();
     this.stats = stats;
     this.frames += 1;
-    if (!this.drawn && stats.trianglesDrawn > 0) {
+    if (!this.drawn && stats.patchesDrawn > 0) {
       this.drawn = true;
       this.showFirst();
       this.on.first(stats);

@@ -125,7 +125,7 @@ export const launch = () =>
 export async function open(browser, url, { size = [800, 600], wait = "settled", before, ...options } = {}) {
   const context = await browser.newContext({ viewport: { width: size[0], height: size[1] }, ...options });
   const page = await context.newPage();
-  page.setDefaultTimeout(90_000);
+  page.setDefaultTimeout(240_000); // software rendering on a busy machine
   const complaints = [];
   const packs = [];
   page.on("console", (message) => message.type() === "error" && complaints.push(message.text()));

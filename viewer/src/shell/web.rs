@@ -103,7 +103,9 @@ impl Viewer {
         let flag = Arc::clone(&lost);
         gpu.device.set_device_lost_callback(move |_, _| flag.store(true, Ordering::Relaxed));
         let renderer = Renderer::new(gpu.device.clone(), gpu.queue.clone(), format, gpu.samples(format));
-        let streamer = Streamer::new(&parsed, head.len() as u64, Budgets::default());
+        // Chunks are small: sixteen are about a megabyte, which no frame feels, and a slow renderer needs fewer frames.
+        let budgets = Budgets { uploads: 16, ..Budgets::default() };
+        let streamer = Streamer::new(&parsed, head.len() as u64, budgets);
         let bounds = bounds(&parsed.metadata);
         Ok(Self {
             camera: Camera::standard(StandardView::Iso, &bounds, size),

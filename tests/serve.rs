@@ -1,0 +1,78 @@
+//! `kilwa serve` as a process: it says where it is, ends when it is told to, and refuses what cannot be served.
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+
+/// The files that a built page must have; their content does not matter here.
+fn page(dir: &Path) {
+    for name in ["index.html", "boot.js", "viewer.js", "viewer_bg.wasm", "decode.js", "decode_bg.wasm"] {
+        std::fs::write(dir.join(name), "x").unwrap();
+    }
+}
+
+fn kilwa(args: &[&str], www: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
+    command.arg("serve").args(args).arg("--www").arg(www).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn refused(args: &[&str], www: &Path) -> String {
+    let Output { status, stderr, .. } = kilwa(args, www).output().unwrap();
+    assert_eq!(status.code(), Some(1), "{args:?}");
+    String::from_utf8(stderr).unwrap()
+}
+
+/// The address that a running server prints.
+fn address(child: &mut Child) -> String {
+    let mut line = String::new();
+    BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
+    line.split("http://").nth(1).and_then(|rest| rest.split('/').next()).unwrap_or_else(|| panic!("{line}")).to_owned()
+}
+
+fn get(address: &str, path: &str) -> String {
+    let mut stream = TcpStream::connect(address).unwrap();
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n").unwrap();
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).unwrap();
+    String::from_utf8_lossy(&answer).into_owned()
+}
+
+#[test]
+fn it_prints_its_address_answers_and_ends_well_at_sigterm() {
+    let dir = tempfile::tempdir().unwrap();
+    page(dir.path());
+    std::fs::write(dir.path().join("broken.kilwa"), "no pack").unwrap();
+    let folder = dir.path().to_str().unwrap();
+    let mut child = kilwa(&[folder, "--listen", "127.0.0.1:0"], dir.path()).spawn().unwrap();
+    let address = address(&mut child);
+    assert!(get(&address, "/healthz").ends_with("ok\n"));
+    assert!(get(&address, "/").contains("cannot be shown"));
+    assert!(get(&address, "/packs/broken.kilwa").ends_with("no pack"));
+    assert!(get(&address, "/packs/../broken.kilwa").starts_with("HTTP/1.1 404"));
+    let told = Command::new("kill").arg("-TERM").arg(child.id().to_string()).status().unwrap();
+    assert!(told.success());
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+}
+
+#[test]
+fn what_cannot_be_served_is_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().to_str().unwrap();
+    let no_page = refused(&[folder], dir.path());
+    assert!(no_page.contains("cargo xtask web"), "{no_page}");
+    page(dir.path());
+    let missing = refused(&["/nowhere/at/all"], dir.path());
+    assert!(missing.contains("/nowhere/at/all"), "{missing}");
+    let mesh = dir.path().join("mesh.ply");
+    std::fs::write(&mesh, "ply").unwrap();
+    let other = refused(&[mesh.to_str().unwrap()], dir.path());
+    assert!(other.contains("kilwa build"), "{other}");
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().to_string();
+    let busy = refused(&[folder, "--listen", &port], dir.path());
+    assert!(busy.contains("in use") && busy.contains(&port), "{busy}");
+    let usage = kilwa(&[folder, "--listen", "nonsense"], dir.path()).output().unwrap();
+    assert_eq!(usage.status.code(), Some(2));
+}
