@@ -7,6 +7,7 @@ use super::header::{Element, Header, Kind, Property};
 use super::scalar::Scalar;
 use super::{Place, ReadError};
 use crate::raw::Findings;
+use kilwa_pack::chunk::MAX_SCALARS;
 use std::path::Path;
 
 /// What a kept scalar of a vertex is.
@@ -183,10 +184,12 @@ impl Plan {
                 return Err(malformed(path, vertex, format!("{times} properties {name}"), "one"));
             }
         }
-        if let Some(family) = color_family(vertex, path)? {
-            for (i, name) in family.iter().enumerate() {
-                give(name, if i < 3 { Role::Color(i) } else { Role::Alpha });
+        let mut alpha = false;
+        if let Some([red, green, blue, transparency]) = color_family(vertex, path)? {
+            for (i, name) in [red, green, blue].into_iter().enumerate() {
+                give(name, Role::Color(i));
             }
+            alpha = give(transparency, Role::Alpha);
         }
         let normals = ["nx", "ny", "nz"];
         if normals.iter().all(|n| scalar_named(vertex, n).is_some()) {
@@ -198,7 +201,10 @@ impl Plan {
             let name = property.name.as_str();
             let known = CHANNELS.iter().any(|c| c.eq_ignore_ascii_case(name))
                 || name.get(..7).is_some_and(|start| start.eq_ignore_ascii_case("scalar_"));
+            // A pack has room for so many channels; the rest is reported with all else that is not kept.
+            let room = self.channels.len() + usize::from(alpha) < usize::from(MAX_SCALARS);
             if known
+                && room
                 && !self.channels.iter().any(|c| c.eq_ignore_ascii_case(name))
                 && give(name, Role::Channel(self.channels.len()))
             {

@@ -512,6 +512,21 @@ fn scan_channels_are_kept_under_their_names() {
     assert_eq!(places(&mesh, "properties of the vertices not kept"), ["u"]);
 }
 
+#[test]
+fn as_many_channels_are_kept_as_a_pack_has_room_for() {
+    let names: Vec<String> = (0..20).map(|i| format!("float scalar_{i}")).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let row = "1 ".repeat(20);
+    let mesh = ok(attributed(&names, [&row, &row, &row]));
+    assert_eq!(mesh.scalars.len(), 16);
+    assert_eq!(places(&mesh, "properties of the vertices not kept"), ["scalar_16, scalar_17, scalar_18, scalar_19"]);
+    let with_alpha: Vec<&str> =
+        ["uchar red", "uchar green", "uchar blue", "uchar alpha"].into_iter().chain(names).collect();
+    let row = format!("1 2 3 4 {row}");
+    let mesh = ok(attributed(&with_alpha, [&row, &row.replace("3 4", "3 5"), &row]));
+    assert_eq!((mesh.scalars.len(), mesh.scalars[15].0.as_str()), (16, "alpha"));
+}
+
 /// Two triangles over an edge, with a colour per face.
 fn face_colored(vertex_properties: &[&str], tail: &str, colors: [&str; 2]) -> String {
     let properties = with_properties(vertex_properties);
