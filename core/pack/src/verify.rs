@@ -10,7 +10,7 @@ use kilwa_geometry::Aabb;
 const SLACK: f64 = 1e-9;
 
 /// Counts that grow chunk by chunk and are compared with header and metadata at the end.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Totals {
     /// Chunks seen.
     pub chunks: u64,
@@ -20,6 +20,14 @@ pub struct Totals {
     pub finest_borders: u64,
     /// Triangles of all patches.
     pub stored_triangles: u64,
+    /// Box of the leaf patches.
+    pub finest_bounds: Aabb,
+}
+
+impl Default for Totals {
+    fn default() -> Self {
+        Self { chunks: 0, finest_triangles: 0, finest_borders: 0, stored_triangles: 0, finest_bounds: Aabb::EMPTY }
+    }
 }
 
 impl Totals {
@@ -31,13 +39,15 @@ impl Totals {
             finest_triangles: self.finest_triangles + other.finest_triangles,
             finest_borders: self.finest_borders + other.finest_borders,
             stored_triangles: self.stored_triangles + other.stored_triangles,
+            finest_bounds: self.finest_bounds.union(&other.finest_bounds),
         }
     }
 
     /// Compare with what header and metadata say, all chunks having been counted.
     ///
     /// # Errors
-    /// [`PackError::Invalid`] when a triangle or border is missing or stands there twice.
+    /// [`PackError::Invalid`] when a triangle or border is missing or stands there twice, or the model is not as large as
+    /// the metadata says.
     pub fn agree(&self, header: &Header, metadata: &Metadata) -> Result<(), PackError> {
         for (what, found, said) in [
             ("chunks", self.chunks, u64::from(header.entry_count)),
@@ -48,6 +58,18 @@ impl Totals {
             if found != said {
                 return Err(PackError::invalid("pack", format!("{found} {what} are there, {said} are announced")));
             }
+        }
+        if self.finest_bounds.is_empty() {
+            return Ok(());
+        }
+        let far = |a: [f64; 3], b: [f64; 3]| {
+            a.iter().zip(b).any(|(a, b)| (a - b).abs() > header.lattice.step() + a.abs() * f64::EPSILON * 4.0)
+        };
+        let corners = [self.finest_bounds.min, self.finest_bounds.max].map(|p| header.lattice.world_from_lattice(p));
+        let [low, high] = corners;
+        if far(low, metadata.bounds_min) || far(high, metadata.bounds_max) {
+            let why = format!("the model reaches from {low:?} to {high:?} m, which is not what the metadata says");
+            return Err(PackError::invalid("metadata", why));
         }
         Ok(())
     }
@@ -87,15 +109,21 @@ pub fn chunk(index: u32, chunk: &Chunk, entries: &[DirectoryEntry]) -> Result<To
     }
     let mut totals = Totals { chunks: 1, ..Totals::default() };
     let mut borders = chunk.mesh.borders.iter();
+    let mut triangles = chunk.mesh.triangles.iter();
     for patch in &chunk.patches {
         let count = u64::from(patch.count);
         let bits: u64 = borders.by_ref().take(patch.count as usize).map(|b| u64::from(b.count_ones())).sum();
+        let of_patch = triangles.by_ref().take(patch.count as usize);
         totals.stored_triangles += count;
         if patch.diamond == NO_DIAMOND {
             totals.finest_triangles += count;
             totals.finest_borders += bits;
+            for position in of_patch.flatten().filter_map(|&v| chunk.mesh.positions.get(v as usize)) {
+                totals.finest_bounds.add(*position);
+            }
             continue;
         }
+        of_patch.for_each(drop);
         let below = entries.get(patch.diamond as usize);
         if !below.is_some_and(|below| below.parents().any(|parent| parent == index)) {
             return bad(format!("a patch names diamond {}, which does not name it as a parent", patch.diamond));

@@ -20,7 +20,10 @@ fn verify_all(bytes: &[u8]) -> Result<(), PackError> {
         totals = totals.plus(verify::chunk(i, &reader.chunk(i)?, reader.entries())?);
     }
     let mut metadata = reader.metadata().clone();
-    metadata.border_edges = totals.finest_borders; // the test's metadata does not count them
+    // The test's metadata knows neither.
+    metadata.border_edges = totals.finest_borders;
+    metadata.bounds_min = reader.header().lattice.world_from_lattice(totals.finest_bounds.min);
+    metadata.bounds_max = reader.header().lattice.world_from_lattice(totals.finest_bounds.max);
     totals.agree(reader.header(), &metadata)
 }
 
@@ -286,6 +289,22 @@ fn a_full_disk_is_an_error() {
         let result = PackWriter::begin(Full(room), common::header(COLORED, 8), &metadata, vec![root]);
         assert!(matches!(result.err(), Some(PackError::Io { .. })));
     }
+}
+
+#[test]
+fn a_model_of_another_size_than_announced_is_found() {
+    let reader = Reader::open(SliceSource(common::pack(3, 2, COLORED))).expect("opens");
+    let mut totals = Totals::default();
+    for i in 0..3 {
+        totals = totals.plus(verify::chunk(i, &reader.chunk(i).expect("decodes"), reader.entries()).expect("sound"));
+    }
+    let mut metadata = reader.metadata().clone();
+    metadata.border_edges = totals.finest_borders;
+    metadata.bounds_min = reader.header().lattice.world_from_lattice(totals.finest_bounds.min);
+    metadata.bounds_max = reader.header().lattice.world_from_lattice(totals.finest_bounds.max);
+    totals.agree(reader.header(), &metadata).expect("sound");
+    metadata.bounds_max[2] += 0.01;
+    assert!(totals.agree(reader.header(), &metadata).expect_err("found").to_string().contains("the model reaches"));
 }
 
 #[test]
