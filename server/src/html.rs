@@ -74,7 +74,7 @@ fn facts(m: &Model, summary: &Summary) -> String {
         let _ = writeln!(s, "<div><dt>{name}</dt><dd>{value}</dd></div>");
     };
     row("Triangles", &grouped(h.triangles));
-    row("Extent", &format!("{} × {} × {} m", metres(e[0]), metres(e[1]), metres(e[2])));
+    row("Extent", &size_in_space(e));
     row("Finest spacing", &length(d.median_edge));
     row("File", &size(m.bytes));
     row("Reference system", &d.crs.as_deref().map_or_else(|| "local".to_owned(), escape));
@@ -202,26 +202,35 @@ fn size(bytes: u64) -> String {
     }
 }
 
-fn metres(v: f64) -> String {
-    let decimals = match v {
-        v if v >= 100.0 => 0,
-        v if v >= 10.0 => 1,
-        v if v >= 1.0 => 2,
-        _ => 3,
-    };
-    format!("{v:.decimals$}")
+/// Factor, unit and decimals that leave two to four digits of a length.
+fn scale_of(metres: f64) -> (f64, &'static str, usize) {
+    match metres.abs() {
+        m if m < 1e-4 => (1e3, "mm", 3),
+        m if m < 1e-3 => (1e3, "mm", 2),
+        m if m < 0.1 => (1e3, "mm", 1),
+        m if m < 1.0 => (1e2, "cm", 1),
+        m if m < 10.0 => (1.0, "m", 2),
+        m if m < 1e3 => (1.0, "m", 1),
+        _ => (1e-3, "km", 2),
+    }
 }
 
 fn length(v: f64) -> String {
     if !v.is_finite() {
-        "unknown".to_owned()
-    } else if v < 0.001 {
-        format!("{:.3} mm", v * 1e3)
-    } else if v < 0.1 {
-        format!("{:.1} mm", v * 1e3)
-    } else {
-        format!("{} m", metres(v))
+        return "unknown".to_owned();
     }
+    let (factor, unit, digits) = scale_of(v);
+    format!("{:.digits$} {unit}", v * factor)
+}
+
+/// Width, depth and height in one unit.
+fn size_in_space(e: [f64; 3]) -> String {
+    if e.iter().any(|v| !v.is_finite()) {
+        return "unknown".to_owned();
+    }
+    let (factor, unit, digits) = scale_of(e.into_iter().fold(0.0, f64::max));
+    let [x, y, z] = e.map(|v| format!("{:.digits$}", v * factor));
+    format!("{x} × {y} × {z} {unit}")
 }
 
 #[cfg(test)]
@@ -235,6 +244,9 @@ mod tests {
         assert_eq!(size(999), "999 bytes");
         assert_eq!(size(5_230_000), "5.2 MB");
         assert_eq!(length(0.0021), "2.1 mm");
+        assert_eq!(length(0.221), "22.1 cm");
+        assert_eq!(size_in_space([52.43, 51.88, 0.5]), "52.4 × 51.9 × 0.5 m");
+        assert_eq!(size_in_space([2e-4, 1e-4, 3e-5]), "0.20 × 0.10 × 0.03 mm");
         assert_eq!(escape("<b a=\"1\">&'"), "&lt;b a=&quot;1&quot;&gt;&amp;&#39;");
     }
 }
