@@ -175,8 +175,8 @@ fn read_camera(path: &Path) -> anyhow::Result<Camera> {
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the camera {}", path.display()))?;
     let file: CameraFile = serde_json::from_str(&text).with_context(|| format!("{} is no camera", path.display()))?;
     let CameraFile { target, distance, azimuth, elevation, field_of_view, orthographic } = file;
-    let finite = target.iter().chain(&[azimuth]).all(|x| x.is_finite());
-    if !finite || !(distance.is_finite() && distance > 0.0) {
+    let finite = target.iter().chain(&[azimuth, distance]).all(|x| x.is_finite());
+    if !finite || distance <= 0.0 {
         bail!("{}: target and azimuth must be finite, distance greater than 0", path.display());
     }
     if !(-90.0..=90.0).contains(&elevation) || !(1.0..=150.0).contains(&field_of_view) {

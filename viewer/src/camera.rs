@@ -237,9 +237,8 @@ impl Camera {
                 let (low, high) = shown.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
                 (low + high) * 0.5
             });
-            for i in 0..3 {
-                self.target[i] += axes[0][i] * middle[0] + axes[1][i] * middle[1];
-            }
+            let [right, up, _] = axes;
+            self.target = std::array::from_fn(|i| self.target[i] + right[i] * middle[0] + up[i] * middle[1]);
         }
     }
 

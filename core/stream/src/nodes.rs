@@ -88,6 +88,11 @@ impl Nodes {
         self.pages.len()
     }
 
+    /// Number of known entries.
+    pub(crate) fn len(&self) -> usize {
+        self.pages.values().map(Vec::len).sum()
+    }
+
     pub(crate) fn page_of(index: u32) -> u32 {
         index / ENTRIES_PER_PAGE as u32
     }

@@ -330,7 +330,7 @@ impl Streamer {
             gpu_bytes: self.gpu_bytes,
             cpu_bytes: self.cpu_bytes,
             budget_limited: wanted.limited,
-            entries_known: self.nodes.iter().count() as u32,
+            entries_known: self.nodes.len() as u32,
             retry_in_ms: -1.0,
             ..Stats::default()
         };
