@@ -15,6 +15,7 @@ use kilwa_pack::{Chunk, PackError, Reader, Source};
 use output::Output;
 use ply::Welded;
 use rayon::prelude::*;
+use std::io::Write as _;
 use std::path::PathBuf;
 
 /// Give the mesh back from a pack, at full detail or coarser, as a PLY without cracks.
@@ -81,17 +82,18 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             "coordinates": layout.coordinate_type(),
             "ascii": args.ascii,
         });
-        println!("{}", serde_json::to_string_pretty(&report)?);
+        writeln!(std::io::stdout(), "{}", serde_json::to_string_pretty(&report)?)?;
     } else {
         let precision =
             if error == 0.0 { "the finest surface".to_owned() } else { format!("within {}", metres(f64::from(error))) };
-        println!(
+        writeln!(
+            std::io::stdout(),
             "{}: {} triangles, {} vertices, {precision}, {} bytes.",
             args.output.display(),
             grouped(mesh.triangle_count()),
             grouped(mesh.vertex_count()),
             grouped(bytes)
-        );
+        )?;
     }
     Ok(())
 }

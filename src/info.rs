@@ -4,6 +4,7 @@ use crate::source::open_pack;
 use kilwa_pack::{DirectoryEntry, Header, Metadata};
 use serde::Serialize;
 use std::fmt::Write as _;
+use std::io::Write as _;
 use std::path::PathBuf;
 
 /// Say what a pack is: size, place, precision, levels of detail, where it came from.
@@ -68,9 +69,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         metadata: reader.metadata(),
     };
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&info)?);
+        writeln!(std::io::stdout(), "{}", serde_json::to_string_pretty(&info)?)?;
     } else {
-        print!("{}", words(&info, header));
+        write!(std::io::stdout(), "{}", words(&info, header))?;
     }
     Ok(())
 }

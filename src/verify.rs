@@ -7,6 +7,7 @@ use kilwa_pack::verify::Totals;
 use kilwa_pack::{PackError, Reader};
 use rayon::prelude::*;
 use std::fmt::Write as _;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Check every byte of a pack: checksums, every chunk decoded, every count, bound and error.
@@ -28,13 +29,15 @@ const NAMED: usize = 10;
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let (checked, damaged) = check(&args.pack)?;
+    let mut out = std::io::stdout();
+    let mut said = Ok(());
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&report(&args.pack, checked.as_ref(), &damaged))?);
+        said = writeln!(out, "{}", serde_json::to_string_pretty(&report(&args.pack, checked.as_ref(), &damaged))?);
     }
     if damaged.is_empty() {
-        if !args.json {
-            let Some(Checked { totals, bytes }) = checked else { return Ok(()) };
-            println!(
+        if let Some(Checked { totals, bytes }) = checked.filter(|_| !args.json) {
+            said = writeln!(
+                out,
                 "{}: sound. {bytes} bytes, {} chunks, {} triangles ({} stored) checked.",
                 args.pack.display(),
                 totals.chunks,
@@ -42,8 +45,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
                 totals.stored_triangles
             );
         }
-        return Ok(());
+        return Ok(said?);
     }
+    // Damage is what counts, even where nobody listens to the report.
     let mut message = damaged.iter().take(NAMED).cloned().collect::<Vec<_>>().join("\n  ");
     if damaged.len() > NAMED {
         let _ = write!(message, "\n  and {} more damaged parts", damaged.len() - NAMED);

@@ -222,6 +222,26 @@ fn verify_names_the_damaged_part() {
     assert!(["chunk 3", "chunk 5", "chunk 7"].iter().all(|c| said.contains(c)), "every damaged chunk is named: {said}");
 }
 
+/// `kilwa info x | head -1` is no failure, whoever reads first.
+#[test]
+#[cfg(unix)]
+fn a_closed_pipe_is_no_failure_but_damage_stays_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, pack) = torus();
+    let damaged = folder.path().join("damaged.kilwa");
+    let mut bytes = std::fs::read(pack).unwrap();
+    bytes[300] ^= 1;
+    std::fs::write(&damaged, bytes).unwrap();
+    for (args, code) in [(["info", text(pack)], 0), (["verify", text(pack)], 0), (["verify", text(&damaged)], 1)] {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_kilwa"));
+        let output = command.args(args).arg("--json").stdout(writer).stderr(std::process::Stdio::piped()).spawn();
+        let output = output.unwrap().wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(code), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
 #[test]
 fn a_failed_extract_leaves_nothing_behind() {
     let folder = tempfile::tempdir().unwrap();
