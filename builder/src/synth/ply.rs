@@ -70,7 +70,12 @@ impl Writer {
     /// Begin a file; doubles at `origin` where one is given, else floats.
     pub(super) fn create(path: &Path, origin: Option<[f64; 3]>, comments: &[String]) -> Result<Self, SynthError> {
         let fail = |source| SynthError::Io { path: folder(path).to_owned(), source };
-        let target = tempfile::Builder::new().prefix(".kilwa-synth-").tempfile_in(folder(path)).map_err(fail)?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".kilwa-synth-");
+        // A temporary file is its owner's alone; the finished one is to be like any other file.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let target = builder.tempfile_in(folder(path)).map_err(fail)?;
         let faces = tempfile::tempfile_in(folder(path)).map_err(fail)?;
         let mut writer = Self {
             path: path.to_owned(),

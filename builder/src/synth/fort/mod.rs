@@ -26,11 +26,11 @@ use rayon::prelude::*;
 type Vec3 = [f64; 3];
 
 /// Half the side of the square that holds the site, and its lowest and highest place, in metres.
-const REACH: f64 = 26.0;
+const REACH: f64 = 28.0;
 const LOWEST: f64 = -4.6;
 const HIGHEST: f64 = 13.4;
 /// The fort's north is turned from the grid's, as on a real site.
-const TURN: [f64; 2] = [0.956_304_755_963_035_4, 0.292_371_704_722_736_8];
+const TURN: [f64; 2] = [0.956_304_755_963_035_4, -0.292_371_704_722_736_8];
 
 /// The fort's frame from the site's.
 fn fort_from_site(p: Vec3) -> Vec3 {
@@ -75,17 +75,30 @@ impl Fort {
             }
             return at(best.1);
         }
-        // Count a coarser fort in full and the wanted one in some windows: their ratio there holds everywhere, since
-        // the number differs only by the relief that the finer one shows.
+        // Count a coarser fort in full and the wanted one in some windows: the numbers differ only by the relief that
+        // the finer one shows, much in windows full of masonry and hardly on bare ground, so each kind has its ratio.
         let coarse = at((AREA / if triangles > 4_000_000 { 1e6 } else { 2.5e5 }).sqrt());
         let known = coarse.census(1);
         let total = known.iter().sum::<u64>() as f64;
         let fine = at(coarse.field.step * (total / wanted).sqrt());
         let every = [6, 5, 4, 3].into_iter().find(|e| triangles > 500_000 * e * e).unwrap_or(2) as u32;
-        let found = fine.census(every).iter().sum::<u64>() as f64;
-        let there = (0..WINDOWS * WINDOWS).filter(|w| fine.chosen(w / WINDOWS, w % WINDOWS, every));
-        let ratio = found / there.map(|w| known[w as usize]).sum::<u64>().max(1) as f64;
-        at(fine.field.step * (ratio * total / wanted).sqrt())
+        let found = fine.census(every);
+        let flat = 2.0 * (WINDOW / coarse.field.step) * (WINDOW / coarse.field.step);
+        let mut kinds = [[0.0_f64; 3]; 4];
+        for (w, (known, found)) in known.iter().zip(&found).enumerate() {
+            let fullness = *known as f64 / flat;
+            let kind = [1.25, 2.5, 4.0].iter().filter(|limit| fullness > **limit).count();
+            let [all, there, sample] = &mut kinds[kind];
+            *all += *known as f64;
+            if fine.chosen(w as u32 / WINDOWS, w as u32 % WINDOWS, every) {
+                *there += *known as f64;
+                *sample += *found as f64;
+            }
+        }
+        let estimate: f64 = kinds.iter().map(|[all, there, sample]| all * sample / there.max(1.0)).sum();
+        // The number goes with a power of the step a little beyond the square: that between the two forts.
+        let power = libm::log(estimate / total) / libm::log(coarse.field.step / fine.field.step);
+        at(fine.field.step * libm::pow(estimate / wanted, 1.0 / power.clamp(1.5, 3.0)))
     }
 
     fn at(step: f64, seed: u64, tiles: u32, expected: u64) -> Self {

@@ -221,9 +221,9 @@ impl Block<'_> {
         let corner = site(self.field.step, self.first, cell);
         let place = |c: Vec3| -> Vec3 { std::array::from_fn(|k| corner[k] + c[k] * self.field.step) };
         let (p, across) = (fort_from_site(place(crossing)), fort_from_site(normal));
-        // High above the ground, that of the cell's corner will do.
+        // High above the ground and below the ruin's edge, what the cell's corner has will do.
         let mut ground = self.ground(cell);
-        if p[2] - ground.height < 1.0 {
+        if p[2] - ground.height < 1.0 || p[2] > ground.standing - 1.5 {
             ground = self.field.ground(p[0], p[1]);
         }
         let distance = self.field.fine(&self.near, p, &ground);
