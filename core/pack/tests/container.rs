@@ -182,6 +182,43 @@ fn hostile_counts_are_refused_before_anything_is_read_for_them() {
     }
 }
 
+/// A hostile writer makes the hashes right: then the checks of values have to hold alone.
+#[test]
+fn forged_directories_with_right_hashes_never_panic() {
+    let bytes = common::pack(5, 3, COLORED);
+    let page = Header::parse(&bytes).expect("header").first_page as usize;
+    let mut random = common::Random(5);
+    let (mut opened, mut refused) = (0, 0);
+    for _ in 0..3000 {
+        let mut forged = bytes.clone();
+        for _ in 0..=random.below(3) {
+            let at = page + 128 + random.below(5 * 128) as usize;
+            forged[at] = [0, 1, 0x7f, 0x80, 0xff, random.next() as u8][random.below(6) as usize];
+        }
+        forged[page + 16..page + 32].fill(0);
+        let sum = checksum(&forged[page..page + 16_384]);
+        forged[page + 16..page + 32].copy_from_slice(&sum);
+        let end = forged.len();
+        forged[end - 32..].copy_from_slice(blake3::hash(&sum).as_bytes());
+        let _ = parse_head(&forged);
+        match Reader::open(Guarded(&forged)) {
+            Ok(reader) => {
+                opened += 1;
+                for cut in [
+                    kilwa_pack::Cut::finest(reader.entries()),
+                    kilwa_pack::Cut::for_error(reader.entries(), 0.3),
+                    kilwa_pack::Cut::random(reader.entries(), 1, 3),
+                ] {
+                    assert!(cut.is_valid(reader.entries()), "errors are monotone in everything that opens");
+                }
+                let _ = verify_all(&forged);
+            }
+            Err(_) => refused += 1,
+        }
+    }
+    assert!(opened > 100 && refused > 100, "{opened} opened, {refused} refused");
+}
+
 #[test]
 fn an_unknown_required_feature_is_refused_by_its_number() {
     let bytes = common::pack(2, 2, COLORED);
