@@ -11,6 +11,7 @@
 //! other direction.
 
 use kilwa_geometry::Mesh;
+use kilwa_geometry::bvh::{Bounds, Bvh};
 use kilwa_geometry::distance::{DISTANCE_SLACK, Vec3, cross, dot, point_triangle_squared, sub};
 use rustc_hash::FxHashMap;
 
@@ -97,7 +98,7 @@ fn cover(
     for (i, t) in from.iter().enumerate() {
         if twins[i].is_none() {
             for k in 0..3 {
-                let (d, h) = tree.nearest(&[t[k]], to, hint);
+                let (d, h) = nearest(tree, &[t[k]], to, hint);
                 hint = h;
                 corners[i][k] = d;
                 sure = sure.max(d);
@@ -111,21 +112,21 @@ fn cover(
         }
         let mut stack = vec![(*t, corners[i], 0u32)];
         while let Some((piece, at_corners, depth)) = stack.pop() {
-            let (bound, nearest) = tree.nearest(&piece, to, hint);
-            hint = nearest;
+            let (bound, near) = nearest(tree, &piece, to, hint);
+            hint = near;
             let there = at_corners.iter().copied().fold(0.0, f64::max);
             if bound <= there * TIGHT || bound <= sure * UNIMPORTANT || depth >= MAX_HALVINGS {
-                report(i as u32, nearest, bound);
+                report(i as u32, near, bound);
                 continue;
             }
-            divide(&piece, &to[nearest as usize], &mut |corners: [Corner; 3]| {
+            divide(&piece, &to[near as usize], &mut |corners: [Corner; 3]| {
                 let mut part = [[0.0; 3]; 3];
                 let mut distances = [0.0; 3];
                 for (k, corner) in corners.into_iter().enumerate() {
                     (part[k], distances[k]) = match corner {
                         Corner::Old(i) => (piece[i], at_corners[i]),
                         Corner::New(p) => {
-                            let (d, _) = tree.nearest(&[p], to, nearest);
+                            let (d, _) = nearest(tree, &[p], to, near);
                             sure = sure.max(d);
                             (p, d)
                         }
@@ -195,119 +196,30 @@ fn divide(piece: &Triangle, near: &Triangle, part: &mut impl FnMut([Corner; 3]))
 /// A cut must leave at least this share of the longest edge on both sides.
 const WORTH_CUTTING: f64 = 0.05;
 
-/// Triangles in a leaf of the search tree.
-const LEAF: usize = 4;
-
-struct Node {
-    min: Vec3,
-    max: Vec3,
-    /// Leaf: first item; inner: index of the right child (the left one follows the node).
-    link: u32,
-    /// Items in a leaf; 0 for an inner node.
-    count: u32,
-}
-
-/// A bounding-volume tree over triangles, split at the median of the longest axis.
-struct Bvh {
-    nodes: Vec<Node>,
-    items: Vec<u32>,
-}
-
-impl Bvh {
-    fn new(triangles: &[Triangle]) -> Self {
-        let centers: Vec<Vec3> =
-            triangles.iter().map(|t| std::array::from_fn(|i| t[0][i] + t[1][i] + t[2][i])).collect();
-        let mut tree = Self { nodes: Vec::new(), items: (0..triangles.len() as u32).collect() };
-        if !triangles.is_empty() {
-            tree.build(triangles, &centers, 0, triangles.len());
-        }
-        tree
-    }
-
-    fn build(&mut self, triangles: &[Triangle], centers: &[Vec3], start: usize, end: usize) {
-        let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        let (mut cmin, mut cmax) = (min, max);
-        for &t in &self.items[start..end] {
-            for i in 0..3 {
-                for p in &triangles[t as usize] {
-                    min[i] = min[i].min(p[i]);
-                    max[i] = max[i].max(p[i]);
-                }
-                let c = centers[t as usize][i];
-                cmin[i] = cmin[i].min(c);
-                cmax[i] = cmax[i].max(c);
+/// The triangle of `to` that makes the largest distance of `points` to it smallest, and that distance. `hint` is a
+/// triangle to start from; it changes the time taken, and the answer only among equals.
+fn nearest(tree: &Bvh, points: &[Vec3], to: &[Triangle], hint: u32) -> (f64, u32) {
+    let largest = |t: u32, limit: f64| {
+        let mut worst = 0.0f64;
+        for p in points {
+            worst = worst.max(point_triangle_squared(*p, to[t as usize]));
+            if worst >= limit {
+                break;
             }
         }
-        let node = self.nodes.len();
-        self.nodes.push(Node { min, max, link: start as u32, count: (end - start) as u32 });
-        if end - start <= LEAF {
-            return;
+        worst
+    };
+    let mut best = (largest(hint, f64::INFINITY), hint);
+    let start = best.0;
+    let lower = |b: &Bounds| Some(points.iter().map(|p| b.distance_squared(*p)).fold(0.0, f64::max));
+    tree.search(start, lower, |t, limit| {
+        let d = largest(t, limit);
+        if d < limit {
+            best = (d, t);
         }
-        let axis = (0..3).max_by(|&a, &b| (cmax[a] - cmin[a]).total_cmp(&(cmax[b] - cmin[b]))).unwrap_or(0);
-        let mid = usize::midpoint(start, end);
-        self.items[start..end].select_nth_unstable_by(mid - start, |a, b| {
-            centers[*a as usize][axis].total_cmp(&centers[*b as usize][axis]).then(a.cmp(b))
-        });
-        self.build(triangles, centers, start, mid);
-        self.nodes[node].link = self.nodes.len() as u32;
-        self.nodes[node].count = 0;
-        self.build(triangles, centers, mid, end);
-    }
-
-    /// The triangle T' that makes the largest distance of `points` to T' smallest, and that distance. `hint` is a
-    /// triangle to start from; it changes the time taken, and the answer only among equals.
-    fn nearest(&self, points: &[Vec3], triangles: &[Triangle], hint: u32) -> (f64, u32) {
-        let largest = |t: u32, limit: f64| {
-            let mut worst = 0.0f64;
-            for p in points {
-                worst = worst.max(point_triangle_squared(*p, triangles[t as usize]));
-                if worst >= limit {
-                    break;
-                }
-            }
-            worst
-        };
-        let mut best = (largest(hint, f64::INFINITY), hint);
-        let box_distance = |n: &Node| {
-            let mut worst = 0.0f64;
-            for p in points {
-                let outside = |i: usize| (n.min[i] - p[i]).max(p[i] - n.max[i]).max(0.0);
-                let (x, y, z) = (outside(0), outside(1), outside(2));
-                worst = worst.max(x * x + y * y + z * z);
-            }
-            worst
-        };
-        let mut stack: [(u32, f64); 64] = [(0, 0.0); 64];
-        let mut depth = 1;
-        while depth > 0 {
-            depth -= 1;
-            let (n, lower) = stack[depth];
-            if lower >= best.0 {
-                continue;
-            }
-            let node = &self.nodes[n as usize];
-            if node.count > 0 {
-                for &t in &self.items[node.link as usize..(node.link + node.count) as usize] {
-                    let d = largest(t, best.0);
-                    if d < best.0 {
-                        best = (d, t);
-                    }
-                }
-                continue;
-            }
-            let (l, r) = (n + 1, node.link);
-            let (dl, dr) = (box_distance(&self.nodes[l as usize]), box_distance(&self.nodes[r as usize]));
-            // Nearer child last, so that it is taken first.
-            let order = if dl <= dr { [(r, dr), (l, dl)] } else { [(l, dl), (r, dr)] };
-            for (child, d) in order {
-                if d < best.0 {
-                    stack[depth] = (child, d);
-                    depth += 1;
-                }
-            }
-        }
-        (best.0.sqrt(), best.1)
-    }
+        best.0
+    });
+    (best.0.sqrt(), best.1)
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 //! (Cignoni et al., "Adaptive TetraPuzzles", SIGGRAPH 2004); [`mesh`] is the fragment that every stage hands to the next.
 
 pub mod bounds;
+pub mod bvh;
 pub mod diamond;
 pub mod distance;
 pub mod lattice;
@@ -16,6 +17,7 @@ pub mod normal;
 pub mod tetra;
 
 pub use bounds::{Aabb, Sphere};
+pub use bvh::Bvh;
 pub use diamond::DiamondKey;
 pub use lattice::{Lattice, LatticePoint};
 pub use mesh::Mesh;
