@@ -1,0 +1,80 @@
+//! docs/FORMAT.md is enough to write a reader from: `tests/format/read_pack.py`, written from it in another language,
+//! decodes every chunk to the same numbers.
+
+mod support;
+
+use kilwa_pack::{Chunk, Reader, SliceSource};
+use sha2::{Digest, Sha256};
+use std::fmt::Write;
+use std::path::Path;
+use std::process::Command;
+use support::{Input, succeeds, text};
+
+/// SHA-256 over a chunk, in the layout of `digest` in read_pack.py.
+fn digest(chunk: &Chunk) -> String {
+    let mesh = &chunk.mesh;
+    let mut hash = Sha256::new();
+    for patch in &chunk.patches {
+        hash.update(patch.count.to_le_bytes());
+        hash.update(patch.diamond.to_le_bytes());
+    }
+    for (triangle, border) in mesh.triangles.iter().zip(&mesh.borders) {
+        triangle.iter().for_each(|v| hash.update(v.to_le_bytes()));
+        hash.update([*border]);
+    }
+    mesh.positions.as_flattened().iter().for_each(|x| hash.update(x.to_le_bytes()));
+    hash.update(mesh.colors.as_flattened());
+    mesh.normals.as_flattened().iter().for_each(|x| hash.update(x.to_le_bytes()));
+    mesh.scalars.iter().flatten().for_each(|x| hash.update(x.to_bits().to_le_bytes()));
+    hash.finalize().iter().fold(String::new(), |mut s, byte| {
+        let _ = write!(s, "{byte:02x}");
+        s
+    })
+}
+
+/// An open, rough height field with a confidence per vertex.
+fn rough_field(n: u32) -> String {
+    let mut out = format!("ply\nformat ascii 1.0\nelement vertex {}\n", (n + 1) * (n + 1));
+    out += "property float x\nproperty float y\nproperty float z\nproperty float confidence\n";
+    let _ = writeln!(out, "element face {}\nproperty list uchar int vertex_indices\nend_header", 2 * n * n);
+    for j in 0..=n {
+        for i in 0..=n {
+            let noise = f64::from((i * 7919 + j * 104_729) % 1009) / 1009.0;
+            let _ = writeln!(out, "{} {} {} {}", i, j, noise * 3.0, noise - 0.5);
+        }
+    }
+    for j in 0..n {
+        for i in 0..n {
+            let a = j * (n + 1) + i;
+            let _ = writeln!(out, "3 {a} {} {}\n3 {a} {} {}", a + 1, a + n + 2, a + n + 2, a + n + 1);
+        }
+    }
+    out
+}
+
+#[test]
+fn a_reader_written_from_the_specification_decodes_every_chunk_alike() {
+    if Command::new("python3").arg("--version").output().is_err() {
+        println!("skipped: python3 is not here");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/format/read_pack.py");
+    Input::torus(120, 50, [5.0, 6.0, 7.0]).write(&folder.path().join("torus.ply"));
+    std::fs::write(folder.path().join("field.ply"), rough_field(70)).unwrap();
+    for name in ["torus", "field"] {
+        let (input, pack) = (folder.path().join(format!("{name}.ply")), folder.path().join(format!("{name}.kilwa")));
+        succeeds(&["build", text(&input), "-o", text(&pack)]);
+        let output = Command::new("python3").arg(&script).arg(&pack).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let reader = Reader::open(SliceSource(std::fs::read(&pack).unwrap())).unwrap();
+        assert_eq!(reader.header().attributes.scalars, u8::from(name == "field"));
+        let mut wanted = String::new();
+        for i in 0..reader.header().entry_count {
+            let chunk = reader.chunk(i).unwrap();
+            let (vertices, triangles) = (chunk.mesh.vertex_count(), chunk.mesh.triangle_count());
+            let _ = writeln!(wanted, "{i} {vertices} {triangles} {}", digest(&chunk));
+        }
+        assert_eq!(String::from_utf8_lossy(&output.stdout), wanted, "{name}");
+    }
+}
