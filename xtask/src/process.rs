@@ -29,6 +29,10 @@ pub(crate) fn root() -> Result<PathBuf> {
 pub(crate) fn command(program: &str, args: &[&str]) -> Result<Command> {
     let mut command = Command::new(program);
     command.args(args).current_dir(root()?).env("CARGO_TERM_COLOR", "never").env("NO_COLOR", "1");
+    if cfg!(unix) && std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+        // Without a session (CI, root) Mesa complains of this on stderr each time it starts, though nothing of it is used here.
+        command.env("XDG_RUNTIME_DIR", std::env::temp_dir());
+    }
     Ok(command)
 }
 

@@ -7,8 +7,8 @@
 
 use std::collections::BTreeSet;
 
-/// What a test prints before the reason when it cannot run here, for example because `../shared/data` is not there.
-const SKIPPED: &str = "SKIPPED: ";
+/// What a test prints, in any case, before the reason when it cannot run here, for example because `../shared/data` is not there.
+const SKIPPED: &str = "skipped: ";
 
 /// Sums over the suites of a run.
 #[derive(Debug, Default, Clone, PartialEq, Eq)]
@@ -19,14 +19,21 @@ pub(crate) struct Tally {
     pub(crate) failed: u64,
     /// Tests that a runner left out (ignored, filtered by the author).
     pub(crate) left_out: u64,
-    /// What tests said they skipped, sorted, each once.
+    /// What tests said they skipped, sorted, each once; with the test's name where the runner tells.
     pub(crate) skips: BTreeSet<String>,
+    /// The test whose output follows (nextest's heading).
+    current: String,
 }
 
 impl Tally {
     /// Everything skipped, by the runners or by the tests.
     pub(crate) fn skipped(&self) -> u64 {
         self.left_out + self.skips.len() as u64
+    }
+
+    /// Nothing but these counts.
+    pub(crate) fn of(passed: u64, failed: u64) -> Self {
+        Self { passed, failed, ..Self::default() }
     }
 
     /// Adds another suite's counts.
@@ -40,8 +47,14 @@ impl Tally {
     /// Takes one line of a runner's output into account.
     pub(crate) fn read(&mut self, line: &str) {
         let line = line.trim_end();
-        if let Some(at) = line.find(SKIPPED) {
-            self.skips.insert(line[at + SKIPPED.len()..].trim().to_owned());
+        if let Some(test) = nextest_heading(line) {
+            test.clone_into(&mut self.current);
+        }
+        // ASCII only, so that places in the lower-case text are places in the line.
+        if let Some(at) = line.to_ascii_lowercase().find(SKIPPED) {
+            let why = line[at + SKIPPED.len()..].trim();
+            let colon = if self.current.is_empty() { "" } else { ": " };
+            self.skips.insert(format!("{}{colon}{why}", self.current));
         }
         if let Some(rest) = line.strip_prefix("test result: ") {
             // cargo test: `ok. 5 passed; 0 failed; 1 ignored; 0 measured; 0 filtered out; finished in 0.01s`
@@ -53,7 +66,7 @@ impl Tally {
             }
         } else if let Some((word, count)) = node_count(line) {
             self.add(word, count);
-        } else if is_plain(line) {
+        } else if !line.starts_with(' ') && is_plain(line) {
             self.add_counts(line.split(','));
         }
     }
@@ -77,6 +90,13 @@ impl Tally {
             _ => {}
         }
     }
+}
+
+/// The test's name in `        PASS [   0.021s] ( 1/14) kilwa::cli every_verb_explains_itself`.
+fn nextest_heading(line: &str) -> Option<&str> {
+    let rest = line.trim_start();
+    let rest = rest.strip_prefix("PASS [").or_else(|| rest.strip_prefix("FAIL ["))?;
+    Some(rest.split_once("] (")?.1.split_once(") ")?.1)
 }
 
 /// `# pass 5` (TAP) or `ℹ pass 5` (spec), the closing lines of node --test.
@@ -172,10 +192,10 @@ mod tests {
         tally.read("test reads_horse ... SKIPPED: reads_horse: ../shared/data is not there");
         tally.read("    SKIPPED: reads_horse: ../shared/data is not there");
         tally.read("SKIPPED: lucy");
-        assert_eq!(
-            tally.skips.iter().map(String::as_str).collect::<Vec<_>>(),
-            ["lucy", "reads_horse: ../shared/data is not there"]
-        );
-        assert_eq!(tally.skipped(), 2);
+        tally.read("        PASS [   0.021s] ( 1/14) kilwa::real input_builds");
+        tally.read("    skipped: no data");
+        let skips: Vec<_> = tally.skips.iter().map(String::as_str).collect();
+        assert_eq!(skips, ["kilwa::real input_builds: no data", "lucy", "reads_horse: ../shared/data is not there"]);
+        assert_eq!(tally.skipped(), 3);
     }
 }

@@ -167,7 +167,7 @@ fn tested_kilwa() -> Result<PathBuf> {
 /// The README's first command, with a small fort and the program of the tests: made, verified, served and fetched.
 fn demo() -> Result<Tally> {
     demo::check_small(&tested_kilwa()?, DEMO_TRIANGLES)?;
-    Ok(Tally { passed: 1, ..Tally::default() })
+    Ok(Tally::of(1, 0))
 }
 
 /// The page in a real browser against the real server: `npm test` in tests/browser, with the programs to use in its environment.
@@ -182,7 +182,7 @@ fn browser() -> Result<Tally> {
 /// An error as a count, after it was shown.
 fn failure(error: &anyhow::Error) -> Tally {
     println!("FAILED: {error:#}");
-    Tally { failed: 1, ..Tally::default() }
+    Tally::of(0, 1)
 }
 
 /// A stage that is not a suite: it holds or it does not.
