@@ -49,12 +49,13 @@ fn probes(x: u32, y: u32) -> impl Iterator<Item = [f64; 2]> {
     std::iter::once(center).chain(round)
 }
 
-/// Many points within the uncertainty: triangles seen edge-on are thinner than it.
+/// Many points round the centre: triangles seen edge-on are thin, and where a triangle reaches from beside the eye to
+/// far away, `f32` clip coordinates move its edges by some hundredths of a pixel.
 fn near_probes(x: u32, y: u32) -> impl Iterator<Item = [f64; 2]> {
-    (1..=6).flat_map(move |ring| {
-        (0..16).map(move |k| {
-            let (s, c) = ((f64::from(k) + 0.5 * f64::from(ring % 2)) * std::f64::consts::TAU / 16.0).sin_cos();
-            let r = JITTER * f64::from(ring) / 6.0;
+    (1..=8).flat_map(move |ring| {
+        (0..24).map(move |k| {
+            let (s, c) = ((f64::from(k) + 0.5 * f64::from(ring % 2)) * std::f64::consts::TAU / 24.0).sin_cos();
+            let r = f64::from(ring) / 128.0;
             [f64::from(x) + 0.5 + c * r, f64::from(y) + 0.5 + s * r]
         })
     })
@@ -67,6 +68,12 @@ fn explains(scene: &Scene, view: &View, hit: Option<Hit>, x: u32, y: u32, id: Op
     if hit.id != id {
         return false;
     }
+    let (low, high) = depths(scene, view, hit, x, y);
+    (low..=high).contains(&depth)
+}
+
+/// Depths that the plane of a hit triangle has within the pixel's uncertainty.
+fn depths(scene: &Scene, view: &View, hit: Hit, x: u32, y: u32) -> (f64, f64) {
     let (mut low, mut high) = (hit.depth, hit.depth);
     for probe in probes(x, y) {
         let d = scene.plane_depth(view, hit.triangle, probe);
@@ -75,8 +82,22 @@ fn explains(scene: &Scene, view: &View, hit: Option<Hit>, x: u32, y: u32, id: Op
             high = high.max(d);
         }
     }
-    let slack = depth.abs() * 2e-5 + if view.far.is_finite() { view.far * 1e-6 } else { 0.0 };
-    (low - slack..=high + slack).contains(&depth)
+    let slack = hit.depth.abs() * 2e-5 + if view.far.is_finite() { view.far * 1e-6 } else { 0.0 };
+    (low - slack, high + slack)
+}
+
+/// The harder question for a pixel on an edge: is there a point nearby where the GPU's patch is hit, and hidden by
+/// nothing, or by no more than the uncertainty of its depth? (At a fold two triangles meet at equal depth.)
+fn explains_edge(scene: &Scene, view: &View, x: u32, y: u32, id: Option<u32>, depth: f64) -> bool {
+    near_probes(x, y).any(|probe| {
+        let hits = scene.cast_all(view, probe);
+        let Some(id) = id else { return hits.is_empty() };
+        let nearest = hits.iter().map(|h| h.depth).fold(f64::INFINITY, f64::min);
+        hits.iter().filter(|h| h.id == id).any(|h| {
+            let (low, high) = depths(scene, view, *h, x, y);
+            (low..=high).contains(&depth) && h.depth - nearest <= high - low
+        })
+    })
 }
 
 /// Compare a frame with the ray-caster. Returns how many pixels show the model and how many lie on an edge.
@@ -92,7 +113,7 @@ fn compare(name: &str, scene: &Scene, view: &View, frame: &IdImage) -> (usize, u
                 continue;
             }
             edges += 1;
-            if !near_probes(x, y).any(|p| explains(scene, view, scene.cast(view, p), x, y, id, depth)) {
+            if !explains_edge(scene, view, x, y, id, depth) {
                 wrong.push((x, y, id, depth, center));
             }
         }
@@ -191,7 +212,13 @@ fn cameras(bounds: &Bounds, size: [u32; 2]) -> Vec<(String, Camera)> {
 
 #[test]
 fn frames_of_a_fort_equal_the_ray_caster_in_mixed_cuts() {
-    let raw = mesh(Shape::Fort, &SynthOptions::new(30_000)).expect("a fort");
+    for seed in 1..=2 {
+        frames_equal_the_ray_caster(seed);
+    }
+}
+
+fn frames_equal_the_ray_caster(seed: u64) {
+    let raw = mesh(Shape::Fort, &SynthOptions { seed, ..SynthOptions::new(20_000) }).expect("a fort");
     let mut world = World::build(raw, 400);
     let size = [96, 72];
     let (mut pixels, mut edges) = (0, 0);
@@ -319,7 +346,8 @@ fn what_the_streamer_draws_is_what_the_ray_caster_sees() {
         let frame = session.ids(&view, &step.draw).expect("draws");
         // The oracle sees the patches that the streamer thinks invisible, too.
         let (covered, _) = compare(&name, &scene(&world.chunks, &step.draw), &view, &frame);
-        assert!(covered > 0 || name.starts_with("close"), "{name} shows nothing");
+        let whole = StandardView::from_name(&name).is_some();
+        assert!(covered > 500 || !whole, "{name} shows {covered} pixels of the fort");
     }
 }
 

@@ -60,12 +60,33 @@ impl Scene {
 
     /// The nearest hit beyond the near plane. The direction advances one step of depth per unit.
     pub(crate) fn cast(&self, view: &View, pixel: [f64; 2]) -> Option<Hit> {
-        let (origin, direction) = Self::ray(view, pixel);
         let mut best: Option<Hit> = None;
+        self.visit(view, pixel, |hit| {
+            if best.is_none_or(|b| hit.depth < b.depth) {
+                best = Some(hit);
+            }
+            best.map_or(f64::INFINITY, |b| b.depth)
+        });
+        best
+    }
+
+    /// All hits beyond the near plane, in no order.
+    pub(crate) fn cast_all(&self, view: &View, pixel: [f64; 2]) -> Vec<Hit> {
+        let mut all = Vec::new();
+        self.visit(view, pixel, |hit| {
+            all.push(hit);
+            f64::INFINITY
+        });
+        all
+    }
+
+    /// Hits along a ray; `found` says how far to look from then on.
+    fn visit(&self, view: &View, pixel: [f64; 2], mut found: impl FnMut(Hit) -> f64) {
+        let (origin, direction) = Self::ray(view, pixel);
+        let mut limit = f64::INFINITY;
         let mut stack = vec![0usize];
         while let Some(at) = stack.pop() {
             let Some(node) = self.nodes.get(at) else { continue };
-            let limit = best.map_or(f64::INFINITY, |h| h.depth);
             if !meets(node, origin, direction, limit) {
                 continue;
             }
@@ -76,12 +97,11 @@ impl Scene {
             for k in node.first..node.first + node.count {
                 let t = &self.triangles[k];
                 let depth = ray_triangle(origin, direction, t.corners).filter(|d| *d >= view.near);
-                if let Some(depth) = depth.filter(|d| best.is_none_or(|h| *d < h.depth)) {
-                    best = Some(Hit { id: t.id, triangle: k, depth });
+                if let Some(depth) = depth {
+                    limit = found(Hit { id: t.id, triangle: k, depth });
                 }
             }
         }
-        best
     }
 
     /// Depth at which a ray meets the plane of a triangle.
