@@ -19,7 +19,7 @@ fn digest(chunk: &Chunk) -> String {
         hash.update(patch.diamond.to_le_bytes());
     }
     for (triangle, border) in mesh.triangles.iter().zip(&mesh.borders) {
-        triangle.iter().for_each(|v| hash.update(v.to_le_bytes()));
+        hash.update(triangle.map(u32::to_le_bytes).as_flattened());
         hash.update([*border]);
     }
     mesh.positions.as_flattened().iter().for_each(|x| hash.update(x.to_le_bytes()));
