@@ -9,6 +9,7 @@ use crate::options::{BuildError, BuildOptions, Up};
 use crate::raw::{Findings, RawMesh};
 use kilwa_geometry::lattice::MAX_COORDINATE;
 use kilwa_geometry::{Lattice, LatticePoint, Mesh, normal};
+use kilwa_pack::chunk::MAX_SCALARS;
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
@@ -56,6 +57,11 @@ pub fn prepare(mut raw: RawMesh, options: &BuildOptions) -> Result<Prepared, Bui
     }
     if raw.triangles.len() > u32::MAX as usize / 4 {
         return Err(BuildError::TooLarge { why: format!("{} triangles in memory; at most 2^30", raw.triangles.len()) });
+    }
+    if raw.scalars.len() > usize::from(MAX_SCALARS) {
+        let names = raw.scalars.iter().map(|(n, _)| n.as_str()).collect::<Vec<_>>().join(", ");
+        let why = format!("{} scalar channels together ({names}); a pack holds {}", raw.scalars.len(), MAX_SCALARS);
+        return Err(BuildError::TooLarge { why });
     }
     to_metres(&mut raw, options);
     let edges = edge_lengths(&raw);
@@ -227,7 +233,7 @@ fn snap_and_weld(raw: &RawMesh, lattice: &Lattice, findings: &mut Findings) -> R
     findings.add_many("vertices welded because they are equal on the lattice", welded as u64);
     if mesh.triangles.is_empty() {
         let why = format!(
-            "all {} triangles collapse on a lattice of {} m; give a smaller --step or check --units",
+            "all {} triangles collapse on a lattice of {:e} m; give a smaller --step or check --units",
             raw.triangles.len(),
             lattice.step()
         );
@@ -298,4 +304,21 @@ fn point_normals(mesh: &Mesh, points: &[u32], count: usize) -> Vec<[f64; 3]> {
         }
     }
     sums.into_iter().map(|s| s.map(|x| x as f64)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn joined_files_with_more_channels_than_a_pack_holds_are_refused_by_name() {
+        let raw = RawMesh {
+            positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            triangles: vec![[0, 1, 2]],
+            scalars: (0..20).map(|i| (format!("channel{i}"), vec![0.0; 3])).collect(),
+            ..RawMesh::default()
+        };
+        let error = prepare(raw, &BuildOptions::default()).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(error.contains("20 scalar channels") && error.contains("channel19"), "{error}");
+    }
 }
