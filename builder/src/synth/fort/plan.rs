@@ -81,7 +81,7 @@ impl Plan {
             let slit = Form::Arch { half_width: 0.11, half_depth: 1.5, spring: 0.75, rise: 0.12 };
             let beam = Form::Block { half: [0.1, 0.45], height: 0.2, batter: 0.0 };
             let (sx, sy) = (side * HALF_X, side * HALF_Y);
-            self.openings.push(Solid::new(slit, [1.0, sy, 1.9]).repeated(Repeat::Row { count: 6, pitch: 3.9 }));
+            self.openings.push(Solid::new(slit, [0.05, sy, 1.9]).repeated(Repeat::Row { count: 6, pitch: 3.9 }));
             self.openings
                 .push(Solid::new(slit, [sx, 0.4, 1.9]).turned(90.0).repeated(Repeat::Row { count: 5, pitch: 3.7 }));
             self.openings.push(Solid::new(beam, [0.3, sy, 3.75]).repeated(Repeat::Row { count: 11, pitch: 2.05 }));
