@@ -1,0 +1,134 @@
+//! `kilwa render`: pictures of the size asked for, cameras, and what is refused.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+fn kilwa(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_kilwa")).args(args).stdin(Stdio::null()).output().expect("runs")
+}
+
+/// A pack of a closed sphere of radius 1 round (0, 0, 1).
+fn sphere(folder: &Path) -> String {
+    let (mesh, pack) = (folder.join("s.ply"), folder.join("s.kilwa"));
+    let text = |p: &PathBuf| p.to_str().expect("plain name").to_owned();
+    let args = ["synth", "phantom", "--shape", "sphere", "--triangles", "3000", "-o", &text(&mesh)];
+    assert!(kilwa(&args).status.success());
+    let built = kilwa(&["build", &text(&mesh), "-o", &text(&pack)]);
+    assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
+    text(&pack)
+}
+
+fn render(pack: &str, out: &Path, more: &[&str]) -> Output {
+    let mut args = vec!["render", pack, "--software", "-o", out.to_str().expect("plain name")];
+    args.extend(more);
+    kilwa(&args)
+}
+
+fn code_and_message(output: &Output) -> (Option<i32>, String) {
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[test]
+fn pictures_have_the_size_asked_for_and_show_the_model_in_the_middle() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pack = sphere(folder.path());
+    for view in ["plan", "north", "east", "south", "west", "iso"] {
+        let out = folder.path().join("p.png");
+        let done = render(&pack, &out, &["--view", view, "--size", "90x70", "--background", "transparent"]);
+        assert!(done.status.success(), "{:?}", code_and_message(&done));
+        let picture = image::open(&out).expect("a PNG").to_rgba8();
+        assert_eq!(picture.dimensions(), (90, 70));
+        let alpha = |x, y| picture.get_pixel(x, y).0[3];
+        assert_eq!((alpha(45, 35), alpha(0, 0), alpha(89, 69)), (255, 0, 0), "{view}");
+        if view == "iso" {
+            continue; // In perspective the box round the ball is centred, not the ball.
+        }
+        // Fitted, centred: the ball spans nearly the whole height, and the same above as below.
+        let column: Vec<u32> = (0..70).filter(|&y| alpha(45, y) == 255).collect();
+        let (top, bottom) = (column[0], 69 - column[column.len() - 1]);
+        assert!(top.abs_diff(bottom) <= 1 && (1..9).contains(&top), "{view}: margins {top} and {bottom}");
+    }
+}
+
+#[test]
+fn a_picture_larger_than_a_tile_has_no_seam() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pack = sphere(folder.path());
+    let camera = folder.path().join("inside.json");
+    std::fs::write(&camera, r#"{"target": [0, 0, 1], "distance": 0.2, "field_of_view": 20}"#).expect("written");
+    let out = folder.path().join("wide.png");
+    let more = ["--size", "4500x40", "--camera", camera.to_str().expect("plain"), "--background", "transparent"];
+    let done = render(&pack, &out, &more);
+    assert!(done.status.success(), "{:?}", code_and_message(&done));
+    let picture = image::open(&out).expect("a PNG").to_rgba8();
+    assert_eq!(picture.dimensions(), (4500, 40));
+    assert!(picture.pixels().all(|p| p.0[3] == 255), "background inside a closed model");
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_before_anything_is_drawn() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("p.png");
+    for more in [
+        ["--size", "0x10"],
+        ["--size", "100"],
+        ["--size", "90000x90000"],
+        ["--mode", "sepia"],
+        ["--view", "up"],
+        ["--pixel-error", "0"],
+        ["--pixel-error", "nan"],
+        ["--background", "#12345"],
+        ["--shading", "2"],
+    ] {
+        let (code, message) = code_and_message(&render("none.kilwa", &out, &more));
+        assert_eq!(code, Some(2), "{more:?}: {message}");
+        assert!(message.contains(more[0]), "{more:?}: {message}");
+    }
+    assert!(!out.exists());
+}
+
+#[test]
+fn bad_cameras_and_damaged_packs_are_named_and_leave_no_picture() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pack = sphere(folder.path());
+    let out = folder.path().join("p.png");
+    let camera = folder.path().join("bad.json");
+    for text in [
+        "not json",
+        r#"{"target": [0, 0, 0], "distance": -1}"#,
+        r#"{"target": [0, 0, 0], "distance": 1, "elevation": 95}"#,
+        r#"{"target": [0, 0], "distance": 1}"#,
+        r#"{"target": [0, 0, 0], "distance": 1, "azimut": 3}"#,
+    ] {
+        std::fs::write(&camera, text).expect("written");
+        let (code, message) = code_and_message(&render(&pack, &out, &["--camera", camera.to_str().expect("plain")]));
+        assert_eq!(code, Some(1), "{text}: {message}");
+        assert!(message.contains("bad.json"), "{text}: {message}");
+    }
+    let mut bytes = std::fs::read(&pack).expect("read");
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 0x10;
+    let damaged = folder.path().join("damaged.kilwa");
+    std::fs::write(&damaged, &bytes).expect("written");
+    let (code, message) =
+        code_and_message(&render(damaged.to_str().expect("plain"), &out, &["--pixel-error", "0.001"]));
+    assert_eq!(code, Some(1), "{message}");
+    assert!(message.contains("damaged.kilwa"), "{message}");
+    assert!(!out.exists());
+}
+
+#[test]
+fn the_report_says_how_true_the_picture_is() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pack = sphere(folder.path());
+    let out = folder.path().join("p.png");
+    let done = render(&pack, &out, &["--json", "--size", "64x64", "--memory", "16"]);
+    assert!(done.status.success(), "{:?}", code_and_message(&done));
+    let report: serde_json::Value = serde_json::from_slice(&done.stdout).expect("JSON");
+    assert_eq!(report["size"], serde_json::json!([64, 64]));
+    assert!(
+        report["worst_pixel_error"].as_f64().is_some_and(|e| e <= 1.0)
+            == report["target_reached"].as_bool().expect("a bool")
+    );
+    assert!(!report["adapter"].as_str().expect("a name").is_empty());
+}
