@@ -9,7 +9,7 @@ use super::piece::Sink;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempPath};
 
 const BUFFER: usize = 1 << 20;
 
@@ -117,6 +117,8 @@ impl Writer {
         let path = self.path;
         let file =
             self.vertices.into_inner().map_err(|e| SynthError::Io { path: path.clone(), source: e.into_error() })?;
+        // Closed here: a thousand blocks must not need a thousand open files.
+        let file = file.into_temp_path();
         Ok(Finished { path, file, vertices: self.vertex_count, triangles: self.face_count, bytes })
     }
 
@@ -172,7 +174,7 @@ impl Sink for Writer {
 /// A complete PLY under a temporary name.
 pub(super) struct Finished {
     path: PathBuf,
-    file: NamedTempFile,
+    file: TempPath,
     pub(super) vertices: u64,
     pub(super) triangles: u64,
     pub(super) bytes: u64,
