@@ -187,10 +187,7 @@ fn archive(root: &Path, table: &str, profile: &str) -> Result<()> {
     let file = folder.join(format!("{year:04}-{month:02}-{day:02}-build.md"));
     let mut text = String::new();
     if !file.exists() {
-        writeln!(
-            text,
-            "# Building packs, {year:04}-{month:02}-{day:02}\n\nWritten by `cargo xtask bench build`; release build of `kilwa`."
-        )?;
+        writeln!(text, "# Building packs, {year:04}-{month:02}-{day:02}\n\nWritten by `cargo xtask bench build`.")?;
     }
     let commit =
         output(&mut command("git", &["describe", "--always", "--dirty"])?).unwrap_or_else(|_| "unknown".into());
