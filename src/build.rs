@@ -159,7 +159,11 @@ fn source_file(path: &Path, bar: &Bar) -> anyhow::Result<SourceFile> {
         bar.update("hashing", bytes, total);
     }
     let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-    let sha256 = hash.finalize().iter().map(|b| format!("{b:02x}")).collect();
+    let mut sha256 = String::new();
+    for b in hash.finalize() {
+        // Writing to a string cannot fail.
+        let _ = std::fmt::Write::write_fmt(&mut sha256, format_args!("{b:02x}"));
+    }
     Ok(SourceFile { name, bytes, sha256 })
 }
 
