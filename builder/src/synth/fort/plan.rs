@@ -156,7 +156,7 @@ impl Plan {
     /// Rooms along the west curtain; the northern two still carry their roof.
     fn west_range(&mut self) {
         let (x, foot) = (-8.0, -0.6);
-        self.walls.push(block(x, 0.0, foot, [0.32, HALF_Y], 4.6));
+        self.walls.push(block(x, 0.0, foot, [0.32, HALF_Y - 0.7], 4.6));
         for y in [-5.2, -0.2, 4.6] {
             self.walls.push(block(-10.0, y, foot, [2.2, 0.28], 4.4));
         }
