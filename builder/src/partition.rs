@@ -7,7 +7,7 @@
 
 use kilwa_geometry::mesh::corner_sum;
 use kilwa_geometry::{DiamondKey, Mesh, Tetra, tetra};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 use std::ops::Range;
 
 /// A tetrahedron of the tree.
@@ -147,8 +147,15 @@ impl Splitter<'_> {
             }
             let edge = (0..3).map(|i| i64::from(node.tetra.v[0][i] - node.tetra.v[3][i]).abs()).max().unwrap_or(0);
             let triangles = &self.tree.order[node.range.clone()];
-            let small = triangles.iter().filter(|t| (self.extents)(**t) <= 8 * edge).count();
-            small > self.leaf_triangles
+            // Only so many different places as fit a leaf: its triangles coincide, and no plane tells them apart.
+            let mut places = FxHashSet::default();
+            for t in triangles.iter().filter(|t| (self.extents)(**t) <= 2 * edge) {
+                places.insert(self.sums[*t as usize]);
+                if places.len() > self.leaf_triangles {
+                    break;
+                }
+            }
+            places.len() > self.leaf_triangles
         })
     }
 
@@ -259,7 +266,7 @@ mod tests {
         m.triangles.extend(std::iter::repeat_n(t, 10_000));
         m.borders = vec![0; m.triangles.len()];
         let p = partition(&m, 12, 100);
-        assert!(p.tetrahedra.len() < 2000, "{}", p.tetrahedra.len());
+        assert!(p.tetrahedra.len() < 100, "{}", p.tetrahedra.len());
         assert!(p.overfull_leaves > 0);
     }
 }
