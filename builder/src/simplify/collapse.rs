@@ -272,9 +272,16 @@ impl Simplifier<'_> {
 
     fn merge_wedge(&mut self, from: usize, to: usize) {
         let (weight, color, normal) = (self.wedges[from].weight, self.wedges[from].color, self.wedges[from].normal);
+        let own = self.wedges[to].weight;
         for channel in &mut self.scalars {
-            // Sums, like the colours; an unchanged wedge holds its value with weight 1.
-            channel[to] += channel[from];
+            // Sums, like the colours; an unchanged wedge holds its value with weight 1. A value that is not there (NaN)
+            // takes no part: the mean stays that of the others.
+            let (f, t) = (channel[from], channel[to]);
+            channel[to] = match (f.is_nan(), t.is_nan()) {
+                (true, false) => t * ((own + weight) / own),
+                (false, true) => f * ((own + weight) / weight),
+                _ => f + t,
+            };
         }
         let w = &mut self.wedges[to];
         w.weight += weight;

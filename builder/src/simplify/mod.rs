@@ -346,3 +346,65 @@ pub(crate) fn srgb(x: f32) -> u8 {
     let y = if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * libm::powf(x, 1.0 / 2.4) - 0.055 };
     (y * 255.0 + 0.5) as u8
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sheet(n: u32) -> Mesh {
+        let mut m = Mesh { scalars: vec![Vec::new()], ..Mesh::default() };
+        for y in 0..=n {
+            for x in 0..=n {
+                m.positions.push([x as i32 * 10, y as i32 * 10, 500]);
+                m.normals.push([0, 0]);
+                m.colors.push([100, 150, 200]);
+                m.scalars[0].push(if (x, y) == (n / 2, n / 2) { f32::NAN } else { 7.0 });
+            }
+        }
+        let w = n + 1;
+        for y in 0..n {
+            for x in 0..n {
+                let i = y * w + x;
+                m.triangles.extend([[i, i + 1, i + w], [i + 1, i + w + 1, i + w]]);
+                let (left, right) = (u8::from(x == 0) << 2, u8::from(x == n - 1));
+                let (bottom, top) = (u8::from(y == 0), u8::from(y == n - 1) << 1);
+                m.borders.extend([left | bottom, right | top]);
+            }
+        }
+        m
+    }
+
+    #[test]
+    fn a_missing_value_does_not_spread_and_equal_values_and_colours_stay_equal() {
+        let fine = sheet(16);
+        let coarse = simplify(&fine, &Locked::default(), 8);
+        assert!(coarse.triangle_count() <= 16, "{}", coarse.triangle_count());
+        assert!(coarse.scalars[0].iter().all(|s| (s - 7.0).abs() < 1e-4), "{:?}", coarse.scalars[0]);
+        assert!(coarse.colors.iter().all(|c| *c == [100, 150, 200]));
+    }
+
+    #[test]
+    fn locked_points_keep_their_place_and_their_edges() {
+        let fine = sheet(12);
+        let locked: Locked = fine.positions.iter().copied().filter(|p| p[0] == 60).collect();
+        let coarse = simplify(&fine, &locked, 10);
+        for p in &locked {
+            assert!(coarse.positions.contains(p));
+        }
+        let edges = |m: &Mesh| {
+            let mut found: Vec<[LatticePoint; 2]> = (0..m.triangle_count())
+                .flat_map(|t| {
+                    let c = m.corners(t);
+                    [0, 1, 2].map(|k| [c[k].min(c[(k + 1) % 3]), c[k].max(c[(k + 1) % 3])])
+                })
+                .filter(|e| e.iter().all(|p| locked.contains(p)))
+                .collect();
+            found.sort_unstable();
+            found
+        };
+        assert_eq!(edges(&fine), edges(&coarse));
+        assert!(coarse.triangle_count() < fine.triangle_count() / 2);
+    }
+
+    type Locked = rustc_hash::FxHashSet<LatticePoint>;
+}
