@@ -1,5 +1,6 @@
 //! `kilwa build`: read, build, write under a temporary name, read back and check, rename.
 
+use crate::info::metres;
 use crate::progress::Bar;
 use crate::source::open_pack;
 use anyhow::Context;
@@ -73,6 +74,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if args.capture_accuracy.is_some_and(|a| !(a > 0.0 && a.is_finite())) {
         anyhow::bail!("--capture-accuracy must be a length in metres above zero");
     }
+    let same = |input: &PathBuf| matches!((input.canonicalize(), args.output.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    if let Some(input) = args.inputs.iter().find(|input| same(input)) {
+        anyhow::bail!("{} is an input; give another name for the pack", input.display());
+    }
     let bar = Bar::new();
     // Before any input is read: a folder that cannot be written to is better known now than in an hour.
     let folder = match args.output.parent() {
@@ -111,7 +116,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     check(temporary.path(), &bar).context("the pack that was just written does not read back; nothing was kept")?;
     bar.clear();
     readable_like_any_file(temporary.as_file()).with_context(cannot)?;
-    temporary.persist(&args.output).map_err(|e| e.error).with_context(cannot)?;
+    // Without --force a file that appeared in the meantime is not replaced.
+    let kept = if args.force { temporary.persist(&args.output) } else { temporary.persist_noclobber(&args.output) };
+    kept.map_err(|e| e.error).with_context(cannot)?;
     report(args, &built.report)
 }
 
@@ -131,10 +138,13 @@ fn readable_like_any_file(_file: &std::fs::File) -> std::io::Result<()> {
 fn check(path: &Path, bar: &Bar) -> anyhow::Result<()> {
     let pack = open_pack(path)?;
     let total = pack.entries().len() as u32;
+    kilwa_pack::verify::directory(pack.entries())?;
+    let mut totals = kilwa_pack::verify::Totals::default();
     for i in 0..total {
-        pack.chunk(i)?;
+        totals = totals.plus(kilwa_pack::verify::chunk(i, &pack.chunk(i)?, pack.entries())?);
         bar.update("checking", u64::from(i) + 1, u64::from(total));
     }
+    totals.agree(pack.header(), pack.metadata())?;
     Ok(())
 }
 
@@ -167,6 +177,15 @@ fn source_file(path: &Path, bar: &Bar) -> anyhow::Result<SourceFile> {
     Ok(SourceFile { name, bytes, sha256 })
 }
 
+/// A certified bound, rounded up: what is printed is a bound too.
+fn bound(metres: f64) -> String {
+    if metres >= 1.0 {
+        format!("{:.3} m", (metres * 1e3).ceil() / 1e3)
+    } else {
+        format!("{:.3} mm", (metres * 1e6).ceil() / 1e3)
+    }
+}
+
 fn report(args: &Args, r: &BuildReport) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
     if args.json {
@@ -177,7 +196,7 @@ fn report(args: &Args, r: &BuildReport) -> anyhow::Result<()> {
     let p = &r.pack;
     writeln!(out, "{}: {} triangles, {} vertices", args.output.display(), r.triangles, r.vertices)?;
     writeln!(out, "  size      {:.3} × {:.3} × {:.3} m", r.extent[0], r.extent[1], r.extent[2])?;
-    writeln!(out, "  lattice   {:.6} mm steps; median edge {:.3} mm", r.step * 1e3, r.median_edge * 1e3)?;
+    writeln!(out, "  lattice   steps of {}; median edge {}", metres(r.step), metres(r.median_edge))?;
     writeln!(
         out,
         "  borders   {} edges; {} edges used by more than two triangles",
@@ -185,13 +204,13 @@ fn report(args: &Args, r: &BuildReport) -> anyhow::Result<()> {
     )?;
     writeln!(
         out,
-        "  pack      {} bytes, {:.2} per triangle; {} chunks in {} levels; coarsest form {} triangles, within {:.3} m",
+        "  pack      {} bytes, {:.2} per triangle; {} chunks in {} levels; coarsest form {} triangles, within {}",
         p.bytes,
         p.bytes as f64 / r.triangles as f64,
         p.chunks,
         p.levels,
         p.root_triangles,
-        p.root_error
+        bound(p.root_error)
     )?;
     for (kind, f) in &r.findings {
         let places = if f.places.is_empty() { String::new() } else { format!(" (first: {})", f.places.join("; ")) };

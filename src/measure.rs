@@ -67,7 +67,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         Tool::Area => {
             let areas = areas(&pack)?;
             let words = format!("surface {:.6} m²\nplan    {:.6} m²", areas.surface, areas.plan);
-            print(args, &json!({ "area": areas, "uncertainty": uncertainty }), &words, &uncertainty)
+            // Of the coordinates that the areas are made of: how they add up to that of an area depends on how they correlate.
+            print(args, &json!({ "area": areas, "coordinate_uncertainty": uncertainty }), &words, &uncertainty)
         }
     }
 }
@@ -87,10 +88,14 @@ fn print(args: &Args, value: &serde_json::Value, words: &str, uncertainty: &Unce
     }
     writeln!(out, "{words}")?;
     match uncertainty.capture {
-        Some(c) => writeln!(out, "standard uncertainty: lattice {:.3e} m and capture {c} m", uncertainty.lattice)?,
+        Some(c) => writeln!(
+            out,
+            "standard uncertainty of a coordinate: lattice {:.3e} m and capture {c} m",
+            uncertainty.lattice
+        )?,
         None => writeln!(
             out,
-            "standard uncertainty: lattice {:.3e} m only; the accuracy of the capture is unknown",
+            "standard uncertainty of a coordinate: lattice {:.3e} m only; the accuracy of the capture is unknown",
             uncertainty.lattice
         )?,
     }

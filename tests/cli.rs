@@ -281,6 +281,16 @@ fn a_suffix_in_capitals_is_as_good() {
 }
 
 #[test]
+fn an_input_is_never_replaced_by_the_pack_made_of_it() {
+    let (_folder, mesh, _) = fort();
+    let before = std::fs::read(&mesh).unwrap();
+    let output = kilwa(&["build", &mesh, "-o", &mesh, "--force"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("is an input"), "{}", stderr(&output));
+    assert_eq!(std::fs::read(&mesh).unwrap(), before);
+}
+
+#[test]
 fn an_output_that_cannot_be_written_is_named() {
     let (folder, mesh, pack) = fort();
     let nowhere = folder.path().join("no/such/folder/out");

@@ -49,7 +49,8 @@ pub fn assemble<W: std::io::Write>(
     let mut refined = levels.refined;
     refined.sort_by_cached_key(|r| order_key(&tree.diamonds[r.diamond as usize].key));
     let number: FxHashMap<u32, u32> = refined.iter().zip(1u32..).map(|(r, i)| (r.diamond, i)).collect();
-    let step = header.lattice.step();
+    let lattice = header.lattice;
+    let step = lattice.step();
     let mut entries = vec![root_entry(&levels.roots)];
     for r in &refined {
         let key = tree.diamonds[r.diamond as usize].key;
@@ -68,11 +69,21 @@ pub fn assemble<W: std::io::Write>(
         .map(|patches| {
             let chunk = chunk_of(patches);
             let counts = Counts::of(&chunk);
+            if counts.triangles > chunk::MAX_CHUNK_TRIANGLES {
+                let at = lattice.world_from_lattice(counts.bounds.min);
+                let why = format!(
+                    "{} triangles near {at:?} m can neither be divided nor simplified (loose triangles, or all at one \
+                     place); a chunk holds {}: remove small components, or weld the mesh first",
+                    counts.triangles,
+                    chunk::MAX_CHUNK_TRIANGLES
+                );
+                return Err(BuildError::TooLarge { why });
+            }
             let bytes = chunk::encode(&chunk, attributes)?;
             progress.update("encoding", done.fetch_add(1, Ordering::Relaxed) + 1, total);
             Ok((bytes, counts))
         })
-        .collect::<Result<_, kilwa_pack::PackError>>()?;
+        .collect::<Result<_, BuildError>>()?;
     for (entry, (bytes, counts)) in entries.iter_mut().zip(&encoded) {
         entry.encoded_bytes = u32::try_from(bytes.len())
             .map_err(|_| BuildError::TooLarge { why: "a chunk of more than 4 GiB".into() })?;

@@ -12,7 +12,7 @@
 
 use kilwa_geometry::Mesh;
 use kilwa_geometry::bvh::{Bounds, Bvh};
-use kilwa_geometry::distance::{DISTANCE_SLACK, Vec3, cross, dot, point_triangle_squared, sub};
+use kilwa_geometry::distance::{ABSOLUTE_SLACK, DISTANCE_SLACK, Vec3, cross, dot, point_triangle_squared, sub};
 use rustc_hash::FxHashMap;
 
 /// Halvings of a triangle after which a loose bound is accepted (it is a bound all the same).
@@ -77,7 +77,9 @@ pub fn certify(fine: &Mesh, fine_bounds: &[Bound], coarse: &Mesh) -> Vec<Bound> 
 
 /// `d + carried` rounded up to f32, with the slack of the distance computation.
 fn add_up(d: f64, carried: f32) -> f32 {
-    let sum = d * (1.0 + DISTANCE_SLACK) + f64::from(carried);
+    // Triangles that both share are exact.
+    let slack = if d > 0.0 { ABSOLUTE_SLACK } else { 0.0 };
+    let sum = d * (1.0 + DISTANCE_SLACK) + slack + f64::from(carried);
     let f = sum as f32;
     if f64::from(f) < sum { f.next_up() } else { f }
 }

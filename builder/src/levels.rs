@@ -132,12 +132,8 @@ fn submesh(mesh: &Mesh, triangles: &[u32]) -> Mesh {
 }
 
 /// Sort key of a triangle: its corners as they are, attributes included, so that ties are true duplicates.
-fn canonical_key(mesh: &Mesh, t: usize) -> [(u128, [u8; 3], [i16; 2]); 3] {
-    let corner = |v: u32| {
-        let i = v as usize;
-        (point_key(mesh.positions[i]), mesh.colors.get(i).copied().unwrap_or_default(), mesh.normals[i])
-    };
-    mesh.triangles[t].map(corner)
+fn canonical_key(mesh: &Mesh, t: usize) -> [VertexKey; 3] {
+    mesh.triangles[t].map(|v| VertexKey::of(mesh, v as usize))
 }
 
 fn leaf_patches(mesh: &Mesh, tree: &Partition) -> FxHashMap<u32, Patch> {
@@ -258,7 +254,7 @@ fn merge(input: &[(u32, Patch)]) -> Patch {
 }
 
 /// The identity of a vertex across patches.
-#[derive(PartialEq, Eq, Hash)]
+#[derive(PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct VertexKey {
     position: LatticePoint,
     color: [u8; 3],

@@ -19,6 +19,9 @@ pub const NORMAL_BITS: u32 = 10;
 /// The part of the median-to-small edge range that the step must resolve: 1/16 of the 1st-percentile edge.
 const STEP_PER_EDGE: f64 = 1.0 / 16.0;
 
+/// Models wider than this many metres are refused: a light second, and errors still fit `f32`.
+const WIDEST: f64 = 3e8;
+
 /// The welded mesh and what was learned on the way.
 pub struct Prepared {
     /// The lattice of all positions.
@@ -130,7 +133,12 @@ fn choose_lattice(raw: &RawMesh, options: &BuildOptions, edges: &[f32]) -> Resul
     }
     let extent = (0..3).map(|i| max[i] - min[i]).fold(0.0, f64::max);
     let magnitude = (0..3).map(|i| min[i].abs().max(max[i].abs())).fold(0.0, f64::max);
-    if !(extent > 0.0 && extent.is_finite()) {
+    if !extent.is_finite() || extent > WIDEST {
+        let why =
+            format!("it is {extent:e} m wide, with coordinates up to {magnitude:e} m; check --units and the export");
+        return Err(BuildError::TooLarge { why });
+    }
+    if extent <= 0.0 {
         return Err(BuildError::Empty {
             why: format!(
                 "all {} vertices of the triangles are at the same place; check the export",
@@ -139,36 +147,47 @@ fn choose_lattice(raw: &RawMesh, options: &BuildOptions, edges: &[f32]) -> Resul
         });
     }
     // The cube must hold the extent plus padding in 30 bits.
-    let coarsest = (extent * 1.1 / f64::from(MAX_COORDINATE)).log2().ceil() as i32;
+    let coarsest = libm::log2(extent * 1.1 / f64::from(MAX_COORDINATE)).ceil() as i32;
     // Finer than the doubles of the source can tell apart is no use (and f64 world coordinates must stay exact).
-    let finest = ((magnitude * f64::EPSILON).log2().floor() as i32).max(-60);
-    let step_log2 = match options.step {
-        Some(step) => {
-            let log = step.log2();
-            if !(step > 0.0 && step.is_finite() && log.fract() == 0.0) {
-                let below = 2f64.powf(log.floor());
-                let why = format!("it must be a power of two of a metre; the next smaller one is {below}");
-                return Err(BuildError::Step { step, why });
-            }
-            let log = log as i32;
-            if log < coarsest {
-                let why = format!(
-                    "the model is {extent:.3} m wide and a lattice has 2^30 steps; use {} m or more",
-                    2f64.powi(coarsest)
-                );
-                return Err(BuildError::Step { step, why });
-            }
-            log
-        }
-        None => ((percentile(edges, 0.01) * STEP_PER_EDGE).log2().floor() as i32).max(coarsest).max(finest),
-    };
+    let finest = (libm::log2(magnitude * f64::EPSILON).floor() as i32).max(-60);
+    let median = percentile(edges, 0.5);
+    if options.step.is_none() && 2f64.powi(coarsest) > median {
+        let why = format!(
+            "it is {extent:e} m wide, but half of its edges are shorter than {median:e} m, and a lattice has 2^30 steps: a \
+             vertex is astray, between {min:?} and {max:?} m; remove it, or give --step"
+        );
+        return Err(BuildError::TooLarge { why });
+    }
+    let derived = || (libm::log2(percentile(edges, 0.01) * STEP_PER_EDGE).floor() as i32).max(coarsest).max(finest);
+    let step_log2 = options.step.map_or_else(|| Ok(derived()), |step| given_step(step, extent, coarsest))?;
     let step = 2f64.powi(step_log2);
     let steps = extent / step;
-    let cube_log2 = ((steps * 1.05 + 4.0).log2().ceil() as u32).clamp(2, 30);
+    let cube_log2 = (libm::log2(steps * 1.05 + 4.0).ceil() as u32).clamp(2, 30);
     let half = f64::from(1u32 << (cube_log2 - 1));
     // A multiple of the step, so that world coordinates of lattice points are exact in f64 wherever 53 bits allow.
     let origin = std::array::from_fn(|i| (((min[i] + max[i]) * 0.5 / step).round() - half) * step);
     Ok((Lattice { origin, step_log2 }, cube_log2))
+}
+
+/// The logarithm of a step that the user asked for.
+fn given_step(step: f64, extent: f64, coarsest: i32) -> Result<i32, BuildError> {
+    if !(step > 0.0 && step.is_finite()) {
+        return Err(BuildError::Step { step, why: "it must be above zero".to_owned() });
+    }
+    let log = libm::log2(step);
+    if log.fract() != 0.0 {
+        let below = 2f64.powf(log.floor());
+        let why = format!("it must be a power of two of a metre; the next smaller one is {below}");
+        return Err(BuildError::Step { step, why });
+    }
+    if (log as i32) < coarsest {
+        let why = format!(
+            "the model is {extent:e} m wide and a lattice has 2^30 steps; use {} m or more",
+            2f64.powi(coarsest)
+        );
+        return Err(BuildError::Step { step, why });
+    }
+    Ok(log as i32)
 }
 
 /// The identity of a wedge: position and all attributes, bit for bit.
@@ -320,5 +339,40 @@ mod tests {
         };
         let error = prepare(raw, &BuildOptions::default()).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(error.contains("20 scalar channels") && error.contains("channel19"), "{error}");
+    }
+
+    #[test]
+    fn a_vertex_far_astray_is_refused_instead_of_ruining_the_lattice() {
+        let mut raw = RawMesh::default();
+        for i in 0..100u32 {
+            let x = f64::from(i) * 0.01;
+            raw.positions.extend([[x, 0.0, 0.0], [x, 0.01, 0.0], [x + 0.01, 0.0, 0.0]]);
+            raw.triangles.push([3 * i, 3 * i + 2, 3 * i + 1]);
+        }
+        assert!(prepare(raw.clone(), &BuildOptions::default()).is_ok());
+        for astray in [1e8, 1e12, 1e300, f64::MAX] {
+            raw.positions[0] = [astray, 0.0, 0.0];
+            let error = prepare(raw.clone(), &BuildOptions::default()).err().map(|e| e.to_string()).unwrap_or_default();
+            assert!(error.contains("m wide"), "{astray}: {error}");
+        }
+    }
+
+    #[test]
+    fn the_step_that_a_refusal_names_can_be_built_with() {
+        let mut raw = RawMesh::default();
+        for i in 0..80u32 {
+            for j in 0..80u32 {
+                let v = raw.positions.len() as u32;
+                let (x, y) = (f64::from(i) * 0.1, f64::from(j) * 0.1);
+                raw.positions.extend([[x, y, 0.0], [x + 0.1, y, 0.0], [x, y + 0.1, 0.0]]);
+                raw.triangles.push([v, v + 1, v + 2]);
+            }
+        }
+        let given = |step| BuildOptions { step: Some(step), ..BuildOptions::default() };
+        let error = prepare(raw.clone(), &given(2f64.powi(-40))).err().map(|e| e.to_string()).unwrap_or_default();
+        let named: f64 =
+            error.rsplit("use ").next().and_then(|s| s.split(' ').next()).and_then(|s| s.parse().ok()).expect("a step");
+        assert!(crate::build_pack(raw, &given(named), &crate::Silent).is_ok(), "{named}");
+        assert!(prepare(RawMesh::default(), &given(0.0)).is_err());
     }
 }

@@ -73,8 +73,8 @@ fn number(pack: &Opened) -> Numbered {
     Numbered { patches, edges: names, allowed }
 }
 
-/// Check one cut; returns its triangles and the number of edges used once.
-fn check(pack: &Opened, numbered: &Numbered, cut: &Cut) -> Result<(usize, usize), String> {
+/// Check one cut; returns its triangles, the number of edges used once, and of those used an odd number of times.
+fn check(pack: &Opened, numbered: &Numbered, cut: &Cut) -> Result<(usize, usize, usize), String> {
     let mut uses = vec![(0u8, false); numbered.edges.len()];
     let mut stands = vec![0u16; numbered.allowed.len()];
     let mut total = 0;
@@ -97,23 +97,28 @@ fn check(pack: &Opened, numbered: &Numbered, cut: &Cut) -> Result<(usize, usize)
         }
     }
     let once = uses.iter().filter(|u| u.0 == 1).count();
+    let odd = uses.iter().filter(|u| u.0 % 2 == 1).count();
     match uses.iter().position(|u| u.0 == 1 && !u.1) {
         Some(e) => Err(format!("crack at edge {:?}", numbered.edges[e])),
-        None => Ok((total, once)),
+        None => Ok((total, once, odd)),
     }
 }
 
 fn no_crack_in_any_cut(name: &str, raw: kilwa_builder::RawMesh, is_closed: bool) {
     let pack = open(&build(raw, 0));
     let numbered = number(&pack);
-    let results: Vec<(usize, usize)> = (0..CUTS)
+    let results: Vec<(usize, usize, usize)> = (0..CUTS)
         .into_par_iter()
         .map(|seed| {
             let target = 1 + (pack.entries.len() * (seed as usize % 97)) / 97;
             let cut = Cut::random(&pack.entries, seed, target);
             assert!(cut.is_valid(&pack.entries));
             let r = check(&pack, &numbered, &cut).unwrap_or_else(|e| panic!("{name}, cut {seed}: {e}"));
-            assert!(!is_closed || r.1 == 0, "{name}, cut {seed}: {} edges of a closed mesh are used once", r.1);
+            assert!(
+                !is_closed || r.2 == 0,
+                "{name}, cut {seed}: {} edges of a closed mesh are used an odd number of times",
+                r.2
+            );
             r
         })
         .collect();

@@ -259,7 +259,7 @@ impl Simplifier<'_> {
         p.at = target;
         p.local = local(target, self.center);
         p.version += 1;
-        (p.head, p.tail) = (NONE, NONE);
+        (p.head, p.tail, p.corners) = (NONE, NONE, 0);
         self.occupied.remove(&old);
         self.occupied.insert(target, keep);
         for c in all {

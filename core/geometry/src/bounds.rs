@@ -98,7 +98,7 @@ impl Sphere {
 }
 
 fn inflate(r: f64) -> f64 {
-    r * (1.0 + 1e-12) + 1e-9
+    r * (1.0 + 1e-12) + 1e-6
 }
 
 fn dist2(a: [f64; 3], b: [f64; 3]) -> f64 {

@@ -1,10 +1,13 @@
 //! Exact-enough distances in `f64`: point to triangle, and the ray–triangle intersection that picks rest on.
 //!
-//! Coordinates are lattice steps below 2^31, so every difference is exact and the relative error of a distance is a few
-//! units in the last place; callers that need a *bound* add [`DISTANCE_SLACK`].
+//! Coordinates are lattice steps below 2^31, so every difference of them is exact; a distance is right to a few units in
+//! the last place of the coordinates. Callers that need a *bound* add [`DISTANCE_SLACK`] and [`ABSOLUTE_SLACK`].
 
 /// Relative rounding slack of [`point_triangle_squared`]'s square root, generous by orders of magnitude.
 pub const DISTANCE_SLACK: f64 = 1e-9;
+
+/// Absolute slack of a distance, in lattice steps: a hundred times what was seen at coordinates of 2^28.
+pub const ABSOLUTE_SLACK: f64 = 1e-6;
 
 /// A point or vector in `f64`.
 pub type Vec3 = [f64; 3];
@@ -56,7 +59,24 @@ pub fn closest_on_triangle(p: Vec3, [a, b, c]: [Vec3; 3]) -> Vec3 {
     }
     let denominator = va + vb + vc;
     let (v, w) = (vb / denominator, vc / denominator);
+    let n = cross(ab, ac);
+    // So thin that the areas are rounding noise: the nearest point of an edge, which is on the triangle in any case.
+    let thin = dot(n, n) <= 1e-12 * dot(ab, ab) * dot(ac, ac);
+    if thin || !(v >= 0.0 && w >= 0.0 && v + w <= 1.0) {
+        let far = |q: &Vec3| {
+            let e = sub(p, *q);
+            dot(e, e)
+        };
+        let edges = [on_segment(p, a, ab), on_segment(p, a, ac), on_segment(p, b, sub(c, b))];
+        return edges.into_iter().min_by(|x, y| far(x).total_cmp(&far(y))).unwrap_or(a);
+    }
     [a[0] + ab[0] * v + ac[0] * w, a[1] + ab[1] * v + ac[1] * w, a[2] + ab[2] * v + ac[2] * w]
+}
+
+/// The point of the segment from `s` along `d` nearest to `p`.
+fn on_segment(p: Vec3, s: Vec3, d: Vec3) -> Vec3 {
+    let l = dot(d, d);
+    along(s, d, if l > 0.0 { (dot(sub(p, s), d) / l).clamp(0.0, 1.0) } else { 0.0 })
 }
 
 fn along(a: Vec3, d: Vec3, t: f64) -> Vec3 {
@@ -95,6 +115,23 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn the_closest_point_of_a_triangle_without_area_is_on_it(
+            p in prop::array::uniform3(-100.0f64..100.0), a in point(), d in point(), s in -9i32..9, size in 0u32..20,
+        ) {
+            let scale = f64::from(1u32 << size);
+            let (a, d, p) = (a.map(|x| x * scale), d.map(|x| x * scale), p.map(|x| x * scale));
+            let end = |t: f64| -> Vec3 { std::array::from_fn(|i| a[i] + d[i] * t) };
+            let (b, c) = (end(1.0), end(f64::from(s)));
+            let found = point_triangle_squared(p, [a, b, c]).sqrt();
+            let segments = [(a, b), (b, c), (c, a)].map(|(u, v)| {
+                let q = on_segment(p, u, sub(v, u));
+                dot(sub(p, q), sub(p, q)).sqrt()
+            });
+            let right = segments.into_iter().fold(f64::MAX, f64::min);
+            prop_assert!((found - right).abs() <= 1e-9 * scale * 1000.0, "{found} {right}");
+        }
+
         #[test]
         fn the_closest_point_beats_a_dense_sampling_of_the_triangle(p in point(), a in point(), b in point(), c in point()) {
             let d = point_triangle_squared(p, [a, b, c]).sqrt();

@@ -37,7 +37,8 @@ impl Tetra {
 
     /// The midpoint of the longest edge: the name of the diamond that splits this tetrahedron.
     pub fn midpoint(&self) -> LatticePoint {
-        std::array::from_fn(|i| (self.v[0][i] + self.v[3][i]) >> 1)
+        // A cube of 2^30 steps has sums of 2^31.
+        std::array::from_fn(|i| i32::midpoint(self.v[0][i], self.v[3][i]))
     }
 
     /// The two halves. Child 0 keeps `v[0]`, child 1 keeps `v[3]`.
@@ -166,6 +167,18 @@ mod tests {
                 }
             }
             level = next;
+        }
+    }
+
+    #[test]
+    fn the_largest_cube_divides_like_a_small_one() {
+        let (mut large, mut small) = (Tetra::roots(30).to_vec(), Tetra::roots(20).to_vec());
+        for _ in 0..5 {
+            large = large.iter().flat_map(Tetra::children).collect();
+            small = small.iter().flat_map(Tetra::children).collect();
+            for (l, s) in large.iter().zip(&small) {
+                assert_eq!(l.v, s.v.map(|p| p.map(|x| x << 10)));
+            }
         }
     }
 
