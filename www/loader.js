@@ -57,20 +57,20 @@ export class Pack {
     const response = await this.#ask(offset, length, signal, fresh);
     const etag = response.headers.get("etag");
     if (this.etag && etag && etag !== this.etag) {
-      await response.body?.cancel();
+      await discard(response);
       throw new PackError("changed", "the ETag of the file changed");
     }
     if (response.status === 200) {
-      await response.body?.cancel();
+      await discard(response);
       throw new PackError("server", "the server answered with the whole file instead of a part");
     }
     const range = contentRange(response);
     if (range && range.total !== null && range.total !== this.bytes) {
-      await response.body?.cancel();
+      await discard(response);
       throw new PackError("changed", "the length of the file changed");
     }
     if (range && (range.from !== offset || range.to !== offset + length - 1)) {
-      await response.body?.cancel();
+      await discard(response);
       throw new PackError("server", `asked for ${offset} to ${offset + length - 1}, got ${range.from} to ${range.to}`);
     }
     const bytes = await read(response, length, () => {});
@@ -93,7 +93,7 @@ export class Pack {
       throw new PackError("offline", String(error.message ?? error));
     }
     if (response.status === 200 || response.status === 206) return response;
-    await response.body?.cancel();
+    await discard(response);
     const says = `${response.status} ${response.statusText}`.trim();
     if (response.status === 404 || response.status === 410) throw new PackError("missing", says);
     // Nothing there to send a part of: an empty file at the start, a shorter file later.
@@ -105,7 +105,7 @@ export class Pack {
     const header = response.headers.get("content-length");
     const length = header === null ? NaN : Number(header);
     if (!(length <= WHOLE_LIMIT)) {
-      await response.body?.cancel();
+      await discard(response);
       throw new PackError("noRange", "the server ignores Range", { bytes: length });
     }
     // What arrives is counted after decompression, what is announced before: only an end before the end is an error.
@@ -126,6 +126,11 @@ export function contentRange(response) {
   return { from: Number(match[1]), to: Number(match[2]), total: match[3] === "*" ? null : Number(match[3]) };
 }
 
+/** Stop an answer that is not wanted. One whose connection broke already has stopped: its error says nothing more. */
+async function discard(response) {
+  await response.body?.cancel().catch(() => {});
+}
+
 /** All bytes of an answer, at most `limit`; fewer or more than `length` is an error. */
 async function read(response, length, onProgress, limit = length) {
   const reader = response.body.getReader();
@@ -137,7 +142,7 @@ async function read(response, length, onProgress, limit = length) {
       if (done) break;
       if (at + value.length > into.length) {
         if (length !== null || at + value.length > limit) {
-          await reader.cancel();
+          await reader.cancel().catch(() => {});
           throw new PackError("truncated", "more bytes came than were asked for");
         }
         const larger = new Uint8Array(Math.max(into.length * 2, at + value.length));

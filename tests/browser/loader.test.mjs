@@ -134,3 +134,17 @@ test("a cancelled request ends as such", async () => {
   setTimeout(() => controller.abort(), 20);
   await assert.rejects(asked, { name: "AbortError" });
 });
+
+test("a connection that breaks while an answer is being thrown away does not hide the reason", async () => {
+  const real = globalThis.fetch;
+  globalThis.fetch = async () => ({
+    status: 200,
+    headers: new Headers({ "content-length": "3000000000" }),
+    body: { cancel: () => Promise.reject(new TypeError("network error")) },
+  });
+  try {
+    await assert.rejects(new Pack(url).head(), kind("noRange"));
+  } finally {
+    globalThis.fetch = real;
+  }
+});
