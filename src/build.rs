@@ -51,6 +51,9 @@ pub(crate) struct Args {
     json: bool,
 }
 
+/// Every source is named in the metadata, with its hash, and the metadata must leave room for a picture in the head.
+const MOST_INPUTS: usize = 500;
+
 fn units(name: &str) -> Result<Units, String> {
     Units::parse(name).ok_or_else(|| "give m, dm, cm, mm, km, ft, us-ft or in".to_owned())
 }
@@ -77,6 +80,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let same = |input: &PathBuf| matches!((input.canonicalize(), args.output.canonicalize()), (Ok(a), Ok(b)) if a == b);
     if let Some(input) = args.inputs.iter().find(|input| same(input)) {
         anyhow::bail!("{} is an input; give another name for the pack", input.display());
+    }
+    if args.inputs.len() > MOST_INPUTS {
+        anyhow::bail!("{} inputs; a pack names at most {MOST_INPUTS} source files: join them first", args.inputs.len());
     }
     let bar = Bar::new();
     // Before any input is read: a folder that cannot be written to is better known now than in an hour.
