@@ -6,7 +6,7 @@ mod support;
 use kilwa_geometry::Lattice;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use support::{Input, Ply, fails, json, kilwa, shared, succeeds, text};
+use support::{Input, Ply, fails, json, kilwa, plys, shared, succeeds, text};
 
 /// Triangles of the torus.
 const TRIANGLES: usize = 40_960;
@@ -106,19 +106,6 @@ fn coarser_extracts_have_no_cracks_and_keep_their_promise() {
         String::from_utf8_lossy(&few.stderr).contains("coarsest"),
         "where there is nothing so coarse, that is said"
     );
-}
-
-/// All PLY files below a folder, in order.
-fn plys(folder: &Path, found: &mut Vec<PathBuf>) {
-    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
-    entries.sort();
-    for path in entries {
-        if path.is_dir() {
-            plys(&path, found);
-        } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) {
-            found.push(path);
-        }
-    }
 }
 
 /// Build, verify and extract one file; whether it was built. What comes back is compared with what the reader gives.

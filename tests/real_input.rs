@@ -8,22 +8,10 @@ use kilwa_builder::read::read_mesh;
 use kilwa_geometry::Lattice;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use support::{Ply, fails, json, succeeds, text};
+use support::{Ply, fails, json, plys, succeeds, text};
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
-}
-
-fn plys(folder: &Path, found: &mut Vec<PathBuf>) {
-    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
-    entries.sort();
-    for path in entries {
-        if path.is_dir() {
-            plys(&path, found);
-        } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) {
-            found.push(path);
-        }
-    }
 }
 
 fn is_empty(folder: &Path) -> bool {

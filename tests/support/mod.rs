@@ -34,6 +34,19 @@ pub(crate) fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
+/// All PLY files below a folder, in order.
+pub(crate) fn plys(folder: &Path, found: &mut Vec<PathBuf>) {
+    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    entries.sort();
+    for path in entries {
+        if path.is_dir() {
+            plys(&path, found);
+        } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) {
+            found.push(path);
+        }
+    }
+}
+
 /// A file of the shared data, or `None`, said by name.
 pub(crate) fn shared(name: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
