@@ -1,7 +1,8 @@
 //! From the finished hierarchy to the file: number the diamonds coarse to fine and along a space-filling curve, saturate
 //! errors and spheres, weld each diamond's patches into a chunk, encode, write.
 
-use crate::levels::{Levels, Refined, VertexKey};
+use crate::fragment::VertexKey;
+use crate::levels::{Levels, Refined};
 use crate::options::BuildError;
 use crate::partition::Partition;
 use crate::progress::Progress;

@@ -1,7 +1,7 @@
 //! The whole build, in memory: raw mesh in, pack out.
 
 use crate::assemble::{PackSummary, assemble};
-use crate::levels::coarsen;
+use crate::levels::coarsen_all;
 use crate::options::{BuildError, BuildOptions, Up};
 use crate::partition::partition;
 use crate::prepare::{Prepared, prepare};
@@ -75,7 +75,7 @@ fn build_in_pool(raw: RawMesh, options: &BuildOptions, progress: &dyn Progress) 
     progress.update("partitioning", 0, 1);
     let tree = partition(&prepared.mesh, prepared.cube_log2, options.leaf_triangles);
     progress.update("partitioning", 1, 1);
-    let levels = coarsen(&prepared.mesh, &tree, progress);
+    let levels = coarsen_all(&prepared.mesh, &tree, progress);
     let metadata = metadata(&prepared, options);
     let header = Header {
         lattice: prepared.lattice,

@@ -7,6 +7,7 @@
 pub mod assemble;
 mod build;
 pub mod certify;
+pub mod fragment;
 pub mod levels;
 pub mod options;
 pub mod partition;

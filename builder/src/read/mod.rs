@@ -12,6 +12,7 @@
 
 mod error;
 pub mod ply;
+pub mod sink;
 mod sniff;
 
 pub use error::{Place, ReadError};
