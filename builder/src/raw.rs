@@ -68,7 +68,7 @@ impl Findings {
 }
 
 /// The grey of a vertex whose file has no colours, where others have.
-const UNCOLOURED: [u8; 3] = [200, 196, 188];
+pub(crate) const UNCOLOURED: [u8; 3] = [200, 196, 188];
 
 impl RawMesh {
     /// Join another mesh to this one. Where only one of them has colours or scalars, the vertices of the other get a

@@ -54,7 +54,7 @@ pub enum ReadError {
         source: io::Error,
     },
     /// The file is of a format that is not read.
-    #[error("{} is {what}; this version of Kilwa reads PLY. {way_out}", file.display())]
+    #[error("{} is {what}; this version of Kilwa reads PLY, OBJ, STL and glTF. {way_out}", file.display())]
     Format {
         /// The file.
         file: PathBuf,
@@ -84,6 +84,18 @@ pub enum ReadError {
         found: String,
         /// What the user can do.
         way_out: &'static str,
+    },
+    /// A scratch file failed; the cause is the source of this error.
+    #[error("while {} was read: a scratch file in {} cannot be {what}", file.display(), folder.display())]
+    Scratch {
+        /// The mesh file in hand.
+        file: PathBuf,
+        /// Where the scratch file is.
+        folder: PathBuf,
+        /// "made", "written" or "read".
+        what: &'static str,
+        /// Why the system refused, for example that the disk is full.
+        source: io::Error,
     },
     /// The file is sound but beyond a limit of this version.
     #[error("{}: {what}", file.display())]

@@ -1,45 +1,103 @@
-//! Mesh readers: a file on disk becomes a [`RawMesh`].
+//! Mesh readers: a file on disk is handed on in blocks to a [`MeshSink`].
 //!
-//! The format is told by the content of the file, never by its name, so `SCAN.PLY` and `scan.dat` read alike. This
-//! version reads PLY ([`ply`]); every other format that can be recognised is refused by its name, with the way out.
+//! The format is told by the content of the file, never by its name, so `SCAN.PLY` and `scan.dat` read alike. The table
+//! [`FORMATS`] lists what is read; every other format that can be recognised is refused by its name, with the way out.
 //!
-//! Invariants of what is returned: every position is finite, every index is below the number of vertices, every
-//! attribute is either empty or has one value per vertex, there is at least one triangle, and no triangle names the
-//! same vertex twice. Whatever was dropped or repaired to get there is in `findings`, with a count and the first places.
+//! Invariants: a reader delivers vertices and triangles in the order of the file and holds nothing that grows with the
+//! mesh; at least one triangle is delivered, or the file is refused. [`read_mesh`] keeps all in memory, with what
+//! [`MemorySink`] promises. Whatever was dropped or repaired is in the findings, with a count and the first places.
 //!
 //! Failures: the file cannot be opened or read; it is of another format; it is damaged or cut; it has no triangles.
 //! Memory is bounded by what the file really holds, never by what its header claims.
 
 mod error;
+mod memory;
 pub mod ply;
 pub mod sink;
 mod sniff;
 
 pub use error::{Place, ReadError};
+pub use memory::MemorySink;
+pub use sink::{MeshSink, VertexBlock};
 
 use crate::raw::RawMesh;
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// How much of the beginning is looked at to recognise the format.
 const SNIFFED: u64 = 16 * 1024;
 
-/// Read the mesh in the file at `path`.
+/// Called with (bytes done, bytes in all).
+pub type OnProgress<'a> = dyn FnMut(u64, u64) + 'a;
+
+/// Any source of bytes that can be read twice.
+pub trait Bytes: Read + Seek {}
+
+impl<T: Read + Seek> Bytes for T {}
+
+/// One input in the hands of a reader.
+pub struct Input<'a> {
+    /// Its name in messages, and the folder in which files that it names are looked for.
+    pub path: &'a Path,
+    /// Bytes in all.
+    pub total: u64,
+    /// The bytes, at the beginning.
+    pub source: &'a mut dyn Bytes,
+    /// To be called about once a mebibyte and once at the end.
+    pub progress: &'a mut OnProgress<'a>,
+}
+
+/// A format that is read.
+struct Format {
+    /// Whether a file of so many bytes that begins with these is of this format.
+    is: fn(start: &[u8], total: u64) -> bool,
+    /// Delivers it.
+    read: fn(Input<'_>, &mut dyn MeshSink) -> Result<(), ReadError>,
+}
+
+/// Asked in this order.
+const FORMATS: &[Format] = &[Format { is: |start, _| ply::is_ply(start), read: ply::read }];
+
+/// Deliver the mesh in the file at `path` to `sink`.
 ///
 /// `progress` is called with (bytes done, bytes in all) about once a mebibyte and once at the end.
 ///
 /// # Errors
-/// [`ReadError`], whose text names the file, the place and what to do.
-pub fn read_mesh(path: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<RawMesh, ReadError> {
-    let open = |source| ReadError::Open { file: path.to_owned(), source };
-    let file = File::open(path).map_err(open)?;
-    let about = file.metadata().map_err(open)?;
-    if !about.is_file() {
-        let what = if about.is_dir() { "a folder" } else { "not a regular file" };
-        return Err(ReadError::NotAFile { file: path.to_owned(), what });
+/// [`ReadError`], whose text names the file, the place and what to do; what `sink` returns.
+pub fn read_into(path: &Path, sink: &mut dyn MeshSink, progress: &mut OnProgress<'_>) -> Result<(), ReadError> {
+    let (mut file, total) = open(path)?;
+    read_into_from(&mut file, total, path, sink, progress)
+}
+
+/// As [`read_into`], from any source of `total` bytes; `path` is its name in messages.
+///
+/// # Errors
+/// As [`read_into`].
+pub fn read_into_from(
+    source: &mut dyn Bytes,
+    total: u64,
+    path: &Path,
+    sink: &mut dyn MeshSink,
+    progress: &mut OnProgress<'_>,
+) -> Result<(), ReadError> {
+    let cannot = |source| ReadError::Io { file: path.to_owned(), offset: 0, source };
+    let mut start = Vec::new();
+    (&mut *source).take(SNIFFED).read_to_end(&mut start).map_err(cannot)?;
+    source.seek(SeekFrom::Start(0)).map_err(cannot)?;
+    match FORMATS.iter().find(|format| (format.is)(&start, total)) {
+        Some(format) => (format.read)(Input { path, total, source, progress: &mut |a, b| progress(a, b) }, sink),
+        None => Err(sniff::refusal(&start, total, path)),
     }
-    read_mesh_from(file, about.len(), path, progress)
+}
+
+/// Read the mesh in the file at `path` into memory.
+///
+/// # Errors
+/// As [`read_into`]; [`ReadError::NoTriangles`] also where no triangle is left.
+pub fn read_mesh(path: &Path, progress: &mut OnProgress<'_>) -> Result<RawMesh, ReadError> {
+    let (file, total) = open(path)?;
+    read_mesh_from(file, total, path, progress)
 }
 
 /// Read a mesh of `total` bytes from any source of bytes; `path` is only its name in messages.
@@ -47,19 +105,23 @@ pub fn read_mesh(path: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<RawM
 /// # Errors
 /// As [`read_mesh`].
 pub fn read_mesh_from(
-    mut source: impl Read,
+    mut source: impl Bytes,
     total: u64,
     path: &Path,
-    progress: &mut dyn FnMut(u64, u64),
+    progress: &mut OnProgress<'_>,
 ) -> Result<RawMesh, ReadError> {
-    let mut start = Vec::new();
-    (&mut source).take(SNIFFED).read_to_end(&mut start).map_err(|source| ReadError::Io {
-        file: path.to_owned(),
-        offset: 0,
-        source,
-    })?;
-    if ply::is_ply(&start) {
-        return ply::read(&mut start.as_slice().chain(source), total, path, progress);
+    let mut sink = MemorySink::new(path);
+    read_into_from(&mut source, total, path, &mut sink, progress)?;
+    sink.into_mesh()
+}
+
+fn open(path: &Path) -> Result<(File, u64), ReadError> {
+    let cannot = |source| ReadError::Open { file: path.to_owned(), source };
+    let file = File::open(path).map_err(cannot)?;
+    let about = file.metadata().map_err(cannot)?;
+    if !about.is_file() {
+        let what = if about.is_dir() { "a folder" } else { "not a regular file" };
+        return Err(ReadError::NotAFile { file: path.to_owned(), what });
     }
-    Err(sniff::refusal(&start, total, path))
+    Ok((file, about.len()))
 }

@@ -1,5 +1,5 @@
 //! Where readers deliver to. A reader never holds the mesh: it hands on blocks of vertices and of triangles in the order
-//! of the file, and the sink keeps them (in memory: [`crate::RawMesh`]; in scratch files: the builder).
+//! of the file, and the sink keeps them (in memory: [`super::MemorySink`]; in scratch files: the builder).
 //!
 //! Vertices are numbered from 0 within one input, in the order of delivery; triangles name these numbers. A triangle may
 //! name vertices that come later. What cannot be kept is dropped and counted by the reader in [`MeshSink::findings`]; what needs all
@@ -7,6 +7,15 @@
 
 use super::ReadError;
 use crate::raw::Findings;
+
+/// Finding: a triangle names a vertex twice. Reader or sink.
+pub const TWICE: &str = "triangles that name a vertex twice dropped";
+/// Finding: a vertex that is not finite. Sink.
+pub const NO_POSITION: &str = "vertices without a finite position dropped";
+/// Finding: a triangle at such a vertex. Sink; the reader for polygons that it does not cut for that reason.
+pub const NOT_FINITE: &str = "triangles dropped because a corner has no finite position";
+/// Finding: a vertex that no triangle names. Sink, once per input.
+pub const UNUSED: &str = "vertices that no triangle uses";
 
 /// A block of vertices. Every attribute that is present has one entry per position; an input may give an attribute for
 /// some blocks and not for others.

@@ -6,7 +6,7 @@ use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 
 fuzz_target!(|bytes: &[u8]| {
-    let Ok(mesh) = read_mesh_from(bytes, bytes.len() as u64, Path::new("fuzz.ply"), &mut |_, _| {}) else {
+    let Ok(mesh) = read_mesh_from(std::io::Cursor::new(bytes), bytes.len() as u64, Path::new("fuzz.ply"), &mut |_, _| {}) else {
         return;
     };
     let n = mesh.positions.len();

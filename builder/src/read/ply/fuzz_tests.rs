@@ -35,7 +35,9 @@ fn bytes_of(mesh: &RawMesh) -> usize {
 }
 
 fn check(bytes: &[u8]) -> bool {
-    let Ok(mesh) = read_mesh_from(bytes, bytes.len() as u64, Path::new("fuzz.ply"), &mut |_, _| {}) else {
+    let Ok(mesh) =
+        read_mesh_from(std::io::Cursor::new(bytes), bytes.len() as u64, Path::new("fuzz.ply"), &mut |_, _| {})
+    else {
         return false;
     };
     let n = mesh.positions.len();

@@ -32,7 +32,7 @@ mod fuzz_tests;
 #[cfg(test)]
 mod tests;
 
-use super::{Place, ReadError};
+use super::{Input, MeshSink, OnProgress, Place, ReadError, VertexBlock};
 use crate::raw::{Findings, RawMesh};
 use ascii::Ascii;
 use binary::Binary;
@@ -50,15 +50,27 @@ pub fn is_ply(start: &[u8]) -> bool {
     start.strip_prefix(b"ply").is_some_and(|rest| rest.first().is_none_or(u8::is_ascii_whitespace))
 }
 
-/// Read the PLY of `total` bytes that `source` delivers. `path` is its name in messages.
+/// Deliver the PLY.
 ///
 /// # Errors
 /// [`ReadError`] for a file that is damaged, cut, without triangles or larger than its limits.
-pub fn read(
+pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
+    let Input { path, total, mut source, progress } = input;
+    let mesh = read_mesh(&mut source, total, path, progress)?;
+    sink.findings().merge(mesh.findings);
+    let (names, scalars): (Vec<String>, Vec<Vec<f32>>) = mesh.scalars.into_iter().unzip();
+    sink.channels(&names)?;
+    let (positions, colors, normals) = (&mesh.positions, &mesh.colors, &mesh.normals);
+    sink.vertices(&VertexBlock { positions, colors, normals, scalars: &scalars })?;
+    let triangles: Vec<[u64; 3]> = mesh.triangles.iter().map(|t| t.map(u64::from)).collect();
+    sink.triangles(&triangles, &[])
+}
+
+fn read_mesh(
     source: &mut dyn Read,
     total: u64,
     path: &Path,
-    progress: &mut dyn FnMut(u64, u64),
+    progress: &mut OnProgress<'_>,
 ) -> Result<RawMesh, ReadError> {
     let mut source = Source::new(source, total, path, progress);
     let header = Header::read(&mut source)?;
