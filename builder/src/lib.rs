@@ -15,6 +15,7 @@ pub mod prepare;
 pub mod progress;
 pub mod raw;
 pub mod read;
+pub mod scratch;
 pub mod simplify;
 pub mod synth;
 

@@ -1,0 +1,69 @@
+//! What can go wrong with scratch files: always which file, what was being done, why, and what to do.
+
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Why a scratch file could not be used.
+#[derive(Debug, Error)]
+pub enum ScratchError {
+    /// The disk holds no more.
+    #[error(
+        "the disk is full: {bytes} more bytes were to be written to {}, which already holds {held}; free space there, or \
+         give --scratch a folder on another disk",
+        path.display()
+    )]
+    DiskFull {
+        /// The file.
+        path: PathBuf,
+        /// Bytes that did not fit.
+        bytes: u64,
+        /// Bytes that the file held before.
+        held: u64,
+    },
+    /// The system refused.
+    #[error("cannot {doing} the scratch file {}: {source}; check the folder and its disk, or give another --scratch", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was being done: "create", "read" …
+        doing: &'static str,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A scratch file is not what was written.
+    #[error("the scratch file {} is damaged: {why}; build again without --resume", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What was found.
+        why: String,
+    },
+    /// Another build is using the folder.
+    #[error("the scratch folder {} is in use by another build; wait for it, or give another --scratch", path.display())]
+    Busy {
+        /// The folder.
+        path: PathBuf,
+    },
+}
+
+impl ScratchError {
+    /// A failed read, removal …
+    pub(crate) fn io(path: &Path, doing: &'static str, source: std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), doing, source }
+    }
+
+    /// A failed write of `bytes` at `held`: a full disk is told apart.
+    pub(crate) fn write(path: &Path, bytes: u64, held: u64, source: std::io::Error) -> Self {
+        use std::io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
+        if matches!(source.kind(), StorageFull | QuotaExceeded | FileTooLarge) {
+            Self::DiskFull { path: path.to_owned(), bytes, held }
+        } else {
+            Self::io(path, "write", source)
+        }
+    }
+
+    /// A file that does not hold what was written to it.
+    pub(crate) fn damaged(path: &Path, why: impl Into<String>) -> Self {
+        Self::Damaged { path: path.to_owned(), why: why.into() }
+    }
+}

@@ -1,0 +1,203 @@
+//! Files that a build keeps on disk while it runs, so that memory does not grow with the mesh.
+//!
+//! A [`Scratch`] is a folder that one build holds locked. [`ScratchFile`] is a plain file that any thread appends to and
+//! reads by position; [`PatchFile`] keeps patches by tetrahedron, [`Records`] 16-byte records that are sorted outside
+//! of memory. How many bytes stand in the folder, now and at most, is counted as they are written and removed.
+//!
+//! Numbers are stored little-endian. Every block that matters carries a checksum (CRC-32) or a length that is checked
+//! when it is read. Failures: [`ScratchError`], which names the file, what was being done, why, and what to do.
+
+mod error;
+mod file;
+mod patch_file;
+mod records;
+
+pub use error::ScratchError;
+pub use file::{Appender, ScratchFile};
+pub use patch_file::PatchFile;
+pub use records::{Records, point_of, record, tetrahedron_of};
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Name of the file whose lock says that a build is using the folder.
+const LOCK: &str = "lock";
+
+/// Bytes in a scratch folder, now and at most.
+#[derive(Debug, Default)]
+pub(crate) struct Space {
+    now: AtomicU64,
+    peak: AtomicU64,
+}
+
+impl Space {
+    fn add(&self, bytes: u64) {
+        let now = self.now.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        self.peak.fetch_max(now, Ordering::Relaxed);
+    }
+
+    fn take(&self, bytes: u64) {
+        self.now.fetch_sub(bytes.min(self.now.load(Ordering::Relaxed)), Ordering::Relaxed);
+    }
+}
+
+/// A folder of scratch files that this process alone uses. Clones share it; it is unlocked with the last of them.
+#[derive(Debug, Clone)]
+pub struct Scratch {
+    held: Arc<Held>,
+    space: Arc<Space>,
+}
+
+#[derive(Debug)]
+struct Held {
+    folder: PathBuf,
+    _lock: File,
+    /// A folder that goes away with its last user.
+    _temporary: Option<tempfile::TempDir>,
+}
+
+impl Scratch {
+    /// Use the folder at `path`, made where it is not there; what lies in it stays.
+    ///
+    /// # Errors
+    /// [`ScratchError::Busy`] where another build uses it, [`ScratchError::Io`] where it cannot be made.
+    pub fn open(path: &Path) -> Result<Self, ScratchError> {
+        std::fs::create_dir_all(path).map_err(|e| ScratchError::io(path, "create", e))?;
+        Self::hold(path.to_owned(), None)
+    }
+
+    /// A folder of its own among the system's temporary files, removed with the last clone.
+    ///
+    /// # Errors
+    /// [`ScratchError::Io`] where it cannot be made.
+    pub fn temporary() -> Result<Self, ScratchError> {
+        let folder = tempfile::Builder::new().prefix("kilwa-").tempdir();
+        let folder = folder.map_err(|e| ScratchError::io(&std::env::temp_dir(), "create", e))?;
+        Self::hold(folder.path().to_owned(), Some(folder))
+    }
+
+    fn hold(folder: PathBuf, temporary: Option<tempfile::TempDir>) -> Result<Self, ScratchError> {
+        let path = folder.join(LOCK);
+        let open = File::options().create(true).truncate(false).write(true).open(&path);
+        let lock = open.map_err(|e| ScratchError::io(&path, "create", e))?;
+        match fs4::FileExt::try_lock(&lock) {
+            Ok(()) => {}
+            Err(fs4::TryLockError::WouldBlock) => return Err(ScratchError::Busy { path: folder }),
+            Err(fs4::TryLockError::Error(e)) => return Err(ScratchError::io(&path, "lock", e)),
+        }
+        let scratch =
+            Self { held: Arc::new(Held { folder, _lock: lock, _temporary: temporary }), space: Arc::default() };
+        let there: u64 = scratch.files()?.iter().map(|(_, bytes)| bytes).sum();
+        scratch.space.add(there);
+        Ok(scratch)
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.held.folder
+    }
+
+    /// Where the file `name` of the folder is.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.held.folder.join(name)
+    }
+
+    /// An empty file; what had the name is replaced.
+    ///
+    /// # Errors
+    /// [`ScratchError`] where it cannot be made.
+    pub fn create(&self, name: &str) -> Result<ScratchFile, ScratchError> {
+        self.remove(name)?;
+        ScratchFile::new(self.path(name), true, Arc::clone(&self.space))
+    }
+
+    /// A file that is there.
+    ///
+    /// # Errors
+    /// [`ScratchError`] where it cannot be opened.
+    pub fn existing(&self, name: &str) -> Result<ScratchFile, ScratchError> {
+        ScratchFile::new(self.path(name), false, Arc::clone(&self.space))
+    }
+
+    /// Length of a file in bytes, `None` where there is none.
+    pub fn length(&self, name: &str) -> Option<u64> {
+        std::fs::metadata(self.path(name)).ok().filter(std::fs::Metadata::is_file).map(|m| m.len())
+    }
+
+    /// Remove a file; one that is not there is no error.
+    ///
+    /// # Errors
+    /// [`ScratchError::Io`] where the system refuses.
+    pub fn remove(&self, name: &str) -> Result<(), ScratchError> {
+        let path = self.path(name);
+        let bytes = self.length(name).unwrap_or(0);
+        match std::fs::remove_file(&path) {
+            Ok(()) => self.space.take(bytes),
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
+            Err(e) => return Err(ScratchError::io(&path, "remove", e)),
+        }
+        Ok(())
+    }
+
+    /// Names and lengths of the files in the folder, the lock aside, by name.
+    ///
+    /// # Errors
+    /// [`ScratchError::Io`] where the folder cannot be read.
+    pub fn files(&self) -> Result<Vec<(String, u64)>, ScratchError> {
+        let cannot = |e| ScratchError::io(&self.held.folder, "list", e);
+        let mut files = Vec::new();
+        for entry in std::fs::read_dir(&self.held.folder).map_err(cannot)? {
+            let entry = entry.map_err(cannot)?;
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if name != LOCK {
+                files.push((name, entry.metadata().map_err(cannot)?.len()));
+            }
+        }
+        files.sort_unstable();
+        Ok(files)
+    }
+
+    /// Make the names in the folder durable.
+    ///
+    /// # Errors
+    /// [`ScratchError::Io`] where the system refuses.
+    pub fn sync(&self) -> Result<(), ScratchError> {
+        if cfg!(unix) {
+            let synced = File::open(&self.held.folder).and_then(|folder| folder.sync_all());
+            synced.map_err(|e| ScratchError::io(&self.held.folder, "make durable", e))?;
+        }
+        Ok(())
+    }
+
+    /// Bytes in the folder now.
+    pub fn bytes(&self) -> u64 {
+        self.space.now.load(Ordering::Relaxed)
+    }
+
+    /// The most bytes that were in the folder at any moment.
+    pub fn peak_bytes(&self) -> u64 {
+        self.space.peak.load(Ordering::Relaxed)
+    }
+
+    /// Remove the files named by `ours` and then the folder where nothing else is left in it: a folder that the user
+    /// named may hold other things.
+    ///
+    /// # Errors
+    /// [`ScratchError::Io`] where a file cannot be removed.
+    pub fn discard(self, ours: impl Fn(&str) -> bool) -> Result<(), ScratchError> {
+        for (name, _) in self.files()? {
+            if ours(&name) {
+                self.remove(&name)?;
+            }
+        }
+        // The lock goes last; a folder with other things in it stays.
+        let _ = std::fs::remove_file(self.path(LOCK));
+        let _ = std::fs::remove_dir(&self.held.folder);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,178 @@
+//! 16-byte records, sorted outside of memory. Two kinds are kept: (point, tetrahedron), which says that a point of the
+//! current surface is used by a tetrahedron, and (diamond, point), the points locked in a diamond.
+//!
+//! Files of records are plain: little-endian u128, one after the other, nothing else.
+
+use super::{Scratch, ScratchError, ScratchFile};
+use kilwa_geometry::LatticePoint;
+use rayon::slice::ParallelSliceMut;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// Bytes of a record.
+const RECORD: usize = 16;
+/// Records that a merge reads at a time from each run.
+const BLOCK: usize = 1 << 13;
+/// Fewest records sorted in memory at a time, whatever the budget.
+const SMALLEST_RUN: usize = 1 << 16;
+
+/// A point and the tetrahedron that uses it; sorts by point, then by tetrahedron.
+pub fn record(point: LatticePoint, tetra: u32) -> u128 {
+    crate::prepare::point_key(point) << 32 | u128::from(tetra)
+}
+
+/// The point of a record.
+pub fn point_of(record: u128) -> LatticePoint {
+    [(record >> 96) as u32 as i32, (record >> 64) as u32 as i32, (record >> 32) as u32 as i32]
+}
+
+/// The tetrahedron of a record.
+pub fn tetrahedron_of(record: u128) -> u32 {
+    record as u32
+}
+
+/// A file of records.
+#[derive(Debug)]
+pub struct Records {
+    file: ScratchFile,
+}
+
+impl Records {
+    /// An empty file.
+    ///
+    /// # Errors
+    /// [`ScratchError`] where it cannot be made.
+    pub fn create(scratch: &Scratch, name: &str) -> Result<Self, ScratchError> {
+        Ok(Self { file: scratch.create(name)? })
+    }
+
+    /// A file that is there.
+    ///
+    /// # Errors
+    /// [`ScratchError`] where it cannot be opened or does not hold whole records.
+    pub fn open(scratch: &Scratch, name: &str) -> Result<Self, ScratchError> {
+        let file = scratch.existing(name)?;
+        if !file.len().is_multiple_of(RECORD as u64) {
+            return Err(ScratchError::damaged(file.path(), "its length is not that of whole records"));
+        }
+        Ok(Self { file })
+    }
+
+    /// Number of records.
+    pub fn len(&self) -> u64 {
+        self.file.len() / RECORD as u64
+    }
+
+    /// Whether there is no record.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Append records, from any thread; best many at a time.
+    ///
+    /// # Errors
+    /// [`ScratchError`] where they cannot be written.
+    pub fn append(&self, records: &[u128]) -> Result<(), ScratchError> {
+        if !records.is_empty() {
+            let bytes: Vec<u8> = records.iter().flat_map(|r| r.to_le_bytes()).collect();
+            self.file.append(&bytes)?;
+        }
+        Ok(())
+    }
+
+    /// `count` records from number `first` on.
+    ///
+    /// # Errors
+    /// [`ScratchError::Damaged`] where they are not there.
+    pub fn read(&self, first: u64, count: usize) -> Result<Vec<u128>, ScratchError> {
+        let bytes = self.file.read(first * RECORD as u64, (count * RECORD) as u64)?;
+        let (records, _) = bytes.as_chunks::<RECORD>();
+        Ok(records.iter().map(|r| u128::from_le_bytes(*r)).collect())
+    }
+
+    /// Wait until all is on the disk.
+    ///
+    /// # Errors
+    /// [`ScratchError`] where it cannot be written.
+    pub fn sync(&self) -> Result<(), ScratchError> {
+        self.file.sync()
+    }
+
+    /// Visit all records in ascending order, equal ones once, holding about `memory` bytes. Where they do not fit, runs
+    /// are sorted into the file `name` of `scratch`, merged, and removed.
+    ///
+    /// # Errors
+    /// [`ScratchError`], and what `visit` says.
+    pub fn sorted<E: From<ScratchError>>(
+        &self,
+        scratch: &Scratch,
+        name: &str,
+        memory: u64,
+        mut visit: impl FnMut(u128) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let run = usize::try_from(memory / RECORD as u64 / 2).unwrap_or(usize::MAX).max(SMALLEST_RUN);
+        let total = self.len();
+        if total <= run as u64 {
+            let mut all = self.read(0, total as usize)?;
+            all.par_sort_unstable();
+            all.dedup();
+            return all.into_iter().try_for_each(visit);
+        }
+        let runs = Self::create(scratch, name)?;
+        let mut sources = Vec::new();
+        let mut first = 0;
+        while first < total {
+            let count = (total - first).min(run as u64);
+            let mut block = self.read(first, count as usize)?;
+            block.par_sort_unstable();
+            block.dedup();
+            let from = runs.len();
+            runs.append(&block)?;
+            sources.push(Run { next: from, end: runs.len(), block: Vec::new(), at: 0 });
+            first += count;
+        }
+        let mut heap = BinaryHeap::new();
+        for (i, source) in sources.iter_mut().enumerate() {
+            if let Some(r) = source.next(&runs)? {
+                heap.push(Reverse((r, i)));
+            }
+        }
+        let mut last = None;
+        while let Some(Reverse((r, i))) = heap.pop() {
+            if let Some(next) = sources[i].next(&runs)? {
+                heap.push(Reverse((next, i)));
+            }
+            if last != Some(r) {
+                visit(r)?;
+                last = Some(r);
+            }
+        }
+        drop(runs);
+        scratch.remove(name)?;
+        Ok(())
+    }
+}
+
+/// A sorted stretch of a file of runs.
+struct Run {
+    next: u64,
+    end: u64,
+    block: Vec<u128>,
+    at: usize,
+}
+
+impl Run {
+    fn next(&mut self, runs: &Records) -> Result<Option<u128>, ScratchError> {
+        if self.at == self.block.len() {
+            let count = (self.end - self.next).min(BLOCK as u64);
+            if count == 0 {
+                return Ok(None);
+            }
+            self.block = runs.read(self.next, count as usize)?;
+            self.next += count;
+            self.at = 0;
+        }
+        self.at += 1;
+        Ok(self.block.get(self.at - 1).copied())
+    }
+}

@@ -1,0 +1,116 @@
+use super::*;
+use crate::certify::Bound;
+use crate::fragment::Patch;
+use kilwa_geometry::Mesh;
+
+fn patch(vertices: u32, colored: bool, channels: usize, bounded: bool) -> Patch {
+    let n = vertices as usize;
+    let mesh = Mesh {
+        positions: (0..vertices as i32).map(|i| [i, i * 7 % 1000, 1 << 29]).collect(),
+        colors: if colored { (0..n).map(|i| [i as u8, 2, 3]).collect() } else { Vec::new() },
+        normals: (0..n).map(|i| [i as i16, -5]).collect(),
+        scalars: (0..channels).map(|c| (0..n).map(|i| i as f32 + c as f32 * 0.5).collect()).collect(),
+        triangles: (2..vertices).map(|i| [i - 2, i - 1, i]).collect(),
+        borders: (2..vertices).map(|i| if bounded { (i % 8) as u8 } else { 0 }).collect(),
+    };
+    let bound = |i: u32| Bound { out: i as f32 * 0.25, back: 1.0 };
+    let bounds = (2..vertices).map(|i| if bounded { bound(i) } else { Bound::default() }).collect();
+    Patch { mesh, bounds }
+}
+
+#[test]
+fn a_patch_comes_back_from_its_file_as_it_was_now_and_after_opening_again() {
+    let scratch = Scratch::temporary().unwrap();
+    let patches = [
+        patch(3, false, 0, false),
+        patch(100, true, 2, true),
+        patch(65_536, true, 0, true),
+        patch(65_537, false, 1, false),
+        Patch::default(),
+    ];
+    let file = PatchFile::create(&scratch, "level-07.patches").unwrap();
+    for (t, p) in patches.iter().enumerate() {
+        file.append(t as u32 * 3, p).unwrap();
+    }
+    let check = |file: &PatchFile| {
+        for (t, p) in patches.iter().enumerate() {
+            let back = file.read(t as u32 * 3).unwrap().unwrap();
+            assert_eq!((&back.mesh, &back.bounds), (&p.mesh, &p.bounds));
+            assert_eq!(file.triangles(t as u32 * 3) as usize, p.bounds.len());
+        }
+        assert!(file.read(1).unwrap().is_none());
+        assert_eq!(file.tetrahedra(), [0, 3, 6, 9, 12]);
+    };
+    check(&file);
+    let file = file.finish().unwrap();
+    check(&file);
+    check(&PatchFile::open(&scratch, "level-07.patches").unwrap());
+    assert_eq!(scratch.bytes(), scratch.length("level-07.patches").unwrap());
+}
+
+#[test]
+fn every_damaged_byte_of_a_patch_file_is_noticed() {
+    let scratch = Scratch::temporary().unwrap();
+    let file = PatchFile::create(&scratch, "p").unwrap();
+    file.append(4, &patch(20, true, 1, true)).unwrap();
+    drop(file.finish().unwrap());
+    let whole = std::fs::read(scratch.path("p")).unwrap();
+    for i in 0..whole.len() {
+        let mut bytes = whole.clone();
+        bytes[i] ^= 0x10;
+        std::fs::write(scratch.path("p"), &bytes).unwrap();
+        let read = PatchFile::open(&scratch, "p").and_then(|f| f.read(4));
+        assert!(matches!(read, Err(ScratchError::Damaged { .. })), "byte {i}");
+    }
+    for length in 0..whole.len() {
+        std::fs::write(scratch.path("p"), &whole[..length]).unwrap();
+        assert!(PatchFile::open(&scratch, "p").is_err(), "cut to {length} bytes");
+    }
+}
+
+#[test]
+fn records_are_visited_in_order_and_once_however_little_memory_there_is() {
+    let scratch = Scratch::temporary().unwrap();
+    let records = Records::create(&scratch, "shared").unwrap();
+    let mut state = 1u32;
+    let mut all: Vec<u128> = (0..300_000)
+        .map(|_| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            record([(state >> 20) as i32, (state & 0xff) as i32, 1 << 30], state >> 28)
+        })
+        .collect();
+    all.chunks(1000).for_each(|c| records.append(c).unwrap());
+    all.sort_unstable();
+    all.dedup();
+    for memory in [0, 1 << 30] {
+        let mut visited = Vec::new();
+        records
+            .sorted(&scratch, "runs", memory, |r| {
+                visited.push(r);
+                Ok::<_, ScratchError>(())
+            })
+            .unwrap();
+        assert_eq!(visited, all);
+        assert_eq!(scratch.files().unwrap().len(), 1, "runs are removed");
+    }
+    let r = record([1, 1 << 30, 3], 77);
+    assert_eq!((point_of(r), tetrahedron_of(r)), ([1, 1 << 30, 3], 77));
+}
+
+#[test]
+fn a_folder_in_use_is_refused_and_free_afterwards() {
+    let outer = tempfile::tempdir().unwrap();
+    let folder = outer.path().join("scratch");
+    let first = Scratch::open(&folder).unwrap();
+    assert!(matches!(Scratch::open(&folder), Err(ScratchError::Busy { .. })));
+    first.create("a").unwrap().append(&[1; 100]).unwrap();
+    assert_eq!((first.bytes(), first.peak_bytes()), (100, 100));
+    first.remove("a").unwrap();
+    assert_eq!((first.bytes(), first.peak_bytes()), (0, 100));
+    drop(first);
+    let second = Scratch::open(&folder).unwrap();
+    second.create("ours").unwrap();
+    std::fs::write(folder.join("theirs"), "kept").unwrap();
+    second.discard(|name| name == "ours").unwrap();
+    assert!(folder.join("theirs").is_file() && !folder.join("ours").exists());
+}
