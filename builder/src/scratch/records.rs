@@ -1,13 +1,15 @@
 //! 16-byte records, sorted outside of memory. Two kinds are kept: (point, tetrahedron), which says that a point of the
 //! current surface is used by a tetrahedron, and (diamond, point), the points locked in a diamond.
 //!
-//! Files of records are plain: little-endian u128, one after the other, nothing else.
+//! Files of records are plain: little-endian u128, one after the other, in any order. A finished file ends in one more of
+//! the same length, a sum over the others that does not depend on their order; it is checked when they are visited.
 
 use super::{Scratch, ScratchError, ScratchFile};
 use kilwa_geometry::LatticePoint;
 use rayon::slice::ParallelSliceMut;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Bytes of a record.
 const RECORD: usize = 16;
@@ -31,10 +33,24 @@ pub fn tetrahedron_of(record: u128) -> u32 {
     record as u32
 }
 
+/// Ends a finished file, after the sum.
+const MAGIC: u64 = u64::from_le_bytes(*b"KLWRECRD");
+
+/// A number that depends on every bit of a record; sums of it tell sets of records apart.
+fn mixed(record: u128) -> u64 {
+    let h = (record as u64 ^ 0x9e37_79b9_7f4a_7c15).wrapping_mul(0xff51_afd7_ed55_8ccd);
+    let h = (h ^ (h >> 32) ^ (record >> 64) as u64).wrapping_mul(0xc4ce_b9fe_1a85_ec53);
+    h ^ (h >> 29)
+}
+
 /// A file of records.
 #[derive(Debug)]
 pub struct Records {
     file: ScratchFile,
+    /// Records, the end of a finished file not counted.
+    count: AtomicU64,
+    sum: AtomicU64,
+    finished: bool,
 }
 
 impl Records {
@@ -43,24 +59,32 @@ impl Records {
     /// # Errors
     /// [`ScratchError`] where it cannot be made.
     pub fn create(scratch: &Scratch, name: &str) -> Result<Self, ScratchError> {
-        Ok(Self { file: scratch.create(name)? })
+        let file = scratch.create(name)?;
+        Ok(Self { file, count: AtomicU64::new(0), sum: AtomicU64::new(0), finished: false })
     }
 
-    /// A file that is there.
+    /// A file that [`Records::finish`] completed.
     ///
     /// # Errors
-    /// [`ScratchError`] where it cannot be opened or does not hold whole records.
+    /// [`ScratchError`] where it cannot be opened or is not complete.
     pub fn open(scratch: &Scratch, name: &str) -> Result<Self, ScratchError> {
         let file = scratch.existing(name)?;
-        if !file.len().is_multiple_of(RECORD as u64) {
-            return Err(ScratchError::damaged(file.path(), "its length is not that of whole records"));
+        let damaged = || ScratchError::damaged(file.path(), "it does not end as it should");
+        let at = file.len().checked_sub(RECORD as u64).filter(|at| at.is_multiple_of(RECORD as u64));
+        let at = at.ok_or_else(damaged)?;
+        let mut end = [0; RECORD];
+        file.read_into(at, &mut end)?;
+        let end = u128::from_le_bytes(end);
+        if (end >> 64) as u64 != MAGIC {
+            return Err(damaged());
         }
-        Ok(Self { file })
+        let count = AtomicU64::new(at / RECORD as u64);
+        Ok(Self { count, sum: AtomicU64::new(end as u64), finished: true, file })
     }
 
     /// Number of records.
     pub fn len(&self) -> u64 {
-        self.file.len() / RECORD as u64
+        self.count.load(Ordering::Acquire)
     }
 
     /// Whether there is no record.
@@ -76,6 +100,9 @@ impl Records {
         if !records.is_empty() {
             let bytes: Vec<u8> = records.iter().flat_map(|r| r.to_le_bytes()).collect();
             self.file.append(&bytes)?;
+            let sum = records.iter().fold(0u64, |sum, r| sum.wrapping_add(mixed(*r)));
+            self.sum.fetch_add(sum, Ordering::AcqRel);
+            self.count.fetch_add(records.len() as u64, Ordering::AcqRel);
         }
         Ok(())
     }
@@ -90,19 +117,31 @@ impl Records {
         Ok(records.iter().map(|r| u128::from_le_bytes(*r)).collect())
     }
 
-    /// Wait until all is on the disk.
+    /// Complete the file and wait until all is on the disk; it can still be read.
     ///
     /// # Errors
     /// [`ScratchError`] where it cannot be written.
-    pub fn sync(&self) -> Result<(), ScratchError> {
-        self.file.sync()
+    pub fn finish(mut self) -> Result<Self, ScratchError> {
+        let end = u128::from(MAGIC) << 64 | u128::from(self.sum.load(Ordering::Acquire));
+        self.file.append(&end.to_le_bytes())?;
+        self.file.sync()?;
+        self.finished = true;
+        Ok(self)
+    }
+
+    /// What was read is what was written.
+    fn check(&self, sum: u64) -> Result<(), ScratchError> {
+        if self.finished && sum != self.sum.load(Ordering::Acquire) {
+            return Err(ScratchError::damaged(self.file.path(), "its records are not those that were written"));
+        }
+        Ok(())
     }
 
     /// Visit all records in ascending order, equal ones once, holding about `memory` bytes. Where they do not fit, runs
     /// are sorted into the file `name` of `scratch`, merged, and removed.
     ///
     /// # Errors
-    /// [`ScratchError`], and what `visit` says.
+    /// [`ScratchError`], and what `visit` says. Damage is noticed before the first visit.
     pub fn sorted<E: From<ScratchError>>(
         &self,
         scratch: &Scratch,
@@ -114,16 +153,18 @@ impl Records {
         let total = self.len();
         if total <= run as u64 {
             let mut all = self.read(0, total as usize)?;
+            self.check(all.iter().fold(0u64, |sum, r| sum.wrapping_add(mixed(*r))))?;
             all.par_sort_unstable();
             all.dedup();
             return all.into_iter().try_for_each(visit);
         }
         let runs = Self::create(scratch, name)?;
         let mut sources = Vec::new();
-        let mut first = 0;
+        let (mut first, mut sum) = (0, 0u64);
         while first < total {
             let count = (total - first).min(run as u64);
             let mut block = self.read(first, count as usize)?;
+            sum = block.iter().fold(sum, |sum, r| sum.wrapping_add(mixed(*r)));
             block.par_sort_unstable();
             block.dedup();
             let from = runs.len();
@@ -131,6 +172,7 @@ impl Records {
             sources.push(Run { next: from, end: runs.len(), block: Vec::new(), at: 0 });
             first += count;
         }
+        self.check(sum)?;
         let mut heap = BinaryHeap::new();
         for (i, source) in sources.iter_mut().enumerate() {
             if let Some(r) = source.next(&runs)? {

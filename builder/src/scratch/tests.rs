@@ -98,6 +98,33 @@ fn records_are_visited_in_order_and_once_however_little_memory_there_is() {
 }
 
 #[test]
+fn damaged_records_are_noticed_before_the_first_is_visited() {
+    let scratch = Scratch::temporary().unwrap();
+    let records = Records::create(&scratch, "shared").unwrap();
+    records.append(&(0..50).map(|i| record([i, 2, 3], 4)).collect::<Vec<_>>()).unwrap();
+    drop(records.finish().unwrap());
+    let visit = || {
+        let mut visited = 0;
+        let records = Records::open(&scratch, "shared")?;
+        assert_eq!(records.len(), 50);
+        let all = records.sorted(&scratch, "runs", 0, |_| {
+            visited += 1;
+            Ok::<_, ScratchError>(())
+        });
+        assert!(all.is_ok() == (visited == 50) && (visited == 0 || visited == 50));
+        all
+    };
+    visit().unwrap();
+    let whole = std::fs::read(scratch.path("shared")).unwrap();
+    for i in 0..whole.len() {
+        let mut bytes = whole.clone();
+        bytes[i] ^= 1 << (i % 8);
+        std::fs::write(scratch.path("shared"), &bytes).unwrap();
+        assert!(matches!(visit(), Err(ScratchError::Damaged { .. })), "byte {i}");
+    }
+}
+
+#[test]
 fn a_folder_in_use_is_refused_and_free_afterwards() {
     let outer = tempfile::tempdir().unwrap();
     let folder = outer.path().join("scratch");
