@@ -11,10 +11,12 @@
 //! Memory is bounded by what the file really holds, never by what its header claims.
 
 mod error;
+mod faces;
 mod memory;
 pub mod ply;
 pub mod sink;
 mod sniff;
+mod triangulate;
 
 pub use error::{Place, ReadError};
 pub use memory::MemorySink;

@@ -2,7 +2,7 @@
 //!
 //! Tolerated and counted: words after the last one of a row, comment lines among the data. Blank lines count for nothing.
 
-use super::elements::{Columns, Row, Rows};
+use super::elements::{Columns, Cursor, Row, Rows};
 use super::plan::Field;
 use super::scalar::Scalar;
 use super::source::{Source, quote};
@@ -176,6 +176,15 @@ fn parse_integer(word: &[u8]) -> Option<i64> {
 }
 
 impl Rows for Ascii<'_, '_> {
+    fn place(&self) -> Cursor {
+        Cursor { offset: self.source.offset(), line: self.line }
+    }
+
+    fn go_to(&mut self, cursor: Cursor) -> Result<(), ReadError> {
+        self.line = cursor.line;
+        self.source.go_to(cursor.offset)
+    }
+
     fn begin(&mut self, row: Row<'_>, findings: &mut Findings) -> Result<(), ReadError> {
         if self.seek_row(findings)? {
             return Ok(());
@@ -236,6 +245,10 @@ impl Rows for Ascii<'_, '_> {
     }
 
     fn block(&mut self, _: Row<'_>, _: &[Field], _: u64, _: &mut Columns) -> Result<usize, ReadError> {
+        Ok(0)
+    }
+
+    fn triangles(&mut self, _: &[Field], _: u64, _: usize, _: u64, _: &mut Vec<[u64; 3]>) -> Result<usize, ReadError> {
         Ok(0)
     }
 

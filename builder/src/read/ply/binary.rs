@@ -1,6 +1,6 @@
 //! Rows of binary files of both byte orders.
 
-use super::elements::{BLOCK, Columns, Row, Rows};
+use super::elements::{BLOCK, Columns, Cursor, Row, Rows};
 use super::header::Kind;
 use super::plan::{Field, Keep};
 use super::scalar::{Order, Scalar};
@@ -53,7 +53,68 @@ fn fixed_row(fields: &[Field]) -> Option<usize> {
     fields.iter().map(size).sum::<Option<usize>>().filter(|&n| n > 0 && n <= BUFFER)
 }
 
+/// Bytes of a row that is a list of corners of 4 bytes each, its length a byte, and nothing else that is kept: the row
+/// of nearly every scan, where it is a triangle.
+fn triangle_row(fields: &[Field]) -> Option<usize> {
+    let [list, rest @ ..] = fields else { return None };
+    let Kind::List { count: Scalar::U8, item: Scalar::I32 | Scalar::U32 } = list.kind else { return None };
+    let nothing_kept = list.keep == Keep::Indices && rest.iter().all(|f| f.keep == Keep::Nothing);
+    let rest = if rest.is_empty() { Some(0) } else { fixed_row(rest) };
+    rest.filter(|_| nothing_kept).map(|rest| 13 + rest)
+}
+
+/// Append the triangles of the rows, up to the first row that is none or names no vertex; how many.
+fn sound_triangles<const BIG: bool>(rows: &[u8], stride: usize, vertices: u64, out: &mut Vec<[u64; 3]>) -> usize {
+    let before = out.len();
+    for row in rows.chunks_exact(stride) {
+        let &[3, a0, a1, a2, a3, b0, b1, b2, b3, c0, c1, c2, c3, ..] = row else { break };
+        let number =
+            |bytes: [u8; 4]| u64::from(if BIG { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) });
+        let [a, b, c] = [[a0, a1, a2, a3], [b0, b1, b2, b3], [c0, c1, c2, c3]].map(number);
+        if a >= vertices || b >= vertices || c >= vertices || a == b || b == c || c == a {
+            break;
+        }
+        out.push([a, b, c]);
+    }
+    out.len() - before
+}
+
 impl Rows for Binary<'_, '_> {
+    fn place(&self) -> Cursor {
+        Cursor { offset: self.source.offset(), line: 0 }
+    }
+
+    fn go_to(&mut self, cursor: Cursor) -> Result<(), ReadError> {
+        self.at = cursor.offset;
+        self.source.go_to(cursor.offset)
+    }
+
+    fn triangles(
+        &mut self,
+        fields: &[Field],
+        left: u64,
+        room: usize,
+        vertices: u64,
+        out: &mut Vec<[u64; 3]>,
+    ) -> Result<usize, ReadError> {
+        let Some(stride) = triangle_row(fields) else { return Ok(0) };
+        if !self.source.ensure(stride)? {
+            return Ok(0);
+        }
+        let there = (self.source.available().len() / stride).min(room);
+        let n = usize::try_from(left).map_or(there, |left| there.min(left));
+        let rows = &self.source.available()[..n * stride];
+        // A signed index is never 2^31 or more; as an unsigned number a negative one is, and is refused by itself.
+        let signed = matches!(fields.first().map(|f| f.kind), Some(Kind::List { item: Scalar::I32, .. }));
+        let vertices = if signed { vertices.min(1 << 31) } else { vertices };
+        let got = match self.order {
+            Order::Little => sound_triangles::<false>(rows, stride, vertices, out),
+            Order::Big => sound_triangles::<true>(rows, stride, vertices, out),
+        };
+        self.source.take(got * stride);
+        Ok(got)
+    }
+
     fn begin(&mut self, _: Row<'_>, _: &mut Findings) -> Result<(), ReadError> {
         Ok(())
     }

@@ -3,17 +3,16 @@
 //! Vertices travel in blocks of columns, so that nothing is allocated per row; corners of a face go to one reused list.
 
 use super::ReadError;
-use super::faces::Faces;
+use super::colors::Scale;
 use super::header::{Element, Kind};
 use super::plan::{Field, Keep};
 use super::scalar::Scalar;
-use super::vertices::Vertices;
 use crate::raw::Findings;
+use crate::read::faces::{Faces, MAX_CORNERS};
+use crate::read::sink::MeshSink;
 
 /// Vertices handed on at a time.
 pub(super) const BLOCK: usize = 4096;
-/// Corners of a polygon: beyond this, triangulating could take for ever, and a scan has none such.
-pub(super) const MAX_CORNERS: i64 = 10_000;
 
 /// Kept scalars of a few rows, one list per column.
 pub(super) type Columns = Vec<Vec<f64>>;
@@ -25,8 +24,19 @@ pub(super) struct Row<'h> {
     pub(super) number: u64,
 }
 
+/// A place between two elements: offset in bytes, and line where the file is text.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cursor {
+    pub(super) offset: u64,
+    pub(super) line: u64,
+}
+
 /// A cursor over the rows of a file. Every error names the place.
 pub(super) trait Rows {
+    /// Where the cursor is, between two elements.
+    fn place(&self) -> Cursor;
+    /// Go back, or on, to such a place.
+    fn go_to(&mut self, cursor: Cursor) -> Result<(), ReadError>;
     /// Go to the beginning of a row.
     fn begin(&mut self, row: Row<'_>, findings: &mut Findings) -> Result<(), ReadError>;
     /// The next value of the row as a number.
@@ -44,20 +54,30 @@ pub(super) trait Rows {
     /// Append up to [`BLOCK`] rows (at most `left`) to the columns in one go and say how many; 0 where the rows must be
     /// read one by one.
     fn block(&mut self, row: Row<'_>, fields: &[Field], left: u64, columns: &mut Columns) -> Result<usize, ReadError>;
+    /// Append triangles to `out` as long as rows (at most `left`, at most `room`) are triangles of vertices below
+    /// `vertices`, in one go, and say how many; 0 where the next row must be read by itself.
+    fn triangles(
+        &mut self,
+        fields: &[Field],
+        left: u64,
+        room: usize,
+        vertices: u64,
+        out: &mut Vec<[u64; 3]>,
+    ) -> Result<usize, ReadError>;
     /// Pass over all rows of an element in one go; `false` where they must be passed one by one.
     fn pass_all(&mut self, row: Row<'_>, fields: &[Field]) -> Result<bool, ReadError>;
     /// After the last element: report what follows it.
     fn finish(&mut self, findings: &mut Findings) -> Result<(), ReadError>;
 }
 
-/// Read the rows of the vertex element.
-pub(super) fn vertices(
+/// Read the kept scalars of all rows of an element, a block at a time; `visit` says whether to go on.
+pub(super) fn columns(
     rows: &mut impl Rows,
     element: &Element,
     fields: &[Field],
     width: usize,
-    vertices: &mut Vertices,
     findings: &mut Findings,
+    visit: &mut dyn FnMut(&Columns, &mut Findings) -> Result<bool, ReadError>,
 ) -> Result<(), ReadError> {
     let mut columns: Columns = vec![Vec::with_capacity(BLOCK); width];
     let mut number = 0;
@@ -74,7 +94,9 @@ pub(super) fn vertices(
                 got += 1;
             }
         }
-        vertices.absorb(&columns, findings);
+        if !visit(&columns, findings)? {
+            return Ok(());
+        }
         columns.iter_mut().for_each(Vec::clear);
         number += got as u64;
     }
@@ -96,54 +118,87 @@ fn scalars(rows: &mut impl Rows, row: Row<'_>, fields: &[Field], columns: &mut C
     Ok(())
 }
 
+/// Where the faces of a file go.
+pub(super) struct Target<'s> {
+    pub(super) faces: Faces,
+    pub(super) sink: &'s mut dyn MeshSink,
+    /// Vertices of the file; indices are below.
+    pub(super) vertices: u64,
+    /// How colours of faces are read, where these become the colours of the mesh.
+    pub(super) scale: Option<Scale>,
+}
+
 /// Read the rows of the face element.
 pub(super) fn faces(
     rows: &mut impl Rows,
     element: &Element,
     fields: &[Field],
-    faces: &mut Faces,
-    positions: &[[f64; 3]],
+    to: &mut Target<'_>,
     findings: &mut Findings,
 ) -> Result<(), ReadError> {
-    let vertices = faces.vertices();
-    let mut corners: Vec<u32> = Vec::new();
-    for number in 0..element.count {
-        let row = Row { element, number };
-        rows.begin(row, findings)?;
-        let mut color = [0.0; 3];
-        for field in fields {
-            match (field.kind, field.keep) {
-                (Kind::List { count, item }, Keep::Indices) => {
-                    let n = length(rows, row, field, count, item)?;
-                    if n > MAX_CORNERS as u64 {
-                        return Err(rows.fault(
-                            row,
-                            field,
-                            format!("a face of {n} corners"),
-                            format!("at most {MAX_CORNERS}; split it in the program that made it"),
-                        ));
-                    }
-                    corners.clear();
-                    for _ in 0..n {
-                        let index = rows.integer(row, field, item)?;
-                        match u32::try_from(index).ok().filter(|&i| u64::from(i) < vertices) {
-                            Some(i) => corners.push(i),
-                            None => return Err(no_such_vertex(rows, row, field, index, vertices)),
-                        }
-                    }
-                }
-                (Kind::List { count, item }, _) => {
-                    let n = length(rows, row, field, count, item)?;
-                    rows.pass(row, field, item, n)?;
-                }
-                (Kind::Scalar(kind), Keep::Column(at)) => color[at] = rows.number(row, field, kind)? as f32,
-                (Kind::Scalar(kind), _) => rows.pass(row, field, kind, 1)?,
+    let mut corners: Vec<u64> = Vec::new();
+    let mut number = 0;
+    while number < element.count {
+        if to.scale.is_none() {
+            let (out, room) = to.faces.sound_triangles();
+            let got = rows.triangles(fields, element.count - number, room, to.vertices, out)?;
+            if got > 0 {
+                number += got as u64;
+                to.faces.flush_if_full(to.sink, findings)?;
+                continue;
             }
         }
+        let row = Row { element, number };
+        rows.begin(row, findings)?;
+        let color = face(rows, row, fields, to.vertices, &mut corners)?;
         rows.end(row, findings)?;
-        faces.face(&corners, color, number, positions, findings);
+        let color = to.scale.map(|scale| scale.color(color, findings));
+        to.faces.face(&corners, color, number, findings);
+        to.faces.flush_if_full(to.sink, findings)?;
+        number += 1;
     }
-    Ok(())
+    to.faces.flush(to.sink, findings)
+}
+
+/// The corners and the colour of one face.
+fn face(
+    rows: &mut impl Rows,
+    row: Row<'_>,
+    fields: &[Field],
+    vertices: u64,
+    corners: &mut Vec<u64>,
+) -> Result<[f64; 3], ReadError> {
+    let mut color = [0.0; 3];
+    for field in fields {
+        match (field.kind, field.keep) {
+            (Kind::List { count, item }, Keep::Indices) => {
+                let n = length(rows, row, field, count, item)?;
+                if n > MAX_CORNERS as u64 {
+                    return Err(rows.fault(
+                        row,
+                        field,
+                        format!("a face of {n} corners"),
+                        format!("at most {MAX_CORNERS}; split it in the program that made it"),
+                    ));
+                }
+                corners.clear();
+                for _ in 0..n {
+                    let index = rows.integer(row, field, item)?;
+                    match u64::try_from(index).ok().filter(|&i| i < vertices) {
+                        Some(i) => corners.push(i),
+                        None => return Err(no_such_vertex(rows, row, field, index, vertices)),
+                    }
+                }
+            }
+            (Kind::List { count, item }, _) => {
+                let n = length(rows, row, field, count, item)?;
+                rows.pass(row, field, item, n)?;
+            }
+            (Kind::Scalar(kind), Keep::Column(at)) => color[at] = rows.number(row, field, kind)?,
+            (Kind::Scalar(kind), _) => rows.pass(row, field, kind, 1)?,
+        }
+    }
+    Ok(color)
 }
 
 /// Read the rows of the `tristrips` element: each a list of vertex indices in which a negative one begins a new strip.
@@ -151,10 +206,9 @@ pub(super) fn strips(
     rows: &mut impl Rows,
     element: &Element,
     fields: &[Field],
-    faces: &mut Faces,
+    to: &mut Target<'_>,
     findings: &mut Findings,
 ) -> Result<(), ReadError> {
-    let vertices = faces.vertices();
     for number in 0..element.count {
         let row = Row { element, number };
         rows.begin(row, findings)?;
@@ -162,13 +216,13 @@ pub(super) fn strips(
             match (field.kind, field.keep) {
                 (Kind::List { count, item }, Keep::Indices) => {
                     let n = length(rows, row, field, count, item)?;
-                    let mut strip = faces.strip();
+                    let mut strip = to.faces.strip();
                     for _ in 0..n {
                         let index = rows.integer(row, field, item)?;
-                        match u32::try_from(index).ok().filter(|&i| u64::from(i) < vertices) {
-                            Some(i) => strip.corner(i, findings),
+                        match u64::try_from(index).ok().filter(|&i| i < to.vertices) {
+                            Some(i) => strip.corner(i, to.sink, findings)?,
                             None if restarts(index, item) => strip.restart(),
-                            None => return Err(no_such_vertex(rows, row, field, index, vertices)),
+                            None => return Err(no_such_vertex(rows, row, field, index, to.vertices)),
                         }
                     }
                 }
@@ -181,7 +235,7 @@ pub(super) fn strips(
         }
         rows.end(row, findings)?;
     }
-    Ok(())
+    to.faces.flush(to.sink, findings)
 }
 
 /// -1, or all bits set where the type has no sign.

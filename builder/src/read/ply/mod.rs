@@ -2,7 +2,11 @@
 //! both byte orders, any scalar types, any order of elements and properties, polygons and triangle strips.
 //!
 //! Stages: `header` (what the file says it holds) → `plan` (which properties are kept, and as what) → `elements`
-//! (rows, through `ascii` or `binary`) → `vertices` and `faces` (what is kept) → `finish` (wedges, repairs).
+//! (rows, through `ascii` or `binary`) → `vertices` and [`super::faces`] (handed on to the sink).
+//!
+//! Nothing is held that grows with the mesh. Files that need it are read twice in part: where faces stand before the
+//! vertices these are passed over and come after them; where the range of colours or of `alpha` is told only by the
+//! largest value, the vertices (or faces) are looked through first.
 //!
 //! What is kept: positions; colours as 8-bit sRGB (`red green blue`, `diffuse_red …`, `r g b`); normals; `alpha` where
 //! it is not opaque throughout (0 to 1); `confidence`, `quality`, `intensity`, `value` and `scalar_*` under their
@@ -10,21 +14,17 @@
 //! programs declare `float` and write real-world coordinates in full). All else is dropped and listed in the findings. Vertices and faces are counted from 0, as PLY indices are.
 //!
 //! Repaired and counted: polygons are triangulated with all their surface; faces of fewer than three corners and
-//! triangles that name a vertex twice are dropped; vertices without a finite position are dropped with their triangles;
-//! colours of faces go to the vertices, which are split where faces of different colours meet.
+//! triangles that name a vertex twice are dropped. Colours of faces are handed on as colours of their triangles.
 //! Refused with line or byte: a damaged or cut file, an index that names no vertex, a count that the file cannot hold.
 
 mod ascii;
 mod binary;
 mod colors;
 mod elements;
-mod faces;
-mod finish;
 mod header;
 mod plan;
 mod scalar;
 mod source;
-mod triangulate;
 mod vertices;
 
 #[cfg(test)]
@@ -32,18 +32,17 @@ mod fuzz_tests;
 #[cfg(test)]
 mod tests;
 
-use super::{Input, MeshSink, OnProgress, Place, ReadError, VertexBlock};
-use crate::raw::{Findings, RawMesh};
+use super::faces::Faces;
+use super::{Bytes, Input, MeshSink, OnProgress, Place, ReadError};
+use crate::raw::Findings;
 use ascii::Ascii;
 use binary::Binary;
-use elements::Rows;
-use faces::Faces;
-use header::{Encoding, Header};
-use plan::{ElementPlan, Plan};
+use colors::{Scale, needs_scan};
+use elements::{Cursor, Rows, Target};
+use header::{Element, Encoding, Header};
+use plan::{ElementPlan, Field, Keep, Plan};
 use source::Source;
-use std::io::Read;
-use std::path::Path;
-use vertices::Vertices;
+use vertices::{Scan, Vertices, largest};
 
 /// Whether a file that starts with these bytes is a PLY.
 pub fn is_ply(start: &[u8]) -> bool {
@@ -55,66 +54,133 @@ pub fn is_ply(start: &[u8]) -> bool {
 /// # Errors
 /// [`ReadError`] for a file that is damaged, cut, without triangles or larger than its limits.
 pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
-    let Input { path, total, mut source, progress } = input;
-    let mesh = read_mesh(&mut source, total, path, progress)?;
-    sink.findings().merge(mesh.findings);
-    let (names, scalars): (Vec<String>, Vec<Vec<f32>>) = mesh.scalars.into_iter().unzip();
-    sink.channels(&names)?;
-    let (positions, colors, normals) = (&mesh.positions, &mesh.colors, &mesh.normals);
-    sink.vertices(&VertexBlock { positions, colors, normals, scalars: &scalars })?;
-    let triangles: Vec<[u64; 3]> = mesh.triangles.iter().map(|t| t.map(u64::from)).collect();
-    sink.triangles(&triangles, &[])
-}
-
-fn read_mesh(
-    source: &mut dyn Read,
-    total: u64,
-    path: &Path,
-    progress: &mut OnProgress<'_>,
-) -> Result<RawMesh, ReadError> {
+    let Input { path, total, source, progress } = input;
     let mut source = Source::new(source, total, path, progress);
     let header = Header::read(&mut source)?;
     let plan = Plan::new(&header, path)?;
     header.check_fits(&source)?;
-
     let mut findings = Findings::default();
     plan.report(&header, &mut findings);
-    let mut vertices = Vertices::new(&plan, path)?;
-    let mut faces = Faces::new(&plan, path, source.remaining())?;
-    match header.encoding {
+    let delivered = match header.encoding {
         Encoding::Ascii => {
             let mut rows = Ascii::new(&mut source, header.lines);
-            read_elements(&header, &plan, &mut rows, &mut vertices, &mut faces, &mut findings)?;
+            read_elements(&header, &plan, &mut rows, sink, &mut findings)?
         }
         Encoding::Binary(order) => {
             let mut rows = Binary::new(&mut source, order);
-            read_elements(&header, &plan, &mut rows, &mut vertices, &mut faces, &mut findings)?;
+            read_elements(&header, &plan, &mut rows, sink, &mut findings)?
         }
-    }
+    };
     source.done();
-    finish::finish(&plan, vertices, faces, findings, path)
+    if delivered == 0 {
+        let reasons: Vec<String> = findings.iter().map(|(kind, n, _)| format!("{n} {kind}")).collect();
+        return Err(ReadError::NoTriangles {
+            file: path.to_owned(),
+            found: format!("of its {} faces none is left ({})", plan.faces, reasons.join("; ")),
+            way_out: "Export the mesh again and give that",
+        });
+    }
+    sink.findings().merge(findings);
+    Ok(())
 }
 
+/// Read all elements, the vertices before those that name them; the number of triangles.
 fn read_elements(
     header: &Header,
     plan: &Plan,
     rows: &mut impl Rows,
-    vertices: &mut Vertices,
-    faces: &mut Faces,
+    sink: &mut dyn MeshSink,
     findings: &mut Findings,
-) -> Result<(), ReadError> {
-    for (element, what) in header.elements.iter().zip(&plan.elements) {
+) -> Result<u64, ReadError> {
+    let all = || header.elements.iter().zip(&plan.elements);
+    let mut to = Target { faces: Faces::new("face"), sink, vertices: plan.vertices, scale: None };
+    let mut early: Vec<(usize, Cursor)> = Vec::new();
+    let mut vertices_are_read = false;
+    for (number, (element, what)) in all().enumerate() {
         match what {
             ElementPlan::Vertices(fields) => {
-                elements::vertices(rows, element, fields, plan.columns.len(), vertices, findings)?;
-                faces.vertices_are_read(vertices.positions(), findings);
+                read_vertices(rows, element, fields, plan, to.sink, findings)?;
+                vertices_are_read = true;
+                let here = rows.place();
+                for (number, place) in std::mem::take(&mut early) {
+                    rows.go_to(place)?;
+                    if let Some((element, what)) = all().nth(number) {
+                        read_faces(rows, element, what, plan, &mut to, findings)?;
+                    }
+                }
+                rows.go_to(here)?;
             }
-            ElementPlan::Faces(fields) => {
-                elements::faces(rows, element, fields, faces, vertices.positions(), findings)?;
-            }
-            ElementPlan::Strips(fields) => elements::strips(rows, element, fields, faces, findings)?,
             ElementPlan::Skip(fields) => elements::skip(rows, element, fields, findings)?,
+            ElementPlan::Faces(fields) | ElementPlan::Strips(fields) if !vertices_are_read => {
+                early.push((number, rows.place()));
+                let passed: Vec<Field> = fields.iter().map(|f| Field { keep: Keep::Nothing, ..f.clone() }).collect();
+                elements::skip(rows, element, &passed, &mut Findings::default())?;
+            }
+            ElementPlan::Faces(_) | ElementPlan::Strips(_) => {
+                read_faces(rows, element, what, plan, &mut to, findings)?;
+            }
         }
     }
-    rows.finish(findings)
+    rows.finish(findings)?;
+    Ok(to.faces.delivered())
+}
+
+fn read_vertices(
+    rows: &mut impl Rows,
+    element: &Element,
+    fields: &[Field],
+    plan: &Plan,
+    sink: &mut dyn MeshSink,
+    findings: &mut Findings,
+) -> Result<(), ReadError> {
+    let width = plan.columns.len();
+    let mut scan = Scan::default();
+    if Scan::is_needed(plan) {
+        let start = rows.place();
+        let looked_at = Scan::fields(fields, &plan.columns);
+        elements::columns(rows, element, &looked_at, width, &mut Findings::default(), &mut |values, _| {
+            scan.absorb(values, &plan.columns);
+            Ok(!scan.is_settled(&plan.columns))
+        })?;
+        rows.go_to(start)?;
+    }
+    let mut vertices = Vertices::new(plan, scan, sink, findings)?;
+    elements::columns(rows, element, fields, width, findings, &mut |values, findings| {
+        vertices.absorb(values, sink, findings).map(|()| true)
+    })
+}
+
+fn read_faces(
+    rows: &mut impl Rows,
+    element: &Element,
+    what: &ElementPlan,
+    plan: &Plan,
+    to: &mut Target<'_>,
+    findings: &mut Findings,
+) -> Result<(), ReadError> {
+    match what {
+        ElementPlan::Faces(fields) => {
+            to.scale = match plan.face_colors {
+                Some(kind) => {
+                    let mut max = 0.0;
+                    if needs_scan(kind) {
+                        let start = rows.place();
+                        elements::columns(rows, element, fields, 3, &mut Findings::default(), &mut |values, _| {
+                            max = largest(max, values.iter().flatten().map(|&v| v as f32));
+                            Ok(true)
+                        })?;
+                        rows.go_to(start)?;
+                    }
+                    Some(Scale::new(kind, max, findings))
+                }
+                None => None,
+            };
+            elements::faces(rows, element, fields, to, findings)
+        }
+        ElementPlan::Strips(fields) => {
+            to.scale = None;
+            elements::strips(rows, element, fields, to, findings)
+        }
+        ElementPlan::Vertices(_) | ElementPlan::Skip(_) => Ok(()),
+    }
 }

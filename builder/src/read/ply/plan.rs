@@ -67,8 +67,6 @@ pub(super) struct Plan {
     pub(super) vertices: u64,
     /// Rows of the face element.
     pub(super) faces: u64,
-    /// Bytes that a triangle takes in a row of the face element of a binary file, at the least.
-    pub(super) triangle_bytes: u64,
 }
 
 /// Names of colours: red, green, blue, alpha.
@@ -110,7 +108,6 @@ impl Plan {
             face_colors: None,
             vertices: vertex.count,
             faces: rows(face),
-            triangle_bytes: 1,
         };
         let vertex_fields = plan.vertex_fields(vertex, path)?;
         for element in &header.elements {
@@ -121,7 +118,6 @@ impl Plan {
                     if rows(strips) == 0 {
                         plan.keep_face_colors(element, &mut fields, path)?;
                     }
-                    plan.triangle_bytes = triangle_bytes(&fields);
                     ElementPlan::Faces(fields)
                 }
                 "tristrips" if element.count > 0 => ElementPlan::Strips(index_fields(element, path)?),
@@ -285,15 +281,6 @@ fn index_fields(element: &Element, path: &Path) -> Result<Vec<Field>, ReadError>
         }
     }
     Ok(fields)
-}
-
-/// Bytes of a triangle's row in a binary file.
-fn triangle_bytes(fields: &[Field]) -> u64 {
-    let bytes = |f: &Field| match (f.kind, f.keep) {
-        (Kind::List { count, item }, Keep::Indices) => count.size() + 3 * item.size(),
-        (Kind::List { count: s, .. } | Kind::Scalar(s), _) => s.size(),
-    };
-    fields.iter().map(bytes).sum::<usize>().max(1) as u64
 }
 
 /// The first scalar property of this name.

@@ -3,8 +3,8 @@
 //! Invariants: `offset` is always the place in the file of the next byte; the buffer never holds more than
 //! [`BUFFER`] bytes, so memory does not grow with the file.
 
-use super::{Place, ReadError};
-use std::io::{ErrorKind, Read};
+use super::{Bytes, OnProgress, Place, ReadError};
+use std::io::{ErrorKind, SeekFrom};
 use std::ops::Range;
 use std::path::Path;
 
@@ -12,9 +12,9 @@ use std::path::Path;
 pub(super) const BUFFER: usize = 1 << 20;
 
 pub(super) struct Source<'a> {
-    reader: &'a mut dyn Read,
+    reader: &'a mut dyn Bytes,
     path: &'a Path,
-    progress: &'a mut dyn FnMut(u64, u64),
+    progress: &'a mut OnProgress<'a>,
     total: u64,
     buffer: Vec<u8>,
     /// The part of `buffer` that is read and not yet used.
@@ -22,16 +22,13 @@ pub(super) struct Source<'a> {
     /// Offset in the file of `buffer[0]`.
     base: u64,
     ended: bool,
+    /// The furthest place that progress was told of; it never goes back.
+    told: u64,
 }
 
 impl<'a> Source<'a> {
-    pub(super) fn new(
-        reader: &'a mut dyn Read,
-        total: u64,
-        path: &'a Path,
-        progress: &'a mut dyn FnMut(u64, u64),
-    ) -> Self {
-        Self { reader, path, progress, total, buffer: vec![0; BUFFER], ready: 0..0, base: 0, ended: false }
+    pub(super) fn new(reader: &'a mut dyn Bytes, total: u64, path: &'a Path, progress: &'a mut OnProgress<'a>) -> Self {
+        Self { reader, path, progress, total, buffer: vec![0; BUFFER], ready: 0..0, base: 0, ended: false, told: 0 }
     }
 
     /// The place in the file of the next byte.
@@ -68,8 +65,11 @@ impl<'a> Source<'a> {
                 }
                 Ok(n) => {
                     self.ready.end += n;
-                    let read = self.base + self.ready.end as u64;
-                    (self.progress)(read.min(self.total), self.total);
+                    let read = (self.base + self.ready.end as u64).min(self.total);
+                    if read > self.told {
+                        self.told = read;
+                        (self.progress)(read, self.total);
+                    }
                     return Ok(true);
                 }
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
@@ -114,6 +114,19 @@ impl<'a> Source<'a> {
                 return Ok(false);
             }
         }
+    }
+
+    /// Read on from another place of the file.
+    pub(super) fn go_to(&mut self, offset: u64) -> Result<(), ReadError> {
+        let buffered = self.base..=self.base + self.ready.end as u64;
+        if buffered.contains(&offset) {
+            self.ready.start = (offset - self.base) as usize;
+            return Ok(());
+        }
+        let cannot = |source| ReadError::Io { file: self.path.to_owned(), offset, source };
+        self.reader.seek(SeekFrom::Start(offset)).map_err(cannot)?;
+        (self.base, self.ready, self.ended) = (offset, 0..0, false);
+        Ok(())
     }
 
     /// Tell the progress that all is read.

@@ -402,6 +402,45 @@ fn faces_may_come_before_the_vertices() {
 }
 
 #[test]
+fn faces_before_the_vertices_keep_their_colours_and_their_lines() {
+    let early = "ply\nformat ascii 1.0\nelement face 2\nproperty list uchar int vertex_indices\nproperty float red\nproperty float green\nproperty float blue\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement other 1\nproperty int a\nend_header\n3 0 1 2 51 0 255\n3 2 1 3 1 2 3\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n7\n";
+    let mesh = ok(early);
+    assert_eq!(mesh.colors[mesh.triangles[0][0] as usize], [51, 0, 255]);
+    assert_eq!(mesh.colors[mesh.triangles[1][2] as usize], [1, 2, 3]);
+    let message = refusal(early.replace("3 2 1 3 1", "3 2 1 9 1"));
+    assert!(message.contains("line 16: found vertex index 9 in face 1"), "{message}");
+    assert!(refusal(early.replace("\n7\n", "\n")).contains("other 0 of 1"), "what follows is read too");
+}
+
+#[test]
+fn a_triangle_that_names_no_vertex_is_refused_wherever_it_stands_in_a_block() {
+    let n = 20_000u32;
+    let good = |big: bool, at: u32, index: u32| {
+        let order = if big { "big" } else { "little" };
+        let mut bytes = format!("ply\nformat binary_{order}_endian 1.0\nelement vertex 4\nproperty uchar x\nproperty uchar y\nproperty uchar z\nelement face {n}\nproperty list uchar uint vertex_indices\nproperty uchar flag\nend_header\n").into_bytes();
+        bytes.extend([0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0]);
+        for i in 0..n {
+            bytes.push(3);
+            for v in [i % 2, 2, if i == at { index } else { 3 }] {
+                bytes.extend(if big { v.to_be_bytes() } else { v.to_le_bytes() });
+            }
+            bytes.push(7);
+        }
+        bytes
+    };
+    for big in [false, true] {
+        assert_eq!(ok(good(big, n, 0)).triangles.len(), n as usize);
+        assert_eq!(ok(good(big, 9_999, 2)).findings.count("triangles that name a vertex twice dropped"), 1);
+        for at in [0, 9_999, n - 1] {
+            for index in [4, u32::MAX] {
+                let message = refusal(good(big, at, index));
+                assert!(message.contains(&format!("vertex index {index} in face {at}")), "{message}");
+            }
+        }
+    }
+}
+
+#[test]
 fn strips_turn_every_other_triangle_and_begin_anew_after_minus_one() {
     let strips = |kind: &str, row: &str| {
         format!(

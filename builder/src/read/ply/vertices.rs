@@ -1,110 +1,164 @@
-//! Takes blocks of vertex columns and keeps them as the attributes of the mesh.
+//! Takes blocks of vertex columns and hands them on as attributes.
 //!
-//! Invariant: after each block all kept attributes have one value per vertex. Positions may be not finite here;
-//! `finish` drops those vertices.
+//! What must be known of the whole file before the first vertex goes out (the range of colours of a wide type, whether
+//! `alpha` is opaque throughout) a [`Scan`] finds out in a first pass, which only such files need.
 
 use super::ReadError;
-use super::colors;
+use super::colors::{Scale, full_scale, needs_scan};
 use super::elements::Columns;
-use super::plan::{Plan, Role};
+use super::plan::{Column, Field, Keep, Plan, Role};
 use super::scalar::Scalar;
-use crate::raw::{Findings, RawMesh};
-use std::path::Path;
+use crate::raw::Findings;
+use crate::read::sink::{MeshSink, VertexBlock};
 
+/// What a first pass over colours and alpha found.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scan {
+    /// The largest finite colour component, at least 0.
+    largest_color: f32,
+    /// The largest finite alpha, at least 0.
+    largest_alpha: f32,
+    /// The smallest alpha; NaN counts as the smallest.
+    smallest_alpha: f32,
+}
+
+impl Default for Scan {
+    fn default() -> Self {
+        Self { largest_color: 0.0, largest_alpha: 0.0, smallest_alpha: f32::INFINITY }
+    }
+}
+
+impl Scan {
+    /// Whether the vertices of this plan need one.
+    pub(super) fn is_needed(plan: &Plan) -> bool {
+        plan.vertex_colors().is_some_and(needs_scan) || plan.columns.iter().any(|c| c.role == Role::Alpha)
+    }
+
+    /// The fields with only the columns kept that a scan looks at.
+    pub(super) fn fields(fields: &[Field], columns: &[Column]) -> Vec<Field> {
+        let mut fields = fields.to_vec();
+        for field in &mut fields {
+            let looked_at = |at: usize| match columns[at].role {
+                Role::Alpha => true,
+                Role::Color(_) => needs_scan(columns[at].kind),
+                _ => false,
+            };
+            if !matches!(field.keep, Keep::Column(at) if looked_at(at)) {
+                field.keep = Keep::Nothing;
+            }
+        }
+        fields
+    }
+
+    /// Look at a block.
+    pub(super) fn absorb(&mut self, values: &Columns, columns: &[Column]) {
+        for (values, column) in values.iter().zip(columns) {
+            let values = values.iter().map(|&v| v as f32);
+            match column.role {
+                Role::Color(_) => self.largest_color = largest(self.largest_color, values),
+                Role::Alpha => {
+                    for v in values {
+                        if v.is_finite() {
+                            self.largest_alpha = self.largest_alpha.max(v);
+                        }
+                        if v < self.smallest_alpha || v.is_nan() {
+                            self.smallest_alpha = v;
+                        }
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Whether nothing that follows can change what matters: of colours and alpha of a byte each, that alpha varies.
+    pub(super) fn is_settled(&self, columns: &[Column]) -> bool {
+        let bytes = columns.iter().all(|c| !matches!(c.role, Role::Alpha | Role::Color(_)) || c.kind == Scalar::U8);
+        bytes && self.smallest_alpha < 255.0
+    }
+}
+
+/// The larger of `before` and the largest finite value.
+pub(super) fn largest(before: f32, values: impl Iterator<Item = f32>) -> f32 {
+    values.filter(|v| v.is_finite()).fold(before, f32::max)
+}
+
+/// How vertices are put together.
 pub(super) struct Vertices {
     /// Columns of x, y and z.
     xyz: [usize; 3],
-    /// Columns of red, green and blue, and their type.
-    rgb: Option<([usize; 3], Scalar)>,
-    alpha: Option<(usize, Scalar)>,
+    /// Columns of red, green and blue, and their scale.
+    rgb: Option<([usize; 3], Scale)>,
     normal: Option<[usize; 3]>,
-    /// Columns, names and types of the further channels.
-    channels: Vec<(usize, String, Scalar)>,
+    /// Columns of the channels, and what their values are divided by.
+    channels: Vec<(usize, f32)>,
 
     positions: Vec<[f64; 3]>,
-    /// Colours of 8 bits, which need no second look.
-    bytes: Vec<[u8; 3]>,
-    /// Colours of other types, until the largest value is known.
-    wide: Vec<[f32; 3]>,
-    alphas: Vec<f32>,
+    colors: Vec<[u8; 3]>,
     normals: Vec<[f32; 3]>,
     scalars: Vec<Vec<f32>>,
 }
 
 impl Vertices {
-    /// Room for all vertices that the plan declares, which the file has been found long enough for.
-    pub(super) fn new(plan: &Plan, path: &Path) -> Result<Self, ReadError> {
-        let too_large = |what: String| ReadError::TooLarge { file: path.to_owned(), what };
-        let n = usize::try_from(plan.vertices).ok().filter(|&n| n < u32::MAX as usize).ok_or_else(|| {
-            too_large(format!(
-                "{} vertices; a file may have up to {} of them: split it into blocks",
-                plan.vertices,
-                u32::MAX - 1
-            ))
-        })?;
-        let no_memory = |_| too_large(format!("no memory for {n} vertices: split the file into blocks"));
+    /// Declares the channels to the sink.
+    pub(super) fn new(
+        plan: &Plan,
+        scan: Scan,
+        sink: &mut dyn MeshSink,
+        findings: &mut Findings,
+    ) -> Result<Self, ReadError> {
         let find = |role| plan.columns.iter().position(|c| c.role == role);
         let three =
             |role: fn(usize) -> Role| -> Option<[usize; 3]> { Some([find(role(0))?, find(role(1))?, find(role(2))?]) };
-        let channels: Vec<_> = plan
-            .channels
-            .iter()
-            .enumerate()
-            .filter_map(|(i, name)| find(Role::Channel(i)).map(|at| (at, name.clone(), plan.columns[at].kind)))
-            .collect();
-        let mut vertices = Self {
+        let mut names = Vec::new();
+        let mut channels = Vec::new();
+        for (i, name) in plan.channels.iter().enumerate() {
+            if let Some(at) = find(Role::Channel(i)) {
+                if matches!(plan.columns[at].kind, Scalar::F64 | Scalar::I32 | Scalar::U32) {
+                    findings.add("channels narrowed to 32-bit floats", || name.clone());
+                }
+                names.push(name.clone());
+                channels.push((at, 1.0));
+            }
+        }
+        if let Some(at) = find(Role::Alpha) {
+            let full = full_scale(plan.columns[at].kind, scan.largest_alpha);
+            // Of no vertices, or opaque throughout: no channel.
+            if scan.smallest_alpha != f32::INFINITY && (scan.smallest_alpha != full || scan.largest_alpha != full) {
+                names.push("alpha".to_owned());
+                channels.push((at, full));
+            }
+        }
+        if !names.is_empty() {
+            sink.channels(&names)?;
+        }
+        let scale = plan.vertex_colors().map(|kind| Scale::new(kind, scan.largest_color, findings));
+        Ok(Self {
             xyz: three(Role::Position).unwrap_or_default(),
-            rgb: three(Role::Color).zip(plan.vertex_colors()),
-            alpha: find(Role::Alpha).map(|at| (at, plan.columns[at].kind)),
+            rgb: three(Role::Color).zip(scale),
             normal: three(Role::Normal),
             positions: Vec::new(),
-            bytes: Vec::new(),
-            wide: Vec::new(),
-            alphas: Vec::new(),
+            colors: Vec::new(),
             normals: Vec::new(),
             scalars: vec![Vec::new(); channels.len()],
             channels,
-        };
-        vertices.positions.try_reserve_exact(n).map_err(no_memory)?;
-        match vertices.rgb {
-            Some((_, Scalar::U8)) => vertices.bytes.try_reserve_exact(n).map_err(no_memory)?,
-            Some(_) => vertices.wide.try_reserve_exact(n).map_err(no_memory)?,
-            None => {}
-        }
-        if vertices.alpha.is_some() {
-            vertices.alphas.try_reserve_exact(n).map_err(no_memory)?;
-        }
-        if vertices.normal.is_some() {
-            vertices.normals.try_reserve_exact(n).map_err(no_memory)?;
-        }
-        for scalars in &mut vertices.scalars {
-            scalars.try_reserve_exact(n).map_err(no_memory)?;
-        }
-        Ok(vertices)
+        })
     }
 
-    /// The positions read so far.
-    pub(super) fn positions(&self) -> &[[f64; 3]] {
-        &self.positions
-    }
-
-    /// Keep a block of rows.
-    pub(super) fn absorb(&mut self, columns: &Columns, findings: &mut Findings) {
+    /// Hand on a block of rows.
+    pub(super) fn absorb(
+        &mut self,
+        columns: &Columns,
+        sink: &mut dyn MeshSink,
+        findings: &mut Findings,
+    ) -> Result<(), ReadError> {
+        self.positions.clear();
         self.positions.extend(rows(columns, self.xyz));
-        match self.rgb {
-            Some((at, Scalar::U8)) => {
-                self.bytes.extend(rows(columns, at).map(|color| color.map(|v| byte(v, findings))));
-            }
-            // Some writers say char and mean uchar.
-            Some((at, Scalar::I8)) => {
-                self.wide.extend(rows(columns, at).map(|c| c.map(|v| if v < 0.0 { v + 256.0 } else { v } as f32)));
-            }
-            Some((at, _)) => self.wide.extend(rows(columns, at).map(|c| c.map(|v| v as f32))),
-            None => {}
+        self.colors.clear();
+        if let Some((at, scale)) = self.rgb {
+            self.colors.extend(rows(columns, at).map(|color| scale.color(color, findings)));
         }
-        if let Some((at, _)) = self.alpha {
-            self.alphas.extend(columns[at].iter().map(|&v| v as f32));
-        }
+        self.normals.clear();
         if let Some(at) = self.normal {
             self.normals.extend(rows(columns, at).map(|n| {
                 if n.iter().all(|v| v.is_finite()) {
@@ -115,52 +169,16 @@ impl Vertices {
                 }
             }));
         }
-        for (scalars, (at, ..)) in self.scalars.iter_mut().zip(&self.channels) {
-            scalars.extend(columns[*at].iter().map(|&v| v as f32));
+        for (scalars, (at, full)) in self.scalars.iter_mut().zip(&self.channels) {
+            scalars.clear();
+            scalars.extend(columns[*at].iter().map(|&v| v as f32 / full));
         }
-    }
-
-    /// The attributes as a mesh without triangles.
-    pub(super) fn into_mesh(self, mut findings: Findings) -> RawMesh {
-        let colors = match self.rgb {
-            Some((_, Scalar::U8)) => self.bytes,
-            Some((_, kind)) => colors::to_bytes(&self.wide, kind, &mut findings),
-            None => Vec::new(),
-        };
-        let mut scalars = Vec::new();
-        for ((_, name, kind), values) in self.channels.into_iter().zip(self.scalars) {
-            if matches!(kind, Scalar::F64 | Scalar::I32 | Scalar::U32) {
-                findings.add("channels narrowed to 32-bit floats", || name.clone());
-            }
-            scalars.push((name, values));
-        }
-        if let Some((_, kind)) = self.alpha {
-            let full = colors::full_scale(kind, colors::largest(self.alphas.iter()));
-            if self.alphas.iter().any(|&a| a != full) {
-                scalars.push(("alpha".to_owned(), self.alphas.iter().map(|a| a / full).collect()));
-            }
-        }
-        RawMesh { positions: self.positions, colors, normals: self.normals, scalars, triangles: Vec::new(), findings }
+        let Self { positions, colors, normals, scalars, .. } = self;
+        sink.vertices(&VertexBlock { positions, colors, normals, scalars })
     }
 }
 
 /// Three columns as rows.
 fn rows(columns: &Columns, [a, b, c]: [usize; 3]) -> impl Iterator<Item = [f64; 3]> {
     columns[a].iter().zip(&columns[b]).zip(&columns[c]).map(|((&a, &b), &c)| [a, b, c])
-}
-
-/// A colour component of 8 bits; only text can hold another value.
-#[inline]
-fn byte(value: f64, findings: &mut Findings) -> u8 {
-    let byte = value as u8;
-    if f64::from(byte) == value {
-        return byte;
-    }
-    if (0.0..=255.0).contains(&value) {
-        findings.add_many("colours rounded to 8 bits", 1);
-        value.round() as u8
-    } else {
-        findings.add_many("colours outside their range clamped", 1);
-        byte
-    }
 }

@@ -31,16 +31,12 @@ pub(super) struct Triangulator {
 }
 
 impl Triangulator {
-    /// Cut the polygon with these corners (three or more) and hand its triangles to `out`.
-    pub(super) fn polygon(
-        &mut self,
-        corners: &[u32],
-        positions: &[[f64; 3]],
-        mut out: impl FnMut([u32; 3]),
-    ) -> Outcome {
-        self.project(corners, positions);
-        if let ([a, b, c, d], Some(first)) = (corners, self.quad_diagonal(corners, positions)) {
-            let halves = if first { [[*a, *b, *c], [*a, *c, *d]] } else { [[*a, *b, *d], [*b, *c, *d]] };
+    /// Cut the polygon whose three or more corners are at these places, in order, and hand its triangles to `out` as
+    /// numbers of corners.
+    pub(super) fn polygon(&mut self, corners: &[[f64; 3]], mut out: impl FnMut([usize; 3])) -> Outcome {
+        self.project(corners);
+        if let Some(first) = self.quad_diagonal(corners) {
+            let halves = if first { [[0, 1, 2], [0, 2, 3]] } else { [[0, 1, 3], [1, 2, 3]] };
             halves.into_iter().for_each(out);
             return Outcome::Covered;
         }
@@ -63,28 +59,25 @@ impl Triangulator {
                 }
                 flat.or_else(|| self.find(at, |t, i| t.convex[i])).unwrap_or(at)
             });
-            out([corners[self.previous[ear]], corners[ear], corners[self.next[ear]]]);
+            out([self.previous[ear], ear, self.next[ear]]);
             at = self.remove(ear);
         }
         // What is left of a polygon that does not cross itself turns as the whole did.
         if self.turn(at) < 0.0 {
             outcome = Outcome::Crossing;
         }
-        out([corners[self.previous[at]], corners[at], corners[self.next[at]]]);
+        out([self.previous[at], at, self.next[at]]);
         outcome
     }
 
     /// Project to the axis plane in which the polygon is largest, turning anticlockwise there, relative to its first
     /// corner (real-world coordinates are large).
-    fn project(&mut self, corners: &[u32], positions: &[[f64; 3]]) {
-        let origin = positions[corners[0] as usize];
-        let local = |i: u32| {
-            let p = positions[i as usize];
-            [p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]]
-        };
+    fn project(&mut self, corners: &[[f64; 3]]) {
+        let origin = corners[0];
+        let local = |p: &[f64; 3]| [p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]];
         let mut normal = [0.0; 3]; // Newell's
-        for (i, &corner) in corners.iter().enumerate() {
-            let (a, b) = (local(corner), local(corners[(i + 1) % corners.len()]));
+        for (i, corner) in corners.iter().enumerate() {
+            let (a, b) = (local(corner), local(&corners[(i + 1) % corners.len()]));
             for (axis, n) in normal.iter_mut().enumerate() {
                 let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
                 *n += (a[u] - b[u]) * (a[v] + b[v]);
@@ -95,7 +88,7 @@ impl Triangulator {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         let (u, v) = if normal[axis] < 0.0 { (v, u) } else { (u, v) };
         self.points.clear();
-        self.points.extend(corners.iter().map(|&c| {
+        self.points.extend(corners.iter().map(|c| {
             let p = local(c);
             [p[u], p[v]]
         }));
@@ -103,14 +96,11 @@ impl Triangulator {
 
     /// For a quad: whether it is split from its first corner, or from its second; `None` if no diagonal lies inside or
     /// it is no quad.
-    fn quad_diagonal(&self, corners: &[u32], positions: &[[f64; 3]]) -> Option<bool> {
+    fn quad_diagonal(&self, corners: &[[f64; 3]]) -> Option<bool> {
         let (&[a, b, c, d], &[pa, pb, pc, pd]) = (corners, self.points.as_slice()) else { return None };
         let first = cross(pa, pb, pc) > 0.0 && cross(pa, pc, pd) > 0.0;
         let second = cross(pb, pc, pd) > 0.0 && cross(pb, pd, pa) > 0.0;
-        let length = |i: u32, j: u32| {
-            let (p, q) = (positions[i as usize], positions[j as usize]);
-            (0..3).map(|k| (p[k] - q[k]) * (p[k] - q[k])).sum::<f64>()
-        };
+        let length = |p: [f64; 3], q: [f64; 3]| (0..3).map(|k| (p[k] - q[k]) * (p[k] - q[k])).sum::<f64>();
         match (first, second) {
             (true, true) => Some(length(a, c) <= length(b, d)),
             (true, false) => Some(true),
@@ -213,9 +203,8 @@ mod tests {
     use proptest::prelude::*;
 
     fn cut(polygon: &[[f64; 3]]) -> (Vec<[u32; 3]>, Outcome) {
-        let corners: Vec<u32> = (0..polygon.len() as u32).collect();
         let mut triangles = Vec::new();
-        let outcome = Triangulator::default().polygon(&corners, polygon, |t| triangles.push(t));
+        let outcome = Triangulator::default().polygon(polygon, |t| triangles.push(t.map(|i| i as u32)));
         (triangles, outcome)
     }
 
