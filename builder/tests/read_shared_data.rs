@@ -137,7 +137,6 @@ fn files_of_other_formats_are_refused_by_the_name_of_their_format() {
     let Some(folder) = data() else { return };
     let expected: &[(&str, &str)] = &[
         ("obj", "Wavefront OBJ"),
-        ("stl", "STL mesh"),
         ("glb", "glTF binary"),
         ("gltf", "glTF scene"),
         ("nxz", "Nexus"),
@@ -153,7 +152,7 @@ fn files_of_other_formats_are_refused_by_the_name_of_their_format() {
     let mut all = Vec::new();
     files(&folder, &mut all);
     let mut checked = 0;
-    for path in all.iter().filter(|p| extension(p) != "ply") {
+    for path in all.iter().filter(|p| !["ply", "stl"].contains(&extension(p).as_str())) {
         let text = match read_mesh(path, &mut |_, _| {}) {
             Ok(_) => panic!("{} was read as a mesh", path.display()),
             Err(e) => e.to_string(),

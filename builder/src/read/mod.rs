@@ -16,6 +16,8 @@ mod memory;
 pub mod ply;
 pub mod sink;
 mod sniff;
+mod source;
+pub mod stl;
 mod triangulate;
 
 pub use error::{Place, ReadError};
@@ -59,7 +61,8 @@ struct Format {
 }
 
 /// Asked in this order.
-const FORMATS: &[Format] = &[Format { is: |start, _| ply::is_ply(start), read: ply::read }];
+const FORMATS: &[Format] =
+    &[Format { is: |start, _| ply::is_ply(start), read: ply::read }, Format { is: stl::is_stl, read: stl::read }];
 
 /// Deliver the mesh in the file at `path` to `sink`.
 ///
