@@ -8,6 +8,7 @@ pub mod assemble;
 mod build;
 pub mod certify;
 pub mod fragment;
+pub mod ingest;
 pub mod levels;
 pub mod options;
 pub mod partition;
@@ -17,7 +18,9 @@ pub mod raw;
 pub mod read;
 pub mod scratch;
 pub mod simplify;
+pub mod surface;
 pub mod synth;
+pub mod work;
 
 pub use build::{BuildReport, Built, Finding, build_pack};
 pub use options::{BuildError, BuildOptions, Units, Up};

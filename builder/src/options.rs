@@ -159,6 +159,12 @@ pub enum BuildError {
         /// The system's reason.
         source: std::io::Error,
     },
+    /// A scratch file could not be used.
+    #[error(transparent)]
+    Scratch(#[from] crate::scratch::ScratchError),
+    /// The build was asked to stop.
+    #[error("stopped")]
+    Stopped,
     /// Worker threads could not be started.
     #[error("cannot start worker threads: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),

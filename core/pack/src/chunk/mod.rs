@@ -124,8 +124,23 @@ pub struct Declared {
 /// # Errors
 /// [`PackError::Invalid`] when the mesh contradicts itself or `attributes`.
 pub fn encode(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, PackError> {
+    Ok(with_patches(&chunk.patches, &encode_body(chunk, attributes)?))
+}
+
+/// Encode all of a chunk but its patch table, for a builder that does not know the numbers of diamonds yet: they come
+/// to it by [`with_patches`].
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_body(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, PackError> {
     check(chunk, attributes)?;
-    payload::encode(&order::ordered(chunk)?, attributes)
+    payload::encode_body(&order::ordered(chunk)?, attributes)
+}
+
+/// Complete a chunk: `patches` are those of the chunk that `body` was made from, each with the final number of its
+/// diamond. The result is what [`encode`] gives for that chunk.
+pub fn with_patches(patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
+    payload::with_patches(patches, body)
 }
 
 /// Decode a chunk that [`encode`] wrote.

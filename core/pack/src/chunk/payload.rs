@@ -17,15 +17,27 @@ const NORMAL_BITS: [u8; 4] = [8, 10, 12, 16];
 /// Number of the codec described here.
 const CODEC: u8 = 0;
 
-/// Encode a chunk that is in storage order.
-pub(super) fn encode(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, PackError> {
-    let mut workspace = Workspace::default();
-    let mut out = vec![CODEC];
-    push_varint(&mut out, u32::try_from(chunk.patches.len()).unwrap_or(u32::MAX));
-    for patch in &chunk.patches {
+/// Codec and patch table, then what [`encode_body`] made, then padding.
+pub(super) fn with_patches(patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
+    let mut out = Vec::with_capacity(8 + patches.len() * 8 + body.len());
+    out.push(CODEC);
+    push_varint(&mut out, u32::try_from(patches.len()).unwrap_or(u32::MAX));
+    for patch in patches {
         push_varint(&mut out, patch.count);
         push_varint(&mut out, patch.diamond.wrapping_add(1));
     }
+    out.extend_from_slice(body);
+    // A decoder allocates for no more than so many triangles per byte: an absurdly regular chunk is padded.
+    let triangles: u64 = patches.iter().map(|p| u64::from(p.count)).sum();
+    let least = usize::try_from(triangles.div_ceil(MAX_PER_BYTE as u64)).unwrap_or(0);
+    out.resize(out.len().max(least), 0);
+    out
+}
+
+/// Everything of a chunk that is in storage order but the patch table and padding.
+pub(super) fn encode_body(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, PackError> {
+    let mut workspace = Workspace::default();
+    let mut out = Vec::new();
     let coded = encode_indices(&chunk.mesh.triangles, &mut workspace)?;
     // The codec may rotate corners: border bits and predictions follow what a reader will see.
     let triangles = decode_indices(&coded, chunk.mesh.triangles.len(), &mut workspace)?;
@@ -37,10 +49,6 @@ pub(super) fn encode(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, P
     let streams = std::mem::take(&mut w.streams);
     push_section(&mut out, &w.into_bits());
     out.extend(streams);
-    // A decoder allocates for no more than so many triangles per byte: an absurdly regular chunk is padded.
-    let least = mesh.triangles.len().div_ceil(MAX_PER_BYTE);
-    let padding = least.saturating_sub(out.len());
-    out.resize(out.len() + padding, 0);
     Ok(out)
 }
 
