@@ -75,6 +75,28 @@ pub enum ReadError {
         /// What should stand there and, where that helps, what to do.
         expected: String,
     },
+    /// A part of a file of named parts (glTF) is damaged or names what is not there.
+    #[error("{}, {part}: found {found}; expected {expected}", file.display())]
+    Part {
+        /// The file.
+        file: PathBuf,
+        /// The part, for example "accessors[3]".
+        part: String,
+        /// What stands there.
+        found: String,
+        /// What should stand there and, where that helps, what to do.
+        expected: String,
+    },
+    /// The file needs something that is not supported.
+    #[error("{} {needs}. {way_out}", file.display())]
+    Needs {
+        /// The file.
+        file: PathBuf,
+        /// A verb and what it needs, for example "requires the glTF extension X, which is not read".
+        needs: String,
+        /// What the user can do.
+        way_out: &'static str,
+    },
     /// The file is sound but has no triangle to build from.
     #[error("{} has no triangles: {found}. {way_out}", file.display())]
     NoTriangles {
@@ -105,4 +127,19 @@ pub enum ReadError {
         /// The limit, what the file needs, and what to do.
         what: String,
     },
+    /// A triangle names a vertex that the file does not have.
+    #[error("{}: triangle {triangle} (the first is 0) names vertex {vertex}, but there are {vertices}; the file is cut or damaged: copy or export it again", file.display())]
+    Index {
+        /// The file.
+        file: PathBuf,
+        /// The triangle, in the order of the file.
+        triangle: u64,
+        /// The number it names; the first vertex is 0.
+        vertex: u64,
+        /// Vertices in the file.
+        vertices: u64,
+    },
+    /// The scratch files that keep the mesh failed.
+    #[error(transparent)]
+    Spool(#[from] crate::scratch::ScratchError),
 }

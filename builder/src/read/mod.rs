@@ -13,11 +13,13 @@
 mod error;
 mod faces;
 mod memory;
+pub mod obj;
 pub mod ply;
 pub mod sink;
 mod sniff;
 mod source;
 pub mod stl;
+pub mod texture;
 mod triangulate;
 
 pub use error::{Place, ReadError};
@@ -27,7 +29,7 @@ pub use sink::{MeshSink, VertexBlock};
 use crate::raw::RawMesh;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// How much of the beginning is looked at to recognise the format.
 const SNIFFED: u64 = 16 * 1024;
@@ -50,6 +52,23 @@ pub struct Input<'a> {
     pub source: &'a mut dyn Bytes,
     /// To be called about once a mebibyte and once at the end.
     pub progress: &'a mut OnProgress<'a>,
+    /// What the user can choose.
+    pub options: &'a ReadOptions,
+}
+
+/// What the user can choose about reading.
+#[derive(Debug, Clone)]
+pub struct ReadOptions {
+    /// The folder for scratch files, of which OBJ with pictures or normals needs some beyond a few million vertices.
+    pub scratch: PathBuf,
+    /// Bytes of decoded pictures kept at a time, and the most that one may take.
+    pub texture_bytes: u64,
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self { scratch: std::env::temp_dir(), texture_bytes: texture::TEXTURE_BYTES }
+    }
 }
 
 /// A format that is read.
@@ -61,8 +80,11 @@ struct Format {
 }
 
 /// Asked in this order.
-const FORMATS: &[Format] =
-    &[Format { is: |start, _| ply::is_ply(start), read: ply::read }, Format { is: stl::is_stl, read: stl::read }];
+const FORMATS: &[Format] = &[
+    Format { is: |start, _| ply::is_ply(start), read: ply::read },
+    Format { is: stl::is_stl, read: stl::read },
+    Format { is: |start, _| obj::is_obj(start), read: obj::read },
+];
 
 /// Deliver the mesh in the file at `path` to `sink`.
 ///
@@ -71,8 +93,21 @@ const FORMATS: &[Format] =
 /// # Errors
 /// [`ReadError`], whose text names the file, the place and what to do; what `sink` returns.
 pub fn read_into(path: &Path, sink: &mut dyn MeshSink, progress: &mut OnProgress<'_>) -> Result<(), ReadError> {
+    read_into_with(path, &ReadOptions::default(), sink, progress)
+}
+
+/// As [`read_into`], with options.
+///
+/// # Errors
+/// As [`read_into`].
+pub fn read_into_with(
+    path: &Path,
+    options: &ReadOptions,
+    sink: &mut dyn MeshSink,
+    progress: &mut OnProgress<'_>,
+) -> Result<(), ReadError> {
     let (mut file, total) = open(path)?;
-    read_into_from(&mut file, total, path, sink, progress)
+    dispatch(Input { path, total, source: &mut file, progress: &mut |a, b| progress(a, b), options }, sink)
 }
 
 /// As [`read_into`], from any source of `total` bytes; `path` is its name in messages.
@@ -86,13 +121,18 @@ pub fn read_into_from(
     sink: &mut dyn MeshSink,
     progress: &mut OnProgress<'_>,
 ) -> Result<(), ReadError> {
-    let cannot = |source| ReadError::Io { file: path.to_owned(), offset: 0, source };
+    let options = &ReadOptions::default();
+    dispatch(Input { path, total, source, progress: &mut |a, b| progress(a, b), options }, sink)
+}
+
+fn dispatch(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
+    let cannot = |source| ReadError::Io { file: input.path.to_owned(), offset: 0, source };
     let mut start = Vec::new();
-    (&mut *source).take(SNIFFED).read_to_end(&mut start).map_err(cannot)?;
-    source.seek(SeekFrom::Start(0)).map_err(cannot)?;
-    match FORMATS.iter().find(|format| (format.is)(&start, total)) {
-        Some(format) => (format.read)(Input { path, total, source, progress: &mut |a, b| progress(a, b) }, sink),
-        None => Err(sniff::refusal(&start, total, path)),
+    (&mut *input.source).take(SNIFFED).read_to_end(&mut start).map_err(cannot)?;
+    input.source.seek(SeekFrom::Start(0)).map_err(cannot)?;
+    match FORMATS.iter().find(|format| (format.is)(&start, input.total)) {
+        Some(format) => (format.read)(input, sink),
+        None => Err(sniff::refusal(&start, input.total, input.path)),
     }
 }
 

@@ -182,7 +182,7 @@ mod tests {
 
     #[test]
     fn the_content_decides_and_not_the_name() {
-        assert!(message(b"# cube\no Cube\nv 0 0 0\n", "scan.ply").contains("Wavefront OBJ"));
+        assert!(message(b"# red\nnewmtl red\nKd 1 0 0\n", "scan.obj").contains("Wavefront material library"));
         assert!(message(b"glTF\x02\0\0\0", "scan.ply").contains("GLB"));
         assert!(message(b"LASF....", "scan.ply").contains("LAS"));
     }

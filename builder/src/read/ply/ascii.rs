@@ -5,9 +5,9 @@
 use super::elements::{Columns, Cursor, Row, Rows};
 use super::plan::Field;
 use super::scalar::Scalar;
-use super::source::{Source, quote};
 use super::{Place, ReadError};
 use crate::raw::Findings;
+use crate::read::source::{Source, quote};
 
 /// A word longer than this is no number.
 const MAX_WORD: usize = 4096;

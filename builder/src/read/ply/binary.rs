@@ -4,9 +4,9 @@ use super::elements::{BLOCK, Columns, Cursor, Row, Rows};
 use super::header::Kind;
 use super::plan::{Field, Keep};
 use super::scalar::{Order, Scalar};
-use super::source::{BUFFER, Source};
 use super::{Place, ReadError};
 use crate::raw::Findings;
+use crate::read::source::{BUFFER, Source};
 
 pub(super) struct Binary<'s, 'a> {
     source: &'s mut Source<'a>,

@@ -5,8 +5,8 @@
 //! with the length of the file ([`Header::check_fits`]) before anything is.
 
 use super::scalar::{NAMES, Order, Scalar};
-use super::source::{Source, quote};
 use super::{Place, ReadError};
+use crate::read::source::{Source, quote};
 
 /// A header longer than this is no header (real ones are below 10 kB).
 const MAX_HEADER: u64 = 1 << 20;

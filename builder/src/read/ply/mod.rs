@@ -24,7 +24,6 @@ mod elements;
 mod header;
 mod plan;
 mod scalar;
-mod source;
 mod vertices;
 
 #[cfg(test)]
@@ -33,7 +32,8 @@ mod fuzz_tests;
 mod tests;
 
 use super::faces::Faces;
-use super::{Bytes, Input, MeshSink, OnProgress, Place, ReadError};
+use super::source::Source;
+use super::{Input, MeshSink, Place, ReadError};
 use crate::raw::Findings;
 use ascii::Ascii;
 use binary::Binary;
@@ -41,7 +41,7 @@ use colors::{Scale, needs_scan};
 use elements::{Cursor, Rows, Target};
 use header::{Element, Encoding, Header};
 use plan::{ElementPlan, Field, Keep, Plan};
-use source::Source;
+
 use vertices::{Scan, Vertices, largest};
 
 /// Whether a file that starts with these bytes is a PLY.
@@ -54,7 +54,7 @@ pub fn is_ply(start: &[u8]) -> bool {
 /// # Errors
 /// [`ReadError`] for a file that is damaged, cut, without triangles or larger than its limits.
 pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
-    let Input { path, total, source, progress } = input;
+    let Input { path, total, source, progress, .. } = input;
     let mut source = Source::new(source, total, path, progress);
     let header = Header::read(&mut source)?;
     let plan = Plan::new(&header, path)?;

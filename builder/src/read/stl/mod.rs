@@ -55,7 +55,7 @@ fn is_text(start: &[u8]) -> bool {
 /// # Errors
 /// [`ReadError`] for text that is not STL, for a file without facets, and what the sink says.
 pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
-    let Input { path, total, source, progress } = input;
+    let Input { path, total, source, progress, .. } = input;
     let mut bytes =
         Bytes { inner: BufReader::with_capacity(BUFFER, source), path, offset: 0, told: 0, total, progress };
     let mut start = vec![0; SNIFFED];

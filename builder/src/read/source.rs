@@ -24,11 +24,24 @@ pub(super) struct Source<'a> {
     ended: bool,
     /// The furthest place that progress was told of; it never goes back.
     told: u64,
+    /// Which part of the work this pass over the file is: where it begins and how much it is, of 1.
+    pass: (f64, f64),
 }
 
 impl<'a> Source<'a> {
     pub(super) fn new(reader: &'a mut dyn Bytes, total: u64, path: &'a Path, progress: &'a mut OnProgress<'a>) -> Self {
-        Self { reader, path, progress, total, buffer: vec![0; BUFFER], ready: 0..0, base: 0, ended: false, told: 0 }
+        Self {
+            reader,
+            path,
+            progress,
+            total,
+            buffer: vec![0; BUFFER],
+            ready: 0..0,
+            base: 0,
+            ended: false,
+            told: 0,
+            pass: (0.0, 1.0),
+        }
     }
 
     /// The place in the file of the next byte.
@@ -66,9 +79,10 @@ impl<'a> Source<'a> {
                 Ok(n) => {
                     self.ready.end += n;
                     let read = (self.base + self.ready.end as u64).min(self.total);
-                    if read > self.told {
-                        self.told = read;
-                        (self.progress)(read, self.total);
+                    let done = (self.pass.0 * self.total as f64 + self.pass.1 * read as f64) as u64;
+                    if done > self.told {
+                        self.told = done;
+                        (self.progress)(done.min(self.total), self.total);
                     }
                     return Ok(true);
                 }
@@ -114,6 +128,12 @@ impl<'a> Source<'a> {
                 return Ok(false);
             }
         }
+    }
+
+    /// Go to the beginning for a pass over the whole file that is `part` of the work and comes after `before` of it.
+    pub(super) fn begin_pass(&mut self, before: f64, part: f64) -> Result<(), ReadError> {
+        self.pass = (before, part);
+        self.go_to(0)
     }
 
     /// Read on from another place of the file.

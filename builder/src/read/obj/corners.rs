@@ -1,0 +1,343 @@
+//! Corners of an OBJ that have normals or a picture: each distinct one becomes a vertex.
+//!
+//! Positions, texture coordinates and normals wait in tables of bounded memory. A cache of bounded size knows the number
+//! of the vertex that a corner became; a corner that it has forgotten becomes a vertex again, which the builder welds.
+//! Vertices that no face names are never handed on.
+
+use super::material::{Map, Material};
+use super::statements::Corner;
+use super::survey::Survey;
+use super::table::{Scratch, Table};
+use super::{Body, MeshSink, ReadError};
+use crate::raw::Findings;
+use crate::read::ReadOptions;
+use crate::read::faces::{CROSSING, REPEATED, TOO_FEW, TRIANGULATED};
+use crate::read::sink::{NOT_FINITE, TWICE, VertexBlock};
+use crate::read::texture::{Textures, find_file};
+use crate::read::triangulate::{Outcome, Triangulator};
+use std::path::{Path, PathBuf};
+
+/// Vertices and triangles handed on at a time.
+const BLOCK: usize = 4096;
+/// Bytes of the three tables in memory.
+const POSITIONS: usize = 96 << 20;
+const UVS: usize = 32 << 20;
+const NORMALS: usize = 48 << 20;
+/// Corners remembered.
+const REMEMBERED: u64 = 1 << 20;
+
+/// Position (3 × f64) and colour (3 bytes and whether there is one).
+const POSITION_BYTES: usize = 28;
+
+/// What colours the faces in hand.
+enum Paint {
+    Nothing,
+    Color([u8; 3]),
+    /// A picture, by its number.
+    Picture(usize, Map),
+}
+
+/// A vertex in the making.
+#[derive(Clone, Copy)]
+struct Made {
+    position: [f64; 3],
+    own_color: Option<[u8; 3]>,
+    uv: Option<[f64; 2]>,
+    normal: Option<[f32; 3]>,
+}
+
+pub(super) struct Corners<'s, 'p> {
+    sink: &'s mut dyn MeshSink,
+    path: &'p Path,
+    findings: Findings,
+    positions: Table<'p, POSITION_BYTES>,
+    uvs: Table<'p, 8>,
+    normals: Table<'p, 12>,
+    /// Number + 1 of the vertex of a corner and the corner itself, by its hash.
+    remembered: Vec<[u64; 4]>,
+    /// Changes with each material, so that corners of another are not found.
+    epoch: u64,
+    paint: Paint,
+    textures: Textures,
+    /// Pictures by their numbers.
+    pictures: Vec<(String, Option<PathBuf>)>,
+    block: Block,
+    triangles: Vec<[u64; 3]>,
+    delivered: u64,
+    triangulator: Triangulator,
+    ring: Vec<Corner>,
+    ring_made: Vec<Made>,
+}
+
+/// Vertices that wait to be handed on; all have a colour or none, all a normal or none.
+#[derive(Default)]
+struct Block {
+    /// The number of the first.
+    first: u64,
+    positions: Vec<[f64; 3]>,
+    colors: Vec<[u8; 3]>,
+    normals: Vec<[f32; 3]>,
+}
+
+impl<'s, 'p> Corners<'s, 'p> {
+    pub(super) fn new(
+        path: &'p Path,
+        options: &'p ReadOptions,
+        survey: &Survey,
+        sink: &'s mut dyn MeshSink,
+        findings: Findings,
+    ) -> Self {
+        let scratch = Scratch { folder: &options.scratch, file: path };
+        let remembered = survey.faces.saturating_mul(4).clamp(16, REMEMBERED).next_power_of_two();
+        let first = sink.vertex_count();
+        Self {
+            sink,
+            path,
+            findings,
+            positions: Table::new(scratch, POSITIONS),
+            uvs: Table::new(scratch, UVS),
+            normals: Table::new(scratch, NORMALS),
+            remembered: vec![[0; 4]; remembered as usize],
+            epoch: 0,
+            paint: Paint::Nothing,
+            textures: Textures::new(options.texture_bytes),
+            pictures: Vec::new(),
+            block: Block { first, ..Block::default() },
+            triangles: Vec::with_capacity(BLOCK),
+            delivered: 0,
+            triangulator: Triangulator::default(),
+            ring: Vec::new(),
+            ring_made: Vec::new(),
+        }
+    }
+
+    /// What a corner names.
+    fn made(&mut self, corner: Corner) -> Result<Made, ReadError> {
+        let record = self.positions.get(corner.vertex)?.unwrap_or([0; POSITION_BYTES]);
+        let position =
+            std::array::from_fn(|i| record[8 * i..].first_chunk().map_or(f64::NAN, |b| f64::from_le_bytes(*b)));
+        let own_color = (record[27] != 0).then(|| [record[24], record[25], record[26]]);
+        let uv = match corner.uv.filter(|_| matches!(self.paint, Paint::Picture(..))) {
+            Some(i) => self.uvs.get(i)?.map(|b| std::array::from_fn(|k| f64::from(f32_at(&b, k)))),
+            None => None,
+        };
+        let normal = match corner.normal {
+            Some(i) => self.normals.get(i)?.map(|b| std::array::from_fn(|k| f32_at(&b, k))),
+            None => None,
+        };
+        Ok(Made { position, own_color, uv, normal })
+    }
+
+    /// The number of the vertex that a corner is.
+    fn number(&mut self, corner: Corner, made: Option<Made>) -> Result<u64, ReadError> {
+        let uv = corner.uv.filter(|_| matches!(self.paint, Paint::Picture(..)));
+        let key = [corner.vertex, uv.map_or(0, |i| i + 1), corner.normal.map_or(0, |i| i + 1) ^ (self.epoch << 40)];
+        let hash = key.iter().fold(0u64, |h, k| (h.rotate_left(5) ^ k).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let at = (hash >> 32) as usize & (self.remembered.len() - 1);
+        let [number, a, b, c] = self.remembered[at];
+        if number > 0 && [a, b, c] == key {
+            return Ok(number - 1);
+        }
+        let made = match made {
+            Some(made) => made,
+            None => self.made(corner)?,
+        };
+        let number = self.vertex_of(&made)?;
+        self.remembered[at] = [number + 1, key[0], key[1], key[2]];
+        Ok(number)
+    }
+
+    /// Make a vertex.
+    fn vertex_of(&mut self, made: &Made) -> Result<u64, ReadError> {
+        let color = self.color(made);
+        let block = &self.block;
+        let same = color.is_some() != block.colors.is_empty() && made.normal.is_some() != block.normals.is_empty();
+        if block.positions.len() >= BLOCK || !(same || block.positions.is_empty()) {
+            self.flush_vertices()?;
+        }
+        let block = &mut self.block;
+        block.positions.push(made.position);
+        block.colors.extend(color);
+        block.normals.extend(made.normal);
+        Ok(block.first + block.positions.len() as u64 - 1)
+    }
+
+    /// The colour of a vertex: of the picture, else its own, else of the material.
+    fn color(&mut self, made: &Made) -> Option<[u8; 3]> {
+        let from_picture = match (&self.paint, made.uv) {
+            (Paint::Picture(number, map), Some(uv)) => {
+                let (name, file) = &self.pictures[*number];
+                let load = || match file {
+                    Some(file) => std::fs::read(file).map_err(|e| format!("it cannot be read: {e}")),
+                    None => Err("it is missing".to_owned()),
+                };
+                let findings = &mut self.findings;
+                let refused = |why| findings.add("pictures left out", || format!("{name}: {why}"));
+                let placed: [f64; 2] = std::array::from_fn(|i| uv[i] * map.scale[i] + map.offset[i]);
+                let texture = self.textures.get(*number, load, refused);
+                // In an OBJ the first row of a picture is at the top, v goes up.
+                texture.map(|t| t.sample([placed[0], 1.0 - placed[1]], [map.wrap; 2]))
+            }
+            _ => None,
+        };
+        let from_material = if let Paint::Color(color) = self.paint { Some(color) } else { None };
+        from_picture.or(made.own_color).or(from_material)
+    }
+
+    fn flush_vertices(&mut self) -> Result<(), ReadError> {
+        let Block { first, positions, colors, normals } = &mut self.block;
+        if !positions.is_empty() {
+            self.sink.vertices(&VertexBlock { positions, colors, normals, scalars: &[] })?;
+            *first += positions.len() as u64;
+            positions.clear();
+            colors.clear();
+            normals.clear();
+        }
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<(), ReadError> {
+        self.flush_vertices()?;
+        if !self.triangles.is_empty() {
+            self.sink.triangles(&self.triangles, &[])?;
+            self.delivered += self.triangles.len() as u64;
+            self.triangles.clear();
+        }
+        Ok(())
+    }
+
+    /// A triangle of three distinct vertices.
+    fn triangle(&mut self, corners: [Corner; 3], made: Option<[Made; 3]>, line: u64) -> Result<(), ReadError> {
+        let [a, b, c] = corners.map(|c| c.vertex);
+        if a == b || b == c || c == a {
+            self.findings.add(TWICE, || format!("line {line}"));
+            return Ok(());
+        }
+        let mut numbers = [0; 3];
+        for (k, number) in numbers.iter_mut().enumerate() {
+            *number = self.number(corners[k], made.map(|m| m[k]))?;
+        }
+        self.triangles.push(numbers);
+        if self.triangles.len() >= BLOCK { self.flush() } else { Ok(()) }
+    }
+
+    fn polygon(&mut self, line: u64) -> Result<(), ReadError> {
+        let ring = std::mem::take(&mut self.ring);
+        let mut made = std::mem::take(&mut self.ring_made);
+        made.clear();
+        for &corner in &ring {
+            made.push(self.made(corner)?);
+        }
+        if made.iter().flat_map(|m| m.position).all(f64::is_finite) {
+            self.findings.add(TRIANGULATED, || format!("line {line}"));
+            let positions: Vec<[f64; 3]> = made.iter().map(|m| m.position).collect();
+            let mut triangles = Vec::with_capacity(ring.len());
+            if self.triangulator.polygon(&positions, |t| triangles.push(t)) == Outcome::Crossing {
+                self.findings.add(CROSSING, || format!("line {line}"));
+            }
+            for t in triangles {
+                self.triangle(t.map(|i| ring[i]), Some(t.map(|i| made[i])), line)?;
+            }
+        } else {
+            self.findings.add(NOT_FINITE, || format!("line {line}"));
+            self.findings.add_many(NOT_FINITE, ring.len() as u64 - 3);
+        }
+        (self.ring, self.ring_made) = (ring, made);
+        Ok(())
+    }
+}
+
+fn f32_at(bytes: &[u8], k: usize) -> f32 {
+    bytes[4 * k..].first_chunk().map_or(0.0, |b| f32::from_le_bytes(*b))
+}
+
+impl Body for Corners<'_, '_> {
+    fn vertex(&mut self, position: [f64; 3], color: Option<[u8; 3]>) -> Result<(), ReadError> {
+        let mut record = [0; POSITION_BYTES];
+        for (slot, v) in record.chunks_exact_mut(8).zip(position) {
+            slot.copy_from_slice(&v.to_le_bytes());
+        }
+        if let Some([r, g, b]) = color {
+            record[24..].copy_from_slice(&[r, g, b, 1]);
+        }
+        self.positions.push(&record)
+    }
+
+    fn uv(&mut self, uv: [f64; 2]) -> Result<(), ReadError> {
+        let [u, v] = uv.map(|x| (x as f32).to_le_bytes());
+        let mut record = [0; 8];
+        record[..4].copy_from_slice(&u);
+        record[4..].copy_from_slice(&v);
+        self.uvs.push(&record)
+    }
+
+    fn normal(&mut self, normal: [f64; 3]) -> Result<(), ReadError> {
+        let mut normal = normal.map(|x| x as f32);
+        if !normal.iter().all(|x| x.is_finite()) {
+            self.findings.add_many("normals that are not finite set to zero", 1);
+            normal = [0.0; 3];
+        }
+        let mut record = [0; 12];
+        for (slot, v) in record.chunks_exact_mut(4).zip(normal) {
+            slot.copy_from_slice(&v.to_le_bytes());
+        }
+        self.normals.push(&record)
+    }
+
+    fn material(&mut self, material: &Material) -> Result<(), ReadError> {
+        self.epoch += 1;
+        self.paint = match (&material.map, material.color) {
+            (Some(map), _) => {
+                let file = find_file(&map.folder, &map.name);
+                let known = self.pictures.iter().position(|(name, f)| *name == map.name && *f == file);
+                let number = known.unwrap_or(self.pictures.len());
+                if known.is_none() {
+                    self.pictures.push((map.name.clone(), file));
+                }
+                Paint::Picture(number, map.clone())
+            }
+            (None, Some(color)) => Paint::Color(color),
+            (None, None) => Paint::Nothing,
+        };
+        Ok(())
+    }
+
+    fn face(&mut self, corners: &[Corner], line: u64) -> Result<(), ReadError> {
+        if let &[a, b, c] = corners {
+            return self.triangle([a, b, c], None, line);
+        }
+        self.ring.clear();
+        self.ring.extend(corners);
+        self.ring.dedup_by_key(|c| c.vertex);
+        while self.ring.len() > 1 && self.ring.first().map(|c| c.vertex) == self.ring.last().map(|c| c.vertex) {
+            self.ring.pop();
+        }
+        let repeated = (corners.len() - self.ring.len()) as u64;
+        if corners.len() > 3 && repeated > 0 {
+            self.findings.add(REPEATED, || format!("line {line}"));
+            self.findings.add_many(REPEATED, repeated - 1);
+        }
+        if self.ring.len() < 3 {
+            self.findings.add(TOO_FEW, || format!("line {line}"));
+            return Ok(());
+        }
+        self.polygon(line)
+    }
+
+    fn may_look_ahead(&self, _: usize) -> bool {
+        false
+    }
+
+    fn needs_corners(&self) -> bool {
+        true
+    }
+
+    fn findings(&mut self) -> &mut Findings {
+        &mut self.findings
+    }
+
+    fn finish(mut self) -> Result<(u64, Findings), ReadError> {
+        self.flush()?;
+        Ok((self.delivered, self.findings))
+    }
+}

@@ -1,0 +1,100 @@
+//! The first pass over an OBJ: what it has, so that the second can hand on each vertex in its final form.
+//!
+//! Counts what is not kept. Colours are looked at for their range alone; numbers are checked in the second pass.
+
+use super::lines::{Lines, numbers, word};
+use super::material::text;
+use crate::raw::Findings;
+use crate::read::ReadError;
+use std::collections::BTreeSet;
+
+/// Names of materials and libraries kept; longer ones are cut so that they take no more than this.
+const MOST_NAMES: usize = 1 << 16;
+const LONGEST_NAME: usize = 4096;
+
+/// What an OBJ has.
+#[derive(Debug, Default)]
+pub(super) struct Survey {
+    pub(super) vertices: u64,
+    pub(super) uvs: u64,
+    pub(super) normals: u64,
+    pub(super) faces: u64,
+    /// Lines, points and free-form elements.
+    pub(super) others: u64,
+    /// Whether corners of faces name texture coordinates, normals.
+    pub(super) uses_uvs: bool,
+    pub(super) uses_normals: bool,
+    pub(super) has_colors: bool,
+    /// The largest colour component.
+    pub(super) largest_color: f64,
+    pub(super) libraries: BTreeSet<String>,
+    pub(super) materials: BTreeSet<String>,
+}
+
+impl Survey {
+    /// Look at all lines; what is not kept is counted.
+    pub(super) fn read(lines: &mut Lines<'_, '_>, findings: &mut Findings) -> Result<Self, ReadError> {
+        let mut survey = Self::default();
+        loop {
+            let number = lines.next_number();
+            let Some(line) = lines.next()? else { return Ok(survey) };
+            let (keyword, rest) = word(line);
+            match keyword {
+                b"v" => survey.vertex(rest),
+                b"vt" => survey.uvs += 1,
+                b"vn" => survey.normals += 1,
+                b"f" | b"fo" => survey.face(rest),
+                b"usemtl" => add(&mut survey.materials, rest),
+                b"mtllib" => add(&mut survey.libraries, rest),
+                b"" | b"#" | b"o" | b"g" | b"s" => {}
+                _ => survey.others += not_kept(keyword, number, findings),
+            }
+        }
+    }
+
+    fn vertex(&mut self, rest: &[u8]) {
+        self.vertices += 1;
+        if !self.has_colors || self.largest_color <= 1.0 {
+            if let Ok((values, n @ 6..)) = numbers::<7>(rest) {
+                self.has_colors = true;
+                let rgb = if n == 6 { &values[3..6] } else { &values[4..7] };
+                self.largest_color = rgb.iter().copied().filter(|v| v.is_finite()).fold(self.largest_color, f64::max);
+            }
+        }
+    }
+
+    fn face(&mut self, rest: &[u8]) {
+        self.faces += 1;
+        if self.uses_normals && self.uses_uvs {
+            return;
+        }
+        let mut parts = word(rest).0.split(|&b| b == b'/').skip(1);
+        self.uses_uvs |= parts.next().is_some_and(|part| !part.is_empty());
+        self.uses_normals |= parts.next().is_some_and(|part| !part.is_empty());
+    }
+}
+
+fn add(names: &mut BTreeSet<String>, rest: &[u8]) {
+    if names.len() < MOST_NAMES {
+        names.insert(text(&rest[..rest.len().min(LONGEST_NAME)]));
+    }
+}
+
+/// Count a statement that is not kept; 1 where it is geometry.
+fn not_kept(keyword: &[u8], number: u64, findings: &mut Findings) -> u64 {
+    let (kind, geometry) = match keyword {
+        b"l" => ("lines (l) not kept", 1),
+        b"p" => ("points (p) not kept", 1),
+        b"curv" | b"curv2" | b"surf" | b"bzp" | b"bsp" | b"cdc" | b"cdp" | b"res" => {
+            ("free-form curves and surfaces not kept", 1)
+        }
+        b"vp" | b"cstype" | b"deg" | b"bmat" | b"step" | b"parm" | b"trim" | b"hole" | b"scrv" | b"sp" | b"end"
+        | b"con" => return 0,
+        b"mg" | b"bevel" | b"c_interp" | b"d_interp" | b"lod" | b"shadow_obj" | b"trace_obj" | b"ctech" | b"stech"
+        | b"maplib" | b"usemap" => ("statements about display not kept", 0),
+        b"call" | b"csh" => ("calls of other files and programs not followed", 0),
+        _ => ("lines that begin with an unknown word passed over", 0),
+    };
+    findings.add(kind, || format!("line {number}"));
+    geometry
+}

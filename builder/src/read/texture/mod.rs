@@ -1,0 +1,291 @@
+//! Pictures on meshes: decoded, and sampled at texture coordinates to give colours of vertices.
+//!
+//! Input: the bytes of a PNG, JPEG, WebP or TIFF. A picture of more texels than a limit is refused before it is decoded;
+//! pictures are kept up to a number of bytes and decoded again when they come back ([`Textures`]). Texels are taken as 8-bit
+//! sRGB, whatever a colour profile says; opacity is not looked at.
+
+mod find;
+
+pub use find::find_file;
+
+use image::{ImageReader, Limits};
+use std::io::Cursor;
+use std::sync::LazyLock;
+
+/// Bytes of decoded pictures kept at a time, and the most that one may take, where nothing else is said: 3 a texel, so
+/// a picture of 16384 × 16384 fits.
+pub const TEXTURE_BYTES: u64 = 1 << 30;
+
+/// What lies beyond the edge of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Wrap {
+    /// The picture again.
+    #[default]
+    Repeat,
+    /// The picture turned round.
+    Mirror,
+    /// The texels at its edge.
+    Clamp,
+}
+
+/// A decoded picture.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Texture {
+    width: usize,
+    height: usize,
+    /// Red, green and blue of each texel, sRGB, rows from the top.
+    texels: Vec<u8>,
+}
+
+/// Light of each of the 256 levels of sRGB, 0 to 1 (IEC 61966-2-1).
+static LIGHT: LazyLock<[f64; 256]> = LazyLock::new(|| std::array::from_fn(|level| light(level as f64 / 255.0)));
+/// The light in the middle between two levels.
+static BETWEEN: LazyLock<[f64; 255]> =
+    LazyLock::new(|| std::array::from_fn(|level| light((level as f64 + 0.5) / 255.0)));
+
+fn light(srgb: f64) -> f64 {
+    if srgb <= 0.04045 { srgb / 12.92 } else { libm::pow((srgb + 0.055) / 1.055, 2.4) }
+}
+
+/// The 8-bit sRGB level nearest to an amount of light from 0 to 1; below is 0, above is 255.
+pub fn srgb_from_light(light: f64) -> u8 {
+    BETWEEN.partition_point(|&between| between <= light) as u8
+}
+
+/// The light, 0 to 1, of an 8-bit sRGB level.
+pub fn light_from_srgb(level: u8) -> f64 {
+    LIGHT[usize::from(level)]
+}
+
+impl Texture {
+    /// Decode a picture that takes up to `most` bytes at 3 a texel.
+    ///
+    /// # Errors
+    /// A sentence that says what is wrong: it is damaged, of another format, or larger than that.
+    pub fn decode(bytes: &[u8], most: u64) -> Result<Self, String> {
+        let reader = || ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string());
+        let (width, height) = reader()?.into_dimensions().map_err(|e| format!("it cannot be decoded: {e}"))?;
+        let texels = u64::from(width) * u64::from(height);
+        if texels == 0 || texels > most / 3 {
+            return Err(format!("it has {width} × {height} = {texels} texels; at most {} are read", most / 3));
+        }
+        let mut reader = reader()?;
+        let mut limits = Limits::default();
+        limits.max_alloc = Some(most.saturating_mul(3));
+        reader.limits(limits);
+        let picture = reader.decode().map_err(|e| format!("it cannot be decoded: {e}"))?;
+        let (width, height) = (width as usize, height as usize);
+        let texels = picture.into_rgb8().into_raw();
+        if texels.len() != 3 * width * height {
+            return Err("it is not as large as its header says".to_owned());
+        }
+        Ok(Self { width, height, texels })
+    }
+
+    /// Texels across and down.
+    pub fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
+    /// The colour at `uv`, sRGB: (0, 0) is the outer corner of the top left texel, (1, 1) that of the bottom right one.
+    /// Bilinear in light, so that the mean of black and white is the grey that is half as bright. Not finite: as 0.
+    pub fn sample(&self, uv: [f64; 2], wrap: [Wrap; 2]) -> [u8; 3] {
+        let (x0, x1, fx) = neighbours(uv[0], self.width, wrap[0]);
+        let (y0, y1, fy) = neighbours(uv[1], self.height, wrap[1]);
+        let at = |x: usize, y: usize| &self.texels[3 * (y * self.width + x)..][..3];
+        let corners = [(at(x0, y0), (1.0 - fx) * (1.0 - fy)), (at(x1, y0), fx * (1.0 - fy))];
+        let more = [(at(x0, y1), (1.0 - fx) * fy), (at(x1, y1), fx * fy)];
+        std::array::from_fn(|i| {
+            let light = corners.iter().chain(&more).map(|(texel, weight)| light_from_srgb(texel[i]) * weight).sum();
+            srgb_from_light(light)
+        })
+    }
+}
+
+/// The two texels between whose centres a coordinate lies, and how far it is towards the second.
+fn neighbours(coordinate: f64, n: usize, wrap: Wrap) -> (usize, usize, f64) {
+    let coordinate = if coordinate.is_finite() { coordinate } else { 0.0 };
+    let turned = match wrap {
+        Wrap::Repeat => coordinate - coordinate.floor(),
+        Wrap::Clamp => coordinate.clamp(0.0, 1.0),
+        Wrap::Mirror => {
+            let twice = coordinate - 2.0 * (coordinate / 2.0).floor();
+            if twice > 1.0 { 2.0 - twice } else { twice }
+        }
+    };
+    let at = turned * n as f64 - 0.5;
+    let first = at.floor();
+    let inside = |i: f64| {
+        let i = i as i64;
+        let last = n as i64 - 1;
+        let i = if wrap == Wrap::Repeat { i.rem_euclid(last + 1) } else { i.clamp(0, last) };
+        i as usize
+    };
+    (inside(first), inside(first + 1.0), at - first)
+}
+
+/// The pictures of one input by number, decoded when they are asked for; those used longest ago leave first when they
+/// take more than a limit together.
+#[derive(Debug)]
+pub struct Textures {
+    most: u64,
+    held: u64,
+    clock: u64,
+    entries: Vec<Entry>,
+}
+
+#[derive(Debug, Clone, Default)]
+enum Entry {
+    #[default]
+    Out,
+    In {
+        texture: Texture,
+        used: u64,
+    },
+    Refused,
+}
+
+impl Textures {
+    /// Room for pictures of `most` bytes together, at 3 a texel.
+    pub fn new(most: u64) -> Self {
+        Self { most, held: 0, clock: 0, entries: Vec::new() }
+    }
+
+    /// Picture `number`; `load` gives its encoded bytes where it is not there. `None` where it could not be had: then
+    /// `refused` was called once with the reason.
+    pub fn get(
+        &mut self,
+        number: usize,
+        load: impl FnOnce() -> Result<Vec<u8>, String>,
+        refused: impl FnOnce(String),
+    ) -> Option<&Texture> {
+        if number >= self.entries.len() {
+            self.entries.resize(number + 1, Entry::Out);
+        }
+        self.clock += 1;
+        if matches!(self.entries[number], Entry::Out) {
+            self.entries[number] = match load().and_then(|bytes| Texture::decode(&bytes, self.most)) {
+                Ok(texture) => {
+                    self.make_room(texture.texels.len() as u64);
+                    self.held += texture.texels.len() as u64;
+                    Entry::In { texture, used: self.clock }
+                }
+                Err(reason) => {
+                    refused(reason);
+                    Entry::Refused
+                }
+            };
+        }
+        match &mut self.entries[number] {
+            Entry::In { texture, used } => {
+                *used = self.clock;
+                Some(texture)
+            }
+            _ => None,
+        }
+    }
+
+    fn make_room(&mut self, bytes: u64) {
+        while self.held + bytes > self.most {
+            let age = |e: &Entry| if let Entry::In { used, .. } = e { Some(*used) } else { None };
+            let oldest = (0..self.entries.len()).filter_map(|i| age(&self.entries[i]).map(|a| (a, i))).min();
+            let Some((_, i)) = oldest else { return };
+            if let Entry::In { texture, .. } = std::mem::take(&mut self.entries[i]) {
+                self.held -= texture.texels.len() as u64;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::{ImageFormat, RgbImage};
+
+    fn encoded(format: ImageFormat, width: u32, height: u32, color: impl Fn(u32, u32) -> [u8; 3]) -> Vec<u8> {
+        let picture = RgbImage::from_fn(width, height, |x, y| image::Rgb(color(x, y)));
+        let mut bytes = Cursor::new(Vec::new());
+        picture.write_to(&mut bytes, format).unwrap();
+        bytes.into_inner()
+    }
+
+    fn two_by_two() -> Texture {
+        let colors = [[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]];
+        let bytes = encoded(ImageFormat::Png, 2, 2, |x, y| colors[y as usize][x as usize]);
+        Texture::decode(&bytes, TEXTURE_BYTES).unwrap()
+    }
+
+    #[test]
+    fn pictures_of_every_format_are_decoded() {
+        for format in [ImageFormat::Png, ImageFormat::Jpeg, ImageFormat::WebP, ImageFormat::Tiff] {
+            let texture = Texture::decode(&encoded(format, 16, 8, |_, _| [200, 100, 50]), TEXTURE_BYTES).unwrap();
+            assert_eq!(texture.size(), [16, 8]);
+            let color = texture.sample([0.5, 0.5], [Wrap::Repeat; 2]);
+            assert!(color.iter().zip([200u8, 100, 50]).all(|(a, b)| a.abs_diff(b) <= 4), "{format:?} {color:?}");
+        }
+    }
+
+    #[test]
+    fn the_centre_of_a_texel_has_its_colour_and_v_goes_down() {
+        let t = two_by_two();
+        let at = |u, v| t.sample([u, v], [Wrap::Repeat; 2]);
+        assert_eq!((at(0.25, 0.25), at(0.75, 0.25)), ([255, 0, 0], [0, 255, 0]));
+        assert_eq!((at(0.25, 0.75), at(0.75, 0.75)), ([0, 0, 255], [255, 255, 255]));
+    }
+
+    #[test]
+    fn between_texels_light_is_averaged_and_not_levels() {
+        let bytes = encoded(ImageFormat::Png, 2, 1, |x, _| if x == 0 { [0; 3] } else { [255; 3] });
+        let t = Texture::decode(&bytes, TEXTURE_BYTES).unwrap();
+        assert_eq!(t.sample([0.5, 0.5], [Wrap::Clamp; 2]), [188; 3]);
+    }
+
+    #[test]
+    fn wrapping_repeats_mirrors_or_clamps() {
+        let t = two_by_two();
+        let at = |u, wrap| t.sample([u, 0.25], [wrap; 2]);
+        assert_eq!(at(1.25, Wrap::Repeat), [255, 0, 0]);
+        assert_eq!(at(-0.25, Wrap::Repeat), [0, 255, 0]);
+        assert_eq!(at(1.25, Wrap::Mirror), [0, 255, 0]);
+        assert_eq!(at(-0.25, Wrap::Mirror), [255, 0, 0]);
+        assert_eq!(at(7.0, Wrap::Clamp), [0, 255, 0]);
+        assert_eq!(at(f64::NAN, Wrap::Clamp), [255, 0, 0]);
+    }
+
+    #[test]
+    fn every_level_survives_light_and_back() {
+        for level in 0..=255 {
+            assert_eq!(srgb_from_light(light_from_srgb(level)), level);
+        }
+    }
+
+    #[test]
+    fn a_picture_beyond_the_limit_or_damaged_is_refused_with_the_reason() {
+        let bytes = encoded(ImageFormat::Png, 64, 32, |_, _| [1; 3]);
+        let text = Texture::decode(&bytes, 3 * 2047).unwrap_err();
+        assert!(text.contains("64 × 32 = 2048 texels") && text.contains("at most 2047"), "{text}");
+        assert!(Texture::decode(&bytes[..60], TEXTURE_BYTES).unwrap_err().contains("cannot be decoded"));
+        assert!(Texture::decode(b"nothing", TEXTURE_BYTES).is_err());
+    }
+
+    #[test]
+    fn pictures_leave_when_they_take_too_much_and_come_back_when_asked_for() {
+        let bytes = encoded(ImageFormat::Png, 10, 10, |_, _| [7; 3]);
+        let mut textures = Textures::new(700);
+        let mut loads = 0;
+        for number in [0, 1, 0, 2, 0, 1] {
+            let load = || {
+                loads += 1;
+                Ok(bytes.clone())
+            };
+            assert!(textures.get(number, load, |_| ()).is_some());
+            assert!(textures.held <= 700);
+        }
+        assert_eq!(loads, 4, "0, 1, 2, and 1 again, which was used longest ago");
+        let mut told = 0;
+        for _ in 0..2 {
+            assert!(textures.get(9, || Err("gone".to_owned()), |_| told += 1).is_none());
+        }
+        assert_eq!(told, 1);
+    }
+}
