@@ -1,20 +1,17 @@
 //! From the finished hierarchy to the file: number the diamonds coarse to fine and along a space-filling curve, saturate
-//! errors and spheres, weld each diamond's patches into a chunk, encode, write.
+//! errors and spheres, give every chunk its patch table, and copy the chunks in their order from the scratch file to the
+//! output. No more than the directory and one chunk per thread are held.
 
-use crate::fragment::VertexKey;
-use crate::levels::{Levels, Refined};
+use crate::levels::{Levels, Refined, encode_chunk, too_large};
 use crate::options::BuildError;
 use crate::partition::Partition;
-use crate::progress::Progress;
-use kilwa_geometry::{Aabb, DiamondKey, Mesh, Sphere};
-use kilwa_pack::chunk::{self, Chunk, PatchRange};
+use crate::scratch::{ScratchError, ScratchFile};
+use crate::work::Work;
+use kilwa_geometry::{Aabb, DiamondKey, Sphere};
+use kilwa_pack::chunk::{self, MAX_CHUNK_TRIANGLES, PatchRange};
 use kilwa_pack::{DirectoryEntry, Header, Metadata, NO_DIAMOND, PackWriter};
-use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-/// Patches of overfull leaves are cut into runs of this many triangles.
-const LARGEST_PATCH: usize = 16_384;
 
 /// What the report says of the finished file.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
@@ -38,81 +35,104 @@ pub struct PackSummary {
 /// Write the pack to `out`.
 ///
 /// # Errors
-/// [`BuildError::Pack`] when the format cannot hold it or writing fails.
+/// [`BuildError::Pack`] when the format cannot hold it or writing fails; [`BuildError::Scratch`] when a chunk is not what
+/// was written.
 pub fn assemble<W: std::io::Write>(
     levels: Levels,
-    tree: &Partition,
+    work: &Work<'_>,
     header: Header,
     metadata: &Metadata,
     out: W,
-    progress: &dyn Progress,
 ) -> Result<(W, PackSummary), BuildError> {
-    let mut refined = levels.refined;
+    let root = root_of(&levels)?;
+    let Levels { tree, mut refined, chunks, .. } = levels;
     refined.sort_by_cached_key(|r| order_key(&tree.diamonds[r.diamond as usize].key));
     let number: FxHashMap<u32, u32> = refined.iter().zip(1u32..).map(|(r, i)| (r.diamond, i)).collect();
-    let lattice = header.lattice;
-    let step = lattice.step();
-    let mut entries = vec![root_entry(&levels.roots)];
-    for r in &refined {
-        let key = tree.diamonds[r.diamond as usize].key;
-        entries.push(entry_of(r, &key, tree, &number, step));
-    }
+    let step = header.lattice.step();
+    let mut entries = vec![root.entry];
+    entries.extend(refined.iter().map(|r| entry_of(r, &tree, &number, step)));
     saturate(&mut entries);
+    let parts = Parts { refined: &refined, root: (root.patches, root.body), number: &number, chunks: &chunks };
     let total = entries.len() as u64;
     let done = AtomicU64::new(0);
-    let attributes = header.attributes;
-    let mut patch_sizes: Vec<u64> = Vec::new();
-    let chunk_of = |patches: &[(u32, Mesh)]| weld_chunk(patches, tree, &number);
-    let encoded: Vec<(Vec<u8>, Counts)> = std::iter::once(&levels.roots)
-        .chain(refined.iter().map(|r| &r.patches))
-        .collect::<Vec<_>>()
-        .into_par_iter()
-        .map(|patches| {
-            let chunk = chunk_of(patches);
-            let counts = Counts::of(&chunk);
-            if counts.triangles > chunk::MAX_CHUNK_TRIANGLES {
-                let at = lattice.world_from_lattice(counts.bounds.min);
-                let why = format!(
-                    "{} triangles near {at:?} m can neither be divided nor simplified (loose triangles, or all at one \
-                     place); a chunk holds {}: remove small components, or weld the mesh first",
-                    counts.triangles,
-                    chunk::MAX_CHUNK_TRIANGLES
-                );
-                return Err(BuildError::TooLarge { why });
-            }
-            let bytes = chunk::encode(&chunk, attributes)?;
-            progress.update("encoding", done.fetch_add(1, Ordering::Relaxed) + 1, total);
-            Ok((bytes, counts))
-        })
-        .collect::<Result<_, BuildError>>()?;
-    for (entry, (bytes, counts)) in entries.iter_mut().zip(&encoded) {
-        entry.encoded_bytes = u32::try_from(bytes.len())
-            .map_err(|_| BuildError::TooLarge { why: "a chunk of more than 4 GiB".into() })?;
-        entry.vertices = counts.vertices;
-        entry.triangles = counts.triangles;
-        entry.bounds = counts.bounds;
-        entry.checksum = kilwa_pack::checksum(bytes);
-        patch_sizes.extend(&counts.patches);
+    let announced = work.run_jobs(
+        entries.len(),
+        work.memory / 2,
+        |i| parts.bytes(i) * 3,
+        |i| {
+            let bytes = parts.chunk(i)?;
+            work.progress.update("numbering", done.fetch_add(1, Ordering::Relaxed) + 1, total);
+            let length = u32::try_from(bytes.len());
+            let length = length.map_err(|_| BuildError::TooLarge { why: "a chunk of more than 4 GiB".into() })?;
+            Ok((length, kilwa_pack::checksum(&bytes)))
+        },
+    )?;
+    for (entry, (bytes, sum)) in entries.iter_mut().zip(announced) {
+        (entry.encoded_bytes, entry.checksum) = (bytes, sum);
     }
-    patch_sizes.sort_unstable();
-    let at = |p: f64| patch_sizes.get(((patch_sizes.len().max(1) - 1) as f64 * p) as usize).copied().unwrap_or(0);
-    let mut summary = PackSummary {
-        bytes: 0,
-        chunks: total,
-        levels: entries.last().map_or(0, |e| u32::from(e.level) + u32::from(total > 1)),
-        stored_triangles: entries.iter().map(|e| u64::from(e.triangles)).sum(),
-        root_triangles: u64::from(entries[0].triangles),
-        patch_triangles: [at(0.0), at(0.5), at(0.95), at(1.0)],
-        root_error: entries.get(1).map_or(0.0, |e| f64::from(e.error)),
-    };
+    let mut summary = summarise(&entries, &parts);
     let mut writer = PackWriter::begin(Counting { out, bytes: 0 }, header, metadata, entries)?;
-    for (i, (bytes, _)) in encoded.iter().enumerate() {
-        writer.chunk(bytes)?;
-        progress.update("writing", i as u64 + 1, total);
+    for i in 0..=refined.len() {
+        work.stop.check()?;
+        writer.chunk(&parts.chunk(i)?)?;
+        work.progress.update("writing", i as u64 + 1, total);
     }
     let counting = writer.finish()?;
     summary.bytes = counting.bytes;
     Ok((counting.out, summary))
+}
+
+fn summarise(entries: &[DirectoryEntry], parts: &Parts<'_>) -> PackSummary {
+    let mut patches: Vec<u64> = (0..entries.len()).flat_map(|i| parts.patches(i)).map(|p| u64::from(p.count)).collect();
+    patches.sort_unstable();
+    let at = |p: f64| patches.get(((patches.len().max(1) - 1) as f64 * p) as usize).copied().unwrap_or(0);
+    PackSummary {
+        bytes: 0,
+        chunks: entries.len() as u64,
+        levels: entries.last().map_or(0, |e| u32::from(e.level) + u32::from(entries.len() > 1)),
+        stored_triangles: entries.iter().map(|e| u64::from(e.triangles)).sum(),
+        root_triangles: u64::from(entries[0].triangles),
+        patch_triangles: [at(0.0), at(0.5), at(0.95), at(1.0)],
+        root_error: entries.get(1).map_or(0.0, |e| f64::from(e.error)),
+    }
+}
+
+/// Where the chunks come from, by their number in the pack.
+struct Parts<'a> {
+    refined: &'a [Refined],
+    root: (Vec<PatchRange>, Vec<u8>),
+    /// Number in the pack of a diamond of the tree.
+    number: &'a FxHashMap<u32, u32>,
+    chunks: &'a ScratchFile,
+}
+
+impl Parts<'_> {
+    fn refined(&self, i: usize) -> Option<&Refined> {
+        i.checked_sub(1).and_then(|i| self.refined.get(i))
+    }
+
+    fn bytes(&self, i: usize) -> u64 {
+        self.refined(i).map_or(self.root.1.len() as u64, |r| u64::from(r.bytes))
+    }
+
+    fn patches(&self, i: usize) -> &[PatchRange] {
+        self.refined(i).map_or(&self.root.0, |r| &r.patches)
+    }
+
+    /// The finished chunk.
+    fn chunk(&self, i: usize) -> Result<Vec<u8>, ScratchError> {
+        let numbered = |p: &PatchRange| {
+            let diamond = if p.diamond == NO_DIAMOND { None } else { self.number.get(&p.diamond) };
+            PatchRange { diamond: diamond.copied().unwrap_or(NO_DIAMOND), ..*p }
+        };
+        let patches: Vec<PatchRange> = self.patches(i).iter().map(numbered).collect();
+        let Some(r) = self.refined(i) else { return Ok(chunk::with_patches(&patches, &self.root.1)) };
+        let body = self.chunks.read(r.at, u64::from(r.bytes))?;
+        if crc32fast::hash(&body) != r.sum {
+            return Err(ScratchError::damaged(self.chunks.path(), format!("the chunk at byte {} is not whole", r.at)));
+        }
+        Ok(chunk::with_patches(&patches, &body))
+    }
 }
 
 /// Counts what passes through.
@@ -134,7 +154,7 @@ impl<W: std::io::Write> std::io::Write for Counting<W> {
 }
 
 /// Coarse to fine, then along the Morton curve of the midpoints.
-fn order_key(key: &DiamondKey) -> (u8, u128) {
+pub(crate) fn order_key(key: &DiamondKey) -> (u8, u128) {
     let mut code = 0u128;
     for bit in (0..31).rev() {
         for axis in 0..3 {
@@ -144,87 +164,44 @@ fn order_key(key: &DiamondKey) -> (u8, u128) {
     (key.level, code)
 }
 
-struct Counts {
-    vertices: u32,
-    triangles: u32,
-    bounds: Aabb,
-    patches: Vec<u64>,
+/// The coarsest form: what is shown before anything is refined.
+struct Root {
+    entry: DirectoryEntry,
+    patches: Vec<PatchRange>,
+    body: Vec<u8>,
 }
 
-impl Counts {
-    fn of(chunk: &Chunk) -> Self {
-        Self {
-            vertices: chunk.mesh.vertex_count() as u32,
-            triangles: chunk.mesh.triangle_count() as u32,
-            bounds: chunk.mesh.bounds(),
-            patches: chunk.patches.iter().map(|p| u64::from(p.count)).collect(),
-        }
-    }
-}
-
-/// One vertex array for all patches of a chunk; a patch's `diamond` is the number of the diamond that splits its
-/// tetrahedron, if that diamond has geometry.
-fn weld_chunk(patches: &[(u32, Mesh)], tree: &Partition, number: &FxHashMap<u32, u32>) -> Chunk {
-    let mut chunk = Chunk::default();
-    let mut index: FxHashMap<VertexKey, u32> = FxHashMap::default();
-    if let Some((_, first)) = patches.first() {
-        chunk.mesh.scalars = vec![Vec::new(); first.scalars.len()];
-    }
-    for (t, mesh) in patches {
-        let node = &tree.tetrahedra[*t as usize];
-        let diamond = node.children.and_then(|_| number.get(&node.diamond)).copied().unwrap_or(NO_DIAMOND);
-        let mut first = chunk.mesh.triangles.len() as u32;
-        for (tri, border) in mesh.triangles.iter().zip(&mesh.borders) {
-            let tri = tri.map(|v| {
-                let next = chunk.mesh.positions.len() as u32;
-                let i = *index.entry(VertexKey::of(mesh, v as usize)).or_insert(next);
-                if i == next {
-                    chunk.mesh.push_vertex_of(mesh, v as usize);
-                }
-                i
-            });
-            chunk.mesh.triangles.push(tri);
-            chunk.mesh.borders.push(*border);
-        }
-        let mut left = mesh.triangle_count();
-        while left > 0 {
-            let count = if left > LARGEST_PATCH * 3 / 2 { LARGEST_PATCH } else { left };
-            chunk.patches.push(PatchRange { first, count: count as u32, diamond });
-            first += count as u32;
-            left -= count;
-        }
-    }
-    chunk
-}
-
-/// The entry of the root: always refined, no parents.
-fn root_entry(roots: &[(u32, Mesh)]) -> DirectoryEntry {
+/// The chunk of the root, always refined, without parents.
+fn root_of(levels: &Levels) -> Result<Root, BuildError> {
+    let count: u64 = levels.roots.iter().map(|(_, p)| p.mesh.triangle_count() as u64).sum();
     let mut sphere = Sphere::EMPTY;
-    for (_, m) in roots {
-        sphere = sphere.union(&Sphere::of(&m.positions));
+    let mut bounds = Aabb::EMPTY;
+    for (_, p) in &levels.roots {
+        sphere = sphere.union(&Sphere::of(&p.mesh.positions));
+        bounds = bounds.union(&p.mesh.bounds());
     }
-    DirectoryEntry {
+    if count > u64::from(MAX_CHUNK_TRIANGLES) {
+        return Err(too_large(count, levels.surface.lattice.world_from_lattice(bounds.min)));
+    }
+    let encoded = encode_chunk(&levels.roots, &levels.tree, levels.attributes)?;
+    let entry = DirectoryEntry {
         offset: 0,
         encoded_bytes: 0,
-        vertices: 0,
-        triangles: 0,
+        vertices: encoded.vertices,
+        triangles: count as u32,
         level: 0,
         error: f32::INFINITY,
         color_error: 0.0,
         sphere,
-        bounds: Aabb::EMPTY,
+        bounds: encoded.bounds,
         parents: [NO_DIAMOND; 4],
         checksum: [0; 16],
-    }
+    };
+    Ok(Root { entry, patches: encoded.patches, body: encoded.body })
 }
 
-fn entry_of(
-    r: &Refined,
-    key: &DiamondKey,
-    tree: &Partition,
-    number: &FxHashMap<u32, u32>,
-    step: f64,
-) -> DirectoryEntry {
+fn entry_of(r: &Refined, tree: &Partition, number: &FxHashMap<u32, u32>, step: f64) -> DirectoryEntry {
+    let key = tree.diamonds[r.diamond as usize].key;
     let mut parents = [NO_DIAMOND; 4];
     let found = key.parents(tree.cube_log2);
     let numbers = found.iter().filter_map(|p| tree.by_key.get(p)).filter_map(|d| number.get(d)).copied();
@@ -238,13 +215,13 @@ fn entry_of(
     DirectoryEntry {
         offset: 0,
         encoded_bytes: 0,
-        vertices: 0,
-        triangles: 0,
+        vertices: r.vertices,
+        triangles: r.triangles.0,
         level: key.level,
         error,
         color_error: r.color_error,
         sphere: r.sphere,
-        bounds: Aabb::EMPTY,
+        bounds: r.bounds,
         parents,
         checksum: [0; 16],
     }

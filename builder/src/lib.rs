@@ -20,9 +20,11 @@ pub mod scratch;
 pub mod simplify;
 pub mod surface;
 pub mod synth;
+pub mod tree_file;
 pub mod work;
 
-pub use build::{BuildReport, Built, Finding, build_pack};
+pub use build::{BuildReport, Built, build_pack};
 pub use options::{BuildError, BuildOptions, Units, Up};
 pub use progress::{Progress, Silent};
 pub use raw::{Findings, RawMesh};
+pub use surface::Finding;

@@ -1,0 +1,313 @@
+//! From the leaves to the root, finest level first: merge the patches of a diamond's grandchildren, lock what others
+//! share, simplify, certify, split among the diamond's own tetrahedra (design/hierarchy.md, construction steps 4 to 7).
+//!
+//! A level is one stage over files. In: the patches of tetrahedra one level below (`level-NN.patches`) and of leaves, and
+//! the records of points that several tetrahedra use (`level-NN.shared`). Out: the patches of this level's
+//! tetrahedra, the records as they are then, the encoded chunks of this level's diamonds appended to `chunks`, and
+//! `level-NN.results`, one entry per diamond. NN is the level of the diamonds.
+//!
+//! Diamonds of one level are independent and run in parallel, as many as the memory allows; what they give depends on
+//! their input alone, so the results are the same for any number of threads and any memory. Only the order of patches,
+//! records and chunks inside their files differs, and nothing depends on that.
+
+mod chunk;
+mod locks;
+mod results;
+
+pub use results::Refined;
+
+use crate::fragment::{Patch, coarsen};
+use crate::options::BuildError;
+use crate::partition::Partition;
+use crate::scratch::{PatchFile, Records, ScratchFile, record};
+use crate::surface::{Ingested, LEAVES, SHARED, Surface};
+use crate::work::Work;
+pub(crate) use chunk::{encode_chunk, too_large};
+use kilwa_pack::Attributes;
+use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
+use locks::Locks;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Name of the file of encoded chunks.
+pub const CHUNKS: &str = "chunks";
+
+/// Bytes that one triangle of a fragment takes while it is merged, simplified, certified and encoded, measured on scans
+/// with colours, rounded up.
+const BYTES_PER_TRIANGLE: u64 = 1500;
+
+/// Name of a level's patches.
+pub fn patches_name(level: u8) -> String {
+    format!("level-{level:02}.patches")
+}
+
+/// Name of the records after a level.
+pub fn shared_name(level: u8) -> String {
+    format!("level-{level:02}.shared")
+}
+
+/// Name of a level's results.
+pub fn results_name(level: u8) -> String {
+    format!("level-{level:02}.results")
+}
+
+/// Levels of diamonds in a tree: they are numbered from 0, the coarsest, to one less.
+pub fn level_count(tree: &Partition) -> u8 {
+    tree.diamonds.iter().filter(|d| d.split).map(|d| d.key.level + 1).max().unwrap_or(0)
+}
+
+/// The state between two levels: everything that coarser levels need.
+pub struct Hierarchy {
+    surface: Surface,
+    tree: Partition,
+    leaves: PatchFile,
+    /// Patches of the tetrahedra of the last level done, `None` before the first.
+    patches: Option<PatchFile>,
+    shared: Records,
+    chunks: ScratchFile,
+    /// Results of the levels done, finest level first, each in the order of the pack.
+    results: Vec<Vec<Refined>>,
+    /// The next level to do plus 1; 0 when all are done.
+    left: u8,
+}
+
+impl Hierarchy {
+    /// Before the first level.
+    ///
+    /// # Errors
+    /// [`BuildError::Scratch`] where the file of chunks cannot be made.
+    pub fn begin(work: &Work<'_>, ingested: Ingested) -> Result<Self, BuildError> {
+        let Ingested { surface, tree, leaves, shared } = ingested;
+        let left = level_count(&tree);
+        let chunks = work.scratch.create(CHUNKS)?;
+        Ok(Self { surface, tree, leaves, patches: None, shared, chunks, results: Vec::new(), left })
+    }
+
+    /// After the level `done`, from the files that it left, `chunks` cut to the length that it had then.
+    ///
+    /// # Errors
+    /// [`BuildError::Scratch`] where a file is not whole.
+    pub fn resume(
+        work: &Work<'_>,
+        surface: Surface,
+        tree: Partition,
+        done: Option<u8>,
+        chunks: u64,
+    ) -> Result<Self, BuildError> {
+        let leaves = PatchFile::open(work.scratch, LEAVES)?;
+        let mut ingested = Ingested { surface, tree, leaves, shared: Records::open(work.scratch, SHARED)? };
+        let Some(done) = done else { return Self::begin(work, ingested) };
+        ingested.shared = Records::open(work.scratch, &shared_name(done))?;
+        let Ingested { surface, tree, leaves, shared } = ingested;
+        let file = work.scratch.existing(CHUNKS)?;
+        file.truncate(chunks)?;
+        let levels = (done..level_count(&tree)).rev();
+        let results = levels.map(|l| results::read(work.scratch, &results_name(l))).collect::<Result<_, _>>()?;
+        let patches = Some(PatchFile::open(work.scratch, &patches_name(done))?);
+        Ok(Self { surface, tree, leaves, patches, shared, chunks: file, results, left: done })
+    }
+
+    /// The level to do next, `None` when all are done.
+    pub fn next(&self) -> Option<u8> {
+        self.left.checked_sub(1)
+    }
+
+    /// Bytes of `chunks` so far.
+    pub fn chunk_bytes(&self) -> u64 {
+        self.chunks.len()
+    }
+
+    /// What is known of the finest surface.
+    pub fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
+    /// What every chunk carries.
+    pub fn attributes(&self) -> Attributes {
+        Attributes { colors: self.surface.colors, scalars: self.surface.scalars.len() as u8 }
+    }
+
+    /// Do the next level. All its files are on the disk when it returns.
+    ///
+    /// # Errors
+    /// [`BuildError`]: a scratch file cannot be written or read, a diamond is too large for a chunk, a stop was asked for.
+    pub fn coarsen_next(&mut self, work: &Work<'_>) -> Result<(), BuildError> {
+        let Some(level) = self.next() else { return Ok(()) };
+        let tree = &self.tree;
+        let of_level = |d: &u32| {
+            let node = &tree.diamonds[*d as usize];
+            node.split && node.key.level == level
+        };
+        let mut diamonds: Vec<u32> = (0..tree.diamonds.len() as u32).filter(of_level).collect();
+        diamonds.sort_by_cached_key(|d| crate::assemble::order_key(&tree.diamonds[*d as usize].key));
+        let shared = Records::create(work.scratch, &shared_name(level))?;
+        let stage = Stage {
+            tree,
+            locks: Locks::of_level(work, tree, level, &diamonds, &self.shared, &shared)?,
+            leaves: &self.leaves,
+            below: self.patches.as_ref(),
+            out: PatchFile::create(work.scratch, &patches_name(level))?,
+            shared: &shared,
+            chunks: &self.chunks,
+            surface: &self.surface,
+            attributes: self.attributes(),
+        };
+        let before: u64 = self.results.iter().flatten().map(|r| u64::from(r.triangles.0)).sum();
+        let done = AtomicU64::new(before);
+        // A triangle of the finest level is simplified about twice in all: once, then half of it, then a quarter …
+        let total = self.surface.triangles * 2;
+        work.progress.update("simplifying", before.min(total), total);
+        let results = work.run_jobs(
+            diamonds.len(),
+            memory_for_fragments(work.memory),
+            |i| stage.triangles(diamonds[i]) * BYTES_PER_TRIANGLE,
+            |i| {
+                let refined = stage.refine(i as u32, diamonds[i])?;
+                let now = stage.triangles(diamonds[i]);
+                let now = done.fetch_add(now, Ordering::Relaxed) + now;
+                work.progress.update("simplifying", now.min(total), total);
+                Ok(refined)
+            },
+        )?;
+        let Stage { locks, out, .. } = stage;
+        locks.remove(work)?;
+        let out = out.finish()?;
+        let results: Vec<Refined> = results.into_iter().flatten().collect();
+        results::write(work.scratch, &results_name(level), &results)?;
+        self.shared = shared.finish()?;
+        self.chunks.sync()?;
+        self.patches = Some(out);
+        self.results.push(results);
+        self.left = level;
+        Ok(())
+    }
+
+    /// Names of the files that coarser levels, or the pack, need from here on.
+    pub fn files(&self) -> Vec<String> {
+        let mut names = vec![LEAVES.to_owned()];
+        let levels = self.left..level_count(&self.tree);
+        if levels.is_empty() {
+            names.push(SHARED.to_owned());
+        } else {
+            names.extend([patches_name(self.left), shared_name(self.left), CHUNKS.to_owned()]);
+        }
+        names.extend(levels.map(results_name));
+        names
+    }
+
+    /// The finished hierarchy, all levels done.
+    ///
+    /// # Errors
+    /// [`BuildError::Scratch`] where the patches of the root cannot be read.
+    pub fn finish(self) -> Result<Levels, BuildError> {
+        let mut roots = Vec::new();
+        for t in 0..6 {
+            let from = if self.tree.tetrahedra[t as usize].children.is_some() { self.patches.as_ref() } else { None };
+            if let Some(patch) = from.unwrap_or(&self.leaves).read(t)? {
+                roots.push((t, patch));
+            }
+        }
+        let attributes = self.attributes();
+        Ok(Levels {
+            surface: self.surface,
+            tree: self.tree,
+            refined: self.results.into_iter().flatten().collect(),
+            roots,
+            attributes,
+            chunks: self.chunks,
+        })
+    }
+}
+
+/// The finished hierarchy.
+pub struct Levels {
+    /// What is known of the finest surface.
+    pub surface: Surface,
+    /// The tree.
+    pub tree: Partition,
+    /// Every diamond with geometry, in no particular order.
+    pub refined: Vec<Refined>,
+    /// The patches of the six root tetrahedra that are not empty.
+    pub roots: Vec<(u32, Patch)>,
+    /// What every chunk carries.
+    pub attributes: Attributes,
+    /// The bodies of all chunks but the root's.
+    pub chunks: ScratchFile,
+}
+
+/// The share of the budget that fragments being simplified may take; the rest is for the tree, results and indices.
+fn memory_for_fragments(memory: u64) -> u64 {
+    memory / 8 * 5
+}
+
+/// One level being done.
+struct Stage<'a> {
+    tree: &'a Partition,
+    locks: Locks,
+    leaves: &'a PatchFile,
+    below: Option<&'a PatchFile>,
+    out: PatchFile,
+    shared: &'a Records,
+    chunks: &'a ScratchFile,
+    surface: &'a Surface,
+    attributes: Attributes,
+}
+
+impl Stage<'_> {
+    /// The tetrahedra that a diamond merges, each with the file that its patch is in.
+    fn children(&self, diamond: u32) -> impl Iterator<Item = (u32, &PatchFile)> {
+        let halves = self.tree.diamonds[diamond as usize]
+            .tetrahedra
+            .iter()
+            .filter_map(|t| self.tree.tetrahedra[*t as usize].children);
+        halves.flatten().filter_map(|c| {
+            let is_leaf = self.tree.tetrahedra[c as usize].children.is_none();
+            Some((c, if is_leaf { self.leaves } else { self.below? }))
+        })
+    }
+
+    /// Triangles of a diamond's fragment.
+    fn triangles(&self, diamond: u32) -> u64 {
+        self.children(diamond).map(|(c, file)| u64::from(file.triangles(c))).sum()
+    }
+
+    /// Coarsen the `rank`-th diamond of the level; `None` where it has no geometry.
+    fn refine(&self, rank: u32, diamond: u32) -> Result<Option<Refined>, BuildError> {
+        let count = self.triangles(diamond);
+        if count > u64::from(MAX_CHUNK_TRIANGLES) {
+            let key = self.tree.diamonds[diamond as usize].key;
+            return Err(too_large(count, self.surface.lattice.world_from_lattice(key.midpoint)));
+        }
+        let mut input: Vec<(u32, Patch)> = Vec::new();
+        for (c, file) in self.children(diamond) {
+            if let Some(patch) = file.read(c)? {
+                input.push((c, patch));
+            }
+        }
+        if input.is_empty() {
+            return Ok(None);
+        }
+        let coarse = coarsen(&input, &self.locks.of(rank)?, self.tree, diamond);
+        let encoded = encode_chunk(&input, self.tree, self.attributes)?;
+        drop(input);
+        let at = self.chunks.append(&encoded.body)?;
+        for (t, patch) in &coarse.output {
+            self.out.append(*t, patch)?;
+        }
+        let records: Vec<u128> =
+            coarse.records.iter().map(|(key, t)| record(crate::scratch::point_of(key << 32), *t)).collect();
+        self.shared.append(&records)?;
+        Ok(Some(Refined {
+            diamond,
+            error: coarse.error,
+            color_error: coarse.color_error,
+            sphere: coarse.sphere,
+            triangles: (coarse.triangles.0 as u32, coarse.triangles.1 as u32),
+            vertices: encoded.vertices,
+            bounds: encoded.bounds,
+            patches: encoded.patches,
+            at,
+            bytes: encoded.body.len() as u32,
+            sum: crc32fast::hash(&encoded.body),
+        }))
+    }
+}

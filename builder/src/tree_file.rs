@@ -1,0 +1,160 @@
+//! The tree in a scratch file, `tree`, for a build that is resumed: tetrahedra and diamonds one after the other, numbers
+//! little-endian, a CRC-32 at the end. Ranges of triangles are not kept: once leaf patches are in files nothing uses them.
+
+use crate::partition::{DiamondNode, Partition, TetraNode};
+use crate::scratch::{Appender, Scratch, ScratchError};
+use kilwa_geometry::{DiamondKey, Tetra};
+
+/// Name of the file.
+pub const TREE: &str = "tree";
+
+/// Stands for "no children".
+const NONE: u32 = u32::MAX;
+
+/// Write the tree and wait until it is on the disk.
+///
+/// # Errors
+/// [`ScratchError`] where it cannot be written.
+pub fn write(scratch: &Scratch, tree: &Partition) -> Result<(), ScratchError> {
+    let mut file = Appender::new(scratch.create(TREE)?);
+    let mut sum = crc32fast::Hasher::new();
+    let mut bytes = Vec::new();
+    for n in [tree.cube_log2, tree.tetrahedra.len() as u32, tree.diamonds.len() as u32, tree.overfull_leaves as u32] {
+        bytes.extend(n.to_le_bytes());
+    }
+    let mut put = |bytes: &mut Vec<u8>| {
+        sum.update(bytes);
+        let pushed = file.push(bytes);
+        bytes.clear();
+        pushed
+    };
+    for node in &tree.tetrahedra {
+        bytes.push(node.tetra.level);
+        bytes.extend(node.tetra.v.as_flattened().iter().flat_map(|x| x.to_le_bytes()));
+        let [a, b] = node.children.unwrap_or([NONE; 2]);
+        bytes.extend([node.diamond, a, b, node.parent_diamond].iter().flat_map(|x| x.to_le_bytes()));
+        put(&mut bytes)?;
+    }
+    for node in &tree.diamonds {
+        bytes.extend([node.key.level, u8::from(node.split)]);
+        bytes.extend(node.key.midpoint.iter().flat_map(|x| x.to_le_bytes()));
+        bytes.extend((node.tetrahedra.len() as u32).to_le_bytes());
+        bytes.extend(node.tetrahedra.iter().flat_map(|x| x.to_le_bytes()));
+        put(&mut bytes)?;
+    }
+    put(&mut bytes)?;
+    file.push(&sum.finalize().to_le_bytes())?;
+    file.finish()?.sync()
+}
+
+/// Read the tree.
+///
+/// # Errors
+/// [`ScratchError::Damaged`] where it is not what was written.
+pub fn read(scratch: &Scratch) -> Result<Partition, ScratchError> {
+    let file = scratch.existing(TREE)?;
+    let bytes = file.read(0, file.len())?;
+    let damaged = || ScratchError::damaged(file.path(), "it is not the tree that was written");
+    let (body, sum) = bytes.split_last_chunk::<4>().ok_or_else(damaged)?;
+    if crc32fast::hash(body) != u32::from_le_bytes(*sum) {
+        return Err(damaged());
+    }
+    parse(body).ok_or_else(damaged)
+}
+
+fn parse(body: &[u8]) -> Option<Partition> {
+    let mut fields = Fields(body);
+    let head = [fields.number()?, fields.number()?, fields.number()?, fields.number()?];
+    let mut tree = Partition {
+        cube_log2: head[0],
+        tetrahedra: Vec::new(),
+        diamonds: Vec::new(),
+        by_key: rustc_hash::FxHashMap::default(),
+        order: Vec::new(),
+        overfull_leaves: u64::from(head[3]),
+    };
+    for _ in 0..head[1] {
+        let level = fields.byte()?;
+        let mut v = [[0; 3]; 4];
+        for x in v.as_flattened_mut() {
+            *x = fields.number()? as i32;
+        }
+        let diamond = fields.number()?;
+        let children = [fields.number()?, fields.number()?];
+        tree.tetrahedra.push(TetraNode {
+            tetra: Tetra { v, level },
+            diamond,
+            children: (children[0] != NONE).then_some(children),
+            parent_diamond: fields.number()?,
+            range: 0..0,
+        });
+    }
+    for i in 0..head[2] {
+        let (level, split) = (fields.byte()?, fields.byte()? != 0);
+        let midpoint = [fields.number()? as i32, fields.number()? as i32, fields.number()? as i32];
+        let key = DiamondKey { level, midpoint };
+        let count = fields.number()?;
+        let tetrahedra = (0..count).map(|_| fields.number()).collect::<Option<_>>()?;
+        tree.by_key.insert(key, i);
+        tree.diamonds.push(DiamondNode { key, tetrahedra, split });
+    }
+    fields.0.is_empty().then_some(tree)
+}
+
+/// Little-endian numbers, one after the other.
+struct Fields<'a>(&'a [u8]);
+
+impl Fields<'_> {
+    fn byte(&mut self) -> Option<u8> {
+        let (first, rest) = self.0.split_first()?;
+        self.0 = rest;
+        Some(*first)
+    }
+
+    fn number(&mut self) -> Option<u32> {
+        let (head, rest) = self.0.split_first_chunk::<4>()?;
+        self.0 = rest;
+        Some(u32::from_le_bytes(*head))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::partition::partition;
+    use kilwa_geometry::Mesh;
+
+    #[test]
+    fn a_tree_comes_back_and_damage_is_noticed() {
+        let mut mesh = Mesh::default();
+        for i in 0..2000i32 {
+            let p = [i * 13 % 900 + 50, i * 7 % 800 + 50, i % 300 + 60];
+            mesh.positions.extend([p, [p[0] + 1, p[1], p[2]], [p[0], p[1] + 1, p[2]]]);
+            mesh.triangles.push([3 * i as u32, 3 * i as u32 + 1, 3 * i as u32 + 2]);
+        }
+        mesh.borders = vec![7; 2000];
+        let tree = partition(&mesh, 10, 100);
+        let scratch = Scratch::temporary().unwrap();
+        write(&scratch, &tree).unwrap();
+        let back = read(&scratch).unwrap();
+        assert_eq!((back.cube_log2, back.overfull_leaves), (10, tree.overfull_leaves));
+        assert_eq!(back.tetrahedra.len(), tree.tetrahedra.len());
+        for (a, b) in back.tetrahedra.iter().zip(&tree.tetrahedra) {
+            assert_eq!(
+                (a.tetra, a.diamond, a.children, a.parent_diamond),
+                (b.tetra, b.diamond, b.children, b.parent_diamond)
+            );
+        }
+        for (a, b) in back.diamonds.iter().zip(&tree.diamonds) {
+            assert_eq!((a.key, &a.tetrahedra, a.split), (b.key, &b.tetrahedra, b.split));
+        }
+        assert_eq!(back.by_key, tree.by_key);
+        let whole = std::fs::read(scratch.path(TREE)).unwrap();
+        for i in (0..whole.len()).step_by(61) {
+            let mut bytes = whole.clone();
+            bytes[i] ^= 1;
+            std::fs::write(scratch.path(TREE), bytes).unwrap();
+            assert!(read(&scratch).is_err());
+        }
+    }
+}
