@@ -194,7 +194,7 @@ impl Splitter<'_> {
 }
 
 /// Which root tetrahedron holds the point `sum / 3`: the one that walks its axes in falling order of the coordinates.
-fn root_of(sum: [i64; 3]) -> usize {
+pub(crate) fn root_of(sum: [i64; 3]) -> usize {
     let mut axes = [0, 1, 2];
     axes.sort_by_key(|&a| std::cmp::Reverse(sum[a]));
     match axes {

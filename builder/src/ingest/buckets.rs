@@ -1,0 +1,256 @@
+//! Buckets: subtrees of the tetrahedra, each with few enough triangles to be worked on in memory.
+//!
+//! Which buckets there are depends on memory and on a sample of the triangles; nothing that leaves the ingest depends on
+//! which there are. A triangle belongs to the bucket that its centroid is in, a point to the bucket that it is in, by the
+//! exact rule of the partition. Buckets are convex, so a triangle whose corners lie in one bucket belongs to it.
+
+use crate::partition::root_of;
+use kilwa_geometry::tetra::{SplitPlane, max_level};
+use kilwa_geometry::{LatticePoint, Tetra};
+
+/// A tetrahedron above the buckets, or a bucket.
+#[derive(Debug, Clone, Copy)]
+enum Node {
+    Split { plane: SplitPlane, children: [u32; 2] },
+    Bucket(u32),
+}
+
+/// The tetrahedra above the buckets.
+#[derive(Debug, Clone)]
+pub(super) struct Buckets {
+    cube_log2: u32,
+    /// The first six are the roots.
+    nodes: Vec<Node>,
+    /// The tetrahedron of each bucket, in the order of a depth-first walk.
+    tetrahedra: Vec<Tetra>,
+    /// Whether each tetrahedron of that walk is split: enough to make the rest anew.
+    shape: Vec<bool>,
+    grid: Grid,
+}
+
+impl Buckets {
+    /// Buckets of about `capacity` triangles. `samples` are sums of corners, each standing for `weight` triangles.
+    pub(super) fn divide(cube_log2: u32, samples: &mut [[i64; 3]], weight: u64, capacity: u64) -> Self {
+        let mut shape = Vec::new();
+        samples.sort_unstable_by_key(|s| root_of(*s));
+        for (root, tetra) in Tetra::roots(cube_log2).into_iter().enumerate() {
+            let first = samples.partition_point(|s| root_of(*s) < root);
+            let end = samples.partition_point(|s| root_of(*s) <= root);
+            divide(&tetra, &mut samples[first..end], weight, capacity, max_level(cube_log2), &mut shape);
+        }
+        Self::of_shape(cube_log2, shape)
+    }
+
+    /// From the shape alone.
+    pub(super) fn of_shape(cube_log2: u32, shape: Vec<bool>) -> Self {
+        let mut b = Self {
+            cube_log2,
+            nodes: vec![Node::Bucket(0); 6],
+            tetrahedra: Vec::new(),
+            shape: Vec::new(),
+            grid: Grid::default(),
+        };
+        let mut splits = shape.iter().copied();
+        for (root, tetra) in Tetra::roots(cube_log2).into_iter().enumerate() {
+            b.node(root, tetra, &mut splits);
+        }
+        b.shape = shape;
+        b.grid = Grid::of(&b);
+        b
+    }
+
+    fn node(&mut self, index: usize, tetra: Tetra, splits: &mut impl Iterator<Item = bool>) {
+        if splits.next() != Some(true) {
+            self.nodes[index] = Node::Bucket(self.tetrahedra.len() as u32);
+            self.tetrahedra.push(tetra);
+            return;
+        }
+        let first = self.nodes.len();
+        self.nodes.extend([Node::Bucket(0); 2]);
+        self.nodes[index] = Node::Split { plane: tetra.split_plane(), children: [first as u32, first as u32 + 1] };
+        for (child, tetra) in tetra.children().into_iter().enumerate() {
+            self.node(first + child, tetra, splits);
+        }
+    }
+
+    /// Number of buckets.
+    pub(super) fn len(&self) -> usize {
+        self.tetrahedra.len()
+    }
+
+    /// The root cube is `0..=2^cube_log2`.
+    pub(super) fn cube_log2(&self) -> u32 {
+        self.cube_log2
+    }
+
+    /// See [`Buckets::of_shape`].
+    pub(super) fn shape(&self) -> &[bool] {
+        &self.shape
+    }
+
+    /// The tetrahedra of the buckets; those that follow each other are neighbours in a depth-first walk.
+    pub(super) fn tetrahedra(&self) -> &[Tetra] {
+        &self.tetrahedra
+    }
+
+    /// The bucket of a triangle with this sum of corners.
+    pub(super) fn of_sum(&self, sum: [i64; 3]) -> u32 {
+        let mut node = self.nodes[root_of(sum)];
+        loop {
+            match node {
+                Node::Bucket(b) => return b,
+                Node::Split { plane, children } => node = self.nodes[children[plane.child_of_sum(sum)] as usize],
+            }
+        }
+    }
+
+    /// The bucket of a point.
+    #[inline]
+    pub(super) fn of_point(&self, p: [u32; 3]) -> u32 {
+        match self.grid.bucket(p) {
+            MIXED => self.of_sum(p.map(|x| 3 * i64::from(x))),
+            bucket => bucket,
+        }
+    }
+
+    /// Fold over the tetrahedra above the buckets, children first: `bucket` gives what is known of a bucket, `join` what
+    /// is known of a tetrahedron from its two halves.
+    pub(super) fn fold<T>(&self, bucket: &mut impl FnMut(u32) -> T, join: &mut impl FnMut(&Tetra, T, T) -> T) {
+        for (root, tetra) in Tetra::roots(self.cube_log2).into_iter().enumerate() {
+            self.fold_node(root as u32, &tetra, bucket, join);
+        }
+    }
+
+    fn fold_node<T>(
+        &self,
+        node: u32,
+        tetra: &Tetra,
+        bucket: &mut impl FnMut(u32) -> T,
+        join: &mut impl FnMut(&Tetra, T, T) -> T,
+    ) -> T {
+        match self.nodes[node as usize] {
+            Node::Bucket(b) => bucket(b),
+            Node::Split { children, .. } => {
+                let halves = tetra.children();
+                let first = self.fold_node(children[0], &halves[0], bucket, join);
+                let second = self.fold_node(children[1], &halves[1], bucket, join);
+                join(tetra, first, second)
+            }
+        }
+    }
+}
+
+/// Divide the samples of a tetrahedron; `shape` receives the walk.
+fn divide(tetra: &Tetra, samples: &mut [[i64; 3]], weight: u64, capacity: u64, deepest: u8, shape: &mut Vec<bool>) {
+    let alike = samples.windows(2).all(|w| w[0] == w[1]);
+    let split = samples.len() as u64 * weight > capacity && tetra.level < deepest && !alike;
+    shape.push(split);
+    if split {
+        let plane = tetra.split_plane();
+        let mut first = 0;
+        for i in 0..samples.len() {
+            if plane.child_of_sum(samples[i]) == 0 {
+                samples.swap(first, i);
+                first += 1;
+            }
+        }
+        let (a, b) = samples.split_at_mut(first);
+        let [left, right] = tetra.children();
+        divide(&left, a, weight, capacity, deepest, shape);
+        divide(&right, b, weight, capacity, deepest, shape);
+    }
+}
+
+/// A cell of the grid that several buckets share.
+const MIXED: u32 = u32::MAX;
+
+/// A grid over the cube that knows the bucket of most points at once.
+#[derive(Debug, Clone, Default)]
+struct Grid {
+    shift: u32,
+    log2: u32,
+    cells: Vec<u32>,
+}
+
+impl Grid {
+    fn of(buckets: &Buckets) -> Self {
+        let fine = match buckets.len() {
+            ..=16 => 4,
+            17..=128 => 5,
+            _ => 6,
+        };
+        let log2 = buckets.cube_log2.min(fine);
+        let shift = buckets.cube_log2 - log2;
+        let n = 1i64 << log2;
+        // A bucket is convex: a cell whose corners lie in it does.
+        let bucket_of = |x: i64, y: i64, z: i64| {
+            let last = (1i64 << shift) - 1;
+            let corner = |i: usize| {
+                let p = [x, y, z].map(|c| c << shift);
+                let sum = std::array::from_fn(|k| 3 * (p[k] + if i >> k & 1 == 1 { last } else { 0 }));
+                buckets.of_sum(sum)
+            };
+            let first = corner(0);
+            if (1..8).all(|i| corner(i) == first) { first } else { MIXED }
+        };
+        let mut cells = Vec::with_capacity((n * n * n) as usize);
+        for x in 0..n {
+            for y in 0..n {
+                cells.extend((0..n).map(|z| bucket_of(x, y, z)));
+            }
+        }
+        Self { shift, log2, cells }
+    }
+
+    #[inline]
+    fn bucket(&self, p: [u32; 3]) -> u32 {
+        let [x, y, z] = p.map(|c| (c >> self.shift) as usize);
+        // Points on the far hull of the cube lie outside of the grid.
+        if (x | y | z) >> self.log2 != 0 {
+            return MIXED;
+        }
+        self.cells.get((((x << self.log2) + y) << self.log2) + z).copied().unwrap_or(MIXED)
+    }
+}
+
+/// A lattice point in words.
+pub(super) fn point_of_words(p: [u32; 3]) -> LatticePoint {
+    p.map(|x| x as i32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn samples(n: u64, side: u64) -> Vec<[i64; 3]> {
+        let mut state = 9u64;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) % side
+        };
+        (0..n).map(|_| [next() as i64 * 3, next() as i64 * 3, (next() / 7) as i64 * 3]).collect()
+    }
+
+    #[test]
+    fn the_grid_agrees_with_the_walk_and_the_shape_makes_the_same_buckets() {
+        for cube_log2 in [4, 7, 12, 30] {
+            let mut s = samples(3000, 1 << cube_log2);
+            let buckets = Buckets::divide(cube_log2, &mut s, 3, 500);
+            assert!(buckets.len() > 8);
+            let again = Buckets::of_shape(cube_log2, buckets.shape().to_vec());
+            assert_eq!(again.tetrahedra(), buckets.tetrahedra());
+            for sum in s {
+                let bucket = buckets.of_sum(sum);
+                assert_eq!(buckets.of_point(sum.map(|x| (x / 3) as u32)), bucket);
+                assert_eq!(again.of_sum(sum), bucket);
+                assert!(buckets.tetrahedra()[bucket as usize].violation(sum) < 1e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn samples_at_one_place_do_not_divide_for_ever() {
+        let mut s = vec![[30, 60, 90]; 5000];
+        assert_eq!(Buckets::divide(20, &mut s, 10, 100).len(), 6);
+    }
+}

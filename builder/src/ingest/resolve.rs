@@ -1,0 +1,513 @@
+//! From vertex numbers to corners: every triangle gets the cells and attributes of its three vertices, with bounded
+//! memory also where numbers jump at random.
+//!
+//! Input: the files of the spool. Output: `corners`, for each triangle that is kept three vertices in words
+//! ([`super::words`]) on the provisional lattice; the lattice; a sample of the triangles. As many vertices as fit the
+//! budget are in memory at a time, and the triangles stream past once for each such range; with the last range a
+//! triangle is complete: it is dropped (a corner that is not finite, `--crop`, `--min-confidence`), or measured and kept.
+//! Everything learned is counted in integers, so the order of triangles does not matter.
+//!
+//! Fails as [`super::lattice::choose`] does, and where the scratch disk fails.
+
+use super::lattice::{Box3, Lengths, Measured, Provisional, Rounding, choose};
+use super::spool::{COLORS, ColorSource, NORMALS, POSITIONS, Spooled, TRIANGLE_COLORS, TRIANGLES, position_of_row};
+use super::tally::Tally;
+use super::words::{INVALID, Layout, read_words, word_of_color, word_of_normal, write_words};
+use super::IngestOptions;
+use crate::options::BuildError;
+use crate::raw::UNCOLOURED;
+use crate::read::sink::{NO_POSITION, NOT_FINITE, UNUSED};
+use crate::scratch::{ScratchError, ScratchFile};
+use crate::work::Work;
+use kilwa_geometry::Lattice;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+pub(super) const CORNERS: &str = "corners";
+
+/// Triangles read at a time, and in the hands of a thread: a multiple of 64.
+const BLOCK: usize = 1 << 17;
+const PIECE: usize = 1 << 14;
+/// Vertices read at a time, and in the hands of a thread.
+const ROWS: usize = 1 << 16;
+const ROW_PIECE: usize = 1 << 12;
+/// About how many triangles are sampled.
+const SAMPLES: u64 = 1 << 19;
+/// Triangles that tell how long edges are where the lattice shows most of them as nothing.
+const ASTRAY_SAMPLES: u64 = 4096;
+
+/// What is known once triangles have corners.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Resolved {
+    pub(super) layout: Layout,
+    pub(super) lattice: Lattice,
+    pub(super) cube_log2: u32,
+    provisional_log2: i32,
+    provisional_origin: [f64; 3],
+    /// Triangles in the file.
+    pub(super) triangles: u64,
+    /// Vertices that they use.
+    pub(super) used: u64,
+    /// 1st percentile and median of the lengths of edges, metres.
+    pub(super) first: f64,
+    pub(super) median: f64,
+    /// Sums of corners on the lattice, each standing for `weight` triangles.
+    pub(super) samples: Vec<[i64; 3]>,
+    pub(super) weight: u64,
+    pub(super) tally: Tally,
+}
+
+impl Resolved {
+    pub(super) fn rounding(&self) -> Rounding {
+        Rounding::between(&self.provisional(), &self.lattice)
+    }
+
+    fn provisional(&self) -> Provisional {
+        Provisional { step_log2: self.provisional_log2, origin: self.provisional_origin }
+    }
+}
+
+/// Which attributes the vertices have.
+pub(super) fn layout_of(spooled: &Spooled) -> Layout {
+    let colors = spooled.color != ColorSource::None;
+    Layout { colors, normals: spooled.normals, scalars: spooled.channels.len() }
+}
+
+/// The stage.
+pub(super) fn resolve(
+    work: &Work<'_>,
+    spooled: &Spooled,
+    options: &IngestOptions,
+) -> Result<Resolved, BuildError> {
+    let Some(mut bounds) = spooled.bounds.filter(|_| spooled.triangles > 0) else {
+        return Err(BuildError::Empty { why: "the input has no triangles; give a mesh, not a point cloud".into() });
+    };
+    let weight = spooled.triangles.div_ceil(SAMPLES);
+    let mut run = Run::new(work, spooled, options, weight)?;
+    for attempt in 0.. {
+        let provisional = Provisional::of(&bounds, options.step);
+        let mut out = run.passes(&provisional, attempt > 0)?;
+        if out.triangles == 0 {
+            return Err(nothing_left(spooled.triangles, &run.tally));
+        }
+        let used_bounds = run.used_bounds()?;
+        let step = provisional.step();
+        let first = out.lengths.percentile(0.01) * step;
+        // Vertices that no triangle uses (any more) made the cells too large: once more with the box of the others.
+        let coarse = out.lengths.none > 0 || first < 32.0 * step || options.step.is_some_and(|s| s < 2.0 * step);
+        if attempt == 0 && coarse && Provisional::of(&used_bounds, options.step).step_log2 < provisional.step_log2 {
+            bounds = used_bounds;
+            continue;
+        }
+        let mut measured = Measured { bounds: used_bounds, first, median: out.lengths.percentile(0.5) * step };
+        if out.lengths.none > out.lengths.total {
+            measured.median = run.sampled_median()?;
+        }
+        let (lattice, cube_log2) = choose(&measured, options.step)?;
+        let rounding = Rounding::between(&provisional, &lattice);
+        let used = run.used_count();
+        if options.crop.is_none() && options.min_confidence.is_none() {
+            let not_finite = spooled.tally.count(NO_POSITION);
+            run.tally.add_many(UNUSED, (spooled.vertices - used).saturating_sub(not_finite));
+        }
+        out.samples.iter_mut().for_each(|s| {
+            *s = rounding.point(s.map(|x| (x / 3) as u32)).map(|x| 3 * i64::from(x));
+        });
+        return Ok(Resolved {
+            layout: run.layout,
+            lattice,
+            cube_log2,
+            provisional_log2: provisional.step_log2,
+            provisional_origin: provisional.origin,
+            triangles: out.triangles,
+            used,
+            first,
+            median: measured.median,
+            samples: out.samples,
+            weight,
+            tally: run.tally,
+        });
+    }
+    unreachable!("the second attempt returns")
+}
+
+const LOW_CONFIDENCE: &str = "triangles dropped because of --min-confidence";
+const CROPPED: &str = "triangles outside of --crop dropped";
+
+fn nothing_left(triangles: u64, tally: &Tally) -> BuildError {
+    let reasons: Vec<String> = tally.iter().map(|(kind, n, _)| format!("{n} {kind}")).collect();
+    BuildError::Empty { why: format!("of {triangles} triangles none is left ({})", reasons.join("; ")) }
+}
+
+/// What the last pass over the triangles gives.
+#[derive(Default)]
+struct Measures {
+    triangles: u64,
+    lengths: Lengths,
+    /// Sums of cells.
+    samples: Vec<[i64; 3]>,
+}
+
+/// What stays the same over the passes.
+struct Run<'a> {
+    work: &'a Work<'a>,
+    spooled: &'a Spooled,
+    options: &'a IngestOptions,
+    layout: Layout,
+    weight: u64,
+    /// The word of the confidence.
+    confidence: Option<usize>,
+    triangles: ScratchFile,
+    triangle_colors: Option<ScratchFile>,
+    /// One bit for every vertex that a kept triangle uses.
+    used: Vec<AtomicU64>,
+    /// One bit for every triangle that is kept, once known.
+    keep: Vec<u64>,
+    tally: Tally,
+}
+
+/// One block of triangles in the hands of a thread.
+struct Piece {
+    kept: usize,
+    lengths: Lengths,
+    samples: Vec<[i64; 3]>,
+    tally: Tally,
+}
+
+/// Vertices in memory.
+struct Range {
+    first: u64,
+    words: Vec<u32>,
+}
+
+impl<'a> Run<'a> {
+    fn new(
+        work: &'a Work<'a>,
+        spooled: &'a Spooled,
+        options: &'a IngestOptions,
+        weight: u64,
+    ) -> Result<Self, BuildError> {
+        let layout = layout_of(spooled);
+        let is_confidence = |name: &str| ["confidence", "quality"].iter().any(|n| name.eq_ignore_ascii_case(n));
+        let channel = spooled.channels.iter().position(|c| is_confidence(&c.name));
+        if options.min_confidence.is_some() && channel.is_none() {
+            let why = "--min-confidence needs a channel named confidence or quality, and no input has one".to_owned();
+            return Err(BuildError::Empty { why });
+        }
+        let colors = spooled.triangle_colors.then(|| work.scratch.existing(TRIANGLE_COLORS)).transpose()?;
+        Ok(Self {
+            work,
+            spooled,
+            options,
+            layout,
+            weight,
+            confidence: channel.filter(|_| options.min_confidence.is_some()).map(|c| layout.scalar() + c),
+            triangles: work.scratch.existing(TRIANGLES)?,
+            triangle_colors: colors,
+            used: (0..spooled.vertices.div_ceil(64)).map(|_| AtomicU64::new(0)).collect(),
+            keep: vec![0; spooled.triangles.div_ceil(64) as usize],
+            tally: Tally::default(),
+        })
+    }
+
+    /// Vertices that fit the budget.
+    fn range(&self) -> u64 {
+        let bits = 8 * (self.used.len() + self.keep.len()) as u64;
+        let blocks = (BLOCK * (4 * self.layout.triangle() + 16)) as u64;
+        let room = (self.work.memory / 8 * 7).saturating_sub(bits + blocks) / (4 * self.layout.vertex() as u64);
+        // Ever more passes would take for ever: 64 of them at most.
+        room.max(self.spooled.vertices.div_ceil(64)).clamp(1, self.spooled.vertices)
+    }
+
+    fn passes(&mut self, provisional: &Provisional, keep_known: bool) -> Result<Measures, BuildError> {
+        let corners = self.work.scratch.create(CORNERS)?;
+        let (vertices, range) = (self.spooled.vertices, self.range());
+        let total = self.spooled.triangles * vertices.div_ceil(range);
+        let mut measures = Measures::default();
+        let mut done = 0;
+        for first in (0..vertices).step_by(range as usize) {
+            let count = range.min(vertices - first);
+            let loaded = Range { first, words: self.load(provisional, first, count as usize)? };
+            let mut written = 0;
+            for block in (0..self.spooled.triangles).step_by(BLOCK) {
+                let n = (self.spooled.triangles - block).min(BLOCK as u64) as usize;
+                let mut rows = vec![0u8; 12 * n];
+                self.triangles.read_into(12 * block, &mut rows)?;
+                let mut words = vec![0u32; n * self.layout.triangle()];
+                if first > 0 {
+                    read_words(&corners, block * 4 * self.layout.triangle() as u64, &mut words)?;
+                }
+                self.fill(&loaded, &rows, &mut words);
+                if first + count == vertices {
+                    self.complete(provisional, block, &rows, &mut words, keep_known, &mut measures, &mut |kept| {
+                        // Never beyond what has been read.
+                        write_words(&corners, written, kept)?;
+                        written += 4 * kept.len() as u64;
+                        Ok(())
+                    })?;
+                } else {
+                    write_words(&corners, block * 4 * self.layout.triangle() as u64, &mut words)?;
+                }
+                done += n as u64;
+                self.work.progress.update("finding corners", done, total);
+                self.work.stop.check()?;
+            }
+            if first + count == vertices {
+                corners.truncate(written)?;
+            }
+        }
+        corners.sync()?;
+        Ok(measures)
+    }
+
+    /// The vertices from `first` on as words on the provisional lattice.
+    fn load(&self, provisional: &Provisional, first: u64, count: usize) -> Result<Vec<u32>, ScratchError> {
+        let width = self.layout.vertex();
+        let open = |yes: bool, name: &str| yes.then(|| self.work.scratch.existing(name)).transpose();
+        let positions = self.work.scratch.existing(POSITIONS)?;
+        let normals = open(self.spooled.normals, NORMALS)?;
+        let colors = open(self.spooled.vertex_colors, COLORS)?;
+        let (grey, black, white) = match &self.spooled.color {
+            ColorSource::Scalar { file, black, white } => (open(true, file)?, *black, *white),
+            _ => (None, 0.0, 1.0),
+        };
+        let scalars: Vec<ScratchFile> =
+            self.spooled.channels.iter().map(|c| self.work.scratch.existing(&c.file)).collect::<Result<_, _>>()?;
+        let mut words = vec![0u32; count * width];
+        let per_metre = provisional.per_metre();
+        let none = word_of_color(UNCOLOURED);
+        for (block, out) in words.chunks_mut(ROWS * width).enumerate() {
+            let (row, n) = (first + (block * ROWS) as u64, out.len() / width);
+            let read = |file: &ScratchFile, bytes: usize| file.read(row * bytes as u64, (n * bytes) as u64);
+            let read_four = |file: &Option<ScratchFile>| file.as_ref().map(|f| read(f, 4)).transpose();
+            let places = read(&positions, 24)?;
+            let (colors, normals, grey) = (read_four(&colors)?, read_four(&normals)?, read_four(&grey)?);
+            let scalars = scalars.iter().map(|f| read(f, 4)).collect::<Result<Vec<_>, _>>()?;
+            out.par_chunks_mut(ROW_PIECE * width).enumerate().for_each(|(piece, out)| {
+                for (i, vertex) in (piece * ROW_PIECE..).zip(out.chunks_exact_mut(width)) {
+                    let cell = provisional.cell(position_of_row(&places.as_chunks::<24>().0[i]), per_metre);
+                    vertex[..3].copy_from_slice(&cell.unwrap_or([INVALID; 3]));
+                    if let Some(at) = self.layout.color() {
+                        vertex[at] = match (&colors, &grey) {
+                            (Some(rows), _) => color_of_row(rows.as_chunks::<4>().0[i], none),
+                            (None, Some(rows)) => grey_of_row(rows.as_chunks::<4>().0[i], black, white, none),
+                            (None, None) => none,
+                        };
+                    }
+                    if let (Some(at), Some(rows)) = (self.layout.normal(), &normals) {
+                        let [a, b, c, d] = rows.as_chunks::<4>().0[i];
+                        vertex[at] = word_of_normal([i16::from_le_bytes([a, b]), i16::from_le_bytes([c, d])]);
+                    }
+                    for (to, rows) in vertex[self.layout.scalar()..].iter_mut().zip(&scalars) {
+                        *to = u32::from_le_bytes(rows.as_chunks::<4>().0[i]);
+                    }
+                }
+            });
+        }
+        Ok(words)
+    }
+
+    /// Copy the vertices that are in memory to the corners that name them.
+    fn fill(&self, loaded: &Range, rows: &[u8], words: &mut [u32]) {
+        let width = self.layout.vertex();
+        let triangle = self.layout.triangle();
+        words.par_chunks_mut(PIECE * triangle).zip(rows.par_chunks(PIECE * 12)).for_each(|(words, rows)| {
+            for (corner, row) in words.chunks_exact_mut(width).zip(rows.as_chunks::<4>().0) {
+                let vertex = u64::from(u32::from_le_bytes(*row)).wrapping_sub(loaded.first) as usize;
+                let at = vertex.wrapping_mul(width);
+                if vertex < loaded.words.len() / width {
+                    corner.copy_from_slice(&loaded.words[at..at + width]);
+                }
+            }
+        });
+    }
+
+    /// Decide which triangles of a block are kept, measure them, and hand the words of each piece on.
+    #[expect(clippy::too_many_arguments, reason = "one call, from the loop over blocks")]
+    fn complete(
+        &mut self,
+        provisional: &Provisional,
+        block: u64,
+        rows: &[u8],
+        words: &mut [u32],
+        keep_known: bool,
+        measures: &mut Measures,
+        write: &mut dyn FnMut(&mut [u32]) -> Result<(), ScratchError>,
+    ) -> Result<(), ScratchError> {
+        let triangle = self.layout.triangle();
+        let n = rows.len() / 12;
+        let colors = self.triangle_colors.as_ref().map(|f| f.read(4 * block, 4 * n as u64)).transpose()?;
+        let mut keep = std::mem::take(&mut self.keep);
+        let first_bits = (block / 64) as usize;
+        let pieces: Vec<Piece> = words
+            .par_chunks_mut(PIECE * triangle)
+            .zip(rows.par_chunks(PIECE * 12))
+            .zip(keep[first_bits..first_bits + n.div_ceil(64)].par_chunks_mut(PIECE / 64))
+            .enumerate()
+            .map(|(i, ((words, rows), keep))| {
+                let first = i * PIECE;
+                let colors = colors.as_ref().map(|c| &c.as_chunks::<4>().0[first..]);
+                self.piece(provisional, block + first as u64, rows, words, colors, keep, keep_known)
+            })
+            .collect();
+        self.keep = keep;
+        for (piece, words) in pieces.iter().zip(words.chunks_mut(PIECE * triangle)) {
+            write(&mut words[..piece.kept * triangle])?;
+            measures.triangles += piece.kept as u64;
+            measures.lengths = std::mem::take(&mut measures.lengths).merge(&piece.lengths);
+            measures.samples.extend(&piece.samples);
+            self.tally.merge(&piece.tally);
+        }
+        Ok(())
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "slices of one block")]
+    fn piece(
+        &self,
+        provisional: &Provisional,
+        number: u64,
+        rows: &[u8],
+        words: &mut [u32],
+        colors: Option<&[[u8; 4]]>,
+        keep: &mut [u64],
+        keep_known: bool,
+    ) -> Piece {
+        let (width, triangle) = (self.layout.vertex(), self.layout.triangle());
+        let mut out = Piece { kept: 0, lengths: Lengths::default(), samples: Vec::new(), tally: Tally::default() };
+        for (i, row) in rows.as_chunks::<12>().0.iter().enumerate() {
+            let at = i * triangle;
+            let bit = 1u64 << (i % 64);
+            if !keep_known && self.wanted(provisional, number + i as u64, &words[at..at + triangle], &mut out.tally) {
+                keep[i / 64] |= bit;
+            }
+            if keep[i / 64] & bit == 0 {
+                continue;
+            }
+            for vertex in row.as_chunks::<4>().0 {
+                let v = u32::from_le_bytes(*vertex);
+                let (word, bit) = (&self.used[v as usize / 64], 1u64 << (v % 64));
+                if word.load(Ordering::Relaxed) & bit == 0 {
+                    word.fetch_or(bit, Ordering::Relaxed);
+                }
+            }
+            let to = out.kept * triangle;
+            words.copy_within(at..at + triangle, to);
+            out.kept += 1;
+            let corners = &mut words[to..to + triangle];
+            if let (Some(at), Some([r, g, b, 1])) = (self.layout.color(), colors.map(|c| c[i])) {
+                corners.chunks_exact_mut(width).for_each(|c| c[at] = word_of_color([r, g, b]));
+            }
+            let (a, b, c) = (&corners[..width], &corners[width..2 * width], &corners[2 * width..]);
+            out.lengths.add(a, b);
+            out.lengths.add(b, c);
+            out.lengths.add(c, a);
+            let mixed = (number + i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32;
+            if mixed.is_multiple_of(self.weight) {
+                out.samples.push(std::array::from_fn(|k| i64::from(a[k]) + i64::from(b[k]) + i64::from(c[k])));
+            }
+        }
+        out
+    }
+
+    /// Whether a triangle is kept.
+    fn wanted(&self, provisional: &Provisional, number: u64, corners: &[u32], tally: &mut Tally) -> bool {
+        let mut vertices = corners.chunks_exact(self.layout.vertex());
+        if vertices.clone().any(|c| c[0] == INVALID) {
+            tally.add(NOT_FINITE, || format!("triangle {number}"));
+            return false;
+        }
+        if let (Some(at), Some(least)) = (self.confidence, self.options.min_confidence)
+            && vertices.clone().any(|c| f32::from_bits(c[at]) < least)
+        {
+            tally.add_many(LOW_CONFIDENCE, 1);
+            return false;
+        }
+        if let Some([min, max]) = self.options.crop {
+            let mut sum = [0.0; 3];
+            vertices.by_ref().for_each(|c| (0..3).for_each(|k| sum[k] += f64::from(c[k])));
+            let centroid = provisional.metres(sum.map(|x| x / 3.0 + 0.5));
+            if (0..3).any(|k| centroid[k] < min[k] || centroid[k] > max[k]) {
+                tally.add_many(CROPPED, 1);
+                return false;
+            }
+        }
+        true
+    }
+
+    fn used_count(&self) -> u64 {
+        self.used.iter().map(|w| u64::from(w.load(Ordering::Relaxed).count_ones())).sum()
+    }
+
+    /// The box round the vertices that kept triangles use, metres.
+    fn used_bounds(&self) -> Result<Box3, ScratchError> {
+        if let (true, Some(bounds)) = (self.used_count() == self.spooled.vertices, self.spooled.bounds) {
+            return Ok(bounds);
+        }
+        let positions = self.work.scratch.existing(POSITIONS)?;
+        let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        for first in (0..self.spooled.vertices).step_by(ROWS) {
+            let n = (self.spooled.vertices - first).min(ROWS as u64);
+            let rows = positions.read(24 * first, 24 * n)?;
+            for (v, row) in (first..).zip(rows.as_chunks::<24>().0) {
+                if self.used[(v / 64) as usize].load(Ordering::Relaxed) >> (v % 64) & 1 == 1 {
+                    let p = position_of_row(row);
+                    for k in 0..3 {
+                        bounds[0][k] = bounds[0][k].min(p[k]);
+                        bounds[1][k] = bounds[1][k].max(p[k]);
+                    }
+                }
+            }
+        }
+        Ok(bounds)
+    }
+
+    /// The median length of the edges of some kept triangles, from the positions as they were given, metres.
+    fn sampled_median(&self) -> Result<f64, ScratchError> {
+        let positions = self.work.scratch.existing(POSITIONS)?;
+        let mut lengths = Vec::new();
+        for t in (0..self.spooled.triangles).step_by(self.spooled.triangles.div_ceil(ASTRAY_SAMPLES) as usize) {
+            if self.keep[(t / 64) as usize] >> (t % 64) & 1 == 0 {
+                continue;
+            }
+            let row = self.triangles.read(12 * t, 12)?;
+            let mut p = [[0.0; 3]; 3];
+            for (p, vertex) in p.iter_mut().zip(row.as_chunks::<4>().0) {
+                let bytes = positions.read(24 * u64::from(u32::from_le_bytes(*vertex)), 24)?;
+                *p = position_of_row(&bytes.as_chunks::<24>().0[0]);
+            }
+            let edges = [(0, 1), (1, 2), (2, 0)];
+            let length = |(a, b): (usize, usize)| (0..3).map(|k| (p[a][k] - p[b][k]).powi(2)).sum::<f64>().sqrt();
+            lengths.extend(edges.map(length).into_iter().filter(|l| *l > 0.0));
+        }
+        lengths.sort_by(f64::total_cmp);
+        Ok(lengths.get(lengths.len() / 2).copied().unwrap_or(0.0))
+    }
+}
+
+/// The word of a vertex colour; the last byte of the row says whether it was given.
+fn color_of_row([r, g, b, given]: [u8; 4], none: u32) -> u32 {
+    if given == 0 { none } else { word_of_color([r, g, b]) }
+}
+
+/// The word of a grey that stands for a scalar.
+fn grey_of_row(row: [u8; 4], black: f32, white: f32, none: u32) -> u32 {
+    let v = f32::from_le_bytes(row);
+    if !v.is_finite() {
+        return none;
+    }
+    let share = (f64::from(v) - f64::from(black)) / (f64::from(white) - f64::from(black));
+    word_of_color([libm::round(share.clamp(0.0, 1.0) * 255.0) as u8; 3])
+}
+
+/// The corners of triangles, block by block: words of `n` triangles from number `first` on.
+pub(super) fn read_corners(
+    file: &ScratchFile,
+    layout: Layout,
+    first: u64,
+    n: usize,
+    into: &mut Vec<u32>,
+) -> Result<(), ScratchError> {
+    into.resize(n * layout.triangle(), 0);
+    read_words(file, first * 4 * layout.triangle() as u64, into)
+}

@@ -1,0 +1,160 @@
+//! Triangles to buckets: every triangle goes whole to the bucket of its centroid; a bucket that a corner lies in, and
+//! that is another, gets a copy (a *halo* triangle), so that all triangles round a point are seen together in the bucket
+//! of the point.
+//!
+//! Input: `corners`. Output: `buckets`, triangles on the final lattice by bucket; `halo`, by bucket, each triangle
+//! behind the number of its own bucket and its place there. Triangles that collapse on the lattice are dropped and
+//! counted, by where they are.
+
+use super::buckets::{Buckets, point_of_words};
+use super::lattice::Rounding;
+use super::resolve::{CORNERS, Resolved, read_corners};
+use super::spill::{Extents, Spill};
+use super::tally::Tally;
+use super::words::Layout;
+use super::IngestOptions;
+use crate::options::BuildError;
+use crate::work::Work;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+pub(super) const BUCKETS: &str = "buckets";
+pub(super) const HALO: &str = "halo";
+
+const COLLAPSED: &str = "triangles dropped because they collapse on the lattice";
+/// Triangles read at a time, and in the hands of a thread.
+const BLOCK: usize = 1 << 17;
+const PIECE: usize = 1 << 14;
+/// Stands for the bucket of a triangle that collapsed.
+const NOWHERE: u32 = u32::MAX;
+/// Words before the corners of a halo triangle: its bucket, its place there.
+pub(super) const HALO_HEAD: usize = 2;
+
+/// Where the triangles are.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Scattered {
+    pub(super) cube_log2: u32,
+    pub(super) shape: Vec<bool>,
+    pub(super) own: Extents,
+    pub(super) halo: Extents,
+    pub(super) triangles: u64,
+    pub(super) tally: Tally,
+}
+
+/// What a triangle of a bucket that is worked on takes: corners as they were, welded vertices, tables, edges, sums.
+pub(super) fn bytes_per_triangle(layout: Layout) -> u64 {
+    8 * layout.triangle() as u64 + 150
+}
+
+/// How many triangles a bucket should have.
+pub(super) fn capacity(work: &Work<'_>, layout: Layout, triangles: u64, options: &IngestOptions) -> u64 {
+    let threads = work.threads.max(1) as u64;
+    let fits = work.memory / 10 * 7 / threads / bytes_per_triangle(layout);
+    // Small enough to keep all threads busy to the end, large enough for few halo triangles.
+    let even = (triangles / (8 * threads)).max(1 << 15);
+    fits.min(even).clamp((options.leaf_triangles as u64 / 2).max(16), 1 << 20)
+}
+
+/// The triangles of a piece: bucket of each (on the final lattice by now), and copies for other buckets.
+struct Piece {
+    bucket: Vec<u32>,
+    /// Bucket that gets a copy, and which triangle of the piece.
+    halo: Vec<(u32, u32)>,
+    collapsed: Tally,
+}
+
+/// The stage.
+pub(super) fn scatter(
+    work: &Work<'_>,
+    resolved: &Resolved,
+    options: &IngestOptions,
+) -> Result<Scattered, BuildError> {
+    let (layout, rounding) = (resolved.layout, resolved.rounding());
+    let capacity = capacity(work, layout, resolved.triangles, options);
+    let mut samples = resolved.samples.clone();
+    let buckets = Buckets::divide(resolved.cube_log2, &mut samples, resolved.weight, capacity);
+    drop(samples);
+    let corners = work.scratch.existing(CORNERS)?;
+    let mut own = Spill::create(work.scratch, BUCKETS, buckets.len(), work.memory / 4)?;
+    let mut halo = Spill::create(work.scratch, HALO, buckets.len(), work.memory / 16)?;
+    let mut counts = vec![0u32; buckets.len()];
+    let mut tally = Tally::default();
+    let mut words = Vec::new();
+    let (triangle, mut kept) = (layout.triangle(), 0);
+    for block in (0..resolved.triangles).step_by(BLOCK) {
+        let n = (resolved.triangles - block).min(BLOCK as u64) as usize;
+        read_corners(&corners, layout, block, n, &mut words)?;
+        let pieces: Vec<Piece> =
+            words.par_chunks_mut(PIECE * triangle).map(|w| piece(w, layout, &rounding, &buckets, resolved)).collect();
+        for (piece, words) in pieces.iter().zip(words.chunks(PIECE * triangle)) {
+            let mut places = vec![0u32; piece.bucket.len()];
+            let mut first = 0;
+            // Neighbours in the file are mostly neighbours in space: runs are copied as one.
+            for run in piece.bucket.chunk_by(|a, b| a == b) {
+                let bucket = run[0];
+                if bucket != NOWHERE {
+                    own.push(bucket as usize, &words[first * triangle..(first + run.len()) * triangle])?;
+                    let count = &mut counts[bucket as usize];
+                    for place in &mut places[first..first + run.len()] {
+                        *place = *count;
+                        *count += 1;
+                    }
+                    kept += run.len() as u64;
+                }
+                first += run.len();
+            }
+            for &(to, t) in &piece.halo {
+                let t = t as usize;
+                halo.push(to as usize, &[piece.bucket[t], places[t]])?;
+                halo.push(to as usize, &words[t * triangle..(t + 1) * triangle])?;
+            }
+            tally.merge(&piece.collapsed);
+        }
+        work.progress.update("sorting into regions", block + n as u64, resolved.triangles);
+        work.stop.check()?;
+    }
+    if kept == 0 {
+        let why = format!(
+            "all {} triangles collapse on a lattice of {:e} m; give a smaller --step or check --units",
+            resolved.triangles,
+            resolved.lattice.step()
+        );
+        return Err(BuildError::Empty { why });
+    }
+    let (cube_log2, shape) = (resolved.cube_log2, buckets.shape().to_vec());
+    Ok(Scattered { cube_log2, shape, own: own.finish()?, halo: halo.finish()?, triangles: kept, tally })
+}
+
+fn piece(words: &mut [u32], layout: Layout, rounding: &Rounding, buckets: &Buckets, resolved: &Resolved) -> Piece {
+    let (width, triangle) = (layout.vertex(), layout.triangle());
+    let n = words.len() / triangle;
+    let mut out = Piece { bucket: Vec::with_capacity(n), halo: Vec::new(), collapsed: Tally::default() };
+    for (t, corners) in words.chunks_exact_mut(triangle).enumerate() {
+        let mut p = [[0; 3]; 3];
+        for (k, vertex) in corners.chunks_exact_mut(width).enumerate() {
+            p[k] = rounding.point([vertex[0], vertex[1], vertex[2]]);
+            vertex[..3].copy_from_slice(&p[k]);
+        }
+        if p[0] == p[1] || p[1] == p[2] || p[2] == p[0] {
+            out.collapsed.add(COLLAPSED, || {
+                let [x, y, z] = resolved.lattice.world_from_lattice(point_of_words(p[0]));
+                format!("at {x:.4} {y:.4} {z:.4} m")
+            });
+            out.bucket.push(NOWHERE);
+            continue;
+        }
+        let of = p.map(|p| buckets.of_point(p));
+        if of[0] == of[1] && of[1] == of[2] {
+            out.bucket.push(of[0]);
+            continue;
+        }
+        let home = buckets.of_sum(std::array::from_fn(|i| p.iter().map(|p| i64::from(p[i])).sum()));
+        out.bucket.push(home);
+        for k in 0..3 {
+            if of[k] != home && !of[..k].contains(&of[k]) {
+                out.halo.push((of[k], t as u32));
+            }
+        }
+    }
+    out
+}

@@ -1,0 +1,529 @@
+//! The sink of a build: what readers deliver goes to scratch files, one per attribute, whatever the size of the mesh.
+//!
+//! Input: blocks of vertices and triangles of one input after the other. Files (numbers little-endian, one row per
+//! vertex or triangle): `positions` 3×f64, `colors` r g b given?, `normals` octahedral 2×i16 of [`NORMAL_BITS`],
+//! `scalar-N` f32, `triangles` 3×u32 (numbers over all inputs), `triangle-colors` r g b given?. An attribute that no
+//! input has, has no file. [`Spooled`] says what is there.
+//!
+//! Inputs are joined here: channels by name (0 where an input lacks one), a neutral grey where only some vertices have
+//! colours, normals only where every vertex has one. Fails where a triangle names a vertex that its input does not have,
+//! where there are more vertices than 32 bits number, and where the scratch disk does.
+
+use super::column::Column;
+use super::tally::Tally;
+use crate::prepare::NORMAL_BITS;
+use crate::raw::{Findings, RawMesh};
+use crate::read::sink::{MeshSink, NO_POSITION, TWICE, VertexBlock};
+use crate::read::ReadError;
+use crate::scratch::{Scratch, ScratchError};
+use kilwa_geometry::normal;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+pub(super) const POSITIONS: &str = "positions";
+pub(super) const COLORS: &str = "colors";
+pub(super) const NORMALS: &str = "normals";
+pub(super) const TRIANGLES: &str = "triangles";
+pub(super) const TRIANGLE_COLORS: &str = "triangle-colors";
+
+/// Most vertices that a build numbers.
+const MOST_VERTICES: u64 = u32::MAX as u64 - 1;
+/// Vertices in a block of the cache for [`MeshSink::positions`].
+const CACHE_BLOCK: u64 = 1 << 12;
+/// Blocks in that cache: 6 MiB.
+const CACHE_BLOCKS: usize = 64;
+/// Vertices looked at together when a channel becomes grey.
+const ROWS: usize = 1 << 16;
+/// Classes of the histogram of intensities.
+const CLASSES: usize = 1 << 16;
+
+const GREY: &str = "vertices without colour beside coloured ones, shown grey";
+const NO_SCALAR: &str = "vertices without a scalar that other files have, set to 0";
+const NO_NORMAL: &str = "normals dropped and computed anew, because other files have none";
+const FACE_COLOR: &str = "triangles whose colour was given to their vertices";
+const OPAQUE: &str = "vertices whose alpha of 1 was not kept";
+const FROM_INTENSITY: &str = "vertices coloured grey from their intensity";
+
+/// Where the colours of vertices come from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) enum ColorSource {
+    /// The model has none.
+    None,
+    /// The file of colours, or the triangles.
+    Given,
+    /// A scalar: file, and the values that become black and white.
+    Scalar { file: String, black: f32, white: f32 },
+}
+
+/// A scalar channel.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Channel {
+    pub(super) name: String,
+    pub(super) file: String,
+    /// Smallest and largest finite value, 0 where there is none.
+    pub(super) min: f32,
+    pub(super) max: f32,
+}
+
+/// What the scratch files hold once all inputs are read.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Spooled {
+    /// Vertices of all inputs.
+    pub vertices: u64,
+    /// Triangles of all inputs.
+    pub triangles: u64,
+    /// Smallest and largest coordinates of finite vertices, metres; absent where there is none.
+    pub(super) bounds: Option<[[f64; 3]; 2]>,
+    pub(super) color: ColorSource,
+    pub(super) vertex_colors: bool,
+    pub(super) triangle_colors: bool,
+    pub(super) normals: bool,
+    pub(super) channels: Vec<Channel>,
+    pub(super) tally: Tally,
+}
+
+impl Spooled {
+    /// Bytes of a vertex over all files.
+    pub(super) fn vertex_bytes(&self) -> u64 {
+        24 + 4 * (u64::from(self.vertex_colors) + u64::from(self.normals) + self.channels.len() as u64)
+    }
+}
+
+/// One input while it is delivered.
+#[derive(Debug)]
+struct Current {
+    path: PathBuf,
+    first_vertex: u64,
+    first_triangle: u64,
+    /// Triangles delivered, those dropped included.
+    delivered: u64,
+    /// Which of [`Spool::channels`] each declared channel is.
+    channels: Vec<usize>,
+    coloured: u64,
+    with_normal: u64,
+    coloured_triangles: u64,
+    /// The largest vertex number, and which triangle names it.
+    largest: Option<(u64, u64)>,
+}
+
+#[derive(Debug)]
+struct Scalar {
+    name: String,
+    column: Column,
+    min: f32,
+    max: f32,
+    not_finite: bool,
+}
+
+impl Scalar {
+    fn see(&mut self, v: f32) {
+        if v.is_finite() {
+            self.min = self.min.min(v);
+            self.max = self.max.max(v);
+        } else {
+            self.not_finite = true;
+        }
+    }
+}
+
+/// The sink over scratch files. [`Spool::input`] begins an input, [`Spool::finish`] ends the last.
+#[derive(Debug)]
+pub struct Spool {
+    scratch: Scratch,
+    positions: Column,
+    colors: Option<Column>,
+    normals: Option<Column>,
+    scalars: Vec<Scalar>,
+    triangles: Column,
+    triangle_colors: Option<Column>,
+    bounds: [[f64; 3]; 2],
+    current: Current,
+    /// Names that each input declared, in its order.
+    declared: Vec<Vec<String>>,
+    /// Vertices without colour in inputs that have no coloured triangles.
+    uncoloured: u64,
+    with_normal: u64,
+    /// Findings of the current input.
+    findings: Findings,
+    tally: Tally,
+    cache: Vec<(u64, Vec<[f64; 3]>)>,
+}
+
+impl Spool {
+    /// An empty spool in `scratch`, for inputs whose first is at `path`.
+    ///
+    /// # Errors
+    /// [`ScratchError`] where files cannot be made.
+    pub fn create(scratch: &Scratch, path: &Path) -> Result<Self, ScratchError> {
+        Ok(Self {
+            positions: Column::create(scratch, POSITIONS, 24)?,
+            colors: None,
+            normals: None,
+            scalars: Vec::new(),
+            triangles: Column::create(scratch, TRIANGLES, 12)?,
+            triangle_colors: None,
+            bounds: [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]],
+            current: Current::new(path, 0, 0),
+            declared: Vec::new(),
+            uncoloured: 0,
+            with_normal: 0,
+            findings: Findings::default(),
+            tally: Tally::default(),
+            cache: Vec::new(),
+            scratch: scratch.clone(),
+        })
+    }
+
+    /// What follows is the input at `path`.
+    ///
+    /// # Errors
+    /// Where the input before names vertices that it does not have.
+    pub fn input(&mut self, path: &Path) -> Result<(), ReadError> {
+        if self.current.delivered > 0 || self.vertex_count() > 0 {
+            self.end_input()?;
+        }
+        self.current = Current::new(path, self.positions.rows(), self.triangles.rows());
+        Ok(())
+    }
+
+    /// Triangles kept so far, of all inputs.
+    pub fn triangle_count(&self) -> u64 {
+        self.triangles.rows()
+    }
+
+    fn end_input(&mut self) -> Result<(), ReadError> {
+        let rows = self.positions.rows();
+        let here = rows - self.current.first_vertex;
+        if let Some((vertex, triangle)) = self.current.largest
+            && vertex >= here
+        {
+            let file = self.current.path.clone();
+            return Err(ReadError::Index { file, triangle, vertex, vertices: here });
+        }
+        let c = &self.current;
+        if c.coloured_triangles < self.triangles.rows() - c.first_triangle || c.coloured > 0 {
+            self.uncoloured += here - c.coloured;
+        }
+        self.with_normal += c.with_normal;
+        let declared: Vec<usize> = c.channels.clone();
+        self.declared.push(declared.iter().map(|&i| self.scalars[i].name.clone()).collect());
+        // Channels of other inputs are 0 here.
+        for (_, scalar) in self.scalars.iter_mut().enumerate().filter(|(i, _)| !declared.contains(i)) {
+            if here > 0 {
+                scalar.see(0.0);
+            }
+            scalar.column.fill(0f32.to_le_bytes(), rows)?;
+            self.tally.add_many(NO_SCALAR, here);
+        }
+        self.tally.add_many(FACE_COLOR, c.coloured_triangles);
+        self.tally.take(&std::mem::take(&mut self.findings));
+        Ok(())
+    }
+
+    /// Complete the files.
+    ///
+    /// # Errors
+    /// As [`Spool::input`]; [`ReadError::Spool`].
+    pub fn finish(mut self) -> Result<Spooled, ReadError> {
+        self.end_input()?;
+        let (vertices, triangles) = (self.positions.rows(), self.triangles.rows());
+        let vertex_colors = self.colors.is_some();
+        if let Some(mut colors) = self.colors.take() {
+            colors.fill([0; 4], vertices)?;
+            colors.finish()?;
+        }
+        let triangle_colors = self.triangle_colors.is_some();
+        if let Some(mut colors) = self.triangle_colors.take() {
+            colors.fill([0; 4], triangles)?;
+            colors.finish()?;
+        }
+        if vertex_colors || triangle_colors {
+            self.tally.add_many(GREY, self.uncoloured);
+        }
+        let normals = self.normals.is_some() && self.with_normal == vertices;
+        if let Some(column) = self.normals.take() {
+            column.finish()?;
+            if !normals {
+                self.scratch.remove(NORMALS)?;
+                self.tally.add_many(NO_NORMAL, self.with_normal);
+            }
+        }
+        self.positions.finish()?;
+        self.triangles.finish()?;
+        let mut tally = std::mem::take(&mut self.tally);
+        let channels = finish_channels(&self.scratch, std::mem::take(&mut self.scalars), &self.declared, &mut tally)?;
+        let color = if vertex_colors || triangle_colors {
+            ColorSource::Given
+        } else {
+            grey(&self.scratch, &channels, vertices, &mut tally)?
+        };
+        let bounds = (self.bounds[0][0] <= self.bounds[1][0]).then_some(self.bounds);
+        Ok(Spooled { vertices, triangles, bounds, color, vertex_colors, triangle_colors, normals, channels, tally })
+    }
+
+    /// Deliver a mesh that is in memory as the current input.
+    ///
+    /// # Errors
+    /// [`ReadError::Spool`], [`ReadError::TooLarge`].
+    pub fn add(&mut self, mesh: &RawMesh) -> Result<(), ReadError> {
+        let names: Vec<String> = mesh.scalars.iter().map(|(name, _)| name.clone()).collect();
+        self.channels(&names)?;
+        let scalars: Vec<Vec<f32>> = mesh.scalars.iter().map(|(_, values)| values.clone()).collect();
+        let (colors, normals) = (&mesh.colors, &mesh.normals);
+        self.vertices(&VertexBlock { positions: &mesh.positions, colors, normals, scalars: &scalars })?;
+        for block in mesh.triangles.chunks(ROWS) {
+            let wide: Vec<[u64; 3]> = block.iter().map(|t| t.map(u64::from)).collect();
+            self.triangles(&wide, &[])?;
+        }
+        self.findings.merge(mesh.findings.clone());
+        Ok(())
+    }
+}
+
+impl Current {
+    fn new(path: &Path, first_vertex: u64, first_triangle: u64) -> Self {
+        Self {
+            path: path.to_owned(),
+            first_vertex,
+            first_triangle,
+            delivered: 0,
+            channels: Vec::new(),
+            coloured: 0,
+            with_normal: 0,
+            coloured_triangles: 0,
+            largest: None,
+        }
+    }
+}
+
+/// Close the channels, drop an alpha that says nothing, and order them so that the order of the inputs does not matter.
+fn finish_channels(
+    scratch: &Scratch,
+    scalars: Vec<Scalar>,
+    declared: &[Vec<String>],
+    tally: &mut Tally,
+) -> Result<Vec<Channel>, ScratchError> {
+    let mut channels = Vec::new();
+    for (i, s) in scalars.into_iter().enumerate() {
+        let file = channel_file(i);
+        let rows = s.column.rows();
+        s.column.finish()?;
+        let opaque = s.name.eq_ignore_ascii_case("alpha") && s.min == 1.0 && s.max == 1.0 && !s.not_finite;
+        if opaque {
+            scratch.remove(&file)?;
+            tally.add_many(OPAQUE, rows);
+            continue;
+        }
+        let (min, max) = if s.min <= s.max { (s.min, s.max) } else { (0.0, 0.0) };
+        channels.push(Channel { name: s.name, file, min, max });
+    }
+    if declared.windows(2).any(|w| w[0] != w[1]) {
+        channels.sort_by(|a, b| a.name.cmp(&b.name));
+    }
+    Ok(channels)
+}
+
+fn channel_file(i: usize) -> String {
+    format!("scalar-{i}")
+}
+
+/// Where a mesh without colours has an intensity: the values between its 1st and 99th percentile become greys.
+fn grey(scratch: &Scratch, channels: &[Channel], rows: u64, tally: &mut Tally) -> Result<ColorSource, ScratchError> {
+    let is_intensity = |c: &&Channel| {
+        let name = c.name.to_ascii_lowercase();
+        name == "intensity" || name == "scalar_intensity"
+    };
+    let Some(channel) = channels.iter().find(is_intensity).filter(|c| c.min < c.max) else {
+        return Ok(ColorSource::None);
+    };
+    let file = scratch.existing(&channel.file)?;
+    let (low, scale) = (f64::from(channel.min), (CLASSES - 1) as f64 / (f64::from(channel.max) - f64::from(channel.min)));
+    let mut counts = vec![0u64; CLASSES];
+    let mut bytes = vec![0u8; ROWS * 4];
+    for first in (0..rows).step_by(ROWS) {
+        let n = (rows - first).min(ROWS as u64) as usize;
+        file.read_into(first * 4, &mut bytes[..4 * n])?;
+        for row in bytes[..4 * n].as_chunks::<4>().0 {
+            let v = f32::from_le_bytes(*row);
+            if v.is_finite() {
+                counts[((f64::from(v) - low) * scale) as usize] += 1;
+            }
+        }
+    }
+    let total: u64 = counts.iter().sum();
+    let at = |share: f64| {
+        let mut left = (total.saturating_sub(1) as f64 * share) as u64;
+        let class = counts.iter().position(|&n| {
+            let here = left < n;
+            left = left.saturating_sub(n);
+            here
+        });
+        (low + class.unwrap_or(0) as f64 / scale) as f32
+    };
+    let (black, white) = (at(0.01), at(0.99));
+    let (black, white) = if black < white { (black, white) } else { (channel.min, channel.max) };
+    tally.add_many(FROM_INTENSITY, rows);
+    Ok(ColorSource::Scalar { file: channel.file.clone(), black, white })
+}
+
+impl MeshSink for Spool {
+    fn channels(&mut self, names: &[String]) -> Result<(), ReadError> {
+        let first = self.current.first_vertex;
+        for name in names {
+            let known = self.scalars.iter().position(|s| s.name == *name);
+            let index = if let Some(i) = known {
+                i
+            } else {
+                let i = self.scalars.len();
+                let mut column = Column::create(&self.scratch, &channel_file(i), 4)?;
+                column.fill(0f32.to_le_bytes(), first)?;
+                let (min, max) = if first > 0 { (0.0, 0.0) } else { (f32::INFINITY, f32::NEG_INFINITY) };
+                self.tally.add_many(NO_SCALAR, first);
+                self.scalars.push(Scalar { name: name.clone(), column, min, max, not_finite: false });
+                i
+            };
+            self.current.channels.push(index);
+        }
+        Ok(())
+    }
+
+    fn vertices(&mut self, block: &VertexBlock<'_>) -> Result<(), ReadError> {
+        let (before, n) = (self.positions.rows(), block.positions.len() as u64);
+        if before + n > MOST_VERTICES {
+            let what = format!("with it there are more than {MOST_VERTICES} vertices: build parts of the site");
+            return Err(ReadError::TooLarge { file: self.current.path.clone(), what });
+        }
+        let [min, max] = &mut self.bounds;
+        let number = before - self.current.first_vertex;
+        for (i, p) in block.positions.iter().enumerate() {
+            if p.iter().all(|x| x.is_finite()) {
+                for k in 0..3 {
+                    min[k] = min[k].min(p[k]);
+                    max[k] = max[k].max(p[k]);
+                }
+            } else {
+                let place = || format!("vertex {} ({} {} {})", number + i as u64, p[0], p[1], p[2]);
+                self.findings.add(NO_POSITION, place);
+            }
+        }
+        self.positions.push(block.positions.iter().map(row_of_position))?;
+        if !block.colors.is_empty() {
+            if self.colors.is_none() {
+                self.colors = Some(Column::create(&self.scratch, COLORS, 4)?);
+            }
+            self.current.coloured += n;
+        }
+        if let Some(column) = &mut self.colors {
+            column.fill([0; 4], before)?;
+            column.push(block.colors.iter().map(|[r, g, b]| [*r, *g, *b, 1]))?;
+        }
+        if !block.normals.is_empty() {
+            if self.normals.is_none() {
+                self.normals = Some(Column::create(&self.scratch, NORMALS, 4)?);
+            }
+            self.current.with_normal += n;
+        }
+        if let Some(column) = &mut self.normals {
+            column.fill([0; 4], before)?;
+            column.push(block.normals.iter().map(row_of_normal))?;
+        }
+        for (i, values) in self.current.channels.iter().zip(block.scalars) {
+            let scalar = &mut self.scalars[*i];
+            values.iter().for_each(|v| scalar.see(*v));
+            scalar.column.push(values.iter().map(|v| v.to_le_bytes()))?;
+        }
+        for i in &self.current.channels {
+            let scalar = &mut self.scalars[*i];
+            scalar.not_finite |= scalar.column.rows() < before + n;
+            scalar.column.fill(f32::NAN.to_le_bytes(), before + n)?;
+        }
+        Ok(())
+    }
+
+    fn triangles(&mut self, triangles: &[[u64; 3]], colors: &[[u8; 3]]) -> Result<(), ReadError> {
+        let before = self.triangles.rows();
+        if !colors.is_empty() && self.triangle_colors.is_none() {
+            self.triangle_colors = Some(Column::create(&self.scratch, TRIANGLE_COLORS, 4)?);
+        }
+        if let Some(column) = &mut self.triangle_colors {
+            column.fill([0; 4], before)?;
+        }
+        let c = &mut self.current;
+        for (i, t) in triangles.iter().enumerate() {
+            c.delivered += 1;
+            if t[0] == t[1] || t[1] == t[2] || t[2] == t[0] {
+                self.findings.add(TWICE, || format!("triangle of the vertices {}, {} and {}", t[0], t[1], t[2]));
+                continue;
+            }
+            let largest = t[0].max(t[1]).max(t[2]);
+            if c.largest.is_none_or(|l| largest > l.0) {
+                c.largest = Some((largest, c.delivered - 1));
+                if largest > MOST_VERTICES {
+                    let (file, vertices) = (c.path.clone(), self.positions.rows() - c.first_vertex);
+                    return Err(ReadError::Index { file, triangle: c.delivered - 1, vertex: largest, vertices });
+                }
+            }
+            let mut row = [0; 12];
+            for k in 0..3 {
+                // Wraps only where `end_input` refuses the number.
+                row[4 * k..4 * k + 4].copy_from_slice(&((c.first_vertex + t[k]) as u32).to_le_bytes());
+            }
+            self.triangles.push(std::iter::once(row))?;
+            if let (Some(column), Some([r, g, b])) = (&mut self.triangle_colors, colors.get(i)) {
+                column.push(std::iter::once([*r, *g, *b, 1]))?;
+                c.coloured_triangles += 1;
+            }
+        }
+        Ok(())
+    }
+
+    fn positions(&mut self, of: &[u64], into: &mut Vec<[f64; 3]>) -> Result<(), ReadError> {
+        let rows = self.positions.rows();
+        self.cache.resize_with(CACHE_BLOCKS, || (u64::MAX, Vec::new()));
+        for v in of {
+            let row = self.current.first_vertex.saturating_add(*v);
+            if row >= rows {
+                into.push([f64::NAN; 3]);
+                continue;
+            }
+            let block = row / CACHE_BLOCK;
+            let slot = &mut self.cache[block as usize % CACHE_BLOCKS];
+            let within = (row % CACHE_BLOCK) as usize;
+            if slot.0 != block || slot.1.len() <= within {
+                let first = block * CACHE_BLOCK;
+                let mut bytes = vec![0; (rows - first).min(CACHE_BLOCK) as usize * 24];
+                self.positions.read(first, &mut bytes)?;
+                *slot = (block, bytes.as_chunks::<24>().0.iter().map(position_of_row).collect());
+            }
+            into.push(slot.1[within]);
+        }
+        Ok(())
+    }
+
+    fn vertex_count(&self) -> u64 {
+        self.positions.rows() - self.current.first_vertex
+    }
+
+    fn findings(&mut self) -> &mut Findings {
+        &mut self.findings
+    }
+}
+
+fn row_of_position(p: &[f64; 3]) -> [u8; 24] {
+    let mut row = [0; 24];
+    for k in 0..3 {
+        row[8 * k..8 * k + 8].copy_from_slice(&p[k].to_le_bytes());
+    }
+    row
+}
+
+/// The position in a row of the file.
+pub(super) fn position_of_row(row: &[u8; 24]) -> [f64; 3] {
+    let words = row.as_chunks::<8>().0;
+    std::array::from_fn(|k| f64::from_le_bytes(words[k]))
+}
+
+fn row_of_normal(n: &[f32; 3]) -> [u8; 4] {
+    let [a, b] = normal::quantize(normal::encode(n.map(f64::from)), NORMAL_BITS).map(i16::to_le_bytes);
+    [a[0], a[1], b[0], b[1]]
+}

@@ -1,0 +1,408 @@
+//! What triangles are to their neighbours, bucket by bucket: welded vertices, true-border bits, normals, and which
+//! tetrahedra want to be split.
+//!
+//! Input: `buckets` and `halo`. A point belongs to the bucket that it lies in, an edge to the first bucket of its two
+//! ends; all triangles at them are there, own ones or halo. Output: `welded`, each bucket as an indexed mesh
+//! ([`Welded`]); `replies`, for each bucket what others found out about its triangles; `wishes`.
+//!
+//! Normals are sums of the doubled areas, in integers, so that the order of triangles does not matter.
+
+use super::buckets::Buckets;
+use super::scatter::{BUCKETS, HALO, HALO_HEAD, Scattered, bytes_per_triangle};
+use super::spill::{Extents, Spill};
+use super::weld::Weld;
+use super::wishes::{self, Above, Wishes};
+use super::words::{Layout, append_words, read_words, word_of_normal};
+use super::IngestOptions;
+use crate::options::BuildError;
+use crate::prepare::NORMAL_BITS;
+use crate::scratch::{ScratchError, ScratchFile};
+use crate::work::Work;
+use kilwa_geometry::tetra::max_level;
+use kilwa_geometry::{DiamondKey, normal};
+use serde::{Deserialize, Serialize};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+pub(super) const WELDED: &str = "welded";
+pub(super) const REPLIES: &str = "replies";
+
+/// Words of a reply: place of the triangle, bits, three normals.
+pub(super) const REPLY: usize = 5;
+/// Set in a corner's number where the edge from it is a border.
+pub(super) const BORDER: u32 = 1 << 31;
+/// Most triangles of a bucket: what fits beside the bits of an edge's name.
+const MOST: usize = 1 << 28;
+
+/// Numbers of the whole model.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Counts {
+    /// Distinct lattice positions.
+    pub points: u64,
+    /// Distinct vertices: positions with their attributes.
+    pub vertices: u64,
+    /// Edges used by one triangle.
+    pub border_edges: u64,
+    /// Edges used by more than two triangles.
+    pub non_manifold_edges: u64,
+    /// Edges of two triangles that run along it the same way.
+    pub inconsistent_edges: u64,
+    /// Triangles that stand a second time, in whichever direction.
+    pub duplicate_triangles: u64,
+}
+
+impl Counts {
+    fn add(&mut self, o: &Self) {
+        self.points += o.points;
+        self.vertices += o.vertices;
+        self.border_edges += o.border_edges;
+        self.non_manifold_edges += o.non_manifold_edges;
+        self.inconsistent_edges += o.inconsistent_edges;
+        self.duplicate_triangles += o.duplicate_triangles;
+    }
+}
+
+/// What the stage leaves.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Topology {
+    /// Byte of each bucket in `welded`, and its words.
+    pub(super) places: Vec<(u64, u64)>,
+    pub(super) replies: Extents,
+    /// Level and midpoint of the diamonds that are wanted, sorted.
+    pub(super) wishes: Vec<(u8, [i32; 3])>,
+    pub(super) counts: Counts,
+}
+
+/// A bucket as an indexed mesh.
+#[derive(Debug, Default)]
+pub(super) struct Welded {
+    /// Words of all vertices.
+    pub(super) vertices: Vec<u32>,
+    /// The point of each vertex.
+    pub(super) point_of: Vec<u32>,
+    /// The normal of each point; not used where vertices have their own.
+    pub(super) normals: Vec<u32>,
+    /// Points that other buckets may use too.
+    pub(super) shared: Vec<u32>,
+    /// Corners as numbers of vertices, with [`BORDER`]; in the order of `buckets`.
+    pub(super) triangles: Vec<[u32; 3]>,
+}
+
+impl Welded {
+    /// Write it: four lengths, then the lists.
+    fn write(&self, file: &ScratchFile) -> Result<(u64, u64), ScratchError> {
+        let lengths = [self.point_of.len(), self.normals.len(), self.shared.len(), self.triangles.len()];
+        let mut words: Vec<u32> = lengths.iter().map(|n| *n as u32).collect();
+        for list in [&self.vertices, &self.point_of, &self.normals, &self.shared] {
+            words.extend_from_slice(list);
+        }
+        words.extend_from_slice(self.triangles.as_flattened());
+        let n = words.len() as u64;
+        Ok((append_words(file, &mut words)?, n))
+    }
+
+    /// Read what was written at a place.
+    pub(super) fn read(file: &ScratchFile, (at, n): (u64, u64), layout: Layout) -> Result<Self, ScratchError> {
+        let mut words = vec![0; n as usize];
+        read_words(file, at, &mut words)?;
+        let whole = || ScratchError::damaged(file.path(), format!("the bucket at byte {at} is not whole"));
+        let (head, mut rest) = words.split_at_checked(4).ok_or_else(whole)?;
+        let mut take = |n: usize| -> Result<Vec<u32>, ScratchError> {
+            let (list, after) = rest.split_at_checked(n).ok_or_else(whole)?;
+            rest = after;
+            Ok(list.to_vec())
+        };
+        let [vertices, normals, shared, triangles] = std::array::from_fn(|i| head[i] as usize);
+        Ok(Self {
+            vertices: take(vertices * layout.vertex())?,
+            point_of: take(vertices)?,
+            normals: take(normals)?,
+            shared: take(shared)?,
+            triangles: take(3 * triangles)?.as_chunks::<3>().0.to_vec(),
+        })
+    }
+}
+
+/// The stage.
+pub(super) fn topology(
+    work: &Work<'_>,
+    layout: Layout,
+    scattered: &Scattered,
+    options: &IngestOptions,
+) -> Result<Topology, BuildError> {
+    let buckets = Buckets::of_shape(scattered.cube_log2, scattered.shape.clone());
+    let (own, halo) = (work.scratch.existing(BUCKETS)?, work.scratch.existing(HALO)?);
+    let welded = work.scratch.create(WELDED)?;
+    let replies = Mutex::new(Spill::create(work.scratch, REPLIES, buckets.len(), work.memory / 16)?);
+    let done = AtomicU64::new(0);
+    let one = |bucket: usize| -> Result<Finished, BuildError> {
+        let mut words = Vec::new();
+        scattered.own.read(&own, bucket, &mut words)?;
+        let n = words.len() / layout.triangle();
+        if n > MOST {
+            let why = format!("{n} triangles at one place, which space cannot divide; at most {MOST}");
+            return Err(BuildError::TooLarge { why });
+        }
+        let mut local = Local::weld(&words, layout, bucket as u32);
+        words.clear();
+        scattered.halo.read(&halo, bucket, &mut words)?;
+        local.weld_halo(&words, &buckets);
+        drop(words);
+        let edges = local.edges();
+        let normals = if layout.normals { Vec::new() } else { local.normals() };
+        let answers = local.answers(&edges.borders, &normals);
+        {
+            let mut replies = replies.lock().unwrap_or_else(PoisonError::into_inner);
+            for (to, words) in &answers {
+                replies.push(*to as usize, words)?;
+            }
+        }
+        let (above, keys) = local.wishes(&buckets, options.leaf_triangles);
+        let counts = local.counts(&edges);
+        let place = local.into_welded(&edges.borders, normals).write(&welded)?;
+        work.progress.update("joining triangles", done.fetch_add(1, Ordering::Relaxed) + 1, buckets.len() as u64);
+        Ok(Finished { place, above, keys, counts })
+    };
+    let cost = |b: usize| {
+        let words = (scattered.own.words(b) + scattered.halo.words(b)) as u64;
+        words / layout.triangle() as u64 * bytes_per_triangle(layout)
+    };
+    let finished = work.run_jobs(buckets.len(), work.memory / 10 * 9, cost, one)?;
+    welded.sync()?;
+    let known: Vec<Above> = finished.iter().map(|f| f.above.clone()).collect();
+    let mut keys = wishes::above(&buckets, &known, scattered.cube_log2, options.leaf_triangles);
+    let mut counts = Counts::default();
+    for f in &finished {
+        keys.extend(&f.keys);
+        counts.add(&f.counts);
+    }
+    keys.sort_unstable();
+    keys.dedup();
+    let replies = replies.into_inner().unwrap_or_else(PoisonError::into_inner).finish()?;
+    Ok(Topology {
+        places: finished.iter().map(|f| f.place).collect(),
+        replies,
+        wishes: keys.into_iter().map(|k| (k.level, k.midpoint)).collect(),
+        counts,
+    })
+}
+
+struct Finished {
+    place: (u64, u64),
+    above: Above,
+    keys: Vec<DiamondKey>,
+    counts: Counts,
+}
+
+/// A bucket in memory: its own triangles, then those of others that touch it.
+struct Local {
+    layout: Layout,
+    bucket: u32,
+    weld: Weld,
+    /// Own triangles.
+    own: usize,
+    own_vertices: usize,
+    own_points: usize,
+    /// Corners as vertices, and as points.
+    triangles: Vec<[u32; 3]>,
+    points: Vec<[u32; 3]>,
+    /// Bucket and place of each halo triangle.
+    heads: Vec<[u32; 2]>,
+    /// The bucket of each point.
+    owner: Vec<u32>,
+}
+
+/// What the edges say.
+struct Edges {
+    /// Bits of the border edges that belong to this bucket, by triangle.
+    borders: Vec<u8>,
+    counts: Counts,
+}
+
+impl Local {
+    fn weld(words: &[u32], layout: Layout, bucket: u32) -> Self {
+        let n = words.len() / layout.triangle();
+        let mut local = Self {
+            layout,
+            bucket,
+            weld: Weld::new(layout.vertex(), n * 5 / 9),
+            own: n,
+            own_vertices: 0,
+            own_points: 0,
+            triangles: Vec::with_capacity(n),
+            points: Vec::with_capacity(n),
+            heads: Vec::new(),
+            owner: Vec::new(),
+        };
+        words.chunks_exact(layout.triangle()).for_each(|t| local.add(t));
+        local.own_vertices = local.weld.vertex_count();
+        local.own_points = local.weld.point_count();
+        local
+    }
+
+    fn add(&mut self, corners: &[u32]) {
+        let width = self.layout.vertex();
+        let vertices: [u32; 3] = std::array::from_fn(|k| self.weld.vertex(&corners[k * width..][..width]));
+        self.triangles.push(vertices);
+        self.points.push(vertices.map(|v| self.weld.point_of[v as usize]));
+    }
+
+    fn weld_halo(&mut self, words: &[u32], buckets: &Buckets) {
+        for t in words.chunks_exact(HALO_HEAD + self.layout.triangle()) {
+            self.heads.push([t[0], t[1]]);
+            self.add(&t[HALO_HEAD..]);
+        }
+        self.weld.close();
+        let points = 0..self.weld.point_count() as u32;
+        self.owner = points.map(|p| buckets.of_point(self.weld.position_of_point(p))).collect();
+    }
+
+    /// All edges, by their smaller and then their larger end.
+    fn edges(&self) -> Edges {
+        let mut out = Edges { borders: vec![0; self.triangles.len()], counts: Counts::default() };
+        let mut starts = vec![0u32; self.owner.len() + 1];
+        let ends = |p: &[u32; 3]| [(p[0], p[1]), (p[1], p[2]), (p[2], p[0])];
+        for p in &self.points {
+            ends(p).iter().for_each(|(a, b)| starts[(*a.min(b)) as usize] += 1);
+        }
+        let mut sum = 0;
+        for s in &mut starts {
+            sum += *s;
+            *s = sum;
+        }
+        // Filled from the end of each list, so that the starts are right when all are in.
+        let mut edges = vec![0u64; sum as usize];
+        for (t, p) in self.points.iter().enumerate() {
+            for (k, (a, b)) in ends(p).into_iter().enumerate() {
+                let at = &mut starts[a.min(b) as usize];
+                *at -= 1;
+                edges[*at as usize] = (u64::from(a.max(b)) << 32) | (t as u64 * 8 + k as u64 * 2 + u64::from(a < b));
+            }
+        }
+        for (low, range) in starts.windows(2).enumerate() {
+            let at_point = &mut edges[range[0] as usize..range[1] as usize];
+            at_point.sort_unstable();
+            for same in at_point.chunk_by(|a, b| a >> 32 == b >> 32) {
+                self.edge(low as u32, same, &mut out);
+            }
+        }
+        out
+    }
+
+    /// One edge: the triangles at it as `triangle * 8 + corner * 2 + direction`, below the number of its larger end.
+    fn edge(&self, low: u32, uses: &[u64], out: &mut Edges) {
+        let high = (uses[0] >> 32) as u32;
+        let name = |e: u64| e as u32;
+        if self.owner[low as usize].min(self.owner[high as usize]) == self.bucket {
+            match uses {
+                [e] => {
+                    out.borders[(name(*e) >> 3) as usize] |= 1 << (name(*e) >> 1 & 3);
+                    out.counts.border_edges += 1;
+                }
+                [a, b] => out.counts.inconsistent_edges += u64::from(a & 1 == b & 1),
+                _ => out.counts.non_manifold_edges += 1,
+            }
+        }
+        if uses.len() > 1 {
+            // Own triangles whose third point is the largest: each triangle is looked at from one of its edges.
+            let third = |e: u64| {
+                let (t, k) = ((name(e) >> 3) as usize, (name(e) >> 1 & 3) as usize);
+                let p = self.points[t][(k + 2) % 3];
+                (t < self.own && p > high).then_some(p)
+            };
+            if let [a, b] = uses {
+                out.counts.duplicate_triangles += u64::from(third(*a).is_some() && third(*a) == third(*b));
+            } else {
+                let mut thirds: Vec<u32> = uses.iter().filter_map(|e| third(*e)).collect();
+                thirds.sort_unstable();
+                out.counts.duplicate_triangles += thirds.windows(2).filter(|w| w[0] == w[1]).count() as u64;
+            }
+        }
+    }
+
+    /// Area-weighted normals of the points of this bucket, in words; 0 for points of others.
+    fn normals(&self) -> Vec<u32> {
+        let mut sums = vec![[0i128; 3]; self.owner.len()];
+        for (vertices, points) in self.triangles.iter().zip(&self.points) {
+            let [a, b, c] = vertices.map(|v| self.weld.position(v).map(i64::from));
+            let u: [i64; 3] = std::array::from_fn(|i| b[i] - a[i]);
+            let v: [i64; 3] = std::array::from_fn(|i| c[i] - a[i]);
+            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            for p in points {
+                let s = &mut sums[*p as usize];
+                (0..3).for_each(|i| s[i] += i128::from(n[i]));
+            }
+        }
+        let word = |s: &[i128; 3]| word_of_normal(normal::quantize(normal::encode(s.map(|x| x as f64)), NORMAL_BITS));
+        sums.iter().zip(&self.owner).map(|(s, owner)| if *owner == self.bucket { word(s) } else { 0 }).collect()
+    }
+
+    /// What the buckets of the halo triangles want to know: bucket, and the words of a reply.
+    fn answers(&self, borders: &[u8], normals: &[u32]) -> Vec<(u32, [u32; REPLY])> {
+        let mut out = Vec::new();
+        for (i, head) in self.heads.iter().enumerate() {
+            let t = self.own + i;
+            let mut reply = [head[1], u32::from(borders[t]), 0, 0, 0];
+            for (k, p) in self.points[t].iter().enumerate() {
+                if !self.layout.normals && self.owner[*p as usize] == self.bucket {
+                    reply[1] |= 8 << k;
+                    reply[2 + k] = normals[*p as usize];
+                }
+            }
+            if reply[1] != 0 {
+                out.push((head[0], reply));
+            }
+        }
+        out
+    }
+
+    fn wishes(&self, buckets: &Buckets, leaf_triangles: usize) -> (Above, Vec<DiamondKey>) {
+        let mut sums = Vec::with_capacity(self.own);
+        let mut sizes = Vec::with_capacity(self.own);
+        for vertices in &self.triangles[..self.own] {
+            let [a, b, c] = vertices.map(|v| self.weld.position(v));
+            sums.push(std::array::from_fn(|i| a[i] + b[i] + c[i]));
+            let side = |i: usize| a[i].max(b[i]).max(c[i]) - a[i].min(b[i]).min(c[i]);
+            sizes.push(side(0).max(side(1)).max(side(2)));
+        }
+        let deepest = max_level(buckets.cube_log2());
+        let mut wishes = Wishes { sums: &sums, sizes: &sizes, leaf_triangles, deepest, keys: Vec::new() };
+        let above = wishes.collect(&buckets.tetrahedra()[self.bucket as usize]);
+        (above, wishes.keys)
+    }
+
+    fn counts(&self, edges: &Edges) -> Counts {
+        let own = |p: u32| self.owner[p as usize] == self.bucket;
+        Counts {
+            points: self.owner.iter().filter(|o| **o == self.bucket).count() as u64,
+            vertices: self.weld.point_of.iter().filter(|p| own(**p)).count() as u64,
+            ..edges.counts
+        }
+    }
+
+    /// What the bucket's own triangles use.
+    fn into_welded(mut self, borders: &[u8], mut normals: Vec<u32>) -> Welded {
+        let mut shared: Vec<bool> = self.owner[..self.own_points].iter().map(|o| *o != self.bucket).collect();
+        for p in self.points[self.own..].iter().flatten() {
+            if let Some(s) = shared.get_mut(*p as usize) {
+                *s = true;
+            }
+        }
+        for (t, bits) in self.triangles.iter_mut().zip(borders) {
+            for k in 0..3 {
+                t[k] |= if bits >> k & 1 == 1 { BORDER } else { 0 };
+            }
+        }
+        self.triangles.truncate(self.own);
+        self.weld.vertices.truncate(self.own_vertices * self.layout.vertex());
+        self.weld.point_of.truncate(self.own_vertices);
+        normals.truncate(self.own_points);
+        Welded {
+            vertices: self.weld.vertices,
+            point_of: self.weld.point_of,
+            normals,
+            shared: (0u32..).zip(shared).filter(|(_, s)| *s).map(|(p, _)| p).collect(),
+            triangles: self.triangles,
+        }
+    }
+}

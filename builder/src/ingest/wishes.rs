@@ -1,0 +1,126 @@
+//! Which tetrahedra want to be split: those that hold too many triangles, where splitting helps.
+//!
+//! A tetrahedron wants it where more than a leaf of *different* places of centroids lie in it, those of triangles much
+//! larger than itself not counted: space cannot separate coincident triangles, nor a fan round one vertex. Where a half
+//! wants to be split the whole does too, because it holds all the places of the half and allows for larger triangles. So
+//! the wishes do not depend on the order of splitting, and are found bucket by bucket.
+
+use super::buckets::Buckets;
+use kilwa_geometry::tetra::max_level;
+use kilwa_geometry::{DiamondKey, Tetra};
+use rustc_hash::{FxHashMap, FxHashSet};
+use serde::{Deserialize, Serialize};
+
+/// Classes of the size of triangles: powers of two.
+const CLASSES: usize = 32;
+
+/// What is known of one bucket, for the tetrahedra above it.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Above {
+    wants: bool,
+    /// Different places by the size of the smallest triangle there; not counted where `wants`.
+    places: Vec<u64>,
+}
+
+/// The triangles of a bucket.
+pub(super) struct Wishes<'a> {
+    /// Sums of corners.
+    pub(super) sums: &'a [[u32; 3]],
+    /// Longest side of the box round each triangle, in steps.
+    pub(super) sizes: &'a [u32],
+    pub(super) leaf_triangles: usize,
+    pub(super) deepest: u8,
+    /// The diamonds that are wanted.
+    pub(super) keys: Vec<DiamondKey>,
+}
+
+impl Wishes<'_> {
+    /// The wishes inside of a bucket whose tetrahedron is `tetra`.
+    pub(super) fn collect(&mut self, tetra: &Tetra) -> Above {
+        let mut order: Vec<u32> = (0..self.sums.len() as u32).collect();
+        if self.descend(tetra, &mut order) {
+            return Above { wants: true, places: Vec::new() };
+        }
+        let mut smallest: FxHashMap<[u32; 3], u32> = FxHashMap::default();
+        for (sum, size) in self.sums.iter().zip(self.sizes) {
+            smallest.entry(*sum).and_modify(|s| *s = (*s).min(*size)).or_insert(*size);
+        }
+        let mut places = vec![0; CLASSES];
+        for size in smallest.values() {
+            places[class(*size)] += 1;
+        }
+        Above { wants: false, places }
+    }
+
+    fn descend(&mut self, tetra: &Tetra, triangles: &mut [u32]) -> bool {
+        if triangles.len() <= self.leaf_triangles || tetra.level >= self.deepest {
+            return false;
+        }
+        let plane = tetra.split_plane();
+        let mut first = 0;
+        for i in 0..triangles.len() {
+            if plane.child_of_sum(self.sums[triangles[i] as usize].map(i64::from)) == 0 {
+                triangles.swap(first, i);
+                first += 1;
+            }
+        }
+        let (a, b) = triangles.split_at_mut(first);
+        let [left, right] = tetra.children();
+        // Both, whatever the first gives: their wishes count.
+        let wants = self.descend(&left, a) | self.descend(&right, b) || self.has_many_places(tetra, triangles);
+        if wants {
+            self.keys.push(DiamondKey::of(tetra));
+        }
+        wants
+    }
+
+    fn has_many_places(&self, tetra: &Tetra, triangles: &[u32]) -> bool {
+        let largest = 2 * edge_of(tetra);
+        let mut places = FxHashSet::default();
+        triangles.iter().map(|t| *t as usize).any(|t| {
+            u64::from(self.sizes[t]) <= largest && places.insert(self.sums[t]) && places.len() > self.leaf_triangles
+        })
+    }
+}
+
+/// The wishes of the tetrahedra above the buckets.
+pub(super) fn above(buckets: &Buckets, known: &[Above], cube_log2: u32, leaf_triangles: usize) -> Vec<DiamondKey> {
+    let mut keys = Vec::new();
+    buckets.fold(&mut |b| known[b as usize].clone(), &mut |tetra, a: Above, b: Above| {
+        let mut both = Above { wants: a.wants || b.wants, places: Vec::new() };
+        if !both.wants {
+            both.places = a.places.iter().zip(&b.places).map(|(a, b)| a + b).collect();
+            let classes = edge_of(tetra).ilog2() as usize + 1;
+            both.wants = tetra.level < max_level(cube_log2)
+                && both.places.iter().take(classes).sum::<u64>() > leaf_triangles as u64;
+        }
+        if both.wants {
+            keys.push(DiamondKey::of(tetra));
+        }
+        both
+    });
+    keys
+}
+
+/// The side of the cube that a tetrahedron belongs to, in steps: a power of two.
+fn edge_of(tetra: &Tetra) -> u64 {
+    (0..3).map(|i| u64::from(tetra.v[0][i].abs_diff(tetra.v[3][i]))).max().unwrap_or(0)
+}
+
+/// The logarithm of the smallest edge of a tetrahedron in which a triangle of this size counts.
+fn class(size: u32) -> usize {
+    (size.max(2) - 1).ilog2() as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_class_of_a_size_is_the_smallest_edge_of_which_it_is_twice_at_most() {
+        for size in 1..5000u32 {
+            let edge = 1u32 << class(size);
+            assert!(size <= 2 * edge && (edge == 1 || size > edge), "{size}");
+        }
+    }
+}
