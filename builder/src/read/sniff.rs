@@ -1,4 +1,4 @@
-//! Recognises files that are not PLY by their first bytes, so that the refusal can say what the file is and what to do.
+//! Recognises files of formats that are not read by their first bytes, so that the refusal can say what the file is and what to do.
 //!
 //! Input: the first bytes and the length of the file. The name of the file is looked at only where the content fits
 //! several formats (plain columns of numbers, a damaged glTF), and only for the wording of the refusal.
@@ -7,11 +7,14 @@ use super::ReadError;
 use std::path::Path;
 
 const EXPORT: &str = "Open it in MeshLab, Blender or CloudCompare and export it as PLY (binary, with colours).";
-const MESH_FIRST: &str = "It is a point cloud: make a mesh of it first (for example Poisson reconstruction in CloudCompare or MeshLab) and export that as PLY.";
+const MESH_FIRST: &str = "It is a point cloud: make a mesh of it first (for example Poisson reconstruction in CloudCompare or MeshLab) and export that as PLY or OBJ.";
 const UNPACK: &str = "Unpack it first and give the mesh inside.";
 
 /// A format: how it is called in a sentence, and the way out.
 type Known = (&'static str, &'static str);
+
+const UTF_16: Known =
+    ("a text file in UTF-16", "Save it again as UTF-8 or plain ASCII (in a text editor: Save as, encoding).");
 
 /// Formats told by fixed bytes at the beginning.
 const SIGNATURES: &[(&[u8], Known)] = &[
@@ -50,6 +53,8 @@ const SIGNATURES: &[(&[u8], Known)] = &[
     (b"\x89PNG", ("a PNG picture", "Give the mesh.")),
     (b"\xff\xd8\xff", ("a JPEG picture", "Give the mesh.")),
     (b"%PDF", ("a PDF document", "Give the mesh.")),
+    (b"\xff\xfe", UTF_16),
+    (b"\xfe\xff", UTF_16),
     (
         b"\xef\xbb\xbfply",
         (
@@ -135,16 +140,12 @@ fn xml(text: &[u8]) -> Known {
     }
 }
 
-/// OBJ and MTL by the keyword of the first line that says something; PTS, PTX and XYZ by lines of numbers alone.
+/// MTL by the keyword of the first line that says something; PTS, PTX and XYZ by lines of numbers alone.
 fn plain_text(text: &[u8]) -> Option<Known> {
     let says_something = |line: &&[u8]| !line.is_empty() && !line.starts_with(b"#");
     let line = text.split(|&b| b == b'\n' || b == b'\r').map(<[u8]>::trim_ascii).find(says_something)?;
     let word = line.split(u8::is_ascii_whitespace).next().unwrap_or_default();
     match word {
-        b"v" | b"vn" | b"vt" | b"vp" | b"f" | b"o" | b"g" | b"s" | b"l" | b"p" | b"usemtl" | b"mtllib" => {
-            Some(("a Wavefront OBJ mesh", EXPORT))
-        }
-        b"newmtl" if contains(text, b"\nv ") => Some(("a Wavefront OBJ mesh", EXPORT)),
         b"newmtl" => Some(("a Wavefront material library", "Export the mesh that uses it as PLY.")),
         _ if is_number(word) => Some(("a text file of numbers (as PTS, PTX and XYZ point clouds are)", MESH_FIRST)),
         _ => None,

@@ -48,7 +48,6 @@ struct Made {
 
 pub(super) struct Corners<'s, 'p> {
     sink: &'s mut dyn MeshSink,
-    path: &'p Path,
     findings: Findings,
     positions: Table<'p, POSITION_BYTES>,
     uvs: Table<'p, 8>,
@@ -92,7 +91,6 @@ impl<'s, 'p> Corners<'s, 'p> {
         let first = sink.vertex_count();
         Self {
             sink,
-            path,
             findings,
             positions: Table::new(scratch, POSITIONS),
             uvs: Table::new(scratch, UVS),

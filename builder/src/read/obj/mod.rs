@@ -61,8 +61,9 @@ pub fn is_obj(start: &[u8]) -> bool {
     match keyword {
         // Some writers put the library in the mesh file.
         b"newmtl" => lines.any(|line| word(line).0 == b"v"),
-        // "s" and "p" and "g" begin words of other files too; numbers or names follow here.
-        b"v" | b"vn" | b"vt" | b"f" | b"l" | b"p" => word(rest).0.iter().any(u8::is_ascii_digit),
+        // These begin lines of other files too; numbers follow here.
+        b"v" | b"vn" | b"vt" => lines::number(word(rest).0).is_some(),
+        b"f" | b"l" | b"p" => word(rest).0.iter().any(u8::is_ascii_digit),
         _ => KEYWORDS.contains(&keyword),
     }
 }
@@ -110,7 +111,9 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
     }
     let pictures = survey.uses_uvs && survey.uvs > 0 && materials.values().any(|m| m.map.is_some());
     if !pictures {
-        materials.values_mut().for_each(|m| m.map = None);
+        for material in materials.values_mut() {
+            material.map = None;
+        }
     }
     source.begin_pass(SURVEY, 1.0 - SURVEY)?;
     let (delivered, mut findings) = if pictures || (survey.uses_normals && survey.normals > 0) {

@@ -26,7 +26,7 @@ pub(super) type Fault = (String, String);
 
 /// `v x y z [w] [r g b]`.
 pub(super) fn vertex(rest: &[u8]) -> Result<Vertex, Fault> {
-    let (v, n) = numbers::<7>(rest).map_err(|word| bad_number(word))?;
+    let (v, n) = numbers::<7>(rest).map_err(bad_number)?;
     if n < 3 {
         return Err((format!("a vertex of {n} numbers"), "x, y and z; the file is cut or damaged".to_owned()));
     }
@@ -40,7 +40,7 @@ pub(super) fn vertex(rest: &[u8]) -> Result<Vertex, Fault> {
 
 /// `vt u [v [w]]`.
 pub(super) fn uv(rest: &[u8]) -> Result<[f64; 2], Fault> {
-    match numbers::<2>(rest).map_err(|word| bad_number(word))? {
+    match numbers::<2>(rest).map_err(bad_number)? {
         (_, 0) => Err(("texture coordinates without a number".to_owned(), "u and v".to_owned())),
         (uv, _) => Ok(uv),
     }
@@ -48,7 +48,7 @@ pub(super) fn uv(rest: &[u8]) -> Result<[f64; 2], Fault> {
 
 /// `vn x y z`.
 pub(super) fn normal(rest: &[u8]) -> Result<[f64; 3], Fault> {
-    match numbers::<3>(rest).map_err(|word| bad_number(word))? {
+    match numbers::<3>(rest).map_err(bad_number)? {
         (_, n @ 0..3) => Err((format!("a normal of {n} numbers"), "x, y and z".to_owned())),
         (normal, _) => Ok(normal),
     }

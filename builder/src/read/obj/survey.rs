@@ -54,12 +54,13 @@ impl Survey {
 
     fn vertex(&mut self, rest: &[u8]) {
         self.vertices += 1;
-        if !self.has_colors || self.largest_color <= 1.0 {
-            if let Ok((values, n @ 6..)) = numbers::<7>(rest) {
-                self.has_colors = true;
-                let rgb = if n == 6 { &values[3..6] } else { &values[4..7] };
-                self.largest_color = rgb.iter().copied().filter(|v| v.is_finite()).fold(self.largest_color, f64::max);
-            }
+        // Once one is above 1, the range is known.
+        if self.largest_color <= 1.0
+            && let Ok((values, n @ 6..)) = numbers::<7>(rest)
+        {
+            self.has_colors = true;
+            let rgb = if n == 6 { &values[3..6] } else { &values[4..7] };
+            self.largest_color = rgb.iter().copied().filter(|v| v.is_finite()).fold(self.largest_color, f64::max);
         }
     }
 

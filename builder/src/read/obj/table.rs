@@ -67,11 +67,6 @@ impl<'p, const N: usize> Table<'p, N> {
         }
     }
 
-    /// Records in all.
-    pub(super) fn len(&self) -> u64 {
-        self.len
-    }
-
     /// Append a record.
     #[inline]
     pub(super) fn push(&mut self, record: &[u8; N]) -> Result<(), ReadError> {
