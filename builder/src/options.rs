@@ -162,6 +162,17 @@ pub enum BuildError {
     /// A scratch file could not be used.
     #[error(transparent)]
     Scratch(#[from] crate::scratch::ScratchError),
+    /// There is a build to go on with, but it is another one.
+    #[error(
+        "cannot resume what is in {}: {why}; build without --resume to begin anew",
+        folder.display()
+    )]
+    Resume {
+        /// The scratch folder.
+        folder: PathBuf,
+        /// What is different.
+        why: String,
+    },
     /// The build was asked to stop.
     #[error("stopped")]
     Stopped,

@@ -106,11 +106,14 @@ impl ScratchFile {
         Ok(())
     }
 
-    /// Wait until everything is on the disk.
+    /// Wait until everything is on the disk (of a temporary folder nothing needs to be).
     ///
     /// # Errors
     /// [`ScratchError::DiskFull`] where a file system finds out only now, [`ScratchError::Io`].
     pub fn sync(&self) -> Result<(), ScratchError> {
+        if self.space.fleeting {
+            return Ok(());
+        }
         self.file.sync_data().map_err(|e| ScratchError::write(&self.path, 0, self.len(), e))
     }
 }

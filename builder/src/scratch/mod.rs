@@ -30,6 +30,8 @@ const LOCK: &str = "lock";
 pub(crate) struct Space {
     now: AtomicU64,
     peak: AtomicU64,
+    /// The folder goes away with the process: nothing in it needs to outlive a crash of the machine.
+    fleeting: bool,
 }
 
 impl Space {
@@ -87,8 +89,8 @@ impl Scratch {
             Err(fs4::TryLockError::WouldBlock) => return Err(ScratchError::Busy { path: folder }),
             Err(fs4::TryLockError::Error(e)) => return Err(ScratchError::io(&path, "lock", e)),
         }
-        let scratch =
-            Self { held: Arc::new(Held { folder, _lock: lock, _temporary: temporary }), space: Arc::default() };
+        let space = Arc::new(Space { fleeting: temporary.is_some(), ..Space::default() });
+        let scratch = Self { held: Arc::new(Held { folder, _lock: lock, _temporary: temporary }), space };
         let there: u64 = scratch.files()?.iter().map(|(_, bytes)| bytes).sum();
         scratch.space.add(there);
         Ok(scratch)
@@ -126,14 +128,15 @@ impl Scratch {
         std::fs::metadata(self.path(name)).ok().filter(std::fs::Metadata::is_file).map(|m| m.len())
     }
 
-    /// Remove a file; one that is not there is no error.
+    /// Remove a file, or a folder with all that is in it; one that is not there is no error.
     ///
     /// # Errors
     /// [`ScratchError::Io`] where the system refuses.
     pub fn remove(&self, name: &str) -> Result<(), ScratchError> {
         let path = self.path(name);
         let bytes = self.length(name).unwrap_or(0);
-        match std::fs::remove_file(&path) {
+        let removed = if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
+        match removed {
             Ok(()) => self.space.take(bytes),
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
             Err(e) => return Err(ScratchError::io(&path, "remove", e)),
@@ -164,7 +167,7 @@ impl Scratch {
     /// # Errors
     /// [`ScratchError::Io`] where the system refuses.
     pub fn sync(&self) -> Result<(), ScratchError> {
-        if cfg!(unix) {
+        if cfg!(unix) && !self.space.fleeting {
             let synced = File::open(&self.held.folder).and_then(|folder| folder.sync_all());
             synced.map_err(|e| ScratchError::io(&self.held.folder, "make durable", e))?;
         }
