@@ -102,6 +102,98 @@ impl Partition {
     }
 }
 
+impl Partition {
+    /// The smallest conforming tree in which these diamonds are split. Numbers follow from the tree alone: tetrahedra
+    /// in the order of a depth-first walk behind the six roots, diamonds by their first tetrahedron.
+    pub fn of_wishes(cube_log2: u32, wishes: impl IntoIterator<Item = DiamondKey>) -> Self {
+        let mut tree = Self {
+            cube_log2,
+            tetrahedra: Vec::new(),
+            diamonds: Vec::new(),
+            by_key: FxHashMap::default(),
+            order: Vec::new(),
+            overfull_leaves: 0,
+        };
+        for tetra in Tetra::roots(cube_log2) {
+            tree.add(tetra, u32::MAX);
+        }
+        for key in wishes {
+            tree.split(key);
+        }
+        tree.renumbered()
+    }
+
+    fn add(&mut self, tetra: Tetra, parent_diamond: u32) -> u32 {
+        let key = DiamondKey::of(&tetra);
+        let next = self.diamonds.len() as u32;
+        let diamond = *self.by_key.entry(key).or_insert(next);
+        if diamond == next {
+            self.diamonds.push(DiamondNode { key, tetrahedra: Vec::new(), split: false });
+        }
+        let index = self.tetrahedra.len() as u32;
+        self.diamonds[diamond as usize].tetrahedra.push(index);
+        self.tetrahedra.push(TetraNode { tetra, diamond, children: None, parent_diamond, range: 0..0 });
+        index
+    }
+
+    /// Split a diamond, its parents first; one that is split stays so.
+    fn split(&mut self, key: DiamondKey) {
+        if self.by_key.get(&key).is_some_and(|d| self.diamonds[*d as usize].split) {
+            return;
+        }
+        for parent in key.parents(self.cube_log2) {
+            self.split(parent);
+        }
+        // Its parents are split, so all its tetrahedra are there.
+        let Some(&d) = self.by_key.get(&key) else { return };
+        self.diamonds[d as usize].split = true;
+        for t in self.diamonds[d as usize].tetrahedra.clone() {
+            let children = self.tetrahedra[t as usize].tetra.children().map(|c| self.add(c, d));
+            self.tetrahedra[t as usize].children = Some(children);
+        }
+    }
+
+    fn renumbered(self) -> Self {
+        let mut old_of_new: Vec<u32> = (0..6).collect();
+        for root in 0..6 {
+            let mut stack = vec![root];
+            while let Some(t) = stack.pop() {
+                if t >= 6 {
+                    old_of_new.push(t);
+                }
+                if let Some([a, b]) = self.tetrahedra[t as usize].children {
+                    stack.extend([b, a]);
+                }
+            }
+        }
+        let mut new_of_old = vec![0; old_of_new.len()];
+        (0u32..).zip(&old_of_new).for_each(|(new, old)| new_of_old[*old as usize] = new);
+        // A parent stands before its children, so its diamond has its number by then.
+        let mut diamond_of_old = vec![u32::MAX; self.diamonds.len()];
+        let mut tree = Self { tetrahedra: Vec::new(), diamonds: Vec::new(), by_key: FxHashMap::default(), ..self };
+        for (new, old) in (0u32..).zip(&old_of_new) {
+            let node = &self.tetrahedra[*old as usize];
+            let diamond = &mut diamond_of_old[node.diamond as usize];
+            if *diamond == u32::MAX {
+                *diamond = tree.diamonds.len() as u32;
+                let DiamondNode { key, split, .. } = self.diamonds[node.diamond as usize];
+                tree.by_key.insert(key, *diamond);
+                tree.diamonds.push(DiamondNode { key, tetrahedra: Vec::new(), split });
+            }
+            let diamond = *diamond;
+            tree.diamonds[diamond as usize].tetrahedra.push(new);
+            tree.tetrahedra.push(TetraNode {
+                tetra: node.tetra,
+                diamond,
+                children: node.children.map(|c| c.map(|t| new_of_old[t as usize])),
+                parent_diamond: diamond_of_old.get(node.parent_diamond as usize).copied().unwrap_or(u32::MAX),
+                range: 0..0,
+            });
+        }
+        tree
+    }
+}
+
 impl Splitter<'_> {
     fn roots(&mut self) {
         let roots = Tetra::roots(self.tree.cube_log2);

@@ -4,9 +4,10 @@
 //! which there are. A triangle belongs to the bucket that its centroid is in, a point to the bucket that it is in, by the
 //! exact rule of the partition. Buckets are convex, so a triangle whose corners lie in one bucket belongs to it.
 
-use crate::partition::root_of;
+use crate::partition::{Partition, root_of};
 use kilwa_geometry::tetra::{SplitPlane, max_level};
 use kilwa_geometry::{LatticePoint, Tetra};
+use std::ops::Range;
 
 /// A tetrahedron above the buckets, or a bucket.
 #[derive(Debug, Clone, Copy)]
@@ -111,6 +112,27 @@ impl Buckets {
             MIXED => self.of_sum(p.map(|x| 3 * i64::from(x))),
             bucket => bucket,
         }
+    }
+
+    /// Which tetrahedron of the tree each run of buckets fills: a bucket fills its own where the tree has it; where the
+    /// tree ends above, all buckets below that leaf are one run.
+    pub(super) fn runs(&self, tree: &Partition) -> Vec<(u32, Range<u32>)> {
+        let mut runs: Vec<(u32, Range<u32>)> = Vec::new();
+        let mut stack: Vec<(u32, u32)> = (0..6).rev().map(|root| (root, root)).collect();
+        while let Some((node, tetrahedron)) = stack.pop() {
+            let halves = tree.tetrahedra[tetrahedron as usize].children;
+            match self.nodes[node as usize] {
+                Node::Bucket(b) => match runs.last_mut() {
+                    Some((last, run)) if *last == tetrahedron => run.end = b + 1,
+                    _ => runs.push((tetrahedron, b..b + 1)),
+                },
+                Node::Split { children, .. } => {
+                    let halves = halves.unwrap_or([tetrahedron; 2]);
+                    stack.extend([(children[1], halves[1]), (children[0], halves[0])]);
+                }
+            }
+        }
+        runs
     }
 
     /// Fold over the tetrahedra above the buckets, children first: `bucket` gives what is known of a bucket, `join` what

@@ -1,7 +1,26 @@
-//! Out-of-core ingest.
+//! The first half of a build, out of core: from what readers deliver to the patches of the leaves and the tree.
+//!
+//! Stages, each a function over named files of the scratch folder; what a stage knows beside its files stands in a small
+//! JSON file of its name, written when the files are on the disk, and its input is removed after that. A stage whose JSON
+//! is there is skipped, so a build that was interrupted goes on with the first that is not.
+//!
+//! | stage | reads | writes | a triangle takes |
+//! |---|---|---|---|
+//! | [`spool`] | the inputs | `positions`, `colors`, `normals`, `scalar-N`, `triangles`, `triangle-colors` | 26 B |
+//! | `resolve` | these | `corners`: three vertices a triangle on a provisional lattice | 48 B |
+//! | `scatter` | `corners` | `buckets` and `halo`: triangles by region, on the lattice | 49 B |
+//! | `topology` | these | `welded`: each region indexed, with borders and normals; `replies` between regions | 25 B |
+//! | `leaves` | these | `leaves.patches`, `leaves.shared` | 17 B |
+//!
+//! Memory follows the budget and not the mesh; what comes out depends on the mesh and the options alone, not on memory,
+//! threads, or the order of inputs, vertices and triangles. Numbers of the bytes are for an indexed mesh with colours.
+//!
+//! Failures: [`BuildError`], with what is wrong and what to do.
+
 mod buckets;
 mod column;
 mod lattice;
+mod leaves;
 mod resolve;
 mod scatter;
 mod spill;
@@ -11,6 +30,19 @@ mod topology;
 mod weld;
 mod wishes;
 mod words;
+
+use crate::options::BuildError;
+use crate::scratch::{PatchFile, Records, Scratch, ScratchError};
+use crate::surface::{Finding, Ingested, LEAVES, SHARED, Surface};
+use crate::work::Work;
+use kilwa_pack::chunk::MAX_SCALARS;
+use kilwa_pack::metadata::{ScalarChannel, SourceFile};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+pub use spool::{Spool, Spooled};
+use std::collections::BTreeMap;
+use std::io::Write;
+pub use topology::Counts;
 
 /// What the user can choose.
 #[derive(Debug, Clone)]
@@ -24,3 +56,134 @@ pub struct IngestOptions {
     /// Drop triangles with a corner whose `confidence` or `quality` is below this.
     pub min_confidence: Option<f32>,
 }
+
+/// Scratch bytes that the ingest takes at most for inputs of so many vertices and triangles, halo and patches included;
+/// `vertex_bytes` beyond the position, for each vertex (4 for colours, 4 for normals, 4 for each scalar).
+pub fn scratch_needed(vertices: u64, triangles: u64, vertex_bytes: u64) -> u64 {
+    let spool = vertices * (24 + vertex_bytes) + 12 * triangles;
+    let corners = triangles * 3 * (12 + vertex_bytes);
+    let welded = vertices * (20 + vertex_bytes) + 12 * triangles;
+    // Corners stand beside the spool first, then beside the buckets; then buckets beside welded; then that and leaves.
+    (spool + corners).max(corners * 21 / 10).max(corners + welded).max(welded * 2)
+}
+
+/// Run the stages that are not done yet. `spooled` is what [`Spool::finish`] gave, `None` where that stage was done
+/// before an interruption; `sources` are the files that the mesh came from, for the metadata.
+///
+/// # Errors
+/// [`BuildError`], each with what to do.
+pub fn ingest(
+    work: &Work<'_>,
+    spooled: Option<Spooled>,
+    options: &IngestOptions,
+    sources: Vec<SourceFile>,
+) -> Result<Ingested, BuildError> {
+    let stage = Stages { scratch: work.scratch };
+    let spooled = stage.run("spool", &[""; 0], || match spooled {
+        Some(spooled) => Ok(spooled),
+        None => Err(ScratchError::damaged(&work.scratch.path("spool.json"), "it is not there").into()),
+    })?;
+    if spooled.channels.len() > usize::from(MAX_SCALARS) {
+        let names = spooled.channels.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
+        let why = format!("{} scalar channels together ({names}); a pack holds {MAX_SCALARS}", spooled.channels.len());
+        return Err(BuildError::TooLarge { why });
+    }
+    let inputs = spooled.files();
+    let resolved = stage.run("resolve", &inputs, || resolve::resolve(work, &spooled, options))?;
+    let scattered = stage.run("scatter", &[resolve::CORNERS], || scatter::scatter(work, &resolved, options))?;
+    let topology = stage.run("topology", &[scatter::BUCKETS, scatter::HALO], || {
+        topology::topology(work, resolved.layout, &scattered, options)
+    })?;
+    let mut tree = leaves::tree_of(resolved.cube_log2, &topology);
+    let leaves = stage.run("leaves", &[topology::WELDED, topology::REPLIES], || {
+        leaves::leaves(work, resolved.layout, &scattered, &topology, &tree)
+    })?;
+    leaves.count(&mut tree, options.leaf_triangles);
+    let mut tally = spooled.tally.clone();
+    tally.merge(&resolved.tally);
+    tally.merge(&scattered.tally);
+    tally.add_many(WELDED_VERTICES, resolved.used.saturating_sub(topology.counts.vertices));
+    let channel = |c: &spool::Channel| ScalarChannel { name: c.name.clone(), min: c.min, max: c.max };
+    let finding = |(kind, count, places): (&str, u64, &[String])| {
+        (kind.to_owned(), Finding { count, places: places.to_vec() })
+    };
+    let surface = Surface {
+        lattice: resolved.lattice,
+        cube_log2: resolved.cube_log2,
+        bounds: leaves.bounds,
+        colors: resolved.layout.colors,
+        scalars: spooled.channels.iter().map(channel).collect(),
+        triangles: scattered.triangles,
+        points: topology.counts.points,
+        border_edges: topology.counts.border_edges,
+        non_manifold_edges: topology.counts.non_manifold_edges,
+        median_edge: resolved.median,
+        sources,
+        findings: tally.iter().map(finding).collect::<BTreeMap<_, _>>(),
+    };
+    let (leaves, shared) = (PatchFile::open(work.scratch, LEAVES)?, Records::open(work.scratch, SHARED)?);
+    Ok(Ingested { surface, tree, leaves, shared })
+}
+
+const WELDED_VERTICES: &str = "vertices welded because they are equal on the lattice";
+
+/// Stages that were done are not done again.
+struct Stages<'a> {
+    scratch: &'a Scratch,
+}
+
+impl Stages<'_> {
+    /// What stage `name` knows: from its JSON, or by doing it. Its input files are removed once it is done.
+    fn run<T: Serialize + DeserializeOwned>(
+        &self,
+        name: &str,
+        inputs: &[impl AsRef<str>],
+        stage: impl FnOnce() -> Result<T, BuildError>,
+    ) -> Result<T, BuildError> {
+        let (file, path) = (format!("{name}.json"), self.scratch.path(&format!("{name}.json")));
+        let state = if self.scratch.length(&file).is_some() {
+            let bytes = std::fs::read(&path).map_err(|e| ScratchError::io(&path, "read", e))?;
+            serde_json::from_slice(&bytes).map_err(|e| ScratchError::damaged(&path, e.to_string()))?
+        } else {
+            let state = stage()?;
+            let bytes = serde_json::to_vec(&state).map_err(|e| ScratchError::damaged(&path, e.to_string()))?;
+            // Under its name only when it is whole.
+            let write = || -> std::io::Result<()> {
+                let mut temporary = tempfile::NamedTempFile::new_in(self.scratch.folder())?;
+                temporary.write_all(&bytes)?;
+                temporary.as_file().sync_all()?;
+                temporary.persist(&path)?;
+                Ok(())
+            };
+            write().map_err(|e| ScratchError::write(&path, bytes.len() as u64, 0, e))?;
+            self.scratch.sync()?;
+            state
+        };
+        for input in inputs {
+            self.scratch.remove(input.as_ref())?;
+        }
+        Ok(state)
+    }
+}
+
+/// Whether a file of the scratch folder belongs to the ingest.
+pub fn is_file_of_ingest(name: &str) -> bool {
+    let stages = ["spool", "resolve", "scatter", "topology", "leaves"];
+    let is_state = name.strip_suffix(".json").is_some_and(|stage| stages.contains(&stage));
+    is_state || name.starts_with("scalar-") || FILES.contains(&name)
+}
+
+const FILES: [&str; 12] = [
+    spool::POSITIONS,
+    spool::COLORS,
+    spool::NORMALS,
+    spool::TRIANGLES,
+    spool::TRIANGLE_COLORS,
+    resolve::CORNERS,
+    scatter::BUCKETS,
+    scatter::HALO,
+    topology::WELDED,
+    topology::REPLIES,
+    LEAVES,
+    SHARED,
+];

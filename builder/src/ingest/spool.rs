@@ -83,9 +83,10 @@ pub struct Spooled {
 }
 
 impl Spooled {
-    /// Bytes of a vertex over all files.
-    pub(super) fn vertex_bytes(&self) -> u64 {
-        24 + 4 * (u64::from(self.vertex_colors) + u64::from(self.normals) + self.channels.len() as u64)
+    /// Names of the files.
+    pub(super) fn files(&self) -> Vec<&str> {
+        let fixed = [POSITIONS, COLORS, NORMALS, TRIANGLES, TRIANGLE_COLORS];
+        fixed.into_iter().chain(self.channels.iter().map(|c| c.file.as_str())).collect()
     }
 }
 

@@ -1,0 +1,312 @@
+//! From buckets to the patches of leaves, in canonical order.
+//!
+//! Input: `welded`, `replies`, the tree. Output: the patch of every leaf that is not empty, and a record for every point
+//! that more than one leaf uses, once for each of them (and for points that several buckets see, whether or not more
+//! than one leaf uses them). Triangles of a patch are sorted by their corners, vertices stand in the order of first use:
+//! what comes out depends on the mesh alone.
+
+use super::buckets::{Buckets, point_of_words};
+use super::scatter::{Scattered, bytes_per_triangle};
+use super::topology::{BORDER, REPLIES, REPLY, Topology, WELDED, Welded};
+use super::words::{Layout, color_of_word, normal_of_word};
+use crate::certify::Bound;
+use crate::fragment::Patch;
+use crate::options::BuildError;
+use crate::partition::Partition;
+use crate::scratch::{PatchFile, Records, ScratchError, ScratchFile, record};
+use crate::surface::{LEAVES, SHARED};
+use crate::work::Work;
+use kilwa_geometry::{Aabb, DiamondKey, Mesh};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// No leaf.
+const NONE: u32 = u32::MAX;
+
+/// What the stage leaves beside its files.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Leaves {
+    /// Triangles of every leaf that is not empty, by number.
+    pub(super) triangles: Vec<(u32, u64)>,
+    /// Smallest and largest coordinates.
+    pub(super) bounds: [[i32; 3]; 2],
+}
+
+/// The tree that the wishes make.
+pub(super) fn tree_of(cube_log2: u32, topology: &Topology) -> Partition {
+    let key = |(level, midpoint): &(u8, [i32; 3])| DiamondKey { level: *level, midpoint: *midpoint };
+    Partition::of_wishes(cube_log2, topology.wishes.iter().map(key))
+}
+
+impl Leaves {
+    /// Write the numbers of triangles into the tree.
+    pub(super) fn count(&self, tree: &mut Partition, leaf_triangles: usize) {
+        for &(leaf, n) in &self.triangles {
+            tree.tetrahedra[leaf as usize].range = 0..n as usize;
+            tree.overfull_leaves += u64::from(n > leaf_triangles as u64);
+        }
+    }
+}
+
+/// The stage.
+pub(super) fn leaves(
+    work: &Work<'_>,
+    layout: Layout,
+    scattered: &Scattered,
+    topology: &Topology,
+    tree: &Partition,
+) -> Result<Leaves, BuildError> {
+    let buckets = Buckets::of_shape(scattered.cube_log2, scattered.shape.clone());
+    let units = buckets.runs(tree);
+    let (welded, replies) = (work.scratch.existing(WELDED)?, work.scratch.existing(REPLIES)?);
+    let (patches, shared) = (PatchFile::create(work.scratch, LEAVES)?, Records::create(work.scratch, SHARED)?);
+    let done = AtomicU64::new(0);
+    let cost = |u: usize| {
+        let words: usize = units[u].1.clone().map(|b| scattered.own.words(b as usize)).sum();
+        (words / layout.triangle()) as u64 * bytes_per_triangle(layout) / 2
+    };
+    let one = |u: usize| -> Result<(Vec<(u32, u64)>, Aabb), BuildError> {
+        let (node, range) = units[u].clone();
+        let mut unit = Unit::read(&welded, &replies, layout, topology, range)?;
+        let mut counts = Vec::new();
+        let mut records = Vec::new();
+        unit.divide(tree, node, &mut |unit, leaf, triangles| {
+            let mesh = unit.patch(leaf, triangles, &mut records);
+            counts.push((leaf, triangles.len() as u64));
+            patches.append(leaf, &Patch { bounds: vec![Bound::default(); mesh.triangle_count()], mesh })
+        })?;
+        shared.append(&records)?;
+        work.progress.update("filling leaves", done.fetch_add(1, Ordering::Relaxed) + 1, units.len() as u64);
+        Ok((counts, unit.bounds))
+    };
+    let parts = work.run_jobs(units.len(), work.memory / 10 * 9, cost, one)?;
+    let mut bounds = Aabb::EMPTY;
+    let mut triangles = Vec::new();
+    for (counts, part) in parts {
+        triangles.extend(counts);
+        bounds = bounds.union(&part);
+    }
+    triangles.sort_unstable();
+    patches.finish()?;
+    shared.finish()?;
+    Ok(Leaves { triangles, bounds: [bounds.min, bounds.max] })
+}
+
+/// One or more buckets that fill a tetrahedron of the tree.
+struct Unit {
+    layout: Layout,
+    /// Words of all vertices; those of several buckets one after the other, some of them equal.
+    vertices: Vec<u32>,
+    point_of: Vec<u32>,
+    normals: Vec<u32>,
+    triangles: Vec<[u32; 3]>,
+    /// Three times the centroids.
+    sums: Vec<[u32; 3]>,
+    bounds: Aabb,
+    /// Whether other buckets may use a point.
+    seen_by_others: Vec<bool>,
+    /// The first leaf that uses a point, and whether that is recorded.
+    first_leaf: Vec<u32>,
+    recorded: Vec<bool>,
+    /// The last leaf that used a vertex, and the vertex's rank there.
+    stamp: Vec<u32>,
+    rank: Vec<u32>,
+}
+
+impl Unit {
+    fn read(
+        welded: &ScratchFile,
+        replies: &ScratchFile,
+        layout: Layout,
+        topology: &Topology,
+        buckets: Range<u32>,
+    ) -> Result<Self, ScratchError> {
+        let mut all = Welded::default();
+        let mut points = 0;
+        let mut words = Vec::new();
+        for bucket in buckets {
+            let bucket = bucket as usize;
+            let mut w = Welded::read(welded, topology.places[bucket], layout)?;
+            words.clear();
+            topology.replies.read(replies, bucket, &mut words)?;
+            apply(&mut w, words.as_chunks::<REPLY>().0);
+            let first = all.point_of.len() as u32;
+            let count = w.point_of.iter().map(|p| p + 1).max().unwrap_or(0);
+            all.vertices.append(&mut w.vertices);
+            all.point_of.extend(w.point_of.iter().map(|p| p + points));
+            all.normals.append(&mut w.normals);
+            all.shared.extend(w.shared.iter().map(|p| p + points));
+            // The border bit is above all numbers.
+            all.triangles.extend(w.triangles.iter().map(|t| t.map(|v| v + first)));
+            points += count;
+        }
+        let mut seen_by_others = vec![false; points as usize];
+        all.shared.iter().for_each(|p| seen_by_others[*p as usize] = true);
+        let (width, vertices) = (layout.vertex(), &all.vertices);
+        let position = |v: u32| -> [u32; 3] {
+            let at = (v & !BORDER) as usize * width;
+            [vertices[at], vertices[at + 1], vertices[at + 2]]
+        };
+        let sum = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(position);
+            std::array::from_fn(|i| a[i] + b[i] + c[i])
+        };
+        let sums = all.triangles.iter().map(sum).collect();
+        let mut bounds = Aabb::EMPTY;
+        vertices.chunks_exact(width).for_each(|v| bounds.add(point_of_words([v[0], v[1], v[2]])));
+        Ok(Self {
+            layout,
+            sums,
+            bounds,
+            seen_by_others,
+            first_leaf: vec![NONE; points as usize],
+            recorded: vec![false; points as usize],
+            stamp: vec![NONE; all.point_of.len()],
+            rank: vec![0; all.point_of.len()],
+            vertices: all.vertices,
+            point_of: all.point_of,
+            normals: all.normals,
+            triangles: all.triangles,
+        })
+    }
+
+    /// Give the triangles of each leaf below `node` to `leaf`, in order of the leaves.
+    fn divide(
+        &mut self,
+        tree: &Partition,
+        node: u32,
+        leaf: &mut impl FnMut(&mut Self, u32, &[u32]) -> Result<(), ScratchError>,
+    ) -> Result<(), ScratchError> {
+        let mut order: Vec<u32> = (0..self.triangles.len() as u32).collect();
+        let mut stack = vec![(node, 0..order.len())];
+        while let Some((node, range)) = stack.pop() {
+            if range.is_empty() {
+                continue;
+            }
+            let tetrahedron = &tree.tetrahedra[node as usize];
+            let Some(children) = tetrahedron.children else {
+                leaf(self, node, &order[range])?;
+                continue;
+            };
+            let plane = tetrahedron.tetra.split_plane();
+            let mut first = range.start;
+            for i in range.clone() {
+                if plane.child_of_sum(self.sums[order[i] as usize].map(i64::from)) == 0 {
+                    order.swap(first, i);
+                    first += 1;
+                }
+            }
+            stack.extend([(children[1], first..range.end), (children[0], range.start..first)]);
+        }
+        Ok(())
+    }
+
+    fn words(&self, vertex: u32) -> &[u32] {
+        let width = self.layout.vertex();
+        &self.vertices[vertex as usize * width..][..width]
+    }
+
+    /// The mesh of a leaf; points that other leaves use go to `records`.
+    fn patch(&mut self, leaf: u32, triangles: &[u32], records: &mut Vec<u128>) -> Mesh {
+        let ranked = self.rank_vertices(leaf, triangles);
+        self.record_points(leaf, &ranked, records);
+        let mut sorted: Vec<([u32; 3], u32)> = triangles
+            .iter()
+            .map(|&t| (self.triangles[t as usize].map(|v| self.rank[(v & !BORDER) as usize]), t))
+            .collect();
+        sorted.sort_unstable();
+        let mut mesh = Mesh { scalars: vec![Vec::new(); self.layout.scalars], ..Mesh::default() };
+        mesh.triangles.reserve_exact(sorted.len());
+        mesh.borders.reserve_exact(sorted.len());
+        mesh.positions.reserve(ranked.len());
+        mesh.normals.reserve(ranked.len());
+        let mut index = vec![NONE; ranked.len()];
+        for (ranks, t) in sorted {
+            let corners = ranks.map(|r| {
+                let slot = &mut index[r as usize];
+                if *slot == NONE {
+                    *slot = mesh.positions.len() as u32;
+                    self.push_vertex(ranked[r as usize], &mut mesh);
+                }
+                *slot
+            });
+            mesh.triangles.push(corners);
+            let corners = self.triangles[t as usize];
+            mesh.borders.push((0..3).map(|k| u8::from(corners[k] & BORDER != 0) << k).sum());
+        }
+        mesh
+    }
+
+    /// The vertices of a leaf in canonical order; equal ones (of several buckets) have the same rank.
+    fn rank_vertices(&mut self, leaf: u32, triangles: &[u32]) -> Vec<u32> {
+        let mut used: Vec<(u128, u32)> = Vec::with_capacity(triangles.len());
+        for &t in triangles {
+            for v in self.triangles[t as usize].map(|v| v & !BORDER) {
+                if self.stamp[v as usize] != leaf {
+                    self.stamp[v as usize] = leaf;
+                    let w = self.words(v);
+                    let key = (u128::from(w[0]) << 64) | (u128::from(w[1]) << 32) | u128::from(w[2]);
+                    used.push((key, v));
+                }
+            }
+        }
+        used.sort_unstable_by(|a, b| a.0.cmp(&b.0).then_with(|| self.words(a.1)[3..].cmp(&self.words(b.1)[3..])));
+        let mut ranked: Vec<u32> = Vec::with_capacity(used.len());
+        for &(_, v) in &used {
+            if ranked.last().is_none_or(|last| self.words(*last) != self.words(v)) {
+                ranked.push(v);
+            }
+            self.rank[v as usize] = ranked.len() as u32 - 1;
+        }
+        ranked
+    }
+
+    fn record_points(&mut self, leaf: u32, ranked: &[u32], records: &mut Vec<u128>) {
+        for v in ranked {
+            let p = self.point_of[*v as usize] as usize;
+            let w = self.words(*v);
+            let position = point_of_words([w[0], w[1], w[2]]);
+            if self.seen_by_others[p] {
+                records.push(record(position, leaf));
+            } else if self.first_leaf[p] == NONE {
+                self.first_leaf[p] = leaf;
+            } else if self.first_leaf[p] != leaf {
+                if !self.recorded[p] {
+                    self.recorded[p] = true;
+                    records.push(record(position, self.first_leaf[p]));
+                }
+                records.push(record(position, leaf));
+            }
+        }
+    }
+
+    fn push_vertex(&self, v: u32, mesh: &mut Mesh) {
+        let w = self.words(v);
+        mesh.positions.push(point_of_words([w[0], w[1], w[2]]));
+        if let Some(at) = self.layout.color() {
+            mesh.colors.push(color_of_word(w[at]));
+        }
+        let normal = self.layout.normal().map_or_else(|| self.normals[self.point_of[v as usize] as usize], |at| w[at]);
+        mesh.normals.push(normal_of_word(normal));
+        for (to, word) in mesh.scalars.iter_mut().zip(&w[self.layout.scalar()..]) {
+            to.push(f32::from_bits(*word));
+        }
+    }
+}
+
+/// What other buckets found out about the triangles of this one.
+fn apply(welded: &mut Welded, replies: &[[u32; REPLY]]) {
+    for reply in replies {
+        let Some(corners) = welded.triangles.get_mut(reply[0] as usize) else { continue };
+        for k in 0..3 {
+            if reply[1] >> k & 1 == 1 {
+                corners[k] |= BORDER;
+            }
+            if reply[1] >> (3 + k) & 1 == 1 {
+                let point = welded.point_of[(corners[k] & !BORDER) as usize];
+                welded.normals[point as usize] = reply[2 + k];
+            }
+        }
+    }
+}
