@@ -61,7 +61,11 @@ impl Column {
             gathered.copy_from_slice(from);
             return Ok(());
         }
-        let why = format!("rows up to {} were asked for, {} are there", first + (into.len() / self.width) as u64, self.rows());
+        let why = format!(
+            "rows up to {} were asked for, {} are there",
+            first + (into.len() / self.width) as u64,
+            self.rows()
+        );
         Err(ScratchError::damaged(self.file.path(), why))
     }
 

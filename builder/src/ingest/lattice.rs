@@ -9,7 +9,6 @@
 use crate::options::BuildError;
 use kilwa_geometry::Lattice;
 use kilwa_geometry::lattice::MAX_COORDINATE;
-use serde::{Deserialize, Serialize};
 
 /// The part of the 1st-percentile edge that a step is at most.
 const STEP_PER_EDGE: f64 = 1.0 / 16.0;
@@ -227,10 +226,7 @@ fn given_step(step: f64, extent: f64, coarsest: i32) -> Result<i32, BuildError> 
     }
     let log = libm::log2(step);
     if log.fract() != 0.0 {
-        let why = format!(
-            "it must be a power of two of a metre; the next smaller one is {}",
-            2f64.powf(log.floor())
-        );
+        let why = format!("it must be a power of two of a metre; the next smaller one is {}", 2f64.powf(log.floor()));
         return Err(BuildError::Step { step, why });
     }
     if (log as i32) < coarsest {
@@ -259,7 +255,8 @@ mod tests {
     #[test]
     fn rounding_through_the_provisional_lattice_is_snapping_exactly_ties_included() {
         let mut state = 1;
-        for (offset, size) in [([0.0; 3], 7.3), ([512_345.678, 4_649_776.25, -31.0], 220.0), ([-3.0, 1e-3, 0.5], 1e-4)] {
+        for (offset, size) in [([0.0; 3], 7.3), ([512_345.678, 4_649_776.25, -31.0], 220.0), ([-3.0, 1e-3, 0.5], 1e-4)]
+        {
             let bounds = [offset, offset.map(|x| x + size)];
             let provisional = Provisional::of(&bounds, None);
             for first in [size * 1e-5, size * 1e-2] {

@@ -104,9 +104,8 @@ pub fn ingest(
     tally.merge(&scattered.tally);
     tally.add_many(WELDED_VERTICES, resolved.used.saturating_sub(topology.counts.vertices));
     let channel = |c: &spool::Channel| ScalarChannel { name: c.name.clone(), min: c.min, max: c.max };
-    let finding = |(kind, count, places): (&str, u64, &[String])| {
-        (kind.to_owned(), Finding { count, places: places.to_vec() })
-    };
+    let finding =
+        |(kind, count, places): (&str, u64, &[String])| (kind.to_owned(), Finding { count, places: places.to_vec() });
     let surface = Surface {
         lattice: resolved.lattice,
         cube_log2: resolved.cube_log2,

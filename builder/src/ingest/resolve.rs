@@ -9,11 +9,11 @@
 //!
 //! Fails as [`super::lattice::choose`] does, and where the scratch disk fails.
 
+use super::IngestOptions;
 use super::lattice::{Box3, Lengths, Measured, Provisional, Rounding, choose};
 use super::spool::{COLORS, ColorSource, NORMALS, POSITIONS, Spooled, TRIANGLE_COLORS, TRIANGLES, position_of_row};
 use super::tally::Tally;
 use super::words::{INVALID, Layout, read_words, word_of_color, word_of_normal, write_words};
-use super::IngestOptions;
 use crate::options::BuildError;
 use crate::raw::UNCOLOURED;
 use crate::read::sink::{NO_POSITION, NOT_FINITE, UNUSED};
@@ -75,11 +75,7 @@ pub(super) fn layout_of(spooled: &Spooled) -> Layout {
 }
 
 /// The stage.
-pub(super) fn resolve(
-    work: &Work<'_>,
-    spooled: &Spooled,
-    options: &IngestOptions,
-) -> Result<Resolved, BuildError> {
+pub(super) fn resolve(work: &Work<'_>, spooled: &Spooled, options: &IngestOptions) -> Result<Resolved, BuildError> {
     let Some(mut bounds) = spooled.bounds.filter(|_| spooled.triangles > 0) else {
         return Err(BuildError::Empty { why: "the input has no triangles; give a mesh, not a point cloud".into() });
     };

@@ -6,13 +6,13 @@
 //! behind the number of its own bucket and its place there. Triangles that collapse on the lattice are dropped and
 //! counted, by where they are.
 
+use super::IngestOptions;
 use super::buckets::{Buckets, point_of_words};
 use super::lattice::Rounding;
 use super::resolve::{CORNERS, Resolved, read_corners};
 use super::spill::{Extents, Spill};
 use super::tally::Tally;
 use super::words::Layout;
-use super::IngestOptions;
 use crate::options::BuildError;
 use crate::work::Work;
 use rayon::prelude::*;
@@ -64,11 +64,7 @@ struct Piece {
 }
 
 /// The stage.
-pub(super) fn scatter(
-    work: &Work<'_>,
-    resolved: &Resolved,
-    options: &IngestOptions,
-) -> Result<Scattered, BuildError> {
+pub(super) fn scatter(work: &Work<'_>, resolved: &Resolved, options: &IngestOptions) -> Result<Scattered, BuildError> {
     let (layout, rounding) = (resolved.layout, resolved.rounding());
     let capacity = capacity(work, layout, resolved.triangles, options);
     let mut samples = resolved.samples.clone();

@@ -13,8 +13,8 @@ use super::column::Column;
 use super::tally::Tally;
 use crate::prepare::NORMAL_BITS;
 use crate::raw::{Findings, RawMesh};
-use crate::read::sink::{MeshSink, NO_POSITION, TWICE, VertexBlock};
 use crate::read::ReadError;
+use crate::read::sink::{MeshSink, NO_POSITION, TWICE, VertexBlock};
 use crate::scratch::{Scratch, ScratchError};
 use kilwa_geometry::normal;
 use serde::{Deserialize, Serialize};
@@ -338,7 +338,8 @@ fn grey(scratch: &Scratch, channels: &[Channel], rows: u64, tally: &mut Tally) -
         return Ok(ColorSource::None);
     };
     let file = scratch.existing(&channel.file)?;
-    let (low, scale) = (f64::from(channel.min), (CLASSES - 1) as f64 / (f64::from(channel.max) - f64::from(channel.min)));
+    let (low, scale) =
+        (f64::from(channel.min), (CLASSES - 1) as f64 / (f64::from(channel.max) - f64::from(channel.min)));
     let mut counts = vec![0u64; CLASSES];
     let mut bytes = vec![0u8; ROWS * 4];
     for first in (0..rows).step_by(ROWS) {

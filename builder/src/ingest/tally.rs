@@ -9,18 +9,18 @@ const PLACES_KEPT: usize = 5;
 
 /// Kinds of findings with count and first places.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Tally(BTreeMap<String, (u64, Vec<String>)>);
+pub(super) struct Tally(BTreeMap<String, (u64, Vec<String>)>);
 
 impl Tally {
     /// Count `n` of a kind.
-    pub fn add_many(&mut self, kind: &str, n: u64) {
+    pub(super) fn add_many(&mut self, kind: &str, n: u64) {
         if n > 0 {
             self.0.entry(kind.to_owned()).or_default().0 += n;
         }
     }
 
     /// Count one; `place` is made only while places are still kept.
-    pub fn add(&mut self, kind: &str, place: impl FnOnce() -> String) {
+    pub(super) fn add(&mut self, kind: &str, place: impl FnOnce() -> String) {
         if !self.0.contains_key(kind) {
             self.0.insert(kind.to_owned(), (0, Vec::new()));
         }
@@ -33,14 +33,14 @@ impl Tally {
     }
 
     /// Take over what a reader found.
-    pub fn take(&mut self, findings: &Findings) {
+    pub(super) fn take(&mut self, findings: &Findings) {
         for (kind, n, places) in findings.iter() {
             self.merge_one(kind, n, places);
         }
     }
 
     /// Take over all of another.
-    pub fn merge(&mut self, other: &Self) {
+    pub(super) fn merge(&mut self, other: &Self) {
         for (kind, (n, places)) in &other.0 {
             self.merge_one(kind, *n, places);
         }
@@ -54,12 +54,12 @@ impl Tally {
     }
 
     /// How often `kind` was found.
-    pub fn count(&self, kind: &str) -> u64 {
+    pub(super) fn count(&self, kind: &str) -> u64 {
         self.0.get(kind).map_or(0, |e| e.0)
     }
 
     /// Kind, count, first places; by kind.
-    pub fn iter(&self) -> impl Iterator<Item = (&str, u64, &[String])> {
+    pub(super) fn iter(&self) -> impl Iterator<Item = (&str, u64, &[String])> {
         self.0.iter().map(|(k, (n, places))| (k.as_str(), *n, places.as_slice()))
     }
 }

@@ -7,13 +7,13 @@
 //!
 //! Normals are sums of the doubled areas, in integers, so that the order of triangles does not matter.
 
+use super::IngestOptions;
 use super::buckets::Buckets;
 use super::scatter::{BUCKETS, HALO, HALO_HEAD, Scattered, bytes_per_triangle};
 use super::spill::{Extents, Spill};
 use super::weld::Weld;
 use super::wishes::{self, Above, Wishes};
 use super::words::{Layout, append_words, read_words, word_of_normal};
-use super::IngestOptions;
 use crate::options::BuildError;
 use crate::prepare::NORMAL_BITS;
 use crate::scratch::{ScratchError, ScratchFile};
