@@ -14,6 +14,7 @@ mod error;
 mod faces;
 mod memory;
 pub mod obj;
+mod place;
 pub mod ply;
 pub mod sink;
 mod sniff;
@@ -24,8 +25,10 @@ mod triangulate;
 
 pub use error::{Place, ReadError};
 pub use memory::MemorySink;
+pub use place::{Placed, Placement};
 pub use sink::{MeshSink, VertexBlock};
 
+use crate::options::Up;
 use crate::raw::RawMesh;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -72,7 +75,12 @@ impl Default for ReadOptions {
 }
 
 /// A format that is read.
-struct Format {
+#[derive(Debug, Clone, Copy)]
+pub struct Format {
+    /// Its name for people.
+    pub name: &'static str,
+    /// The axis that points up in it where nobody says otherwise.
+    pub up: Up,
     /// Whether a file of so many bytes that begins with these is of this format.
     is: fn(start: &[u8], total: u64) -> bool,
     /// Delivers it.
@@ -81,9 +89,9 @@ struct Format {
 
 /// Asked in this order.
 const FORMATS: &[Format] = &[
-    Format { is: |start, _| ply::is_ply(start), read: ply::read },
-    Format { is: stl::is_stl, read: stl::read },
-    Format { is: |start, _| obj::is_obj(start), read: obj::read },
+    Format { name: "PLY", up: Up::Z, is: |start, _| ply::is_ply(start), read: ply::read },
+    Format { name: "STL", up: Up::Z, is: stl::is_stl, read: stl::read },
+    Format { name: "OBJ", up: Up::Z, is: |start, _| obj::is_obj(start), read: obj::read },
 ];
 
 /// Deliver the mesh in the file at `path` to `sink`.
@@ -125,15 +133,28 @@ pub fn read_into_from(
     dispatch(Input { path, total, source, progress: &mut |a, b| progress(a, b), options }, sink)
 }
 
+/// The format of the file at `path`, told by its content.
+///
+/// # Errors
+/// [`ReadError`] where it cannot be opened or is of no format that is read.
+pub fn recognise(path: &Path) -> Result<Format, ReadError> {
+    let (mut file, total) = open(path)?;
+    format_of(&mut file, total, path)
+}
+
 fn dispatch(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
-    let cannot = |source| ReadError::Io { file: input.path.to_owned(), offset: 0, source };
+    let format = format_of(input.source, input.total, input.path)?;
+    (format.read)(input, sink)
+}
+
+/// The format of what `source` delivers; it is left at its beginning.
+fn format_of(source: &mut dyn Bytes, total: u64, path: &Path) -> Result<Format, ReadError> {
+    let cannot = |source| ReadError::Io { file: path.to_owned(), offset: 0, source };
     let mut start = Vec::new();
-    (&mut *input.source).take(SNIFFED).read_to_end(&mut start).map_err(cannot)?;
-    input.source.seek(SeekFrom::Start(0)).map_err(cannot)?;
-    match FORMATS.iter().find(|format| (format.is)(&start, input.total)) {
-        Some(format) => (format.read)(input, sink),
-        None => Err(sniff::refusal(&start, input.total, input.path)),
-    }
+    (&mut *source).take(SNIFFED).read_to_end(&mut start).map_err(cannot)?;
+    source.seek(SeekFrom::Start(0)).map_err(cannot)?;
+    let format = FORMATS.iter().find(|format| (format.is)(&start, total));
+    format.copied().ok_or_else(|| sniff::refusal(&start, total, path))
 }
 
 /// Read the mesh in the file at `path` into memory.
