@@ -7,6 +7,8 @@
 //! are. A line that is not whole is no line. Files that no line needs are removed; those of the last line but one stay
 //! too, so that one damaged file costs one stage.
 
+use crate::build::INGEST;
+use crate::ingest::is_file_of_ingest;
 use crate::options::BuildError;
 use crate::scratch::{Scratch, ScratchError, ScratchFile};
 use serde::{Deserialize, Serialize};
@@ -180,11 +182,13 @@ impl Journal {
         self.file.sync()
     }
 
-    /// Remove the files that neither of the last two lines needs.
+    /// Remove the files that neither of the last two lines needs. The ingest looks after its files itself while it is under
+    /// way.
     fn remove_unneeded(&self) -> Result<(), ScratchError> {
         let needed: BTreeSet<&String> = self.stages.iter().rev().take(2).flat_map(|s| s.files.keys()).collect();
+        let ingesting = self.stage(INGEST).is_none();
         for (name, _) in self.scratch.files()? {
-            if name != JOURNAL && !needed.contains(&name) {
+            if name != JOURNAL && !needed.contains(&name) && !(ingesting && is_file_of_ingest(&name)) {
                 self.scratch.remove(&name)?;
             }
         }

@@ -25,7 +25,7 @@ pub mod synth;
 pub mod tree_file;
 pub mod work;
 
-pub use build::{BuildReport, Built, build_pack};
+pub use build::{BuildReport, Built, Inputs, Run, StageTime, build, build_pack};
 pub use options::{BuildError, BuildOptions, Units, Up};
 pub use progress::{Progress, Silent};
 pub use raw::{Findings, RawMesh};

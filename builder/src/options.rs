@@ -8,7 +8,7 @@ use thiserror::Error;
 pub const LEAF_TRIANGLES: usize = 2048;
 
 /// The axis that points up in the source.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub enum Up {
     /// z is up: stored as it is.
     Z,
@@ -17,7 +17,7 @@ pub enum Up {
 }
 
 /// Units of the source.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub enum Units {
     /// Metres.
     Metre,
@@ -83,12 +83,13 @@ impl Units {
     }
 }
 
-/// Options of [`crate::build_pack`].
-#[derive(Debug, Clone)]
+/// Everything that shapes a pack, beside its inputs. A build is resumed only with the same.
+#[derive(Debug, Clone, serde::Serialize)]
 pub struct BuildOptions {
     /// Title for the metadata; the caller gives the file name when the user gave none.
     pub title: String,
     /// Worker threads; 0 means one per core. Never changes the bytes.
+    #[serde(skip)]
     pub threads: usize,
     /// Lattice step in metres, a power of two; `None` derives it from the mesh.
     pub step: Option<f64>,
@@ -102,7 +103,12 @@ pub struct BuildOptions {
     pub capture_accuracy: Option<f64>,
     /// Largest leaf, see [`LEAF_TRIANGLES`].
     pub leaf_triangles: usize,
+    /// Keep only triangles whose centroid lies in this box: smallest and largest corner, metres, axes of the pack.
+    pub crop: Option<[[f64; 3]; 2]>,
+    /// Drop triangles with a corner whose `confidence` or `quality` is below this.
+    pub min_confidence: Option<f32>,
     /// Files that the mesh came from, for the metadata.
+    #[serde(skip)]
     pub sources: Vec<kilwa_pack::metadata::SourceFile>,
 }
 
@@ -117,6 +123,8 @@ impl Default for BuildOptions {
             crs: None,
             capture_accuracy: None,
             leaf_triangles: LEAF_TRIANGLES,
+            crop: None,
+            min_confidence: None,
             sources: Vec::new(),
         }
     }

@@ -1,0 +1,126 @@
+//! What a build says of itself: the report for people and machines, the metadata and the header of the pack.
+
+use crate::assemble::PackSummary;
+use crate::levels::Levels;
+use crate::options::{BuildOptions, Up};
+use crate::surface::{Finding, Surface};
+use kilwa_pack::{Header, Metadata};
+use std::collections::BTreeMap;
+
+/// What a build reports.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct BuildReport {
+    /// Triangles of the finest level.
+    pub triangles: u64,
+    /// Distinct lattice positions.
+    pub vertices: u64,
+    /// Lattice step, metres.
+    pub step: f64,
+    /// Size of the model, metres.
+    pub extent: [f64; 3],
+    /// Median edge length, metres.
+    pub median_edge: f64,
+    /// Edges used by one triangle.
+    pub border_edges: u64,
+    /// Edges used by more than two triangles.
+    pub non_manifold_edges: u64,
+    /// Findings of reading and preparing: kind, count and first places.
+    pub findings: BTreeMap<String, Finding>,
+    /// Leaves that space could not split down to the patch size.
+    pub overfull_leaves: u64,
+    /// Diamonds that kept more than nine tenths of their triangles.
+    pub stuck_diamonds: u64,
+    /// Triangles in them.
+    pub stuck_triangles: u64,
+    /// The file.
+    pub pack: PackSummary,
+    /// The last stage that an earlier, interrupted build had completed, where this one went on after it.
+    pub resumed_after: Option<String>,
+    /// Damaged scratch files whose stages were done again.
+    pub redone: Vec<String>,
+    /// The most bytes that stood in the scratch folder at a time.
+    pub scratch_peak_bytes: u64,
+    /// The stages of this run, in their order.
+    pub stages: Vec<StageTime>,
+}
+
+/// How long a stage took.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct StageTime {
+    /// Its name.
+    pub stage: String,
+    /// Seconds by the clock.
+    pub seconds: f64,
+    /// Seconds of processor time, all threads, where the system says.
+    pub cpu_seconds: Option<f64>,
+}
+
+impl BuildReport {
+    /// All but the file.
+    pub(super) fn of(levels: &Levels) -> Self {
+        let s = &levels.surface;
+        let [min, max] = s.bounds.map(|p| s.lattice.world_from_lattice(p));
+        let stuck = || levels.refined.iter().map(|r| r.triangles).filter(|(fine, coarse)| coarse * 10 > fine * 9);
+        Self {
+            triangles: s.triangles,
+            vertices: s.points,
+            step: s.lattice.step(),
+            extent: std::array::from_fn(|i| max[i] - min[i]),
+            median_edge: s.median_edge,
+            border_edges: s.border_edges,
+            non_manifold_edges: s.non_manifold_edges,
+            findings: s.findings.clone(),
+            overfull_leaves: levels.tree.overfull_leaves,
+            stuck_diamonds: stuck().count() as u64,
+            stuck_triangles: stuck().map(|(_, coarse)| u64::from(coarse)).sum(),
+            pack: PackSummary::default(),
+            resumed_after: None,
+            redone: Vec::new(),
+            scratch_peak_bytes: 0,
+            stages: Vec::new(),
+        }
+    }
+}
+
+pub(super) fn header_of(levels: &Levels) -> Header {
+    Header {
+        lattice: levels.surface.lattice,
+        cube_log2: levels.surface.cube_log2,
+        file_bytes: 0,
+        metadata: (0, 0),
+        metadata_checksum: [0; 16],
+        entry_count: 0,
+        first_page: 0,
+        other_pages: 0,
+        triangles: levels.surface.triangles,
+        stored_triangles: 0,
+        stored_vertices: 0,
+        attributes: levels.attributes,
+    }
+}
+
+pub(super) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
+    let mut shaped = BTreeMap::new();
+    shaped.insert("step".to_owned(), if options.step.is_some() { "given" } else { "derived" }.to_owned());
+    shaped.insert("leaf-triangles".to_owned(), options.leaf_triangles.to_string());
+    let [bounds_min, bounds_max] = s.bounds.map(|p| s.lattice.world_from_lattice(p));
+    Metadata {
+        title: options.title.clone(),
+        source_units: options.units.name().to_owned(),
+        source_up: if options.up == Up::Z { "z" } else { "y" }.to_owned(),
+        crs: options.crs.clone(),
+        lattice_step: s.lattice.step(),
+        bounds_min,
+        bounds_max,
+        median_edge: s.median_edge,
+        triangles: s.triangles,
+        vertices: s.points,
+        border_edges: s.border_edges,
+        scalars: s.scalars.clone(),
+        sources: s.sources.clone(),
+        tool: format!("kilwa {}", env!("CARGO_PKG_VERSION")),
+        options: shaped,
+        capture_accuracy: options.capture_accuracy,
+        repairs: s.findings.iter().map(|(kind, f)| (kind.clone(), f.count)).collect(),
+    }
+}
