@@ -192,8 +192,6 @@ fn every_obj_is_read_as_the_reference_reads_it_or_refused_with_a_reason() {
 fn files_of_other_formats_are_refused_by_the_name_of_their_format() {
     let Some(folder) = data() else { return };
     let expected: &[(&str, &str)] = &[
-        ("glb", "glTF binary"),
-        ("gltf", "glTF scene"),
         ("nxz", "Nexus"),
         ("e57", "E57 scan"),
         ("ptx", "point cloud"),
@@ -205,7 +203,7 @@ fn files_of_other_formats_are_refused_by_the_name_of_their_format() {
     let mut all = Vec::new();
     files(&folder, &mut all);
     let mut checked = 0;
-    for path in all.iter().filter(|p| !["obj", "ply", "stl"].contains(&extension(p).as_str())) {
+    for path in all.iter().filter(|p| !["glb", "gltf", "obj", "ply", "stl"].contains(&extension(p).as_str())) {
         let text = match read_mesh(path, &mut |_, _| {}) {
             Ok(_) => panic!("{} was read as a mesh", path.display()),
             Err(e) => e.to_string(),
@@ -217,5 +215,5 @@ fn files_of_other_formats_are_refused_by_the_name_of_their_format() {
         assert!(text.contains("reads PLY"), "{text}");
     }
     println!("{checked} files of other formats refused by name");
-    assert!(checked > 300, "{checked}");
+    assert!(checked > 70, "{checked}");
 }

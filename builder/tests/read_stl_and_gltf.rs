@@ -1,8 +1,8 @@
-//! Every STL of `../shared/data`, where that folder is present: read with the number of triangles that the reference
-//! parser finds, or refused with a message that a person understands.
+//! Every STL and glTF of `../shared/data`, where that folder is present: read with the number of triangles that the
+//! reference parser finds, or refused with a message that a person understands.
 
 use kilwa_builder::RawMesh;
-use kilwa_builder::read::read_mesh;
+use kilwa_builder::read::{ReadError, read_mesh};
 use std::path::{Path, PathBuf};
 
 fn data() -> Option<PathBuf> {
@@ -67,4 +67,63 @@ fn every_stl_has_the_triangles_that_the_reference_finds() {
         }
     }
     assert!(all.len() >= 20, "{}", all.len());
+}
+
+#[test]
+fn every_gltf_is_read_or_refused_with_a_message_for_people() {
+    let Some(folder) = data() else { return };
+    let mut all = Vec::new();
+    files(&folder, "gltf", &mut all);
+    files(&folder, "glb", &mut all);
+    let (mut read, mut refused) = (0, 0);
+    for path in &all {
+        let name = path.strip_prefix(&folder).unwrap().display().to_string();
+        match read_mesh(path, &mut |_, _| {}) {
+            Ok(mesh) => {
+                read += 1;
+                report(Path::new(&name), &mesh);
+                check_invariants(&mesh, &name);
+            }
+            Err(e) => {
+                refused += 1;
+                println!("refused {e}");
+                let text = e.to_string();
+                assert!(text.contains(path.file_name().unwrap().to_str().unwrap()), "names the file: {text}");
+                match e {
+                    ReadError::Part { part, expected, .. } => {
+                        assert!(!part.is_empty() && !expected.is_empty(), "names the part: {text}");
+                    }
+                    ReadError::Malformed { .. } => assert!(text.contains(", byte "), "names the place: {text}"),
+                    ReadError::Needs { .. } | ReadError::Format { .. } => {
+                        assert!(text.contains("xport") || text.contains("Give"), "says what to do: {text}");
+                    }
+                    ReadError::NoTriangles { .. } => {}
+                    other => panic!("{name}: {other}"),
+                }
+            }
+        }
+    }
+    println!("{read} read, {refused} refused");
+    assert!(read >= 85 && read + refused >= 300, "{read} {refused}");
+}
+
+/// A mesh and its Draco form, made by the same program, have the same triangles within the quantisation.
+#[test]
+fn a_draco_file_has_the_surface_of_its_plain_form() {
+    let Some(folder) = data() else { return };
+    let read = |name: &str| read_mesh(&folder.join("IIIF+3d/assets/whale").join(name), &mut |_, _| {}).unwrap();
+    let (plain, packed) = (read("whale_cranium.glb"), read("whale_cranium_draco.glb"));
+    assert_eq!((plain.triangles.len(), plain.positions.len()), (packed.triangles.len(), packed.positions.len()));
+    let area = |mesh: &RawMesh| -> f64 {
+        let corner = |v: u32| mesh.positions[v as usize];
+        let areas = mesh.triangles.iter().map(|t| {
+            let [a, b, c] = t.map(corner);
+            let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
+            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            n.iter().map(|x| x * x).sum::<f64>().sqrt() / 2.0
+        });
+        areas.sum()
+    };
+    let (a, b) = (area(&plain), area(&packed));
+    assert!((a / b - 1.0).abs() < 0.01, "{a} {b}");
 }

@@ -12,6 +12,7 @@
 
 mod error;
 mod faces;
+pub mod gltf;
 mod memory;
 pub mod obj;
 mod place;
@@ -90,6 +91,7 @@ pub struct Format {
 /// Asked in this order.
 const FORMATS: &[Format] = &[
     Format { name: "PLY", up: Up::Z, is: |start, _| ply::is_ply(start), read: ply::read },
+    Format { name: "glTF", up: Up::Y, is: gltf::is_gltf, read: gltf::read },
     Format { name: "STL", up: Up::Z, is: stl::is_stl, read: stl::read },
     Format { name: "OBJ", up: Up::Z, is: |start, _| obj::is_obj(start), read: obj::read },
 ];

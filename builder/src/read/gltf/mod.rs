@@ -1,0 +1,209 @@
+//! The reader of glTF 2.0 and GLB (Khronos, "glTF 2.0 Specification", 2021; ISO/IEC 12113).
+//!
+//! Stages: `container` (GLB or text) → `schema` (the JSON) → `scene` (which meshes stand where) → `primitive` (vertices
+//! and triangles, through `accessor`, `buffers` and `draco`) → the sink. A mesh that several nodes show is delivered
+//! once for each. Coordinates are metres and y points up, unless told.
+//!
+//! What is kept: positions in all types, with node transforms in f64 (a transform that mirrors turns its triangles
+//! round); normals; colours: `COLOR_0` times the factor times the picture of the base colour, which are linear light,
+//! as 8-bit sRGB. Vertices get the colour of the picture where they lie. Opacity is not kept.
+//! Extensions: `KHR_mesh_quantization`, `EXT_meshopt_compression` and `KHR_meshopt_compression` with all filters,
+//! `KHR_draco_mesh_compression`, `KHR_texture_transform`, `EXT_texture_webp`, base colours of
+//! `KHR_materials_pbrSpecularGlossiness`. Others that the file requires are refused by name.
+//!
+//! Counted: points and lines left out; skins, morph targets and animations, of which the rest pose is taken; scenes
+//! beside the default; pictures that cannot be read. Refused with the part of the file: indices and offsets that name
+//! what is not there, nodes in circles, streams that do not decode, files beside it that are missing; glTF 1.0.
+//!
+//! Memory: the JSON, blocks of constant size, exceptions of sparse accessors, compressed views and pictures decoded whole.
+
+mod accessor;
+mod buffers;
+mod container;
+mod draco;
+mod material;
+mod primitive;
+mod scene;
+mod schema;
+mod strip;
+#[cfg(test)]
+mod tests;
+mod transform;
+
+use super::{Input, MeshSink, ReadError};
+use buffers::Buffers;
+use container::Container;
+use material::Material;
+use primitive::{Delivery, Known};
+use schema::{Head, Root};
+use std::path::Path;
+
+/// Extensions that a file may require: those that are read, and those that change neither surface nor base colour.
+const KNOWN_EXTENSIONS: &[&str] = &[
+    "KHR_mesh_quantization",
+    "EXT_meshopt_compression",
+    "KHR_meshopt_compression",
+    "KHR_draco_mesh_compression",
+    "KHR_texture_transform",
+    "EXT_texture_webp",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_dispersion",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_iridescence",
+    "KHR_materials_sheen",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
+    "KHR_materials_variants",
+    "KHR_materials_volume",
+    "KHR_lights_punctual",
+    "KHR_animation_pointer",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+];
+const EXPORT: &str =
+    "Export it again as plain glTF 2.0 (for example with `gltf-transform copy`), or as PLY with its colours";
+
+/// What messages need.
+struct Context<'a> {
+    path: &'a Path,
+}
+
+impl Context<'_> {
+    /// The error for a part of the file.
+    fn part(&self, part: String, found: String, expected: &str) -> ReadError {
+        ReadError::Part { file: self.path.to_owned(), part, found, expected: expected.to_owned() }
+    }
+
+    /// The error for a version that is not read.
+    fn version(&self, version: &str) -> ReadError {
+        let needs = format!("is glTF {version}; glTF 2.0 is read");
+        ReadError::Needs { file: self.path.to_owned(), needs, way_out: EXPORT }
+    }
+}
+
+/// Whether a file that starts with these bytes is a glTF or a GLB.
+pub fn is_gltf(start: &[u8], _total: u64) -> bool {
+    if start.starts_with(container::MAGIC) {
+        return true;
+    }
+    let text = without_mark(start).trim_ascii_start();
+    let keys =
+        ["\"asset\"", "\"accessors\"", "\"bufferViews\"", "\"buffers\"", "\"meshes\"", "\"scenes\"", "\"nodes\""];
+    let has = |key: &str| text.windows(key.len()).any(|w| w == key.as_bytes());
+    text.starts_with(b"{") && keys.iter().any(|key| has(key))
+}
+
+fn without_mark(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
+}
+
+/// Deliver the scene.
+///
+/// # Errors
+/// [`ReadError`] for a file that is damaged, of another version, needs what is not read, or shows no triangle; what the
+/// sink says.
+pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
+    let Input { path, total, source, progress, options } = input;
+    let context = Context { path };
+    let Container { json, binary, trailing } = container::open(source, total, &context)?;
+    let root = parse(&json, &context)?;
+    drop(json);
+    let findings = sink.findings();
+    findings.add_many("bytes behind the end that the header of the GLB gives left out", trailing);
+    findings.add_many("animations left out; the rest pose is taken", root.animations.len() as u64);
+    let placed = scene::placed(&root, findings, &context)?;
+    let mut in_scene = vec![false; root.meshes.len()];
+    for place in &placed {
+        in_scene[place.mesh] = true;
+    }
+    let unused = in_scene.iter().filter(|used| !**used).count();
+    findings.add_many("meshes that do not stand in the scene left out", unused as u64);
+
+    let buffers = Buffers::new(source, total, binary, &root, progress);
+    let colored = is_colored(&root, &in_scene, &context)?;
+    let mut delivery = Delivery::new(&root, buffers, sink, Context { path }, colored, options.texture_bytes);
+    for place in &placed {
+        let mut known = Known::new();
+        for (number, primitive) in root.meshes[place.mesh].primitives.iter().enumerate() {
+            let part = format!("meshes[{}].primitives[{number}]", place.mesh);
+            delivery.primitive(primitive, &part, &place.transform, &mut known)?;
+        }
+    }
+    delivery.buffers.finish();
+    if delivery.triangles() > 0 {
+        return Ok(());
+    }
+    let found = match (root.meshes.len(), placed.len()) {
+        (0, _) => "it has no meshes".to_owned(),
+        (n, 0) => format!("none of its {n} meshes stands in the scene"),
+        _ => "its meshes are points, lines or empty".to_owned(),
+    };
+    Err(ReadError::NoTriangles { file: path.to_owned(), found, way_out: "Export the surface" })
+}
+
+/// Read the JSON: first what tells other versions apart, because their JSON has another form.
+fn parse(json: &[u8], context: &Context<'_>) -> Result<Root, ReadError> {
+    let json = without_mark(json);
+    // Some writers pad the JSON chunk with zeros instead of spaces.
+    let end = json.iter().rposition(|b| *b != 0).map_or(0, |last| last + 1);
+    let json = &json[..end];
+    let head: Head = deserialize(json, context)?;
+    let needs = |needs: String, way_out| ReadError::Needs { file: context.path.to_owned(), needs, way_out };
+    if head.geometric_error.is_some() {
+        let way_out = "Give the mesh that the tiles were made of";
+        return Err(needs("is a tileset of 3D Tiles and has no mesh of its own".to_owned(), way_out));
+    }
+    let Some(asset) = head.asset else {
+        return Err(context.part(
+            "asset".to_owned(),
+            "nothing".to_owned(),
+            "the version of glTF, which every file has",
+        ));
+    };
+    for version in [Some(&asset.version), asset.min_version.as_ref()].into_iter().flatten() {
+        let major = version.split('.').next().unwrap_or_default();
+        let too_new = asset.min_version.as_ref() == Some(version) && version != "2.0";
+        if major != "2" || too_new {
+            return Err(context.version(version));
+        }
+    }
+    let unknown: Vec<&str> =
+        head.extensions_required.iter().map(String::as_str).filter(|name| !KNOWN_EXTENSIONS.contains(name)).collect();
+    if !unknown.is_empty() {
+        let names: Vec<String> = unknown.iter().take(5).map(|n| n.chars().take(60).collect()).collect();
+        return Err(needs(format!("requires glTF extensions that are not read: {}", names.join(", ")), EXPORT));
+    }
+    deserialize(json, context)
+}
+
+fn deserialize<'de, T: serde::Deserialize<'de>>(json: &'de [u8], context: &Context<'_>) -> Result<T, ReadError> {
+    let mut source = serde_json::Deserializer::from_slice(json);
+    let value = serde_path_to_error::deserialize(&mut source).map_err(|e| {
+        let part = match e.path().to_string() {
+            path if path == "." => "JSON".to_owned(),
+            path => path,
+        };
+        let expected = "glTF 2.0; the file is damaged or its exporter is wrong: copy or export it again";
+        context.part(part, e.inner().to_string(), expected)
+    })?;
+    source.end().map_err(|e| context.part("JSON".to_owned(), e.to_string(), "nothing behind its end"))?;
+    Ok(value)
+}
+
+/// Whether anything in the scene has a colour that is not white.
+fn is_colored(root: &Root, in_scene: &[bool], context: &Context<'_>) -> Result<bool, ReadError> {
+    for (number, mesh) in root.meshes.iter().enumerate().filter(|(i, _)| in_scene[*i]) {
+        for (i, primitive) in mesh.primitives.iter().enumerate() {
+            let part = format!("meshes[{number}].primitives[{i}]");
+            let white = Material::of(root, primitive, &part, context)?.is_white();
+            if !white || primitive.attributes.contains_key("COLOR_0") {
+                return Ok(true);
+            }
+        }
+    }
+    Ok(false)
+}
