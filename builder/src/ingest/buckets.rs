@@ -186,6 +186,9 @@ fn divide(tetra: &Tetra, samples: &mut [[i64; 3]], weight: u64, capacity: u64, d
 /// A cell of the grid that several buckets share.
 const MIXED: u32 = u32::MAX;
 
+/// Cells on a side of the grid, as a power of two.
+const GRID_LOG2: u32 = 6;
+
 /// A grid over the cube that knows the bucket of most points at once.
 #[derive(Debug, Clone, Default)]
 struct Grid {
@@ -196,32 +199,35 @@ struct Grid {
 
 impl Grid {
     fn of(buckets: &Buckets) -> Self {
-        let fine = match buckets.len() {
-            ..=16 => 4,
-            17..=128 => 5,
-            _ => 6,
+        let log2 = buckets.cube_log2.min(GRID_LOG2);
+        let mut grid = Self { shift: buckets.cube_log2 - log2, log2, cells: vec![MIXED; 1 << (3 * log2)] };
+        grid.fill(buckets, [0; 3], log2);
+        grid
+    }
+
+    /// Fill the cube of `2^log2` cells a side that begins at `cell`. A bucket is convex: a cube whose corners lie in it
+    /// does.
+    fn fill(&mut self, buckets: &Buckets, cell: [u32; 3], log2: u32) {
+        let last = (1i64 << (self.shift + log2)) - 1;
+        let corner = |i: usize| {
+            let at = |k: usize| (i64::from(cell[k]) << self.shift) + if i >> k & 1 == 1 { last } else { 0 };
+            buckets.of_sum(std::array::from_fn(|k| 3 * at(k)))
         };
-        let log2 = buckets.cube_log2.min(fine);
-        let shift = buckets.cube_log2 - log2;
-        let n = 1i64 << log2;
-        // A bucket is convex: a cell whose corners lie in it does.
-        let bucket_of = |x: i64, y: i64, z: i64| {
-            let last = (1i64 << shift) - 1;
-            let corner = |i: usize| {
-                let p = [x, y, z].map(|c| c << shift);
-                let sum = std::array::from_fn(|k| 3 * (p[k] + if i >> k & 1 == 1 { last } else { 0 }));
-                buckets.of_sum(sum)
-            };
-            let first = corner(0);
-            if (1..8).all(|i| corner(i) == first) { first } else { MIXED }
-        };
-        let mut cells = Vec::with_capacity((n * n * n) as usize);
-        for x in 0..n {
-            for y in 0..n {
-                cells.extend((0..n).map(|z| bucket_of(x, y, z)));
+        let first = corner(0);
+        let n = 1u32 << log2;
+        if (1..8).all(|i| corner(i) == first) {
+            for x in cell[0]..cell[0] + n {
+                for y in cell[1]..cell[1] + n {
+                    let row = (((x << self.log2) + y) << self.log2) + cell[2];
+                    self.cells[row as usize..(row + n) as usize].fill(first);
+                }
+            }
+        } else if log2 > 0 {
+            for i in 0..8 {
+                let half = std::array::from_fn(|k| cell[k] + ((i >> k & 1) << (log2 - 1)));
+                self.fill(buckets, half, log2 - 1);
             }
         }
-        Self { shift, log2, cells }
     }
 
     #[inline]

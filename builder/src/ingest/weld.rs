@@ -86,7 +86,8 @@ impl Weld {
     pub(super) fn vertex(&mut self, words: &[u32]) -> u32 {
         let (width, next) = (self.width, self.point_of.len() as u32);
         let vertices = &self.vertices;
-        let same = |v: u32| vertices[v as usize * width..][..width] == *words;
+        // Word by word: these are a few words, for which a call costs more than comparing.
+        let same = |v: u32| vertices[v as usize * width..][..width].iter().zip(words).all(|(a, b)| a == b);
         let found = self.by_vertex.find(hash(words), next, same);
         if found == next {
             self.push(words);

@@ -72,21 +72,35 @@ impl Tetra {
         SplitPlane { normal: n.map(|x| x as i64), through3: m.map(|x| 3 * i64::from(x)) }
     }
 
-    /// How far the point `sum / 3` lies outside this tetrahedron, as a non-negative number comparable between
-    /// tetrahedra of one diamond (largest plane violation, in steps); 0 inside.
-    pub fn violation(&self, sum: [i64; 3]) -> f64 {
-        let mut worst = 0.0f64;
-        for i in 0..4 {
+    /// Its four faces, for [`Faces::violation`].
+    pub fn faces(&self) -> Faces {
+        Faces(std::array::from_fn(|i| {
             let [a, b, c] = [self.v[(i + 1) % 4], self.v[(i + 2) % 4], self.v[(i + 3) % 4]];
             let mut n = cross(sub(b, a), sub(c, a)).map(|x| x as f64);
-            if (0..3).map(|k| n[k] * f64::from(self.v[i][k] - a[k])).sum::<f64>() < 0.0 {
+            if (0..3).map(|k| n[k] * f64::from(self.v[i][k] - a[k])).sum::<f64>() > 0.0 {
                 n = n.map(|x| -x);
             }
             let len = libm::sqrt(n.iter().map(|x| x * x).sum::<f64>());
-            let s: f64 = (0..3).map(|k| n[k] / len * (sum[k] as f64 / 3.0 - f64::from(a[k]))).sum();
-            worst = worst.max(-s);
-        }
-        worst
+            (n.map(|x| x / len / 3.0), a.map(|x| 3 * i64::from(x)))
+        }))
+    }
+
+    /// [`Faces::violation`] of a single point.
+    pub fn violation(&self, sum: [i64; 3]) -> f64 {
+        self.faces().violation(sum)
+    }
+}
+
+/// The faces of a tetrahedron: normals pointing out, and three times a point of each.
+#[derive(Debug, Clone, Copy)]
+pub struct Faces([([f64; 3], [i64; 3]); 4]);
+
+impl Faces {
+    /// How far the point `sum / 3` lies outside the tetrahedron, as a non-negative number comparable between
+    /// tetrahedra of one diamond (largest plane violation, in steps); 0 inside.
+    pub fn violation(&self, sum: [i64; 3]) -> f64 {
+        let out = |(n, a): &([f64; 3], [i64; 3])| (0..3).map(|k| n[k] * (sum[k] - a[k]) as f64).sum::<f64>();
+        self.0.iter().map(out).fold(0.0, f64::max)
     }
 }
 
@@ -100,6 +114,7 @@ pub struct SplitPlane {
 impl SplitPlane {
     /// The child (0 or 1) that a point, given as the *sum of three vertices* (three times a triangle's centroid),
     /// belongs to. Exact; ties go to child 0.
+    #[inline]
     pub fn child_of_sum(&self, sum: [i64; 3]) -> usize {
         usize::from((0..3).map(|i| self.normal[i] * (sum[i] - self.through3[i])).sum::<i64>() < 0)
     }
