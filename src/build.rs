@@ -1,24 +1,24 @@
 //! `kilwa build`: read, build, write under a temporary name, read back and check, rename.
 
 use crate::info::metres;
+use crate::inputs::{InputArgs, Inputs};
 use crate::progress::Bar;
 use crate::source::open_pack;
 use anyhow::Context;
-use kilwa_builder::{BuildOptions, BuildReport, Progress, RawMesh, Units, Up, build_pack, read};
-use kilwa_pack::metadata::SourceFile;
-use sha2::{Digest, Sha256};
-use std::io::{Read, Write};
+use kilwa_builder::scratch::Scratch;
+use kilwa_builder::work::Stop;
+use kilwa_builder::{BuildOptions, BuildReport, Progress, Run, build, machine};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Turn a mesh into a pack.
 ///
-/// Reads PLY (ascii or binary). The pack holds the finest surface exactly, on a lattice finer than the mesh, and
+/// Reads PLY, OBJ, STL and glTF. The pack holds the finest surface exactly, on a lattice finer than the mesh, and
 /// coarser forms of it, each with a certified error.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Mesh files; several are joined, and vertices that match are welded.
-    #[arg(required = true, value_name = "INPUT")]
-    inputs: Vec<PathBuf>,
+    #[command(flatten)]
+    input: InputArgs,
     /// The pack to write.
     #[arg(short, long, value_name = "NAME.kilwa")]
     output: PathBuf,
@@ -28,12 +28,6 @@ pub(crate) struct Args {
     /// Lattice step in metres, a power of two such as 0.0001220703125; derived from the mesh where not given.
     #[arg(long, value_name = "METRES")]
     step: Option<f64>,
-    /// Units of the input: m, dm, cm, mm, km, ft, us-ft, in.
-    #[arg(long, default_value = "m", value_parser = units)]
-    units: Units,
-    /// Axis that points up in the input: z or y.
-    #[arg(long, default_value = "z", value_parser = up)]
-    up: Up,
     /// Coordinate reference system, for example EPSG:32737; stored with the model.
     #[arg(long)]
     crs: Option<String>,
@@ -51,21 +45,6 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// Every source is named in the metadata, with its hash, and the metadata must leave room for a picture in the head.
-const MOST_INPUTS: usize = 500;
-
-fn units(name: &str) -> Result<Units, String> {
-    Units::parse(name).ok_or_else(|| "give m, dm, cm, mm, km, ft, us-ft or in".to_owned())
-}
-
-fn up(name: &str) -> Result<Up, String> {
-    match name {
-        "z" => Ok(Up::Z),
-        "y" => Ok(Up::Y),
-        _ => Err("give z or y".to_owned()),
-    }
-}
-
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     // A rename would put a file in the place of a device or a pipe (as root even of /dev/full).
     if args.output.exists() && !args.output.is_file() {
@@ -77,12 +56,18 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if args.capture_accuracy.is_some_and(|a| !(a > 0.0 && a.is_finite())) {
         anyhow::bail!("--capture-accuracy must be a length in metres above zero");
     }
-    let same = |input: &PathBuf| matches!((input.canonicalize(), args.output.canonicalize()), (Ok(a), Ok(b)) if a == b);
-    if let Some(input) = args.inputs.iter().find(|input| same(input)) {
-        anyhow::bail!("{} is an input; give another name for the pack", input.display());
+    let mut inputs = Inputs::find(&args.input)?;
+    if !inputs.passed_over.is_empty() {
+        let names: Vec<String> = inputs.passed_over.iter().take(5).map(|p| p.display().to_string()).collect();
+        eprintln!(
+            "kilwa: {} files are no meshes and were passed over, the first of them {}",
+            inputs.passed_over.len(),
+            names.join(", ")
+        );
     }
-    if args.inputs.len() > MOST_INPUTS {
-        anyhow::bail!("{} inputs; a pack names at most {MOST_INPUTS} source files: join them first", args.inputs.len());
+    let same = |input: &Path| matches!((input.canonicalize(), args.output.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    if let Some(input) = inputs.files.iter().find(|input| same(&input.path)) {
+        anyhow::bail!("{} is an input; give another name for the pack", input.path.display());
     }
     let bar = Bar::new();
     // Before any input is read: a folder that cannot be written to is better known now than in an hour.
@@ -93,31 +78,22 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let mut temporary = tempfile::Builder::new().prefix(".kilwa-build-").tempfile_in(folder).with_context(|| {
         format!("cannot write {}: no file can be made in {}", args.output.display(), folder.display())
     })?;
-    let mut raw: Option<RawMesh> = None;
-    let mut sources = Vec::new();
-    for input in &args.inputs {
-        let mesh = read::read_mesh(input, &mut |done, total| bar.update("reading", done, total))?;
-        sources.push(source_file(input, &bar)?);
-        match &mut raw {
-            None => raw = Some(mesh),
-            Some(all) => all.append(mesh),
-        }
-    }
     let options = BuildOptions {
-        title: args.title.clone().unwrap_or_else(|| stem(&args.inputs[0])),
+        title: args.title.clone().unwrap_or_else(|| inputs.files.first().map_or_else(String::new, |f| stem(&f.path))),
         threads: args.threads,
         step: args.step,
-        units: args.units,
-        up: args.up,
         crs: args.crs.clone(),
         capture_accuracy: args.capture_accuracy,
-        sources,
+        units: args.input.units,
+        up: inputs.up(),
         ..BuildOptions::default()
     };
-    let names = args.inputs.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
-    let built = build_pack(raw.unwrap_or_default(), &options, &bar).with_context(|| names)?;
+    let (scratch, stop) = (Scratch::temporary()?, Stop::default());
+    let memory = machine::default_budget();
+    let run = Run { scratch: &scratch, memory, resume: false, stop: &stop, progress: &bar };
+    let names = inputs.names();
+    let built = build(&mut inputs, &options, &run, temporary.as_file_mut()).with_context(|| names)?;
     let cannot = || format!("cannot write {}", args.output.display());
-    temporary.write_all(&built.bytes).with_context(cannot)?;
     temporary.as_file().sync_all().with_context(cannot)?;
     check(temporary.path(), &bar).context("the pack that was just written does not read back; nothing was kept")?;
     bar.clear();
@@ -125,7 +101,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     // Without --force a file that appeared in the meantime is not replaced.
     let kept = if args.force { temporary.persist(&args.output) } else { temporary.persist_noclobber(&args.output) };
     kept.map_err(|e| e.error).with_context(cannot)?;
-    report(args, &built.report)
+    report(args, &built)
 }
 
 /// Temporary files are private; the finished pack is as readable as any new file.
@@ -156,31 +132,6 @@ fn check(path: &Path, bar: &Bar) -> anyhow::Result<()> {
 
 fn stem(path: &Path) -> String {
     path.file_stem().map_or_else(|| "untitled".to_owned(), |s| s.to_string_lossy().into_owned())
-}
-
-fn source_file(path: &Path, bar: &Bar) -> anyhow::Result<SourceFile> {
-    let cannot = || format!("cannot read {}", path.display());
-    let mut file = std::fs::File::open(path).with_context(cannot)?;
-    let total = file.metadata().with_context(cannot)?.len();
-    let mut hash = Sha256::new();
-    let mut buffer = vec![0; 1 << 20];
-    let mut bytes = 0;
-    loop {
-        let n = file.read(&mut buffer).with_context(cannot)?;
-        if n == 0 {
-            break;
-        }
-        hash.update(&buffer[..n]);
-        bytes += n as u64;
-        bar.update("hashing", bytes, total);
-    }
-    let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-    let mut sha256 = String::new();
-    for b in hash.finalize() {
-        // Writing to a string cannot fail.
-        let _ = std::fmt::Write::write_fmt(&mut sha256, format_args!("{b:02x}"));
-    }
-    Ok(SourceFile { name, bytes, sha256 })
 }
 
 /// A certified bound, rounded up: what is printed is a bound too.

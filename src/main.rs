@@ -3,6 +3,7 @@
 mod build;
 mod extract;
 mod info;
+mod inputs;
 mod measure;
 mod progress;
 mod render;

@@ -38,6 +38,9 @@ pub struct PlannedInput {
     pub bytes: u64,
     /// When it was last changed, nanoseconds since 1970, where the system knows.
     pub modified: Option<u64>,
+    /// Where its coordinates are placed; any text that differs where the placement does.
+    #[serde(default)]
+    pub placement: String,
 }
 
 impl Plan {
@@ -209,7 +212,7 @@ mod tests {
 
     fn plan() -> Plan {
         let options = BTreeMap::from([("step".to_owned(), Value::from(0.25)), ("title".to_owned(), Value::from("a"))]);
-        let input = PlannedInput { path: "/a.ply".into(), bytes: 10, modified: Some(5) };
+        let input = PlannedInput { path: "/a.ply".into(), bytes: 10, modified: Some(5), placement: String::new() };
         Plan { tool: "kilwa 1".into(), options, inputs: vec![input] }
     }
 

@@ -119,6 +119,14 @@ pub enum ReadError {
         /// Why the system refused, for example that the disk is full.
         source: io::Error,
     },
+    /// Two inputs are the same surface at the same place.
+    #[error("{} has the same content as {}: the surface would be there twice; leave one out", file.display(), other.display())]
+    Twice {
+        /// The file.
+        file: PathBuf,
+        /// The other one.
+        other: PathBuf,
+    },
     /// The file is sound but beyond a limit of this version.
     #[error("{}: {what}", file.display())]
     TooLarge {

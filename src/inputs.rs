@@ -1,0 +1,517 @@
+//! The inputs of a verb that reads meshes: which files, and where each belongs.
+//!
+//! Input: file names, folders (every mesh in them, told by its content, not those in folders further down) and patterns
+//! that the shell has left alone (`'blocks/*.ply'`). Output: each file once, sorted by path, so that the order of the arguments does
+//! not matter, each with the map from its own coordinates to metres, z up.
+//!
+//! Refused: a file that is not there or of a format that is not read, a file named twice, a pattern that nothing
+//! fits, a folder without meshes, a folder in which a file is named as a mesh and is none, a matrix that cannot place a mesh.
+
+use anyhow::{Context, bail};
+use kilwa_builder::ingest::Spool;
+use kilwa_builder::journal::PlannedInput;
+use kilwa_builder::read::{self, Placed, Placement, ReadError, ReadOptions};
+use kilwa_builder::work::Work;
+use kilwa_builder::{BuildError, Progress, Units, Up};
+use kilwa_pack::metadata::SourceFile;
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Which meshes are read, and how their coordinates are meant.
+#[derive(clap::Args)]
+pub(crate) struct InputArgs {
+    /// Mesh files (PLY, OBJ, STL, glTF), folders of them, or quoted patterns such as 'blocks/*.ply'.
+    ///
+    /// Several are joined, and vertices that match are welded; their order does not matter.
+    #[arg(required = true, value_name = "INPUT")]
+    pub(crate) inputs: Vec<PathBuf>,
+    /// Units of the inputs: m, dm, cm, mm, km, ft, us-ft, in.
+    #[arg(long, default_value = "m", value_parser = units)]
+    pub(crate) units: Units,
+    /// Axis that points up in the inputs: z or y; where not given, z for PLY, OBJ and STL, y for glTF.
+    #[arg(long, value_parser = up)]
+    pub(crate) up: Option<Up>,
+    /// Added to all coordinates, in the units and axes of the inputs, after --transform.
+    #[arg(long, value_name = "X,Y,Z", value_parser = origin, allow_hyphen_values = true)]
+    pub(crate) origin: Option<[f64; 3]>,
+    /// A 4 × 4 matrix that places every input: 16 numbers as text, row by row, as MeshLab and scanalyze write it; or
+    /// `auto`: each NAME.ply has its own in NAME.xf beside it.
+    #[arg(long, value_name = "FILE.xf|auto")]
+    pub(crate) transform: Option<PathBuf>,
+}
+
+/// One input.
+#[derive(Debug, Clone)]
+pub(crate) struct InputFile {
+    /// Where it is.
+    pub(crate) path: PathBuf,
+    /// The axis that points up in it.
+    pub(crate) up: Up,
+    /// From its coordinates to metres, z up.
+    pub(crate) placement: Placement,
+}
+
+/// All inputs.
+#[derive(Debug)]
+pub(crate) struct Inputs {
+    /// How they are read.
+    pub(crate) options: ReadOptions,
+    /// Sorted by path; at least one.
+    pub(crate) files: Vec<InputFile>,
+    /// Files in given folders that are no meshes that can be read.
+    pub(crate) passed_over: Vec<PathBuf>,
+}
+
+/// Bytes of the metadata block that names of sources may take: half of it, so that there is room for the rest and for
+/// a picture in the head of the pack.
+const SOURCE_BYTES: usize = 32 * 1024;
+
+/// Extensions under which a file in a folder must be a mesh that can be read.
+const MESH_EXTENSIONS: [&str; 5] = ["ply", "obj", "stl", "glb", "gltf"];
+
+fn units(name: &str) -> Result<Units, String> {
+    Units::parse(name).ok_or_else(|| "give m, dm, cm, mm, km, ft, us-ft or in".to_owned())
+}
+
+fn up(name: &str) -> Result<Up, String> {
+    match name {
+        "z" => Ok(Up::Z),
+        "y" => Ok(Up::Y),
+        _ => Err("give z or y".to_owned()),
+    }
+}
+
+fn origin(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Vec<f64> = text.split(',').map_while(|part| part.trim().parse().ok()).collect();
+    match numbers.as_slice() {
+        &[x, y, z] if text.matches(',').count() == 2 && [x, y, z].iter().all(|v| v.is_finite()) => Ok([x, y, z]),
+        _ => Err("give three numbers with commas between them, for example 500000,9000000,0".to_owned()),
+    }
+}
+
+impl Inputs {
+    /// Find all that the arguments name.
+    pub(crate) fn find(args: &InputArgs) -> anyhow::Result<Self> {
+        let mut named = Vec::new();
+        let mut passed_over = Vec::new();
+        for given in &args.inputs {
+            expand(given, &mut named, &mut passed_over)?;
+        }
+        named.sort();
+        refuse_twice(&named)?;
+        let common = match &args.transform {
+            Some(file) if file.as_os_str() != "auto" => matrix(file)?,
+            _ => Placement::IDENTITY,
+        };
+        let mut files = Vec::with_capacity(named.len());
+        for path in named {
+            let format = read::recognise(&path)?;
+            let up = args.up.unwrap_or(format.up);
+            let own = match &args.transform {
+                Some(file) if file.as_os_str() == "auto" => own_matrix(&path)?,
+                _ => common,
+            };
+            let placement = own
+                .then(&Placement::translation(args.origin.unwrap_or_default()))
+                .then(&Placement::to_metres(args.units, up));
+            files.push(InputFile { path, up, placement });
+        }
+        passed_over.sort();
+        Ok(Self { options: ReadOptions::default(), files, passed_over })
+    }
+
+    /// The axis that points up, as the metadata has it: that of most inputs where they differ.
+    pub(crate) fn up(&self) -> Up {
+        let y = self.files.iter().filter(|f| f.up == Up::Y).count();
+        if 2 * y > self.files.len() { Up::Y } else { Up::Z }
+    }
+
+    /// The names of all files, for messages; the first few where there are many.
+    pub(crate) fn names(&self) -> String {
+        const SHOWN: usize = 5;
+        let shown: Vec<String> = self.files.iter().take(SHOWN).map(|f| f.path.display().to_string()).collect();
+        let more = self.files.len().saturating_sub(SHOWN);
+        if more > 0 { format!("{} and {more} more", shown.join(", ")) } else { shown.join(", ") }
+    }
+
+    /// What the metadata says of the files: each with its SHA-256, sorted by name. Where they are too many, the last
+    /// entry stands for all that have no entry of their own.
+    ///
+    /// Fails where a file cannot be read, or two have the same content and the same place: a surface that is there twice.
+    fn sources(&self, progress: &dyn Progress) -> Result<Vec<SourceFile>, BuildError> {
+        let mut all: Vec<(SourceFile, &InputFile)> = Vec::with_capacity(self.files.len());
+        let mut seen: BTreeMap<String, &InputFile> = BTreeMap::new();
+        for file in &self.files {
+            let source = source_file(&file.path, progress)
+                .map_err(|source| ReadError::Open { file: file.path.clone(), source })?;
+            if let Some(same) = seen.get(&source.sha256)
+                && same.placement == file.placement
+            {
+                return Err(ReadError::Twice { file: file.path.clone(), other: same.path.clone() }.into());
+            }
+            seen.entry(source.sha256.clone()).or_insert(file);
+            all.push((source, file));
+        }
+        let mut sources: Vec<SourceFile> = all.into_iter().map(|(source, _)| source).collect();
+        sources.sort_by(|a, b| (&a.name, &a.sha256).cmp(&(&b.name, &b.sha256)));
+        Ok(summarised(sources))
+    }
+}
+
+impl kilwa_builder::Inputs for Inputs {
+    fn plan(&self) -> Result<Vec<PlannedInput>, BuildError> {
+        let planned = |file: &InputFile| {
+            let cannot = |source| ReadError::Open { file: file.path.clone(), source };
+            let path = file.path.canonicalize().map_err(cannot)?;
+            let about = path.metadata().map_err(cannot)?;
+            let modified = about.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
+            Ok(PlannedInput {
+                path: path.display().to_string(),
+                bytes: about.len(),
+                modified: modified.and_then(|t| u64::try_from(t.as_nanos()).ok()),
+                placement: format!("{:?}", file.placement),
+            })
+        };
+        self.files.iter().map(planned).collect()
+    }
+
+    fn deliver(&mut self, spool: &mut Spool, work: &Work<'_>) -> Result<Vec<SourceFile>, BuildError> {
+        let total: u64 = self.files.iter().map(|f| f.path.metadata().map_or(0, |about| about.len())).sum();
+        let mut before = 0;
+        for file in &self.files {
+            work.stop.check()?;
+            spool.input(&file.path)?;
+            let mut of_file = 0;
+            let progress = &mut |done: u64, all: u64| {
+                of_file = all;
+                work.progress.update("reading", before + done, total.max(before + done));
+            };
+            let mut placed = Placed::new(spool, file.placement);
+            read::read_into_with(&file.path, &self.options, &mut placed, progress)?;
+            before += of_file;
+        }
+        self.sources(work.progress)
+    }
+}
+
+/// As many as there is room for; the rest as one entry: how many, their bytes, and the SHA-256 of their lines as
+/// `sha256sum` writes them.
+fn summarised(mut sources: Vec<SourceFile>) -> Vec<SourceFile> {
+    let mut bytes = 0;
+    let fits = |s: &SourceFile| {
+        // {"name":"…","bytes":…,"sha256":"…"}, a name escaped at the most.
+        bytes += 130 + s.name.escape_default().count();
+        bytes <= SOURCE_BYTES
+    };
+    let own = sources.iter().map(fits).take_while(|fits| *fits).count();
+    if own < sources.len() {
+        let rest = sources.split_off(own);
+        let lines = rest.iter().fold(String::new(), |lines, s| lines + &s.sha256 + "  " + &s.name + "\n");
+        sources.push(SourceFile {
+            name: format!("{} further files (SHA-256 of their list as sha256sum prints it)", rest.len()),
+            bytes: rest.iter().map(|s| s.bytes).sum(),
+            sha256: hexadecimal(&Sha256::digest(lines)),
+        });
+    }
+    sources
+}
+
+/// The files that one argument names.
+fn expand(given: &Path, files: &mut Vec<PathBuf>, passed_over: &mut Vec<PathBuf>) -> anyhow::Result<()> {
+    if given.is_dir() {
+        return folder(given, files, passed_over);
+    }
+    // A file may have brackets in its name: what is there is meant as it stands.
+    let text = given.to_str().filter(|text| text.contains(['*', '?', '[']) && !given.exists());
+    let Some(pattern) = text else {
+        files.push(given.to_owned());
+        return Ok(());
+    };
+    let found = glob::glob(pattern).with_context(|| format!("{pattern} is no pattern that can be used"))?;
+    let before = files.len();
+    for path in found {
+        let path = path.with_context(|| format!("cannot look for {pattern}"))?;
+        if path.is_file() {
+            files.push(path);
+        }
+    }
+    if files.len() == before {
+        bail!("no file fits {pattern}");
+    }
+    Ok(())
+}
+
+/// Every mesh in a folder.
+fn folder(folder: &Path, files: &mut Vec<PathBuf>, passed_over: &mut Vec<PathBuf>) -> anyhow::Result<()> {
+    let cannot = || format!("cannot list {}", folder.display());
+    let before = files.len();
+    for entry in std::fs::read_dir(folder).with_context(cannot)? {
+        let path = entry.with_context(cannot)?.path();
+        let hidden = path.file_name().is_some_and(|n| n.as_encoded_bytes().starts_with(b"."));
+        if hidden || !path.is_file() {
+            continue;
+        }
+        match read::recognise(&path) {
+            Ok(_) => files.push(path),
+            // A block that is damaged must not go missing without a word.
+            Err(e) if is_named_as_mesh(&path) => return Err(e.into()),
+            Err(_) => passed_over.push(path),
+        }
+    }
+    if files.len() == before {
+        bail!(
+            "{} holds no mesh that can be read (PLY, OBJ, STL, glTF); folders in it are not looked at",
+            folder.display()
+        );
+    }
+    Ok(())
+}
+
+fn is_named_as_mesh(path: &Path) -> bool {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    MESH_EXTENSIONS.iter().any(|e| e.eq_ignore_ascii_case(extension))
+}
+
+/// Refuse a file that is named twice, by whatever path.
+fn refuse_twice(files: &[PathBuf]) -> anyhow::Result<()> {
+    let mut seen = BTreeMap::new();
+    for path in files {
+        let real = path.canonicalize().with_context(|| format!("{} cannot be opened", path.display()))?;
+        if let Some(other) = seen.insert(real, path) {
+            if other == path {
+                bail!("{} is given twice", path.display());
+            }
+            bail!("{} and {} are the same file", other.display(), path.display());
+        }
+    }
+    Ok(())
+}
+
+/// The matrix beside an input.
+fn own_matrix(input: &Path) -> anyhow::Result<Placement> {
+    let file = input.with_extension("xf");
+    if !file.is_file() {
+        let name = file.display();
+        bail!(
+            "{name} is not there: with --transform auto every input has its matrix beside it (1 0 0 0  0 1 0 0  0 0 1 0  0 0 0 1 leaves it where it is)"
+        );
+    }
+    matrix(&file)
+}
+
+/// The matrix in a file.
+fn matrix(file: &Path) -> anyhow::Result<Placement> {
+    /// More is no matrix.
+    const MOST: u64 = 64 * 1024;
+    let mut text = String::new();
+    std::fs::File::open(file)
+        .and_then(|f| f.take(MOST).read_to_string(&mut text))
+        .with_context(|| format!("cannot read {}", file.display()))?;
+    let words = text.lines().flat_map(|line| line.split('#').next().unwrap_or_default().split_whitespace());
+    let mut numbers = Vec::new();
+    for word in words {
+        let number: f64 = word.parse().with_context(|| format!("{}: {word:?} is no number", file.display()))?;
+        numbers.push(number);
+    }
+    if numbers.len() != 16 {
+        bail!("{} has {} numbers; a 4 × 4 matrix has 16, row by row", file.display(), numbers.len());
+    }
+    let matrix = std::array::from_fn(|i| std::array::from_fn(|j| numbers[4 * i + j]));
+    Placement::from_matrix(matrix).map_err(|why| anyhow::anyhow!("{}: {why}", file.display()))
+}
+
+/// Name, length and hash of a file.
+fn source_file(path: &Path, progress: &dyn Progress) -> std::io::Result<SourceFile> {
+    let mut file = std::fs::File::open(path)?;
+    let total = file.metadata()?.len();
+    let mut hash = Sha256::new();
+    let mut buffer = vec![0; 1 << 20];
+    let mut bytes = 0;
+    loop {
+        let n = file.read(&mut buffer)?;
+        if n == 0 {
+            break;
+        }
+        hash.update(&buffer[..n]);
+        bytes += n as u64;
+        progress.update("hashing", bytes, total);
+    }
+    let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    Ok(SourceFile { name, bytes, sha256: hexadecimal(&hash.finalize()) })
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut text, b| {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{b:02x}");
+        text
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use kilwa_builder::Silent;
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        input: InputArgs,
+    }
+
+    const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+
+    struct Site(tempfile::TempDir);
+
+    impl Site {
+        fn new(files: &[(&str, &str)]) -> Self {
+            let site = Self(tempfile::tempdir().unwrap());
+            for (name, text) in files {
+                std::fs::write(site.path(name), text).unwrap();
+            }
+            site
+        }
+
+        fn path(&self, name: &str) -> PathBuf {
+            self.0.path().join(name)
+        }
+
+        fn find(&self, args: &[&str]) -> anyhow::Result<Inputs> {
+            let inside = |a: &&str| {
+                if a.starts_with('-') || a.contains(',') { (*a).to_owned() } else { self.path(a).display().to_string() }
+            };
+            let args: Vec<String> = std::iter::once("kilwa".to_owned()).chain(args.iter().map(inside)).collect();
+            Inputs::find(&Cli::try_parse_from(args)?.input)
+        }
+
+        fn names(&self, args: &[&str]) -> Vec<String> {
+            let found = self.find(args).unwrap_or_else(|e| panic!("{e:#}"));
+            found.files.iter().map(|f| f.path.file_name().unwrap().to_string_lossy().into_owned()).collect()
+        }
+
+        fn refusal(&self, args: &[&str]) -> String {
+            format!("{:#}", self.find(args).err().unwrap())
+        }
+    }
+
+    fn three() -> Site {
+        Site::new(&[("b.obj", TRIANGLE), ("a.obj", TRIANGLE), ("c[1].dat", TRIANGLE), ("notes.txt", "of the survey")])
+    }
+
+    #[test]
+    fn the_order_of_arguments_does_not_matter() {
+        let site = three();
+        assert_eq!(site.names(&["b.obj", "a.obj"]), ["a.obj", "b.obj"]);
+        assert_eq!(site.names(&["a.obj", "b.obj"]), ["a.obj", "b.obj"]);
+    }
+
+    #[test]
+    fn folders_give_every_mesh_by_content_and_patterns_what_fits() {
+        let site = three();
+        std::fs::create_dir(site.path("further")).unwrap();
+        std::fs::write(site.path("further/d.obj"), TRIANGLE).unwrap();
+        assert_eq!(site.names(&[""]), ["a.obj", "b.obj", "c[1].dat"]);
+        assert_eq!(site.find(&[""]).unwrap().passed_over, [site.path("notes.txt")]);
+        assert_eq!(site.names(&["?.obj"]), ["a.obj", "b.obj"]);
+        assert_eq!(site.names(&["*/*.obj", "b.*"]), ["b.obj", "d.obj"]);
+        assert_eq!(site.names(&["c[1].dat"]), ["c[1].dat"], "a name that is there is no pattern");
+    }
+
+    #[test]
+    fn what_is_missing_twice_or_no_mesh_is_refused_by_name() {
+        let site = three();
+        assert!(site.refusal(&["none.obj"]).contains("none.obj cannot be opened"));
+        assert!(site.refusal(&["x*.obj"]).contains("no file fits"));
+        assert!(site.refusal(&["a.obj", "?.obj"]).contains("a.obj is given twice"));
+        assert!(site.refusal(&["a.obj", "./b.obj", "../*/b.obj"]).contains("are the same file"));
+        assert!(site.refusal(&["notes.txt"]).contains("notes.txt"));
+        let empty = Site::new(&[("notes.txt", "of the survey")]);
+        assert!(empty.refusal(&[""]).contains("holds no mesh"));
+        std::fs::write(site.path("d.ply"), "cut").unwrap();
+        assert!(site.refusal(&[""]).contains("d.ply"), "a damaged block does not go missing without a word");
+    }
+
+    #[test]
+    fn coordinates_go_through_the_matrix_the_origin_and_the_units_in_this_order() {
+        let site = three();
+        std::fs::write(site.path("a.xf"), "# scan a\n0 -1 0 10\n1 0 0 20\n0 0 1 30\n0 0 0 1\n").unwrap();
+        let place = |args: &[&str], p: [f64; 3]| site.find(args).unwrap().files[0].placement.place(p);
+        assert_eq!(place(&["a.obj"], [1.0, 2.0, 3.0]), [1.0, 2.0, 3.0]);
+        let all = ["a.obj", "--transform", "a.xf", "--units=cm", "--origin=100,-200,0.5"];
+        assert_eq!(place(&all, [1.0, 0.0, 0.0]), [1.1, -1.79, 0.305]);
+        assert_eq!(place(&["a.obj", "--up=y"], [1.0, 2.0, 3.0]), [1.0, -3.0, 2.0]);
+    }
+
+    #[test]
+    fn each_input_has_its_own_matrix_with_auto() {
+        let site = three();
+        std::fs::write(site.path("a.xf"), "1 0 0 5  0 1 0 0  0 0 1 0  0 0 0 1").unwrap();
+        let auto = |inputs: &[&str]| {
+            let mut args: Vec<String> = inputs.iter().map(|i| site.path(i).display().to_string()).collect();
+            args.extend(["--transform".to_owned(), "auto".to_owned()]);
+            args.insert(0, "kilwa".to_owned());
+            Inputs::find(&Cli::try_parse_from(args).unwrap().input)
+        };
+        assert_eq!(auto(&["a.obj"]).unwrap().files[0].placement.place([0.0; 3]), [5.0, 0.0, 0.0]);
+        assert!(format!("{:#}", auto(&["a.obj", "b.obj"]).unwrap_err()).contains("b.xf is not there"));
+    }
+
+    #[test]
+    fn matrices_that_are_none_are_refused_with_the_reason() {
+        let site = three();
+        for (text, reason) in [
+            ("1 2 3", "has 3 numbers"),
+            ("a", "is no number"),
+            ("1 0 0 0 0 1 0 0 0 0 1 0 5 5 5 1", "column by column"),
+            ("1 0 0 0 0 1 0 0 0 0 0 0 0 0 0 1", "flattens"),
+        ] {
+            std::fs::write(site.path("m.xf"), text).unwrap();
+            let message = site.refusal(&["a.obj", "--transform", "m.xf"]);
+            assert!(message.contains("m.xf") && message.contains(reason), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_gltf_is_y_up_where_nobody_says_otherwise() {
+        let gltf = r#"{"asset":{"version":"2.0"},"meshes":[],"accessors":[]}"#;
+        let site = Site::new(&[("a.gltf", gltf), ("b.obj", TRIANGLE)]);
+        let ups = |args: &[&str]| site.find(args).unwrap().files.iter().map(|f| f.up).collect::<Vec<_>>();
+        assert_eq!(ups(&["a.gltf", "b.obj"]), [Up::Y, Up::Z]);
+        assert_eq!(ups(&["a.gltf", "b.obj", "--up=z"]), [Up::Z, Up::Z]);
+    }
+
+    #[test]
+    fn the_same_content_at_the_same_place_is_refused_and_elsewhere_it_is_not() {
+        let site = three();
+        let two = site.find(&["a.obj", "b.obj"]).unwrap();
+        let message = format!("{:#}", two.sources(&Silent).unwrap_err());
+        assert!(
+            message.contains("a.obj") && message.contains("b.obj") && message.contains("same content"),
+            "{message}"
+        );
+        let mut moved = two;
+        moved.files[1].placement = Placement::translation([5.0, 0.0, 0.0]);
+        assert_eq!(moved.sources(&Silent).unwrap().len(), 2);
+    }
+
+    #[test]
+    fn thousands_of_sources_are_named_as_far_as_there_is_room_and_summed_up() {
+        let source = |i: u64| SourceFile { name: format!("block_{i:05}.ply"), bytes: i, sha256: format!("{i:064x}") };
+        let few: Vec<SourceFile> = (0..100).map(source).collect();
+        assert_eq!(summarised(few.clone()), few);
+        let many = summarised((0..5000).map(source).collect());
+        let (last, own) = many.split_last().unwrap();
+        assert_eq!(own, (0..own.len() as u64).map(source).collect::<Vec<_>>());
+        assert!(own.len() > 150 && serde_json::to_vec(&many).unwrap().len() <= SOURCE_BYTES + 300);
+        assert!(last.name.starts_with(&format!("{} further files", 5000 - own.len())));
+        assert_eq!(last.bytes, (own.len() as u64..5000).sum::<u64>());
+        // The hash holds every byte of the rest.
+        let mut other: Vec<SourceFile> = (0..5000).map(source).collect();
+        other[4999].sha256 = "f".repeat(64);
+        assert_ne!(summarised(other).last().unwrap().sha256, last.sha256);
+    }
+}
