@@ -1,5 +1,5 @@
 //! The tree in a scratch file, `tree`, for a build that is resumed: tetrahedra and diamonds one after the other, numbers
-//! little-endian, a CRC-32 at the end. Ranges of triangles are not kept: once leaf patches are in files nothing uses them.
+//! little-endian, a CRC-32 at the end. Numbers of triangles are not kept.
 
 use crate::partition::{DiamondNode, Partition, TetraNode};
 use crate::scratch::{Appender, Scratch, ScratchError};
@@ -70,7 +70,6 @@ fn parse(body: &[u8]) -> Option<Partition> {
         tetrahedra: Vec::new(),
         diamonds: Vec::new(),
         by_key: rustc_hash::FxHashMap::default(),
-        order: Vec::new(),
         overfull_leaves: u64::from(head[3]),
     };
     for _ in 0..head[1] {
@@ -86,7 +85,7 @@ fn parse(body: &[u8]) -> Option<Partition> {
             diamond,
             children: (children[0] != NONE).then_some(children),
             parent_diamond: fields.number()?,
-            range: 0..0,
+            triangles: 0,
         });
     }
     for i in 0..head[2] {
@@ -121,19 +120,18 @@ impl Fields<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::partition::partition;
-    use kilwa_geometry::Mesh;
 
     #[test]
     fn a_tree_comes_back_and_damage_is_noticed() {
-        let mut mesh = Mesh::default();
-        for i in 0..2000i32 {
-            let p = [i * 13 % 900 + 50, i * 7 % 800 + 50, i % 300 + 60];
-            mesh.positions.extend([p, [p[0] + 1, p[1], p[2]], [p[0], p[1] + 1, p[2]]]);
-            mesh.triangles.push([3 * i as u32, 3 * i as u32 + 1, 3 * i as u32 + 2]);
+        // A path of ever smaller diamonds.
+        let mut wishes = Vec::new();
+        let mut tetra = Tetra::roots(10)[2];
+        for level in 0..18 {
+            wishes.push(DiamondKey::of(&tetra));
+            tetra = tetra.children()[level / 2 % 2];
         }
-        mesh.borders = vec![7; 2000];
-        let tree = partition(&mesh, 10, 100);
+        let mut tree = Partition::of_wishes(10, wishes);
+        tree.overfull_leaves = 3;
         let scratch = Scratch::temporary().unwrap();
         write(&scratch, &tree).unwrap();
         let back = read(&scratch).unwrap();

@@ -1,14 +1,16 @@
 //! The ingest gives the same tree and the same leaf patches whatever the memory, the threads and the order of the input,
 //! and they are what a plain construction in memory gives.
 
+mod plain;
 mod support;
 
 use kilwa_builder::ingest::{IngestOptions, Spool, ingest};
 use kilwa_builder::scratch::Scratch;
 use kilwa_builder::surface::{Ingested, Surface};
 use kilwa_builder::work::{Stop, Work};
-use kilwa_builder::{BuildError, BuildOptions, RawMesh, Silent};
+use kilwa_builder::{BuildError, RawMesh, Silent};
 use kilwa_geometry::{Mesh, Tetra};
+use plain::{partition, plain};
 use std::collections::BTreeMap;
 use std::path::Path;
 use support::{Random, closed, fort, non_manifold, wall, with_holes};
@@ -49,10 +51,10 @@ fn outcome(i: &Ingested) -> Outcome {
         let p = kilwa_builder::scratch::point_of(r);
         shared.entry(p).or_default().push(kilwa_builder::scratch::tetrahedron_of(r));
     }
-    shared.values_mut().for_each(|l| {
-        l.sort_unstable();
-        l.dedup();
-    });
+    for leaves in shared.values_mut() {
+        leaves.sort_unstable();
+        leaves.dedup();
+    }
     shared.retain(|_, l| l.len() > 1);
     let tree = &i.tree;
     Outcome {
@@ -136,36 +138,26 @@ fn it_is_what_a_plain_construction_in_memory_gives() {
         for memory in [LARGE, TINY] {
             let leaf_triangles = 300;
             let found = run(&[&mesh], &Case { memory, threads: 2, leaf_triangles });
-            let prepared = kilwa_builder::prepare::prepare(mesh.clone(), &BuildOptions::default()).expect("prepares");
-            let tree = kilwa_builder::partition::partition(&prepared.mesh, prepared.cube_log2, leaf_triangles);
+            let expected = plain(&mesh);
+            let tree = partition(&expected.mesh, expected.cube_log2, leaf_triangles);
             let s = &found.surface;
-            assert_eq!((s.lattice, s.cube_log2), (prepared.lattice, prepared.cube_log2), "{name}");
-            assert_eq!(s.points, prepared.points, "{name}");
-            assert_eq!(s.border_edges, prepared.border_edges, "{name}");
-            assert_eq!(s.non_manifold_edges, prepared.non_manifold_edges, "{name}");
-            assert_eq!(s.triangles, prepared.mesh.triangle_count() as u64, "{name}");
-            assert!((s.median_edge / prepared.median_edge - 1.0).abs() < 2e-3, "{name}");
-            let bounds = prepared.mesh.bounds();
+            assert_eq!((s.lattice, s.cube_log2), (expected.lattice, expected.cube_log2), "{name}");
+            assert_eq!(s.points, expected.points, "{name}");
+            assert_eq!(s.border_edges, expected.border_edges, "{name}");
+            assert_eq!(s.non_manifold_edges, expected.non_manifold_edges, "{name}");
+            assert_eq!(s.triangles, expected.mesh.triangle_count() as u64, "{name}");
+            assert!((s.median_edge / expected.median_edge - 1.0).abs() < 2e-3, "{name}");
+            let bounds = expected.mesh.bounds();
             assert_eq!(s.bounds, [bounds.min, bounds.max], "{name}");
-            let plain_findings: Vec<(&str, u64)> = prepared
-                .findings
-                .iter()
-                .filter(|(kind, ..)| !kind.contains("no triangle uses"))
-                .map(|(kind, n, _)| (kind, n))
-                .collect();
-            let found_findings: Vec<(&str, u64)> = s
-                .findings
-                .iter()
-                .filter(|(kind, _)| !kind.contains("no triangle uses"))
-                .map(|(kind, f)| (kind.as_str(), f.count))
-                .collect();
-            assert_eq!(found_findings, plain_findings, "{name}");
-            let plain: BTreeMap<Tetra, Triangles> = tree
+            let count = |kind: &str| s.findings.get(kind).map_or(0, |f| f.count);
+            assert_eq!(count("triangles dropped because they collapse on the lattice"), expected.collapsed, "{name}");
+            assert_eq!(count("vertices welded because they are equal on the lattice"), expected.welded, "{name}");
+            let theirs: BTreeMap<Tetra, Triangles> = tree
                 .leaves()
                 .filter(|t| !tree.tetrahedra[*t as usize].range.is_empty())
                 .map(|t| {
                     let node = &tree.tetrahedra[t as usize];
-                    let m = &prepared.mesh;
+                    let m = &expected.mesh;
                     let mut all: Triangles = tree.order[node.range.clone()]
                         .iter()
                         .map(|&t| (m.triangles[t as usize].map(|v| corner(m, v)), m.borders[t as usize]))
@@ -177,8 +169,8 @@ fn it_is_what_a_plain_construction_in_memory_gives() {
             let tetra_of = |t: u32| found.tetrahedra[t as usize].0;
             let ours: BTreeMap<Tetra, Triangles> =
                 found.leaves.iter().map(|(t, mesh)| (tetra_of(*t), triangles_of(mesh))).collect();
-            assert!(plain.keys().eq(ours.keys()), "{name}: {} and {} leaves", plain.len(), ours.len());
-            for (tetra, triangles) in &plain {
+            assert!(theirs.keys().eq(ours.keys()), "{name}: {} and {} leaves", theirs.len(), ours.len());
+            for (tetra, triangles) in &theirs {
                 assert!(ours[tetra] == *triangles, "{name}: {tetra:?}");
             }
             let all = |tetrahedra: &mut dyn Iterator<Item = Tetra>| {
@@ -233,4 +225,171 @@ fn the_order_of_vertices_triangles_and_inputs_does_not_matter() {
         same(&one_way, &other_way, &format!("{name}: order of inputs"));
         assert!(one_way.leaves == reference.leaves && one_way.shared == reference.shared, "{name} in two inputs");
     }
+}
+
+fn refused(mesh: &RawMesh, step: Option<f64>) -> String {
+    let options = IngestOptions { step, ..options(2048) };
+    let case = Case { memory: LARGE, threads: 2, leaf_triangles: 2048 };
+    try_run(&[mesh], &case, &options).err().map(|e| e.to_string()).unwrap_or_default()
+}
+
+fn grid(n: u32, edge: f64) -> RawMesh {
+    let mut raw = RawMesh::default();
+    for i in 0..n {
+        for j in 0..n {
+            let v = raw.positions.len() as u32;
+            let (x, y) = (f64::from(i) * edge, f64::from(j) * edge);
+            raw.positions.extend([[x, y, 0.0], [x + edge, y, 0.0], [x, y + edge, 0.0]]);
+            raw.triangles.push([v, v + 1, v + 2]);
+        }
+    }
+    raw
+}
+
+#[test]
+fn joined_files_with_more_channels_than_a_pack_holds_are_refused_by_name() {
+    let mut raw = grid(1, 1.0);
+    raw.scalars = (0..20).map(|i| (format!("channel{i}"), vec![0.0; 3])).collect();
+    let error = refused(&raw, None);
+    assert!(error.contains("20 scalar channels") && error.contains("channel19"), "{error}");
+}
+
+#[test]
+fn a_vertex_far_astray_is_refused_instead_of_ruining_the_lattice() {
+    let raw = grid(10, 0.01);
+    assert_eq!(refused(&raw, None), "");
+    for astray in [1e8, 1e12, 1e300, f64::MAX, -f64::MAX] {
+        let mut raw = raw.clone();
+        raw.positions[0] = [astray, 0.0, 0.0];
+        let error = refused(&raw, None);
+        assert!(error.contains("m wide"), "{astray}: {error}");
+        // One that no triangle uses does no harm.
+        raw.positions[0] = [0.0; 3];
+        raw.positions.push([astray, 0.0, 0.0]);
+        let case = Case { memory: LARGE, threads: 2, leaf_triangles: 2048 };
+        let found = run(&[&raw], &case);
+        assert_eq!(found.surface.findings["vertices that no triangle uses"].count, 1);
+        raw.positions.pop();
+        assert!(found.leaves == run(&[&raw], &case).leaves, "{astray}");
+    }
+}
+
+#[test]
+fn the_step_that_a_refusal_names_can_be_used() {
+    let raw = grid(80, 0.1);
+    let error = refused(&raw, Some(2f64.powi(-40)));
+    let named: f64 =
+        error.rsplit("use ").next().and_then(|s| s.split(' ').next()).and_then(|s| s.parse().ok()).expect("a step");
+    assert_eq!(refused(&raw, Some(named)), "");
+    assert!(refused(&raw, Some(0.0)).contains("above zero") && refused(&raw, Some(0.3)).contains("0.25"));
+    assert!(refused(&RawMesh::default(), None).contains("no triangles"));
+}
+
+#[test]
+fn coincident_triangles_and_fans_do_not_divide_for_ever() {
+    for memory in [LARGE, TINY] {
+        let case = Case { memory, threads: 2, leaf_triangles: 100 };
+        let mut raw = grid(12, 0.1);
+        let t = raw.triangles[40];
+        raw.triangles.extend(std::iter::repeat_n(t, 10_000));
+        let found = run(&[&raw], &case);
+        assert!(found.tetrahedra.len() < 200, "{}", found.tetrahedra.len());
+        assert_eq!(found.surface.triangles, 10_144);
+        // A fan round one vertex, each blade far longer than wide.
+        let mut fan = RawMesh { positions: vec![[0.0; 3]], ..RawMesh::default() };
+        for i in 0..6000u32 {
+            let a = f64::from(i) * std::f64::consts::TAU / 6000.0;
+            fan.positions.push([a.cos(), a.sin(), 0.01 * (9.0 * a).sin()]);
+            fan.triangles.push([0, i + 1, (i + 1) % 6000 + 1]);
+        }
+        let found = run(&[&fan], &case);
+        assert_eq!((found.surface.triangles, found.surface.border_edges), (6000, 6000));
+        assert!(found.tetrahedra.len() < 4000, "{}", found.tetrahedra.len());
+    }
+}
+
+#[test]
+fn vertices_that_are_not_finite_drop_their_triangles_and_nothing_else() {
+    let mut raw = grid(30, 0.1);
+    for (v, x) in [(0, f64::NAN), (301, f64::INFINITY), (302, f64::NEG_INFINITY)] {
+        raw.positions[v][v % 3] = x;
+    }
+    for memory in [LARGE, TINY] {
+        let found = run(&[&raw], &Case { memory, threads: 2, leaf_triangles: 100 }).surface;
+        assert_eq!(found.triangles, 900 - 2);
+        let dropped = &found.findings["triangles dropped because a corner has no finite position"];
+        assert_eq!((dropped.count, dropped.places.clone()), (2, vec!["triangle 0".into(), "triangle 100".into()]));
+        assert_eq!(found.findings["vertices without a finite position dropped"].count, 3);
+    }
+}
+
+#[test]
+fn a_triangle_that_names_a_vertex_its_input_does_not_have_is_an_error_that_says_which() {
+    let (scratch, raw) = (Scratch::temporary().unwrap(), grid(3, 0.1));
+    let mut spool = Spool::create(&scratch, Path::new("first.ply")).unwrap();
+    spool.add(&raw).unwrap();
+    spool.input(Path::new("second.ply")).unwrap();
+    let mut wrong = raw.clone();
+    wrong.triangles[5][1] = 27;
+    spool.add(&wrong).unwrap();
+    let error = spool.finish().unwrap_err().to_string();
+    assert!(error.contains("second.ply: triangle 5 ") && error.contains("vertex 27, but there are 27"), "{error}");
+}
+
+#[test]
+fn crop_and_confidence_drop_triangles_and_count_them() {
+    let mut raw = grid(30, 0.1);
+    let confidence = (0..raw.positions.len()).map(|v| if v % 300 < 3 { 0.1 } else { 0.9 }).collect();
+    raw.scalars.push(("confidence".into(), confidence));
+    for memory in [LARGE, TINY] {
+        let case = Case { memory, threads: 2, leaf_triangles: 100 };
+        let crop = Some([[-1.0, -1.0, -1.0], [1.0, 0.5, 1.0]]);
+        let o = IngestOptions { crop, min_confidence: Some(0.5), ..options(100) };
+        let found = try_run(&[&raw], &case, &o).unwrap();
+        let n = |kind: &str| found.surface.findings.get(kind).map_or(0, |f| f.count);
+        // Centroids lie a third of an edge inside: 10 columns and 5 rows, less those of low confidence among them.
+        assert_eq!(n("triangles dropped because of --min-confidence"), 9);
+        let low_inside = 1;
+        assert_eq!(found.surface.triangles, 50 - low_inside);
+        assert_eq!(n("triangles outside of --crop dropped"), 900 - 9 - 49);
+        let outside = |m: &Mesh| {
+            let step = found.surface.lattice;
+            m.positions.iter().any(|p| step.world_from_lattice(*p)[1] > 0.5 + 0.1)
+        };
+        assert!(!found.leaves.iter().any(|(_, m)| outside(m)));
+    }
+}
+
+#[test]
+fn attributes_of_several_inputs_are_joined_and_what_is_missing_is_counted() {
+    let (mut coloured, mut plain) = (grid(4, 0.1), grid(4, 0.1));
+    plain.positions.iter_mut().for_each(|p| p[0] += 0.4);
+    coloured.colors = vec![[10, 20, 30]; 48];
+    coloured.scalars = vec![("b".into(), vec![2.0; 48]), ("alpha".into(), vec![1.0; 48])];
+    plain.scalars = vec![("a".into(), vec![5.0; 48])];
+    plain.normals = vec![[0.0, 0.0, 1.0]; 48];
+    let case = Case { memory: LARGE, threads: 2, leaf_triangles: 100 };
+    let (one, other) = (run(&[&coloured, &plain], &case), run(&[&plain, &coloured], &case));
+    same(&one, &other, "order of inputs");
+    let names: Vec<&str> = one.surface.scalars.iter().map(|s| s.name.as_str()).collect();
+    assert_eq!(names, ["a", "alpha", "b"]);
+    assert_eq!((one.surface.scalars[2].min, one.surface.scalars[2].max), (0.0, 2.0));
+    let n = |kind: &str| one.surface.findings.get(kind).map_or(0, |f| f.count);
+    assert_eq!(n("vertices without colour beside coloured ones, shown grey"), 48);
+    assert_eq!(n("vertices without a scalar that other files have, set to 0"), 3 * 48);
+    assert_eq!(n("normals dropped and computed anew, because other files have none"), 48);
+    let colors: std::collections::BTreeSet<[u8; 3]> =
+        one.leaves.iter().flat_map(|(_, m)| m.colors.iter().copied()).collect();
+    assert_eq!(colors.len(), 2);
+    // Alone, an alpha of 1 throughout says nothing; and an intensity is shown as grey.
+    let mut scan = grid(20, 0.1);
+    let n = scan.positions.len();
+    scan.scalars =
+        vec![("Alpha".into(), vec![1.0; n]), ("scalar_Intensity".into(), (0..n).map(|i| i as f32).collect())];
+    let found = run(&[&scan], &case);
+    assert!(found.surface.colors && found.surface.scalars.len() == 1);
+    let greys: std::collections::BTreeSet<[u8; 3]> =
+        found.leaves.iter().flat_map(|(_, m)| m.colors.iter().copied()).collect();
+    assert!(greys.iter().all(|[r, g, b]| r == g && g == b) && greys.len() > 200);
+    assert!(greys.contains(&[0; 3]) && greys.contains(&[255; 3]));
 }

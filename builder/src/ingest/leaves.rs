@@ -43,7 +43,7 @@ impl Leaves {
     /// Write the numbers of triangles into the tree.
     pub(super) fn count(&self, tree: &mut Partition, leaf_triangles: usize) {
         for &(leaf, n) in &self.triangles {
-            tree.tetrahedra[leaf as usize].range = 0..n as usize;
+            tree.tetrahedra[leaf as usize].triangles = n;
             tree.overfull_leaves += u64::from(n > leaf_triangles as u64);
         }
     }

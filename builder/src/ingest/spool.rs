@@ -431,7 +431,9 @@ impl MeshSink for Spool {
         }
         for (i, values) in self.current.channels.iter().zip(block.scalars) {
             let scalar = &mut self.scalars[*i];
-            values.iter().for_each(|v| scalar.see(*v));
+            for v in values {
+                scalar.see(*v);
+            }
             scalar.column.push(values.iter().map(|v| v.to_le_bytes()))?;
         }
         for i in &self.current.channels {

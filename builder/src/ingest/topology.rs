@@ -263,7 +263,9 @@ impl Local {
         let mut starts = vec![0u32; self.owner.len() + 1];
         let ends = |p: &[u32; 3]| [(p[0], p[1]), (p[1], p[2]), (p[2], p[0])];
         for p in &self.points {
-            ends(p).iter().for_each(|(a, b)| starts[(*a.min(b)) as usize] += 1);
+            for (a, b) in ends(p) {
+                starts[a.min(b) as usize] += 1;
+            }
         }
         let mut sum = 0;
         for s in &mut starts {
@@ -389,8 +391,8 @@ impl Local {
             }
         }
         for (t, bits) in self.triangles.iter_mut().zip(borders) {
-            for k in 0..3 {
-                t[k] |= if bits >> k & 1 == 1 { BORDER } else { 0 };
+            for (k, corner) in t.iter_mut().enumerate() {
+                *corner |= if bits >> k & 1 == 1 { BORDER } else { 0 };
             }
         }
         self.triangles.truncate(self.own);

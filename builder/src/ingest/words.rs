@@ -69,7 +69,9 @@ pub(super) fn normal_of_word(word: u32) -> OctNormal {
 /// Words to and from little-endian, in place.
 fn little_endian(words: &mut [u32]) {
     if cfg!(target_endian = "big") {
-        words.iter_mut().for_each(|w| *w = w.to_le());
+        for w in words {
+            *w = w.to_le();
+        }
     }
 }
 
