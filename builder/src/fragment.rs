@@ -6,10 +6,12 @@
 use crate::certify::{Bound, certify};
 use crate::partition::Partition;
 use crate::prepare::point_key;
-use crate::simplify::simplify;
+use crate::simplify::{Simplified, simplify};
+use crate::weld::Welder;
 use kilwa_geometry::mesh::corner_sum;
+use kilwa_geometry::tetra::Faces;
 use kilwa_geometry::{LatticePoint, Mesh, Sphere};
-use rustc_hash::{FxHashMap, FxHashSet};
+use rustc_hash::FxHashSet;
 
 /// A mesh with bounds per triangle.
 #[derive(Debug, Clone, Default)]
@@ -42,68 +44,43 @@ pub fn coarsen(input: &[(u32, Patch)], locked: &[LatticePoint], tree: &Partition
     let locked: FxHashSet<LatticePoint> = locked.iter().copied().collect();
     let merged = merge(input);
     let fine = &merged.mesh;
-    let coarse = simplify(fine, &locked, fine.triangle_count() / 2);
-    let bounds = certify(fine, &merged.bounds, &coarse);
-    let output = split(&coarse, &bounds, tree, diamond);
+    let simplified = simplify(fine, &locked, fine.triangle_count() / 2);
+    let coarse = &simplified.mesh;
+    let bounds = certify(fine, &merged.bounds, &simplified);
+    let groups = share_out(coarse, tree, diamond);
+    let mut numbers = Numbers::new(coarse.vertex_count());
+    let part = |(t, g): &(u32, Vec<u32>)| {
+        let bounds = g.iter().map(|t| bounds[*t as usize]).collect();
+        (*t, Patch { mesh: numbers.submesh(coarse, g), bounds })
+    };
+    let output = groups.iter().map(part).collect();
+    let records = records_of(&groups, &simplified);
+
     Coarsened {
-        records: records_of(&output, &locked),
+        records,
         output,
         error: bounds.iter().map(|b| b.out.max(b.back)).fold(0.0, f32::max),
-        color_error: color_difference(fine, &coarse),
+        color_error: color_difference(fine, &simplified),
         sphere: Sphere::of(&fine.positions).union(&Sphere::of(&coarse.positions)),
         triangles: (fine.triangle_count(), coarse.triangle_count()),
     }
 }
 
-/// Vertices of `mesh` that `triangles` use, and these triangles, in a canonical order that depends on geometry alone.
-pub(crate) fn submesh(mesh: &Mesh, triangles: &[u32]) -> Mesh {
-    let mut out = Mesh { scalars: vec![Vec::new(); mesh.scalars.len()], ..Mesh::default() };
-    let mut index: FxHashMap<u32, u32> = FxHashMap::default();
-    for &t in triangles {
-        let tri = mesh.triangles[t as usize].map(|v| {
-            let next = out.positions.len() as u32;
-            let i = *index.entry(v).or_insert(next);
-            if i == next {
-                out.push_vertex_of(mesh, v as usize);
-            }
-            i
-        });
-        out.triangles.push(tri);
-        out.borders.push(mesh.borders[t as usize]);
-    }
-    out
-}
-
-/// Sort key of a triangle: its corners as they are, attributes included, so that ties are true duplicates.
-pub(crate) fn canonical_key(mesh: &Mesh, t: usize) -> [VertexKey; 3] {
-    mesh.triangles[t].map(|v| VertexKey::of(mesh, v as usize))
-}
-
-/// Weld patches into one mesh: wedges that are equal in position and attributes become one vertex. Triangles and
-/// vertices come in canonical order.
+/// Join patches into one mesh: wedges that are equal in position and attributes become one vertex. Triangles stand in
+/// the order of the patches, which follows from geometry alone.
 fn merge(input: &[(u32, Patch)]) -> Patch {
-    let mut order: Vec<(u32, u32)> = Vec::new();
-    for (i, (_, p)) in input.iter().enumerate() {
-        order.extend((0..p.mesh.triangle_count() as u32).map(|t| (i as u32, t)));
+    let scalars = input.first().map_or(0, |(_, p)| p.mesh.scalars.len());
+    let mut welder = Welder::new(input.iter().map(|(_, p)| p.mesh.vertex_count()).sum(), scalars);
+    let mut bounds = Vec::with_capacity(input.iter().map(|(_, p)| p.bounds.len()).sum());
+    let mut number = Vec::new();
+    for (_, p) in input {
+        number.clear();
+        number.extend((0..p.mesh.vertex_count()).map(|v| welder.vertex(&p.mesh, v)));
+        welder.mesh.triangles.extend(p.mesh.triangles.iter().map(|t| t.map(|v| number[v as usize])));
+        welder.mesh.borders.extend(&p.mesh.borders);
+        bounds.extend(&p.bounds);
     }
-    order.sort_by_cached_key(|(i, t)| canonical_key(&input[*i as usize].1.mesh, *t as usize));
-    let mut out = Patch::default();
-    let mut index: FxHashMap<VertexKey, u32> = FxHashMap::default();
-    for (i, t) in order {
-        let p = &input[i as usize].1;
-        let tri = p.mesh.triangles[t as usize].map(|v| {
-            let next = out.mesh.positions.len() as u32;
-            let w = *index.entry(VertexKey::of(&p.mesh, v as usize)).or_insert(next);
-            if w == next {
-                out.mesh.push_vertex_of(&p.mesh, v as usize);
-            }
-            w
-        });
-        out.mesh.triangles.push(tri);
-        out.mesh.borders.push(p.mesh.borders[t as usize]);
-        out.bounds.push(p.bounds[t as usize]);
-    }
-    out
+    Patch { mesh: welder.mesh, bounds }
 }
 
 /// The identity of a vertex across patches.
@@ -127,70 +104,105 @@ impl VertexKey {
 }
 
 /// Share the triangles out among the diamond's own tetrahedra: each to the one that its centroid is in, or least far
-/// outside of; ties to the first.
-fn split(coarse: &Mesh, bounds: &[Bound], tree: &Partition, diamond: u32) -> Vec<(u32, Patch)> {
-    let tetrahedra = &tree.diamonds[diamond as usize].tetrahedra;
-    let mut groups: Vec<Vec<u32>> = vec![Vec::new(); tetrahedra.len()];
+/// outside of; ties to the first. Tetrahedra without triangles are left out.
+fn share_out(coarse: &Mesh, tree: &Partition, diamond: u32) -> Vec<(u32, Vec<u32>)> {
+    let mut groups: Vec<(u32, Vec<u32>)> =
+        tree.diamonds[diamond as usize].tetrahedra.iter().map(|t| (*t, Vec::new())).collect();
+    let faces: Vec<Faces> = groups.iter().map(|(t, _)| tree.tetrahedra[*t as usize].tetra.faces()).collect();
     for t in 0..coarse.triangle_count() {
         let sum = corner_sum(coarse.corners(t));
         let mut best = (f64::INFINITY, 0);
-        for (i, tetra) in tetrahedra.iter().enumerate() {
-            let v = tree.tetrahedra[*tetra as usize].tetra.violation(sum);
+        for (i, f) in faces.iter().enumerate() {
+            let v = f.violation(sum);
             if v < best.0 {
                 best = (v, i);
             }
+            if v <= 0.0 {
+                break;
+            }
         }
-        groups[best.1].push(t as u32);
+        groups[best.1].1.push(t as u32);
     }
-    tetrahedra
-        .iter()
-        .zip(groups)
-        .filter(|(_, g)| !g.is_empty())
-        .map(|(t, g)| {
-            let bounds = g.iter().map(|t| bounds[*t as usize]).collect();
-            (*t, Patch { mesh: submesh(coarse, &g), bounds })
-        })
-        .collect()
+    groups.retain(|(_, g)| !g.is_empty());
+    groups
+}
+
+/// Numbers vertices anew for one part of a mesh after the other.
+pub(crate) struct Numbers {
+    number: Vec<(u32, u32)>,
+    part: u32,
+}
+
+impl Numbers {
+    pub(crate) fn new(vertices: usize) -> Self {
+        Self { number: vec![(0, 0); vertices], part: 0 }
+    }
+
+    /// The vertices of `mesh` that `triangles` use, and these triangles, both in order of appearance.
+    pub(crate) fn submesh(&mut self, mesh: &Mesh, triangles: &[u32]) -> Mesh {
+        self.part += 1;
+        let mut out = Mesh { scalars: vec![Vec::new(); mesh.scalars.len()], ..Mesh::default() };
+        for &t in triangles {
+            let tri = mesh.triangles[t as usize].map(|v| {
+                let n = &mut self.number[v as usize];
+                if n.0 != self.part {
+                    *n = (self.part, out.push_vertex_of(mesh, v as usize));
+                }
+                n.1
+            });
+            out.triangles.push(tri);
+            out.borders.push(mesh.borders[t as usize]);
+        }
+        out
+    }
 }
 
 /// Records of points that are locked or that two of the outputs use.
-fn records_of(output: &[(u32, Patch)], locked: &FxHashSet<LatticePoint>) -> Vec<(u128, u32)> {
-    let mut all: Vec<(u128, u32, bool)> = output
-        .iter()
-        .flat_map(|(t, p)| p.mesh.positions.iter().map(|x| (point_key(*x), *t, locked.contains(x))))
-        .collect();
-    all.sort_unstable();
-    all.dedup();
-    all.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() > 1 || g[0].2).flatten().map(|(key, t, _)| (*key, *t)).collect()
-}
-
-/// Root mean square difference, 0 to 255 over the three channels, between the colours of fine vertices and those of the
-/// nearest coarse vertex: an estimate for choosing levels, not a bound.
-fn color_difference(fine: &Mesh, coarse: &Mesh) -> f32 {
-    if fine.colors.is_empty() {
-        return 0.0;
-    }
-    let kept: FxHashMap<LatticePoint, usize> = coarse.positions.iter().enumerate().map(|(i, p)| (*p, i)).collect();
-    let mut sum = 0.0f64;
-    let mut count = 0u64;
-    // Fine vertices that are gone are compared along the fine edges that lead to one that is still there.
-    let mut add = |from: usize, to: usize| {
-        sum += (0..3).map(|k| (f64::from(fine.colors[from][k]) - f64::from(coarse.colors[to][k])).powi(2)).sum::<f64>()
-            / 3.0;
-        count += 1;
-    };
-    for tri in &fine.triangles {
-        for k in 0..3 {
-            let (a, b) = (tri[k] as usize, tri[(k + 1) % 3] as usize);
-            if let Some(&to) = kept.get(&fine.positions[b])
-                && !kept.contains_key(&fine.positions[a])
-            {
-                add(a, to);
+fn records_of(groups: &[(u32, Vec<u32>)], simplified: &Simplified) -> Vec<(u128, u32)> {
+    // The tetrahedron that used a point first, and whether it has to be recorded.
+    let mut points: Vec<(u32, bool)> = simplified.locked.iter().map(|l| (u32::MAX, *l)).collect();
+    for (tetrahedron, triangles) in groups {
+        for p in triangles.iter().flat_map(|t| simplified.triangles[*t as usize]) {
+            let (first, shared) = &mut points[p as usize];
+            if *first == u32::MAX {
+                *first = *tetrahedron;
             }
-            if let Some(&same) = kept.get(&fine.positions[a]) {
-                add(a, same);
+            *shared |= *first != *tetrahedron;
+        }
+    }
+    let mut last = vec![u32::MAX; points.len()];
+    let mut out = Vec::new();
+    for (tetrahedron, triangles) in groups {
+        for t in triangles {
+            let at = simplified.mesh.corners(*t as usize);
+            for (p, at) in simplified.triangles[*t as usize].into_iter().zip(at) {
+                if points[p as usize].1 && last[p as usize] != *tetrahedron {
+                    last[p as usize] = *tetrahedron;
+                    out.push((point_key(at), *tetrahedron));
+                }
             }
         }
     }
-    if count == 0 { 0.0 } else { (sum / count as f64).sqrt() as f32 }
+    out
+}
+
+/// Root mean square difference, 0 to 255 over the three channels, between the colours of fine vertices and those of the
+/// coarse vertices that they were merged into: an estimate for choosing levels, not a bound.
+fn color_difference(fine: &Mesh, simplified: &Simplified) -> f32 {
+    if fine.colors.is_empty() {
+        return 0.0;
+    }
+    // Of several wedges at a point the last; they differ where colours jump, which no average tells anyway.
+    let mut color = vec![[0u8; 3]; simplified.points];
+    for (points, vertices) in simplified.triangles.iter().zip(&simplified.mesh.triangles) {
+        for k in 0..3 {
+            color[points[k] as usize] = simplified.mesh.colors[vertices[k] as usize];
+        }
+    }
+    let mut sum = 0u64;
+    for (c, p) in fine.colors.iter().zip(&simplified.fine_point) {
+        let to = color[simplified.coarse_of_fine[*p as usize] as usize];
+        sum += (0..3).map(|k| u64::from(c[k].abs_diff(to[k])).pow(2)).sum::<u64>();
+    }
+    (sum as f64 / 3.0 / fine.colors.len() as f64).sqrt() as f32
 }

@@ -22,6 +22,7 @@ pub mod scratch;
 pub mod simplify;
 pub mod surface;
 pub mod synth;
+mod weld;
 pub mod tree_file;
 pub mod work;
 

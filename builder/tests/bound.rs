@@ -40,12 +40,12 @@ impl Grid {
         Self { cell, cells, triangles }
     }
 
-    /// Distance to the nearest triangle: cubes in growing shells until no nearer one is possible.
-    fn distance(&self, p: Vec3) -> f64 {
+    /// Distance to the nearest triangle and its number: cubes in growing shells until no nearer one is possible.
+    fn nearest(&self, p: Vec3) -> (f64, u32) {
         let home = p.map(|x| (x / self.cell).floor() as i32);
-        let mut best = f64::MAX;
+        let mut best = (f64::MAX, 0);
         for r in 0i32.. {
-            if best.sqrt() <= f64::from(r - 1) * self.cell {
+            if best.0.sqrt() <= f64::from(r - 1) * self.cell {
                 break;
             }
             for x in -r..=r {
@@ -53,13 +53,20 @@ impl Grid {
                     let shell = x.abs() == r || y.abs() == r;
                     for z in (-r..=r).step_by(if shell || r == 0 { 1 } else { 2 * r as usize }) {
                         for t in self.cells.get(&[home[0] + x, home[1] + y, home[2] + z]).into_iter().flatten() {
-                            best = best.min(point_triangle_squared(p, self.triangles[*t as usize]));
+                            let d = point_triangle_squared(p, self.triangles[*t as usize]);
+                            if d < best.0 {
+                                best = (d, *t);
+                            }
                         }
                     }
                 }
             }
         }
-        best.sqrt()
+        (best.0.sqrt(), best.1)
+    }
+
+    fn distance(&self, p: Vec3) -> f64 {
+        self.nearest(p).0
     }
 }
 
@@ -106,7 +113,7 @@ fn the_bound_holds_at_every_level(name: &str, raw: kilwa_builder::RawMesh) {
             .filter(|(d, _)| **d != kilwa_pack::NO_DIAMOND)
             .map(|(d, triangles)| {
                 let mut random = Random(u64::from(*d));
-                let n = 6;
+                let n = 12;
                 let worst = triangles
                     .iter()
                     .flat_map(|t| samples(t, &mut random, n))
@@ -119,21 +126,31 @@ fn the_bound_holds_at_every_level(name: &str, raw: kilwa_builder::RawMesh) {
             let bound = f64::from(pack.entries[*d as usize].error);
             assert!(*sampled <= bound, "{name}, diamond {d}: sampled {sampled} m, certified {bound} m");
         }
-        // From the finest surface to the whole cut: the cut's ε* must hold.
+        // From the finest surface to the whole cut: the cut's ε* must hold. What is nearest to a diamond's coarse form
+        // counts for that diamond.
         let error = f64::from(cut.error(&pack.entries));
-        let whole = Grid::new(shown.into_values().flatten().collect());
-        let worst = reference
+        let (owners, triangles): (Vec<u32>, Vec<Triangle>) =
+            shown.into_iter().flat_map(|(d, ts)| ts.into_iter().map(move |t| (d, t))).unzip();
+        let whole = Grid::new(triangles);
+        let away: Vec<(u32, f64)> = reference
             .triangles
             .par_iter()
             .enumerate()
-            .map(|(i, t)| {
+            .flat_map_iter(|(i, t)| {
                 let mut random = Random(i as u64);
-                samples(t, &mut random, 1).into_iter().map(|p| whole.distance(p)).fold(0.0, f64::max)
+                samples(t, &mut random, 2).into_iter().map(|p| whole.nearest(p)).collect::<Vec<_>>()
             })
-            .reduce(|| 0.0, f64::max)
-            * pack.step;
+            .map(|(d, t)| (owners[t as usize], d * pack.step))
+            .collect();
+        let mut back: HashMap<u32, f64> = HashMap::new();
+        for (d, away) in &away {
+            let worst = back.entry(*d).or_default();
+            *worst = worst.max(*away);
+        }
+        let worst = back.values().copied().fold(0.0, f64::max);
         assert!(worst <= error, "{name}, level {level}: sampled {worst} m, certified {error} m");
         for (d, sampled) in coarse {
+            let sampled = sampled.max(back.get(&d).copied().unwrap_or(0.0));
             // Levels at which a diamond is first shown: each counts once.
             if pack.entries[d as usize].level == level && sampled > 0.0 {
                 ratios.push(f64::from(pack.entries[d as usize].error) / sampled);
@@ -147,7 +164,7 @@ fn the_bound_holds_at_every_level(name: &str, raw: kilwa_builder::RawMesh) {
     }
     ratios.sort_by(f64::total_cmp);
     println!("{name}: median of certified over sampled, {} diamonds: {:.2}", ratios.len(), ratios[ratios.len() / 2]);
-    assert!(ratios[ratios.len() / 2] < 6.0, "{name}: a bound this loose says nothing");
+    assert!(ratios[ratios.len() / 2] <= 2.5, "{name}: a bound this loose says little");
 }
 
 #[test]

@@ -1,64 +1,42 @@
 //! One edge collapse: where the merged point goes, whether the collapse is allowed, and doing it.
 
-use super::{Candidate, NONE, Neighbour, Simplifier, local};
+use super::{Collapse, Kind, NONE, Quadric, Room, Simplifier, kind, local};
 use kilwa_geometry::LatticePoint;
 use kilwa_geometry::distance::{Vec3, cross, dot, sub};
 use kilwa_geometry::lattice::MAX_COORDINATE;
 
-/// What a point's edges say about it. Only meaningful for free points, all of whose triangles are inside.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    /// Every edge is used twice.
-    Smooth,
-    /// Exactly two edges are used otherwise, both equally often: a border (once) or a non-manifold line.
-    Line,
-    /// Anything else: it keeps its place against all but its like.
-    Corner,
-}
-
-fn kind(neighbours: &[Neighbour]) -> Kind {
-    let mut odd = neighbours.iter().filter(|n| n.count != 2);
-    match (odd.next(), odd.next(), odd.next()) {
-        (None, ..) => Kind::Smooth,
-        (Some(a), Some(b), None) if a.count == b.count => Kind::Line,
-        _ => Kind::Corner,
-    }
-}
-
 impl Simplifier<'_> {
     /// Where the merged point of an edge would go, or `None` when the edge cannot be collapsed at all.
-    /// `remove` is free; `keep` may be locked.
-    pub(super) fn target(&self, keep: u32, remove: u32) -> Option<LatticePoint> {
+    /// `remove` is free; `keep` may be locked. `quadric` is the sum of theirs.
+    pub(super) fn target(&self, keep: u32, remove: u32, quadric: &Quadric) -> Option<LatticePoint> {
         let (pk, pr) = (&self.points[keep as usize], &self.points[remove as usize]);
-        let nr = self.neighbours(remove);
-        let edge = nr.iter().find(|n| n.point == keep)?.count;
-        let kr = kind(&nr);
         // A point on a line of odd edges leaves along the line only; what it drags with it, the quadrics weigh.
-        let odd = edge != 2;
+        let odd = || self.triangles_on(keep, remove) != 2;
         if pk.locked {
-            return (kr == Kind::Smooth || odd).then_some(pk.at);
+            return (pr.kind == Kind::Smooth || odd()).then_some(pk.at);
         }
-        match (kind(&self.neighbours(keep)), kr) {
-            (Kind::Smooth, Kind::Smooth) => Some(self.best_position(keep, remove)),
+        match (pk.kind, pr.kind) {
+            (Kind::Smooth, Kind::Smooth) => Some(self.best_position(keep, remove, quadric)),
             (_, Kind::Smooth) => Some(pk.at),
             (Kind::Smooth, _) => Some(pr.at),
-            _ if !odd => None,
-            (Kind::Line, Kind::Line) => Some(self.best_position(keep, remove)),
+            _ if !odd() => None,
+            (Kind::Line, Kind::Line) => Some(self.best_position(keep, remove, quadric)),
             (Kind::Corner, Kind::Line) => Some(pk.at),
             (Kind::Line, Kind::Corner) => Some(pr.at),
             (Kind::Corner, Kind::Corner) => {
-                let mut q = pk.quadric;
-                q.add(&pr.quadric);
-                Some(if q.at(pk.local) <= q.at(pr.local) { pk.at } else { pr.at })
+                Some(if quadric.at(pk.local) <= quadric.at(pr.local) { pk.at } else { pr.at })
             }
         }
     }
 
+    /// Triangles on the edge between two points.
+    fn triangles_on(&self, a: u32, b: u32) -> usize {
+        self.corners_at(a).filter(|c| self.others(*c).contains(&b)).count()
+    }
+
     /// The lattice point near the quadric's minimum, or the best of both ends and the middle.
-    fn best_position(&self, a: u32, b: u32) -> LatticePoint {
+    fn best_position(&self, a: u32, b: u32, quadric: &Quadric) -> LatticePoint {
         let (pa, pb) = (&self.points[a as usize], &self.points[b as usize]);
-        let mut q = pa.quadric;
-        q.add(&pb.quadric);
         let mid: Vec3 = std::array::from_fn(|i| (pa.local[i] + pb.local[i]) * 0.5);
         let e = sub(pa.local, pb.local);
         let reach = dot(e, e);
@@ -66,12 +44,12 @@ impl Simplifier<'_> {
             let d = sub(*p, mid);
             dot(d, d) <= reach
         };
-        if let Some(p) = q.minimum().filter(near).and_then(|p| self.round(p)) {
+        if let Some(p) = quadric.minimum().filter(near).and_then(|p| self.round(p)) {
             return p;
         }
         let mut best = (f64::INFINITY, pa.at);
         for p in self.round(mid).into_iter().chain([pa.at, pb.at]) {
-            let cost = q.at(local(p, self.center));
+            let cost = quadric.at(local(p, self.center));
             if cost < best.0 {
                 best = (cost, p);
             }
@@ -91,35 +69,87 @@ impl Simplifier<'_> {
         Some(out)
     }
 
-    /// Collapse an edge where it is allowed.
-    pub(super) fn collapse(&mut self, c: &Candidate) {
-        let (keep, remove) = (c.keep, c.remove);
-        // Neighbours may have changed what these points are since the edge was queued.
-        let Some(target) = self.target(keep, remove) else { return };
-        if target != c.target {
-            return self.propose(keep, remove);
-        }
+    /// Collapse an edge where it is allowed; whether it was.
+    pub(super) fn collapse(&mut self, c: &Collapse) -> bool {
+        let (keep, remove, target) = (c.keep, c.remove, c.target);
         if self.occupied.get(&target).is_some_and(|p| *p != keep && *p != remove) {
-            return;
+            return false;
         }
-        let (nk, nr) = (self.neighbours(keep), self.neighbours(remove));
-        let Some(new_borders) = self.check_edges(keep, remove, &nk, &nr) else { return };
-        if !self.check_triangles(keep, remove, target) {
-            return;
+        let (pk, pr) = (&self.points[keep as usize], &self.points[remove as usize]);
+        let simple = !pk.locked && pk.kind == Kind::Smooth && pr.kind == Kind::Smooth;
+        let mut room = std::mem::take(&mut self.room);
+        room.borders.clear();
+        let allowed = if simple {
+            self.check_smooth(keep, remove) && self.check_shapes(keep, remove, target)
+        } else {
+            self.check_edges(keep, remove, &mut room)
+                && self.check_triangles(keep, remove)
+                && self.check_shapes(keep, remove, target)
+        };
+        if allowed {
+            self.apply(keep, remove, target, &mut room);
+            if !simple {
+                // A point that only had triangles on the edge has gone with them.
+                for &(apex, _) in &room.shared {
+                    if self.corners_at(apex).next().is_none() {
+                        self.merged_into[apex as usize] = keep;
+                    }
+                }
+                self.renew_kinds(keep, &mut room);
+            }
         }
-        self.apply(keep, remove, target, &new_borders);
-        for n in self.neighbours(keep) {
-            self.propose(keep, n.point);
-        }
+        self.room = room;
+        allowed
     }
 
-    /// The link condition with counts. Returns the neighbours whose edge to the merged point is a true border afterwards
-    /// though its triangle may change, or `None` when the collapse is not allowed.
-    fn check_edges(&self, keep: u32, remove: u32, nk: &[Neighbour], nr: &[Neighbour]) -> Option<Vec<u32>> {
-        let keep_locked = self.points[keep as usize].locked;
-        let mut shared: Vec<(u32, u32)> = Vec::with_capacity(4);
+    /// The link condition where all edges of both points are used twice: just the two points opposite to the edge are
+    /// neighbours of both, and no triangle joins them to both ends.
+    fn check_smooth(&mut self, keep: u32, remove: u32) -> bool {
+        self.clock += 1;
+        let mut c = self.points[keep as usize].head;
+        while c != NONE {
+            if self.alive[(c / 3) as usize] {
+                for p in self.others(c) {
+                    self.marks[p as usize] = self.clock;
+                }
+            }
+            c = self.next[c as usize];
+        }
+        let mut apexes = [NONE; 2];
+        let mut found = 0;
         for c in self.corners_at(remove) {
-            let [_, p1, p2] = self.triangle_from(c);
+            let [p, q] = self.others(c);
+            if p == keep || q == keep {
+                if found == 2 {
+                    return false;
+                }
+                apexes[found] = if p == keep { q } else { p };
+                found += 1;
+            }
+        }
+        if found != 2 || apexes[0] == apexes[1] {
+            return false;
+        }
+        self.corners_at(remove).all(|c| {
+            let [p, q] = self.others(c);
+            if p == keep || q == keep {
+                return true;
+            }
+            let shared = |p: u32| self.marks[p as usize] == self.clock;
+            let (sp, sq) = (shared(p), shared(q));
+            (!sp || apexes.contains(&p)) && (!sq || apexes.contains(&q)) && !(sp && sq)
+        })
+    }
+
+    /// The link condition with counts. Puts the neighbours on `room.borders` whose edge to the merged point is a true
+    /// border afterwards though its triangle may change. Whether the collapse is allowed.
+    fn check_edges(&self, keep: u32, remove: u32, room: &mut Room) -> bool {
+        self.neighbours(keep, &mut room.of_keep);
+        self.neighbours(remove, &mut room.of_remove);
+        let keep_locked = self.points[keep as usize].locked;
+        room.shared.clear();
+        for c in self.corners_at(remove) {
+            let [p1, p2] = self.others(c);
             let apex = if p1 == keep {
                 p2
             } else if p2 == keep {
@@ -127,72 +157,79 @@ impl Simplifier<'_> {
             } else {
                 continue;
             };
-            match shared.iter_mut().find(|s| s.0 == apex) {
+            match room.shared.iter_mut().find(|s| s.0 == apex) {
                 Some(s) => s.1 += 1,
-                None => shared.push((apex, 1)),
+                None => room.shared.push((apex, 1)),
             }
         }
-        let mut new_borders = Vec::new();
-        for r in nr.iter().filter(|r| r.point != keep) {
-            let Ok(i) = nk.binary_search_by_key(&r.point, |n| n.point) else {
+        if room.shared.is_empty() {
+            return false;
+        }
+        for r in room.of_remove.iter().filter(|r| r.point != keep) {
+            let Some(k) = room.of_keep.iter().find(|n| n.point == r.point) else {
                 // A new edge between two locked points might already exist outside.
                 if keep_locked && self.points[r.point as usize].locked {
-                    return None;
+                    return false;
                 }
                 continue;
             };
-            let k = &nk[i];
             // A common neighbour without a triangle between: the collapse would glue two sheets.
-            let triangles = shared.iter().find(|s| s.0 == r.point)?.1;
-            let after = (k.count + r.count).checked_sub(2 * triangles)?;
+            let Some(triangles) = room.shared.iter().find(|s| s.0 == r.point).map(|s| s.1) else { return false };
+            let Some(after) = (k.count + r.count).checked_sub(2 * triangles) else { return false };
             if keep_locked && self.points[r.point as usize].locked {
                 if after != k.count {
-                    return None;
+                    return false;
                 }
                 // A border of the scan stays one, though another triangle may now lie along it.
                 if after == 1 && k.border {
-                    new_borders.push(r.point);
+                    room.borders.push(r.point);
                 }
             } else if after == 1 {
                 if !(k.border || r.border) {
-                    return None;
+                    return false;
                 }
-                new_borders.push(r.point);
+                room.borders.push(r.point);
             } else if after > 2 && after > k.count.max(r.count) {
-                return None;
+                return false;
             }
         }
-        Some(new_borders)
+        true
     }
 
-    /// No doubled, flipped, degenerate or all-locked new triangle, and something is left at the merged point.
-    fn check_triangles(&self, keep: u32, remove: u32, target: LatticePoint) -> bool {
-        let target_local = local(target, self.center);
+    /// No doubled or all-locked new triangle.
+    fn check_triangles(&self, keep: u32, remove: u32) -> bool {
         let keep_locked = self.points[keep as usize].locked;
-        let mut kept: Vec<[u32; 2]> = Vec::with_capacity(8);
-        let moves = target != self.points[keep as usize].at;
-        for c in self.corners_at(keep) {
-            let [_, p, q] = self.triangle_from(c);
-            if p == remove || q == remove {
-                continue;
-            }
-            kept.push([p.min(q), p.max(q)]);
-            if moves && !self.keeps_shape(keep, p, q, target_local) {
-                return false;
-            }
-        }
-        let mut left = !kept.is_empty();
-        for c in self.corners_at(remove) {
-            let [_, p, q] = self.triangle_from(c);
+        self.corners_at(remove).all(|c| {
+            let [p, q] = self.others(c);
             if p == keep || q == keep {
-                continue;
+                return true;
             }
-            left = true;
-            if kept.contains(&[p.min(q), p.max(q)]) || !self.keeps_shape(remove, p, q, target_local) {
-                return false;
-            }
-            if keep_locked && self.points[p as usize].locked && self.points[q as usize].locked {
-                return false;
+            let doubled = || {
+                self.corners_at(keep).any(|d| {
+                    let [s, t] = self.others(d);
+                    (s, t) == (p, q) || (s, t) == (q, p)
+                })
+            };
+            let locked = keep_locked && self.points[p as usize].locked && self.points[q as usize].locked;
+            !locked && !doubled()
+        })
+    }
+
+    /// No flipped or degenerate triangle, and something is left at the merged point.
+    fn check_shapes(&self, keep: u32, remove: u32, target: LatticePoint) -> bool {
+        let to = local(target, self.center);
+        let mut left = false;
+        for (from, other) in [(keep, remove), (remove, keep)] {
+            let moves = target != self.points[from as usize].at;
+            for c in self.corners_at(from) {
+                let [p, q] = self.others(c);
+                if p == other || q == other {
+                    continue;
+                }
+                left = true;
+                if moves && !self.keeps_shape(from, p, q, to) {
+                    return false;
+                }
             }
         }
         left
@@ -212,90 +249,82 @@ impl Simplifier<'_> {
         b2 <= 0.0 || (d > 0.0 && d * d > 0.0625 * a2 * b2)
     }
 
-    fn apply(&mut self, keep: u32, remove: u32, target: LatticePoint, new_borders: &[u32]) {
-        let keep_locked = self.points[keep as usize].locked;
+    fn apply(&mut self, keep: u32, remove: u32, target: LatticePoint, room: &mut Room) {
         // Wedges joined by a vanishing triangle become one; the others move along as they are.
-        let mut joined: Vec<(u32, u32)> = Vec::with_capacity(4);
-        let corners: Vec<u32> = self.corners_at(remove).collect();
-        for &c in &corners {
+        room.joined.clear();
+        room.corners.clear();
+        room.corners.extend(self.corners_at(keep));
+        let own = room.corners.len();
+        room.corners.extend(self.corners_at(remove));
+        for &c in &room.corners[own..] {
             let t = c / 3;
-            let other = (0..3).map(|k| t * 3 + k).find(|&o| o != c && self.point_of(o) == keep);
-            if let Some(o) = other {
-                let (from, to) = (self.corners[c as usize], self.corners[o as usize]);
-                if !joined.iter().any(|j| j.0 == from) {
-                    joined.push((from, to));
+            if let Some(o) = (t * 3..t * 3 + 3).find(|&o| self.point[o as usize] == keep) {
+                let (from, to) = (self.wedge[c as usize], self.wedge[o as usize]);
+                if !room.joined.iter().any(|j| j.0 == from) {
+                    room.joined.push((from, to));
                 }
                 self.alive[t as usize] = false;
                 self.triangles -= 1;
             }
         }
-        if !keep_locked {
-            for &(from, to) in &joined {
-                self.merge_wedge(from as usize, to as usize);
+        if !self.points[keep as usize].locked {
+            for &(from, to) in &room.joined {
+                self.wedges.merge(from, to);
             }
         }
-        for &c in &corners {
-            if !self.alive[(c / 3) as usize] {
-                continue;
-            }
-            let w = self.corners[c as usize];
-            match joined.iter().find(|j| j.0 == w) {
-                Some(j) => self.corners[c as usize] = j.1,
-                None => self.wedges[w as usize].point = keep,
-            }
-        }
-        // One list of live corners for the merged point.
-        let all: Vec<u32> =
-            self.corners_at(keep).chain(corners.iter().copied().filter(|c| self.alive[(c / 3) as usize])).collect();
+        self.merged_into[remove as usize] = keep;
+        let gone = self.points[remove as usize].at;
         let quadric = self.points[remove as usize].quadric;
-        let p = &mut self.points[remove as usize];
-        p.alive = false;
-        (p.head, p.tail) = (NONE, NONE);
-        let gone = p.at;
-        self.occupied.remove(&gone);
         let p = &mut self.points[keep as usize];
         let old = p.at;
         p.quadric.add(&quadric);
         p.at = target;
         p.local = local(target, self.center);
-        p.version += 1;
         (p.head, p.tail, p.corners) = (NONE, NONE, 0);
-        self.occupied.remove(&old);
-        self.occupied.insert(target, keep);
-        for c in all {
+        if target != old {
+            self.occupied.remove(&old);
+        }
+        if target != gone {
+            self.occupied.remove(&gone);
+        }
+        if target != old {
+            self.occupied.insert(target, keep);
+        }
+        // One list of live corners for the merged point.
+        for (i, &c) in room.corners.iter().enumerate() {
+            if !self.alive[(c / 3) as usize] {
+                continue;
+            }
+            if i >= own {
+                self.point[c as usize] = keep;
+                if let Some(j) = room.joined.iter().find(|j| j.0 == self.wedge[c as usize]) {
+                    self.wedge[c as usize] = j.1;
+                }
+            }
             self.link(keep, c);
         }
-        for &x in new_borders {
+        for &x in &room.borders {
             self.mark_border(keep, x);
         }
     }
 
-    fn merge_wedge(&mut self, from: usize, to: usize) {
-        let (weight, color, normal) = (self.wedges[from].weight, self.wedges[from].color, self.wedges[from].normal);
-        let own = self.wedges[to].weight;
-        for channel in &mut self.scalars {
-            // Sums, like the colours; an unchanged wedge holds its value with weight 1. A value that is not there (NaN)
-            // takes no part: the mean stays that of the others.
-            let (f, t) = (channel[from], channel[to]);
-            channel[to] = match (f.is_nan(), t.is_nan()) {
-                (true, false) => t * ((own + weight) / own),
-                (false, true) => f * ((own + weight) / weight),
-                _ => f + t,
-            };
-        }
-        let w = &mut self.wedges[to];
-        w.weight += weight;
-        w.changed = true;
-        for i in 0..3 {
-            w.color[i] += color[i];
-            w.normal[i] += normal[i];
+    /// Look again at what kind of point the merged one and its neighbours are.
+    fn renew_kinds(&mut self, keep: u32, room: &mut Room) {
+        self.neighbours(keep, &mut room.of_keep);
+        self.points[keep as usize].kind = kind(&room.of_keep);
+        for n in &room.of_keep {
+            let p = &self.points[n.point as usize];
+            if !p.locked && p.corners <= super::HUB {
+                self.neighbours(n.point, &mut room.of_remove);
+                self.points[n.point as usize].kind = kind(&room.of_remove);
+            }
         }
     }
 
     /// Set the true-border bit on the one triangle left at the edge between two points.
     fn mark_border(&mut self, a: u32, b: u32) {
         let found = self.corners_at(a).find_map(|c| {
-            let [_, p1, p2] = self.triangle_from(c);
+            let [p1, p2] = self.others(c);
             let k = c % 3;
             if p1 == b {
                 Some((c / 3, k))

@@ -12,15 +12,18 @@
 //! that of the points, attributes ride on the wedges. Colours of merged wedges are averaged in linear light.
 
 mod collapse;
+mod color;
 mod quadric;
+mod wedge;
 
-use kilwa_geometry::distance::Vec3;
-use kilwa_geometry::{LatticePoint, Mesh, normal};
+use kilwa_geometry::distance::{Vec3, dot, sub};
+use kilwa_geometry::{LatticePoint, Mesh};
 use quadric::Quadric;
 use rustc_hash::FxHashMap;
-use std::cmp::Ordering;
+use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashSet};
 use std::hash::BuildHasher;
+use wedge::Wedges;
 
 const NONE: u32 = u32::MAX;
 
@@ -31,30 +34,51 @@ const HUB: u32 = 128;
 /// Relative weight of a colour difference across a collapsed edge, against moving the surface by the edge's length.
 const COLOR_WEIGHT: f64 = 2e-3;
 
+/// Times that edges whose collapse was not allowed are looked at again when no others are left.
+const ROUNDS: usize = 8;
+
+/// A simplified mesh and how it came from the fine one. *Points* are positions; those of the fine mesh are numbered in
+/// order of first use by its vertices, those of the coarse one are numbered from 0 as well.
+pub struct Simplified {
+    /// The coarse mesh.
+    pub mesh: Mesh,
+    /// For each vertex of the fine mesh, its point in the fine mesh.
+    pub fine_point: Vec<u32>,
+    /// For each point of the fine mesh, the coarse point that it was merged into; every one has a triangle.
+    pub coarse_of_fine: Vec<u32>,
+    /// Number of coarse points.
+    pub points: usize,
+    /// Whether a coarse point is locked.
+    pub locked: Vec<bool>,
+    /// For each coarse triangle, its coarse points.
+    pub triangles: Vec<[u32; 3]>,
+    /// For each coarse triangle, the fine triangle that became it.
+    pub from: Vec<u32>,
+}
+
+/// What a point's edges say about it. Only meaningful for free points, all of whose triangles are inside.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Kind {
+    /// Every edge is used twice.
+    Smooth,
+    /// Exactly two edges are used otherwise, both equally often: a border (once) or a non-manifold line.
+    Line,
+    /// Anything else: it keeps its place against all but its like.
+    Corner,
+}
+
 struct Point {
-    at: LatticePoint,
     /// Position relative to the fragment's centre.
     local: Vec3,
+    at: LatticePoint,
     quadric: Quadric,
+    kind: Kind,
     locked: bool,
-    alive: bool,
-    version: u32,
     /// First and last corner of the list of corners at this point.
     head: u32,
     tail: u32,
-    /// Length of that list, dead corners included.
+    /// Length of that list.
     corners: u32,
-}
-
-/// Sums of what a wedge stands for.
-struct Wedge {
-    point: u32,
-    source: u32,
-    weight: f32,
-    /// Linear light.
-    color: [f32; 3],
-    normal: [f32; 3],
-    changed: bool,
 }
 
 /// One neighbour of a point.
@@ -67,66 +91,80 @@ struct Neighbour {
     border: bool,
 }
 
-/// An edge waiting to be collapsed, cheapest first; ties by point number, which follows the canonical point order.
-struct Candidate {
-    cost: f64,
+/// A collapse that is thinkable: everything else is checked when its turn comes.
+#[derive(Clone, Copy)]
+struct Collapse {
     keep: u32,
     remove: u32,
-    versions: [u32; 2],
     target: LatticePoint,
-}
-
-impl PartialEq for Candidate {
-    fn eq(&self, o: &Self) -> bool {
-        self.cmp(o) == Ordering::Equal
-    }
-}
-impl Eq for Candidate {}
-impl PartialOrd for Candidate {
-    fn partial_cmp(&self, o: &Self) -> Option<Ordering> {
-        Some(self.cmp(o))
-    }
-}
-impl Ord for Candidate {
-    /// Reversed: the heap's greatest is the cheapest.
-    fn cmp(&self, o: &Self) -> Ordering {
-        o.cost.total_cmp(&self.cost).then_with(|| (o.keep, o.remove).cmp(&(self.keep, self.remove)))
-    }
+    cost: f64,
 }
 
 struct Simplifier<'a> {
     source: &'a Mesh,
     center: LatticePoint,
     points: Vec<Point>,
-    wedges: Vec<Wedge>,
-    scalars: Vec<Vec<f32>>,
-    /// Wedge per corner; corner `3 t + k` belongs to triangle `t`.
-    corners: Vec<u32>,
+    /// For a point that was merged, one that it was merged into; for all others themselves.
+    merged_into: Vec<u32>,
+    /// The point of each vertex of the source.
+    point_of_vertex: Vec<u32>,
+    wedges: Wedges<'a>,
+    /// Point and wedge per corner; corner `3 t + k` belongs to triangle `t`.
+    point: Vec<u32>,
+    wedge: Vec<u32>,
     borders: Vec<u8>,
     alive: Vec<bool>,
     /// Next corner in the list of the same point.
     next: Vec<u32>,
     occupied: FxHashMap<LatticePoint, u32>,
-    heap: BinaryHeap<Candidate>,
+    /// Ends of all edges at the beginning.
+    edges: Vec<[u32; 2]>,
+    /// Edges by cost, cheapest first: the bits of the cost as `f32`, then the number of the edge. An edge stays in the
+    /// queue with the cost it once had, which only grows; it is worked out again when its turn comes.
+    queue: BinaryHeap<Reverse<u64>>,
     triangles: usize,
+    /// Marks of points, valid where equal to `clock`.
+    marks: Vec<u32>,
+    clock: u32,
+    room: Room,
+}
+
+/// Lists that are used again and again.
+#[derive(Default)]
+struct Room {
+    of_keep: Vec<Neighbour>,
+    of_remove: Vec<Neighbour>,
+    corners: Vec<u32>,
+    joined: Vec<(u32, u32)>,
+    shared: Vec<(u32, u32)>,
+    borders: Vec<u32>,
 }
 
 /// Simplify towards `target` triangles; returns fewer or as many triangles as given, never fewer than `target` minus
-/// what the last collapse took, and the input itself (reordered) where nothing can go.
-pub fn simplify<S: BuildHasher>(mesh: &Mesh, locked: &HashSet<LatticePoint, S>, target: usize) -> Mesh {
+/// what the last collapse took, and the input itself where nothing can go.
+pub fn simplify<S: BuildHasher>(mesh: &Mesh, locked: &HashSet<LatticePoint, S>, target: usize) -> Simplified {
     let mut s = Simplifier::new(mesh, locked);
     s.seed();
-    while s.triangles > target {
-        let Some(c) = s.heap.pop() else { break };
-        let fresh = [c.keep, c.remove].iter().zip(c.versions).all(|(p, v)| {
-            let p = &s.points[*p as usize];
-            p.alive && p.version == v
-        });
-        if fresh {
-            s.collapse(&c);
+    let mut refused: Vec<u32> = Vec::new();
+    for _ in 0..ROUNDS {
+        let before = s.triangles;
+        s.run(target, &mut refused);
+        if s.triangles <= target || s.triangles == before {
+            break;
+        }
+        // What was not allowed then may be now that the neighbours have changed.
+        for e in std::mem::take(&mut refused) {
+            if let Some(c) = s.thinkable(e) {
+                s.queue.push(Reverse(key(c.cost, e)));
+            }
         }
     }
     s.finish()
+}
+
+fn key(cost: f64, edge: u32) -> u64 {
+    // Costs are not negative, so their bits are in order.
+    (u64::from((cost as f32).to_bits()) << 32) | u64::from(edge)
 }
 
 impl<'a> Simplifier<'a> {
@@ -135,58 +173,55 @@ impl<'a> Simplifier<'a> {
             let b = mesh.bounds();
             std::array::from_fn(|i| i32::midpoint(b.min[i], b.max[i]))
         };
-        // Points in lattice order, so that numbers (and ties) follow geometry.
-        let mut at: Vec<LatticePoint> = mesh.positions.clone();
-        at.sort_unstable();
-        at.dedup();
-        let occupied: FxHashMap<LatticePoint, u32> = at.iter().enumerate().map(|(i, p)| (*p, i as u32)).collect();
-        let points = at
+        let mut occupied: FxHashMap<LatticePoint, u32> = FxHashMap::default();
+        occupied.reserve(mesh.vertex_count());
+        let mut points: Vec<Point> = Vec::with_capacity(mesh.vertex_count());
+        let point_of_vertex: Vec<u32> = mesh
+            .positions
             .iter()
-            .map(|&p| Point {
-                at: p,
-                local: local(p, center),
-                quadric: Quadric::default(),
-                locked: locked.contains(&p),
-                alive: true,
-                version: 0,
-                head: NONE,
-                tail: NONE,
-                corners: 0,
+            .map(|&p| {
+                let next = points.len() as u32;
+                let found = *occupied.entry(p).or_insert(next);
+                if found == next {
+                    points.push(Point {
+                        local: local(p, center),
+                        at: p,
+                        quadric: Quadric::default(),
+                        kind: Kind::Corner,
+                        locked: locked.contains(&p),
+                        head: NONE,
+                        tail: NONE,
+                        corners: 0,
+                    });
+                }
+                found
             })
             .collect();
-        let wedges = (0..mesh.vertex_count())
-            .map(|v| Wedge {
-                point: occupied[&mesh.positions[v]],
-                source: v as u32,
-                weight: 1.0,
-                color: mesh.colors.get(v).map_or([0.0; 3], |c| c.map(linear)),
-                normal: normal::decode(mesh.normals[v]).map(|x| x as f32),
-                changed: false,
-            })
-            .collect();
+        let wedge: Vec<u32> = mesh.triangles.iter().flatten().copied().collect();
         let mut s = Self {
             source: mesh,
             center,
+            merged_into: (0..points.len() as u32).collect(),
+            marks: vec![0; points.len()],
             points,
-            wedges,
-            scalars: mesh.scalars.clone(),
-            corners: mesh.triangles.iter().flatten().copied().collect(),
+            wedges: Wedges::new(mesh),
+            point: wedge.iter().map(|w| point_of_vertex[*w as usize]).collect(),
+            point_of_vertex,
             borders: mesh.borders.clone(),
             alive: vec![true; mesh.triangle_count()],
-            next: vec![NONE; mesh.triangle_count() * 3],
+            next: vec![NONE; wedge.len()],
+            wedge,
             occupied,
-            heap: BinaryHeap::new(),
+            edges: Vec::with_capacity(mesh.triangle_count() * 3 / 2 + 64),
+            queue: BinaryHeap::new(),
             triangles: mesh.triangle_count(),
+            clock: 0,
+            room: Room::default(),
         };
-        for c in 0..s.corners.len() as u32 {
-            let p = s.point_of(c);
-            s.link(p, c);
+        for c in 0..s.point.len() as u32 {
+            s.link(s.point[c as usize], c);
         }
         s
-    }
-
-    fn point_of(&self, corner: u32) -> u32 {
-        self.wedges[self.corners[corner as usize] as usize].point
     }
 
     fn link(&mut self, point: u32, corner: u32) {
@@ -216,20 +251,24 @@ impl<'a> Simplifier<'a> {
         })
     }
 
-    /// The points of a triangle, starting at a corner.
-    fn triangle_from(&self, corner: u32) -> [u32; 3] {
-        let (t, k) = (corner / 3, corner % 3);
-        [0, 1, 2].map(|i| self.point_of(t * 3 + (k + i) % 3))
+    /// The two other points of a corner's triangle, in order.
+    fn others(&self, corner: u32) -> [u32; 2] {
+        let first = corner - corner % 3;
+        match corner - first {
+            0 => [self.point[first as usize + 1], self.point[first as usize + 2]],
+            1 => [self.point[first as usize + 2], self.point[first as usize]],
+            _ => [self.point[first as usize], self.point[first as usize + 1]],
+        }
     }
 
-    /// Neighbours of a point with edge counts and border bits, sorted by point.
-    fn neighbours(&self, point: u32) -> Vec<Neighbour> {
-        let mut out: Vec<Neighbour> = Vec::with_capacity(8);
+    /// Neighbours of a point with edge counts and border bits.
+    fn neighbours(&self, point: u32, out: &mut Vec<Neighbour>) {
+        out.clear();
         for c in self.corners_at(point) {
-            let [_, p1, p2] = self.triangle_from(c);
             let (t, k) = ((c / 3) as usize, c % 3);
-            // The edge to p1 starts at this corner; the edge from p2 starts at the corner before it.
-            for (p, slot) in [(p1, k), (p2, (k + 2) % 3)] {
+            // The edge to the first starts at this corner; the edge from the second starts at the corner before it.
+            let slots = [k, (k + 2) % 3];
+            for (p, slot) in self.others(c).into_iter().zip(slots) {
                 let border = self.borders[t] & (1 << slot) != 0;
                 match out.iter_mut().find(|n| n.point == p) {
                     Some(n) => {
@@ -240,122 +279,145 @@ impl<'a> Simplifier<'a> {
                 }
             }
         }
-        out.sort_unstable_by_key(|n| n.point);
-        out
     }
 
-    /// Quadrics and the first candidates.
+    /// The point that stands for one of the beginning.
+    fn now(&mut self, mut point: u32) -> u32 {
+        while self.merged_into[point as usize] != point {
+            let up = self.merged_into[self.merged_into[point as usize] as usize];
+            self.merged_into[point as usize] = up;
+            point = up;
+        }
+        point
+    }
+
+    /// Quadrics, kinds and the queue.
     fn seed(&mut self) {
-        let mut edges: Vec<(u32, u32)> = Vec::with_capacity(self.corners.len());
-        for t in 0..self.alive.len() as u32 {
-            let p = [0, 1, 2].map(|k| self.point_of(t * 3 + k));
+        for t in 0..self.alive.len() {
+            let p: [u32; 3] = std::array::from_fn(|k| self.point[t * 3 + k]);
             let l = p.map(|p| self.points[p as usize].local);
             let q = Quadric::triangle(l);
             for k in 0..3 {
                 self.points[p[k] as usize].quadric.add(&q);
-                let (a, b) = (p[k], p[(k + 1) % 3]);
-                edges.push((a.min(b), a.max(b)));
-                if self.borders[t as usize] & (1 << k) != 0 {
+                if self.borders[t] & (1 << k) != 0 {
                     let q = Quadric::border([l[k], l[(k + 1) % 3], l[(k + 2) % 3]]);
-                    self.points[a as usize].quadric.add(&q);
-                    self.points[b as usize].quadric.add(&q);
+                    self.points[p[k] as usize].quadric.add(&q);
+                    self.points[p[(k + 1) % 3] as usize].quadric.add(&q);
                 }
             }
         }
-        edges.sort_unstable();
-        edges.dedup();
-        for (a, b) in edges {
-            self.propose(a, b);
+        let mut near = std::mem::take(&mut self.room.of_keep);
+        for p in 0..self.points.len() as u32 {
+            if self.points[p as usize].corners > HUB {
+                continue;
+            }
+            self.neighbours(p, &mut near);
+            self.points[p as usize].kind = kind(&near);
+            // Each edge once; those to a hub cannot be collapsed anyway.
+            self.edges.extend(near.iter().filter(|n| n.point > p).map(|n| [p, n.point]));
+        }
+        self.room.of_keep = near;
+        let mut queue = Vec::with_capacity(self.edges.len());
+        for e in 0..self.edges.len() as u32 {
+            if let Some(c) = self.thinkable(e) {
+                queue.push(Reverse(key(c.cost, e)));
+            }
+        }
+        self.queue = BinaryHeap::from(queue);
+    }
+
+    /// Collapse edges, cheapest first, until `target` is reached or the queue is empty.
+    fn run(&mut self, target: usize, refused: &mut Vec<u32>) {
+        while self.triangles > target {
+            let Some(Reverse(top)) = self.queue.pop() else { return };
+            let edge = (top & u64::from(u32::MAX)) as u32;
+            let Some(c) = self.thinkable(edge) else { continue };
+            let now = key(c.cost, edge);
+            if now > top && self.queue.peek().is_some_and(|Reverse(next)| now > *next) {
+                self.queue.push(Reverse(now));
+            } else if !self.collapse(&c) {
+                refused.push(edge);
+            }
         }
     }
 
-    /// Put an edge into the queue where a collapse is thinkable; everything else is checked when its turn comes.
-    fn propose(&mut self, a: u32, b: u32) {
+    /// What collapsing an edge would do and cost, or `None` when it cannot be collapsed at all.
+    fn thinkable(&mut self, edge: u32) -> Option<Collapse> {
+        let [a, b] = self.edges[edge as usize];
+        let (a, b) = (self.now(a), self.now(b));
         let (pa, pb) = (&self.points[a as usize], &self.points[b as usize]);
-        if pa.corners > HUB || pb.corners > HUB {
-            return;
+        if a == b || (pa.locked && pb.locked) || pa.corners > HUB || pb.corners > HUB {
+            return None;
         }
-        let (keep, remove) = match (pa.locked, pb.locked) {
-            (true, true) => return,
-            (false, true) => (b, a),
-            _ => (a, b),
-        };
-        let Some(target) = self.target(keep, remove) else { return };
-        let mut q = self.points[a as usize].quadric;
-        q.add(&self.points[b as usize].quadric);
-        let cost = q.at(local(target, self.center)) + self.color_cost(a, b);
-        let versions = [keep, remove].map(|p| self.points[p as usize].version);
-        self.heap.push(Candidate { cost, keep, remove, versions, target });
+        let (keep, remove) = if pb.locked { (b, a) } else { (a, b) };
+        let mut quadric = pa.quadric;
+        quadric.add(&pb.quadric);
+        let target = self.target(keep, remove, &quadric)?;
+        let cost = quadric.at(local(target, self.center)) + self.color_cost(a, b);
+        Some(Collapse { keep, remove, target, cost })
     }
 
     /// A weak preference for edges along which the colour does not change: squared length times squared difference.
     fn color_cost(&self, a: u32, b: u32) -> f64 {
-        let color = |p: u32| {
-            let w = &self.wedges[self.corners[self.points[p as usize].head as usize] as usize];
-            w.color.map(|c| f64::from(c / w.weight))
-        };
-        let (ca, cb) = (color(a), color(b));
-        let d: f64 = (0..3).map(|i| (ca[i] - cb[i]).powi(2)).sum();
-        let e: Vec3 = std::array::from_fn(|i| self.points[a as usize].local[i] - self.points[b as usize].local[i]);
-        let l2: f64 = e.iter().map(|x| x * x).sum();
+        let (pa, pb) = (&self.points[a as usize], &self.points[b as usize]);
+        let d = self.wedges.color_distance(self.wedge[pa.head as usize], self.wedge[pb.head as usize]);
+        let e = sub(pa.local, pb.local);
+        let l2 = dot(e, e);
         COLOR_WEIGHT * d * l2 * l2
     }
 
-    fn finish(self) -> Mesh {
-        let mut out = Mesh { scalars: vec![Vec::new(); self.scalars.len()], ..Mesh::default() };
-        let mut index = vec![NONE; self.wedges.len()];
-        for t in 0..self.alive.len() {
-            if !self.alive[t] {
-                continue;
+    fn finish(mut self) -> Simplified {
+        let mut out = Mesh { scalars: vec![Vec::new(); self.source.scalars.len()], ..Mesh::default() };
+        let mut index = vec![NONE; self.source.vertex_count()];
+        let mut number = vec![NONE; self.points.len()];
+        let mut locked = Vec::with_capacity(self.points.len() / 2);
+        for (p, (n, point)) in (0u32..).zip(number.iter_mut().zip(&self.points)) {
+            if self.merged_into[p as usize] == p {
+                *n = locked.len() as u32;
+                locked.push(point.locked);
             }
-            let tri = [0, 1, 2].map(|k| {
-                let w = self.corners[t * 3 + k] as usize;
+        }
+        let (mut triangles, mut from) = (Vec::with_capacity(self.triangles), Vec::with_capacity(self.triangles));
+        for t in (0..self.alive.len()).filter(|t| self.alive[*t]) {
+            let mut tri = [0; 3];
+            for (k, v) in tri.iter_mut().enumerate() {
+                let w = self.wedge[t * 3 + k] as usize;
                 if index[w] == NONE {
-                    index[w] = self.emit(w, &mut out);
+                    index[w] = out.positions.len() as u32;
+                    out.positions.push(self.points[self.point[t * 3 + k] as usize].at);
+                    self.wedges.emit(w, &mut out);
                 }
-                index[w]
-            });
+                *v = index[w];
+            }
             out.triangles.push(tri);
             out.borders.push(self.borders[t]);
+            triangles.push(std::array::from_fn(|k| number[self.point[t * 3 + k] as usize]));
+            from.push(t as u32);
         }
-        out
+        let coarse_of_fine = (0..self.points.len() as u32).map(|p| number[self.now(p) as usize]).collect();
+        Simplified {
+            mesh: out,
+            fine_point: self.point_of_vertex,
+            coarse_of_fine,
+            points: locked.len(),
+            locked,
+            triangles,
+            from,
+        }
     }
+}
 
-    fn emit(&self, w: usize, out: &mut Mesh) -> u32 {
-        let wedge = &self.wedges[w];
-        let v = wedge.source as usize;
-        let index = out.positions.len() as u32;
-        out.positions.push(self.points[wedge.point as usize].at);
-        if let Some(c) = self.source.colors.get(v) {
-            out.colors.push(if wedge.changed { wedge.color.map(|x| srgb(x / wedge.weight)) } else { *c });
-        }
-        out.normals.push(if wedge.changed {
-            normal::quantize(normal::encode(wedge.normal.map(f64::from)), crate::prepare::NORMAL_BITS)
-        } else {
-            self.source.normals[v]
-        });
-        for (to, from) in out.scalars.iter_mut().zip(&self.scalars) {
-            to.push(if wedge.changed { from[w] / wedge.weight } else { from[w] });
-        }
-        index
+fn kind(neighbours: &[Neighbour]) -> Kind {
+    let mut odd = neighbours.iter().filter(|n| n.count != 2);
+    match (odd.next(), odd.next(), odd.next()) {
+        (None, ..) => Kind::Smooth,
+        (Some(a), Some(b), None) if a.count == b.count => Kind::Line,
+        _ => Kind::Corner,
     }
 }
 
 fn local(p: LatticePoint, center: LatticePoint) -> Vec3 {
     std::array::from_fn(|i| f64::from(p[i]) - f64::from(center[i]))
-}
-
-/// sRGB to linear light (IEC 61966-2-1).
-pub(crate) fn linear(c: u8) -> f32 {
-    let x = f32::from(c) / 255.0;
-    if x <= 0.04045 { x / 12.92 } else { libm::powf((x + 0.055) / 1.055, 2.4) }
-}
-
-/// Linear light to sRGB.
-pub(crate) fn srgb(x: f32) -> u8 {
-    let x = x.clamp(0.0, 1.0);
-    let y = if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * libm::powf(x, 1.0 / 2.4) - 0.055 };
-    (y * 255.0 + 0.5) as u8
 }
 
 #[cfg(test)]
@@ -388,7 +450,7 @@ mod tests {
     #[test]
     fn a_missing_value_does_not_spread_and_equal_values_and_colours_stay_equal() {
         let fine = sheet(16);
-        let coarse = simplify(&fine, &Locked::default(), 8);
+        let coarse = simplify(&fine, &Locked::default(), 8).mesh;
         assert!(coarse.triangle_count() <= 16, "{}", coarse.triangle_count());
         assert!(coarse.scalars[0].iter().all(|s| (s - 7.0).abs() < 1e-4), "{:?}", coarse.scalars[0]);
         assert!(coarse.colors.iter().all(|c| *c == [100, 150, 200]));
@@ -405,15 +467,36 @@ mod tests {
             m.triangles.push([0, 1 + i, 1 + (i + 1) % n]);
             m.borders.push(2);
         }
-        let coarse = simplify(&m, &Locked::default(), n as usize / 2);
+        let coarse = simplify(&m, &Locked::default(), n as usize / 2).mesh;
         assert_eq!(coarse.triangle_count(), n as usize / 2);
+    }
+
+    #[test]
+    fn every_fine_point_is_merged_into_one_that_has_a_triangle() {
+        // A sheet with flaps: triangles that hang on by one edge, and two by one point.
+        let mut fine = sheet(12);
+        let n = fine.positions.len() as u32;
+        for i in 0..40u32 {
+            fine.positions.push([i as i32 * 3, i as i32 * 2, 540]);
+            fine.normals.push([0, 0]);
+            fine.colors.push([1, 2, 3]);
+            fine.scalars[0].push(1.0);
+            fine.triangles.push([i * 4, i * 4 + 1, n + i]);
+            fine.borders.push(0b110);
+        }
+        for target in [300, 200, 100, 20] {
+            let s = simplify(&fine, &Locked::default(), target);
+            let mut used = vec![false; s.points];
+            s.triangles.iter().flatten().for_each(|p| used[*p as usize] = true);
+            assert!(s.coarse_of_fine.iter().all(|p| used[*p as usize]), "{target}");
+        }
     }
 
     #[test]
     fn locked_points_keep_their_place_and_their_edges() {
         let fine = sheet(12);
         let locked: Locked = fine.positions.iter().copied().filter(|p| p[0] == 60).collect();
-        let coarse = simplify(&fine, &locked, 10);
+        let coarse = simplify(&fine, &locked, 10).mesh;
         for p in &locked {
             assert!(coarse.positions.contains(p));
         }

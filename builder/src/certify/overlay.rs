@@ -1,0 +1,239 @@
+//! Covering a triangle with convex pieces, each within a known distance of one triangle of the other surface.
+//!
+//! A piece is what lies over one opposite triangle, seen along the normal of the triangle that is covered. The distance
+//! from a point of the piece to that opposite triangle is convex, so the largest of the distances of the piece's corners
+//! bounds all of it. What no opposite triangle lies over (folds, rims, steep places) is divided and compared with all
+//! candidates. Every point of the triangle is in some piece, whatever the candidates are: a bad choice of candidates
+//! gives a loose bound, never a wrong one.
+
+use super::polygon::{Cut, Polygon};
+use super::surface::{Candidates, Surface, Triangle};
+use super::view::{Frame, ON_LINE, Seen};
+use kilwa_geometry::distance::{Vec3, cross, dot, point_triangle_squared, sub};
+
+/// Halvings of what no triangle lies over, after which a loose bound is accepted (it is a bound all the same).
+const MOST_HALVINGS: u32 = 12;
+
+/// Covers triangles with pieces over the triangles of one surface.
+pub(super) struct Cover<'a> {
+    to: &'a Surface,
+    open: Vec<Polygon>,
+    next: Vec<Polygon>,
+    pieces: Vec<(Triangle, u32)>,
+    opposite: Vec<(u32, Triangle)>,
+}
+
+impl<'a> Cover<'a> {
+    pub(super) fn new(to: &'a Surface) -> Self {
+        Self { to, open: Vec::new(), next: Vec::new(), pieces: Vec::new(), opposite: Vec::new() }
+    }
+
+    /// Cover `t` with pieces over the triangles `candidates` of `to` (at least one), as seen along `direction`, and report
+    /// for each the candidate and a distance that no point of the piece exceeds. What is not within `unimportant` of the
+    /// triangle that it lies over is compared with these and the triangles round them, and divided until the bound is
+    /// tight or no more than `unimportant`. Returns a distance that is there.
+    pub(super) fn triangle(
+        &mut self,
+        t: &Triangle,
+        direction: Vec3,
+        candidates: &mut Candidates,
+        unimportant: f64,
+        report: &mut impl FnMut(u32, f64),
+    ) -> f64 {
+        if self.look(t, direction, &candidates.list, unimportant, report) {
+            return 0.0;
+        }
+        candidates.grow(self.to);
+        self.search(&candidates.list, unimportant, report)
+    }
+
+    /// Cover what can be seen along `direction` within `limit`; the rest is put on the list of pieces. Whether that is empty.
+    fn look(
+        &mut self,
+        t: &Triangle,
+        direction: Vec3,
+        candidates: &[u32],
+        limit: f64,
+        report: &mut impl FnMut(u32, f64),
+    ) -> bool {
+        self.pieces.clear();
+        let view = Frame::along(direction, t[0]).and_then(|f| Seen::of(t.map(|p| f.inside(p))).map(|s| (f, s)));
+        let Some((frame, own)) = view else {
+            self.pieces.push((*t, 0));
+            return false;
+        };
+        self.open.clear();
+        self.open.push(Polygon::triangle(own.flat));
+        for &c in candidates {
+            let triangle = self.to.triangle(c);
+            let Some(seen) = Seen::of(triangle.map(|p| frame.inside(p))) else { continue };
+            let apart = |a: &Seen, b: &Seen| a.edges.iter().any(|e| b.flat.iter().all(|p| e.excludes(p)));
+            if apart(&own, &seen) || apart(&seen, &own) {
+                continue;
+            }
+            self.take(&seen, &own, &frame, (c, &triangle), limit, report);
+            if self.open.is_empty() {
+                return true;
+            }
+        }
+        for p in self.open.drain(..) {
+            let corners = p.corners();
+            let first = own.lift(&corners[0], &frame);
+            for k in 1..corners.len().saturating_sub(1) {
+                self.pieces.push(([first, own.lift(&corners[k], &frame), own.lift(&corners[k + 1], &frame)], 0));
+            }
+        }
+        false
+    }
+
+    /// Take from the open polygons what lies over one opposite triangle.
+    fn take(
+        &mut self,
+        seen: &Seen,
+        own: &Seen,
+        frame: &Frame,
+        (c, opposite): (u32, &Triangle),
+        limit: f64,
+        report: &mut impl FnMut(u32, f64),
+    ) {
+        self.next.clear();
+        for p in self.open.drain(..) {
+            let before = self.next.len();
+            let mut inside = p;
+            let mut whole = true;
+            for line in &seen.edges {
+                match inside.cut(line) {
+                    Cut::Inside => {}
+                    Cut::Both(left, right) => {
+                        inside = left;
+                        self.next.push(right);
+                    }
+                    Cut::Outside | Cut::Full => {
+                        whole = false;
+                        break;
+                    }
+                }
+            }
+            let distance = if whole { between(&inside, seen, own, frame, opposite) } else { f64::INFINITY };
+            if distance <= limit {
+                report(c, distance);
+            } else {
+                self.next.truncate(before);
+                self.next.push(p);
+            }
+        }
+        std::mem::swap(&mut self.open, &mut self.next);
+    }
+
+    /// Certify the pieces on the list with the best candidate for each, dividing where that is loose. Returns the
+    /// largest distance found to be there.
+    fn search(&mut self, candidates: &[u32], unimportant: f64, report: &mut impl FnMut(u32, f64)) -> f64 {
+        self.opposite.clear();
+        self.opposite.extend(candidates.iter().map(|c| (*c, self.to.triangle(*c))));
+        let mut sure = 0.0f64;
+        while let Some((piece, depth)) = self.pieces.pop() {
+            let (least, best) = nearest(&piece, &self.opposite);
+            let (least, bound) = (least.sqrt(), best.0.sqrt());
+            sure = sure.max(least);
+            if bound <= unimportant || bound <= least * super::TIGHT + ON_LINE || depth >= MOST_HALVINGS {
+                report(best.1, bound);
+                continue;
+            }
+            let near = self.opposite.iter().find(|(c, _)| *c == best.1).map_or(piece, |(_, t)| *t);
+            divide(&piece, &near, &mut |part| self.pieces.push((part, depth + 1)));
+        }
+        sure
+    }
+}
+
+/// The largest of the corners' distances to their nearest candidates; and the candidate whose largest distance from a
+/// corner is smallest, with that distance. All squared.
+fn nearest(piece: &Triangle, candidates: &[(u32, Triangle)]) -> (f64, (f64, u32)) {
+    let mut best = (f64::INFINITY, u32::MAX);
+    let mut there = [f64::INFINITY; 3];
+    for (c, t) in candidates {
+        let least = piece.map(|p| box_squared(p, t));
+        // A corner's distance to the box decides nothing where it is no smaller than what is known.
+        if (least[0] >= best.0 || least[1] >= best.0 || least[2] >= best.0) && (0..3).all(|k| least[k] >= there[k]) {
+            continue;
+        }
+        let d = piece.map(|p| point_triangle_squared(p, *t));
+        let worst = d[0].max(d[1]).max(d[2]);
+        if worst < best.0 {
+            best = (worst, *c);
+        }
+        for k in 0..3 {
+            there[k] = there[k].min(d[k]);
+        }
+    }
+    (there[0].max(there[1]).max(there[2]), best)
+}
+
+/// A cut must leave at least this share of the longest edge on both sides.
+const WORTH_CUTTING: f64 = 0.05;
+
+/// Divide a piece: along the side of `near` that it sticks out over, so that one part lies over `near` alone (there the
+/// bound is exact, being the distance to a plane); where no side divides it well, across its longest edge.
+fn divide(piece: &Triangle, near: &Triangle, part: &mut impl FnMut(Triangle)) {
+    let length = |k: usize| {
+        let e = sub(piece[k], piece[(k + 1) % 3]);
+        dot(e, e)
+    };
+    let longest = (0..3).max_by(|&a, &b| length(a).total_cmp(&length(b))).unwrap_or(0);
+    let n = cross(sub(near[1], near[0]), sub(near[2], near[0]));
+    let enough = length(longest).sqrt() * WORTH_CUTTING;
+    let mut best: Option<([f64; 3], f64)> = None;
+    for k in 0..3 {
+        // Pointing out of the triangle across this side.
+        let out = cross(sub(near[(k + 1) % 3], near[k]), n);
+        let len = dot(out, out).sqrt();
+        if len <= 0.0 {
+            continue;
+        }
+        let s = piece.map(|p| dot(sub(p, near[k]), out) / len);
+        let (low, high) = (s.iter().copied().fold(f64::MAX, f64::min), s.iter().copied().fold(f64::MIN, f64::max));
+        if low < -enough && high > enough && best.is_none_or(|b| high > b.1) {
+            best = Some((s, high));
+        }
+    }
+    let between =
+        |i: usize, j: usize, t: f64| -> Vec3 { std::array::from_fn(|x| piece[i][x] + (piece[j][x] - piece[i][x]) * t) };
+    let Some((s, _)) = best else {
+        let (i, j, k) = (longest, (longest + 1) % 3, (longest + 2) % 3);
+        let m = between(i, j, 0.5);
+        part([piece[i], m, piece[k]]);
+        part([m, piece[j], piece[k]]);
+        return;
+    };
+    // The corner that is alone on its side.
+    let outside = s.map(|x| x > 0.0);
+    let alone = (0..3).find(|&k| outside[k] != outside[(k + 1) % 3] && outside[k] != outside[(k + 2) % 3]).unwrap_or(0);
+    let (q, r) = ((alone + 1) % 3, (alone + 2) % 3);
+    let a = between(alone, q, s[alone] / (s[alone] - s[q]));
+    let b = between(alone, r, s[alone] / (s[alone] - s[r]));
+    part([piece[alone], a, b]);
+    part([a, piece[q], piece[r]]);
+    part([a, piece[r], b]);
+}
+
+/// Squared distance to the box round a triangle.
+fn box_squared(p: Vec3, t: &Triangle) -> f64 {
+    let mut sum = 0.0;
+    for i in 0..3 {
+        let low = t[0][i].min(t[1][i]).min(t[2][i]);
+        let high = t[0][i].max(t[1][i]).max(t[2][i]);
+        let d = (low - p[i]).max(p[i] - high).max(0.0);
+        sum += d * d;
+    }
+    sum
+}
+
+/// Largest distance of a piece of `own` to the triangle that it lies over.
+fn between(piece: &Polygon, seen: &Seen, own: &Seen, frame: &Frame, opposite: &Triangle) -> f64 {
+    let highest = seen.height_over(own, piece.corners());
+    if !seen.is_steep() {
+        return highest;
+    }
+    let exact = piece.corners().iter().map(|p| point_triangle_squared(own.lift(p, frame), *opposite));
+    exact.fold(0.0, f64::max).sqrt().min(highest)
+}

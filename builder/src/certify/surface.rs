@@ -1,0 +1,158 @@
+//! One of the two surfaces that are compared, and how its points correspond to those of the other.
+
+use kilwa_geometry::distance::{Vec3, cross, sub};
+use kilwa_geometry::{LatticePoint, Mesh};
+
+pub(super) const NONE: u32 = u32::MAX;
+
+pub(super) type Triangle = [Vec3; 3];
+
+/// For each of some things a list of numbers, all in one array.
+pub(super) struct Lists {
+    start: Vec<u32>,
+    items: Vec<u32>,
+}
+
+impl Lists {
+    /// `pairs` are (list, item); the items of a list keep their order.
+    fn new(lists: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Self {
+        let mut start = vec![0u32; lists + 1];
+        for (l, _) in pairs.clone() {
+            start[l as usize + 1] += 1;
+        }
+        for i in 0..lists {
+            start[i + 1] += start[i];
+        }
+        let mut at = start.clone();
+        let mut items = vec![0; start[lists] as usize];
+        for (l, item) in pairs {
+            let slot = &mut at[l as usize];
+            items[*slot as usize] = item;
+            *slot += 1;
+        }
+        Self { start, items }
+    }
+
+    pub(super) fn of(&self, list: u32) -> &[u32] {
+        &self.items[self.start[list as usize] as usize..self.start[list as usize + 1] as usize]
+    }
+}
+
+/// A surface. Points are positions: two vertices at one place are one point.
+pub(super) struct Surface {
+    /// Position of each point, relative to a common origin.
+    pub(super) points: Vec<Vec3>,
+    /// The points of each triangle.
+    pub(super) triangles: Vec<[u32; 3]>,
+    /// The triangles round each point.
+    pub(super) fans: Lists,
+    /// The other triangle on each edge, from corner k to the next; [`NONE`] where there is none or are several.
+    pub(super) neighbours: Vec<[u32; 3]>,
+    /// The sum of the area vectors round each point.
+    pub(super) normals: Vec<Vec3>,
+    /// For each point, points of the other surface that it corresponds to.
+    pub(super) others: Lists,
+}
+
+impl Surface {
+    /// `point_of` gives the point of each vertex of the mesh; `others` pairs of a point and one of the other surface.
+    pub(super) fn new(
+        mesh: &Mesh,
+        origin: LatticePoint,
+        triangles: Vec<[u32; 3]>,
+        count: usize,
+        others: impl Iterator<Item = (u32, u32)> + Clone,
+    ) -> Self {
+        let mut points = vec![[0.0; 3]; count];
+        for (corners, vertices) in triangles.iter().zip(&mesh.triangles) {
+            for k in 0..3 {
+                let p = mesh.positions[vertices[k] as usize];
+                points[corners[k] as usize] = std::array::from_fn(|i| f64::from(p[i] - origin[i]));
+            }
+        }
+        let mut normals = vec![[0.0; 3]; count];
+        for t in &triangles {
+            let [a, b, c] = t.map(|p| points[p as usize]);
+            let n = cross(sub(b, a), sub(c, a));
+            for p in t {
+                let sum: &mut Vec3 = &mut normals[*p as usize];
+                for i in 0..3 {
+                    sum[i] += n[i];
+                }
+            }
+        }
+        let corners = triangles.iter().zip(0u32..).flat_map(|(t, i)| t.map(|p| (p, i)));
+        let fans = Lists::new(count, corners);
+        let neighbours = neighbours(&triangles, &fans);
+        Self { points, triangles, fans, neighbours, normals, others: Lists::new(count, others) }
+    }
+
+    pub(super) fn triangle(&self, t: u32) -> Triangle {
+        self.triangles[t as usize].map(|p| self.points[p as usize])
+    }
+}
+
+/// The other triangle on each edge.
+fn neighbours(triangles: &[[u32; 3]], fans: &Lists) -> Vec<[u32; 3]> {
+    let mut out = vec![[NONE; 3]; triangles.len()];
+    for (t, corners) in triangles.iter().enumerate() {
+        for k in 0..3 {
+            let (a, b) = (corners[k], corners[(k + 1) % 3]);
+            let mut others = fans.of(a).iter().filter(|o| **o != t as u32 && triangles[**o as usize].contains(&b));
+            if let (Some(other), None) = (others.next(), others.next()) {
+                out[t][k] = *other;
+            }
+        }
+    }
+    out
+}
+
+/// A list of triangles without repetitions.
+pub(super) struct Candidates {
+    pub(super) list: Vec<u32>,
+    seen: Vec<u32>,
+    round: u32,
+}
+
+impl Candidates {
+    pub(super) fn new(of: usize) -> Self {
+        Self { list: Vec::new(), seen: vec![0; of], round: 0 }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.list.clear();
+        self.round += 1;
+    }
+
+    /// Add a triangle; whether it is new.
+    pub(super) fn add(&mut self, t: u32) -> bool {
+        let new = self.seen[t as usize] != self.round;
+        if new {
+            self.seen[t as usize] = self.round;
+            self.list.push(t);
+        }
+        new
+    }
+
+    /// Add the triangles of `of` round the points that correspond to the corners of a triangle of the other surface.
+    pub(super) fn round(&mut self, corners: [u32; 3], other: &Surface, of: &Surface) {
+        for p in corners {
+            for q in other.others.of(p) {
+                for t in of.fans.of(*q) {
+                    self.add(*t);
+                }
+            }
+        }
+    }
+
+    /// Add the triangles round all corners of those on the list.
+    pub(super) fn grow(&mut self, of: &Surface) {
+        for i in 0..self.list.len() {
+            for p in of.triangles[self.list[i] as usize] {
+                for t in of.fans.of(p) {
+                    self.add(*t);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! Joining meshes: vertices that are equal in position and in every attribute become one.
+
+use kilwa_geometry::{LatticePoint, Mesh};
+
+const NONE: u32 = u32::MAX;
+
+/// Joins vertices of several meshes into one mesh. Vertices stand in order of first use.
+pub(crate) struct Welder {
+    /// What was joined so far.
+    pub(crate) mesh: Mesh,
+    /// Open addressing by position and colour; a power of two, at most half full.
+    table: Vec<u32>,
+}
+
+impl Welder {
+    /// For about so many vertices with so many scalar channels.
+    pub(crate) fn new(vertices: usize, scalars: usize) -> Self {
+        let size = (vertices * 2 + 16).next_power_of_two();
+        Self { mesh: Mesh { scalars: vec![Vec::new(); scalars], ..Mesh::default() }, table: vec![NONE; size] }
+    }
+
+    /// The number of a vertex of `from` in the joined mesh.
+    pub(crate) fn vertex(&mut self, from: &Mesh, v: usize) -> u32 {
+        if (self.mesh.vertex_count() + 1) * 2 > self.table.len() {
+            self.grow();
+        }
+        let mask = self.table.len() - 1;
+        let mut slot = hash(from.positions[v]) & mask;
+        loop {
+            let found = self.table[slot];
+            if found == NONE {
+                let next = self.mesh.push_vertex_of(from, v);
+                self.table[slot] = next;
+                return next;
+            }
+            if same(&self.mesh, found as usize, from, v) {
+                return found;
+            }
+            slot = (slot + 1) & mask;
+        }
+    }
+
+    fn grow(&mut self) {
+        let size = self.table.len() * 2;
+        self.table = vec![NONE; size];
+        for (p, v) in self.mesh.positions.iter().zip(0u32..) {
+            let mut slot = hash(*p) & (size - 1);
+            while self.table[slot] != NONE {
+                slot = (slot + 1) & (size - 1);
+            }
+            self.table[slot] = v;
+        }
+    }
+}
+
+fn hash(p: LatticePoint) -> usize {
+    // Multiplicative hashing (Knuth, TAOCP 6.4) by three odd constants; the high bits are the good ones.
+    let h = (u64::from(p[0] as u32).wrapping_mul(0x9e37_79b9_7f4a_7c15))
+        ^ (u64::from(p[1] as u32).wrapping_mul(0xc2b2_ae3d_27d4_eb4f)).rotate_left(21)
+        ^ (u64::from(p[2] as u32).wrapping_mul(0x1656_67b1_9e37_79f9)).rotate_left(42);
+    (h.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as usize
+}
+
+/// Equality bit for bit: a scalar that is not a number equals itself.
+fn same(a: &Mesh, i: usize, b: &Mesh, j: usize) -> bool {
+    a.positions[i] == b.positions[j]
+        && a.colors.get(i) == b.colors.get(j)
+        && a.normals.get(i) == b.normals.get(j)
+        && a.scalars.iter().zip(&b.scalars).all(|(s, t)| s[i].to_bits() == t[j].to_bits())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_vertices_become_one_and_wedges_stay_apart() {
+        let mut m = Mesh { scalars: vec![Vec::new()], ..Mesh::default() };
+        for i in 0..2000 {
+            m.positions.push([i % 100, 7, 7]);
+            m.colors.push([(i % 200 / 100) as u8, 0, 0]);
+            m.normals.push([0, 0]);
+            m.scalars[0].push(if i % 3 == 0 { f32::NAN } else { 1.0 });
+        }
+        let mut w = Welder::new(1, 1);
+        let numbers: Vec<u32> = (0..2000).map(|v| w.vertex(&m, v)).collect();
+        // 100 places, 2 colours, 2 scalars.
+        assert_eq!(w.mesh.vertex_count(), 400);
+        for (v, n) in numbers.iter().enumerate() {
+            assert!(same(&w.mesh, *n as usize, &m, v));
+        }
+    }
+}
