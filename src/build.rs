@@ -1,21 +1,32 @@
-//! `kilwa build`: read, build, write under a temporary name, read back and check, rename.
+//! `kilwa build`: read, build by way of scratch files, write under a temporary name, read back and check, rename.
+//!
+//! Ctrl-C stops cleanly and keeps the scratch files for `--resume`; an error removes them. Exit code 130 after Ctrl-C.
 
-use crate::info::metres;
+mod need;
+mod output;
+mod report;
+mod size;
+
 use crate::inputs::{InputArgs, Inputs};
 use crate::progress::Bar;
-use crate::source::open_pack;
 use anyhow::Context;
 use kilwa_builder::scratch::Scratch;
 use kilwa_builder::work::Stop;
-use kilwa_builder::{BuildOptions, BuildReport, Progress, Run, build, machine};
+use kilwa_builder::{BuildError, BuildOptions, BuildReport, Run, StageTime, build, journal, machine};
+use need::Need;
+use output::{Output, beside, folder_of};
+use report::{Report, Spent};
+use size::human;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// Turn a mesh into a pack.
 ///
 /// Reads PLY, OBJ, STL and glTF. The pack holds the finest surface exactly, on a lattice finer than the mesh, and
 /// coarser forms of it, each with a certified error.
 #[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "every one is a switch of the command line")]
 pub(crate) struct Args {
     #[command(flatten)]
     input: InputArgs,
@@ -25,6 +36,15 @@ pub(crate) struct Args {
     /// Worker threads; one per core where not given. The bytes do not depend on it.
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
+    /// Memory to hold, for example 300M or 2.5GiB; a quarter of the machine's where not given. The bytes do not depend on it.
+    #[arg(long, value_name = "SIZE", value_parser = size::memory)]
+    memory: Option<u64>,
+    /// Folder for scratch files, best on a fast disk; beside the output where not given.
+    #[arg(long, value_name = "DIR")]
+    scratch: Option<PathBuf>,
+    /// Go on with a build that was stopped or killed, from its scratch files.
+    #[arg(long)]
+    resume: bool,
     /// Lattice step in metres, a power of two such as 0.0001220703125; derived from the mesh where not given.
     #[arg(long, value_name = "METRES")]
     step: Option<f64>,
@@ -43,12 +63,98 @@ pub(crate) struct Args {
     /// Print the report as JSON.
     #[arg(long)]
     json: bool,
+    /// Say beforehand what will be used: memory, threads, room on disks.
+    #[arg(long)]
+    verbose: bool,
 }
 
+/// The build was stopped by the user; what it leaves and how to go on.
+#[derive(Debug)]
+pub(crate) struct Interrupted(String);
+
+impl std::fmt::Display for Interrupted {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Interrupted {}
+
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    let begun = Instant::now();
+    refuse(args)?;
+    let mut inputs = Inputs::find(&args.input)?;
+    if let Some(first) = inputs.passed_over.first() {
+        let count = inputs.passed_over.len();
+        eprintln!("kilwa: {count} files are no meshes and were passed over, the first of them {}", first.display());
+    }
+    let same = |input: &Path| matches!((input.canonicalize(), args.output.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    if let Some(input) = inputs.files.iter().find(|input| same(&input.path)) {
+        anyhow::bail!("{} is an input; give another name for the pack", input.path.display());
+    }
+    let options = BuildOptions {
+        title: args.title.clone().unwrap_or_else(|| inputs.files.first().map_or_else(String::new, |f| stem(&f.path))),
+        threads: args.threads,
+        step: args.step,
+        units: args.input.units,
+        up: inputs.up(),
+        crs: args.crs.clone(),
+        capture_accuracy: args.capture_accuracy,
+        ..BuildOptions::default()
+    };
+    let memory = args.memory.unwrap_or_else(machine::default_budget);
+    let bar = Bar::new();
+    // Before any input is read: a folder that cannot be written to is better known now than in an hour.
+    let mut output = Output::create(&args.output)?;
+    let scratch = open_scratch(args)?;
+    let need = Need::of(inputs.files.iter().map(|f| f.path.as_path()));
+    let held = if args.resume { scratch.bytes() } else { discard_earlier(&scratch)? };
+    if args.verbose {
+        eprintln!(
+            "kilwa: memory {}; scratch files about {} in {}; pack about {}",
+            human(memory),
+            human(need.scratch_bytes),
+            scratch.folder().display(),
+            human(need.pack_bytes)
+        );
+    }
+    let stop = stop_on_signals()?;
+    let mut work = || -> anyhow::Result<BuildReport> {
+        need.check(scratch.folder(), folder_of(&args.output), held)?;
+        let run = Run { scratch: &scratch, memory, resume: args.resume, stop: &stop, progress: &bar };
+        let built = build(&mut inputs, &options, &run, &mut output);
+        let mut built = built.map_err(|e| explained(e, &inputs, &args.output))?;
+        let (clock, cpu) = (Instant::now(), machine::cpu_seconds());
+        output.complete(built.pack.bytes)?;
+        output.check(&bar, &stop).context("the pack that was just written does not read back; nothing was kept")?;
+        let cpu_seconds = cpu.and_then(|before| Some(machine::cpu_seconds()? - before));
+        built.stages.push(StageTime { stage: "check".into(), seconds: clock.elapsed().as_secs_f64(), cpu_seconds });
+        Ok(built)
+    };
+    let built = match work() {
+        Ok(built) => built,
+        Err(error) => {
+            bar.clear();
+            drop(output);
+            return Err(after_failure(error, scratch, &stop));
+        }
+    };
+    bar.clear();
+    output.keep(args.force)?;
+    scratch.discard(|_| true)?;
+    let threads = if args.threads == 0 { rayon::current_num_threads() } else { args.threads };
+    let run = Spent::of(&built, memory, threads, need, begun.elapsed().as_secs_f64());
+    print(args, &Report { build: &built, run })
+}
+
+/// What is wrong with the arguments whatever the inputs are.
+fn refuse(args: &Args) -> anyhow::Result<()> {
     // A rename would put a file in the place of a device or a pipe (as root even of /dev/full).
     if args.output.exists() && !args.output.is_file() {
         anyhow::bail!("{} is a folder or a device; give the name of a file", args.output.display());
+    }
+    if args.output.file_name().is_none() {
+        anyhow::bail!("{} is no name of a file", args.output.display());
     }
     if args.output.exists() && !args.force {
         anyhow::bail!("{} exists; give --force to replace it, or another name", args.output.display());
@@ -56,132 +162,93 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if args.capture_accuracy.is_some_and(|a| !(a > 0.0 && a.is_finite())) {
         anyhow::bail!("--capture-accuracy must be a length in metres above zero");
     }
-    let mut inputs = Inputs::find(&args.input)?;
-    if !inputs.passed_over.is_empty() {
-        let names: Vec<String> = inputs.passed_over.iter().take(5).map(|p| p.display().to_string()).collect();
+    Ok(())
+}
+
+/// The scratch folder of this output: `.NAME.kilwa.scratch`, beside it or in the folder that the user gave.
+fn open_scratch(args: &Args) -> anyhow::Result<Scratch> {
+    let mut folder = beside(&args.output, ".scratch");
+    if let (Some(given), Some(name)) = (&args.scratch, folder.file_name()) {
+        folder = given.join(name);
+    }
+    let ours = |f: &Path| f.join(journal::JOURNAL).exists() || f.join("lock").exists();
+    let is_empty = std::fs::read_dir(&folder).map_or(true, |mut entries| entries.next().is_none());
+    if !is_empty && !ours(&folder) {
+        anyhow::bail!("{} is there and holds no scratch files of a build; remove it or rename it", folder.display());
+    }
+    Ok(Scratch::open(&folder)?)
+}
+
+/// What an earlier build left is of no use without `--resume`. Returns the bytes that are left: none.
+fn discard_earlier(scratch: &Scratch) -> anyhow::Result<u64> {
+    let bytes = scratch.bytes();
+    let files = scratch.files()?;
+    if bytes > 0 {
         eprintln!(
-            "kilwa: {} files are no meshes and were passed over, the first of them {}",
-            inputs.passed_over.len(),
-            names.join(", ")
+            "kilwa: {} of scratch files of an earlier build discarded; --resume would have gone on with it",
+            human(bytes)
         );
     }
-    let same = |input: &Path| matches!((input.canonicalize(), args.output.canonicalize()), (Ok(a), Ok(b)) if a == b);
-    if let Some(input) = inputs.files.iter().find(|input| same(&input.path)) {
-        anyhow::bail!("{} is an input; give another name for the pack", input.path.display());
+    for (name, _) in files {
+        scratch.remove(&name)?;
     }
-    let bar = Bar::new();
-    // Before any input is read: a folder that cannot be written to is better known now than in an hour.
-    let folder = match args.output.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    };
-    let mut temporary = tempfile::Builder::new().prefix(".kilwa-build-").tempfile_in(folder).with_context(|| {
-        format!("cannot write {}: no file can be made in {}", args.output.display(), folder.display())
-    })?;
-    let options = BuildOptions {
-        title: args.title.clone().unwrap_or_else(|| inputs.files.first().map_or_else(String::new, |f| stem(&f.path))),
-        threads: args.threads,
-        step: args.step,
-        crs: args.crs.clone(),
-        capture_accuracy: args.capture_accuracy,
-        units: args.input.units,
-        up: inputs.up(),
-        ..BuildOptions::default()
-    };
-    let (scratch, stop) = (Scratch::temporary()?, Stop::default());
-    let memory = machine::default_budget();
-    let run = Run { scratch: &scratch, memory, resume: false, stop: &stop, progress: &bar };
-    let names = inputs.names();
-    let built = build(&mut inputs, &options, &run, temporary.as_file_mut()).with_context(|| names)?;
-    let cannot = || format!("cannot write {}", args.output.display());
-    temporary.as_file().sync_all().with_context(cannot)?;
-    check(temporary.path(), &bar).context("the pack that was just written does not read back; nothing was kept")?;
-    bar.clear();
-    readable_like_any_file(temporary.as_file()).with_context(cannot)?;
-    // Without --force a file that appeared in the meantime is not replaced.
-    let kept = if args.force { temporary.persist(&args.output) } else { temporary.persist_noclobber(&args.output) };
-    kept.map_err(|e| e.error).with_context(cannot)?;
-    report(args, &built)
+    Ok(0)
 }
 
-/// Temporary files are private; the finished pack is as readable as any new file.
-#[cfg(unix)]
-fn readable_like_any_file(file: &std::fs::File) -> std::io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    file.set_permissions(std::fs::Permissions::from_mode(0o644))
+/// The first signal asks for a clean stop, the second ends at once (scratch files stay good for `--resume`).
+fn stop_on_signals() -> anyhow::Result<Stop> {
+    let stop = Stop::default();
+    let asked = stop.clone();
+    ctrlc::set_handler(move || {
+        if asked.asked() {
+            std::process::exit(130);
+        }
+        asked.ask();
+    })
+    .context("cannot listen for Ctrl-C")?;
+    Ok(stop)
 }
 
-#[cfg(not(unix))]
-fn readable_like_any_file(_file: &std::fs::File) -> std::io::Result<()> {
-    Ok(())
-}
-
-/// Read every chunk back.
-fn check(path: &Path, bar: &Bar) -> anyhow::Result<()> {
-    let pack = open_pack(path)?;
-    let total = pack.entries().len() as u32;
-    kilwa_pack::verify::directory(pack.entries())?;
-    let mut totals = kilwa_pack::verify::Totals::default();
-    for i in 0..total {
-        totals = totals.plus(kilwa_pack::verify::chunk(i, &pack.chunk(i)?, pack.entries())?);
-        bar.update("checking", u64::from(i) + 1, u64::from(total));
+/// An error of the build, with what it is about where it does not say so itself.
+fn explained(error: BuildError, inputs: &Inputs, output: &Path) -> anyhow::Error {
+    match error {
+        BuildError::Pack(kilwa_pack::PackError::Io { source, .. }) => {
+            anyhow::Error::new(source).context(format!("cannot write {}", output.display()))
+        }
+        e @ (BuildError::Empty { .. } | BuildError::Step { .. } | BuildError::TooLarge { .. }) => {
+            anyhow::Error::new(e).context(inputs.names())
+        }
+        e => e.into(),
     }
-    totals.agree(pack.header(), pack.metadata())?;
-    Ok(())
+}
+
+/// Keep the scratch files after a stop, and where another build's were in the way; remove them after any other failure.
+fn after_failure(error: anyhow::Error, scratch: Scratch, stop: &Stop) -> anyhow::Error {
+    if stop.asked() {
+        let (bytes, folder) = (human(scratch.bytes()), scratch.folder().display());
+        return Interrupted(format!(
+            "stopped; {bytes} of scratch files are kept in {folder}: the same command with --resume goes on from there"
+        ))
+        .into();
+    }
+    let refused = matches!(error.downcast_ref::<BuildError>(), Some(BuildError::Resume { .. }));
+    if !refused && let Err(e) = scratch.discard(|_| true) {
+        return error.context(format!("{e}"));
+    }
+    error
 }
 
 fn stem(path: &Path) -> String {
     path.file_stem().map_or_else(|| "untitled".to_owned(), |s| s.to_string_lossy().into_owned())
 }
 
-/// A certified bound, rounded up: what is printed is a bound too.
-fn bound(metres: f64) -> String {
-    if metres >= 1.0 {
-        format!("{:.3} m", (metres * 1e3).ceil() / 1e3)
-    } else {
-        format!("{:.3} mm", (metres * 1e6).ceil() / 1e3)
-    }
-}
-
-fn report(args: &Args, r: &BuildReport) -> anyhow::Result<()> {
+fn print(args: &Args, report: &Report<'_>) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
     if args.json {
-        serde_json::to_writer_pretty(&mut out, r)?;
+        serde_json::to_writer_pretty(&mut out, report)?;
         writeln!(out)?;
-        return Ok(());
-    }
-    let p = &r.pack;
-    writeln!(out, "{}: {} triangles, {} vertices", args.output.display(), r.triangles, r.vertices)?;
-    writeln!(out, "  size      {:.3} × {:.3} × {:.3} m", r.extent[0], r.extent[1], r.extent[2])?;
-    writeln!(out, "  lattice   steps of {}; median edge {}", metres(r.step), metres(r.median_edge))?;
-    writeln!(
-        out,
-        "  borders   {} edges; {} edges used by more than two triangles",
-        r.border_edges, r.non_manifold_edges
-    )?;
-    writeln!(
-        out,
-        "  pack      {} bytes, {:.2} per triangle; {} chunks in {} levels; coarsest form {} triangles, within {}",
-        p.bytes,
-        p.bytes as f64 / r.triangles as f64,
-        p.chunks,
-        p.levels,
-        p.root_triangles,
-        bound(p.root_error)
-    )?;
-    for (kind, f) in &r.findings {
-        let places = if f.places.is_empty() { String::new() } else { format!(" (first: {})", f.places.join("; ")) };
-        writeln!(out, "  {:>9} {kind}{places}", f.count)?;
-    }
-    if r.overfull_leaves > 0 {
-        writeln!(out, "  {:>9} places too dense to divide further, kept whole", r.overfull_leaves)?;
-    }
-    if r.stuck_diamonds > 0 {
-        writeln!(
-            out,
-            "  {:>9} places that could not be simplified and keep their {} triangles at coarser levels",
-            r.stuck_diamonds, r.stuck_triangles
-        )?;
+    } else {
+        report::print(&args.output, report, &mut out)?;
     }
     Ok(())
 }

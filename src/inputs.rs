@@ -12,7 +12,7 @@ use kilwa_builder::ingest::Spool;
 use kilwa_builder::journal::PlannedInput;
 use kilwa_builder::read::{self, Placed, Placement, ReadError, ReadOptions};
 use kilwa_builder::work::Work;
-use kilwa_builder::{BuildError, Progress, Units, Up};
+use kilwa_builder::{BuildError, Interruptible, Progress, Units, Up};
 use kilwa_pack::metadata::SourceFile;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -58,7 +58,7 @@ pub(crate) struct InputFile {
 #[derive(Debug)]
 pub(crate) struct Inputs {
     /// How they are read.
-    pub(crate) options: ReadOptions,
+    options: ReadOptions,
     /// Sorted by path; at least one.
     pub(crate) files: Vec<InputFile>,
     /// Files in given folders that are no meshes that can be read.
@@ -180,6 +180,7 @@ impl kilwa_builder::Inputs for Inputs {
 
     fn deliver(&mut self, spool: &mut Spool, work: &Work<'_>) -> Result<Vec<SourceFile>, BuildError> {
         let total: u64 = self.files.iter().map(|f| f.path.metadata().map_or(0, |about| about.len())).sum();
+        self.options.scratch = work.scratch.folder().to_owned();
         let mut before = 0;
         for file in &self.files {
             work.stop.check()?;
@@ -189,7 +190,8 @@ impl kilwa_builder::Inputs for Inputs {
                 of_file = all;
                 work.progress.update("reading", before + done, total.max(before + done));
             };
-            let mut placed = Placed::new(spool, file.placement);
+            let mut sink = Interruptible::new(spool, work.stop, &file.path);
+            let mut placed = Placed::new(&mut sink, file.placement);
             read::read_into_with(&file.path, &self.options, &mut placed, progress)?;
             before += of_file;
         }

@@ -48,11 +48,15 @@ fn run(cli: Cli) -> anyhow::Result<()> {
     }
 }
 
-/// Exit 0 done, 1 the input or the world is wrong, 2 usage (clap's own). A closed pipe is success.
+/// Exit 0 done, 1 the input or the world is wrong, 2 usage (clap's own), 130 stopped by Ctrl-C. A closed pipe is success.
 fn main() -> ExitCode {
     match run(Cli::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) if broken_pipe(&e) => ExitCode::SUCCESS,
+        Err(e) if e.is::<build::Interrupted>() => {
+            eprintln!("kilwa: {e}");
+            ExitCode::from(130)
+        }
         Err(e) => {
             eprintln!("kilwa: {e:#}");
             ExitCode::FAILURE

@@ -64,7 +64,9 @@ impl Plan {
             ));
         }
         let (now, then) = self.inputs.iter().zip(&before.inputs).find(|(now, then)| now != then)?;
-        Some(if now.path == then.path {
+        Some(if now.path == then.path && now.placement != then.placement {
+            format!("{} is placed otherwise: by {}, and before by {}", now.path, now.placement, then.placement)
+        } else if now.path == then.path {
             format!("{} was changed since", now.path)
         } else {
             format!("it was begun with the input {}, and now it is {}", then.path, now.path)
@@ -294,6 +296,7 @@ mod tests {
         refused(&|p| drop(p.options.remove("title")), "title \"a\"");
         refused(&|p| p.inputs[0].modified = Some(6), "/a.ply was changed");
         refused(&|p| p.inputs[0].path = "/b.ply".into(), "/a.ply");
+        refused(&|p| p.inputs[0].placement = "y up".into(), "placed otherwise");
         refused(&|p| p.inputs.clear(), "1 inputs");
         assert!(Journal::resume(&scratch, plan()).unwrap().last().is_some(), "refusing changes nothing");
     }

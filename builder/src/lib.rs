@@ -22,11 +22,10 @@ pub mod scratch;
 pub mod simplify;
 pub mod surface;
 pub mod synth;
-mod weld;
 pub mod tree_file;
 pub mod work;
 
-pub use build::{BuildReport, Built, Inputs, Run, StageTime, build, build_pack};
+pub use build::{BuildReport, Built, Inputs, Interruptible, Run, StageTime, build, build_pack};
 pub use options::{BuildError, BuildOptions, Units, Up};
 pub use progress::{Progress, Silent};
 pub use raw::{Findings, RawMesh};

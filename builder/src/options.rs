@@ -136,6 +136,12 @@ pub enum BuildError {
     /// An input could not be read.
     #[error(transparent)]
     Read(#[from] crate::read::ReadError),
+    /// The inputs contradict each other or changed while they were read.
+    #[error("{why}")]
+    Inputs {
+        /// What was found and what to do.
+        why: String,
+    },
     /// The mesh has no triangles, or none that has an area on the lattice.
     #[error("nothing to build: {why}")]
     Empty {

@@ -9,6 +9,9 @@ pub trait Progress: Sync {
 
     /// About this share of the whole build is done, 0 to 1; never less than before.
     fn whole(&self, _share: f64) {}
+
+    /// Something that a person should know while it happens, a sentence.
+    fn note(&self, _text: &str) {}
 }
 
 /// Ignores everything.
@@ -60,5 +63,9 @@ impl Progress for Whole<'_> {
 
     fn whole(&self, share: f64) {
         self.inner.whole(share);
+    }
+
+    fn note(&self, text: &str) {
+        self.inner.note(text);
     }
 }

@@ -7,8 +7,10 @@
 //!
 //! The bytes of the pack depend on the inputs and on [`BuildOptions`] (threads excepted), on nothing else.
 
+mod interrupt;
 mod report;
 
+pub use interrupt::Interruptible;
 pub use report::{BuildReport, StageTime};
 
 use crate::assemble::assemble;
@@ -106,6 +108,11 @@ pub fn build(
     let plan = Plan { tool: tool(), options: shaping(options), inputs: inputs.plan()? };
     let journal = if run.resume { Journal::resume(scratch, plan)? } else { Journal::begin(scratch, plan)? };
     let resumed_after = journal.last().map(|s| s.stage.clone());
+    match &resumed_after {
+        Some(stage) => run.progress.note(&format!("going on after stage {stage}, which was complete")),
+        None if run.resume => run.progress.note("no stage was complete: the build begins anew"),
+        None => {}
+    }
     let mut building = Building { work, options, journal, stages: Vec::new(), spooled: None };
     let mut redone = BTreeSet::new();
     loop {
@@ -127,6 +134,7 @@ pub fn build(
                 if !redone.insert(name) {
                     return Err(error.into());
                 }
+                run.progress.note(&format!("{error}; what it was for is done again"));
                 building.journal.go_back(&redone)?;
                 if building.journal.stage(INGEST).is_none() {
                     building.forget_ingest()?;

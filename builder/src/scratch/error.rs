@@ -31,7 +31,7 @@ pub enum ScratchError {
         source: std::io::Error,
     },
     /// A scratch file is not what was written.
-    #[error("the scratch file {} is damaged: {why}; build again without --resume", path.display())]
+    #[error("the scratch file {} is damaged: {why}", path.display())]
     Damaged {
         /// The file.
         path: PathBuf,

@@ -1,0 +1,171 @@
+//! How much room a build needs on its disks, told before anything is read.
+//!
+//! From headers where they say how many vertices and triangles there are (PLY, binary STL), from the length of the file
+//! otherwise; an estimate to the safe side. What is needed is compared with what is free, and refused with both numbers.
+
+use super::size::human;
+use kilwa_builder::{ingest, machine};
+use std::io::Read;
+use std::path::Path;
+
+/// Bytes of a pack for each triangle, and what it has in any case. Measured packs take 7 to 11.
+const PACK_BYTES: (u64, u64) = (12, 1 << 16);
+/// Bytes for each triangle that the levels need at most beside each other: leaves, two levels, chunks, records. Measured: 60.
+const LEVEL_BYTES: u64 = 80;
+/// What the tree and the journal take in any case.
+const FIXED: u64 = 1 << 16;
+
+/// Vertices and triangles of an input, about.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Count {
+    vertices: u64,
+    triangles: u64,
+    /// Bytes of attributes for each vertex in scratch files.
+    attributes: u64,
+}
+
+/// Room needed.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub(crate) struct Need {
+    /// Bytes in the scratch folder, at most at a time.
+    pub(crate) scratch_bytes: u64,
+    /// Bytes of the pack.
+    pub(crate) pack_bytes: u64,
+}
+
+impl Need {
+    /// For these inputs together.
+    pub(crate) fn of<'a>(inputs: impl Iterator<Item = &'a Path>) -> Self {
+        let mut all = Count::default();
+        for path in inputs {
+            let count = count(path).unwrap_or_default();
+            all.vertices += count.vertices;
+            all.triangles += count.triangles;
+            all.attributes = all.attributes.max(count.attributes);
+        }
+        let ingest = ingest::scratch_needed(all.vertices, all.triangles, all.attributes);
+        Self {
+            scratch_bytes: ingest.max(all.triangles * LEVEL_BYTES) + FIXED,
+            pack_bytes: all.triangles * PACK_BYTES.0 + PACK_BYTES.1,
+        }
+    }
+
+    /// Refuse where there is not that much room; `held` bytes stand in the scratch folder already and count for it.
+    pub(crate) fn check(&self, scratch: &Path, output: &Path, held: u64) -> anyhow::Result<()> {
+        let needed = self.scratch_bytes.saturating_sub(held);
+        if machine::same_disk(scratch, output) {
+            return enough(
+                output,
+                needed + self.pack_bytes,
+                &format!("{} for scratch files and {} for the pack", human(needed), human(self.pack_bytes)),
+            );
+        }
+        enough(scratch, needed, "for scratch files")?;
+        enough(output, self.pack_bytes, "for the pack")
+    }
+}
+
+fn enough(folder: &Path, needed: u64, for_what: &str) -> anyhow::Result<()> {
+    let free = machine::free_space(folder).unwrap_or(u64::MAX);
+    if free < needed {
+        anyhow::bail!(
+            "the disk that holds {} has {} free, and about {} are needed ({for_what}); free space, or give --scratch a folder \
+             on another disk",
+            folder.display(),
+            human(free),
+            human(needed)
+        );
+    }
+    Ok(())
+}
+
+/// Vertices and triangles of the file at `path`; `None` where it cannot be read, which the reader will say better.
+fn count(path: &Path) -> Option<Count> {
+    let mut file = std::fs::File::open(path).ok()?;
+    let bytes = file.metadata().ok()?.len();
+    let mut start = Vec::new();
+    file.by_ref().take(1 << 16).read_to_end(&mut start).ok()?;
+    Some(count_of(&start, bytes))
+}
+
+/// From the beginning of a file of so many bytes.
+fn count_of(start: &[u8], bytes: u64) -> Count {
+    let colored = |vertices: u64, triangles: u64| Count { vertices, triangles, attributes: 8 };
+    if start.starts_with(b"ply") {
+        return ply(start, bytes);
+    }
+    if let Some(n) = start.get(80..84).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes)
+        && u64::from(n) * 50 + 84 == bytes
+    {
+        return colored(u64::from(n) * 3, u64::from(n));
+    }
+    if start.starts_with(b"glTF") || start.trim_ascii_start().starts_with(b"{") {
+        // Plain: indices of 12 bytes, half a vertex of 16. Compressed it may be several times as many.
+        return colored(bytes / 16, bytes / 8);
+    }
+    // Text: a triangle with its half a vertex takes 40 characters and more.
+    colored(bytes / 60, bytes / 40)
+}
+
+/// From the header of a PLY; what it claims beyond the bytes of the file is not believed.
+fn ply(start: &[u8], bytes: u64) -> Count {
+    let text = String::from_utf8_lossy(start);
+    let header = text.split("end_header").next().unwrap_or_default();
+    let (mut vertices, mut triangles, mut attributes, mut in_vertex) = (0, 0, 4, false);
+    for line in header.lines() {
+        let mut words = line.split_whitespace();
+        match (words.next(), words.next(), words.next()) {
+            (Some("element"), Some(name), Some(n)) => {
+                let n = n.parse().unwrap_or(0u64);
+                in_vertex = name == "vertex";
+                match name {
+                    "vertex" => vertices = n,
+                    "face" => triangles = n,
+                    "tristrips" => triangles = vertices.saturating_mul(2),
+                    _ => {}
+                }
+            }
+            (Some("property"), Some(_), Some(name)) if in_vertex => {
+                attributes += match name {
+                    "x" | "y" | "z" | "nx" | "ny" | "nz" | "green" | "blue" => 0,
+                    _ => 4,
+                };
+            }
+            _ => {}
+        }
+    }
+    // No vertex takes less than 6 bytes, no face less than 4 indices of a byte.
+    Count { vertices: vertices.min(bytes / 6), triangles: triangles.min(bytes / 4), attributes }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headers_say_how_much_room_is_needed_and_are_not_believed_beyond_the_file() {
+        let header = |faces: u64| {
+            format!(
+                "ply\nformat binary_little_endian 1.0\nelement vertex 500\nproperty float x\nproperty float y\nproperty float \
+                 z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nelement face {faces}\nproperty list uchar int \
+                 vertex_indices\nend_header\n"
+            )
+        };
+        let count = count_of(header(1000).as_bytes(), 20_000);
+        assert_eq!(count, Count { vertices: 500, triangles: 1000, attributes: 8 });
+        assert_eq!(count_of(header(u64::MAX).as_bytes(), 20_000).triangles, 5000);
+        let mut stl = vec![0; 84];
+        stl[80..].copy_from_slice(&7u32.to_le_bytes());
+        assert_eq!(count_of(&stl, 84 + 350).triangles, 7);
+        assert_eq!(count_of(b"# obj\nv 1 2 3\n", 4000).triangles, 100);
+    }
+
+    #[test]
+    fn too_little_room_is_refused_with_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        let need = Need { scratch_bytes: 1 << 58, pack_bytes: 1 << 50 };
+        let error = need.check(folder.path(), folder.path(), 0).unwrap_err().to_string();
+        assert!(error.contains("free") && error.contains("262144 TiB") && error.contains("1024 TiB"), "{error}");
+        assert!(Need { scratch_bytes: 1000, pack_bytes: 10 }.check(folder.path(), folder.path(), 0).is_ok());
+    }
+}

@@ -1,0 +1,112 @@
+//! The pack under its temporary name: `.NAME.kilwa.part` beside the output. It is held locked, checked when it is
+//! complete, and renamed; whatever goes wrong, it is removed. Under the final name stands a complete, checked pack or nothing.
+
+use crate::progress::Bar;
+use crate::source::open_pack;
+use anyhow::Context;
+use kilwa_builder::Progress;
+use kilwa_builder::work::Stop;
+use kilwa_pack::verify::{self, Totals};
+use rayon::prelude::*;
+use std::fs::File;
+use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Bytes gathered before they are written.
+const BUFFER: usize = 1 << 20;
+
+/// The file `name` with `.` before and `suffix` after.
+pub(super) fn beside(output: &Path, suffix: &str) -> PathBuf {
+    let name = output.file_name().unwrap_or_default().to_string_lossy();
+    output.with_file_name(format!(".{name}{suffix}"))
+}
+
+/// The folder that a file is in.
+pub(super) fn folder_of(output: &Path) -> &Path {
+    match output.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    }
+}
+
+/// The output under its temporary name.
+pub(super) struct Output {
+    writer: BufWriter<File>,
+    temporary: tempfile::TempPath,
+    name: PathBuf,
+}
+
+impl Output {
+    /// Begin; what an interrupted build left under the temporary name is written over.
+    pub(super) fn create(name: &Path) -> anyhow::Result<Self> {
+        let part = beside(name, ".part");
+        let cannot =
+            || format!("cannot write {}: no file can be made in {}", name.display(), folder_of(name).display());
+        let file =
+            File::options().create(true).truncate(false).read(true).write(true).open(&part).with_context(cannot)?;
+        if let Err(fs4::TryLockError::WouldBlock) = fs4::FileExt::try_lock(&file) {
+            anyhow::bail!("{} is being written by another build; wait for it", name.display());
+        }
+        file.set_len(0).with_context(cannot)?;
+        let temporary = tempfile::TempPath::try_from_path(&part).with_context(cannot)?;
+        Ok(Self { writer: BufWriter::with_capacity(BUFFER, file), temporary, name: name.to_owned() })
+    }
+
+    /// All `bytes` of the pack were written: cut off what an earlier attempt may have left, and wait for the disk.
+    pub(super) fn complete(&mut self, bytes: u64) -> anyhow::Result<()> {
+        let finish = |writer: &mut BufWriter<File>| {
+            writer.flush()?;
+            writer.get_ref().set_len(bytes)?;
+            writer.get_ref().sync_all()
+        };
+        finish(&mut self.writer).with_context(|| format!("cannot write {}", self.name.display()))
+    }
+
+    /// Read every chunk back, on all threads.
+    pub(super) fn check(&self, bar: &Bar, stop: &Stop) -> anyhow::Result<()> {
+        let pack = open_pack(&self.temporary)?;
+        verify::directory(pack.entries())?;
+        let total = pack.entries().len() as u32;
+        let done = AtomicU64::new(0);
+        let one = |i: u32| -> anyhow::Result<Totals> {
+            stop.check()?;
+            let totals = verify::chunk(i, &pack.chunk(i)?, pack.entries())?;
+            bar.update("checking", done.fetch_add(1, Ordering::Relaxed) + 1, u64::from(total));
+            Ok(totals)
+        };
+        let totals = (0..total).into_par_iter().map(one).try_reduce(Totals::default, |a, b| Ok(a.plus(b)))?;
+        totals.agree(pack.header(), pack.metadata())?;
+        Ok(())
+    }
+
+    /// Give it its name.
+    pub(super) fn keep(self, replace: bool) -> anyhow::Result<()> {
+        let cannot = || format!("cannot write {}", self.name.display());
+        // Without --force a file that appeared in the meantime is not replaced.
+        let kept =
+            if replace { self.temporary.persist(&self.name) } else { self.temporary.persist_noclobber(&self.name) };
+        kept.map_err(|e| e.error).with_context(cannot)?;
+        if cfg!(unix) {
+            // The name, too, outlives a crash of the machine.
+            File::open(folder_of(&self.name)).and_then(|folder| folder.sync_all()).with_context(cannot)?;
+        }
+        Ok(())
+    }
+}
+
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.writer.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.writer.flush()
+    }
+}
+
+impl Seek for Output {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        self.writer.seek(to)
+    }
+}

@@ -1,0 +1,131 @@
+//! What a build prints when it is done.
+
+use super::need::Need;
+use super::size::human;
+use crate::info::metres;
+use kilwa_builder::{BuildReport, StageTime, machine};
+use serde::Serialize;
+use std::io::Write;
+use std::path::Path;
+
+/// The report for machines.
+#[derive(Serialize)]
+pub(super) struct Report<'a> {
+    #[serde(flatten)]
+    pub(super) build: &'a BuildReport,
+    pub(super) run: Spent,
+}
+
+/// What the build took.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Spent {
+    /// The budget, bytes.
+    memory_bytes: u64,
+    /// The most memory that the process held, bytes, where the system says.
+    peak_memory_bytes: Option<u64>,
+    /// Threads.
+    threads: usize,
+    seconds: f64,
+    /// Processor time of all threads, where the system says.
+    cpu_seconds: Option<f64>,
+    triangles_per_second: f64,
+    triangles_per_cpu_second: Option<f64>,
+    /// Room that was thought to be needed on disks.
+    estimated: Need,
+}
+
+impl Spent {
+    pub(super) fn of(build: &BuildReport, memory: u64, threads: usize, estimated: Need, seconds: f64) -> Self {
+        let cpu_seconds = machine::cpu_seconds();
+        let rate = |s: f64| build.triangles as f64 / s.max(1e-3);
+        Self {
+            memory_bytes: memory,
+            peak_memory_bytes: machine::peak_memory(),
+            threads,
+            seconds,
+            cpu_seconds,
+            triangles_per_second: rate(seconds),
+            triangles_per_cpu_second: cpu_seconds.map(rate),
+            estimated,
+        }
+    }
+}
+
+/// A certified bound, rounded up: what is printed is a bound too.
+fn bound(metres: f64) -> String {
+    if metres >= 1.0 {
+        format!("{:.3} m", (metres * 1e3).ceil() / 1e3)
+    } else {
+        format!("{:.3} mm", (metres * 1e6).ceil() / 1e3)
+    }
+}
+
+/// For people.
+pub(super) fn print(output: &Path, r: &Report<'_>, out: &mut impl Write) -> std::io::Result<()> {
+    let (b, p) = (r.build, &r.build.pack);
+    writeln!(out, "{}: {} triangles, {} vertices", output.display(), b.triangles, b.vertices)?;
+    writeln!(out, "  size      {:.3} × {:.3} × {:.3} m", b.extent[0], b.extent[1], b.extent[2])?;
+    writeln!(out, "  lattice   steps of {}; median edge {}", metres(b.step), metres(b.median_edge))?;
+    writeln!(
+        out,
+        "  borders   {} edges; {} edges used by more than two triangles",
+        b.border_edges, b.non_manifold_edges
+    )?;
+    writeln!(
+        out,
+        "  pack      {} bytes, {:.2} per triangle; {} chunks in {} levels; coarsest form {} triangles, within {}",
+        p.bytes,
+        p.bytes as f64 / b.triangles as f64,
+        p.chunks,
+        p.levels,
+        p.root_triangles,
+        bound(p.root_error)
+    )?;
+    spent(r, out)?;
+    for (kind, f) in &b.findings {
+        let places = if f.places.is_empty() { String::new() } else { format!(" (first: {})", f.places.join("; ")) };
+        writeln!(out, "  {:>9} {kind}{places}", f.count)?;
+    }
+    if b.overfull_leaves > 0 {
+        writeln!(out, "  {:>9} places too dense to divide further, kept whole", b.overfull_leaves)?;
+    }
+    if b.stuck_diamonds > 0 {
+        writeln!(
+            out,
+            "  {:>9} places that could not be simplified and keep their {} triangles at coarser levels",
+            b.stuck_diamonds, b.stuck_triangles
+        )?;
+    }
+    Ok(())
+}
+
+fn spent(r: &Report<'_>, out: &mut impl Write) -> std::io::Result<()> {
+    let (b, s) = (r.build, &r.run);
+    let levels = |t: &&StageTime| t.stage.starts_with("level-");
+    let mut parts: Vec<String> = Vec::new();
+    for t in b.stages.iter().filter(|t| !levels(t)) {
+        if t.stage == "assemble" {
+            let sum: f64 = b.stages.iter().filter(levels).map(|t| t.seconds).sum();
+            parts.push(format!("levels {sum:.1}"));
+        }
+        parts.push(format!("{} {:.1}", t.stage, t.seconds));
+    }
+    let cpu = s.cpu_seconds.map_or_else(String::new, |c| format!("; {c:.1} s of processor time"));
+    let rate = s.triangles_per_cpu_second.map_or_else(String::new, |t| format!(", {t:.0} triangles in each"));
+    writeln!(out, "  time      {:.1} s ({}){cpu}{rate}", s.seconds, parts.join(", "))?;
+    let peak = s.peak_memory_bytes.map_or_else(|| "unknown".to_owned(), human);
+    writeln!(
+        out,
+        "  room      memory {peak} at most, of {} allowed; scratch files {} at most, {:.0} bytes per triangle",
+        human(s.memory_bytes),
+        human(b.scratch_peak_bytes),
+        b.scratch_peak_bytes as f64 / b.triangles as f64
+    )?;
+    if let Some(stage) = &b.resumed_after {
+        writeln!(out, "  resumed   after stage {stage}")?;
+    }
+    for file in &b.redone {
+        writeln!(out, "  redone    the scratch file {file} was damaged: its stage was done again")?;
+    }
+    Ok(())
+}
