@@ -10,6 +10,7 @@
 use anyhow::{Context, bail};
 use kilwa_builder::ingest::Spool;
 use kilwa_builder::journal::PlannedInput;
+use kilwa_builder::read::texture::detail::Detail;
 use kilwa_builder::read::{self, Placed, Placement, ReadError, ReadOptions};
 use kilwa_builder::work::Work;
 use kilwa_builder::{BuildError, Interruptible, Progress, Units, Up};
@@ -19,6 +20,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Which meshes are read, and how their coordinates are meant.
 #[derive(clap::Args)]
@@ -41,6 +43,11 @@ pub(crate) struct InputArgs {
     /// `auto`: each NAME.ply has its own in NAME.xf beside it.
     #[arg(long, value_name = "FILE.xf|auto")]
     pub(crate) transform: Option<PathBuf>,
+    /// Split triangles of OBJ so that no edge spans more than so many texels of a picture; the surface stays the same.
+    ///
+    /// Without it, vertices have the colour of the picture where they lie, and nothing is split.
+    #[arg(long, value_name = "TEXELS", value_parser = texels)]
+    pub(crate) texture_detail: Option<f64>,
 }
 
 /// One input.
@@ -92,6 +99,10 @@ fn origin(text: &str) -> Result<[f64; 3], String> {
     }
 }
 
+fn texels(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|v| (1.0..=65536.0).contains(v)).ok_or_else(|| "give a number from 1 to 65536".to_owned())
+}
+
 impl Inputs {
     /// Find all that the arguments name.
     pub(crate) fn find(args: &InputArgs) -> anyhow::Result<Self> {
@@ -120,7 +131,8 @@ impl Inputs {
             files.push(InputFile { path, up, placement });
         }
         passed_over.sort();
-        Ok(Self { options: ReadOptions::default(), files, passed_over })
+        let detail = args.texture_detail.map(|texels| Arc::new(Detail::new(texels)));
+        Ok(Self { options: ReadOptions { detail, ..ReadOptions::default() }, files, passed_over })
     }
 
     /// The axis that points up, as the metadata has it: that of most inputs where they differ.
@@ -172,7 +184,7 @@ impl kilwa_builder::Inputs for Inputs {
                 path: path.display().to_string(),
                 bytes: about.len(),
                 modified: modified.and_then(|t| u64::try_from(t.as_nanos()).ok()),
-                placement: format!("{:?}", file.placement),
+                placement: format!("{:?} {:?}", file.placement, self.options.detail.as_ref().map(|d| d.texels())),
             })
         };
         self.files.iter().map(planned).collect()
@@ -180,7 +192,14 @@ impl kilwa_builder::Inputs for Inputs {
 
     fn deliver(&mut self, spool: &mut Spool, work: &Work<'_>) -> Result<Vec<SourceFile>, BuildError> {
         let total: u64 = self.files.iter().map(|f| f.path.metadata().map_or(0, |about| about.len())).sum();
-        self.options.scratch = work.scratch.folder().to_owned();
+        work.scratch.folder().clone_into(&mut self.options.scratch);
+        if self.options.detail.is_some() {
+            for (i, file) in (0..).zip(&self.files) {
+                work.stop.check()?;
+                read::note_detail(&file.path, &self.options, &mut |_, _| ())?;
+                work.progress.update("measuring pictures", i + 1, self.files.len() as u64);
+            }
+        }
         let mut before = 0;
         for file in &self.files {
             work.stop.check()?;

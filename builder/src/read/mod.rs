@@ -34,6 +34,8 @@ use crate::raw::RawMesh;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use texture::detail::Detail;
 
 /// How much of the beginning is looked at to recognise the format.
 const SNIFFED: u64 = 16 * 1024;
@@ -67,13 +69,19 @@ pub struct ReadOptions {
     pub scratch: PathBuf,
     /// Bytes of decoded pictures kept at a time, and the most that one may take.
     pub texture_bytes: u64,
+    /// How far triangles are split for their pictures, where they are. Each input must have gone through
+    /// [`note_detail`] before the first is read.
+    pub detail: Option<Arc<Detail>>,
 }
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { scratch: std::env::temp_dir(), texture_bytes: texture::TEXTURE_BYTES }
+        Self { scratch: std::env::temp_dir(), texture_bytes: texture::TEXTURE_BYTES, detail: None }
     }
 }
+
+/// Notes how many texels the edges of an input span.
+type NoteDetail = fn(Input<'_>, &Detail) -> Result<(), ReadError>;
 
 /// A format that is read.
 #[derive(Debug, Clone, Copy)]
@@ -86,14 +94,22 @@ pub struct Format {
     is: fn(start: &[u8], total: u64) -> bool,
     /// Delivers it.
     read: fn(Input<'_>, &mut dyn MeshSink) -> Result<(), ReadError>,
+    /// Notes how many texels its edges span, where it can have pictures.
+    note_detail: Option<NoteDetail>,
 }
 
 /// Asked in this order.
 const FORMATS: &[Format] = &[
-    Format { name: "PLY", up: Up::Z, is: |start, _| ply::is_ply(start), read: ply::read },
-    Format { name: "glTF", up: Up::Y, is: gltf::is_gltf, read: gltf::read },
-    Format { name: "STL", up: Up::Z, is: stl::is_stl, read: stl::read },
-    Format { name: "OBJ", up: Up::Z, is: |start, _| obj::is_obj(start), read: obj::read },
+    Format { name: "PLY", up: Up::Z, is: |start, _| ply::is_ply(start), read: ply::read, note_detail: None },
+    Format { name: "glTF", up: Up::Y, is: gltf::is_gltf, read: gltf::read, note_detail: None },
+    Format { name: "STL", up: Up::Z, is: stl::is_stl, read: stl::read, note_detail: None },
+    Format {
+        name: "OBJ",
+        up: Up::Z,
+        is: |start, _| obj::is_obj(start),
+        read: obj::read,
+        note_detail: Some(obj::note_detail),
+    },
 ];
 
 /// Deliver the mesh in the file at `path` to `sink`.
@@ -118,6 +134,22 @@ pub fn read_into_with(
 ) -> Result<(), ReadError> {
     let (mut file, total) = open(path)?;
     dispatch(Input { path, total, source: &mut file, progress: &mut |a, b| progress(a, b), options }, sink)
+}
+
+/// First pass of [`ReadOptions::detail`]: note how many texels the edges of the mesh at `path` span.
+///
+/// # Errors
+/// As [`read_into`]. A file that cannot have pictures is not read.
+pub fn note_detail(path: &Path, options: &ReadOptions, progress: &mut OnProgress<'_>) -> Result<(), ReadError> {
+    let (mut file, total) = open(path)?;
+    let format = format_of(&mut file, total, path)?;
+    match (format.note_detail, &options.detail) {
+        (Some(note), Some(detail)) => {
+            let progress = &mut |a, b| progress(a, b);
+            note(Input { path, total, source: &mut file, progress, options }, detail)
+        }
+        _ => Ok(()),
+    }
 }
 
 /// As [`read_into`], from any source of `total` bytes; `path` is its name in messages.

@@ -13,7 +13,8 @@ use crate::raw::Findings;
 use crate::read::ReadOptions;
 use crate::read::faces::{CROSSING, REPEATED, TOO_FEW, TRIANGULATED};
 use crate::read::sink::{NOT_FINITE, TWICE, VertexBlock};
-use crate::read::texture::{Textures, find_file};
+use crate::read::texture::detail::{Detail, Shared, Vertex, middle, split};
+use crate::read::texture::{Texture, Textures, find_file, light_from_srgb, srgb_from_light};
 use crate::read::triangulate::{Outcome, Triangulator};
 use std::path::{Path, PathBuf};
 
@@ -37,6 +38,14 @@ enum Paint {
     Picture(usize, Map),
 }
 
+/// Where the faces go.
+pub(super) enum To<'s> {
+    /// Each corner becomes a vertex.
+    Sink(&'s mut dyn MeshSink),
+    /// Nowhere: the texels that their edges span are noted.
+    Notes(&'s Detail),
+}
+
 /// A vertex in the making.
 #[derive(Clone, Copy)]
 struct Made {
@@ -47,7 +56,8 @@ struct Made {
 }
 
 pub(super) struct Corners<'s, 'p> {
-    sink: &'s mut dyn MeshSink,
+    to: To<'s>,
+    detail: Option<&'p Detail>,
     findings: Findings,
     positions: Table<'p, POSITION_BYTES>,
     uvs: Table<'p, 8>,
@@ -63,6 +73,8 @@ pub(super) struct Corners<'s, 'p> {
     block: Block,
     triangles: Vec<[u64; 3]>,
     delivered: u64,
+    /// Vertices of the triangle that is being split.
+    shared: Shared,
     triangulator: Triangulator,
     ring: Vec<Corner>,
     ring_made: Vec<Made>,
@@ -83,14 +95,15 @@ impl<'s, 'p> Corners<'s, 'p> {
         path: &'p Path,
         options: &'p ReadOptions,
         survey: &Survey,
-        sink: &'s mut dyn MeshSink,
+        to: To<'s>,
         findings: Findings,
     ) -> Self {
         let scratch = Scratch { folder: &options.scratch, file: path };
         let remembered = survey.faces.saturating_mul(4).clamp(16, REMEMBERED).next_power_of_two();
-        let first = sink.vertex_count();
+        let first = if let To::Sink(sink) = &to { sink.vertex_count() } else { 0 };
         Self {
-            sink,
+            to,
+            detail: options.detail.as_deref(),
             findings,
             positions: Table::new(scratch, POSITIONS),
             uvs: Table::new(scratch, UVS),
@@ -103,6 +116,7 @@ impl<'s, 'p> Corners<'s, 'p> {
             block: Block { first, ..Block::default() },
             triangles: Vec::with_capacity(BLOCK),
             delivered: 0,
+            shared: Shared::default(),
             triangulator: Triangulator::default(),
             ring: Vec::new(),
             ring_made: Vec::new(),
@@ -160,32 +174,35 @@ impl<'s, 'p> Corners<'s, 'p> {
         Ok(block.first + block.positions.len() as u64 - 1)
     }
 
+    /// The picture of the faces in hand, where there is one that can be read.
+    fn picture(&mut self) -> Option<(&Texture, &Map)> {
+        let Paint::Picture(number, map) = &self.paint else { return None };
+        let (name, file) = &self.pictures[*number];
+        let load = || match file {
+            Some(file) => std::fs::read(file).map_err(|e| format!("it cannot be read: {e}")),
+            None => Err("it is missing".to_owned()),
+        };
+        let findings = &mut self.findings;
+        let refused = |why| findings.add("pictures left out", || format!("{name}: {why}"));
+        Some((self.textures.get(*number, load, refused)?, map))
+    }
+
     /// The colour of a vertex: of the picture, else its own, else of the material.
     fn color(&mut self, made: &Made) -> Option<[u8; 3]> {
-        let from_picture = match (&self.paint, made.uv) {
-            (Paint::Picture(number, map), Some(uv)) => {
-                let (name, file) = &self.pictures[*number];
-                let load = || match file {
-                    Some(file) => std::fs::read(file).map_err(|e| format!("it cannot be read: {e}")),
-                    None => Err("it is missing".to_owned()),
-                };
-                let findings = &mut self.findings;
-                let refused = |why| findings.add("pictures left out", || format!("{name}: {why}"));
-                let placed: [f64; 2] = std::array::from_fn(|i| uv[i] * map.scale[i] + map.offset[i]);
-                let texture = self.textures.get(*number, load, refused);
-                // In an OBJ the first row of a picture is at the top, v goes up.
-                texture.map(|t| t.sample([placed[0], 1.0 - placed[1]], [map.wrap; 2]))
-            }
-            _ => None,
-        };
+        let from_picture = made.uv.and_then(|uv| {
+            let (texture, map) = self.picture()?;
+            let placed: [f64; 2] = std::array::from_fn(|i| uv[i] * map.scale[i] + map.offset[i]);
+            // In an OBJ the first row of a picture is at the top, v goes up.
+            Some(texture.sample([placed[0], 1.0 - placed[1]], [map.wrap; 2]))
+        });
         let from_material = if let Paint::Color(color) = self.paint { Some(color) } else { None };
         from_picture.or(made.own_color).or(from_material)
     }
 
     fn flush_vertices(&mut self) -> Result<(), ReadError> {
         let Block { first, positions, colors, normals } = &mut self.block;
-        if !positions.is_empty() {
-            self.sink.vertices(&VertexBlock { positions, colors, normals, scalars: &[] })?;
+        if let (To::Sink(sink), false) = (&mut self.to, positions.is_empty()) {
+            sink.vertices(&VertexBlock { positions, colors, normals, scalars: &[] })?;
             *first += positions.len() as u64;
             positions.clear();
             colors.clear();
@@ -196,8 +213,8 @@ impl<'s, 'p> Corners<'s, 'p> {
 
     fn flush(&mut self) -> Result<(), ReadError> {
         self.flush_vertices()?;
-        if !self.triangles.is_empty() {
-            self.sink.triangles(&self.triangles, &[])?;
+        if let (To::Sink(sink), false) = (&mut self.to, self.triangles.is_empty()) {
+            sink.triangles(&self.triangles, &[])?;
             self.delivered += self.triangles.len() as u64;
             self.triangles.clear();
         }
@@ -211,12 +228,67 @@ impl<'s, 'p> Corners<'s, 'p> {
             self.findings.add(TWICE, || format!("line {line}"));
             return Ok(());
         }
+        if let Some(detail) = self.detail {
+            let made = match made {
+                Some(made) => made,
+                None => [self.made(corners[0])?, self.made(corners[1])?, self.made(corners[2])?],
+            };
+            return self.detailed(detail, corners, made);
+        }
         let mut numbers = [0; 3];
         for (k, number) in numbers.iter_mut().enumerate() {
             *number = self.number(corners[k], made.map(|m| m[k]))?;
         }
+        self.push(numbers)
+    }
+
+    fn push(&mut self, numbers: [u64; 3]) -> Result<(), ReadError> {
         self.triangles.push(numbers);
         if self.triangles.len() >= BLOCK { self.flush() } else { Ok(()) }
+    }
+
+    /// A triangle that is split where it or a neighbour spans many texels.
+    fn detailed(&mut self, detail: &Detail, corners: [Corner; 3], made: [Made; 3]) -> Result<(), ReadError> {
+        // Texels from one end of the coordinates to the other.
+        let size = self.picture().map(|(texture, map)| {
+            let size = texture.size();
+            [0, 1].map(|i| size[i] as f64 * map.scale[i])
+        });
+        let texels = |a: &Made, b: &Made| match (size, a.uv, b.uv) {
+            (Some(size), Some(a), Some(b)) => {
+                let [u, v] = [0, 1].map(|i| (a[i] - b[i]) * size[i]);
+                libm::hypot(u, v)
+            }
+            _ => 0.0,
+        };
+        if let To::Notes(detail) = self.to {
+            for (a, b) in [(0, 1), (1, 2), (2, 0)] {
+                detail.note(made[a].position, made[b].position, texels(&made[a], &made[b]));
+            }
+            return Ok(());
+        }
+        self.shared.clear();
+        for k in 0..3 {
+            let number = self.number(corners[k], Some(made[k]))?;
+            self.shared.insert(made[k].position, number);
+        }
+        let mut parts = 0;
+        split(detail, made, texels, |part| {
+            parts += 1;
+            let mut numbers = [0; 3];
+            for (number, made) in numbers.iter_mut().zip(&part) {
+                *number = if let Some(number) = self.shared.get(made.position) {
+                    number
+                } else {
+                    let number = self.vertex_of(made)?;
+                    self.shared.insert(made.position, number);
+                    number
+                };
+            }
+            self.push(numbers)
+        })?;
+        self.findings.add_many("triangles split so that they keep their pictures", u64::from(parts > 1));
+        Ok(())
     }
 
     fn polygon(&mut self, line: u64) -> Result<(), ReadError> {
@@ -242,6 +314,24 @@ impl<'s, 'p> Corners<'s, 'p> {
         }
         (self.ring, self.ring_made) = (ring, made);
         Ok(())
+    }
+}
+
+impl Vertex for Made {
+    fn position(&self) -> [f64; 3] {
+        self.position
+    }
+
+    fn between(&self, other: &Self) -> Self {
+        let color = |a: [u8; 3], b: [u8; 3]| {
+            [0, 1, 2].map(|i| srgb_from_light(f64::midpoint(light_from_srgb(a[i]), light_from_srgb(b[i]))))
+        };
+        Self {
+            position: middle(self.position, other.position),
+            own_color: self.own_color.zip(other.own_color).map(|(a, b)| color(a, b)),
+            uv: self.uv.zip(other.uv).map(|(a, b)| [0, 1].map(|i| f64::midpoint(a[i], b[i]))),
+            normal: self.normal.zip(other.normal).map(|(a, b)| [0, 1, 2].map(|i| f32::midpoint(a[i], b[i]))),
+        }
     }
 }
 

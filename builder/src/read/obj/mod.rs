@@ -29,10 +29,11 @@ mod fuzz_tests;
 mod tests;
 
 use super::source::Source;
+use super::texture::detail::Detail;
 use super::texture::find_file;
 use super::{Input, MeshSink, Place, ReadError};
 use crate::raw::Findings;
-use corners::Corners;
+use corners::{Corners, To};
 use lines::{Lines, word};
 use material::Material;
 use plain::Plain;
@@ -96,28 +97,13 @@ trait Body {
 /// [`ReadError`] for a file that is damaged, cut or without triangles.
 pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
     let Input { path, total, source, progress, options } = input;
-    let mut findings = Findings::default();
     let mut source = Source::new(source, total, path, progress);
-    source.begin_pass(0.0, SURVEY)?;
-    let survey = Survey::read(&mut Lines::new(&mut source)?, &mut findings)?;
-    if survey.vertices == 0 || survey.faces == 0 {
-        return Err(no_faces(path, &survey));
-    }
-    let mut materials = libraries(path, &survey, &mut findings)?;
-    for name in &survey.materials {
-        if !materials.contains_key(name) {
-            findings.add("materials that no library defines, left out", || name.clone());
-        }
-    }
-    let pictures = survey.uses_uvs && survey.uvs > 0 && materials.values().any(|m| m.map.is_some());
-    if !pictures {
-        for material in materials.values_mut() {
-            material.map = None;
-        }
-    }
+    let (survey, materials, findings) = first_pass(&mut source, path)?;
     source.begin_pass(SURVEY, 1.0 - SURVEY)?;
-    let (delivered, mut findings) = if pictures || (survey.uses_normals && survey.normals > 0) {
-        let body = Corners::new(path, options, &survey, sink, findings);
+    let has_normals = survey.uses_normals && survey.normals > 0;
+    // Where others are split at their edges, a mesh without pictures must be, too.
+    let (delivered, findings) = if has_pictures(&materials) || has_normals || options.detail.is_some() {
+        let body = Corners::new(path, options, &survey, To::Sink(sink), findings);
         second_pass(&mut source, path, &survey, &materials, body)?
     } else {
         let body = Plain::new(survey.has_colors, sink, findings);
@@ -132,8 +118,55 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
             way_out: "Export the mesh again and give that",
         });
     }
-    sink.findings().merge(std::mem::take(&mut findings));
+    sink.findings().merge(findings);
     Ok(())
+}
+
+/// Note how many texels the edges of the OBJ span, without delivering it.
+///
+/// # Errors
+/// As [`read`].
+pub fn note_detail(input: Input<'_>, detail: &Detail) -> Result<(), ReadError> {
+    let Input { path, total, source, progress, options } = input;
+    let mut source = Source::new(source, total, path, progress);
+    let (survey, materials, findings) = first_pass(&mut source, path)?;
+    if has_pictures(&materials) {
+        source.begin_pass(SURVEY, 1.0 - SURVEY)?;
+        let body = Corners::new(path, options, &survey, To::Notes(detail), findings);
+        second_pass(&mut source, path, &survey, &materials, body)?;
+    }
+    source.done();
+    Ok(())
+}
+
+fn has_pictures(materials: &HashMap<String, Material>) -> bool {
+    materials.values().any(|m| m.map.is_some())
+}
+
+/// What the file has, the materials that it uses, and what was found on the way.
+fn first_pass(
+    source: &mut Source<'_>,
+    path: &Path,
+) -> Result<(Survey, HashMap<String, Material>, Findings), ReadError> {
+    let mut findings = Findings::default();
+    source.begin_pass(0.0, SURVEY)?;
+    let survey = Survey::read(&mut Lines::new(source)?, &mut findings)?;
+    if survey.vertices == 0 || survey.faces == 0 {
+        return Err(no_faces(path, &survey));
+    }
+    let mut materials = libraries(path, &survey, &mut findings)?;
+    materials.retain(|name, _| survey.materials.contains(name));
+    for name in &survey.materials {
+        if !materials.contains_key(name) {
+            findings.add("materials that no library defines, left out", || name.clone());
+        }
+    }
+    if !(survey.uses_uvs && survey.uvs > 0) {
+        for material in materials.values_mut() {
+            material.map = None;
+        }
+    }
+    Ok((survey, materials, findings))
 }
 
 fn second_pass(

@@ -1,10 +1,13 @@
 //! What the OBJ reader promises, claim by claim.
 
 use crate::raw::RawMesh;
-use crate::read::{ReadError, read_mesh, read_mesh_from};
+use crate::read::texture::detail::Detail;
+use crate::read::{MemorySink, ReadError, ReadOptions, note_detail, read_into_with, read_mesh, read_mesh_from};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::io::Cursor;
 use std::path::Path;
+use std::sync::Arc;
 
 fn read(text: &str) -> Result<RawMesh, ReadError> {
     read_mesh_from(Cursor::new(text), text.len() as u64, Path::new("scan.obj"), &mut |_, _| {})
@@ -293,6 +296,51 @@ fn a_picture_that_is_missing_or_damaged_is_counted_once_with_the_reason() {
         told.len() == 2 && told[0].contains("gone.jpg: it is missing") && told[1].contains("bad.png: "),
         "{told:?}"
     );
+}
+
+#[test]
+fn triangles_are_split_until_no_edge_spans_more_texels_and_the_colours_follow_the_picture() {
+    let picture = png(64, 64, |x, y| [(4 * x) as u8, (4 * y) as u8, 0]);
+    let mtl = b"newmtl wall\nmap_Kd a.png\nnewmtl bare\nKd 0 0 1\n";
+    // A square with the picture, beside it a triangle without, and a roof over both edges whose corners have normals.
+    let obj = format!(
+        "mtllib a.mtl\n{SQUARE}v 2 0.5 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl wall\nf 1/1 2/2 3/3 4/4\nusemtl bare\nf 2/1 5/1 3/1\n"
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.obj");
+    std::fs::write(&path, obj).unwrap();
+    std::fs::write(folder.path().join("a.mtl"), mtl).unwrap();
+    std::fs::write(folder.path().join("a.png"), picture).unwrap();
+    let options = ReadOptions { detail: Some(Arc::new(Detail::new(8.0))), ..ReadOptions::default() };
+    note_detail(&path, &options, &mut |_, _| {}).unwrap();
+    let mut sink = MemorySink::new(&path);
+    read_into_with(&path, &options, &mut sink, &mut |_, _| {}).unwrap();
+    let mesh = sink.into_mesh().unwrap();
+
+    let mut edges: BTreeMap<[[u64; 3]; 2], i64> = BTreeMap::new();
+    let mut area = 0.0;
+    for t in &mesh.triangles {
+        let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
+        area += ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) / 2.0;
+        for (p, q) in [(a, b), (b, c), (c, a)] {
+            // In the square a texel is a 64th.
+            if p[0].max(q[0]) <= 1.0 {
+                assert!((p[0] - q[0]).hypot(p[1] - q[1]) * 64.0 <= 8.0 + 1e-9);
+            }
+            let [p, q] = [p, q].map(|p| p.map(f64::to_bits));
+            *edges.entry(if p < q { [p, q] } else { [q, p] }).or_default() += if p < q { 1 } else { -1 };
+        }
+    }
+    assert!((area - 1.5).abs() < 1e-12, "the surface is the same");
+    // Three open sides of the square in 8 parts, and two of the triangle whole: nothing is open between the two.
+    assert_eq!(edges.values().filter(|n| **n != 0).count(), 3 * 8 + 2);
+    for (p, c) in mesh.positions.iter().zip(&mesh.colors).filter(|(_, c)| c[2] == 0) {
+        let expected = [p[0] * 64.0 - 0.5, (1.0 - p[1]) * 64.0 - 0.5].map(|texel| texel * 4.0);
+        if p[0] > 0.01 && p[0] < 0.99 && p[1] > 0.01 && p[1] < 0.99 {
+            assert!((0..2).all(|i| (f64::from(c[i]) - expected[i]).abs() <= 2.0), "{p:?} {c:?} {expected:?}");
+        }
+    }
+    assert!(mesh.colors.contains(&[0, 0, 255]));
 }
 
 #[test]

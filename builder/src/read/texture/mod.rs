@@ -4,6 +4,7 @@
 //! pictures are kept up to a number of bytes and decoded again when they come back ([`Textures`]). Texels are taken as 8-bit
 //! sRGB, whatever a colour profile says; opacity is not looked at.
 
+pub mod detail;
 mod find;
 
 pub use find::find_file;
