@@ -1,29 +1,37 @@
-//! `kilwa extract`: give the mesh back from a pack, whole or coarser, as one crack-free PLY.
+//! `kilwa extract`: give the mesh back from a pack, whole or coarser, as one crack-free PLY, OBJ, STL or GLB.
 //!
-//! Vertices that are equal in position and every attribute become one vertex again, so that patches join exactly; the
-//! pack's lattice makes this equality of integers. The file is written under a temporary name and renamed when complete.
+//! Stages: `choose` (which diamonds are refined) → `stream` (chunk by chunk through space; vertices that are equal in
+//! position and every attribute become one again, so that patches join exactly: the pack's lattice makes this equality
+//! of integers) → two scratch files, vertices and triangles as the format has them → `output` (header and both, under a
+//! temporary name, renamed when complete). Memory follows the cross-section of the model and not its size.
 
+mod choose;
+mod format;
+mod glb;
+mod obj;
 mod output;
 mod ply;
+mod region;
+mod stl;
+mod stream;
 
 use crate::info::{grouped, metres};
 use crate::source::{FileSource, open_pack};
-use crate::verify::progress_bar;
 use anyhow::Context;
-use kilwa_pack::cut::{Cut, coarse_triangles};
-use kilwa_pack::{Chunk, PackError, Reader, Source};
+use choose::Chosen;
+use format::{Format, Target};
+use kilwa_pack::{Metadata, Reader};
 use output::Output;
-use ply::Welded;
-use rayon::prelude::*;
+use region::Region;
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// Give the mesh back from a pack, at full detail or coarser, as a PLY without cracks.
+/// Give the mesh back from a pack, at full detail or coarser, as PLY, OBJ, STL or GLB, without cracks.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The pack.
     pack: PathBuf,
-    /// The PLY to write.
+    /// The file to write; its ending says the format: .ply, .obj, .stl or .glb.
     #[arg(short, long)]
     output: PathBuf,
     /// The coarsest surface whose certified error is at most this many metres.
@@ -32,7 +40,10 @@ pub(crate) struct Args {
     /// The best surface of at most this many triangles.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     max_triangles: Option<u64>,
-    /// Write numbers as text instead of binary little-endian.
+    /// Only the triangles whose centroid lies in this box, whole; world coordinates in metres.
+    #[arg(long = "box", value_name = "XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX", allow_hyphen_values = true)]
+    region: Option<Region>,
+    /// PLY: write numbers as text instead of binary little-endian.
     #[arg(long)]
     ascii: bool,
     /// Replace an existing file.
@@ -43,9 +54,6 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// Chunks decoded at a time: bounds memory, and keeps all threads busy.
-const BATCH: usize = 64;
-
 fn error_limit(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x.is_finite() && x >= 0.0 => Ok(x),
@@ -55,87 +63,115 @@ fn error_limit(text: &str) -> Result<f64, String> {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     // What would stop the writing is said before the work is done.
+    let format = Format::of(&args.output, args.ascii)?;
+    refuse_the_pack_itself(&args.pack, &args.output)?;
     let output = Output::prepare(&args.output, args.force)?;
     let reader = open_pack(&args.pack)?;
     let of_pack = || args.pack.display().to_string();
-    let cut = choose(&reader, args).with_context(of_pack)?;
-    let mesh = weld(&reader, &cut).with_context(of_pack)?;
-    let error = cut.error(reader.entries());
-    if let Some(limit) = args.max_triangles.filter(|&limit| limit < mesh.triangle_count()) {
-        eprintln!(
-            "kilwa: the coarsest surface of this pack has {} triangles; {} were asked for",
-            grouped(mesh.triangle_count()),
-            grouped(limit)
-        );
+    let region = args.region.as_ref().map(|region| region.on(&reader.header().lattice));
+    let chosen = choose::choose(&reader, args.max_error, args.max_triangles, region.as_ref()).with_context(of_pack)?;
+    let target = Target::new(&reader, &chosen, region.as_ref());
+    let mut encoder = format.encoder(&target);
+    let mut scratch = output.scratch()?;
+    let counts =
+        stream::stream(&reader, &chosen, region.as_ref(), &mut *encoder, &mut scratch).with_context(of_pack)?;
+    if counts.triangles == 0 {
+        anyhow::bail!("{}: {}", args.pack.display(), nothing_there(reader.metadata(), args.region.as_ref()));
     }
-    let comment = format!("certified error {error} m against the finest surface");
-    let layout = ply::Layout::of(&reader, args.ascii);
-    let bytes = output.write(|out| ply::write(out, &mesh, &reader, layout, &comment))?;
-    if args.json {
-        let report = serde_json::json!({
-            "output": args.output.display().to_string(),
-            "bytes": bytes,
-            "triangles": mesh.triangle_count(),
-            "vertices": mesh.vertex_count(),
-            "max_error": error,
-            "refined_chunks": cut.refined().count(),
-            "coordinates": layout.coordinate_type(),
-            "ascii": args.ascii,
-        });
-        writeln!(std::io::stdout(), "{}", serde_json::to_string_pretty(&report)?)?;
-    } else {
-        let precision =
-            if error == 0.0 { "the finest surface".to_owned() } else { format!("within {}", metres(f64::from(error))) };
-        writeln!(
-            std::io::stdout(),
-            "{}: {} triangles, {} vertices, {precision}, {} bytes.",
-            args.output.display(),
-            grouped(mesh.triangle_count()),
-            grouped(mesh.vertex_count()),
-            grouped(bytes)
-        )?;
+    say_what_was_not_reached(args.max_triangles, counts.triangles, &chosen);
+    let bytes = output.write(|out| encoder.assemble(out, &mut scratch, counts))?;
+    let report = Report { args, format, target: &target, reader: &reader, chosen: &chosen, counts, bytes };
+    if args.json { report.json() } else { report.text() }
+}
+
+/// Writing over the pack would destroy what is read.
+fn refuse_the_pack_itself(pack: &Path, output: &Path) -> anyhow::Result<()> {
+    let real = |path: &Path| std::fs::canonicalize(path).ok();
+    if let (Some(a), Some(b)) = (real(pack), real(output))
+        && a == b
+    {
+        anyhow::bail!("{} is the pack itself; give the output another name", output.display());
     }
     Ok(())
 }
 
-fn choose(reader: &Reader<FileSource>, args: &Args) -> anyhow::Result<Cut> {
-    let entries = reader.entries();
-    if let Some(limit) = args.max_error {
-        return Ok(Cut::for_error(entries, limit));
+fn nothing_there(metadata: &Metadata, region: Option<&Region>) -> String {
+    let (min, max) = (metadata.bounds_min, metadata.bounds_max);
+    let spans = format!("it spans {} {} {} to {} {} {} m", min[0], min[1], min[2], max[0], max[1], max[2]);
+    match region {
+        Some(region) => format!("no triangle has its centroid in the box {region}; {spans}"),
+        None => "it holds no triangle".to_owned(),
     }
-    let Some(limit) = args.max_triangles else {
-        return Ok(Cut::finest(entries));
-    };
-    // The directory says what a refinement adds; what it takes away stands in the patch tables of the chunks.
-    let mut patches = Vec::new();
-    for (i, e) in entries.iter().enumerate() {
-        let bytes = reader
-            .source()
-            .read_at(e.offset, e.encoded_bytes as usize)
-            .with_context(|| format!("cannot read chunk {i}"))?;
-        if kilwa_pack::checksum(&bytes) != e.checksum {
-            return Err(PackError::Checksum { what: format!("chunk {i}") }.into());
-        }
-        patches.extend(kilwa_pack::chunk::patch_table(&bytes)?);
-    }
-    Ok(Cut::for_triangles(entries, &coarse_triangles(entries.len(), &patches), limit))
 }
 
-/// All drawn patches of a cut as one mesh.
-fn weld(reader: &Reader<FileSource>, cut: &Cut) -> anyhow::Result<Welded> {
-    let refined: Vec<u32> = cut.refined().collect();
-    let bar = progress_bar(refined.len() as u64, "extracting");
-    let mut mesh = Welded::default();
-    for batch in refined.chunks(BATCH) {
-        let chunks: Vec<Result<Chunk, PackError>> = batch.par_iter().map(|&i| reader.chunk(i)).collect();
-        for chunk in chunks {
-            let chunk = chunk?;
-            for patch in cut.drawn(&chunk.patches) {
-                mesh.add(&chunk.mesh, patch)?;
-            }
-        }
-        bar.inc(batch.len() as u64);
+/// The promise of `--max-triangles` is 0.67 N to N; where the pack does not allow it, say so.
+fn say_what_was_not_reached(limit: Option<u64>, found: u64, chosen: &Chosen) {
+    let Some(limit) = limit else { return };
+    if found > limit {
+        eprintln!(
+            "kilwa: the coarsest surface of this pack has {} triangles; {} were asked for",
+            grouped(found),
+            grouped(limit)
+        );
+    } else if found * 3 < limit * 2 && !chosen.is_finest {
+        eprintln!(
+            "kilwa: {} triangles instead of {}: the next finer surface of this pack has more than that",
+            grouped(found),
+            grouped(limit)
+        );
     }
-    bar.finish_and_clear();
-    Ok(mesh)
+}
+
+/// What was written.
+struct Report<'a> {
+    args: &'a Args,
+    format: Format,
+    target: &'a Target,
+    reader: &'a Reader<FileSource>,
+    chosen: &'a Chosen,
+    counts: stream::Counts,
+    bytes: u64,
+}
+
+impl Report<'_> {
+    fn json(&self) -> anyhow::Result<()> {
+        let report = serde_json::json!({
+            "output": self.args.output.display().to_string(),
+            "format": self.format.name(),
+            "bytes": self.bytes,
+            "triangles": self.counts.triangles,
+            "vertices": self.counts.vertices,
+            "max_error": self.chosen.error,
+            "refined_chunks": self.chosen.cut.refined().count(),
+            "coordinates": self.format.coordinate_type(self.target),
+            "offset": self.format.offset(self.target),
+            "left_out": self.format.left_out(self.reader),
+            "ascii": self.args.ascii,
+        });
+        writeln!(std::io::stdout(), "{}", serde_json::to_string_pretty(&report)?)?;
+        Ok(())
+    }
+
+    fn text(&self) -> anyhow::Result<()> {
+        let error = self.chosen.error;
+        let precision =
+            if error == 0.0 { "the finest surface".to_owned() } else { format!("within {}", metres(f64::from(error))) };
+        let mut out = std::io::stdout();
+        writeln!(
+            out,
+            "{}: {} triangles, {} vertices, {precision}, {} bytes.",
+            self.args.output.display(),
+            grouped(self.counts.triangles),
+            grouped(self.counts.vertices),
+            grouped(self.bytes)
+        )?;
+        let left_out = self.format.left_out(self.reader);
+        if !left_out.is_empty() {
+            writeln!(out, "  {} does not hold {}; they are left out.", self.format.title(), left_out.join(", "))?;
+        }
+        if let Some([x, y, z]) = self.format.offset(self.target) {
+            writeln!(out, "  Coordinates are relative to {x} {y} {z}, because its numbers are too short for them.")?;
+        }
+        Ok(())
+    }
 }

@@ -2,7 +2,7 @@
 
 use anyhow::Context;
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// Where a result goes.
@@ -17,7 +17,7 @@ impl Output {
     /// Check that the output can be written.
     ///
     /// # Errors
-    /// When it exists and may not be replaced, is a folder, lies in a missing folder, or is not named `.ply`.
+    /// When it exists and may not be replaced, is a folder, or lies in a missing folder.
     pub(crate) fn prepare(path: &Path, replace: bool) -> anyhow::Result<Self> {
         let shown = path.display();
         let kind = std::fs::metadata(path).ok();
@@ -27,9 +27,6 @@ impl Output {
         let direct = kind.as_ref().is_some_and(|k| !k.is_file());
         if kind.is_some() && !direct && !replace {
             anyhow::bail!("{shown} exists already; give --force to replace it");
-        }
-        if !direct && !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) {
-            anyhow::bail!("{shown}: only PLY is written; give the output a name that ends in .ply");
         }
         let output = Self { path: path.to_owned(), direct, replace };
         let folder = output.folder();
@@ -41,6 +38,20 @@ impl Output {
 
     fn folder(&self) -> &Path {
         self.path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+    }
+
+    /// Two scratch files, beside the output where it is a file: what is written there is as large as the output.
+    ///
+    /// # Errors
+    /// When they cannot be made.
+    pub(crate) fn scratch(&self) -> anyhow::Result<Scratch> {
+        let folder = if self.direct { std::env::temp_dir() } else { self.folder().to_owned() };
+        let open = || {
+            let file = tempfile::tempfile_in(&folder);
+            file.map(|f| BufWriter::with_capacity(1 << 20, f))
+                .with_context(|| format!("cannot make a scratch file in {}", folder.display()))
+        };
+        Ok(Scratch { vertices: open()?, triangles: open()? })
     }
 
     /// Write with `body` and return the number of bytes; on failure nothing is left.
@@ -64,6 +75,36 @@ impl Output {
         renamed.map_err(|e| e.error).with_context(cannot)?;
         Ok(bytes)
     }
+}
+
+/// The two parts of the output while they grow. The files have no name, so that nothing is left of them.
+pub(crate) struct Scratch {
+    /// The vertices.
+    pub(crate) vertices: BufWriter<File>,
+    /// The triangles.
+    pub(crate) triangles: BufWriter<File>,
+}
+
+impl Scratch {
+    /// What went wrong when they cannot be written.
+    pub(crate) const CANNOT: &str = "cannot write the scratch files beside the output";
+
+    /// Copy the vertices to the output.
+    pub(crate) fn copy_vertices(&mut self, out: &mut dyn Write) -> std::io::Result<()> {
+        copy(&mut self.vertices, out)
+    }
+
+    /// Copy the triangles to the output.
+    pub(crate) fn copy_triangles(&mut self, out: &mut dyn Write) -> std::io::Result<()> {
+        copy(&mut self.triangles, out)
+    }
+}
+
+fn copy(part: &mut BufWriter<File>, out: &mut dyn Write) -> std::io::Result<()> {
+    part.flush()?;
+    let file = part.get_mut();
+    file.seek(SeekFrom::Start(0))?;
+    std::io::copy(file, out).map(drop)
 }
 
 /// Run `body` on a buffered, counted file.

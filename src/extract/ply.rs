@@ -1,165 +1,104 @@
-//! One welded mesh, and how it is written as PLY (Turk, "The PLY Polygon File Format", 1994).
+//! PLY (Turk, "The PLY Polygon File Format", 1994): everything that the pack has.
 
-use anyhow::Context;
-use kilwa_geometry::{Lattice, Mesh, normal};
-use kilwa_pack::{PatchRange, Reader, Source};
-use std::collections::HashMap;
+use super::format::{Encoder, Target, one_line};
+use super::output::Scratch;
+use super::stream::Counts;
+use kilwa_geometry::{LatticePoint, Mesh, normal};
 use std::io::Write;
 
-/// All that makes a vertex: position, colour, normal, bits of the scalars.
-type Wedge = ([i32; 3], [u8; 3], [i16; 2], Vec<u32>);
-
-/// Patches joined to one mesh: equal vertices are one.
-#[derive(Default)]
-pub(super) struct Welded {
-    mesh: Mesh,
-    known: HashMap<Wedge, u32>,
-}
-
-impl Welded {
-    /// Add the triangles of one patch.
-    ///
-    /// # Errors
-    /// When there are more vertices than PLY's `int` indices can name.
-    pub(super) fn add(&mut self, from: &Mesh, patch: &PatchRange) -> anyhow::Result<()> {
-        let first = patch.first as usize;
-        for triangle in &from.triangles[first..first + patch.count as usize] {
-            let mut corners = [0; 3];
-            for (corner, &v) in corners.iter_mut().zip(triangle) {
-                let v = v as usize;
-                let wedge = (
-                    from.positions[v],
-                    from.colors.get(v).copied().unwrap_or_default(),
-                    from.normals[v],
-                    from.scalars.iter().map(|s| s[v].to_bits()).collect(),
-                );
-                *corner = if let Some(&known) = self.known.get(&wedge) {
-                    known
-                } else {
-                    let new = self.mesh.push_vertex_of(from, v);
-                    i32::try_from(new).context("a PLY cannot name more than 2^31 vertices: ask for fewer triangles")?;
-                    self.known.insert(wedge, new);
-                    new
-                };
-            }
-            self.mesh.triangles.push(corners);
-        }
-        Ok(())
-    }
-
-    pub(super) fn triangle_count(&self) -> u64 {
-        self.mesh.triangles.len() as u64
-    }
-
-    pub(super) fn vertex_count(&self) -> u64 {
-        self.mesh.positions.len() as u64
-    }
-}
-
-/// How numbers are written.
-#[derive(Clone, Copy)]
-pub(super) struct Layout {
+pub(super) struct Ply {
+    target: Target,
     ascii: bool,
-    /// Coordinates need `double`.
-    double: bool,
 }
 
-impl Layout {
-    /// `float` where it holds every coordinate of the pack to a quarter of a lattice step, else `double`.
-    pub(super) fn of<S: Source>(reader: &Reader<S>, ascii: bool) -> Self {
-        let header = reader.header();
-        let side = f64::from(1u32 << header.cube_log2);
-        let far = header.lattice.world_from_steps([side; 3]);
-        let largest = far.iter().chain(&header.lattice.origin).fold(0.0f64, |m, x| m.max(x.abs()));
-        // Half a unit in the last place of a float is 2^-24 of the power of two below the number.
-        let rounding = largest * 2f64.powi(-24);
-        Self { ascii, double: rounding > header.lattice.step() * 0.25 }
+impl Ply {
+    /// Coordinates are `float` where that keeps every lattice point apart, else `double`.
+    pub(super) fn new(target: Target, ascii: bool) -> Self {
+        Self { target, ascii }
     }
 
-    /// The PLY name of the type of coordinates.
-    pub(super) fn coordinate_type(self) -> &'static str {
-        if self.double { "double" } else { "float" }
-    }
-}
-
-/// Write header, vertices and triangles.
-pub(super) fn write<S: Source>(
-    out: &mut dyn Write,
-    welded: &Welded,
-    reader: &Reader<S>,
-    layout: Layout,
-    comment: &str,
-) -> std::io::Result<()> {
-    let mesh = &welded.mesh;
-    let metadata = reader.metadata();
-    let colors = reader.header().attributes.colors;
-    writeln!(out, "ply")?;
-    writeln!(out, "format {} 1.0", if layout.ascii { "ascii" } else { "binary_little_endian" })?;
-    writeln!(out, "comment {}", one_line(&metadata.title))?;
-    writeln!(out, "comment kilwa {}: {comment}", env!("CARGO_PKG_VERSION"))?;
-    writeln!(out, "comment metres, z up, crs {}", one_line(metadata.crs.as_deref().unwrap_or("unknown")))?;
-    writeln!(out, "element vertex {}", mesh.positions.len())?;
-    for axis in ["x", "y", "z"] {
-        writeln!(out, "property {} {axis}", layout.coordinate_type())?;
-    }
-    if colors {
-        for channel in ["red", "green", "blue"] {
-            writeln!(out, "property uchar {channel}")?;
+    fn header(&self, out: &mut dyn Write, counts: Counts) -> std::io::Result<()> {
+        let target = &self.target;
+        writeln!(out, "ply")?;
+        writeln!(out, "format {} 1.0", if self.ascii { "ascii" } else { "binary_little_endian" })?;
+        writeln!(out, "comment {}", one_line(&target.metadata.title))?;
+        writeln!(out, "comment {}", target.comment())?;
+        writeln!(out, "comment {}", target.frame())?;
+        writeln!(out, "element vertex {}", counts.vertices)?;
+        for axis in ["x", "y", "z"] {
+            writeln!(out, "property {} {axis}", if target.needs_double { "double" } else { "float" })?;
         }
-    }
-    for axis in ["nx", "ny", "nz"] {
-        writeln!(out, "property float {axis}")?;
-    }
-    for name in scalar_names(metadata.scalars.iter().map(|s| s.name.as_str())) {
-        writeln!(out, "property float {name}")?;
-    }
-    writeln!(out, "element face {}", mesh.triangles.len())?;
-    writeln!(out, "property list uchar int vertex_indices")?;
-    writeln!(out, "end_header")?;
-    for v in 0..mesh.positions.len() {
-        write_vertex(out, mesh, v, &reader.header().lattice, layout)?;
-    }
-    for triangle in &mesh.triangles {
-        let [a, b, c] = triangle;
-        if layout.ascii {
-            writeln!(out, "3 {a} {b} {c}")?;
-        } else {
-            out.write_all(&[3])?;
-            for corner in triangle {
-                out.write_all(&corner.to_le_bytes())?;
+        if target.colors {
+            for channel in ["red", "green", "blue"] {
+                writeln!(out, "property uchar {channel}")?;
             }
         }
+        for axis in ["nx", "ny", "nz"] {
+            writeln!(out, "property float {axis}")?;
+        }
+        for name in scalar_names(target.metadata.scalars.iter().map(|s| s.name.as_str())) {
+            writeln!(out, "property float {name}")?;
+        }
+        writeln!(out, "element face {}", counts.triangles)?;
+        writeln!(out, "property list uchar int vertex_indices")?;
+        writeln!(out, "end_header")
     }
-    Ok(())
+
+    fn text(&self, out: &mut Vec<u8>, mesh: &Mesh, v: usize) {
+        let world = self.target.lattice.world_from_lattice(mesh.positions[v]);
+        let double = self.target.needs_double;
+        let mut words: Vec<String> =
+            world.iter().map(|x| if double { x.to_string() } else { (*x as f32).to_string() }).collect();
+        words.extend(mesh.colors.get(v).into_iter().flatten().map(ToString::to_string));
+        words.extend(normal::decode(mesh.normals[v]).iter().map(|x| (*x as f32).to_string()));
+        words.extend(mesh.scalars.iter().map(|s| s[v].to_string()));
+        out.extend(words.join(" ").into_bytes());
+        out.push(b'\n');
+    }
 }
 
-fn write_vertex(out: &mut dyn Write, mesh: &Mesh, v: usize, lattice: &Lattice, layout: Layout) -> std::io::Result<()> {
-    let world = lattice.world_from_lattice(mesh.positions[v]);
-    let normal = normal::decode(mesh.normals[v]).map(|x| x as f32);
-    let color = mesh.colors.get(v);
-    let scalars = mesh.scalars.iter().map(|s| s[v]);
-    if layout.ascii {
-        let mut words: Vec<String> =
-            world.iter().map(|x| if layout.double { x.to_string() } else { (*x as f32).to_string() }).collect();
-        words.extend(color.iter().flat_map(|c| c.iter()).map(ToString::to_string));
-        words.extend(normal.iter().map(ToString::to_string));
-        words.extend(scalars.map(|x| x.to_string()));
-        return writeln!(out, "{}", words.join(" "));
+impl Encoder for Ply {
+    /// Indices are `int`.
+    fn most_vertices(&self) -> u32 {
+        i32::MAX as u32
     }
-    for x in world {
-        if layout.double {
-            out.write_all(&x.to_le_bytes())?;
-        } else {
-            out.write_all(&(x as f32).to_le_bytes())?;
+
+    fn vertex(&mut self, out: &mut Vec<u8>, mesh: &Mesh, v: usize) {
+        if self.ascii {
+            return self.text(out, mesh, v);
+        }
+        for x in self.target.lattice.world_from_lattice(mesh.positions[v]) {
+            if self.target.needs_double {
+                out.extend(x.to_le_bytes());
+            } else {
+                out.extend((x as f32).to_le_bytes());
+            }
+        }
+        out.extend(mesh.colors.get(v).into_iter().flatten());
+        let normal = normal::decode(mesh.normals[v]).map(|x| x as f32);
+        for x in normal.into_iter().chain(mesh.scalars.iter().map(|s| s[v])) {
+            out.extend(x.to_le_bytes());
         }
     }
-    if let Some(c) = color {
-        out.write_all(c)?;
+
+    fn triangle(&mut self, out: &mut Vec<u8>, corners: [u32; 3], _: [LatticePoint; 3]) {
+        if self.ascii {
+            let [a, b, c] = corners;
+            // Writing to memory does not fail.
+            let _ = writeln!(out, "3 {a} {b} {c}");
+            return;
+        }
+        out.push(3);
+        for corner in corners {
+            out.extend(corner.to_le_bytes());
+        }
     }
-    for x in normal.into_iter().chain(scalars) {
-        out.write_all(&x.to_le_bytes())?;
+
+    fn assemble(&self, out: &mut dyn Write, scratch: &mut Scratch, counts: Counts) -> std::io::Result<()> {
+        self.header(out, counts)?;
+        scratch.copy_vertices(out)?;
+        scratch.copy_triangles(out)
     }
-    Ok(())
 }
 
 /// PLY property names: no blanks, none used twice, none that this file uses for something else.
@@ -177,11 +116,6 @@ fn scalar_names<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
         used.push(clean);
     }
     used.split_off(fixed)
-}
-
-/// Text for a header line.
-fn one_line(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
 #[cfg(test)]

@@ -1,0 +1,63 @@
+//! Binary STL: 80 bytes of text, the number of facets, 50 bytes for each. It has no colours and its numbers are floats:
+//! where these are too short for the coordinates of the world, coordinates are relative to a point that is said.
+
+use super::format::{Encoder, Target};
+use super::output::Scratch;
+use super::stream::Counts;
+use kilwa_geometry::{LatticePoint, Mesh};
+use std::io::{Error, Write};
+
+pub(super) struct Stl {
+    target: Target,
+}
+
+impl Stl {
+    pub(super) fn new(target: Target) -> Self {
+        Self { target }
+    }
+}
+
+impl Encoder for Stl {
+    fn shares_vertices(&self) -> bool {
+        false
+    }
+
+    fn vertex(&mut self, _: &mut Vec<u8>, _: &Mesh, _: usize) {}
+
+    fn triangle(&mut self, out: &mut Vec<u8>, _: [u32; 3], points: [LatticePoint; 3]) {
+        let [a, b, c] = points;
+        let side = |p: LatticePoint| [0, 1, 2].map(|k| f64::from(p[k] - a[k]));
+        let (u, v) = (side(b), side(c));
+        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        let length = n.iter().map(|x| x * x).sum::<f64>().sqrt();
+        // A facet without area has no normal: zero, as the format has it.
+        let normal = n.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 });
+        let position = |p: LatticePoint| {
+            if self.target.needs_double {
+                self.target.relative(p)
+            } else {
+                self.target.lattice.world_from_lattice(p).map(|x| x as f32)
+            }
+        };
+        for x in normal.into_iter().chain(points.map(position).into_iter().flatten()) {
+            out.extend(x.to_le_bytes());
+        }
+        out.extend([0; 2]);
+    }
+
+    fn assemble(&self, out: &mut dyn Write, scratch: &mut Scratch, counts: Counts) -> std::io::Result<()> {
+        let count = u32::try_from(counts.triangles)
+            .map_err(|_| Error::other("an STL holds 4,294,967,295 triangles at most: ask for fewer"))?;
+        // It must not begin with "solid", as text files do.
+        let mut header = format!("kilwa {}, metres, z up", env!("CARGO_PKG_VERSION"));
+        if self.target.needs_double {
+            let [x, y, z] = self.target.lattice.world_from_lattice(self.target.center);
+            header = format!("kilwa, m, z up, add {x} {y} {z}");
+        }
+        let mut header = header.into_bytes();
+        header.resize(80, b' ');
+        out.write_all(&header)?;
+        out.write_all(&count.to_le_bytes())?;
+        scratch.copy_triangles(out)
+    }
+}

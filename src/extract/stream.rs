@@ -1,0 +1,171 @@
+//! The triangles of a cut, chunk by chunk, and their vertices, each once, without holding the model.
+//!
+//! Chunks are taken in the order in which a plane sweeps along the longest side of the model: by the smallest coordinate
+//! of their boxes. A vertex that lies before the plane cannot come again, because every later chunk begins behind it; so
+//! what is known of it is forgotten. What stays in memory is what lies in the chunks that the plane cuts.
+
+use super::choose::Chosen;
+use super::format::Encoder;
+use super::output::Scratch;
+use super::region::Steps;
+use crate::source::FileSource;
+use crate::verify::progress_bar;
+use anyhow::Context;
+use kilwa_geometry::Mesh;
+use kilwa_pack::{Chunk, PackError, Reader};
+use rayon::prelude::*;
+use std::collections::HashMap;
+use std::io::Write;
+
+/// Chunks decoded at a time: bounds memory, and keeps all threads busy.
+const BATCH: usize = 32;
+/// Forgetting is worth while from so many vertices on.
+const FORGET_FROM: usize = 1 << 16;
+
+/// All that makes a vertex: position, colour, normal, bits of the scalars.
+type Wedge = ([i32; 3], [u8; 3], [i16; 2], Box<[u32]>);
+
+/// What was written.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Counts {
+    pub(super) vertices: u64,
+    pub(super) triangles: u64,
+}
+
+/// Write the vertices and the triangles of the cut to the scratch files.
+pub(super) fn stream(
+    reader: &Reader<FileSource>,
+    chosen: &Chosen,
+    region: Option<&Steps>,
+    encoder: &mut dyn Encoder,
+    scratch: &mut Scratch,
+) -> anyhow::Result<Counts> {
+    let axis = longest_side(reader);
+    let chunks = in_order(reader, chosen, region, axis);
+    let bar = progress_bar(chunks.len() as u64, "extracting");
+    let mut weld = Weld { axis, known: HashMap::new(), kept: 0, counts: Counts::default(), bytes: Vec::new() };
+    for batch in chunks.chunks(BATCH) {
+        let decoded: Vec<Result<Chunk, PackError>> = batch.par_iter().map(|&i| reader.chunk(i)).collect();
+        for (&index, chunk) in batch.iter().zip(decoded) {
+            let chunk = chunk?;
+            let bounds = &reader.entries()[index as usize].bounds;
+            if chunk.mesh.positions.iter().any(|p| (0..3).any(|k| p[k] < bounds.min[k] || p[k] > bounds.max[k])) {
+                // What was forgotten would come again as another vertex: the surface would crack.
+                anyhow::bail!(
+                    "chunk {index}: a vertex lies outside the box that the directory gives; build the pack again"
+                );
+            }
+            weld.forget(bounds.min[axis]);
+            weld.add(&chunk, chosen, region, encoder, scratch)?;
+        }
+        bar.inc(batch.len() as u64);
+    }
+    bar.finish_and_clear();
+    Ok(weld.counts)
+}
+
+/// The axis along which the model is longest.
+fn longest_side(reader: &Reader<FileSource>) -> usize {
+    let (min, max) = (reader.metadata().bounds_min, reader.metadata().bounds_max);
+    let length = |k: &usize| max[*k] - min[*k];
+    (0..3).max_by(|a, b| length(a).total_cmp(&length(b))).unwrap_or(0)
+}
+
+/// The chunks that hold something to write, in the order of the sweep.
+fn in_order(reader: &Reader<FileSource>, chosen: &Chosen, region: Option<&Steps>, axis: usize) -> Vec<u32> {
+    let entries = reader.entries();
+    let bounds = |i: u32| &entries[i as usize].bounds;
+    let wanted = |i: &u32| !bounds(*i).is_empty() && region.is_none_or(|region| region.meets(bounds(*i)));
+    let mut chunks: Vec<u32> = chosen.cut.refined().filter(wanted).collect();
+    chunks.sort_unstable_by_key(|&i| (bounds(i).min[axis], i));
+    chunks
+}
+
+/// Gives equal vertices one number.
+struct Weld {
+    axis: usize,
+    known: HashMap<Wedge, u32>,
+    /// How many were kept when some were forgotten last.
+    kept: usize,
+    counts: Counts,
+    bytes: Vec<u8>,
+}
+
+impl Weld {
+    /// Forget the vertices before `plane`, when there are twice as many as the last time.
+    fn forget(&mut self, plane: i32) {
+        if self.known.len() >= FORGET_FROM.max(2 * self.kept) {
+            let axis = self.axis;
+            self.known.retain(|wedge, _| wedge.0[axis] >= plane);
+            self.kept = self.known.len();
+        }
+    }
+
+    /// Write the drawn triangles of a chunk, each after its vertices.
+    fn add(
+        &mut self,
+        chunk: &Chunk,
+        chosen: &Chosen,
+        region: Option<&Steps>,
+        encoder: &mut dyn Encoder,
+        scratch: &mut Scratch,
+    ) -> anyhow::Result<()> {
+        let mesh = &chunk.mesh;
+        let mut numbers: Vec<Option<u32>> = vec![None; mesh.positions.len()];
+        for patch in chosen.cut.drawn(&chunk.patches) {
+            for t in patch.first as usize..(patch.first + patch.count) as usize {
+                let points = mesh.corners(t);
+                if region.is_some_and(|region| !region.holds(points)) {
+                    continue;
+                }
+                let mut corners = [0; 3];
+                if encoder.shares_vertices() {
+                    for (corner, v) in corners.iter_mut().zip(mesh.triangles[t]) {
+                        let v = v as usize;
+                        *corner = match numbers[v] {
+                            Some(number) => number,
+                            None => self.number(mesh, v, encoder, scratch)?,
+                        };
+                        numbers[v] = Some(*corner);
+                    }
+                } else {
+                    self.counts.vertices += 3;
+                }
+                self.bytes.clear();
+                encoder.triangle(&mut self.bytes, corners, points);
+                scratch.triangles.write_all(&self.bytes).context(Scratch::CANNOT)?;
+                self.counts.triangles += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// The number of a vertex, written where it is new.
+    fn number(
+        &mut self,
+        mesh: &Mesh,
+        v: usize,
+        encoder: &mut dyn Encoder,
+        scratch: &mut Scratch,
+    ) -> anyhow::Result<u32> {
+        let wedge = (
+            mesh.positions[v],
+            mesh.colors.get(v).copied().unwrap_or_default(),
+            mesh.normals[v],
+            mesh.scalars.iter().map(|s| s[v].to_bits()).collect(),
+        );
+        if let Some(&number) = self.known.get(&wedge) {
+            return Ok(number);
+        }
+        let limit = encoder.most_vertices();
+        let number = u32::try_from(self.counts.vertices).ok().filter(|n| *n < limit).with_context(|| {
+            format!("more than {limit} vertices, which this format cannot name: ask for fewer triangles, or by --box")
+        })?;
+        self.counts.vertices += 1;
+        self.known.insert(wedge, number);
+        self.bytes.clear();
+        encoder.vertex(&mut self.bytes, mesh, v);
+        scratch.vertices.write_all(&self.bytes).context(Scratch::CANNOT)?;
+        Ok(number)
+    }
+}

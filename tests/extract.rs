@@ -1,0 +1,287 @@
+//! `kilwa extract` in every format: what goes out comes in again, no cut cracks, boxes tile the model, `--max-triangles`
+//! keeps its promise, and nothing is overwritten.
+
+mod support;
+
+use kilwa_builder::RawMesh;
+use kilwa_builder::read::read_mesh;
+use kilwa_geometry::Lattice;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+use support::{Input, Ply, fails, json, kilwa, succeeds, text};
+
+/// Where the torus lies: coordinates of a map, which a float cannot hold.
+const FAR: [f64; 3] = [531_000.0, 9_010_000.0, 12.0];
+
+fn folder() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("extract");
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// The pack of a closed, coloured torus; built once.
+fn torus() -> &'static Path {
+    static BUILT: OnceLock<PathBuf> = OnceLock::new();
+    BUILT.get_or_init(|| {
+        let (input, pack) = (folder().join("torus.ply"), folder().join("torus.kilwa"));
+        Input::torus(256, 64, FAR).write(&input);
+        succeeds(&["build", text(&input), "-o", text(&pack), "--crs", "EPSG:32737", "--force"]);
+        pack
+    })
+}
+
+/// The pack of a synthetic site.
+fn site(which: &str, triangles: &str) -> PathBuf {
+    let (input, pack) = (folder().join(format!("{which}.ply")), folder().join(format!("{which}.kilwa")));
+    succeeds(&["synth", which, "--triangles", triangles, "-o", text(&input), "--force"]);
+    succeeds(&["build", text(&input), "-o", text(&pack), "--force"]);
+    pack
+}
+
+fn lattice(pack: &Path) -> Lattice {
+    let info = json(&["info", text(pack)]);
+    let step = info["lattice_step"].as_f64().unwrap();
+    let origin = [0, 1, 2].map(|k| info["lattice_origin"][k].as_f64().unwrap());
+    Lattice { origin, step_log2: step.log2().round() as i32 }
+}
+
+type Corner = ([i32; 3], Option<[u8; 3]>);
+
+/// Triangles as a sorted multiset of lattice corners with colours, each rotated to its smallest form.
+fn multiset(mesh: &RawMesh, lattice: &Lattice, world: impl Fn([f64; 3]) -> [f64; 3]) -> Vec<[Corner; 3]> {
+    let corner = |v: u32| {
+        let v = v as usize;
+        (lattice.snap(world(mesh.positions[v])).expect("inside the lattice"), mesh.colors.get(v).copied())
+    };
+    let rotated = |[a, b, c]: [Corner; 3]| [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap();
+    let mut all: Vec<_> = mesh.triangles.iter().map(|t| rotated(t.map(corner))).collect();
+    all.sort_unstable();
+    all
+}
+
+fn read(path: &Path) -> RawMesh {
+    read_mesh(path, &mut |_, _| {}).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Positions as the world has them: GLB has y up, an STL may be relative to a point.
+fn to_world(report: &serde_json::Value) -> impl Fn([f64; 3]) -> [f64; 3] + use<> {
+    let y_up = report["format"] == "glb";
+    let offset = [0, 1, 2].map(|k| report["offset"][k].as_f64().unwrap_or(0.0));
+    move |[x, y, z]| {
+        let p = if y_up { [x, -z, y] } else { [x, y, z] };
+        [p[0] + offset[0], p[1] + offset[1], p[2] + offset[2]]
+    }
+}
+
+/// How many triangles use each edge, edges named by the positions of their ends.
+fn edge_uses(mesh: &RawMesh) -> BTreeMap<[[u64; 3]; 2], u32> {
+    let mut uses = BTreeMap::new();
+    for t in &mesh.triangles {
+        for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+            let mut ends = [a, b].map(|v| mesh.positions[v as usize].map(f64::to_bits));
+            ends.sort_unstable();
+            *uses.entry(ends).or_default() += 1;
+        }
+    }
+    uses
+}
+
+#[test]
+fn every_format_gives_back_the_finest_level_as_far_as_it_holds_it() {
+    let work = tempfile::tempdir().unwrap();
+    let lattice = lattice(torus());
+    let whole = work.path().join("whole.ply");
+    succeeds(&["extract", text(torus()), "-o", text(&whole)]);
+    let whole = read(&whole);
+    let wanted = multiset(&whole, &lattice, |p| p);
+    let uncoloured: Vec<_> = {
+        let plain = RawMesh { colors: Vec::new(), ..whole.clone() };
+        multiset(&plain, &lattice, |p| p)
+    };
+    for (name, ascii, colored) in
+        [("a.obj", false, true), ("a.stl", false, false), ("a.glb", false, true), ("b.ply", true, true)]
+    {
+        let out = work.path().join(name);
+        let mut args = vec!["extract", text(torus()), "-o", text(&out)];
+        args.extend(ascii.then_some("--ascii"));
+        let report = json(&args);
+        assert_eq!((report["triangles"].as_u64(), report["max_error"].as_f64()), (Some(32_768), Some(0.0)));
+        assert_eq!(report["bytes"], std::fs::metadata(&out).unwrap().len());
+        let back = read(&out);
+        let found = multiset(&back, &lattice, to_world(&report));
+        assert!(found == if colored { wanted.clone() } else { uncoloured.clone() }, "{name}: the same triangles");
+        if colored {
+            assert_eq!(back.positions.len(), whole.positions.len(), "{name}: vertices are shared");
+        }
+        let lost = report["left_out"].to_string();
+        assert_eq!(lost.contains("colours"), !colored, "{name}: {lost}");
+    }
+}
+
+#[test]
+fn what_was_extracted_builds_to_the_same_finest_level() {
+    let work = tempfile::tempdir().unwrap();
+    let step = json(&["info", text(torus())])["lattice_step"].to_string();
+    let whole = work.path().join("whole.ply");
+    succeeds(&["extract", text(torus()), "-o", text(&whole)]);
+    let lattice = lattice(torus());
+    let wanted = multiset(&read(&whole), &lattice, |p| p);
+    for (name, up) in [("a.obj", "z"), ("a.glb", "y"), ("a.ply", "z")] {
+        let (out, pack, back) = (work.path().join(name), work.path().join("a.kilwa"), work.path().join("back.ply"));
+        succeeds(&["extract", text(torus()), "-o", text(&out)]);
+        succeeds(&["build", text(&out), "-o", text(&pack), "--up", up, "--step", &step, "--force"]);
+        succeeds(&["extract", text(&pack), "-o", text(&back), "--force"]);
+        assert!(multiset(&read(&back), &lattice, |p| p) == wanted, "{name}");
+    }
+}
+
+#[test]
+fn no_cut_cracks_in_any_format() {
+    let work = tempfile::tempdir().unwrap();
+    for limit in ["0.1", "0.02", "0.005", "0"] {
+        for name in ["a.obj", "a.stl", "a.glb"] {
+            let out = work.path().join(name);
+            succeeds(&["extract", text(torus()), "-o", text(&out), "--force", "--max-error", limit]);
+            assert!(
+                edge_uses(&read(&out)).values().all(|&n| n == 2),
+                "{name}: a closed mesh stays closed at {limit} m"
+            );
+        }
+    }
+}
+
+#[test]
+fn boxes_that_tile_the_model_give_every_triangle_once_and_whole() {
+    let work = tempfile::tempdir().unwrap();
+    let out = work.path().join("part.ply");
+    let [x, y, z] = FAR;
+    let cut = x + 0.123_456_789;
+    let boxes = [
+        format!("{},{},{},{cut},{},{}", x - 9.0, y - 9.0, z - 9.0, y + 9.0, z + 9.0),
+        format!("{},{},{},{},{},{}", cut + 1e-9, y - 9.0, z - 9.0, x + 9.0, y + 9.0, z + 9.0),
+    ];
+    for limit in [&[][..], &["--max-error", "0.02"]] {
+        let whole = [&["extract", text(torus()), "-o", text(&out), "--force"], limit].concat();
+        let all = json(&whole);
+        let mut triangles = 0;
+        for region in &boxes {
+            let part = json(&[&whole[..], &["--box", region]].concat());
+            triangles += part["triangles"].as_u64().unwrap();
+            assert!(part["max_error"].as_f64() <= all["max_error"].as_f64());
+            assert!(part["vertices"].as_u64() < all["vertices"].as_u64());
+        }
+        assert_eq!(Some(triangles), all["triangles"].as_u64());
+    }
+    let part =
+        json(&["extract", text(torus()), "-o", text(&out), "--force", "--box", &boxes[0], "--max-triangles", "6000"]);
+    let found = part["triangles"].as_u64().unwrap();
+    assert!((4000..=6000).contains(&found), "the count is of what lies in the box: {found}");
+    let nowhere = work.path().join("nowhere.ply");
+    let said = fails(&["extract", text(torus()), "-o", text(&nowhere), "--box", "0,0,0,1,1,1"]);
+    assert!(
+        said.contains("no triangle has its centroid in the box 0,0,0,1,1,1; it spans") && !nowhere.exists(),
+        "{said}"
+    );
+    let usage = kilwa(&["extract", text(torus()), "-o", text(&nowhere), "--box", "1,2,3"]);
+    assert_eq!(usage.status.code(), Some(2));
+}
+
+#[test]
+fn max_triangles_keeps_its_promise_on_three_meshes_or_says_so() {
+    let work = tempfile::tempdir().unwrap();
+    let out = work.path().join("a.stl");
+    let mut kept = 0;
+    for pack in [torus().to_owned(), site("wall", "40000"), site("fort", "40000")] {
+        let all = json(&["info", text(&pack)])["metadata"]["triangles"].as_u64().unwrap();
+        for share in [5, 10, 20, 35, 50, 70, 90, 100, 200] {
+            let limit = all * share / 100;
+            let output = kilwa(&[
+                "extract",
+                text(&pack),
+                "-o",
+                text(&out),
+                "--force",
+                "--json",
+                "--max-triangles",
+                &limit.to_string(),
+            ]);
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect(&said);
+            let found = report["triangles"].as_u64().unwrap();
+            let promise = found <= limit && (found * 3 >= limit * 2 || report["max_error"] == 0.0);
+            assert!(promise || said.contains("triangles"), "{}: {found} of {limit} without a word", pack.display());
+            assert!(found <= limit || said.contains("coarsest"), "{}: {found} of {limit}: {said}", pack.display());
+            kept += u32::from(promise);
+        }
+    }
+    assert!(kept >= 20, "kept {kept} times of 27");
+}
+
+#[test]
+fn a_glb_is_valid_and_has_the_place_and_the_colours_of_the_pack() {
+    let work = tempfile::tempdir().unwrap();
+    let out = work.path().join("a.glb");
+    succeeds(&["extract", text(torus()), "-o", text(&out), "--max-error", "0.01"]);
+    let bytes = std::fs::read(&out).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let file: serde_json::Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+    let matrix: Vec<f64> = file["nodes"][0]["matrix"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+    assert!((matrix[12] - FAR[0]).abs() < 1.0 && (matrix[14] + FAR[1]).abs() < 1.0, "the node stands at the place");
+    assert!(file["accessors"][0]["max"][0].as_f64().unwrap() < 10.0, "positions are relative to it");
+    assert_eq!(file["accessors"][3]["componentType"], 5123, "colours of 16 bits");
+
+    let validator = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser/node_modules/gltf-validator/index.js");
+    if !validator.is_file() {
+        println!("skipped: {} is not here (cargo xtask test installs it)", validator.display());
+        return;
+    }
+    let script = "const v = require(process.argv[1]); const fs = require('fs');
+        v.validateBytes(new Uint8Array(fs.readFileSync(process.argv[2]))).then(r => console.log(JSON.stringify(r)));";
+    let output = Command::new("node").args(["-e", script, text(&validator), text(&out)]).output().unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("a report");
+    let issues = &report["issues"];
+    assert_eq!((&issues["numErrors"], &issues["numWarnings"]), (&0.into(), &0.into()), "{issues:#}");
+}
+
+#[test]
+fn what_cannot_be_written_is_refused_by_name_before_anything_is_written() {
+    let work = tempfile::tempdir().unwrap();
+    for (name, part) in [("a.gltf", ".glb"), ("a.nxz", ".nxz is not written"), ("a", "ends in .ply, .obj")] {
+        let out = work.path().join(name);
+        assert!(fails(&["extract", text(torus()), "-o", text(&out)]).contains(part), "{name}");
+    }
+    let stl = work.path().join("a.stl");
+    assert!(fails(&["extract", text(torus()), "-o", text(&stl), "--ascii"]).contains("--ascii is for PLY"));
+    assert!(std::fs::read_dir(work.path()).unwrap().next().is_none());
+
+    let pack = work.path().join("pack.ply");
+    std::fs::copy(torus(), &pack).unwrap();
+    let said = fails(&["extract", text(&pack), "-o", text(&work.path().join("./pack.ply")), "--force"]);
+    assert!(said.contains("is the pack itself"), "{said}");
+    assert_eq!(std::fs::read(&pack).unwrap(), std::fs::read(torus()).unwrap());
+
+    std::fs::write(&stl, "precious").unwrap();
+    assert!(fails(&["extract", text(torus()), "-o", text(&stl)]).contains("--force"));
+    assert_eq!(std::fs::read_to_string(&stl).unwrap(), "precious");
+    succeeds(&["extract", text(torus()), "-o", text(&stl), "--force"]);
+    assert_eq!(read(&stl).triangles.len(), 32_768);
+    assert_eq!(std::fs::read_dir(work.path()).unwrap().count(), 2, "no scratch file is left");
+}
+
+#[test]
+fn the_ply_reader_of_the_tests_agrees_on_what_a_box_holds() {
+    let work = tempfile::tempdir().unwrap();
+    let out = work.path().join("part.ply");
+    let [x, y, z] = FAR;
+    let region = format!("{x},{y},{z},{},{},{}", x + 9.0, y + 9.0, z + 9.0);
+    succeeds(&["extract", text(torus()), "-o", text(&out), "--box", &region]);
+    let part = Ply::read(&out);
+    assert!(!part.triangles.is_empty());
+    for t in &part.triangles {
+        let corners = t.map(|v| part.position(v));
+        let inside = |k: usize| corners.iter().map(|c| c[k]).sum::<f64>() / 3.0 >= FAR[k] - 1e-6;
+        assert!((0..3).all(inside), "a centroid lies outside: {corners:?}");
+    }
+}
