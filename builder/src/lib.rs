@@ -23,6 +23,7 @@ pub mod simplify;
 pub mod surface;
 pub mod synth;
 pub mod tree_file;
+mod weld;
 pub mod work;
 
 pub use build::{BuildReport, Built, Inputs, Interruptible, Run, StageTime, build, build_pack};
