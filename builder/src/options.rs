@@ -107,6 +107,8 @@ pub struct BuildOptions {
     pub crop: Option<[[f64; 3]; 2]>,
     /// Drop triangles with a corner whose `confidence` or `quality` is below this.
     pub min_confidence: Option<f32>,
+    /// Drop components of fewer triangles than this.
+    pub drop_islands_below: Option<u64>,
     /// Files that the mesh came from, for the metadata.
     #[serde(skip)]
     pub sources: Vec<kilwa_pack::metadata::SourceFile>,
@@ -125,6 +127,7 @@ impl Default for BuildOptions {
             leaf_triangles: LEAF_TRIANGLES,
             crop: None,
             min_confidence: None,
+            drop_islands_below: None,
             sources: Vec::new(),
         }
     }

@@ -35,8 +35,22 @@ pub struct Surface {
     pub border_edges: u64,
     /// Edges used by more than two triangles.
     pub non_manifold_edges: u64,
+    /// Edges of two triangles that run along it the same way: neighbours that face apart.
+    pub inconsistent_edges: u64,
+    /// Triangles that stand a second time, whichever way they face.
+    pub duplicate_triangles: u64,
+    /// Connected components, triangles joined by points.
+    pub components: u64,
+    /// Triangles of the largest component.
+    pub largest_component: u64,
     /// Median edge length in metres.
     pub median_edge: f64,
+    /// The length that one edge in a hundred is shorter than, metres.
+    pub short_edge: f64,
+    /// Estimated standard deviation of the noise along the normal, metres: from the distances of sampled points to the
+    /// plane through the mean of their neighbours at right angles to their normal. Curvature and relief of the size of
+    /// an edge count as noise, so it is an upper estimate on rough stone.
+    pub noise: f64,
     /// The files that it came from.
     pub sources: Vec<SourceFile>,
     /// What reading and preparing found: kind, count and first places.

@@ -73,7 +73,7 @@ struct Case {
 }
 
 fn options(leaf_triangles: usize) -> IngestOptions {
-    IngestOptions { leaf_triangles, step: None, crop: None, min_confidence: None }
+    IngestOptions { leaf_triangles, step: None, crop: None, min_confidence: None, drop_islands_below: None }
 }
 
 fn try_run(inputs: &[&RawMesh], case: &Case, options: &IngestOptions) -> Result<Outcome, BuildError> {
@@ -392,4 +392,78 @@ fn attributes_of_several_inputs_are_joined_and_what_is_missing_is_counted() {
         found.leaves.iter().flat_map(|(_, m)| m.colors.iter().copied()).collect();
     assert!(greys.iter().all(|[r, g, b]| r == g && g == b) && greys.len() > 200);
     assert!(greys.contains(&[0; 3]) && greys.contains(&[255; 3]));
+}
+
+#[test]
+fn small_components_are_dropped_with_everything_they_had_and_nothing_else() {
+    // A wall with islands of 1 to 40 triangles scattered before it.
+    let base = wall(20_000);
+    let mut raw = base.clone();
+    let mut random = Random(4);
+    let mut dropped = 0u64;
+    for n in 1..=40u32 {
+        let first = raw.positions.len() as u32;
+        let at: [f64; 3] = std::array::from_fn(|k| raw.positions[random.below(base.positions.len())][k] + 0.5);
+        for i in 0..n + 2 {
+            let (x, y) = (f64::from(i / 2) * 0.01, f64::from(i % 2) * 0.01);
+            raw.positions.push([at[0] + x, at[1] + y, at[2]]);
+            raw.colors.push([200, 0, 0]);
+        }
+        raw.triangles.extend((0..n).map(|i| [first + i, first + i + 1, first + i + 2]));
+        dropped += if n < 30 { u64::from(n) } else { 0 };
+    }
+    for memory in [LARGE, 1 << 18, TINY] {
+        let case = Case { memory, threads: 2, leaf_triangles: 300 };
+        let with = |o: IngestOptions, raw: &RawMesh| try_run(&[raw], &case, &o).unwrap();
+        let below = IngestOptions { drop_islands_below: Some(30), step: Some(2f64.powi(-12)), ..options(300) };
+        let all = with(IngestOptions { drop_islands_below: None, ..below.clone() }, &raw);
+        assert_eq!((all.surface.components, all.surface.largest_component), (41, base.triangles.len() as u64));
+        let found = with(below.clone(), &raw);
+        assert_eq!(all.surface.triangles - found.surface.triangles, dropped);
+        assert_eq!(found.surface.components, 12);
+        let kind = "triangles of components smaller than --drop-islands-below dropped";
+        assert_eq!(found.surface.findings[kind].count, dropped);
+        let alone = with(IngestOptions { drop_islands_below: Some(41), ..below }, &raw);
+        let expected = with(IngestOptions { step: Some(2f64.powi(-12)), ..options(300) }, &base);
+        assert_eq!(alone.surface.border_edges, expected.surface.border_edges);
+        assert_eq!((alone.surface.points, alone.surface.components), (expected.surface.points, 1));
+    }
+}
+
+#[test]
+fn the_estimated_noise_is_that_of_the_surface() {
+    for sigma in [0.0005, 0.002] {
+        let mut raw = RawMesh::default();
+        let mut random = Random(12);
+        let n = 120u32;
+        for i in 0..n {
+            for j in 0..n {
+                // The sum of twelve uniform numbers is normal enough.
+                let noise = (0..12).map(|_| random.unit()).sum::<f64>() - 6.0;
+                raw.positions.push([f64::from(i) * 0.01, f64::from(j) * 0.01, noise * sigma]);
+                let v = i * n + j;
+                if i + 1 < n && j + 1 < n {
+                    raw.triangles.extend([[v, v + n, v + 1], [v + 1, v + n, v + n + 1]]);
+                }
+            }
+        }
+        let found = run(&[&raw], &Case { memory: 1 << 19, threads: 2, leaf_triangles: 500 }).surface;
+        assert!((found.noise / sigma - 1.0).abs() < 0.15, "{} instead of {sigma}", found.noise);
+    }
+}
+
+#[test]
+fn triangles_that_stand_twice_and_neighbours_that_face_apart_are_counted() {
+    let mut raw = closed(8_000);
+    for t in [10, 500, 2000] {
+        let [a, b, c] = raw.triangles[t];
+        raw.triangles.push([b, c, a]);
+    }
+    let [a, b, c] = raw.triangles[3000];
+    raw.triangles[3000] = [a, c, b];
+    for memory in [LARGE, TINY] {
+        let found = run(&[&raw], &Case { memory, threads: 2, leaf_triangles: 500 }).surface;
+        assert_eq!((found.duplicate_triangles, found.inconsistent_edges), (3, 3));
+        assert_eq!((found.border_edges, found.non_manifold_edges), (0, 9));
+    }
 }

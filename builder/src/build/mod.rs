@@ -264,6 +264,7 @@ impl Building<'_> {
                 step: o.step,
                 crop: o.crop,
                 min_confidence: o.min_confidence,
+                drop_islands_below: o.drop_islands_below,
             };
             let ingested = ingest(&b.work, b.spooled.take(), &options, sources)?;
             tree_file::write(scratch, &ingested.tree)?;

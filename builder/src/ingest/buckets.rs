@@ -96,7 +96,13 @@ impl Buckets {
 
     /// The bucket of a triangle with this sum of corners.
     pub(super) fn of_sum(&self, sum: [i64; 3]) -> u32 {
-        let mut node = self.nodes[root_of(sum)];
+        self.below(root_of(sum) as u32, sum)
+    }
+
+    /// The bucket below a node.
+    #[inline]
+    fn below(&self, node: u32, sum: [i64; 3]) -> u32 {
+        let mut node = self.nodes[node as usize];
         loop {
             match node {
                 Node::Bucket(b) => return b,
@@ -108,10 +114,30 @@ impl Buckets {
     /// The bucket of a point.
     #[inline]
     pub(super) fn of_point(&self, p: [u32; 3]) -> u32 {
-        match self.grid.bucket(p) {
-            MIXED => self.of_sum(p.map(|x| 3 * i64::from(x))),
-            bucket => bucket,
+        let sum = p.map(|x| 3 * i64::from(x));
+        match self.grid.node(p) {
+            ALL => self.of_sum(sum),
+            node => self.below(node, sum),
         }
+    }
+
+    /// The smallest tetrahedron at or below `node` that holds all of these points, given as sums.
+    fn holding(&self, mut node: u32, sums: &[[i64; 3]; 8]) -> u32 {
+        if node == ALL {
+            let root = root_of(sums[0]) as u32;
+            if sums.iter().any(|s| root_of(*s) as u32 != root) {
+                return ALL;
+            }
+            node = root;
+        }
+        while let Node::Split { plane, children } = self.nodes[node as usize] {
+            let child = plane.child_of_sum(sums[0]);
+            if sums.iter().any(|s| plane.child_of_sum(*s) != child) {
+                break;
+            }
+            node = children[child];
+        }
+        node
     }
 
     /// Which tetrahedron of the tree each run of buckets fills: a bucket fills its own where the tree has it; where the
@@ -183,13 +209,12 @@ fn divide(tetra: &Tetra, samples: &mut [[i64; 3]], weight: u64, capacity: u64, d
     }
 }
 
-/// A cell of the grid that several buckets share.
-const MIXED: u32 = u32::MAX;
-
+/// The whole cube.
+const ALL: u32 = u32::MAX;
 /// Cells on a side of the grid, as a power of two.
 const GRID_LOG2: u32 = 6;
 
-/// A grid over the cube that knows the bucket of most points at once.
+/// A grid over the cube: the smallest tetrahedron that holds each cell, from which a walk begins.
 #[derive(Debug, Clone, Default)]
 struct Grid {
     shift: u32,
@@ -200,44 +225,45 @@ struct Grid {
 impl Grid {
     fn of(buckets: &Buckets) -> Self {
         let log2 = buckets.cube_log2.min(GRID_LOG2);
-        let mut grid = Self { shift: buckets.cube_log2 - log2, log2, cells: vec![MIXED; 1 << (3 * log2)] };
-        grid.fill(buckets, [0; 3], log2);
+        let mut grid = Self { shift: buckets.cube_log2 - log2, log2, cells: vec![ALL; 1 << (3 * log2)] };
+        grid.fill(buckets, ALL, [0; 3], log2);
         grid
     }
 
-    /// Fill the cube of `2^log2` cells a side that begins at `cell`. A bucket is convex: a cube whose corners lie in it
-    /// does.
-    fn fill(&mut self, buckets: &Buckets, cell: [u32; 3], log2: u32) {
+    /// Fill the cube of `2^log2` cells a side that begins at `cell` and lies in tetrahedron `node`. A tetrahedron is
+    /// convex: a cube whose corners lie in it does.
+    fn fill(&mut self, buckets: &Buckets, node: u32, cell: [u32; 3], log2: u32) {
         let last = (1i64 << (self.shift + log2)) - 1;
         let corner = |i: usize| {
             let at = |k: usize| (i64::from(cell[k]) << self.shift) + if i >> k & 1 == 1 { last } else { 0 };
-            buckets.of_sum(std::array::from_fn(|k| 3 * at(k)))
+            std::array::from_fn(|k| 3 * at(k))
         };
-        let first = corner(0);
-        let n = 1u32 << log2;
-        if (1..8).all(|i| corner(i) == first) {
+        let node = buckets.holding(node, &std::array::from_fn(corner));
+        let is_bucket = buckets.nodes.get(node as usize).is_some_and(|n| matches!(n, Node::Bucket(_)));
+        if is_bucket || log2 == 0 {
+            let n = 1u32 << log2;
             for x in cell[0]..cell[0] + n {
                 for y in cell[1]..cell[1] + n {
                     let row = (((x << self.log2) + y) << self.log2) + cell[2];
-                    self.cells[row as usize..(row + n) as usize].fill(first);
+                    self.cells[row as usize..(row + n) as usize].fill(node);
                 }
             }
-        } else if log2 > 0 {
+        } else {
             for i in 0..8 {
                 let half = std::array::from_fn(|k| cell[k] + ((i >> k & 1) << (log2 - 1)));
-                self.fill(buckets, half, log2 - 1);
+                self.fill(buckets, node, half, log2 - 1);
             }
         }
     }
 
     #[inline]
-    fn bucket(&self, p: [u32; 3]) -> u32 {
+    fn node(&self, p: [u32; 3]) -> u32 {
         let [x, y, z] = p.map(|c| (c >> self.shift) as usize);
         // Points on the far hull of the cube lie outside of the grid.
         if (x | y | z) >> self.log2 != 0 {
-            return MIXED;
+            return ALL;
         }
-        self.cells.get((((x << self.log2) + y) << self.log2) + z).copied().unwrap_or(MIXED)
+        self.cells.get((((x << self.log2) + y) << self.log2) + z).copied().unwrap_or(ALL)
     }
 }
 

@@ -118,8 +118,8 @@ impl Rounding {
 
 /// Classes of a factor of two of the squared length.
 const CLASSES: u32 = 256;
-/// Squares of differences of 32-bit numbers lie below 2^66.
-const OCTAVES: u32 = 67;
+/// Squares of differences of 32-bit numbers lie below 2^66, of 4096 parts of 30-bit ones below 2^86.
+const OCTAVES: u32 = 88;
 
 /// How many edges of each length there are: 512 classes to a factor of two; powers of two begin
 /// one, so that the class tells on which side of a power a length is.
@@ -144,10 +144,16 @@ impl Lengths {
         if square == 0.0 {
             self.none += 1;
         } else {
-            // The upper 8 bits of the mantissa and the exponent: a logarithm in 256 parts.
-            self.counts[((square.to_bits() >> 44) - (1023 << 8)) as usize] += 1;
-            self.total += 1;
+            self.add_square(square);
         }
+    }
+
+    /// Count a length by its square, which counts as 1 where it is less.
+    pub(super) fn add_square(&mut self, square: f64) {
+        // The upper 8 bits of the mantissa and the exponent: a logarithm in 256 parts.
+        let class = (square.max(1.0).to_bits() >> 44) - (1023 << 8);
+        self.counts[(class as usize).min((CLASSES * OCTAVES - 1) as usize)] += 1;
+        self.total += 1;
     }
 
     #[must_use]

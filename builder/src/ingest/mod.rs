@@ -19,6 +19,8 @@
 
 mod buckets;
 mod column;
+mod components;
+mod islands;
 mod lattice;
 mod leaves;
 mod resolve;
@@ -55,6 +57,8 @@ pub struct IngestOptions {
     pub crop: Option<[[f64; 3]; 2]>,
     /// Drop triangles with a corner whose `confidence` or `quality` is below this.
     pub min_confidence: Option<f32>,
+    /// Drop components of fewer triangles.
+    pub drop_islands_below: Option<u64>,
 }
 
 /// Scratch bytes that the ingest takes at most for inputs of so many vertices and triangles, halo and patches included;
@@ -90,8 +94,13 @@ pub fn ingest(
     }
     let inputs = spooled.files();
     let resolved = stage.run("resolve", &inputs, || resolve::resolve(work, &spooled, options))?;
-    let scattered = stage.run("scatter", &[resolve::CORNERS], || scatter::scatter(work, &resolved, options))?;
-    let topology = stage.run("topology", &[scatter::BUCKETS, scatter::HALO], || {
+    let mut scattered = stage.run("scatter", &[resolve::CORNERS], || scatter::scatter(work, &resolved, options))?;
+    if let Some(below) = options.drop_islands_below {
+        scattered = stage.run("islands", &[scatter::BUCKETS, scatter::HALO], || {
+            islands::drop_islands(work, resolved.layout, &scattered, below)
+        })?;
+    }
+    let topology = stage.run("topology", &[scattered.own_file.as_str(), &scattered.halo_file], || {
         topology::topology(work, resolved.layout, &scattered, options)
     })?;
     let mut tree = leaves::tree_of(resolved.cube_log2, &topology);
@@ -116,13 +125,23 @@ pub fn ingest(
         points: topology.counts.points,
         border_edges: topology.counts.border_edges,
         non_manifold_edges: topology.counts.non_manifold_edges,
+        inconsistent_edges: topology.counts.inconsistent_edges,
+        duplicate_triangles: topology.counts.duplicate_triangles,
+        components: topology.components.count,
+        largest_component: topology.components.largest,
         median_edge: resolved.median,
+        short_edge: resolved.first,
+        noise: topology.roughness * resolved.lattice.step() * DEVIATION_PER_MEDIAN,
         sources,
         findings: tally.iter().map(finding).collect::<BTreeMap<_, _>>(),
     };
     let (leaves, shared) = (PatchFile::open(work.scratch, LEAVES)?, Records::open(work.scratch, SHARED)?);
     Ok(Ingested { surface, tree, leaves, shared })
 }
+
+/// The standard deviation of normally distributed noise is 1.4826 times its median size; the distance of a point from the
+/// mean of six neighbours that are as noisy has a variance 7/6 as large.
+const DEVIATION_PER_MEDIAN: f64 = 1.372_6;
 
 const WELDED_VERTICES: &str = "vertices welded because they are equal on the lattice";
 
@@ -167,12 +186,12 @@ impl Stages<'_> {
 
 /// Whether a file of the scratch folder belongs to the ingest.
 pub fn is_file_of_ingest(name: &str) -> bool {
-    let stages = ["spool", "resolve", "scatter", "topology", "leaves"];
+    let stages = ["spool", "resolve", "scatter", "islands", "topology", "leaves"];
     let is_state = name.strip_suffix(".json").is_some_and(|stage| stages.contains(&stage));
     is_state || name.starts_with("scalar-") || FILES.contains(&name)
 }
 
-const FILES: [&str; 12] = [
+const FILES: [&str; 16] = [
     spool::POSITIONS,
     spool::COLORS,
     spool::NORMALS,
@@ -181,6 +200,10 @@ const FILES: [&str; 12] = [
     resolve::CORNERS,
     scatter::BUCKETS,
     scatter::HALO,
+    islands::MARKS,
+    islands::KEPT_BUCKETS,
+    islands::KEPT_HALO,
+    components::LINKS,
     topology::WELDED,
     topology::REPLIES,
     LEAVES,

@@ -37,8 +37,18 @@ pub(super) struct Scattered {
     pub(super) shape: Vec<bool>,
     pub(super) own: Extents,
     pub(super) halo: Extents,
+    /// The files that these are in.
+    pub(super) own_file: String,
+    pub(super) halo_file: String,
     pub(super) triangles: u64,
     pub(super) tally: Tally,
+}
+
+impl Scattered {
+    /// Triangles of a bucket, halo included.
+    pub(super) fn triangles_in(&self, layout: Layout, bucket: usize) -> u64 {
+        ((self.own.words(bucket) + self.halo.words(bucket)) / layout.triangle()) as u64
+    }
 }
 
 /// What a triangle of a bucket that is worked on takes: corners as they were, welded vertices, tables, edges, sums.
@@ -118,7 +128,9 @@ pub(super) fn scatter(work: &Work<'_>, resolved: &Resolved, options: &IngestOpti
         return Err(BuildError::Empty { why });
     }
     let (cube_log2, shape) = (resolved.cube_log2, buckets.shape().to_vec());
-    Ok(Scattered { cube_log2, shape, own: own.finish()?, halo: halo.finish()?, triangles: kept, tally })
+    let (own_file, halo_file) = (BUCKETS.to_owned(), HALO.to_owned());
+    let (own, halo) = (own.finish()?, halo.finish()?);
+    Ok(Scattered { cube_log2, shape, own, halo, own_file, halo_file, triangles: kept, tally })
 }
 
 fn piece(words: &mut [u32], layout: Layout, rounding: &Rounding, buckets: &Buckets, resolved: &Resolved) -> Piece {

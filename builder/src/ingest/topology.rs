@@ -8,12 +8,14 @@
 //! Normals are sums of the doubled areas, in integers, so that the order of triangles does not matter.
 
 use super::IngestOptions;
-use super::buckets::Buckets;
-use super::scatter::{BUCKETS, HALO, HALO_HEAD, Scattered, bytes_per_triangle};
+use super::buckets::{Buckets, point_of_words};
+use super::components::{Components, Joining, LocalComponents, Part};
+use super::lattice::Lengths;
+use super::scatter::{HALO_HEAD, Scattered, bytes_per_triangle};
 use super::spill::{Extents, Spill};
 use super::weld::Weld;
 use super::wishes::{self, Above, Wishes};
-use super::words::{Layout, append_words, read_words, word_of_normal};
+use super::words::{Layout, append_words, normal_of_word, read_words, word_of_normal};
 use crate::options::BuildError;
 use crate::prepare::NORMAL_BITS;
 use crate::scratch::{ScratchError, ScratchFile};
@@ -31,6 +33,10 @@ pub(super) const REPLIES: &str = "replies";
 pub(super) const REPLY: usize = 5;
 /// Set in a corner's number where the edge from it is a border.
 pub(super) const BORDER: u32 = 1 << 31;
+/// One in so many points tells how rough the surface is.
+const ROUGHNESS_SAMPLE: u64 = 16;
+/// Distances are counted in parts of a step.
+const ROUGHNESS_PARTS: f64 = 4096.0;
 /// Most triangles of a bucket: what fits beside the bits of an edge's name.
 const MOST: usize = 1 << 28;
 
@@ -71,6 +77,9 @@ pub(super) struct Topology {
     /// Level and midpoint of the diamonds that are wanted, sorted.
     pub(super) wishes: Vec<(u8, [i32; 3])>,
     pub(super) counts: Counts,
+    pub(super) components: Components,
+    /// Median distance of a point from its neighbours, in steps: see [`Local::roughness`].
+    pub(super) roughness: f64,
 }
 
 /// A bucket as an indexed mesh.
@@ -131,23 +140,13 @@ pub(super) fn topology(
     options: &IngestOptions,
 ) -> Result<Topology, BuildError> {
     let buckets = Buckets::of_shape(scattered.cube_log2, scattered.shape.clone());
-    let (own, halo) = (work.scratch.existing(BUCKETS)?, work.scratch.existing(HALO)?);
+    let files = (work.scratch.existing(&scattered.own_file)?, work.scratch.existing(&scattered.halo_file)?);
+    let joining = Joining::create(work.scratch)?;
     let welded = work.scratch.create(WELDED)?;
     let replies = Mutex::new(Spill::create(work.scratch, REPLIES, buckets.len(), work.memory / 16)?);
     let done = AtomicU64::new(0);
     let one = |bucket: usize| -> Result<Finished, BuildError> {
-        let mut words = Vec::new();
-        scattered.own.read(&own, bucket, &mut words)?;
-        let n = words.len() / layout.triangle();
-        if n > MOST {
-            let why = format!("{n} triangles at one place, which space cannot divide; at most {MOST}");
-            return Err(BuildError::TooLarge { why });
-        }
-        let mut local = Local::weld(&words, layout, bucket as u32);
-        words.clear();
-        scattered.halo.read(&halo, bucket, &mut words)?;
-        local.weld_halo(&words, &buckets);
-        drop(words);
+        let local = Local::read(scattered, layout, (&files.0, &files.1), bucket, &buckets)?;
         let edges = local.edges();
         let normals = if layout.normals { Vec::new() } else { local.normals() };
         let answers = local.answers(&edges.borders, &normals);
@@ -159,22 +158,23 @@ pub(super) fn topology(
         }
         let (above, keys) = local.wishes(&buckets, options.leaf_triangles);
         let counts = local.counts(&edges);
+        let (_, part) = local.components(&joining)?;
+        let roughness = local.roughness(&normals);
         let place = local.into_welded(&edges.borders, normals).write(&welded)?;
         work.progress.update("joining triangles", done.fetch_add(1, Ordering::Relaxed) + 1, buckets.len() as u64);
-        Ok(Finished { place, above, keys, counts })
+        Ok(Finished { place, above, keys, counts, part, roughness })
     };
-    let cost = |b: usize| {
-        let words = (scattered.own.words(b) + scattered.halo.words(b)) as u64;
-        words / layout.triangle() as u64 * bytes_per_triangle(layout)
-    };
-    let finished = work.run_jobs(buckets.len(), work.memory / 10 * 9, cost, one)?;
+    let cost = |b: usize| scattered.triangles_in(layout, b) * bytes_per_triangle(layout);
+    let mut finished = work.run_jobs(buckets.len(), work.memory / 10 * 9, cost, one)?;
     welded.sync()?;
     let known: Vec<Above> = finished.iter().map(|f| f.above.clone()).collect();
     let mut keys = wishes::above(&buckets, &known, scattered.cube_log2, options.leaf_triangles);
-    let mut counts = Counts::default();
-    for f in &finished {
+    let (mut counts, mut roughness, mut parts) = (Counts::default(), Lengths::default(), Vec::new());
+    for f in &mut finished {
         keys.extend(&f.keys);
         counts.add(&f.counts);
+        roughness = roughness.merge(&f.roughness);
+        parts.push(std::mem::take(&mut f.part));
     }
     keys.sort_unstable();
     keys.dedup();
@@ -184,6 +184,8 @@ pub(super) fn topology(
         replies,
         wishes: keys.into_iter().map(|k| (k.level, k.midpoint)).collect(),
         counts,
+        components: joining.finish(work.scratch, work.memory / 4, &parts)?.components,
+        roughness: roughness.percentile(0.5) / ROUGHNESS_PARTS,
     })
 }
 
@@ -192,17 +194,19 @@ struct Finished {
     above: Above,
     keys: Vec<DiamondKey>,
     counts: Counts,
+    part: Part,
+    roughness: Lengths,
 }
 
 /// A bucket in memory: its own triangles, then those of others that touch it.
-struct Local {
+pub(super) struct Local {
     layout: Layout,
     bucket: u32,
     weld: Weld,
     /// Own triangles.
     own: usize,
     own_vertices: usize,
-    own_points: usize,
+    own_points_count: usize,
     /// Corners as vertices, and as points.
     triangles: Vec<[u32; 3]>,
     points: Vec<[u32; 3]>,
@@ -220,6 +224,28 @@ struct Edges {
 }
 
 impl Local {
+    /// Read and weld a bucket; `files` are that of own and that of halo triangles.
+    pub(super) fn read(
+        scattered: &Scattered,
+        layout: Layout,
+        files: (&ScratchFile, &ScratchFile),
+        bucket: usize,
+        buckets: &Buckets,
+    ) -> Result<Self, BuildError> {
+        let mut words = Vec::new();
+        scattered.own.read(files.0, bucket, &mut words)?;
+        let n = words.len() / layout.triangle();
+        if n > MOST {
+            let why = format!("{n} triangles at one place, which space cannot divide; at most {MOST}");
+            return Err(BuildError::TooLarge { why });
+        }
+        let mut local = Self::weld(&words, layout, bucket as u32);
+        words.clear();
+        scattered.halo.read(files.1, bucket, &mut words)?;
+        local.weld_halo(&words, buckets);
+        Ok(local)
+    }
+
     fn weld(words: &[u32], layout: Layout, bucket: u32) -> Self {
         let n = words.len() / layout.triangle();
         let mut local = Self {
@@ -228,7 +254,7 @@ impl Local {
             weld: Weld::new(layout.vertex(), n * 5 / 9),
             own: n,
             own_vertices: 0,
-            own_points: 0,
+            own_points_count: 0,
             triangles: Vec::with_capacity(n),
             points: Vec::with_capacity(n),
             heads: Vec::new(),
@@ -236,7 +262,7 @@ impl Local {
         };
         words.chunks_exact(layout.triangle()).for_each(|t| local.add(t));
         local.own_vertices = local.weld.vertex_count();
-        local.own_points = local.weld.point_count();
+        local.own_points_count = local.weld.point_count();
         local
     }
 
@@ -382,14 +408,69 @@ impl Local {
         }
     }
 
-    /// What the bucket's own triangles use.
-    fn into_welded(mut self, borders: &[u8], mut normals: Vec<u32>) -> Welded {
-        let mut shared: Vec<bool> = self.owner[..self.own_points].iter().map(|o| *o != self.bucket).collect();
+    /// Own triangles by their points.
+    pub(super) fn own_points(&self) -> &[[u32; 3]] {
+        &self.points[..self.own]
+    }
+
+    /// The components of the bucket's own triangles, made known to other buckets.
+    pub(super) fn components(&self, joining: &Joining) -> Result<(LocalComponents, Part), ScratchError> {
+        let mut components = LocalComponents::of(self.own_points(), self.own_points_count);
+        let place = |p: u32| (p, point_of_words(self.weld.position_of_point(p)));
+        let part = joining.add(&mut components, self.seen_by_others().map(place))?;
+        Ok((components, part))
+    }
+
+    /// For one in [`ROUGHNESS_SAMPLE`] points, how far it lies from the plane through the mean of its neighbours that
+    /// is at right angles to its normal: in parts of a step.
+    fn roughness(&self, normals: &[u32]) -> Lengths {
+        let mut lengths = Lengths::default();
+        let mut slots = vec![u32::MAX; self.owner.len()];
+        let mut sampled = Vec::new();
+        for (p, owner) in (0u32..).zip(&self.owner) {
+            let [x, y, z] = self.weld.position_of_point(p).map(u64::from);
+            let mixed = (x ^ y.rotate_left(21) ^ z.rotate_left(42)).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40;
+            if *owner == self.bucket && mixed.is_multiple_of(ROUGHNESS_SAMPLE) {
+                slots[p as usize] = sampled.len() as u32;
+                sampled.push((p, [0i64; 3], 0i64));
+            }
+        }
+        for (vertices, points) in self.triangles.iter().zip(&self.points) {
+            for k in 0..3 {
+                if let Some((_, sum, n)) = sampled.get_mut(slots[points[k] as usize] as usize) {
+                    let at = vertices.map(|v| self.weld.position(v));
+                    let (a, b, c) = (at[k], at[(k + 1) % 3], at[(k + 2) % 3]);
+                    (0..3).for_each(|i| sum[i] += i64::from(b[i]) + i64::from(c[i]) - 2 * i64::from(a[i]));
+                    *n += 2;
+                }
+            }
+        }
+        for (p, sum, n) in sampled {
+            let word = match self.layout.normal() {
+                Some(at) => self.weld.vertices[self.weld.vertex_at[p as usize] as usize * self.layout.vertex() + at],
+                None => normals[p as usize],
+            };
+            let normal = normal::decode(normal_of_word(word));
+            let away = (0..3).map(|i| normal[i] * sum[i] as f64).sum::<f64>() / n.max(1) as f64;
+            lengths.add_square((away * ROUGHNESS_PARTS).powi(2));
+        }
+        lengths
+    }
+
+    /// Own points that other buckets may use too.
+    fn seen_by_others(&self) -> impl Iterator<Item = u32> {
+        let mut shared: Vec<bool> = self.owner[..self.own_points_count].iter().map(|o| *o != self.bucket).collect();
         for p in self.points[self.own..].iter().flatten() {
             if let Some(s) = shared.get_mut(*p as usize) {
                 *s = true;
             }
         }
+        (0u32..).zip(shared).filter(|(_, s)| *s).map(|(p, _)| p)
+    }
+
+    /// What the bucket's own triangles use.
+    fn into_welded(mut self, borders: &[u8], mut normals: Vec<u32>) -> Welded {
+        let shared = self.seen_by_others().collect();
         for (t, bits) in self.triangles.iter_mut().zip(borders) {
             for (k, corner) in t.iter_mut().enumerate() {
                 *corner |= if bits >> k & 1 == 1 { BORDER } else { 0 };
@@ -398,12 +479,12 @@ impl Local {
         self.triangles.truncate(self.own);
         self.weld.vertices.truncate(self.own_vertices * self.layout.vertex());
         self.weld.point_of.truncate(self.own_vertices);
-        normals.truncate(self.own_points);
+        normals.truncate(self.own_points_count);
         Welded {
             vertices: self.weld.vertices,
             point_of: self.weld.point_of,
             normals,
-            shared: (0u32..).zip(shared).filter(|(_, s)| *s).map(|(p, _)| p).collect(),
+            shared,
             triangles: self.triangles,
         }
     }
