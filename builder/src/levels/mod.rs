@@ -94,10 +94,8 @@ impl Hierarchy {
         chunks: u64,
     ) -> Result<Self, BuildError> {
         let leaves = PatchFile::open(work.scratch, LEAVES)?;
-        let mut ingested = Ingested { surface, tree, leaves, shared: Records::open(work.scratch, SHARED)? };
-        let Some(done) = done else { return Self::begin(work, ingested) };
-        ingested.shared = Records::open(work.scratch, &shared_name(done))?;
-        let Ingested { surface, tree, leaves, shared } = ingested;
+        let shared = Records::open(work.scratch, &done.map_or_else(|| SHARED.to_owned(), shared_name))?;
+        let Some(done) = done else { return Self::begin(work, Ingested { surface, tree, leaves, shared }) };
         let file = work.scratch.existing(CHUNKS)?;
         file.truncate(chunks)?;
         let levels = (done..level_count(&tree)).rev();

@@ -21,14 +21,14 @@ pub enum ScratchError {
         held: u64,
     },
     /// The system refused.
-    #[error("cannot {doing} the scratch file {}: {source}; check the folder and its disk, or give another --scratch", path.display())]
+    #[error("cannot {doing} the scratch file {}: {reason}; check the folder and its disk, or give another --scratch", path.display())]
     Io {
         /// The file.
         path: PathBuf,
         /// What was being done: "create", "read" …
         doing: &'static str,
-        /// The system's reason.
-        source: std::io::Error,
+        /// The system's reason; part of the message, and so not the source of this error.
+        reason: std::io::Error,
     },
     /// A scratch file is not what was written.
     #[error("the scratch file {} is damaged: {why}", path.display())]
@@ -48,8 +48,8 @@ pub enum ScratchError {
 
 impl ScratchError {
     /// A failed read, removal …
-    pub(crate) fn io(path: &Path, doing: &'static str, source: std::io::Error) -> Self {
-        Self::Io { path: path.to_owned(), doing, source }
+    pub(crate) fn io(path: &Path, doing: &'static str, reason: std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), doing, reason }
     }
 
     /// A failed write of `bytes` at `held`: a full disk is told apart.

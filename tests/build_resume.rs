@@ -1,0 +1,315 @@
+//! A build that is stopped, killed or robbed of its scratch files ends with the bytes of an undisturbed one, or says why
+//! it does not; in between nothing stands under the final name.
+#![cfg(unix)]
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+const TRIANGLES: &str = "30000";
+const KILLS: usize = 50;
+
+/// A folder with a mesh and its pack as an undisturbed build makes it.
+struct Site {
+    folder: tempfile::TempDir,
+    undisturbed: Vec<u8>,
+    took: Duration,
+}
+
+fn kilwa(folder: &Path, args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
+    command.current_dir(folder).args(args).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// SplitMix64.
+struct Random(u64);
+
+impl Random {
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+impl Site {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let made =
+            kilwa(folder.path(), &["synth", "fort", "--triangles", TRIANGLES, "-o", "fort.ply"]).output().unwrap();
+        assert!(made.status.success(), "{}", stderr(&made));
+        let begun = Instant::now();
+        let built =
+            kilwa(folder.path(), &["build", "fort.ply", "-o", "first.kilwa", "--title", "fort"]).output().unwrap();
+        assert!(built.status.success(), "{}", stderr(&built));
+        let undisturbed = std::fs::read(folder.path().join("first.kilwa")).unwrap();
+        Self { folder, undisturbed, took: begun.elapsed() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// `kilwa build` of the mesh to `a.kilwa`, with further arguments.
+    fn build(&self, args: &[&str]) -> Command {
+        let mut all = vec!["build", "fort.ply", "-o", "a.kilwa", "--title", "fort"];
+        all.extend(args);
+        kilwa(self.folder.path(), &all)
+    }
+
+    fn scratch(&self) -> PathBuf {
+        self.path(".a.kilwa.scratch")
+    }
+
+    fn assert_undisturbed(&self, what: &str) {
+        let bytes = std::fs::read(self.path("a.kilwa")).unwrap_or_else(|e| panic!("{what}: {e}"));
+        assert!(bytes == self.undisturbed, "{what}: other bytes");
+        assert!(!self.scratch().exists(), "{what}: scratch files are left");
+        assert!(!self.path(".a.kilwa.part").exists(), "{what}: a part is left");
+        std::fs::remove_file(self.path("a.kilwa")).unwrap();
+    }
+
+    /// A build that was stopped by Ctrl-C as soon as the scratch file `name` was there; tried again where it was faster.
+    fn stopped_at(&self, name: &str, args: &[&str]) -> Output {
+        let file = self.scratch().join(name);
+        for _ in 0..10 {
+            let child = self.build(args).spawn().unwrap();
+            wait(|| file.exists() || self.path("a.kilwa").exists(), name);
+            interrupt(&child);
+            let output = child.wait_with_output().unwrap();
+            if output.status.code() != Some(0) {
+                return output;
+            }
+            self.assert_undisturbed("faster than the signal");
+        }
+        panic!("no build could be stopped at {name}");
+    }
+}
+
+fn wait(until: impl Fn() -> bool, what: &str) {
+    let begun = Instant::now();
+    while !until() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "{what} did not come");
+        std::thread::sleep(Duration::from_micros(200));
+    }
+}
+
+fn interrupt(child: &Child) {
+    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+}
+
+#[test]
+fn fifty_random_kills_do_not_change_the_bytes_and_nothing_stands_under_the_final_name() {
+    let site = Site::new();
+    let mut random = Random(7);
+    let (mut kills, mut finished) = (0, 0);
+    while kills < KILLS {
+        let mut child = site.build(&["--resume"]).stdout(Stdio::null()).spawn().unwrap();
+        std::thread::sleep(site.took.mul_f64(random.unit() * 0.6));
+        if child.try_wait().unwrap().is_some() {
+            let output = child.wait_with_output().unwrap();
+            assert!(output.status.success(), "after {kills} kills: {}", stderr(&output));
+            site.assert_undisturbed("between kills");
+            finished += 1;
+            continue;
+        }
+        child.kill().unwrap();
+        child.wait().unwrap();
+        kills += 1;
+        if site.path("a.kilwa").exists() {
+            // It was killed after the rename: then what stands there is complete.
+            let bytes = std::fs::read(site.path("a.kilwa")).unwrap();
+            assert!(bytes == site.undisturbed, "kill {kills}: an incomplete pack stands under the final name");
+            std::fs::remove_file(site.path("a.kilwa")).unwrap();
+        }
+    }
+    let last = site.build(&["--resume"]).output().unwrap();
+    assert!(last.status.success(), "{}", stderr(&last));
+    site.assert_undisturbed("after all kills");
+    println!("{kills} kills, {} builds finished", finished + 1);
+}
+
+#[test]
+fn threads_memory_and_resuming_do_not_change_the_bytes() {
+    let site = Site::new();
+    for threads in ["1", "2", "8"] {
+        for memory in ["100M", "2G"] {
+            let args = ["--threads", threads, "--memory", memory];
+            let built = site.build(&args).output().unwrap();
+            assert!(built.status.success(), "{}", stderr(&built));
+            site.assert_undisturbed(&format!("{args:?}"));
+        }
+        let other = ["--threads", threads, "--memory", "100M"];
+        let stopped = site.stopped_at("level-04.patches", &other);
+        assert_eq!(stopped.status.code(), Some(130), "{}", stderr(&stopped));
+        let resumed = site.build(&["--resume", "--memory", "1G"]).output().unwrap();
+        assert!(resumed.status.success(), "{}", stderr(&resumed));
+        assert!(stderr(&resumed).contains("going on after stage"), "{}", stderr(&resumed));
+        site.assert_undisturbed(&format!("{other:?}, resumed"));
+    }
+}
+
+#[test]
+fn ctrl_c_stops_cleanly_and_says_how_to_go_on() {
+    let site = Site::new();
+    for at in ["journal", "corners", "level-05.shared"] {
+        let stopped = site.stopped_at(at, &[]);
+        assert_eq!(stopped.status.code(), Some(130), "{at}: {}", stderr(&stopped));
+        let said = stderr(&stopped);
+        assert!(said.contains("--resume") && said.contains(".a.kilwa.scratch"), "{at}: {said}");
+        assert!(!site.path("a.kilwa").exists() && !site.path(".a.kilwa.part").exists(), "{at}: no partial output");
+        assert!(site.scratch().join("journal").exists(), "{at}: scratch files are kept");
+    }
+    let resumed = site.build(&["--resume"]).output().unwrap();
+    assert!(resumed.status.success(), "{}", stderr(&resumed));
+    site.assert_undisturbed("resumed");
+}
+
+#[test]
+fn another_build_is_not_resumed_and_its_scratch_files_stay() {
+    let site = Site::new();
+    site.stopped_at("level-04.patches", &[]);
+    let refused = |args: &[&str], says: &str| {
+        let output = site.build(args).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{args:?}");
+        assert!(stderr(&output).contains(says), "{args:?}: {}", stderr(&output));
+        assert!(site.scratch().join("journal").exists(), "{args:?}");
+    };
+    refused(&["--resume", "--step", "0.0009765625"], "step");
+    refused(&["--resume", "--crs", "EPSG:32737"], "crs");
+    refused(&["--resume", "--up", "y"], "up");
+    refused(&["--resume", "--origin", "1,2,3"], "placed otherwise");
+    let mut mesh = std::fs::read(site.path("fort.ply")).unwrap();
+    let at = mesh.len() - 1;
+    mesh[at] = mesh[at].wrapping_add(1);
+    let before = std::fs::read(site.path("fort.ply")).unwrap();
+    std::fs::write(site.path("fort.ply"), &mesh).unwrap();
+    refused(&["--resume"], "was changed");
+    std::fs::write(site.path("fort.ply"), before).unwrap();
+    // Without --resume it begins anew, and says what is thrown away.
+    let anew = site.build(&[]).output().unwrap();
+    assert!(anew.status.success(), "{}", stderr(&anew));
+    assert!(stderr(&anew).contains("discarded"), "{}", stderr(&anew));
+    site.assert_undisturbed("anew");
+}
+
+#[test]
+fn damaged_scratch_files_are_noticed_and_what_they_were_for_is_done_again() {
+    let site = Site::new();
+    // Each with a way to spoil it: cut, or one bit in the middle.
+    for (file, cut) in [
+        ("level-05.patches", true),
+        ("level-05.patches", false),
+        ("level-05.shared", false),
+        ("level-05.results", false),
+        ("chunks", true),
+        ("chunks", false),
+        ("leaves.patches", false),
+        ("tree", false),
+        ("journal", true),
+    ] {
+        site.stopped_at("level-04.results", &[]);
+        let path = site.scratch().join(file);
+        let mut bytes = std::fs::read(&path).unwrap();
+        if cut {
+            bytes.truncate(bytes.len() / 2);
+        } else {
+            let middle = bytes.len() / 2;
+            bytes[middle] ^= 0x40;
+        }
+        std::fs::write(&path, bytes).unwrap();
+        let resumed = site.build(&["--resume"]).output().unwrap();
+        assert!(resumed.status.success(), "{file}, cut {cut}: {}", stderr(&resumed));
+        site.assert_undisturbed(&format!("{file}, cut {cut}"));
+    }
+}
+
+#[test]
+fn two_builds_of_one_pack_at_once_and_foreign_folders_are_refused() {
+    let site = Site::new();
+    let child = site.build(&[]).spawn().unwrap();
+    wait(|| site.scratch().join("journal").exists(), "journal");
+    let second = site.build(&[]).output().unwrap();
+    assert_eq!(second.status.code(), Some(1));
+    assert!(stderr(&second).contains("another build"), "{}", stderr(&second));
+    assert!(child.wait_with_output().unwrap().status.success());
+    site.assert_undisturbed("the first");
+    std::fs::create_dir(site.scratch()).unwrap();
+    std::fs::write(site.scratch().join("notes.txt"), "of the survey").unwrap();
+    let refused = site.build(&[]).output().unwrap();
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(stderr(&refused).contains("no scratch files"), "{}", stderr(&refused));
+    assert_eq!(std::fs::read(site.scratch().join("notes.txt")).unwrap(), b"of the survey");
+    // A scratch folder elsewhere is used and left as it was found.
+    std::fs::create_dir(site.path("disk")).unwrap();
+    std::fs::remove_dir_all(site.scratch()).unwrap();
+    let elsewhere = site.build(&["--scratch", "disk"]).output().unwrap();
+    assert!(elsewhere.status.success(), "{}", stderr(&elsewhere));
+    assert_eq!(std::fs::read_dir(site.path("disk")).unwrap().count(), 0);
+    site.assert_undisturbed("scratch elsewhere");
+}
+
+/// A small disk in memory, gone with the test; `None` where this user may not mount one.
+struct Disk(PathBuf);
+
+impl Disk {
+    fn mount(at: PathBuf, size: &str) -> Option<Self> {
+        std::fs::create_dir(&at).ok()?;
+        let size = format!("size={size}");
+        let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "tmpfs"]).arg(&at).output();
+        match mounted {
+            Ok(output) if output.status.success() => Some(Self(at)),
+            _ => {
+                eprintln!("skipped: full disks, which need the right to mount one");
+                None
+            }
+        }
+    }
+
+    fn files(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(&self.0).unwrap();
+        entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect()
+    }
+}
+
+impl Drop for Disk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(&self.0).status();
+    }
+}
+
+#[test]
+fn a_disk_that_is_too_small_is_refused_beforehand_and_one_that_fills_up_is_a_clear_error() {
+    let site = Site::new();
+    let Some(small) = Disk::mount(site.path("small"), "1m") else { return };
+    let refused = site.build(&["--scratch", "small"]).output().unwrap();
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(stderr(&refused).contains("free") && stderr(&refused).contains("needed"), "{}", stderr(&refused));
+    assert!(small.files().is_empty(), "{:?}", small.files());
+
+    let Some(disk) = Disk::mount(site.path("disk"), "12m") else { return };
+    for at in ["positions", "buckets", "level-05.patches"] {
+        let child = site.build(&["--scratch", "disk"]).spawn().unwrap();
+        let file = disk.0.join(".a.kilwa.scratch").join(at);
+        wait(|| file.exists(), at);
+        // Somebody else fills the disk.
+        let mut filler = std::fs::File::create(disk.0.join("filler")).unwrap();
+        let block = vec![1; 4096];
+        while std::io::Write::write_all(&mut filler, &block).is_ok() {}
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{at}: {}", stderr(&output));
+        let said = stderr(&output);
+        assert!(said.contains("disk is full") || said.contains("No space left"), "{at}: {said}");
+        assert_eq!(disk.files(), ["filler"], "{at}: scratch files are cleaned away");
+        assert!(!site.path("a.kilwa").exists() && !site.path(".a.kilwa.part").exists(), "{at}");
+        std::fs::remove_file(disk.0.join("filler")).unwrap();
+    }
+}
