@@ -272,6 +272,9 @@ impl<'s, 'p> Corners<'s, 'p> {
             let number = self.number(corners[k], Some(made[k]))?;
             self.shared.insert(made[k].position, number);
         }
+        if [(0, 1), (1, 2), (2, 0)].iter().any(|&(a, b)| detail.is_beyond(texels(&made[a], &made[b]))) {
+            self.findings.add_many("triangles that span too many texels to be split for all of them", 1);
+        }
         let mut parts = 0;
         split(detail, made, texels, |part| {
             parts += 1;

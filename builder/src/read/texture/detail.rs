@@ -16,8 +16,8 @@ use std::sync::atomic::{AtomicU8, Ordering};
 /// Places of the table: 64 MiB, for some tens of millions of edges that differ.
 const PLACES: usize = 1 << 26;
 
-/// An edge is halved this often at the most.
-const DEEPEST: u8 = 14;
+/// An edge is halved this often at the most, into 2048 parts: one wrong texture coordinate must not fill the disk.
+const DEEPEST: u8 = 11;
 
 /// How far triangles are to be split, and what the first pass noted.
 #[derive(Debug)]
@@ -43,6 +43,11 @@ impl Detail {
     /// Texels that an edge may span.
     pub fn texels(&self) -> f64 {
         self.texels
+    }
+
+    /// Whether an edge of so many texels is longer than can be followed.
+    pub fn is_beyond(&self, texels: f64) -> bool {
+        texels > self.texels * f64::from(1u32 << self.deepest)
     }
 
     /// A triangle with a picture has an edge between these places that spans so many texels.
