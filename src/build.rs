@@ -48,6 +48,15 @@ pub(crate) struct Args {
     /// Lattice step in metres, a power of two such as 0.0001220703125; derived from the mesh where not given.
     #[arg(long, value_name = "METRES")]
     step: Option<f64>,
+    /// Keep only triangles whose centroid lies in this box, in metres and axes of the pack.
+    #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = crop, allow_hyphen_values = true)]
+    crop: Option<[[f64; 3]; 2]>,
+    /// Drop triangles with a corner whose channel `confidence` or `quality` is below this.
+    #[arg(long, value_name = "Q", allow_hyphen_values = true)]
+    min_confidence: Option<f32>,
+    /// Drop components of fewer triangles than this.
+    #[arg(long, value_name = "N")]
+    drop_islands_below: Option<u64>,
     /// Coordinate reference system, for example EPSG:32737; stored with the model.
     #[arg(long)]
     crs: Option<String>,
@@ -80,6 +89,22 @@ impl std::fmt::Display for Interrupted {
 
 impl std::error::Error for Interrupted {}
 
+/// Six numbers: smallest and largest corner.
+fn crop(text: &str) -> Result<[[f64; 3]; 2], String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|n| n.trim().parse().map_err(|_| format!("{n:?} is no number")))
+        .collect::<Result<_, _>>()?;
+    let [a, b, c, d, e, f] = numbers[..] else {
+        return Err("give six numbers: xmin,ymin,zmin,xmax,ymax,zmax in metres".to_owned());
+    };
+    let bounds = [[a, b, c], [d, e, f]];
+    match (0..3).find(|&k| bounds[0][k].partial_cmp(&bounds[1][k]).is_none_or(std::cmp::Ordering::is_ge)) {
+        Some(k) => Err(format!("on the {} axis {} is not below {}", ["x", "y", "z"][k], bounds[0][k], bounds[1][k])),
+        None => Ok(bounds),
+    }
+}
+
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let begun = Instant::now();
     refuse(args)?;
@@ -100,6 +125,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         up: inputs.up(),
         crs: args.crs.clone(),
         capture_accuracy: args.capture_accuracy,
+        crop: args.crop,
+        min_confidence: args.min_confidence,
+        drop_islands_below: args.drop_islands_below,
         ..BuildOptions::default()
     };
     let memory = args.memory.unwrap_or_else(machine::default_budget);

@@ -65,11 +65,23 @@ pub(super) fn print(output: &Path, r: &Report<'_>, out: &mut impl Write) -> std:
     let (b, p) = (r.build, &r.build.pack);
     writeln!(out, "{}: {} triangles, {} vertices", output.display(), b.triangles, b.vertices)?;
     writeln!(out, "  size      {:.3} × {:.3} × {:.3} m", b.extent[0], b.extent[1], b.extent[2])?;
-    writeln!(out, "  lattice   steps of {}; median edge {}", metres(b.step), metres(b.median_edge))?;
     writeln!(
         out,
-        "  borders   {} edges; {} edges used by more than two triangles",
-        b.border_edges, b.non_manifold_edges
+        "  lattice   steps of {}; median edge {}, one in a hundred below {}; noise about {}",
+        metres(b.step),
+        metres(b.median_edge),
+        metres(b.short_edge),
+        metres(b.noise)
+    )?;
+    writeln!(
+        out,
+        "  borders   {} edges; {} edges used by more than two triangles, {} by two that face apart",
+        b.border_edges, b.non_manifold_edges, b.inconsistent_edges
+    )?;
+    writeln!(
+        out,
+        "  parts     {} components, the largest of {} triangles; {} triangles stand twice",
+        b.components, b.largest_component, b.duplicate_triangles
     )?;
     writeln!(
         out,

@@ -24,6 +24,18 @@ pub struct BuildReport {
     pub border_edges: u64,
     /// Edges used by more than two triangles.
     pub non_manifold_edges: u64,
+    /// Edges of two triangles that run along it the same way: neighbours that face apart.
+    pub inconsistent_edges: u64,
+    /// Triangles that stand a second time, whichever way they face.
+    pub duplicate_triangles: u64,
+    /// Connected components, triangles joined by points.
+    pub components: u64,
+    /// Triangles of the largest component.
+    pub largest_component: u64,
+    /// The length that one edge in a hundred is shorter than, metres.
+    pub short_edge: f64,
+    /// Estimated standard deviation of the noise along the normal, metres; see [`Surface::noise`].
+    pub noise: f64,
     /// Findings of reading and preparing: kind, count and first places.
     pub findings: BTreeMap<String, Finding>,
     /// Leaves that space could not split down to the patch size.
@@ -69,6 +81,12 @@ impl BuildReport {
             median_edge: s.median_edge,
             border_edges: s.border_edges,
             non_manifold_edges: s.non_manifold_edges,
+            inconsistent_edges: s.inconsistent_edges,
+            duplicate_triangles: s.duplicate_triangles,
+            components: s.components,
+            largest_component: s.largest_component,
+            short_edge: s.short_edge,
+            noise: s.noise,
             findings: s.findings.clone(),
             overfull_leaves: levels.tree.overfull_leaves,
             stuck_diamonds: stuck().count() as u64,
