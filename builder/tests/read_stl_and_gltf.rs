@@ -127,3 +127,74 @@ fn a_draco_file_has_the_surface_of_its_plain_form() {
     let (a, b) = (area(&plain), area(&packed));
     assert!((a / b - 1.0).abs() < 0.01, "{a} {b}");
 }
+
+/// What is said of each damaged file of `tests/malformed`: of a refused one in the message, of a repaired one in the
+/// findings (empty: it needs no repair, though it looks as if).
+const MALFORMED: &[(&str, &str)] = &[
+    ("accessor_beyond_view.gltf", "accessors[0]: found 5 elements"),
+    ("accessor_count_2_64.gltf", "accessors[0]"),
+    ("accessor_of_4_billion.gltf", "4000000000 elements without a buffer view"),
+    ("base64_damaged.gltf", "buffers[0]: found a data URI that is no base64"),
+    ("buffer_missing.gltf", "not here.bin"),
+    ("buffer_on_the_web.gltf", "download it"),
+    ("chunk_too_large.glb", "found a chunk of 972 bytes"),
+    ("comma.stl", "line 5: found \"1,5\""),
+    ("cut_in_a_number.stl", "found the end of the file"),
+    ("cut_in_binary.glb", "the file is cut"),
+    ("draco_of_noise.gltf", "meshes[0].primitives[0]: found a Draco stream in bufferViews[0]"),
+    ("gltf_1_0.gltf", "is glTF 1.0"),
+    ("index_out_of_range.gltf", "accessors[1]"),
+    ("meshopt_of_noise.gltf", "bufferViews[0]"),
+    ("negative_mesh.gltf", "nodes[0].mesh"),
+    ("no_binary_chunk.glb", "buffers[0]: found neither a uri nor a binary chunk"),
+    ("no_corners.stl", "has no triangles"),
+    ("no_facets.stl", "its header counts no facets"),
+    ("node_circle.gltf", "nodes[0]: found that it is reached twice"),
+    ("only_lines.gltf", "its meshes are points, lines or empty"),
+    ("other_word.stl", "line 7: found \"endlop\""),
+    ("repaired_bytes_behind.glb", "bytes behind the end"),
+    ("repaired_colours.stl", "triangles whose colour was given to their vertices"),
+    ("repaired_count_too_large.stl", "facets that the header counts and the file does not have"),
+    ("repaired_count_zero.stl", "headers that count no facets"),
+    ("repaired_cut_in_a_facet.stl", "facets that the header counts and the file does not have"),
+    ("repaired_index_left_over.gltf", "last indices make no triangle"),
+    ("repaired_mirrored.gltf", ""),
+    ("repaired_nan_corner.stl", "a corner has no finite position"),
+    ("repaired_no_default_scene.gltf", ""),
+    ("repaired_no_endfacet.stl", "facets without endfacet"),
+    ("repaired_no_scene.gltf", "because there is no scene"),
+    ("repaired_points_too.gltf", "points or lines left out"),
+    ("repaired_quad_facet.stl", "cut as fans"),
+    ("repaired_solid_binary.stl", ""),
+    ("repaired_trailing_bytes.stl", "bytes after the last facet"),
+    ("repaired_two_solids.stl", ""),
+    ("sparse_beyond.gltf", "accessors[0].sparse"),
+    ("stride_zero.gltf", "every 0 bytes"),
+    ("unknown_extension.gltf", "ACME_secret"),
+    ("view_beyond_buffer.gltf", "bufferViews[0]: found 4800 bytes"),
+];
+
+#[test]
+fn every_malformed_stl_and_gltf_is_refused_or_repaired_as_the_table_says() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/malformed");
+    let mut all = Vec::new();
+    for extension in ["stl", "gltf", "glb"] {
+        files(&folder, extension, &mut all);
+    }
+    assert_eq!(all.len(), MALFORMED.len(), "the table names every file");
+    for (name, words) in MALFORMED {
+        match read_mesh(&folder.join(name), &mut |_, _| {}) {
+            Ok(mesh) => {
+                assert!(name.starts_with("repaired_"), "{name} was read");
+                check_invariants(&mesh, name);
+                let said: Vec<&str> = mesh.findings.iter().map(|(kind, _, _)| kind).collect();
+                assert!(said.iter().any(|s| s.contains(words)) || words.is_empty(), "{name}: {words:?} in {said:?}");
+            }
+            Err(e) => {
+                let said = e.to_string();
+                assert!(!name.starts_with("repaired_") && said.contains(words), "{name}: expected {words:?} in {said}");
+                assert!(said.contains(name), "names the file: {said}");
+            }
+        }
+    }
+}

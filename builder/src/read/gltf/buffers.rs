@@ -135,15 +135,13 @@ impl<'a> Buffers<'a> {
             return Err(context.part(by.to_owned(), found, "a buffer of this file"));
         };
         if slot.is_none() {
-            let store = match &root.buffers[index].uri {
-                Some(uri) => open_uri(uri, &format!("buffers[{index}]"), context)?,
-                None => {
-                    let Some((offset, length)) = self.binary.filter(|_| index == 0) else {
-                        let found = "neither a uri nor a binary chunk for it".to_owned();
-                        return Err(context.part(format!("buffers[{index}]"), found, "the bytes of the buffer"));
-                    };
-                    Store::Inside(offset, length)
-                }
+            let store = if let Some(uri) = &root.buffers[index].uri {
+                open_uri(uri, &format!("buffers[{index}]"), context)?
+            } else if let Some((offset, length)) = self.binary.filter(|_| index == 0) {
+                Store::Inside(offset, length)
+            } else {
+                let found = "neither a uri nor a binary chunk for it".to_owned();
+                return Err(context.part(format!("buffers[{index}]"), found, "the bytes of the buffer"));
             };
             if let Store::Beside(_, length) = &store {
                 self.total += length;
