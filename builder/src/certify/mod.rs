@@ -129,11 +129,6 @@ impl<'a> Direction<'a> {
         }
         self.candidates.clear();
         self.candidates.round(corners, self.from, self.to);
-        if self.candidates.list.is_empty() {
-            (0..self.to.triangles.len() as u32).for_each(|t| {
-                self.candidates.add(t);
-            });
-        }
         sure.max(self.cover.triangle(&triangle, along, &mut self.candidates, unimportant, &mut report))
     }
 }
@@ -143,7 +138,7 @@ impl<'a> Direction<'a> {
 fn vertices_away(fine: &Surface, coarse: &Surface) -> f64 {
     let mut away: Vec<(f64, u32)> = Vec::new();
     // A sample is enough: a smaller distance only means more effort.
-    for (p, i) in fine.points.iter().zip(0u32..).step_by(3) {
+    for (p, i) in fine.points.iter().zip(0u32..).step_by(8) {
         let mut near = f64::MAX;
         for q in fine.others.of(i) {
             if coarse.points[*q as usize] == *p {

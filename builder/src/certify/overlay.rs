@@ -43,8 +43,7 @@ impl<'a> Cover<'a> {
         if self.look(t, direction, &candidates.list, unimportant, report) {
             return 0.0;
         }
-        candidates.grow(self.to);
-        self.search(&candidates.list, unimportant, report)
+        self.search(candidates, unimportant, report)
     }
 
     /// Cover what can be seen along `direction` within `limit`; the rest is put on the list of pieces. Whether that is empty.
@@ -125,16 +124,26 @@ impl<'a> Cover<'a> {
         std::mem::swap(&mut self.open, &mut self.next);
     }
 
-    /// Certify the pieces on the list with the best candidate for each, dividing where that is loose. Returns the
-    /// largest distance found to be there.
-    fn search(&mut self, candidates: &[u32], unimportant: f64, report: &mut impl FnMut(u32, f64)) -> f64 {
+    /// Certify the pieces on the list with the best candidate for each, dividing where that is loose. The triangles round
+    /// the candidates are added when these do not suffice. Returns the largest distance found to be there.
+    fn search(&mut self, candidates: &mut Candidates, unimportant: f64, report: &mut impl FnMut(u32, f64)) -> f64 {
         self.opposite.clear();
-        self.opposite.extend(candidates.iter().map(|c| (*c, self.to.triangle(*c))));
+        self.opposite.extend(candidates.list.iter().map(|c| (*c, self.to.triangle(*c))));
+        let mut grown = false;
         let mut sure = 0.0f64;
         while let Some((piece, depth)) = self.pieces.pop() {
-            let (least, best) = nearest(&piece, &self.opposite);
+            let (mut least, mut best) = nearest(&piece, &self.opposite);
+            if best.0 > unimportant * unimportant && !grown {
+                grown = true;
+                let before = candidates.list.len();
+                candidates.grow(self.to);
+                self.opposite.extend(candidates.list[before..].iter().map(|c| (*c, self.to.triangle(*c))));
+                (least, best) = nearest(&piece, &self.opposite);
+            }
             let (least, bound) = (least.sqrt(), best.0.sqrt());
-            sure = sure.max(least);
+            if grown {
+                sure = sure.max(least);
+            }
             if bound <= unimportant || bound <= least * super::TIGHT + ON_LINE || depth >= MOST_HALVINGS {
                 report(best.1, bound);
                 continue;

@@ -10,12 +10,14 @@
 use super::polygon::{Cut, Point2, Polygon};
 use super::surface::{Candidates, NONE, Surface, Triangle};
 use super::view::{Frame, ON_LINE, Seen};
-use kilwa_geometry::distance::{Vec3, point_triangle_squared};
+use kilwa_geometry::distance::{Vec3, cross, dot, point_triangle_squared, sub};
 
 /// Opposite triangles after which the walk is given up.
 const MOST_TRIANGLES: usize = 48;
 /// Pieces below this share of the limit are taken as they are seen, however steep.
 const EXACT: f64 = 0.5;
+/// Squared cosine above which the height over a triangle is taken for the distance to it: at most a tenth more.
+const FLAT: f64 = 0.83;
 /// An opposite triangle whose area is less than this share of the square of its sides cannot be walked over.
 const THINNEST: f64 = 1e-5;
 
@@ -152,7 +154,7 @@ impl<'a> Walker<'a> {
                 self.visited.add(next[k]);
             }
         }
-        if highest > walk.limit * EXACT {
+        if highest > walk.limit * EXACT && self.is_steep(c, area) {
             highest = highest.min(self.exactly(c, walk));
         }
         self.pieces.push((c, highest));
@@ -169,6 +171,13 @@ impl<'a> Walker<'a> {
             let outside = (0..3).map(|k| u32::from(sides[k] <= 0.0) << k).sum();
             *f = Flat { at, sides, height: z - walk.own.height(&at), walk: self.walk, outside };
         }
+    }
+
+    /// Whether distances along the direction are much more than those to the plane of `c`; `area` is twice its area as seen.
+    fn is_steep(&self, c: u32, area: f64) -> bool {
+        let [p, q, r] = self.to.triangle(c);
+        let n = cross(sub(q, p), sub(r, p));
+        area * area < FLAT * dot(n, n)
     }
 
     /// The largest distance of the piece over `c` to it, not along the direction but to the nearest point.
