@@ -144,8 +144,10 @@ impl<'s, 'p> Corners<'s, 'p> {
     fn number(&mut self, corner: Corner, made: Option<Made>) -> Result<u64, ReadError> {
         let uv = corner.uv.filter(|_| matches!(self.paint, Paint::Picture(..)));
         let key = [corner.vertex, uv.map_or(0, |i| i + 1), corner.normal.map_or(0, |i| i + 1) ^ (self.epoch << 40)];
-        let hash = key.iter().fold(0u64, |h, k| (h.rotate_left(5) ^ k).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-        let at = (hash >> 32) as usize & (self.remembered.len() - 1);
+        // Corners that lie together have neighbouring places: the numbers of what they name mostly run along together.
+        let spread = |i: u64| i.wrapping_sub(corner.vertex).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40;
+        let at = corner.vertex.wrapping_add(spread(key[1])).wrapping_add(spread(key[2]) >> 3);
+        let at = at as usize & (self.remembered.len() - 1);
         let [number, a, b, c] = self.remembered[at];
         if number > 0 && [a, b, c] == key {
             return Ok(number - 1);

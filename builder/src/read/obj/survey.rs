@@ -54,8 +54,9 @@ impl Survey {
 
     fn vertex(&mut self, rest: &[u8]) {
         self.vertices += 1;
-        // Once one is above 1, the range is known.
+        // Once one is above 1, the range is known. Without a fourth word there is no colour.
         if self.largest_color <= 1.0
+            && has_fourth_word(rest)
             && let Ok((values, n @ 6..)) = numbers::<7>(rest)
         {
             self.has_colors = true;
@@ -73,6 +74,19 @@ impl Survey {
         self.uses_uvs |= parts.next().is_some_and(|part| !part.is_empty());
         self.uses_normals |= parts.next().is_some_and(|part| !part.is_empty());
     }
+}
+
+/// Whether there are four words or more.
+#[inline]
+fn has_fourth_word(line: &[u8]) -> bool {
+    let mut in_word = false;
+    let mut words = 0;
+    for b in line {
+        let letter = !b.is_ascii_whitespace();
+        words += u32::from(letter && !in_word);
+        in_word = letter;
+    }
+    words > 3
 }
 
 fn add(names: &mut BTreeSet<String>, rest: &[u8]) {
