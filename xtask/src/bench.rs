@@ -26,6 +26,8 @@ enum What {
     Kernels,
     /// Building packs of synthetic meshes: time, memory, size
     Build(Build),
+    /// How far coarse forms are from the finest one: distances and colours
+    Quality(Quality),
     /// Run a program and write what it used to a file (used by `build`, in a process of its own)
     #[command(hide = true)]
     Measured { report: PathBuf, program: PathBuf, args: Vec<String> },
@@ -50,6 +52,19 @@ struct Build {
     dry: bool,
 }
 
+#[derive(clap::Args)]
+struct Quality {
+    /// Triangles of each mesh
+    #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1000..))]
+    triangles: u64,
+    /// Meshes to build
+    #[arg(long, value_name = "NAME", default_values_t = ["wall".to_owned(), "fort".to_owned()])]
+    mesh: Vec<String>,
+    /// Print the table without adding it to docs/bench
+    #[arg(long)]
+    dry: bool,
+}
+
 /// Crates with criterion benches.
 const BENCHED: [&str; 1] = ["kilwa-pack"];
 
@@ -57,6 +72,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     match &args.what {
         What::Kernels => kernels(),
         What::Build(build) => bench_build(build),
+        What::Quality(quality) => bench_quality(quality),
         What::Measured { report, program, args } => measured(report, program, args),
     }
 }
@@ -82,15 +98,15 @@ fn bench_build(args: &Build) -> Result<()> {
     let root = root()?;
     let scratch = root.join("target/bench");
     let mut table = String::from(
-        "| mesh | triangles | input MiB | wall s | CPU s | triangles / CPU s | triangles / wall s | peak MiB | peak bytes / triangle | pack bytes / triangle |\n\
-         |---|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
+        "| mesh | triangles | input MiB | wall s | CPU s | triangles / CPU s | triangles / wall s | peak MiB | peak bytes / triangle | scratch bytes / triangle | pack bytes / triangle |\n\
+         |---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
     );
     for mesh in &args.mesh {
         let row = bench_mesh(args, mesh, &kilwa, &scratch)?;
         table.push_str(&row);
     }
     println!("\n{table}");
-    if args.dry { Ok(()) } else { archive(&root, &table, &args.profile) }
+    if args.dry { Ok(()) } else { archive(&root, "build", &table, &args.profile) }
 }
 
 /// One row: makes the mesh, builds its pack, measures the build alone.
@@ -104,16 +120,19 @@ fn bench_mesh(args: &Build, mesh: &str, kilwa: &Path, scratch: &Path) -> Result<
     let program = kilwa.to_string_lossy().into_owned();
     run_command(command(&program, &["synth", mesh, "--triangles", &count, "-o"])?.arg(&input))?;
     let triangles = ply_faces(&input)?;
-    let mut build = vec!["build".to_owned(), input.display().to_string(), "-o".into(), pack.display().to_string()];
+    let mut build =
+        vec!["build".to_owned(), input.display().to_string(), "-o".into(), pack.display().to_string(), "--json".into()];
     if let Some(threads) = args.threads {
         build.extend(["--threads".into(), threads.to_string()]);
     }
     let usage = run_measured(kilwa, &build, &scratch.join("usage"))?;
+    let report = fs::read_to_string(scratch.join("usage.json")).unwrap_or_default();
+    let on_disk = number_of(&report, "\"scratch_peak_bytes\"");
     let (input_bytes, pack_bytes) = (fs::metadata(&input)?.len(), fs::metadata(&pack)?.len());
     let n = triangles as f64;
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
     Ok(format!(
-        "| {mesh} | {triangles} | {:.1} | {:.2} | {:.2} | {:.0} | {:.0} | {:.0} | {:.0} | {:.2} |\n",
+        "| {mesh} | {triangles} | {:.1} | {:.2} | {:.2} | {:.0} | {:.0} | {:.0} | {:.0} | {} | {:.2} |\n",
         mib(input_bytes),
         usage.wall_s,
         usage.cpu_s,
@@ -121,8 +140,61 @@ fn bench_mesh(args: &Build, mesh: &str, kilwa: &Path, scratch: &Path) -> Result<
         n / usage.wall_s,
         mib(usage.peak_bytes),
         usage.peak_bytes as f64 / n,
+        on_disk.map_or_else(|| "?".to_owned(), |b| format!("{:.0}", b / n)),
         pack_bytes as f64 / n
     ))
+}
+
+fn bench_quality(args: &Quality) -> Result<()> {
+    let kilwa = compile_kilwa("release")?;
+    run_command(
+        cargo(&["build", "--release", "--locked", "--package", "kilwa-builder", "--example", "deviation"])?.arg("-q"),
+    )?;
+    let root = root()?;
+    let (scratch, deviation) = (root.join("target/bench"), root.join("target/release/examples/deviation"));
+    fs::create_dir_all(&scratch).with_context(|| format!("cannot create {}", scratch.display()))?;
+    let program = kilwa.to_string_lossy().into_owned();
+    let mut table = String::from(
+        "| mesh | asked | triangles | certified mm | rms mm | largest mm, fine to coarse | largest mm, coarse to fine | colour rms of 255 |\n\
+         |---|---:|---:|---:|---:|---:|---:|---:|\n",
+    );
+    for mesh in &args.mesh {
+        let file = |name: &str| scratch.join(format!("{mesh}-{name}")).display().to_string();
+        let (input, pack, fine, coarse) = (file("in.ply"), file("q.kilwa"), file("fine.ply"), file("coarse.ply"));
+        run_command(&mut command(
+            &program,
+            &["synth", mesh, "--triangles", &args.triangles.to_string(), "--force", "-o", &input],
+        )?)?;
+        run_command(&mut command(&program, &["build", &input, "--force", "-o", &pack])?)?;
+        run_command(&mut command(&program, &["extract", &pack, "--force", "-o", &fine])?)?;
+        let all = ply_faces(Path::new(&fine))?;
+        for half in 1..=4 {
+            let most = (all >> half).to_string();
+            let extract = ["extract", &pack, "--max-triangles", &most, "--force", "--json", "-o", &coarse];
+            let report = output(&mut command(&program, &extract)?)?;
+            let certified = number_of(&report, "\"max_error\"");
+            let line = output(command(&deviation.to_string_lossy(), &[])?.args([&fine, &coarse]))?;
+            let figures: Vec<f64> = line.split_whitespace().map(str::parse).collect::<Result<_, _>>()?;
+            let [triangles, rms, back, out, color] = figures[..] else { bail!("deviation printed {line:?}") };
+            writeln!(
+                table,
+                "| {mesh} | 1/{} | {triangles} | {} | {:.3} | {:.2} | {:.2} | {color:.2} |",
+                1 << half,
+                certified.map_or_else(|| "?".to_owned(), |c| format!("{:.2}", c * 1e3)),
+                rms * 1e3,
+                back * 1e3,
+                out * 1e3
+            )?;
+        }
+    }
+    println!("\n{table}");
+    if args.dry { Ok(()) } else { archive(&root, "quality", &table, "release") }
+}
+
+/// The number after a key of a JSON text.
+fn number_of(json: &str, key: &str) -> Option<f64> {
+    let rest = json.split_once(key)?.1.trim_start().strip_prefix(':')?.trim_start();
+    rest.split(|c: char| !(c.is_ascii_digit() || "+-.eE".contains(c))).next()?.parse().ok()
 }
 
 /// The number of faces that a PLY's header promises: what was really put in, as synth rounds.
@@ -156,6 +228,7 @@ fn measured(report: &Path, program: &Path, args: &[String]) -> Result<()> {
     let status = Command::new(program)
         .args(args)
         .stdin(Stdio::null())
+        .stdout(fs::File::create(report.with_extension("json"))?)
         .status()
         .with_context(|| format!("cannot start {}", program.display()))?;
     let wall_s = started.elapsed().as_secs_f64();
@@ -179,15 +252,15 @@ fn measured(_report: &Path, _program: &Path, _args: &[String]) -> Result<()> {
 }
 
 /// Adds the table to today's file, with the commit and the machine.
-fn archive(root: &Path, table: &str, profile: &str) -> Result<()> {
+fn archive(root: &Path, what: &str, table: &str, profile: &str) -> Result<()> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).context("the clock stands before 1970")?.as_secs();
     let (year, month, day) = civil_date(now / 86_400);
     let folder = root.join("docs/bench");
     fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
-    let file = folder.join(format!("{year:04}-{month:02}-{day:02}-build.md"));
+    let file = folder.join(format!("{year:04}-{month:02}-{day:02}-{what}.md"));
     let mut text = String::new();
     if !file.exists() {
-        writeln!(text, "# Building packs, {year:04}-{month:02}-{day:02}\n\nWritten by `cargo xtask bench build`.")?;
+        writeln!(text, "# bench {what}, {year:04}-{month:02}-{day:02}\n\nWritten by `cargo xtask bench {what}`.")?;
     }
     let commit =
         output(&mut command("git", &["describe", "--always", "--dirty"])?).unwrap_or_else(|_| "unknown".into());
@@ -250,6 +323,14 @@ mod tests {
         assert_eq!(civil_date(20_778), (2026, 11, 21));
     }
 
+    #[test]
+    fn a_number_is_found_by_its_key_and_only_there() {
+        let json = "{\"a\": 1.5e-3, \"b\" : -2, \"c\": \"x\"}";
+        assert_eq!(number_of(json, "\"a\""), Some(0.0015));
+        assert_eq!(number_of(json, "\"b\""), Some(-2.0));
+        assert_eq!((number_of(json, "\"c\""), number_of(json, "\"d\"")), (None, None));
+    }
+
     #[cfg(unix)]
     #[test]
     fn a_measured_run_reports_its_own_use_and_a_failing_one_is_an_error() {
@@ -263,5 +344,6 @@ mod tests {
             measured(&report, Path::new("sh"), &["-c".into(), "exit 3".into()]).unwrap_err().to_string().contains('3')
         );
         fs::remove_file(&report).unwrap();
+        fs::remove_file(report.with_extension("json")).unwrap();
     }
 }
