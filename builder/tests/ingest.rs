@@ -467,3 +467,35 @@ fn triangles_that_stand_twice_and_neighbours_that_face_apart_are_counted() {
         assert_eq!((found.border_edges, found.non_manifold_edges), (0, 9));
     }
 }
+
+/// Asks to stop when a stage begins.
+struct StopAt(&'static str, Stop);
+
+impl kilwa_builder::Progress for StopAt {
+    fn update(&self, stage: &'static str, _done: u64, _total: u64) {
+        if stage == self.0 {
+            self.1.ask();
+        }
+    }
+}
+
+#[test]
+fn an_ingest_that_was_stopped_in_any_stage_goes_on_and_gives_the_same() {
+    let mesh = with_holes(20_000);
+    let reference = run(&[&mesh], &Case { memory: LARGE, threads: 2, leaf_triangles: 300 });
+    for stage in ["finding corners", "sorting into regions", "joining triangles", "filling leaves"] {
+        let (scratch, stop) = (Scratch::temporary().unwrap(), Stop::default());
+        let progress = StopAt(stage, stop.clone());
+        let work = Work { scratch: &scratch, memory: TINY, threads: 2, stop: &stop, progress: &progress };
+        let mut spool = Spool::create(&scratch, Path::new("input 0")).unwrap();
+        spool.add(&mesh).unwrap();
+        let stopped = ingest(&work, Some(spool.finish().unwrap()), &options(300), Vec::new());
+        assert!(matches!(stopped, Err(BuildError::Stopped)), "{stage}");
+        assert!(kilwa_builder::ingest::can_resume(&scratch));
+        assert!(scratch.files().unwrap().iter().all(|(name, _)| kilwa_builder::ingest::is_file_of_ingest(name)));
+        let (stop, progress) = (Stop::default(), Silent);
+        let work = Work { scratch: &scratch, memory: LARGE, threads: 1, stop: &stop, progress: &progress };
+        let found = ingest(&work, None, &options(300), Vec::new()).expect("goes on");
+        same(&reference, &outcome(&found), stage);
+    }
+}

@@ -14,7 +14,7 @@ pub use interrupt::Interruptible;
 pub use report::{BuildReport, StageTime};
 
 use crate::assemble::assemble;
-use crate::ingest::{IngestOptions, Spool, Spooled, ingest, is_file_of_ingest};
+use crate::ingest::{IngestOptions, Spool, Spooled, can_resume, ingest, is_file_of_ingest};
 use crate::journal::{Journal, Plan, PlannedInput};
 use crate::levels::{CHUNKS, Hierarchy};
 use crate::machine;
@@ -36,9 +36,6 @@ use std::time::Instant;
 const READ: &str = "read";
 /// Name of the stage that makes the leaves and the tree.
 pub(crate) const INGEST: &str = "ingest";
-
-/// What the ingest leaves once what was read lies complete in its files.
-const SPOOLED: &str = "spool.json";
 
 /// A finished pack.
 pub struct Built {
@@ -193,7 +190,7 @@ impl Building<'_> {
     /// Read the inputs, where that was not done before.
     fn read(&mut self, inputs: &mut dyn Inputs) -> Result<(), BuildError> {
         let scratch = self.work.scratch;
-        let is_read = self.spooled.is_some() || scratch.length(SPOOLED).is_some();
+        let is_read = self.spooled.is_some() || can_resume(scratch);
         if self.journal.stage(INGEST).is_some() || (self.journal.stage(READ).is_some() && is_read) {
             return Ok(());
         }

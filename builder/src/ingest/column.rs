@@ -69,9 +69,8 @@ impl Column {
         Err(ScratchError::damaged(self.file.path(), why))
     }
 
-    /// Write what was gathered and wait until it is on the disk.
+    /// Write what was gathered.
     pub(super) fn finish(mut self) -> Result<(), ScratchError> {
-        self.flush()?;
-        self.file.sync()
+        self.flush()
     }
 }

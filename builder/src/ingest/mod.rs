@@ -1,8 +1,10 @@
 //! The first half of a build, out of core: from what readers deliver to the patches of the leaves and the tree.
 //!
 //! Stages, each a function over named files of the scratch folder; what a stage knows beside its files stands in a small
-//! JSON file of its name, written when the files are on the disk, and its input is removed after that. A stage whose JSON
-//! is there is skipped, so a build that was interrupted goes on with the first that is not.
+//! JSON file of its name, written when the files are complete, and its input is removed after that. A stage whose JSON
+//! is there is skipped, so a build that was interrupted goes on with the first that is not. Files of these stages are not
+//! forced to the disk, where many are never written at all: [`can_resume`] tells whether the machine has run without a
+//! break since, and where it has not, the inputs are read again.
 //!
 //! | stage | reads | writes | a triangle takes |
 //! |---|---|---|---|
@@ -83,6 +85,10 @@ pub fn ingest(
     sources: Vec<SourceFile>,
 ) -> Result<Ingested, BuildError> {
     let stage = Stages { scratch: work.scratch };
+    if spooled.is_some() {
+        let path = work.scratch.path(SESSION);
+        std::fs::write(&path, session()).map_err(|e| ScratchError::write(&path, 0, 0, e))?;
+    }
     let spooled = stage.run("spool", &[""; 0], || match spooled {
         Some(spooled) => Ok(spooled),
         None => Err(ScratchError::damaged(&work.scratch.path("spool.json"), "it is not there").into()),
@@ -145,6 +151,21 @@ const DEVIATION_PER_MEDIAN: f64 = 1.372_6;
 
 const WELDED_VERTICES: &str = "vertices welded because they are equal on the lattice";
 
+/// Whether the stages that were done in `scratch` can be gone on with: the mesh was read to the end, and the machine has
+/// not been started anew since then, which may lose what was written last.
+pub fn can_resume(scratch: &Scratch) -> bool {
+    let kept = std::fs::read_to_string(scratch.path(SESSION)).ok();
+    scratch.length("spool.json").is_some() && kept.is_some_and(|kept| kept == session())
+}
+
+/// Tells one run of the machine from another, where the system does (Linux).
+fn session() -> String {
+    std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default()
+}
+
+/// Name of the file that says in which run of the machine the stages were done.
+const SESSION: &str = "session";
+
 /// Stages that were done are not done again.
 struct Stages<'a> {
     scratch: &'a Scratch,
@@ -169,12 +190,10 @@ impl Stages<'_> {
             let write = || -> std::io::Result<()> {
                 let mut temporary = tempfile::NamedTempFile::new_in(self.scratch.folder())?;
                 temporary.write_all(&bytes)?;
-                temporary.as_file().sync_all()?;
                 temporary.persist(&path)?;
                 Ok(())
             };
             write().map_err(|e| ScratchError::write(&path, bytes.len() as u64, 0, e))?;
-            self.scratch.sync()?;
             state
         };
         for input in inputs {
@@ -191,7 +210,8 @@ pub fn is_file_of_ingest(name: &str) -> bool {
     is_state || name.starts_with("scalar-") || FILES.contains(&name)
 }
 
-const FILES: [&str; 16] = [
+const FILES: [&str; 17] = [
+    SESSION,
     spool::POSITIONS,
     spool::COLORS,
     spool::NORMALS,

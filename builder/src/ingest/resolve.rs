@@ -26,14 +26,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 pub(super) const CORNERS: &str = "corners";
 
-/// Triangles read at a time, and in the hands of a thread: a multiple of 64.
-const BLOCK: usize = 1 << 17;
-const PIECE: usize = 1 << 14;
+/// Triangles in the hands of a thread: a multiple of 64.
+pub(super) const PIECE: usize = 1 << 14;
 /// Vertices read at a time, and in the hands of a thread.
 const ROWS: usize = 1 << 16;
 const ROW_PIECE: usize = 1 << 12;
 /// About how many triangles are sampled.
-const SAMPLES: u64 = 1 << 19;
+const SAMPLES: u64 = 1 << 17;
 /// Triangles that tell how long edges are where the lattice shows most of them as nothing.
 const ASTRAY_SAMPLES: u64 = 4096;
 
@@ -80,32 +79,37 @@ pub(super) fn resolve(work: &Work<'_>, spooled: &Spooled, options: &IngestOption
         return Err(BuildError::Empty { why: "the input has no triangles; give a mesh, not a point cloud".into() });
     };
     let weight = spooled.triangles.div_ceil(SAMPLES);
-    let mut run = Run::new(work, spooled, options, weight)?;
-    for attempt in 0.. {
+    let run = Run::new(work, spooled, options, weight)?;
+    // What the first attempt decided about triangles.
+    let mut decided: Option<(Vec<u64>, Tally)> = None;
+    loop {
         let provisional = Provisional::of(&bounds, options.step);
-        let mut out = run.passes(&provisional, attempt > 0)?;
+        let mut out = run.passes(&provisional, decided.as_ref().map(|(keep, _)| keep.as_slice()))?;
         if out.triangles == 0 {
-            return Err(nothing_left(spooled.triangles, &run.tally));
+            return Err(nothing_left(spooled.triangles, &out.tally));
         }
         let used_bounds = run.used_bounds()?;
         let step = provisional.step();
         let first = out.lengths.percentile(0.01) * step;
         // Vertices that no triangle uses (any more) made the cells too large: once more with the box of the others.
         let coarse = out.lengths.none > 0 || first < 32.0 * step || options.step.is_some_and(|s| s < 2.0 * step);
-        if attempt == 0 && coarse && Provisional::of(&used_bounds, options.step).step_log2 < provisional.step_log2 {
+        let finer = Provisional::of(&used_bounds, options.step).step_log2 < provisional.step_log2;
+        if decided.is_none() && coarse && finer {
             bounds = used_bounds;
+            decided = Some((out.keep, out.tally));
             continue;
         }
+        let mut tally = decided.map_or(out.tally, |(_, tally)| tally);
         let mut measured = Measured { bounds: used_bounds, first, median: out.lengths.percentile(0.5) * step };
         if out.lengths.none > out.lengths.total {
-            measured.median = run.sampled_median()?;
+            measured.median = run.sampled_median(&out.keep)?;
         }
         let (lattice, cube_log2) = choose(&measured, options.step)?;
         let rounding = Rounding::between(&provisional, &lattice);
         let used = run.used_count();
         if options.crop.is_none() && options.min_confidence.is_none() {
             let not_finite = spooled.tally.count(NO_POSITION);
-            run.tally.add_many(UNUSED, (spooled.vertices - used).saturating_sub(not_finite));
+            tally.add_many(UNUSED, (spooled.vertices - used).saturating_sub(not_finite));
         }
         out.samples.iter_mut().for_each(|s| {
             *s = rounding.point(s.map(|x| (x / 3) as u32)).map(|x| 3 * i64::from(x));
@@ -122,10 +126,9 @@ pub(super) fn resolve(work: &Work<'_>, spooled: &Spooled, options: &IngestOption
             median: measured.median,
             samples: out.samples,
             weight,
-            tally: run.tally,
+            tally,
         });
     }
-    unreachable!("the second attempt returns")
 }
 
 const LOW_CONFIDENCE: &str = "triangles dropped because of --min-confidence";
@@ -143,6 +146,19 @@ struct Measures {
     lengths: Lengths,
     /// Sums of cells.
     samples: Vec<[i64; 3]>,
+    /// One bit for every triangle that is kept.
+    keep: Vec<u64>,
+    tally: Tally,
+}
+
+impl Measures {
+    fn take(&mut self, piece: &Piece) {
+        self.triangles += piece.kept as u64;
+        self.lengths = std::mem::take(&mut self.lengths).merge(&piece.lengths);
+        self.samples.extend(&piece.samples);
+        self.keep.extend(&piece.keep);
+        self.tally.merge(&piece.tally);
+    }
 }
 
 /// What stays the same over the passes.
@@ -158,14 +174,21 @@ struct Run<'a> {
     triangle_colors: Option<ScratchFile>,
     /// One bit for every vertex that a kept triangle uses.
     used: Vec<AtomicU64>,
-    /// One bit for every triangle that is kept, once known.
-    keep: Vec<u64>,
-    tally: Tally,
 }
 
-/// One block of triangles in the hands of a thread.
+/// A block of triangles.
+#[derive(Default)]
+struct Block {
+    words: Vec<u32>,
+    pieces: Vec<Piece>,
+}
+
+/// A part of a block in the hands of a thread.
+#[derive(Default)]
 struct Piece {
     kept: usize,
+    /// One bit for every triangle that is kept.
+    keep: Vec<u64>,
     lengths: Lengths,
     samples: Vec<[i64; 3]>,
     tally: Tally,
@@ -202,58 +225,74 @@ impl<'a> Run<'a> {
             triangles: work.scratch.existing(TRIANGLES)?,
             triangle_colors: colors,
             used: (0..spooled.vertices.div_ceil(64)).map(|_| AtomicU64::new(0)).collect(),
-            keep: vec![0; spooled.triangles.div_ceil(64) as usize],
-            tally: Tally::default(),
         })
     }
 
     /// Vertices that fit the budget.
     fn range(&self) -> u64 {
-        let bits = 8 * (self.used.len() + self.keep.len()) as u64;
-        let blocks = (BLOCK * (4 * self.layout.triangle() + 16)) as u64;
+        let bits = 8 * self.used.len() as u64 + self.spooled.triangles / 8;
+        let blocks = (2 * block(self.work, self.layout) * (4 * self.layout.triangle() + 16)) as u64;
         let room = (self.work.memory / 8 * 7).saturating_sub(bits + blocks) / (4 * self.layout.vertex() as u64);
         // Ever more passes would take for ever: 64 of them at most.
         room.max(self.spooled.vertices.div_ceil(64)).clamp(1, self.spooled.vertices)
     }
 
-    fn passes(&mut self, provisional: &Provisional, keep_known: bool) -> Result<Measures, BuildError> {
+    /// Stream the triangles past the vertices; `keep` are the bits of those that are kept, where they are known.
+    fn passes(&self, provisional: &Provisional, keep: Option<&[u64]>) -> Result<Measures, BuildError> {
         let corners = self.work.scratch.create(CORNERS)?;
         let (vertices, range) = (self.spooled.vertices, self.range());
+        let size = block(self.work, self.layout);
         let total = self.spooled.triangles * vertices.div_ceil(range);
         let mut measures = Measures::default();
         let mut done = 0;
         for first in (0..vertices).step_by(range as usize) {
             let count = range.min(vertices - first);
             let loaded = Range { first, words: self.load(provisional, first, count as usize)? };
-            let mut written = 0;
-            for block in (0..self.spooled.triangles).step_by(BLOCK) {
-                let n = (self.spooled.triangles - block).min(BLOCK as u64) as usize;
-                let mut rows = vec![0u8; 12 * n];
-                self.triangles.read_into(12 * block, &mut rows)?;
+            let is_last = first + count == vertices;
+            let look = |block: u64| -> Result<Block, ScratchError> {
+                let n = self.spooled.triangles.saturating_sub(block).min(size as u64) as usize;
+                if n == 0 {
+                    return Ok(Block::default());
+                }
+                let rows = self.triangles.read(12 * block, 12 * n as u64)?;
                 let mut words = vec![0u32; n * self.layout.triangle()];
                 if first > 0 {
                     read_words(&corners, block * 4 * self.layout.triangle() as u64, &mut words)?;
                 }
                 self.fill(&loaded, &rows, &mut words);
-                if first + count == vertices {
-                    self.complete(provisional, block, &rows, &mut words, keep_known, &mut measures, &mut |kept| {
-                        // Never beyond what has been read.
-                        write_words(&corners, written, kept)?;
-                        written += 4 * kept.len() as u64;
-                        Ok(())
-                    })?;
-                } else {
-                    write_words(&corners, block * 4 * self.layout.triangle() as u64, &mut words)?;
+                let pieces =
+                    if is_last { self.complete(provisional, block, &rows, &mut words, keep)? } else { Vec::new() };
+                Ok(Block { words, pieces })
+            };
+            let mut written = 0;
+            let mut write = |mut block: Block| -> Result<(), ScratchError> {
+                if !is_last {
+                    write_words(&corners, written, &mut block.words)?;
+                    written += 4 * block.words.len() as u64;
                 }
-                done += n as u64;
+                for (piece, words) in block.pieces.iter().zip(block.words.chunks_mut(PIECE * self.layout.triangle())) {
+                    let kept = &mut words[..piece.kept * self.layout.triangle()];
+                    // Never beyond what has been read.
+                    write_words(&corners, written, kept)?;
+                    written += 4 * kept.len() as u64;
+                    measures.take(piece);
+                }
+                Ok(())
+            };
+            // One block is written while the next is looked at.
+            let mut ready = look(0)?;
+            for block in (0..self.spooled.triangles).step_by(size) {
+                let (was_written, next) = rayon::join(|| write(ready), || look(block + size as u64));
+                was_written?;
+                ready = next?;
+                done += (self.spooled.triangles - block).min(size as u64);
                 self.work.progress.update("finding corners", done, total);
                 self.work.stop.check()?;
             }
-            if first + count == vertices {
+            if is_last {
                 corners.truncate(written)?;
             }
         }
-        corners.sync()?;
         Ok(measures)
     }
 
@@ -319,46 +358,27 @@ impl<'a> Run<'a> {
         });
     }
 
-    /// Decide which triangles of a block are kept, measure them, and hand the words of each piece on.
-    #[expect(clippy::too_many_arguments, reason = "one call, from the loop over blocks")]
+    /// Decide which triangles of a block are kept, and measure them; they stand at the beginning of their piece.
     fn complete(
-        &mut self,
+        &self,
         provisional: &Provisional,
         block: u64,
         rows: &[u8],
         words: &mut [u32],
-        keep_known: bool,
-        measures: &mut Measures,
-        write: &mut dyn FnMut(&mut [u32]) -> Result<(), ScratchError>,
-    ) -> Result<(), ScratchError> {
-        let triangle = self.layout.triangle();
+        keep: Option<&[u64]>,
+    ) -> Result<Vec<Piece>, ScratchError> {
         let n = rows.len() / 12;
         let colors = self.triangle_colors.as_ref().map(|f| f.read(4 * block, 4 * n as u64)).transpose()?;
-        let mut keep = std::mem::take(&mut self.keep);
-        let first_bits = (block / 64) as usize;
-        let pieces: Vec<Piece> = words
-            .par_chunks_mut(PIECE * triangle)
-            .zip(rows.par_chunks(PIECE * 12))
-            .zip(keep[first_bits..first_bits + n.div_ceil(64)].par_chunks_mut(PIECE / 64))
-            .enumerate()
-            .map(|(i, ((words, rows), keep))| {
-                let first = i * PIECE;
-                let colors = colors.as_ref().map(|c| &c.as_chunks::<4>().0[first..]);
-                self.piece(provisional, block + first as u64, rows, words, colors, keep, keep_known)
-            })
-            .collect();
-        self.keep = keep;
-        for (piece, words) in pieces.iter().zip(words.chunks_mut(PIECE * triangle)) {
-            write(&mut words[..piece.kept * triangle])?;
-            measures.triangles += piece.kept as u64;
-            measures.lengths = std::mem::take(&mut measures.lengths).merge(&piece.lengths);
-            measures.samples.extend(&piece.samples);
-            self.tally.merge(&piece.tally);
-        }
-        Ok(())
+        let pieces = words.par_chunks_mut(PIECE * self.layout.triangle()).zip(rows.par_chunks(PIECE * 12)).enumerate();
+        let piece = |(i, (words, rows)): (usize, (&mut [u32], &[u8]))| {
+            let first = i * PIECE;
+            let colors = colors.as_ref().map(|c| &c.as_chunks::<4>().0[first..]);
+            let number = block + first as u64;
+            self.piece(provisional, number, rows, words, colors, keep.map(|k| &k[(number / 64) as usize..]))
+        };
+        Ok(pieces.map(piece).collect())
     }
 
-    #[expect(clippy::too_many_arguments, reason = "slices of one block")]
     fn piece(
         &self,
         provisional: &Provisional,
@@ -366,20 +386,22 @@ impl<'a> Run<'a> {
         rows: &[u8],
         words: &mut [u32],
         colors: Option<&[[u8; 4]]>,
-        keep: &mut [u64],
-        keep_known: bool,
+        keep: Option<&[u64]>,
     ) -> Piece {
         let (width, triangle) = (self.layout.vertex(), self.layout.triangle());
-        let mut out = Piece { kept: 0, lengths: Lengths::default(), samples: Vec::new(), tally: Tally::default() };
+        let mut out = Piece::default();
+        out.keep.resize(rows.len().div_ceil(12 * 64), 0);
         for (i, row) in rows.as_chunks::<12>().0.iter().enumerate() {
             let at = i * triangle;
             let bit = 1u64 << (i % 64);
-            if !keep_known && self.wanted(provisional, number + i as u64, &words[at..at + triangle], &mut out.tally) {
-                keep[i / 64] |= bit;
-            }
-            if keep[i / 64] & bit == 0 {
+            let wanted = match keep {
+                Some(keep) => keep[i / 64] & bit != 0,
+                None => self.wanted(provisional, number + i as u64, &words[at..at + triangle], &mut out.tally),
+            };
+            if !wanted {
                 continue;
             }
+            out.keep[i / 64] |= bit;
             for vertex in row.as_chunks::<4>().0 {
                 let v = u32::from_le_bytes(*vertex);
                 let (word, bit) = (&self.used[v as usize / 64], 1u64 << (v % 64));
@@ -459,11 +481,11 @@ impl<'a> Run<'a> {
     }
 
     /// The median length of the edges of some kept triangles, from the positions as they were given, metres.
-    fn sampled_median(&self) -> Result<f64, ScratchError> {
+    fn sampled_median(&self, keep: &[u64]) -> Result<f64, ScratchError> {
         let positions = self.work.scratch.existing(POSITIONS)?;
         let mut lengths = Vec::new();
         for t in (0..self.spooled.triangles).step_by(self.spooled.triangles.div_ceil(ASTRAY_SAMPLES) as usize) {
-            if self.keep[(t / 64) as usize] >> (t % 64) & 1 == 0 {
+            if keep[(t / 64) as usize] >> (t % 64) & 1 == 0 {
                 continue;
             }
             let row = self.triangles.read(12 * t, 12)?;
@@ -494,6 +516,12 @@ fn grey_of_row(row: [u8; 4], black: f32, white: f32, none: u32) -> u32 {
     }
     let share = (f64::from(v) - f64::from(black)) / (f64::from(white) - f64::from(black));
     word_of_color([libm::round(share.clamp(0.0, 1.0) * 255.0) as u8; 3])
+}
+
+/// Triangles read at a time: a few pieces, as memory allows.
+pub(super) fn block(work: &Work<'_>, layout: Layout) -> usize {
+    let fit = work.memory / 64 / (4 * layout.triangle() as u64) / PIECE as u64;
+    PIECE * fit.clamp(1, 8) as usize
 }
 
 /// The corners of triangles, block by block: words of `n` triangles from number `first` on.

@@ -9,11 +9,12 @@
 use super::IngestOptions;
 use super::buckets::{Buckets, point_of_words};
 use super::lattice::Rounding;
-use super::resolve::{CORNERS, Resolved, read_corners};
+use super::resolve::{CORNERS, PIECE, Resolved, block, read_corners};
 use super::spill::{Extents, Spill};
 use super::tally::Tally;
 use super::words::Layout;
 use crate::options::BuildError;
+use crate::scratch::ScratchError;
 use crate::work::Work;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -22,9 +23,6 @@ pub(super) const BUCKETS: &str = "buckets";
 pub(super) const HALO: &str = "halo";
 
 const COLLAPSED: &str = "triangles dropped because they collapse on the lattice";
-/// Triangles read at a time, and in the hands of a thread.
-const BLOCK: usize = 1 << 17;
-const PIECE: usize = 1 << 14;
 /// Stands for the bucket of a triangle that collapsed.
 const NOWHERE: u32 = u32::MAX;
 /// Words before the corners of a halo triangle: its bucket, its place there.
@@ -85,13 +83,17 @@ pub(super) fn scatter(work: &Work<'_>, resolved: &Resolved, options: &IngestOpti
     let mut halo = Spill::create(work.scratch, HALO, buckets.len(), work.memory / 16)?;
     let mut counts = vec![0u32; buckets.len()];
     let mut tally = Tally::default();
-    let mut words = Vec::new();
     let (triangle, mut kept) = (layout.triangle(), 0);
-    for block in (0..resolved.triangles).step_by(BLOCK) {
-        let n = (resolved.triangles - block).min(BLOCK as u64) as usize;
+    let size = block(work, layout);
+    let look = |block: u64| -> Result<(Vec<u32>, Vec<Piece>), ScratchError> {
+        let n = resolved.triangles.saturating_sub(block).min(size as u64) as usize;
+        let mut words = Vec::new();
         read_corners(&corners, layout, block, n, &mut words)?;
-        let pieces: Vec<Piece> =
+        let pieces =
             words.par_chunks_mut(PIECE * triangle).map(|w| piece(w, layout, &rounding, &buckets, resolved)).collect();
+        Ok((words, pieces))
+    };
+    let mut keep = |(words, pieces): (Vec<u32>, Vec<Piece>)| -> Result<(), ScratchError> {
         for (piece, words) in pieces.iter().zip(words.chunks(PIECE * triangle)) {
             let mut places = vec![0u32; piece.bucket.len()];
             let mut first = 0;
@@ -116,7 +118,15 @@ pub(super) fn scatter(work: &Work<'_>, resolved: &Resolved, options: &IngestOpti
             }
             tally.merge(&piece.collapsed);
         }
-        work.progress.update("sorting into regions", block + n as u64, resolved.triangles);
+        Ok(())
+    };
+    // One block is written while the next is looked at.
+    let mut ready = look(0)?;
+    for block in (0..resolved.triangles).step_by(size) {
+        let (written, next) = rayon::join(|| keep(ready), || look(block + size as u64));
+        written?;
+        ready = next?;
+        work.progress.update("sorting into regions", (block + size as u64).min(resolved.triangles), resolved.triangles);
         work.stop.check()?;
     }
     if kept == 0 {

@@ -60,14 +60,13 @@ impl Spill {
         Ok(())
     }
 
-    /// Write what is left and wait until it is on the disk.
+    /// Write what is left.
     pub(super) fn finish(mut self) -> Result<Extents, ScratchError> {
         for (buffer, extents) in self.buffers.iter_mut().zip(&mut self.extents.0) {
             if !buffer.is_empty() {
                 flush(&self.file, buffer, extents)?;
             }
         }
-        self.file.sync()?;
         Ok(self.extents)
     }
 }

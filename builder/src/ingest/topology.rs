@@ -166,7 +166,6 @@ pub(super) fn topology(
     };
     let cost = |b: usize| scattered.triangles_in(layout, b) * bytes_per_triangle(layout);
     let mut finished = work.run_jobs(buckets.len(), work.memory / 10 * 9, cost, one)?;
-    welded.sync()?;
     let known: Vec<Above> = finished.iter().map(|f| f.above.clone()).collect();
     let mut keys = wishes::above(&buckets, &known, scattered.cube_log2, options.leaf_triangles);
     let (mut counts, mut roughness, mut parts) = (Counts::default(), Lengths::default(), Vec::new());
