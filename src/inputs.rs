@@ -193,6 +193,7 @@ impl kilwa_builder::Inputs for Inputs {
     fn deliver(&mut self, spool: &mut Spool, work: &Work<'_>) -> Result<Vec<SourceFile>, BuildError> {
         let total: u64 = self.files.iter().map(|f| f.path.metadata().map_or(0, |about| about.len())).sum();
         work.scratch.folder().clone_into(&mut self.options.scratch);
+        self.options.memory = self.options.memory.min(work.memory / 2);
         if self.options.detail.is_some() {
             for (i, file) in (0..).zip(&self.files) {
                 work.stop.check()?;

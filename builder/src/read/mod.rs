@@ -67,16 +67,22 @@ pub struct Input<'a> {
 pub struct ReadOptions {
     /// The folder for scratch files, of which OBJ with pictures or normals needs some beyond a few million vertices.
     pub scratch: PathBuf,
-    /// Bytes of decoded pictures kept at a time, and the most that one may take.
+    /// The most bytes that one decoded picture may take; larger ones are left out. Shapes what is read.
     pub texture_bytes: u64,
+    /// Bytes that tables and decoded pictures may take together, about, beside one picture; the rest goes to scratch
+    /// files or is decoded again. Never changes what is read.
+    pub memory: u64,
     /// How far triangles are split for their pictures, where they are. Each input must have gone through
     /// [`note_detail`] before the first is read.
     pub detail: Option<Arc<Detail>>,
 }
 
+/// Where nothing else is said.
+const MEMORY: u64 = 1 << 30;
+
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { scratch: std::env::temp_dir(), texture_bytes: texture::TEXTURE_BYTES, detail: None }
+        Self { scratch: std::env::temp_dir(), texture_bytes: texture::TEXTURE_BYTES, memory: MEMORY, detail: None }
     }
 }
 

@@ -20,10 +20,8 @@ use std::path::{Path, PathBuf};
 
 /// Vertices and triangles handed on at a time.
 const BLOCK: usize = 4096;
-/// Bytes of the three tables in memory.
-const POSITIONS: usize = 96 << 20;
-const UVS: usize = 32 << 20;
-const NORMALS: usize = 48 << 20;
+/// Bytes of the three tables in memory at the most.
+const TABLES: u64 = 176 << 20;
 /// Corners remembered.
 const REMEMBERED: u64 = 1 << 20;
 
@@ -99,19 +97,21 @@ impl<'s, 'p> Corners<'s, 'p> {
         findings: Findings,
     ) -> Self {
         let scratch = Scratch { folder: &options.scratch, file: path };
+        // Half of them for positions, the rest for normals and texture coordinates as large as they are.
+        let tables = (options.memory / 4).min(TABLES) as usize;
         let remembered = survey.faces.saturating_mul(4).clamp(16, REMEMBERED).next_power_of_two();
         let first = if let To::Sink(sink) = &to { sink.vertex_count() } else { 0 };
         Self {
             to,
             detail: options.detail.as_deref(),
             findings,
-            positions: Table::new(scratch, POSITIONS),
-            uvs: Table::new(scratch, UVS),
-            normals: Table::new(scratch, NORMALS),
+            positions: Table::new(scratch, tables / 2),
+            uvs: Table::new(scratch, tables / 5),
+            normals: Table::new(scratch, tables / 10 * 3),
             remembered: vec![[0; 4]; remembered as usize],
             epoch: 0,
             paint: Paint::Nothing,
-            textures: Textures::new(options.texture_bytes),
+            textures: Textures::new(options.texture_bytes).keeping(options.memory / 2),
             pictures: Vec::new(),
             block: Block { first, ..Block::default() },
             triangles: Vec::with_capacity(BLOCK),

@@ -13,8 +13,7 @@ use image::{ImageReader, Limits};
 use std::io::Cursor;
 use std::sync::LazyLock;
 
-/// Bytes of decoded pictures kept at a time, and the most that one may take, where nothing else is said: 3 a texel, so
-/// a picture of 16384 × 16384 fits.
+/// The most bytes that a decoded picture may take where nothing else is said: 3 a texel, so that one of 16384 × 16384 fits.
 pub const TEXTURE_BYTES: u64 = 1 << 30;
 
 /// What lies beyond the edge of a picture.
@@ -129,7 +128,10 @@ fn neighbours(coordinate: f64, n: usize, wrap: Wrap) -> (usize, usize, f64) {
 /// take more than a limit together.
 #[derive(Debug)]
 pub struct Textures {
+    /// Bytes that one may take.
     most: u64,
+    /// Bytes that all together may take, beside the one in use.
+    kept: u64,
     held: u64,
     clock: u64,
     entries: Vec<Entry>,
@@ -147,9 +149,15 @@ enum Entry {
 }
 
 impl Textures {
-    /// Room for pictures of `most` bytes together, at 3 a texel.
+    /// Room for pictures of `most` bytes each and together, at 3 a texel.
     pub fn new(most: u64) -> Self {
-        Self { most, held: 0, clock: 0, entries: Vec::new() }
+        Self { most, kept: most, held: 0, clock: 0, entries: Vec::new() }
+    }
+
+    /// The same, but together they take up to `kept` bytes, or as much as one.
+    #[must_use]
+    pub fn keeping(self, kept: u64) -> Self {
+        Self { kept: kept.min(self.most), ..self }
     }
 
     /// Picture `number`; `load` gives its encoded bytes where it is not there. `None` where it could not be had: then
@@ -187,7 +195,7 @@ impl Textures {
     }
 
     fn make_room(&mut self, bytes: u64) {
-        while self.held + bytes > self.most {
+        while self.held + bytes > self.kept {
             let age = |e: &Entry| if let Entry::In { used, .. } = e { Some(*used) } else { None };
             let oldest = (0..self.entries.len()).filter_map(|i| age(&self.entries[i]).map(|a| (a, i))).min();
             let Some((_, i)) = oldest else { return };
@@ -283,6 +291,11 @@ mod tests {
             assert!(textures.held <= 700);
         }
         assert_eq!(loads, 4, "0, 1, 2, and 1 again, which was used longest ago");
+        let mut one = Textures::new(700).keeping(1);
+        for number in [0, 1, 0] {
+            assert!(one.get(number, || Ok(bytes.clone()), |_| ()).is_some());
+            assert_eq!(one.held, 300, "the one in use, and no other");
+        }
         let mut told = 0;
         for _ in 0..2 {
             assert!(textures.get(9, || Err("gone".to_owned()), |_| told += 1).is_none());
