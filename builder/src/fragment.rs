@@ -83,26 +83,6 @@ fn merge(input: &[(u32, Patch)]) -> Patch {
     Patch { mesh: welder.mesh, bounds }
 }
 
-/// The identity of a vertex across patches.
-#[derive(PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(crate) struct VertexKey {
-    position: LatticePoint,
-    color: [u8; 3],
-    normal: [i16; 2],
-    scalars: Vec<u32>,
-}
-
-impl VertexKey {
-    pub(crate) fn of(mesh: &Mesh, v: usize) -> Self {
-        Self {
-            position: mesh.positions[v],
-            color: mesh.colors.get(v).copied().unwrap_or_default(),
-            normal: mesh.normals[v],
-            scalars: mesh.scalars.iter().map(|s| s[v].to_bits()).collect(),
-        }
-    }
-}
-
 /// Share the triangles out among the diamond's own tetrahedra: each to the one that its centroid is in, or least far
 /// outside of; ties to the first. Tetrahedra without triangles are left out.
 fn share_out(coarse: &Mesh, tree: &Partition, diamond: u32) -> Vec<(u32, Vec<u32>)> {

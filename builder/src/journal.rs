@@ -197,7 +197,7 @@ impl Journal {
                 self.scratch.remove(&name)?;
             }
         }
-        Ok(())
+        self.scratch.recount()
     }
 }
 

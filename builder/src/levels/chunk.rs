@@ -2,13 +2,13 @@
 //! levels have geometry, and a coarser diamond may still turn out to have none. Until then a patch names the diamond by
 //! its index in the tree.
 
-use crate::fragment::{Patch, VertexKey};
+use crate::fragment::Patch;
 use crate::options::BuildError;
 use crate::partition::Partition;
+use crate::weld::Welder;
 use kilwa_geometry::Aabb;
 use kilwa_pack::chunk::{self, Chunk, MAX_CHUNK_TRIANGLES, PatchRange};
 use kilwa_pack::{Attributes, NO_DIAMOND};
-use rustc_hash::FxHashMap;
 
 /// Patches of overfull leaves are cut into runs of this many triangles.
 const LARGEST_PATCH: usize = 16_384;
@@ -53,36 +53,25 @@ pub(crate) fn too_large(triangles: u64, near: [f64; 3]) -> BuildError {
 /// One vertex array for all patches of a chunk; a patch's `diamond` is the index of the diamond that splits its
 /// tetrahedron, where it is split.
 fn weld(patches: &[(u32, Patch)], tree: &Partition, attributes: Attributes) -> Chunk {
-    let mut chunk = Chunk::default();
-    chunk.mesh.scalars = vec![Vec::new(); usize::from(attributes.scalars)];
-    let mut index: FxHashMap<VertexKey, u32> = FxHashMap::default();
+    let vertices = patches.iter().map(|(_, p)| p.mesh.vertex_count()).sum();
+    let mut welder = Welder::new(vertices, usize::from(attributes.scalars));
+    let mut ranges = Vec::new();
+    let mut number = Vec::new();
     for (t, Patch { mesh, .. }) in patches {
         let node = &tree.tetrahedra[*t as usize];
         let diamond = node.children.map_or(NO_DIAMOND, |_| node.diamond);
-        let mut first = chunk.mesh.triangles.len() as u32;
-        let mut place = vec![u32::MAX; mesh.vertex_count()];
-        for (tri, border) in mesh.triangles.iter().zip(&mesh.borders) {
-            let tri = tri.map(|v| {
-                let v = v as usize;
-                if place[v] == u32::MAX {
-                    let next = chunk.mesh.positions.len() as u32;
-                    place[v] = *index.entry(VertexKey::of(mesh, v)).or_insert(next);
-                    if place[v] == next {
-                        chunk.mesh.push_vertex_of(mesh, v);
-                    }
-                }
-                place[v]
-            });
-            chunk.mesh.triangles.push(tri);
-            chunk.mesh.borders.push(*border);
-        }
+        let mut first = welder.mesh.triangles.len() as u32;
+        number.clear();
+        number.extend((0..mesh.vertex_count()).map(|v| welder.vertex(mesh, v)));
+        welder.mesh.triangles.extend(mesh.triangles.iter().map(|t| t.map(|v| number[v as usize])));
+        welder.mesh.borders.extend(&mesh.borders);
         let mut left = mesh.triangle_count();
         while left > 0 {
             let count = if left > LARGEST_PATCH * 3 / 2 { LARGEST_PATCH } else { left };
-            chunk.patches.push(PatchRange { first, count: count as u32, diamond });
+            ranges.push(PatchRange { first, count: count as u32, diamond });
             first += count as u32;
             left -= count;
         }
     }
-    chunk
+    Chunk { mesh: welder.mesh, patches: ranges }
 }

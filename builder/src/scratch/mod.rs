@@ -91,8 +91,7 @@ impl Scratch {
         }
         let space = Arc::new(Space { fleeting: temporary.is_some(), ..Space::default() });
         let scratch = Self { held: Arc::new(Held { folder, _lock: lock, _temporary: temporary }), space };
-        let there: u64 = scratch.files()?.iter().map(|(_, bytes)| bytes).sum();
-        scratch.space.add(there);
+        scratch.recount()?;
         Ok(scratch)
     }
 
@@ -121,6 +120,17 @@ impl Scratch {
     /// [`ScratchError`] where it cannot be opened.
     pub fn existing(&self, name: &str) -> Result<ScratchFile, ScratchError> {
         ScratchFile::new(self.path(name), false, Arc::clone(&self.space))
+    }
+
+    /// Count what really stands in the folder: small files come into it by other means than [`Scratch::create`].
+    ///
+    /// # Errors
+    /// As [`Scratch::files`].
+    pub(crate) fn recount(&self) -> Result<(), ScratchError> {
+        let there: u64 = self.files()?.iter().map(|(_, bytes)| bytes).sum();
+        self.space.now.store(there, Ordering::Relaxed);
+        self.space.peak.fetch_max(there, Ordering::Relaxed);
+        Ok(())
     }
 
     /// Length of a file in bytes, `None` where there is none.

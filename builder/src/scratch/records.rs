@@ -14,9 +14,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Bytes of a record.
 const RECORD: usize = 16;
 /// Records that a merge reads at a time from each run.
-const BLOCK: usize = 1 << 13;
+const BLOCK: usize = 1 << 11;
 /// Fewest records sorted in memory at a time, whatever the budget.
-const SMALLEST_RUN: usize = 1 << 16;
+const SMALLEST_RUN: usize = 1 << 12;
 
 /// A point and the tetrahedron that uses it; sorts by point, then by tetrahedron.
 pub fn record(point: LatticePoint, tetra: u32) -> u128 {

@@ -1,0 +1,138 @@
+//! What is kept on disk and how much memory there is never changes the bytes; nor does being stopped at any moment and
+//! going on with other threads and other memory.
+
+mod support;
+
+use kilwa_builder::ingest::Spool;
+use kilwa_builder::journal::PlannedInput;
+use kilwa_builder::scratch::Scratch;
+use kilwa_builder::work::{Stop, Work};
+use kilwa_builder::{BuildError, BuildOptions, BuildReport, Inputs, Progress, RawMesh, Run, Silent, build};
+use kilwa_pack::metadata::SourceFile;
+use std::io::Cursor;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use support::{Random, fort, non_manifold, wall};
+
+struct Delivered<'a>(&'a RawMesh);
+
+impl Inputs for Delivered<'_> {
+    fn plan(&self) -> Result<Vec<PlannedInput>, BuildError> {
+        Ok(Vec::new())
+    }
+
+    fn deliver(&mut self, spool: &mut Spool, _work: &Work<'_>) -> Result<Vec<SourceFile>, BuildError> {
+        spool.add(self.0)?;
+        Ok(Vec::new())
+    }
+}
+
+struct Settings<'a> {
+    threads: usize,
+    memory: u64,
+    scratch: &'a Scratch,
+    resume: bool,
+}
+
+fn built(
+    raw: &RawMesh,
+    s: &Settings<'_>,
+    stop: &Stop,
+    progress: &dyn Progress,
+) -> Result<(Vec<u8>, BuildReport), BuildError> {
+    let options = BuildOptions { threads: s.threads, title: "test".into(), leaf_triangles: 500, ..Default::default() };
+    let run = Run { scratch: s.scratch, memory: s.memory, resume: s.resume, stop, progress };
+    let mut out = Cursor::new(Vec::new());
+    let report = build(&mut Delivered(raw), &options, &run, &mut out)?;
+    Ok((out.into_inner(), report))
+}
+
+fn undisturbed(raw: &RawMesh, threads: usize, memory: u64) -> Vec<u8> {
+    let scratch = Scratch::temporary().unwrap();
+    let settings = Settings { threads, memory, scratch: &scratch, resume: false };
+    built(raw, &settings, &Stop::default(), &Silent).unwrap().0
+}
+
+#[test]
+fn one_mebibyte_of_memory_gives_the_same_bytes_as_plenty() {
+    for (name, raw) in [("fort", fort(100_000)), ("non-manifold", non_manifold(60))] {
+        let plenty = undisturbed(&raw, 2, 1 << 32);
+        for threads in [1, 8] {
+            assert!(undisturbed(&raw, threads, 1 << 20) == plenty, "{name}, {threads} threads");
+        }
+    }
+}
+
+/// Asks to stop at a given update.
+struct StopAt<'a> {
+    stop: &'a Stop,
+    left: AtomicU64,
+}
+
+impl Progress for StopAt<'_> {
+    fn update(&self, _stage: &'static str, _done: u64, _total: u64) {
+        if self.left.fetch_sub(1, Ordering::Relaxed) == 1 {
+            self.stop.ask();
+        }
+    }
+}
+
+#[test]
+fn a_build_stopped_at_any_moment_goes_on_to_the_same_bytes() {
+    let raw = wall(10_000);
+    let expected = undisturbed(&raw, 1, 1 << 32);
+    let mut random = Random(5);
+    let mut resumed = 0;
+    for round in 0..20 {
+        let scratch = Scratch::temporary().unwrap();
+        let (mut resume, mut longest) = (false, 100);
+        let bytes = loop {
+            let stop = Stop::default();
+            let at = StopAt { stop: &stop, left: AtomicU64::new(1 + random.below(longest) as u64) };
+            // A stage that is begun again and again must come to its end at last.
+            longest *= 2;
+            let (threads, memory) = (1 + random.below(3), 1 << (24 + random.below(8)));
+            match built(&raw, &Settings { threads, memory, scratch: &scratch, resume }, &stop, &at) {
+                Ok((bytes, report)) => {
+                    resumed += u32::from(report.resumed_after.is_some());
+                    break bytes;
+                }
+                Err(BuildError::Stopped) => resume = true,
+                Err(e) => panic!("round {round}: {e}"),
+            }
+        };
+        assert!(bytes == expected, "round {round}");
+    }
+    println!("{resumed} of 20 builds were finished by going on");
+    assert!(resumed > 5);
+}
+
+#[test]
+fn a_full_output_is_an_error_that_keeps_nothing_wrong_and_the_scratch_files_are_counted() {
+    struct Full(u64);
+    impl std::io::Write for Full {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            self.0 = self.0.checked_sub(bytes.len() as u64).ok_or(std::io::ErrorKind::StorageFull)?;
+            Ok(bytes.len())
+        }
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+    impl std::io::Seek for Full {
+        fn seek(&mut self, _to: std::io::SeekFrom) -> std::io::Result<u64> {
+            Ok(0)
+        }
+    }
+    let raw = wall(20_000);
+    let scratch = Scratch::temporary().unwrap();
+    let stop = Stop::default();
+    let run = Run { scratch: &scratch, memory: 1 << 28, resume: false, stop: &stop, progress: &Silent };
+    let error = build(&mut Delivered(&raw), &BuildOptions::default(), &run, &mut Full(50_000)).unwrap_err();
+    let BuildError::Pack(kilwa_pack::PackError::Io { source, .. }) = error else { panic!("{error}") };
+    assert_eq!(source.kind(), std::io::ErrorKind::StorageFull);
+    let counted: u64 = scratch.files().unwrap().iter().map(|f| f.1).sum();
+    assert_eq!(scratch.bytes(), counted);
+    assert!(scratch.peak_bytes() > counted && scratch.peak_bytes() < 160 * raw.triangles.len() as u64);
+    assert!(Path::new(scratch.folder()).join("journal").exists());
+}
