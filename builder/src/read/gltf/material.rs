@@ -65,6 +65,11 @@ impl Material {
 }
 
 impl Texture {
+    /// Where on the picture coordinates of the file lie.
+    pub(super) fn place(&self, uv: [f64; 2]) -> [f64; 2] {
+        self.transform.map(|m| m[0] * uv[0] + m[1] * uv[1] + m[2])
+    }
+
     /// `None` where the texture has no image that is read.
     fn of(root: &Root, info: &TextureInfo, material: usize, context: &Context<'_>) -> Result<Option<Self>, ReadError> {
         let part = || format!("materials[{material}]");

@@ -15,11 +15,14 @@
 //! beside the default; pictures that cannot be read. Refused with the part of the file: indices and offsets that name
 //! what is not there, nodes in circles, streams that do not decode, files beside it that are missing; glTF 1.0.
 //!
+//! Triangles under pictures are split where that is asked for (`detailed`).
+//!
 //! Memory: the JSON, blocks of constant size, exceptions of sparse accessors, compressed views and pictures decoded whole.
 
 mod accessor;
 mod buffers;
 mod container;
+mod detailed;
 mod draco;
 mod material;
 mod primitive;
@@ -30,9 +33,11 @@ mod strip;
 mod tests;
 mod transform;
 
+use super::texture::detail::Detail;
 use super::{Input, MeshSink, ReadError};
 use buffers::Buffers;
 use container::Container;
+use detailed::{Detailing, Nowhere};
 use material::Material;
 use primitive::{Delivery, Known};
 use schema::{Head, Root};
@@ -107,6 +112,19 @@ fn without_mark(bytes: &[u8]) -> &[u8] {
 /// [`ReadError`] for a file that is damaged, of another version, needs what is not read, or shows no triangle; what the
 /// sink says.
 pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
+    let detailing = input.options.detail.as_deref().map(|detail| Detailing { detail, notes: false });
+    deliver(input, sink, detailing)
+}
+
+/// First pass of [`super::ReadOptions::detail`]: note how many texels the edges of the scene span.
+///
+/// # Errors
+/// As [`read`].
+pub fn note_detail(input: Input<'_>, detail: &Detail) -> Result<(), ReadError> {
+    deliver(input, &mut Nowhere::default(), Some(Detailing { detail, notes: true }))
+}
+
+fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailing<'_>>) -> Result<(), ReadError> {
     let Input { path, total, source, progress, options } = input;
     let context = Context { path };
     let Container { json, binary, trailing } = container::open(source, total, &context)?;
@@ -125,7 +143,7 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
 
     let buffers = Buffers::new(source, total, binary, &root, progress);
     let colored = is_colored(&root, &in_scene, &context)?;
-    let mut delivery = Delivery::new(&root, buffers, sink, Context { path }, colored, options.texture_bytes);
+    let mut delivery = Delivery::new(&root, buffers, sink, Context { path }, colored, options, detailing);
     for place in &placed {
         let mut known = Known::new();
         for (number, primitive) in root.meshes[place.mesh].primitives.iter().enumerate() {
@@ -134,7 +152,7 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
         }
     }
     delivery.buffers.finish();
-    if delivery.triangles() > 0 {
+    if delivery.triangles() > 0 || detailing.is_some_and(|d| d.notes) {
         return Ok(());
     }
     let found = match (root.meshes.len(), placed.len()) {

@@ -1,10 +1,11 @@
 //! One primitive of one node: its vertices in the coordinates of the scene with their colours, and its triangles.
 
-use super::super::texture::{Textures, find_file, light_from_srgb, srgb_from_light};
-use super::super::{MeshSink, ReadError, VertexBlock};
+use super::super::texture::{Texture as Picture, Textures, find_file, light_from_srgb, srgb_from_light};
+use super::super::{MeshSink, ReadError, ReadOptions, VertexBlock};
 use super::Context;
 use super::accessor::{Accessor, Component};
 use super::buffers::{self, Buffers};
+use super::detailed::{Detailing, Run};
 use super::draco::Decoded;
 use super::material::{Material, Texture};
 use super::schema::{Primitive, Root};
@@ -26,7 +27,9 @@ pub(super) struct Delivery<'r, 's, 'a> {
     pub(super) context: Context<'r>,
     textures: Textures,
     /// Whether every vertex gets a colour, because some have one that is not white.
-    colored: bool,
+    pub(super) colored: bool,
+    /// Where triangles are split, or their edges noted.
+    detailing: Option<Detailing<'r>>,
     triangles: u64,
 }
 
@@ -34,7 +37,7 @@ pub(super) struct Delivery<'r, 's, 'a> {
 pub(super) type Known = HashMap<(Vec<Option<usize>>, Option<usize>), u64>;
 
 /// The values of one attribute.
-struct Column {
+pub(super) struct Column {
     values: Values,
     width: usize,
     /// Integers of this type stand for 0 to 1 or -1 to 1.
@@ -47,12 +50,25 @@ enum Values {
 }
 
 /// The attributes of a primitive that are kept.
-struct Columns {
-    count: u64,
-    positions: Column,
-    normals: Option<Column>,
-    colors: Option<Column>,
-    coordinates: Option<Column>,
+pub(super) struct Columns {
+    pub(super) count: u64,
+    pub(super) positions: Column,
+    pub(super) normals: Option<Column>,
+    pub(super) colors: Option<Column>,
+    pub(super) coordinates: Option<Column>,
+}
+
+/// Takes a block of triangles away.
+type Take<'t, D> = dyn FnMut(&mut D, &mut Vec<[u64; 3]>) -> Result<(), ReadError> + 't;
+
+/// Where the vertices of triangles come from.
+enum Order {
+    /// An accessor of indices.
+    Indexed(usize),
+    /// One after the other.
+    Plain,
+    /// Triangles as they are.
+    Ready(Vec<[u64; 3]>),
 }
 
 impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
@@ -62,9 +78,11 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
         sink: &'s mut dyn MeshSink,
         context: Context<'r>,
         colored: bool,
-        texture_bytes: u64,
+        options: &ReadOptions,
+        detailing: Option<Detailing<'r>>,
     ) -> Self {
-        Self { root, buffers, sink, context, textures: Textures::new(texture_bytes), colored, triangles: 0 }
+        let textures = Textures::new(options.texture_bytes).keeping(options.memory / 2);
+        Self { root, buffers, sink, context, textures, colored, detailing, triangles: 0 }
     }
 
     /// Triangles delivered.
@@ -96,30 +114,42 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
             self.sink.findings().add("primitives with morph targets taken as they stand", || part.to_owned());
         }
         let material = Material::of(self.root, primitive, part, &self.context)?;
-        if let Some(draco) = &primitive.extensions.draco {
+        if self.detailing.is_some_and(|d| d.notes) && material.texture.is_none() {
+            return Ok(());
+        }
+        let (columns, order) = if let Some(draco) = &primitive.extensions.draco {
             let decoded = Decoded::open(self.root, &mut self.buffers, draco, part.to_owned(), &self.context)?;
             let columns = self.decoded_columns(primitive, &decoded, &material, part)?;
-            let first = self.vertices(columns, &material, part, transform)?;
-            let triangles = decoded.triangles(&self.context)?;
-            return self.decoded_triangles(triangles, first, transform.mirrors());
-        }
-        let columns = self.stored_columns(primitive, &material, part)?;
+            (columns, Order::Ready(decoded.triangles(&self.context)?))
+        } else {
+            let order = primitive.indices.map_or(Order::Plain, Order::Indexed);
+            (self.stored_columns(primitive, &material, part)?, order)
+        };
         let count = columns.count;
+        // A Draco stream has triangles, whatever the mode of the primitive.
+        let mode = if matches!(order, Order::Ready(_)) { Mode::List } else { mode };
+        let assembler = Assembler::new(mode, transform.mirrors());
+        if let Some(detailing) = self.detailing {
+            let size = self.picture_size(material.texture.as_ref());
+            let mut run = Run::new(columns, &material, transform, size);
+            let mut split = |this: &mut Self, t: &mut Vec<[u64; 3]>| this.detail_block(&mut run, t, detailing);
+            self.triangles_of(order, assembler, 0, count, part, &mut split)?;
+            return self.hand_on(&mut run, 0);
+        }
         let used = |name: &str| primitive.attributes.get(name).copied();
         let coordinates = material.texture.as_ref().and_then(|t| used(&t.attribute));
         let key = (vec![used("POSITION"), used("NORMAL"), used("COLOR_0"), coordinates], primitive.material);
-        let first = if let Some(first) = known.get(&key) {
+        let shareable = !matches!(order, Order::Ready(_));
+        let first = if let Some(first) = known.get(&key).filter(|_| shareable) {
             *first
         } else {
             let first = self.vertices(columns, &material, part, transform)?;
-            known.insert(key, first);
+            if shareable {
+                known.insert(key, first);
+            }
             first
         };
-        let assembler = Assembler::new(mode, transform.mirrors());
-        match primitive.indices {
-            Some(index) => self.indexed_triangles(index, assembler, first, count, part),
-            None => self.plain_triangles(assembler, first, count, part),
-        }
+        self.triangles_of(order, assembler, first, count, part, &mut |this, t| this.deliver(t))
     }
 
     fn stored_columns(&mut self, from: &Primitive, material: &Material, part: &str) -> Result<Columns, ReadError> {
@@ -248,80 +278,79 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
 
     /// Multiply with the picture at the texture coordinates.
     fn paint(&mut self, texture: &Texture, coordinates: &[f64], linear: &mut [[f64; 3]]) {
-        let (root, buffers, context) = (self.root, &mut self.buffers, &self.context);
-        let load = || image_bytes(root, texture.image, buffers, context);
-        let mut reason = None;
-        let picture = self.textures.get(texture.image, load, |why| reason = Some(why));
-        if let Some(why) = reason {
-            let kind = "pictures that cannot be read; what they cover has the colour of its material";
-            self.sink.findings().add(kind, || format!("images[{}]: {why}", texture.image));
-        }
-        let Some(picture) = picture else { return };
+        let Some(picture) = self.picture(texture) else { return };
         for (color, uv) in linear.iter_mut().zip(coordinates.chunks_exact(2)) {
-            let at = texture.transform.map(|m| m[0] * uv[0] + m[1] * uv[1] + m[2]);
-            let texel = picture.sample(at, texture.wrap);
+            let texel = picture.sample(texture.place([uv[0], uv[1]]), texture.wrap);
             color.iter_mut().zip(texel).for_each(|(c, t)| *c *= light_from_srgb(t));
         }
     }
 
-    fn indexed_triangles(
+    /// The decoded picture of a texture; where it cannot be had, that is counted once.
+    pub(super) fn picture(&mut self, texture: &Texture) -> Option<&Picture> {
+        let (root, buffers, context) = (self.root, &mut self.buffers, &self.context);
+        let load = || image_bytes(root, texture.image, buffers, context);
+        let findings = self.sink.findings();
+        self.textures.get(texture.image, load, |why| {
+            let kind = "pictures that cannot be read; what they cover has the colour of its material";
+            findings.add(kind, || format!("images[{}]: {why}", texture.image));
+        })
+    }
+
+    /// Make the triangles, numbers from `first` on, and give them to `take` in blocks.
+    fn triangles_of(
         &mut self,
-        index: usize,
+        order: Order,
         mut assembler: Assembler,
         first: u64,
         count: u64,
         part: &str,
+        take: &mut Take<'_, Self>,
     ) -> Result<(), ReadError> {
-        let mut indices = Accessor::open(self.root, &mut self.buffers, index, &self.context)?;
-        indices.check_indices(&self.context)?;
-        let mut values = Vec::new();
         let mut triangles = Vec::new();
-        let mut at = 0;
-        while at < indices.count {
-            let n = (indices.count - at).min(BLOCK) as usize;
-            indices.block(&mut self.buffers, at, n, &mut values, &self.context)?;
-            for (place, &value) in (at..).zip(&values) {
-                let v = value as u64;
-                if v >= count {
-                    let found = format!("the vertex {v} at index {place}");
-                    let expected = format!("vertices below {count}, the positions of {part}; copy or export it again");
-                    return Err(self.context.part(format!("accessors[{index}]"), found, &expected));
+        match order {
+            Order::Ready(ready) => {
+                triangles.extend(ready.iter().flatten().filter_map(|v| assembler.push(first + v)));
+            }
+            Order::Plain => {
+                for v in 0..count {
+                    triangles.extend(assembler.push(first + v));
+                    if triangles.len() as u64 >= BLOCK {
+                        take(self, &mut triangles)?;
+                    }
                 }
-                triangles.extend(assembler.push(first + v));
             }
-            self.deliver(&mut triangles)?;
-            at += n as u64;
+            Order::Indexed(index) => {
+                let mut indices = Accessor::open(self.root, &mut self.buffers, index, &self.context)?;
+                indices.check_indices(&self.context)?;
+                let mut values = Vec::new();
+                let mut at = 0;
+                while at < indices.count {
+                    let n = (indices.count - at).min(BLOCK) as usize;
+                    indices.block(&mut self.buffers, at, n, &mut values, &self.context)?;
+                    for (place, &value) in (at..).zip(&values) {
+                        let v = value as u64;
+                        if v >= count {
+                            let found = format!("the vertex {v} at index {place}");
+                            let expected =
+                                format!("vertices below {count}, the positions of {part}; copy or export it again");
+                            return Err(self.context.part(format!("accessors[{index}]"), found, &expected));
+                        }
+                        triangles.extend(assembler.push(first + v));
+                    }
+                    take(self, &mut triangles)?;
+                    at += n as u64;
+                }
+            }
         }
-        self.left_over(&assembler, part);
+        take(self, &mut triangles)?;
+        if assembler.is_incomplete() {
+            let kind = "primitives whose last indices make no triangle; they are left out";
+            self.sink.findings().add(kind, || part.to_owned());
+        }
         Ok(())
     }
 
-    fn plain_triangles(
-        &mut self,
-        mut assembler: Assembler,
-        first: u64,
-        count: u64,
-        part: &str,
-    ) -> Result<(), ReadError> {
-        let mut triangles = Vec::new();
-        for v in 0..count {
-            triangles.extend(assembler.push(first + v));
-            if triangles.len() as u64 >= BLOCK {
-                self.deliver(&mut triangles)?;
-            }
-        }
-        self.deliver(&mut triangles)?;
-        self.left_over(&assembler, part);
-        Ok(())
-    }
-
-    fn decoded_triangles(&mut self, triangles: Vec<[u64; 3]>, first: u64, mirrors: bool) -> Result<(), ReadError> {
-        let numbered = |[a, b, c]: [u64; 3]| if mirrors { [a, c, b] } else { [a, b, c] }.map(|v| v + first);
-        let mut triangles = triangles.into_iter().map(numbered).collect();
-        self.deliver(&mut triangles)
-    }
-
-    fn deliver(&mut self, triangles: &mut Vec<[u64; 3]>) -> Result<(), ReadError> {
+    pub(super) fn deliver(&mut self, triangles: &mut Vec<[u64; 3]>) -> Result<(), ReadError> {
         if !triangles.is_empty() {
             self.sink.triangles(triangles, &[])?;
             self.triangles += triangles.len() as u64;
@@ -329,18 +358,16 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
         }
         Ok(())
     }
-
-    fn left_over(&mut self, assembler: &Assembler, part: &str) {
-        if assembler.is_incomplete() {
-            let kind = "primitives whose last indices make no triangle; they are left out";
-            self.sink.findings().add(kind, || part.to_owned());
-        }
-    }
 }
 
 impl Column {
+    /// Components of an element.
+    pub(super) fn width(&self) -> usize {
+        self.width
+    }
+
     /// `count` elements from element `first` on, in place of what `into` has.
-    fn block(
+    pub(super) fn block(
         &mut self,
         buffers: &mut Buffers<'_>,
         first: u64,

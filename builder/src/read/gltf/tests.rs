@@ -1,11 +1,14 @@
 //! What the glTF reader keeps, counts and refuses.
 
-use super::super::{ReadError, read_mesh, read_mesh_from};
+use super::super::texture::detail::Detail;
+use super::super::{MemorySink, ReadError, ReadOptions, note_detail, read_into_with, read_mesh, read_mesh_from};
 use crate::raw::RawMesh;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 fn bytes_of<T: Copy, const N: usize>(values: &[T], bytes: fn(T) -> [u8; N]) -> Vec<u8> {
     values.iter().flat_map(|v| bytes(*v)).collect()
@@ -220,6 +223,65 @@ fn vertices_have_the_colour_of_the_picture_where_they_lie() {
     let uri = format!("data:image/png;base64,{}", STANDARD.encode(png()));
     scene.0["images"][0] = json!({"uri": uri});
     assert_eq!(scene.mesh().colors[0], [188, 0, 0], "as a data URI");
+}
+
+/// A square of two triangles under a picture of 64 texels, red growing across and green down, beside one without a
+/// picture that shares an edge with it.
+fn pictured_square() -> Scene {
+    let mut scene = Scene::triangle();
+    let picture = image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([(x * 4) as u8, (y * 4) as u8, 0]));
+    let mut png = std::io::Cursor::new(Vec::new());
+    picture.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    let view = scene.view(&png.into_inner());
+    scene.push("images", json!({"bufferView": view, "mimeType": "image/png"}));
+    scene.push("textures", json!({"source": 0}));
+    scene.push("materials", json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}));
+    scene.at("/meshes/0/primitives/0")["material"] = json!(0);
+    let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    let positions: Vec<f32> = square.iter().flat_map(|[x, y]| [*x, *y, 0.0]).collect();
+    scene.attribute("POSITION", "VEC3", 5126, &floats(&positions), 4);
+    scene.attribute("TEXCOORD_0", "VEC2", 5126, &floats(&square.concat()), 4);
+    scene.indices(4, &[0, 1, 2, 0, 2, 3]);
+    let plain = scene.accessor("VEC3", 5126, &floats(&[1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 1.0, 1.0, 0.0]), 3);
+    let plain = json!({"attributes": {"POSITION": plain}});
+    scene.at("/meshes/0/primitives").as_array_mut().unwrap().push(plain);
+    scene
+}
+
+#[test]
+fn triangles_under_a_picture_are_split_and_their_neighbours_with_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.gltf");
+    std::fs::write(&path, pictured_square().0.to_string()).unwrap();
+    let options = ReadOptions { detail: Some(Arc::new(Detail::new(9.0))), ..ReadOptions::default() };
+    note_detail(&path, &options, &mut |_, _| {}).unwrap();
+    let mut sink = MemorySink::new(&path);
+    read_into_with(&path, &options, &mut sink, &mut |_, _| {}).unwrap();
+    let mesh = sink.into_mesh().unwrap();
+    assert!(mesh.triangles.len() > 2 * 64, "{}", mesh.triangles.len());
+    assert_eq!(mesh.findings.count("triangles split so that they keep their pictures"), 3);
+
+    let at = |v: u32| mesh.positions[v as usize];
+    let mut edges: BTreeMap<[[u64; 3]; 2], i32> = BTreeMap::new();
+    let mut area = 0.0;
+    for t in &mesh.triangles {
+        let [a, b, c] = t.map(at);
+        area += ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) / 2.0;
+        for (p, q) in [(a, b), (b, c), (c, a)] {
+            let texels = 64.0 * (p[0] - q[0]).hypot(p[1] - q[1]);
+            assert!(texels <= 9.0 + 1e-9 || p[0].max(q[0]) > 1.0, "an edge of {texels} texels");
+            let (p, q) = (p.map(f64::to_bits), q.map(f64::to_bits));
+            *edges.entry(if p < q { [p, q] } else { [q, p] }).or_default() += if p < q { 1 } else { -1 };
+        }
+    }
+    assert!((area - 1.5).abs() < 1e-12, "the surface is the same: {area}");
+    let open = edges.values().filter(|n| **n != 0).count();
+    assert_eq!(open, 3 * 8 + 2, "8 parts of each free side of the square, the two of the triangle whole: no crack");
+    for (p, color) in mesh.positions.iter().zip(&mesh.colors).filter(|(p, _)| p[0] < 0.99 && p[1] < 0.99) {
+        let expected = [p[0], p[1]].map(|x| (x * 64.0 - 0.5).max(0.0) * 4.0);
+        let near = |k: usize| (f64::from(color[k]) - expected[k]).abs() < 3.0 || p[k] < 0.01;
+        assert!(near(0) && near(1), "{p:?} {color:?} {expected:?}");
+    }
 }
 
 #[test]
