@@ -1,6 +1,6 @@
 //! How much room a build needs on its disks, told before anything is read.
 //!
-//! From headers where they say how many vertices and triangles there are (PLY, binary STL), from the length of the file
+//! From headers where they say how many vertices and triangles there are (PLY, binary STL, glTF), from the length of the file
 //! otherwise; an estimate to the safe side. What is needed is compared with what is free, and refused with both numbers.
 
 use super::size::human;
@@ -12,6 +12,8 @@ use std::path::Path;
 const PACK_BYTES: (u64, u64) = (12, 1 << 16);
 /// Bytes for each triangle that the levels need at most beside each other: leaves, two levels, chunks, records. Measured: 60.
 const LEVEL_BYTES: u64 = 80;
+/// The longest JSON of a glTF that is looked at.
+const MOST_JSON: u64 = 64 << 20;
 /// What the tree and the journal take in any case.
 const FIXED: u64 = 1 << 16;
 
@@ -85,7 +87,48 @@ fn count(path: &Path) -> Option<Count> {
     let bytes = file.metadata().ok()?.len();
     let mut start = Vec::new();
     file.by_ref().take(1 << 16).read_to_end(&mut start).ok()?;
+    if let Some(length) = json_length(&start, bytes) {
+        file.take(length.saturating_sub(1 << 16)).read_to_end(&mut start).ok()?;
+        if let Some(count) = start.get(..usize::try_from(length).ok()?).and_then(gltf) {
+            return Some(count);
+        }
+    }
     Some(count_of(&start, bytes))
+}
+
+/// Where the JSON of a glTF or GLB of so many bytes ends; `None` where it is neither, or absurdly long.
+fn json_length(start: &[u8], bytes: u64) -> Option<u64> {
+    let length = if start.starts_with(b"glTF") {
+        20 + u64::from(u32::from_le_bytes(start.get(12..16)?.try_into().ok()?))
+    } else if start.trim_ascii_start().starts_with(b"{") {
+        bytes
+    } else {
+        return None;
+    };
+    (length <= bytes.min(MOST_JSON)).then_some(length)
+}
+
+/// What the accessors of a glTF say, compressed or not: each primitive once.
+fn gltf(bytes: &[u8]) -> Option<Count> {
+    let json = if bytes.starts_with(b"glTF") { bytes.get(20..)? } else { bytes };
+    let root: serde_json::Value = serde_json::from_slice(json).ok()?;
+    let length = |accessor: &serde_json::Value| root["accessors"][accessor.as_u64()? as usize]["count"].as_u64();
+    let mut all = Count { attributes: 8, ..Count::default() };
+    for primitive in root["meshes"].as_array()?.iter().filter_map(|mesh| mesh["primitives"].as_array()).flatten() {
+        let vertices = length(&primitive["attributes"]["POSITION"]).unwrap_or(0);
+        let corners = length(&primitive["indices"]).unwrap_or(vertices);
+        all.vertices = all.vertices.checked_add(vertices)?;
+        // Strips and fans have a triangle for each corner.
+        all.triangles = all.triangles.checked_add(if primitive["mode"].as_u64().unwrap_or(4) == 4 {
+            corners / 3
+        } else {
+            corners
+        })?;
+    }
+    // More than its buffers can hold, however compressed, is a lie, which the reader says better.
+    let buffers = root["buffers"].as_array()?.iter().filter_map(|b| b["byteLength"].as_u64());
+    let most = buffers.fold(0u64, u64::saturating_add).saturating_mul(16);
+    Some(Count { vertices: all.vertices.min(most), triangles: all.triangles.min(most), ..all })
 }
 
 /// From the beginning of a file of so many bytes.
@@ -157,6 +200,14 @@ mod tests {
         let mut stl = vec![0; 84];
         stl[80..].copy_from_slice(&7u32.to_le_bytes());
         assert_eq!(count_of(&stl, 84 + 350).triangles, 7);
+        let json =
+            br#"{"meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1},{"attributes":{"POSITION":0}}]}],
+            "accessors":[{"count":30},{"count":60}],"buffers":[{"byteLength":600}]}"#;
+        assert_eq!(gltf(json), Some(Count { vertices: 60, triangles: 30, attributes: 8 }));
+        assert_eq!(json_length(json, json.len() as u64), Some(json.len() as u64));
+        let lie = br#"{"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"count":4000000000}],
+            "buffers":[{"byteLength":100}]}"#;
+        assert_eq!(gltf(lie).map(|c| c.vertices), Some(1600));
         assert_eq!(count_of(b"# obj\nv 1 2 3\n", 4000).triangles, 100);
     }
 
