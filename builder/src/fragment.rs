@@ -6,7 +6,7 @@
 use crate::certify::{Bound, certify};
 use crate::partition::Partition;
 use crate::prepare::point_key;
-use crate::simplify::{Simplified, simplify};
+use crate::simplify::{PRUNED, Simplified, simplify};
 use crate::weld::Welder;
 use kilwa_geometry::mesh::corner_sum;
 use kilwa_geometry::tetra::Faces;
@@ -179,10 +179,15 @@ fn color_difference(fine: &Mesh, simplified: &Simplified) -> f32 {
             color[points[k] as usize] = simplified.mesh.colors[vertices[k] as usize];
         }
     }
-    let mut sum = 0u64;
+    let (mut sum, mut count) = (0u64, 0u64);
     for (c, p) in fine.colors.iter().zip(&simplified.fine_point) {
-        let to = color[simplified.coarse_of_fine[*p as usize] as usize];
+        let point = simplified.coarse_of_fine[*p as usize];
+        if point == PRUNED {
+            continue;
+        }
+        let to = color[point as usize];
         sum += (0..3).map(|k| u64::from(c[k].abs_diff(to[k])).pow(2)).sum::<u64>();
+        count += 1;
     }
-    (sum as f64 / 3.0 / fine.colors.len() as f64).sqrt() as f32
+    (sum as f64 / 3.0 / count.max(1) as f64).sqrt() as f32
 }

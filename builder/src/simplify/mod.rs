@@ -5,7 +5,8 @@
 //!   between two locked points is used by as many triangles afterwards as before: the neighbours cannot tell;
 //! * every edge used by one triangle inside the fragment either joins two locked points as before or carries the
 //!   true-border bit;
-//! * no component vanishes, no triangle is doubled, none flips;
+//! * no triangle is doubled, none flips; a component vanishes only where a fragment of thousands of triangles cannot be
+//!   simplified otherwise, and then whole;
 //! * the result depends on the fragment's geometry alone, not on the order in which it was handed in.
 //!
 //! Points are lattice positions; a point may carry several *wedges* (the same place with other attributes). Topology is
@@ -13,6 +14,7 @@
 
 mod collapse;
 mod color;
+mod prune;
 mod quadric;
 mod wedge;
 
@@ -37,6 +39,9 @@ const COLOR_WEIGHT: f64 = 2e-3;
 /// Times that edges whose collapse was not allowed are looked at again when no others are left.
 const ROUNDS: usize = 8;
 
+/// See [`Simplified::coarse_of_fine`].
+pub const PRUNED: u32 = NONE;
+
 /// A simplified mesh and how it came from the fine one. *Points* are positions; those of the fine mesh are numbered in
 /// order of first use by its vertices, those of the coarse one are numbered from 0 as well.
 pub struct Simplified {
@@ -44,7 +49,8 @@ pub struct Simplified {
     pub mesh: Mesh,
     /// For each vertex of the fine mesh, its point in the fine mesh.
     pub fine_point: Vec<u32>,
-    /// For each point of the fine mesh, the coarse point that it was merged into; every one has a triangle.
+    /// For each point of the fine mesh, the coarse point that it was merged into (every one has a triangle), or
+    /// [`PRUNED`] where its component was left out.
     pub coarse_of_fine: Vec<u32>,
     /// Number of coarse points.
     pub points: usize,
@@ -140,7 +146,7 @@ struct Room {
     borders: Vec<u32>,
 }
 
-/// Simplify towards `target` triangles; returns fewer or as many triangles as given, never fewer than `target` minus
+/// Simplify towards `target` triangles, pruning small components where nothing else helps (see `prune`); returns fewer or as many triangles as given, never fewer than `target` minus
 /// what the last collapse took, and the input itself where nothing can go.
 pub fn simplify<S: BuildHasher>(mesh: &Mesh, locked: &HashSet<LatticePoint, S>, target: usize) -> Simplified {
     let mut s = Simplifier::new(mesh, locked);
@@ -158,6 +164,9 @@ pub fn simplify<S: BuildHasher>(mesh: &Mesh, locked: &HashSet<LatticePoint, S>, 
                 s.queue.push(Reverse(key(c.cost, e)));
             }
         }
+    }
+    if s.triangles > target {
+        s.prune(target);
     }
     s.finish()
 }
@@ -372,7 +381,7 @@ impl<'a> Simplifier<'a> {
         let mut number = vec![NONE; self.points.len()];
         let mut locked = Vec::with_capacity(self.points.len() / 2);
         for (p, (n, point)) in (0u32..).zip(number.iter_mut().zip(&self.points)) {
-            if self.merged_into[p as usize] == p {
+            if self.merged_into[p as usize] == p && point.head != NONE {
                 *n = locked.len() as u32;
                 locked.push(point.locked);
             }

@@ -1,0 +1,122 @@
+//! Leaving out small components where a fragment cannot be simplified otherwise: 10^5 floating islands, each a few
+//! triangles that nothing can be taken from, must not stay at full number up to the coarsest level.
+//!
+//! Only whole components without locked points go, so nothing outside can tell, and the largest always stays. What their
+//! absence means for the error the certifier finds as for everything else.
+
+use super::{NONE, Simplifier};
+
+/// Fragments of no more triangles than this are small enough as they are.
+const SMALL: usize = 1024;
+
+/// A component that may be left out.
+struct Component {
+    /// Logarithm of its size.
+    size: i32,
+    /// Where it is, on a space-filling curve.
+    place: u32,
+    root: u32,
+    triangles: usize,
+}
+
+impl Simplifier<'_> {
+    /// Leave out components, small ones first and every second one along a space-filling curve, until `target` triangles
+    /// are left or no component may go.
+    pub(super) fn prune(&mut self, target: usize) {
+        let target = target.max(SMALL);
+        if self.triangles <= target {
+            return;
+        }
+        let mut root: Vec<u32> = (0..self.points.len() as u32).collect();
+        for t in (0..self.alive.len()).filter(|t| self.alive[*t]) {
+            let a = find(&mut root, self.point[t * 3]);
+            for k in 1..3 {
+                let b = find(&mut root, self.point[t * 3 + k]);
+                root[b as usize] = a;
+            }
+        }
+        let mut gone = vec![false; self.points.len()];
+        let mut left = self.components(&mut root);
+        // The largest stays in any case.
+        left.pop();
+        while self.triangles > target && !left.is_empty() {
+            let mut next = Vec::new();
+            let count = left.len();
+            for (i, c) in left.into_iter().enumerate() {
+                // Of a single one left over there is no second.
+                if self.triangles > target && (i % 2 == 1 || count == 1) {
+                    gone[c.root as usize] = true;
+                    self.triangles -= c.triangles;
+                } else {
+                    next.push(c);
+                }
+            }
+            left = next;
+        }
+        for t in 0..self.alive.len() {
+            if self.alive[t] && gone[find(&mut root, self.point[t * 3]) as usize] {
+                self.alive[t] = false;
+            }
+        }
+        for p in 0..self.points.len() as u32 {
+            if self.merged_into[p as usize] == p && gone[find(&mut root, p) as usize] {
+                self.points[p as usize].head = NONE;
+            }
+        }
+    }
+
+    /// The components without locked points, small ones first, each size along a space-filling curve.
+    fn components(&self, root: &mut [u32]) -> Vec<Component> {
+        let mut number = vec![NONE; self.points.len()];
+        let mut all: Vec<(u32, usize, bool, [f64; 3], [f64; 3])> = Vec::new();
+        for t in (0..self.alive.len()).filter(|t| self.alive[*t]) {
+            let r = find(root, self.point[t * 3]);
+            if number[r as usize] == NONE {
+                number[r as usize] = all.len() as u32;
+                all.push((r, 0, false, [f64::MAX; 3], [f64::MIN; 3]));
+            }
+            let c = &mut all[number[r as usize] as usize];
+            c.1 += 1;
+            for k in 0..3 {
+                let p = &self.points[self.point[t * 3 + k] as usize];
+                c.2 |= p.locked;
+                for i in 0..3 {
+                    c.3[i] = c.3[i].min(p.local[i]);
+                    c.4[i] = c.4[i].max(p.local[i]);
+                }
+            }
+        }
+        let whole = all.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(a, b), c| {
+            (std::array::from_fn(|i| a[i].min(c.3[i])), std::array::from_fn(|i| b[i].max(c.4[i])))
+        });
+        let mut out: Vec<Component> = all
+            .into_iter()
+            .filter(|c| !c.2)
+            .map(|(root, triangles, _, min, max)| {
+                let size: f64 = (0..3).map(|i| (max[i] - min[i]).powi(2)).sum();
+                let cell: [u32; 3] = std::array::from_fn(|i| {
+                    let width = (whole.1[i] - whole.0[i]).max(1.0);
+                    (((min[i] + max[i]) * 0.5 - whole.0[i]) / width * 1023.0) as u32
+                });
+                Component { size: libm::log2(size.max(1.0)) as i32, place: morton(cell), root, triangles }
+            })
+            .collect();
+        out.sort_by_key(|c| (c.size, c.place, c.root));
+        out
+    }
+}
+
+fn find(root: &mut [u32], mut p: u32) -> u32 {
+    while root[p as usize] != p {
+        root[p as usize] = root[root[p as usize] as usize];
+        p = root[p as usize];
+    }
+    p
+}
+
+/// Interleaves ten bits of each.
+fn morton(cell: [u32; 3]) -> u32 {
+    (0..10)
+        .flat_map(|bit| (0..3).map(move |i| (bit, i)))
+        .fold(0, |m, (bit, i)| m | ((cell[i] >> bit) & 1) << (bit * 3 + i))
+}
