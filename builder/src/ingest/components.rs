@@ -64,7 +64,9 @@ impl LocalComponents {
             count += u32::from(root == p);
         }
         let mut sizes = vec![0; count as usize];
-        triangles.iter().for_each(|t| sizes[of_point[t[0] as usize] as usize] += 1);
+        for t in triangles {
+            sizes[of_point[t[0] as usize] as usize] += 1;
+        }
         Self { of_point, triangles: sizes, numbers: vec![INNER; count as usize] }
     }
 

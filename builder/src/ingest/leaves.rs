@@ -16,7 +16,7 @@ use crate::partition::Partition;
 use crate::scratch::{PatchFile, Records, ScratchError, ScratchFile, record};
 use crate::surface::{LEAVES, SHARED};
 use crate::work::Work;
-use kilwa_geometry::{Aabb, DiamondKey, Mesh};
+use kilwa_geometry::{DiamondKey, Mesh};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -29,8 +29,6 @@ const NONE: u32 = u32::MAX;
 pub(super) struct Leaves {
     /// Triangles of every leaf that is not empty, by number.
     pub(super) triangles: Vec<(u32, u64)>,
-    /// Smallest and largest coordinates.
-    pub(super) bounds: [[i32; 3]; 2],
 }
 
 /// The tree that the wishes make.
@@ -66,7 +64,7 @@ pub(super) fn leaves(
         let words: usize = units[u].1.clone().map(|b| scattered.own.words(b as usize)).sum();
         (words / layout.triangle()) as u64 * bytes_per_triangle(layout) / 2
     };
-    let one = |u: usize| -> Result<(Vec<(u32, u64)>, Aabb), BuildError> {
+    let one = |u: usize| -> Result<Vec<(u32, u64)>, BuildError> {
         let (node, range) = units[u].clone();
         let mut unit = Unit::read(&welded, &replies, layout, topology, range)?;
         let mut counts = Vec::new();
@@ -78,19 +76,14 @@ pub(super) fn leaves(
         })?;
         shared.append(&records)?;
         work.progress.update("filling leaves", done.fetch_add(1, Ordering::Relaxed) + 1, units.len() as u64);
-        Ok((counts, unit.bounds))
+        Ok(counts)
     };
     let parts = work.run_jobs(units.len(), work.memory / 10 * 9, cost, one)?;
-    let mut bounds = Aabb::EMPTY;
-    let mut triangles = Vec::new();
-    for (counts, part) in parts {
-        triangles.extend(counts);
-        bounds = bounds.union(&part);
-    }
+    let mut triangles: Vec<(u32, u64)> = parts.into_iter().flatten().collect();
     triangles.sort_unstable();
     patches.finish()?;
     shared.finish()?;
-    Ok(Leaves { triangles, bounds: [bounds.min, bounds.max] })
+    Ok(Leaves { triangles })
 }
 
 /// One or more buckets that fill a tetrahedron of the tree.
@@ -103,7 +96,6 @@ struct Unit {
     triangles: Vec<[u32; 3]>,
     /// Three times the centroids.
     sums: Vec<[u32; 3]>,
-    bounds: Aabb,
     /// Whether other buckets may use a point.
     seen_by_others: Vec<bool>,
     /// The first leaf that uses a point, and whether that is recorded.
@@ -153,12 +145,9 @@ impl Unit {
             std::array::from_fn(|i| a[i] + b[i] + c[i])
         };
         let sums = all.triangles.iter().map(sum).collect();
-        let mut bounds = Aabb::EMPTY;
-        vertices.chunks_exact(width).for_each(|v| bounds.add(point_of_words([v[0], v[1], v[2]])));
         Ok(Self {
             layout,
             sums,
-            bounds,
             seen_by_others,
             first_leaf: vec![NONE; points as usize],
             recorded: vec![false; points as usize],

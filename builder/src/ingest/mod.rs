@@ -84,65 +84,95 @@ pub fn ingest(
     options: &IngestOptions,
     sources: Vec<SourceFile>,
 ) -> Result<Ingested, BuildError> {
-    let stage = Stages { scratch: work.scratch };
-    if spooled.is_some() {
-        let path = work.scratch.path(SESSION);
-        std::fs::write(&path, session()).map_err(|e| ScratchError::write(&path, 0, 0, e))?;
-    }
-    let spooled = stage.run("spool", &[""; 0], || match spooled {
-        Some(spooled) => Ok(spooled),
-        None => Err(ScratchError::damaged(&work.scratch.path("spool.json"), "it is not there").into()),
-    })?;
-    if spooled.channels.len() > usize::from(MAX_SCALARS) {
-        let names = spooled.channels.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
-        let why = format!("{} scalar channels together ({names}); a pack holds {MAX_SCALARS}", spooled.channels.len());
-        return Err(BuildError::TooLarge { why });
-    }
-    let inputs = spooled.files();
-    let resolved = stage.run("resolve", &inputs, || resolve::resolve(work, &spooled, options))?;
-    let mut scattered = stage.run("scatter", &[resolve::CORNERS], || scatter::scatter(work, &resolved, options))?;
-    if let Some(below) = options.drop_islands_below {
-        scattered = stage.run("islands", &[scatter::BUCKETS, scatter::HALO], || {
-            islands::drop_islands(work, resolved.layout, &scattered, below)
-        })?;
-    }
-    let topology = stage.run("topology", &[scattered.own_file.as_str(), &scattered.halo_file], || {
-        topology::topology(work, resolved.layout, &scattered, options)
-    })?;
-    let mut tree = leaves::tree_of(resolved.cube_log2, &topology);
-    let leaves = stage.run("leaves", &[topology::WELDED, topology::REPLIES], || {
-        leaves::leaves(work, resolved.layout, &scattered, &topology, &tree)
+    let known = Known::find(work, spooled, options)?;
+    let mut tree = leaves::tree_of(known.resolved.cube_log2, &known.topology);
+    let leaves = Stages { scratch: work.scratch }.run("leaves", &[topology::WELDED, topology::REPLIES], || {
+        leaves::leaves(work, known.resolved.layout, &known.scattered, &known.topology, &tree)
     })?;
     leaves.count(&mut tree, options.leaf_triangles);
-    let mut tally = spooled.tally.clone();
-    tally.merge(&resolved.tally);
-    tally.merge(&scattered.tally);
-    tally.add_many(WELDED_VERTICES, resolved.used.saturating_sub(topology.counts.vertices));
-    let channel = |c: &spool::Channel| ScalarChannel { name: c.name.clone(), min: c.min, max: c.max };
-    let finding =
-        |(kind, count, places): (&str, u64, &[String])| (kind.to_owned(), Finding { count, places: places.to_vec() });
-    let surface = Surface {
-        lattice: resolved.lattice,
-        cube_log2: resolved.cube_log2,
-        bounds: leaves.bounds,
-        colors: resolved.layout.colors,
-        scalars: spooled.channels.iter().map(channel).collect(),
-        triangles: scattered.triangles,
-        points: topology.counts.points,
-        border_edges: topology.counts.border_edges,
-        non_manifold_edges: topology.counts.non_manifold_edges,
-        inconsistent_edges: topology.counts.inconsistent_edges,
-        duplicate_triangles: topology.counts.duplicate_triangles,
-        components: topology.components.count,
-        largest_component: topology.components.largest,
-        median_edge: resolved.median,
-        short_edge: resolved.first,
-        noise: topology.roughness * resolved.lattice.step() * DEVIATION_PER_MEDIAN,
-        sources,
-        findings: tally.iter().map(finding).collect::<BTreeMap<_, _>>(),
-    };
     let (leaves, shared) = (PatchFile::open(work.scratch, LEAVES)?, Records::open(work.scratch, SHARED)?);
-    Ok(Ingested { surface, tree, leaves, shared })
+    Ok(Ingested { surface: known.surface(sources), tree, leaves, shared })
+}
+
+/// What is known of a mesh without building anything of it: for a report. The scratch files are left to the caller.
+///
+/// # Errors
+/// As [`ingest`].
+pub fn survey(work: &Work<'_>, spooled: Spooled, options: &IngestOptions) -> Result<Surface, BuildError> {
+    Ok(Known::find(work, Some(spooled), options)?.surface(Vec::new()))
+}
+
+/// What all stages but the last know.
+struct Known {
+    spooled: Spooled,
+    resolved: resolve::Resolved,
+    scattered: scatter::Scattered,
+    topology: topology::Topology,
+}
+
+impl Known {
+    fn find(work: &Work<'_>, spooled: Option<Spooled>, options: &IngestOptions) -> Result<Self, BuildError> {
+        let stage = Stages { scratch: work.scratch };
+        if spooled.is_some() {
+            let path = work.scratch.path(SESSION);
+            std::fs::write(&path, session()).map_err(|e| ScratchError::write(&path, 0, 0, e))?;
+        }
+        let spooled = stage.run("spool", &[""; 0], || match spooled {
+            Some(spooled) => Ok(spooled),
+            None => Err(ScratchError::damaged(&work.scratch.path("spool.json"), "it is not there").into()),
+        })?;
+        if spooled.channels.len() > usize::from(MAX_SCALARS) {
+            let names = spooled.channels.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
+            let n = spooled.channels.len();
+            let why = format!("{n} scalar channels together ({names}); a pack holds {MAX_SCALARS}");
+            return Err(BuildError::TooLarge { why });
+        }
+        let inputs = spooled.files();
+        let resolved = stage.run("resolve", &inputs, || resolve::resolve(work, &spooled, options))?;
+        let layout = resolved.layout;
+        let mut scattered = stage.run("scatter", &[resolve::CORNERS], || scatter::scatter(work, &resolved, options))?;
+        if let Some(below) = options.drop_islands_below {
+            scattered = stage.run("islands", &[scatter::BUCKETS, scatter::HALO], || {
+                islands::drop_islands(work, layout, &scattered, below)
+            })?;
+        }
+        let topology = stage.run("topology", &[scattered.own_file.as_str(), &scattered.halo_file], || {
+            topology::topology(work, layout, &scattered, options)
+        })?;
+        Ok(Self { spooled, resolved, scattered, topology })
+    }
+
+    fn surface(&self, sources: Vec<SourceFile>) -> Surface {
+        let Self { spooled, resolved, scattered, topology } = self;
+        let mut tally = spooled.tally.clone();
+        tally.merge(&resolved.tally);
+        tally.merge(&scattered.tally);
+        tally.add_many(WELDED_VERTICES, resolved.used.saturating_sub(topology.counts.vertices));
+        let channel = |c: &spool::Channel| ScalarChannel { name: c.name.clone(), min: c.min, max: c.max };
+        let finding = |(kind, count, places): (&str, u64, &[String])| {
+            (kind.to_owned(), Finding { count, places: places.to_vec() })
+        };
+        Surface {
+            lattice: resolved.lattice,
+            cube_log2: resolved.cube_log2,
+            bounds: topology.bounds,
+            colors: resolved.layout.colors,
+            scalars: spooled.channels.iter().map(channel).collect(),
+            triangles: scattered.triangles,
+            points: topology.counts.points,
+            border_edges: topology.counts.border_edges,
+            non_manifold_edges: topology.counts.non_manifold_edges,
+            inconsistent_edges: topology.counts.inconsistent_edges,
+            duplicate_triangles: topology.counts.duplicate_triangles,
+            components: topology.components.count,
+            largest_component: topology.components.largest,
+            median_edge: resolved.median,
+            short_edge: resolved.first,
+            noise: topology.roughness * resolved.lattice.step() * DEVIATION_PER_MEDIAN,
+            sources,
+            findings: tally.iter().map(finding).collect::<BTreeMap<_, _>>(),
+        }
+    }
 }
 
 /// The standard deviation of normally distributed noise is 1.4826 times its median size; the distance of a point from the

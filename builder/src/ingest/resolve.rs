@@ -76,7 +76,11 @@ pub(super) fn layout_of(spooled: &Spooled) -> Layout {
 /// The stage.
 pub(super) fn resolve(work: &Work<'_>, spooled: &Spooled, options: &IngestOptions) -> Result<Resolved, BuildError> {
     let Some(mut bounds) = spooled.bounds.filter(|_| spooled.triangles > 0) else {
-        return Err(BuildError::Empty { why: "the input has no triangles; give a mesh, not a point cloud".into() });
+        let why = match spooled.triangles {
+            0 => "the input has no triangles; give a mesh, not a point cloud".to_owned(),
+            n => format!("of {n} triangles none is left: no vertex has a finite position; check the export"),
+        };
+        return Err(BuildError::Empty { why });
     };
     let weight = spooled.triangles.div_ceil(SAMPLES);
     let run = Run::new(work, spooled, options, weight)?;

@@ -21,7 +21,7 @@ use crate::prepare::NORMAL_BITS;
 use crate::scratch::{ScratchError, ScratchFile};
 use crate::work::Work;
 use kilwa_geometry::tetra::max_level;
-use kilwa_geometry::{DiamondKey, normal};
+use kilwa_geometry::{Aabb, DiamondKey, normal};
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -80,6 +80,8 @@ pub(super) struct Topology {
     pub(super) components: Components,
     /// Median distance of a point from its neighbours, in steps: see [`Local::roughness`].
     pub(super) roughness: f64,
+    /// Smallest and largest coordinates.
+    pub(super) bounds: [[i32; 3]; 2],
 }
 
 /// A bucket as an indexed mesh.
@@ -160,19 +162,22 @@ pub(super) fn topology(
         let counts = local.counts(&edges);
         let (_, part) = local.components(&joining)?;
         let roughness = local.roughness(&normals);
+        let bounds = local.bounds();
         let place = local.into_welded(&edges.borders, normals).write(&welded)?;
         work.progress.update("joining triangles", done.fetch_add(1, Ordering::Relaxed) + 1, buckets.len() as u64);
-        Ok(Finished { place, above, keys, counts, part, roughness })
+        Ok(Finished { place, above, keys, counts, part, roughness, bounds })
     };
     let cost = |b: usize| scattered.triangles_in(layout, b) * bytes_per_triangle(layout);
     let mut finished = work.run_jobs(buckets.len(), work.memory / 10 * 9, cost, one)?;
     let known: Vec<Above> = finished.iter().map(|f| f.above.clone()).collect();
     let mut keys = wishes::above(&buckets, &known, scattered.cube_log2, options.leaf_triangles);
+    let mut bounds = Aabb::EMPTY;
     let (mut counts, mut roughness, mut parts) = (Counts::default(), Lengths::default(), Vec::new());
     for f in &mut finished {
         keys.extend(&f.keys);
         counts.add(&f.counts);
         roughness = roughness.merge(&f.roughness);
+        bounds = bounds.union(&f.bounds);
         parts.push(std::mem::take(&mut f.part));
     }
     keys.sort_unstable();
@@ -185,6 +190,7 @@ pub(super) fn topology(
         counts,
         components: joining.finish(work.scratch, work.memory / 4, &parts)?.components,
         roughness: roughness.percentile(0.5) / ROUGHNESS_PARTS,
+        bounds: [bounds.min, bounds.max],
     })
 }
 
@@ -195,6 +201,7 @@ struct Finished {
     counts: Counts,
     part: Part,
     roughness: Lengths,
+    bounds: Aabb,
 }
 
 /// A bucket in memory: its own triangles, then those of others that touch it.
@@ -405,6 +412,14 @@ impl Local {
             vertices: self.weld.point_of.iter().filter(|p| own(**p)).count() as u64,
             ..edges.counts
         }
+    }
+
+    fn bounds(&self) -> Aabb {
+        let mut bounds = Aabb::EMPTY;
+        for p in 0..self.own_points_count as u32 {
+            bounds.add(point_of_words(self.weld.position_of_point(p)));
+        }
+        bounds
     }
 
     /// Own triangles by their points.
