@@ -44,6 +44,8 @@ fn round_trip(input: &Path, folder: &Path) -> String {
         step_log2: info["lattice_step"].as_f64().unwrap().log2().round() as i32,
     };
     let raw = read_mesh(input, &mut |_, _| {}).unwrap();
+    // Where a mesh has no colours, its intensity becomes grey; that it is kept is looked at below.
+    let colored = !raw.colors.is_empty();
     let given = |v: u32| {
         let at = raw.positions[v as usize];
         (lattice.snap(at).expect("inside the lattice"), raw.colors.get(v as usize).copied())
@@ -52,7 +54,8 @@ fn round_trip(input: &Path, folder: &Path) -> String {
     let ply = Ply::read(&back);
     let got = |v: u32| {
         let color = ply.get(v, "red").map(|r| [r, ply.get(v, "green").unwrap(), ply.get(v, "blue").unwrap()]);
-        (lattice.snap(ply.position(v)).expect("inside the lattice"), color.map(|c| c.map(|x| x as u8)))
+        let color = color.filter(|_| colored).map(|c| c.map(|x| x as u8));
+        (lattice.snap(ply.position(v)).expect("inside the lattice"), color)
     };
     let found = multiset(ply.triangles.iter().map(|t| t.map(got)));
     assert_eq!(found.len(), ply.triangles.len(), "{}: no empty triangle is stored", input.display());
@@ -161,7 +164,7 @@ fn the_name_may_be_in_capitals() {
 fn a_missing_file_a_folder_and_a_device_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     assert!(refused(Path::new("/no/such/scan.ply"), folder.path()).contains("cannot be opened: No such file"));
-    assert!(refused(root().join("tests").as_path(), folder.path()).contains("is a folder"));
+    assert!(refused(root().join("tests").as_path(), folder.path()).contains("holds no mesh"));
     if Path::new("/dev/zero").exists() {
         assert!(refused(Path::new("/dev/zero"), folder.path()).contains("not a regular file"));
     }
@@ -225,7 +228,7 @@ fn a_disk_that_fills_up_leaves_nothing_under_the_final_name() {
     }
     let said = String::from_utf8_lossy(&run.stderr);
     assert_eq!(run.status.code(), Some(1), "{said}");
-    assert!(said.contains("a.kilwa") && said.contains("cannot write"), "{said}");
+    assert!(said.contains("a.kilwa") && said.contains("the disk is full"), "{said}");
     assert!(is_empty(&work), "{:?}", std::fs::read_dir(&work).unwrap().collect::<Vec<_>>());
 }
 
@@ -246,6 +249,6 @@ fn a_full_file_system_leaves_nothing_under_the_final_name() {
     assert!(Command::new("umount").arg(&small).status().unwrap().success());
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("a.kilwa") && said.contains("No space left"), "{said}");
+    assert!(said.contains("small") && said.contains("16 KiB free") && said.contains("are needed"), "{said}");
     assert!(empty, "nothing is left");
 }
