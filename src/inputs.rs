@@ -43,7 +43,7 @@ pub(crate) struct InputArgs {
     /// `auto`: each NAME.ply has its own in NAME.xf beside it.
     #[arg(long, value_name = "FILE.xf|auto")]
     pub(crate) transform: Option<PathBuf>,
-    /// Split triangles of OBJ so that no edge spans more than so many texels of a picture; the surface stays the same.
+    /// Split triangles of OBJ and glTF so that no edge spans more than so many texels of a picture; the surface stays the same.
     ///
     /// Without it, vertices have the colour of the picture where they lie, and nothing is split.
     #[arg(long, value_name = "TEXELS", value_parser = texels)]
@@ -79,11 +79,11 @@ const SOURCE_BYTES: usize = 32 * 1024;
 /// Extensions under which a file in a folder must be a mesh that can be read.
 const MESH_EXTENSIONS: [&str; 5] = ["ply", "obj", "stl", "glb", "gltf"];
 
-fn units(name: &str) -> Result<Units, String> {
+pub(crate) fn units(name: &str) -> Result<Units, String> {
     Units::parse(name).ok_or_else(|| "give m, dm, cm, mm, km, ft, us-ft or in".to_owned())
 }
 
-fn up(name: &str) -> Result<Up, String> {
+pub(crate) fn up(name: &str) -> Result<Up, String> {
     match name {
         "z" => Ok(Up::Z),
         "y" => Ok(Up::Y),
