@@ -1,17 +1,29 @@
-//! `kilwa info`: what a pack says of itself, from its header, metadata and directory; no chunk is read.
+//! `kilwa info`: what a pack says of itself, from its header, metadata and directory; no chunk is read. Of a mesh: what it
+//! is, without building anything of it.
 
+mod mesh;
+
+use crate::inputs::InputArgs;
 use crate::source::open_pack;
+use kilwa_builder::{Units, Up};
 use kilwa_pack::{DirectoryEntry, Header, Metadata};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::PathBuf;
 
-/// Say what a pack is: size, place, precision, levels of detail, where it came from.
+/// Say what a pack is: size, place, precision, levels of detail, where it came from. Or what a mesh is, before it is
+/// built: borders, components, edges, noise, what has to be repaired.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The pack.
+    /// The pack, or a mesh (PLY, OBJ, STL, glTF).
     file: PathBuf,
+    /// Units of a mesh: m, dm, cm, mm, km, ft, us-ft, in.
+    #[arg(long, default_value = "m", value_parser = crate::inputs::units)]
+    units: Units,
+    /// Axis that points up in a mesh: z or y; where not given, z for PLY, OBJ and STL, y for glTF.
+    #[arg(long, value_parser = crate::inputs::up)]
+    up: Option<Up>,
     /// Report as JSON.
     #[arg(long)]
     json: bool,
@@ -49,6 +61,17 @@ struct Info<'a> {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    if kilwa_builder::read::recognise(&args.file).is_ok() {
+        let input = InputArgs {
+            inputs: vec![args.file.clone()],
+            units: args.units,
+            up: args.up,
+            origin: None,
+            transform: None,
+            texture_detail: None,
+        };
+        return mesh::run(&input, args.json);
+    }
     let reader = open_pack(&args.file)?;
     let header = reader.header();
     let per_input = |x: u64| x as f64 / header.triangles.max(1) as f64;
