@@ -1,8 +1,9 @@
 //! The native builder: reads the final mesh of a scan, makes the adaptive-tetrahedra hierarchy and writes the pack.
 //!
-//! `read` (any mesh file to a [`RawMesh`]) → `prepare` (lattice, weld, normals) → `partition` (tetrahedra) →
-//! `levels` (merge, lock, simplify, certify, split; finest first) → `assemble` (encode, order, write).
-//! `synth` makes the demo and test sites.
+//! `read` (any mesh file, in blocks) → `ingest` (scratch files, lattice, weld, normals, tetrahedra, leaf patches) → `levels`
+//! (merge, lock, simplify, certify, split, encode; finest first) → `assemble` (number, order, write). Between stages
+//! everything lies in files of a `scratch` folder, with a `journal` of what is complete. `synth` makes the demo and test
+//! sites.
 
 pub mod assemble;
 mod build;
