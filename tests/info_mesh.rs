@@ -1,5 +1,6 @@
 //! `kilwa info` of a mesh: what it is, without building it.
 
+use std::fmt::Write;
 use std::path::Path;
 use std::process::Command;
 
@@ -15,7 +16,7 @@ fn write_mesh(path: &Path) {
         .to_owned();
     for x in [0, 1, 3, 4] {
         for y in [0, 1] {
-            text += &format!("{x} {y} 0\n");
+            writeln!(text, "{x} {y} 0").unwrap();
         }
     }
     text += "3 0 2 1\n3 1 2 3\n3 4 6 5\n3 5 6 7\n3 2 1 0\n";
