@@ -21,10 +21,9 @@ mod walk;
 
 use crate::simplify::{PRUNED, Simplified};
 use kilwa_geometry::Mesh;
-use kilwa_geometry::bvh::{Bounds, Bvh};
 use kilwa_geometry::distance::{ABSOLUTE_SLACK, DISTANCE_SLACK, cross, point_triangle_squared, sub};
 use overlay::Cover;
-use surface::{Candidates, NONE, Surface, Triangle};
+use surface::{Candidates, NONE, Surface};
 use walk::Walker;
 
 /// A piece whose bound is this close to what is surely there is tight enough.
@@ -102,33 +101,12 @@ struct Direction<'a> {
     walker: Walker<'a>,
     cover: Cover<'a>,
     candidates: Candidates,
-    /// Made where it is needed.
-    whole: Option<Whole>,
 }
 
 impl<'a> Direction<'a> {
     fn new(from: &'a Surface, to: &'a Surface) -> Self {
         let candidates = Candidates::new(to.triangles.len());
-        Self { from, to, walker: Walker::new(from, to), cover: Cover::new(to), candidates, whole: None }
-    }
-
-    /// Of all triangles of the other surface the one that makes the largest distance of a corner to it smallest.
-    fn anything(&mut self, t: &Triangle) -> (u32, f64) {
-        let to = self.to;
-        let whole = self.whole.get_or_insert_with(|| {
-            let triangles: Vec<Triangle> = (0..to.triangles.len() as u32).map(|t| to.triangle(t)).collect();
-            Whole { tree: Bvh::new(&triangles), triangles }
-        });
-        let mut best = (f64::INFINITY, 0);
-        let lower = |b: &Bounds| Some(t.iter().map(|p| b.distance_squared(*p)).fold(0.0, f64::max));
-        whole.tree.search(f64::INFINITY, lower, |c, _| {
-            let d = t.iter().map(|p| point_triangle_squared(*p, whole.triangles[c as usize])).fold(0.0, f64::max);
-            if d < best.0 {
-                best = (d, c);
-            }
-            best.0
-        });
-        (best.1, best.0.sqrt())
+        Self { from, to, walker: Walker::new(from, to), cover: Cover::new(to), candidates }
     }
 
     /// Cover triangle `t` and report pairs of an opposite triangle and a distance. `start` is an opposite triangle to begin
@@ -154,18 +132,12 @@ impl<'a> Direction<'a> {
         self.candidates.round(corners, self.from, self.to);
         if self.candidates.list.is_empty() {
             // Nothing corresponds to it: its component was left out.
-            let (to, d) = self.anything(&triangle);
+            let (to, d) = self.cover.anywhere(&triangle);
             report(to, d);
             return sure;
         }
         sure.max(self.cover.triangle(&triangle, along, &mut self.candidates, unimportant, &mut report))
     }
-}
-
-/// The other surface, searched as a whole.
-struct Whole {
-    triangles: Vec<Triangle>,
-    tree: Bvh,
 }
 
 /// The largest distance of a point of the fine surface from the coarse one: a distance that is there, which tells how

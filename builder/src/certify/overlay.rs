@@ -9,8 +9,13 @@
 use super::polygon::{Cut, Polygon};
 use super::surface::{Candidates, Surface, Triangle};
 use super::view::{Frame, ON_LINE, Seen};
+use kilwa_geometry::bvh::{Bounds, Bvh};
 use kilwa_geometry::distance::{Vec3, cross, dot, point_triangle_squared, sub};
 
+/// Halvings after which a piece that is still loose is compared with everything.
+const TRUSTED: u32 = 3;
+/// It is where its bound exceeds the limit this many times.
+const LOOSE: f64 = 1.2;
 /// Halvings of what no triangle lies over, after which a loose bound is accepted (it is a bound all the same).
 const MOST_HALVINGS: u32 = 12;
 
@@ -21,11 +26,18 @@ pub(super) struct Cover<'a> {
     next: Vec<Polygon>,
     pieces: Vec<(Triangle, u32)>,
     opposite: Vec<(u32, Triangle)>,
+    /// The other surface, searched as a whole; made where it is needed.
+    whole: Option<Whole>,
+}
+
+struct Whole {
+    triangles: Vec<Triangle>,
+    tree: Bvh,
 }
 
 impl<'a> Cover<'a> {
     pub(super) fn new(to: &'a Surface) -> Self {
-        Self { to, open: Vec::new(), next: Vec::new(), pieces: Vec::new(), opposite: Vec::new() }
+        Self { to, open: Vec::new(), next: Vec::new(), pieces: Vec::new(), opposite: Vec::new(), whole: None }
     }
 
     /// Cover `t` with pieces over the triangles `candidates` of `to` (at least one), as seen along `direction`, and report
@@ -124,6 +136,26 @@ impl<'a> Cover<'a> {
         std::mem::swap(&mut self.open, &mut self.next);
     }
 
+    /// Of all triangles of the other surface the one that makes the largest distance of a corner of `t` to it smallest, and
+    /// that distance.
+    pub(super) fn anywhere(&mut self, t: &Triangle) -> (u32, f64) {
+        let to = self.to;
+        let whole = self.whole.get_or_insert_with(|| {
+            let triangles: Vec<Triangle> = (0..to.triangles.len() as u32).map(|t| to.triangle(t)).collect();
+            Whole { tree: Bvh::new(&triangles), triangles }
+        });
+        let mut best = (f64::INFINITY, 0);
+        let lower = |b: &Bounds| Some(t.iter().map(|p| b.distance_squared(*p)).fold(0.0, f64::max));
+        whole.tree.search(f64::INFINITY, lower, |c, _| {
+            let d = t.iter().map(|p| point_triangle_squared(*p, whole.triangles[c as usize])).fold(0.0, f64::max);
+            if d < best.0 {
+                best = (d, c);
+            }
+            best.0
+        });
+        (best.1, best.0.sqrt())
+    }
+
     /// Certify the pieces on the list with the best candidate for each, dividing where that is loose. The triangles round
     /// the candidates are added when these do not suffice. Returns the largest distance found to be there.
     fn search(&mut self, candidates: &mut Candidates, unimportant: f64, report: &mut impl FnMut(u32, f64)) -> f64 {
@@ -140,7 +172,15 @@ impl<'a> Cover<'a> {
                 self.opposite.extend(candidates.list[before..].iter().map(|c| (*c, self.to.triangle(*c))));
                 (least, best) = nearest(&piece, &self.opposite);
             }
-            let (least, bound) = (least.sqrt(), best.0.sqrt());
+            let (mut least, mut bound) = (least.sqrt(), best.0.sqrt());
+            // The candidates may not be what is nearest: before they decide the bound, everything is asked.
+            if depth >= TRUSTED && bound > unimportant * LOOSE && bound > least * super::TIGHT + ON_LINE {
+                let (c, d) = self.anywhere(&piece);
+                if d < bound {
+                    (bound, best.1) = (d, c);
+                }
+                least = piece.iter().map(|p| self.anywhere(&[*p; 3]).1).fold(0.0, f64::max);
+            }
             if grown {
                 sure = sure.max(least);
             }
@@ -148,7 +188,7 @@ impl<'a> Cover<'a> {
                 report(best.1, bound);
                 continue;
             }
-            let near = self.opposite.iter().find(|(c, _)| *c == best.1).map_or(piece, |(_, t)| *t);
+            let near = self.to.triangle(best.1);
             divide(&piece, &near, &mut |part| self.pieces.push((part, depth + 1)));
         }
         sure

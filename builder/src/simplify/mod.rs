@@ -36,9 +36,6 @@ const HUB: u32 = 128;
 /// Relative weight of a colour difference across a collapsed edge, against moving the surface by the edge's length.
 const COLOR_WEIGHT: f64 = 2e-3;
 
-/// Times that edges whose collapse was not allowed are looked at again when no others are left.
-const ROUNDS: usize = 8;
-
 /// See [`Simplified::coarse_of_fine`].
 pub const PRUNED: u32 = NONE;
 
@@ -128,6 +125,9 @@ struct Simplifier<'a> {
     /// Edges by cost, cheapest first: the bits of the cost as `f32`, then the number of the edge. An edge stays in the
     /// queue with the cost it once had, which only grows; it is worked out again when its turn comes.
     queue: BinaryHeap<Reverse<u64>>,
+    /// Edges that wait for a change at one of their ends, and by which point to find them.
+    refused: Vec<bool>,
+    refused_at: FxHashMap<u32, Vec<u32>>,
     triangles: usize,
     /// Marks of points, valid where equal to `clock`.
     marks: Vec<u32>,
@@ -151,20 +151,7 @@ struct Room {
 pub fn simplify<S: BuildHasher>(mesh: &Mesh, locked: &HashSet<LatticePoint, S>, target: usize) -> Simplified {
     let mut s = Simplifier::new(mesh, locked);
     s.seed();
-    let mut refused: Vec<u32> = Vec::new();
-    for _ in 0..ROUNDS {
-        let before = s.triangles;
-        s.run(target, &mut refused);
-        if s.triangles <= target || s.triangles == before {
-            break;
-        }
-        // What was not allowed then may be now that the neighbours have changed.
-        for e in std::mem::take(&mut refused) {
-            if let Some(c) = s.thinkable(e) {
-                s.queue.push(Reverse(key(c.cost, e)));
-            }
-        }
-    }
+    s.run(target);
     if s.triangles > target {
         s.prune(target);
     }
@@ -223,6 +210,8 @@ impl<'a> Simplifier<'a> {
             occupied,
             edges: Vec::with_capacity(mesh.triangle_count() * 3 / 2 + 64),
             queue: BinaryHeap::new(),
+            refused: Vec::new(),
+            refused_at: FxHashMap::default(),
             triangles: mesh.triangle_count(),
             clock: 0,
             room: Room::default(),
@@ -326,26 +315,56 @@ impl<'a> Simplifier<'a> {
             self.edges.extend(near.iter().filter(|n| n.point > p).map(|n| [p, n.point]));
         }
         self.room.of_keep = near;
+        self.refused = vec![false; self.edges.len()];
         let mut queue = Vec::with_capacity(self.edges.len());
         for e in 0..self.edges.len() as u32 {
-            if let Some(c) = self.thinkable(e) {
-                queue.push(Reverse(key(c.cost, e)));
+            match self.thinkable(e) {
+                Some(c) => queue.push(Reverse(key(c.cost, e))),
+                None => self.refuse(e),
             }
         }
         self.queue = BinaryHeap::from(queue);
     }
 
     /// Collapse edges, cheapest first, until `target` is reached or the queue is empty.
-    fn run(&mut self, target: usize, refused: &mut Vec<u32>) {
+    fn run(&mut self, target: usize) {
         while self.triangles > target {
             let Some(Reverse(top)) = self.queue.pop() else { return };
             let edge = (top & u64::from(u32::MAX)) as u32;
-            let Some(c) = self.thinkable(edge) else { continue };
+            let Some(c) = self.thinkable(edge) else {
+                self.refuse(edge);
+                continue;
+            };
             let now = key(c.cost, edge);
             if now > top && self.queue.peek().is_some_and(|Reverse(next)| now > *next) {
                 self.queue.push(Reverse(now));
-            } else if !self.collapse(&c) {
-                refused.push(edge);
+            } else if self.collapse(&c) {
+                self.ask_again(c.keep);
+                self.ask_again(c.remove);
+            } else {
+                self.refuse(edge);
+            }
+        }
+    }
+
+    /// Put an edge aside until one of its ends changes: what is not allowed now may be then.
+    fn refuse(&mut self, edge: u32) {
+        let [a, b] = self.edges[edge as usize].map(|p| self.now(p));
+        if a == b || (self.points[a as usize].locked && self.points[b as usize].locked) {
+            return;
+        }
+        self.refused[edge as usize] = true;
+        for p in [a, b] {
+            self.refused_at.entry(p).or_default().push(edge);
+        }
+    }
+
+    /// Put the edges that were refused at a point back into the queue. They are looked at again when their turn comes,
+    /// and that is at once, for their cost is worked out then.
+    fn ask_again(&mut self, point: u32) {
+        for edge in self.refused_at.remove(&point).unwrap_or_default() {
+            if std::mem::take(&mut self.refused[edge as usize]) {
+                self.queue.push(Reverse(key(0.0, edge)));
             }
         }
     }
@@ -478,6 +497,20 @@ mod tests {
         }
         let coarse = simplify(&m, &Locked::default(), n as usize / 2).mesh;
         assert_eq!(coarse.triangle_count(), n as usize / 2);
+    }
+
+    #[test]
+    fn a_rough_sheet_keeps_its_extent_down_to_forty_triangles() {
+        for seed in 0..20 {
+            let mut fine = sheet(32);
+            for (i, p) in fine.positions.iter_mut().enumerate() {
+                p[2] += ((i as i32 + seed) * 7919).rem_euclid(9);
+            }
+            let coarse = simplify(&fine, &Locked::default(), 40).mesh;
+            assert!(coarse.triangle_count() <= 41, "{}", coarse.triangle_count());
+            let b = coarse.bounds();
+            assert!((0..2).all(|i| b.min[i] <= 10 && b.max[i] >= 310), "seed {seed}: {b:?}");
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! absence means for the error the certifier finds as for everything else.
 
 use super::{NONE, Simplifier};
+use kilwa_geometry::distance::Vec3;
 
 /// Fragments of no more triangles than this are small enough as they are.
 const SMALL: usize = 1024;
@@ -17,6 +18,15 @@ struct Component {
     place: u32,
     root: u32,
     triangles: usize,
+}
+
+/// A component and its bounding box.
+struct Found {
+    root: u32,
+    triangles: usize,
+    locked: bool,
+    min: Vec3,
+    max: Vec3,
 }
 
 impl Simplifier<'_> {
@@ -68,31 +78,31 @@ impl Simplifier<'_> {
     /// The components without locked points, small ones first, each size along a space-filling curve.
     fn components(&self, root: &mut [u32]) -> Vec<Component> {
         let mut number = vec![NONE; self.points.len()];
-        let mut all: Vec<(u32, usize, bool, [f64; 3], [f64; 3])> = Vec::new();
+        let mut all: Vec<Found> = Vec::new();
         for t in (0..self.alive.len()).filter(|t| self.alive[*t]) {
             let r = find(root, self.point[t * 3]);
             if number[r as usize] == NONE {
                 number[r as usize] = all.len() as u32;
-                all.push((r, 0, false, [f64::MAX; 3], [f64::MIN; 3]));
+                all.push(Found { root: r, triangles: 0, locked: false, min: [f64::MAX; 3], max: [f64::MIN; 3] });
             }
             let c = &mut all[number[r as usize] as usize];
-            c.1 += 1;
+            c.triangles += 1;
             for k in 0..3 {
                 let p = &self.points[self.point[t * 3 + k] as usize];
-                c.2 |= p.locked;
+                c.locked |= p.locked;
                 for i in 0..3 {
-                    c.3[i] = c.3[i].min(p.local[i]);
-                    c.4[i] = c.4[i].max(p.local[i]);
+                    c.min[i] = c.min[i].min(p.local[i]);
+                    c.max[i] = c.max[i].max(p.local[i]);
                 }
             }
         }
         let whole = all.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(a, b), c| {
-            (std::array::from_fn(|i| a[i].min(c.3[i])), std::array::from_fn(|i| b[i].max(c.4[i])))
+            (std::array::from_fn(|i| a[i].min(c.min[i])), std::array::from_fn(|i| b[i].max(c.max[i])))
         });
         let mut out: Vec<Component> = all
             .into_iter()
-            .filter(|c| !c.2)
-            .map(|(root, triangles, _, min, max)| {
+            .filter(|c| !c.locked)
+            .map(|Found { root, triangles, min, max, .. }| {
                 let size: f64 = (0..3).map(|i| (max[i] - min[i]).powi(2)).sum();
                 let cell: [u32; 3] = std::array::from_fn(|i| {
                     let width = (whole.1[i] - whole.0[i]).max(1.0);
