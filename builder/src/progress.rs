@@ -21,8 +21,8 @@ impl Progress for Silent {
     fn update(&self, _stage: &'static str, _done: u64, _total: u64) {}
 }
 
-/// Where each stage lies in a whole build, measured on a coloured wall of 4 M triangles. Stages that are not named
-/// here are short.
+/// Where each stage lies in a whole build, estimated for a coloured mesh of some millions of triangles. Stages that are
+/// not named here are short.
 const SHARES: &[(&str, f64, f64)] = &[
     ("reading", 0.0, 0.03),
     ("hashing", 0.03, 0.04),

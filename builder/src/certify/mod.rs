@@ -254,6 +254,12 @@ mod tests {
             let bounds = certify(&fine, &vec![Bound::default(); fine.triangle_count()], &simplified);
             let out = f64::from(bounds.iter().map(|b| b.out).fold(0.0, f32::max));
             let back = f64::from(bounds.iter().map(|b| b.back).fold(0.0, f32::max));
+            // Each triangle by itself: the largest bound must not hide a wrong one.
+            for (t, b) in bounds.iter().enumerate() {
+                let one = Mesh { positions: coarse.positions.clone(), triangles: vec![coarse.triangles[t]], ..Mesh::default() };
+                let there = sampled(&one, &fine);
+                prop_assert!(there <= f64::from(b.out) + 1e-9, "triangle {t}: {there} <= {}", b.out);
+            }
             let (so, sb) = (sampled(coarse, &fine), sampled(&fine, coarse));
             prop_assert!(so <= out && sb <= back, "{so} <= {out}, {sb} <= {back}");
             let (bound, there) = (out.max(back), so.max(sb));

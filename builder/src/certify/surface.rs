@@ -46,7 +46,8 @@ pub(super) struct Surface {
     pub(super) triangles: Vec<[u32; 3]>,
     /// The triangles round each point.
     pub(super) fans: Lists,
-    /// The other triangle on each edge, from corner k to the next; [`NONE`] where there is none or are several.
+    /// The other triangle on each edge, from corner k to the next; [`NONE`] where there is none, are several, or it is
+    /// wound the other way.
     pub(super) neighbours: Vec<[u32; 3]>,
     /// The sum of the area vectors round each point.
     pub(super) normals: Vec<Vec3>,
@@ -92,7 +93,8 @@ impl Surface {
     }
 }
 
-/// The other triangle on each edge.
+/// The other triangle on each edge, where it is the only one and runs along the edge the other way: then, where both face
+/// the viewer, they lie on its two sides.
 fn neighbours(triangles: &[[u32; 3]], fans: &Lists) -> Vec<[u32; 3]> {
     let mut out = vec![[NONE; 3]; triangles.len()];
     for (t, corners) in triangles.iter().enumerate() {
@@ -100,7 +102,10 @@ fn neighbours(triangles: &[[u32; 3]], fans: &Lists) -> Vec<[u32; 3]> {
             let (a, b) = (corners[k], corners[(k + 1) % 3]);
             let mut others = fans.of(a).iter().filter(|o| **o != t as u32 && triangles[**o as usize].contains(&b));
             if let (Some(other), None) = (others.next(), others.next()) {
-                out[t][k] = *other;
+                let o = triangles[*other as usize];
+                if (0..3).any(|i| o[i] == b && o[(i + 1) % 3] == a) {
+                    out[t][k] = *other;
+                }
             }
         }
     }

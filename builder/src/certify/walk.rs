@@ -95,8 +95,8 @@ impl<'a> Walker<'a> {
     fn rest(&mut self, mut next: usize, walk: &Walk) -> bool {
         while let Some(&c) = self.visited.list.get(next) {
             next += 1;
-            // One of its edges crosses the triangle, so it lies over it, or by a hair does not.
-            if next > MOST_TRIANGLES || matches!(self.visit(c, walk), Visit::Lost) {
+            // One of its edges crosses the triangle, so it lies over it; anything else is not to be trusted.
+            if next > MOST_TRIANGLES || !matches!(self.visit(c, walk), Visit::Over) {
                 return false;
             }
         }
@@ -130,20 +130,23 @@ impl<'a> Walker<'a> {
             onwards[k] = true;
         }
         // ... and those of its own corners that the opposite one lies over.
-        let eps = [a.at, b.at, d.at];
+        let corners_at = [a.at, b.at, d.at];
         for (k, p) in walk.own.flat.iter().enumerate() {
-            let w = [0, 1, 2].map(|i: usize| {
-                let (s, e) = (eps[i], eps[(i + 1) % 3]);
-                (e[0] - s[0]) * (p[1] - s[1]) - (e[1] - s[1]) * (p[0] - s[0])
-            });
+            let w = [0, 1, 2].map(|i: usize| side(corners_at[i], corners_at[(i + 1) % 3], *p));
             let hair = -ON_LINE * squares.sqrt();
             if w[0] >= hair && w[1] >= hair && w[2] >= hair {
                 highest = highest.max(((w[1] * a.height + w[2] * b.height + w[0] * d.height) / area).abs());
                 self.hints[walk.names[k] as usize] = c;
             }
         }
-        if highest < 0.0 {
-            return Visit::Beside;
+        // Where no edge of the opposite triangle passes through the triangle, that is beside it, or inside as a whole: its
+        // corners may touch in both cases, its centroid tells.
+        if !onwards.contains(&true) {
+            let own = &walk.own.flat;
+            let centroid: Point2 = std::array::from_fn(|i| (own[0][i] + own[1][i] + own[2][i]) / 3.0);
+            if (0..3).any(|k| side(corners_at[k], corners_at[(k + 1) % 3], centroid) <= 0.0) {
+                return Visit::Beside;
+            }
         }
         let next = self.to.neighbours[c as usize];
         for k in 0..3 {
@@ -215,6 +218,11 @@ enum Visit {
     Over,
     /// The walk cannot go on.
     Lost,
+}
+
+/// Twice the area of a triangle, above 0 where `p` is on the left of the line from `a` to `b`.
+fn side(a: Point2, b: Point2, p: Point2) -> f64 {
+    (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
 }
 
 /// Which part of the segment between two points is inside the triangle.
