@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
-use support::{Input, Ply, fails, json, kilwa, succeeds, text};
+use support::{Input, Ply, built_once, fails, json, kilwa, succeeds, text};
 
 /// Where the torus lies: coordinates of a map, which a float cannot hold.
 const FAR: [f64; 3] = [531_000.0, 9_010_000.0, 12.0];
@@ -21,23 +21,17 @@ fn folder() -> PathBuf {
     folder
 }
 
-/// The pack of a closed, coloured torus; built once.
+/// The pack of a closed, coloured torus.
 fn torus() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
-    BUILT.get_or_init(|| {
-        let (input, pack) = (folder().join("torus.ply"), folder().join("torus.kilwa"));
-        Input::torus(256, 64, FAR).write(&input);
-        succeeds(&["build", text(&input), "-o", text(&pack), "--crs", "EPSG:32737", "--force"]);
-        pack
-    })
+    let write = |to: &Path| Input::torus(256, 64, FAR).write(to);
+    BUILT.get_or_init(|| built_once(&folder(), "torus", write, &["--crs", "EPSG:32737"]))
 }
 
 /// The pack of a synthetic site.
 fn site(which: &str, triangles: &str) -> PathBuf {
-    let (input, pack) = (folder().join(format!("{which}.ply")), folder().join(format!("{which}.kilwa")));
-    succeeds(&["synth", which, "--triangles", triangles, "-o", text(&input), "--force"]);
-    succeeds(&["build", text(&input), "-o", text(&pack), "--force"]);
-    pack
+    let write = |to: &Path| drop(succeeds(&["synth", which, "--triangles", triangles, "-o", text(to), "--force"]));
+    built_once(&folder(), which, write, &[])
 }
 
 fn lattice(pack: &Path) -> Lattice {

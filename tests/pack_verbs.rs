@@ -6,21 +6,18 @@ mod support;
 use kilwa_geometry::Lattice;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use support::{Input, Ply, fails, json, kilwa, plys, shared, succeeds, text};
+use support::{Input, Ply, built_once, fails, json, kilwa, plys, shared, succeeds, text};
 
 /// Triangles of the torus.
 const TRIANGLES: usize = 40_960;
 
-/// A torus at UTM coordinates, and the pack of it; built once.
+/// A torus at UTM coordinates, and the pack of it.
 fn torus() -> &'static (Input, PathBuf) {
     static BUILT: OnceLock<(Input, PathBuf)> = OnceLock::new();
     BUILT.get_or_init(|| {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pack_verbs");
-        std::fs::create_dir_all(&folder).unwrap();
         let mesh = Input::torus(320, 64, [531_000.0, 9_010_000.0, 12.0]);
-        let (input, pack) = (folder.join("torus.ply"), folder.join("torus.kilwa"));
-        mesh.write(&input);
-        succeeds(&["build", text(&input), "-o", text(&pack), "--crs", "EPSG:32737", "--force"]);
+        let pack = built_once(&folder, "torus", |to| mesh.write(to), &["--crs", "EPSG:32737"]);
         (mesh, pack)
     })
 }

@@ -24,6 +24,24 @@ pub(crate) fn fails(args: &[&str]) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// A pack that several tests use: built by the first that asks, also where each test is a process of its own (as under
+/// nextest), and again when the program or the tests have changed.
+pub(crate) fn built_once(folder: &Path, name: &str, write: impl FnOnce(&Path), options: &[&str]) -> PathBuf {
+    std::fs::create_dir_all(folder).unwrap();
+    let path = |end: &str| folder.join(format!("{name}.{end}"));
+    let (input, pack) = (path("ply"), path("kilwa"));
+    let lock = std::fs::File::create(path("lock")).unwrap();
+    lock.lock().unwrap();
+    let changed = |of: &Path| std::fs::metadata(of).and_then(|m| m.modified());
+    let programs = [PathBuf::from(env!("CARGO_BIN_EXE_kilwa")), std::env::current_exe().unwrap()];
+    let is_current = changed(&pack).is_ok_and(|at| programs.iter().all(|program| changed(program).unwrap() < at));
+    if !is_current {
+        write(&input);
+        succeeds(&[&["build", text(&input), "-o", text(&pack), "--force"], options].concat());
+    }
+    pack
+}
+
 /// Run the program with `--json`; what it prints.
 pub(crate) fn json(args: &[&str]) -> serde_json::Value {
     serde_json::from_str(&succeeds(&[args, &["--json"]].concat())).unwrap()

@@ -107,13 +107,7 @@ pub struct Format {
 /// Asked in this order.
 const FORMATS: &[Format] = &[
     Format { name: "PLY", up: Up::Z, is: |start, _| ply::is_ply(start), read: ply::read, note_detail: None },
-    Format {
-        name: "glTF",
-        up: Up::Y,
-        is: gltf::is_gltf,
-        read: gltf::read,
-        note_detail: Some(gltf::note_detail),
-    },
+    Format { name: "glTF", up: Up::Y, is: gltf::is_gltf, read: gltf::read, note_detail: Some(gltf::note_detail) },
     Format { name: "STL", up: Up::Z, is: stl::is_stl, read: stl::read, note_detail: None },
     Format {
         name: "OBJ",
