@@ -107,6 +107,7 @@ impl std::error::Error for Failed {}
 fn set_up() -> Result<Tally> {
     setup::wasm_target()?;
     setup::npm_packages("xtask/npm")?;
+    setup::npm_packages("tests/browser")?;
     setup::vulkan()?;
     println!("browser: {}", setup::chromium()?.display());
     Ok(Tally::default())
