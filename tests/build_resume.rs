@@ -286,6 +286,28 @@ impl Drop for Disk {
     }
 }
 
+/// A build to `a.kilwa` while somebody else fills the disk of its scratch files, from the moment that the file `at` is
+/// there, and takes what it frees; tried again where the build got by with what it had.
+fn robbed_of_its_disk(site: &Site, disk: &Disk, at: &str) -> Output {
+    let file = disk.0.join(".a.kilwa.scratch").join(at);
+    let filler = disk.0.join("filler");
+    for _ in 0..20 {
+        let mut child = site.build(&["--scratch", "disk"]).spawn().unwrap();
+        wait(|| file.exists() || site.path("a.kilwa").exists(), at);
+        let mut writer = std::fs::File::create(&filler).unwrap();
+        while child.try_wait().unwrap().is_none() {
+            let _ = std::io::Write::write_all(&mut writer, &[1; 4096]);
+        }
+        let output = child.wait_with_output().unwrap();
+        if output.status.code() != Some(0) {
+            return output;
+        }
+        std::fs::remove_file(&filler).unwrap();
+        site.assert_undisturbed("enough room in spite of the filler");
+    }
+    panic!("no build was robbed of its disk at {at}");
+}
+
 #[test]
 fn a_disk_that_is_too_small_is_refused_beforehand_and_one_that_fills_up_is_a_clear_error() {
     let site = Site::new();
@@ -297,14 +319,7 @@ fn a_disk_that_is_too_small_is_refused_beforehand_and_one_that_fills_up_is_a_cle
 
     let Some(disk) = Disk::mount(site.path("disk"), "12m") else { return };
     for at in ["positions", "buckets", "level-05.patches"] {
-        let child = site.build(&["--scratch", "disk"]).spawn().unwrap();
-        let file = disk.0.join(".a.kilwa.scratch").join(at);
-        wait(|| file.exists(), at);
-        // Somebody else fills the disk.
-        let mut filler = std::fs::File::create(disk.0.join("filler")).unwrap();
-        let block = vec![1; 4096];
-        while std::io::Write::write_all(&mut filler, &block).is_ok() {}
-        let output = child.wait_with_output().unwrap();
+        let output = robbed_of_its_disk(&site, &disk, at);
         assert_eq!(output.status.code(), Some(1), "{at}: {}", stderr(&output));
         let said = stderr(&output);
         assert!(said.contains("disk is full") || said.contains("No space left"), "{at}: {said}");
@@ -312,4 +327,72 @@ fn a_disk_that_is_too_small_is_refused_beforehand_and_one_that_fills_up_is_a_cle
         assert!(!site.path("a.kilwa").exists() && !site.path(".a.kilwa.part").exists(), "{at}");
         std::fs::remove_file(disk.0.join("filler")).unwrap();
     }
+}
+
+/// A square of `n` by `n` quads with relief: a header that announces half as many faces as there will be triangles.
+fn quads(n: u32) -> Vec<u8> {
+    let at = |i: u32, j: u32| i * (n + 1) + j;
+    let all = || (0..=n).flat_map(|i| (0..=n).map(move |j| (i, j)));
+    let mut ply = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        (n + 1) * (n + 1),
+        n * n
+    )
+    .into_bytes();
+    for (i, j) in all() {
+        let (x, y) = (i as f32 * 0.01, j as f32 * 0.01);
+        ply.extend([x, y, 0.1 * (x * 5.0).sin() * (y * 7.0).cos()].iter().flat_map(|v| v.to_le_bytes()));
+    }
+    for (i, j) in all().filter(|(i, j)| *i < n && *j < n) {
+        ply.push(4);
+        let quad = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+        ply.extend(quad.iter().flat_map(|v| v.to_le_bytes()));
+    }
+    ply
+}
+
+/// Polygons become more triangles than the header lets expect. So the check beforehand lets disks pass that the build fills,
+/// each at another place: with nobody else at work, and with one thread, always at the same one.
+#[test]
+fn a_disk_that_the_build_itself_fills_is_a_clear_error_wherever_that_happens() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("quads.ply"), quads(150)).unwrap();
+    let build = |args: &[&str]| {
+        let all = [&["build", "quads.ply", "-o", "a.kilwa", "--threads", "1", "--json"], args].concat();
+        kilwa(folder.path(), &all).output().unwrap()
+    };
+    let roomy = build(&[]);
+    assert!(roomy.status.success(), "{}", stderr(&roomy));
+    let report: serde_json::Value = serde_json::from_slice(&roomy.stdout).unwrap();
+    let number = |v: &serde_json::Value| v.as_u64().unwrap();
+    let (estimated, peak) =
+        (number(&report["run"]["estimated"]["scratch_bytes"]), number(&report["scratch_peak_bytes"]));
+    assert!(estimated * 5 < peak * 4, "{estimated} estimated, {peak} needed: the test has nothing to fill");
+    let undisturbed = std::fs::read(folder.path().join("a.kilwa")).unwrap();
+    std::fs::remove_file(folder.path().join("a.kilwa")).unwrap();
+
+    let mut full_at = std::collections::BTreeSet::new();
+    for step in 0..6 {
+        let size = estimated + 65_536 + (peak - estimated) * step / 5;
+        let Some(disk) = Disk::mount(folder.path().join(format!("disk{step}")), &size.to_string()) else { return };
+        let output = build(&["--scratch", &format!("disk{step}")]);
+        let said = stderr(&output);
+        assert!(disk.files().is_empty(), "{size}: scratch files are cleaned away: {:?}", disk.files());
+        if output.status.success() {
+            // Less than the peak by the little that was rounded up.
+            assert!(size * 10 > peak * 9, "{size} of {peak} bytes were enough");
+            let bytes = std::fs::read(folder.path().join("a.kilwa")).unwrap();
+            assert!(bytes == undisturbed, "{size}: other bytes");
+            std::fs::remove_file(folder.path().join("a.kilwa")).unwrap();
+            continue;
+        }
+        assert_eq!(output.status.code(), Some(1), "{size}: {said}");
+        assert!(said.contains("the disk is full") && said.contains("--scratch"), "{size}: {said}");
+        assert!(!folder.path().join("a.kilwa").exists() && !folder.path().join(".a.kilwa.part").exists(), "{size}");
+        let file = said.split(".a.kilwa.scratch/").nth(1).and_then(|rest| rest.split(',').next());
+        full_at.insert(file.unwrap_or_else(|| panic!("no file is named: {said}")).to_owned());
+    }
+    println!("{estimated} bytes estimated, {peak} needed; full at {full_at:?}");
+    assert!(full_at.len() >= 2, "{full_at:?}");
 }
