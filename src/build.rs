@@ -4,7 +4,7 @@
 
 mod need;
 mod output;
-mod report;
+pub(crate) mod report;
 mod size;
 
 use crate::inputs::{InputArgs, Inputs};

@@ -1,12 +1,15 @@
-//! `kilwa info`: what a pack says of itself, from its header, metadata and directory; no chunk is read. Of a mesh: what it
-//! is, without building anything of it.
+//! `kilwa info`: what a pack says of itself, from its header, metadata, directory and the tables of patches; no geometry is
+//! read. Of a mesh: what it is, without building anything of it.
 
 mod mesh;
+mod patches;
 
+use crate::build::report::spread;
 use crate::inputs::InputArgs;
 use crate::source::open_pack;
 use kilwa_builder::{Units, Up};
 use kilwa_pack::{DirectoryEntry, Header, Metadata};
+use patches::Patches;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -56,6 +59,8 @@ struct Info<'a> {
     lattice_step: f64,
     colors: bool,
     chunks: u32,
+    #[serde(flatten)]
+    patches: Patches,
     levels: Vec<Level>,
     metadata: &'a Metadata,
 }
@@ -88,6 +93,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         lattice_step: header.lattice.step(),
         colors: header.attributes.colors,
         chunks: header.entry_count,
+        patches: patches::of(&reader)?,
         levels: levels(reader.entries()),
         metadata: reader.metadata(),
     };
@@ -155,6 +161,19 @@ fn words(info: &Info<'_>, header: &Header) -> String {
             info.bytes_per_input_triangle, info.stored_per_input_triangle
         ),
     );
+    let parts = &info.patches;
+    line("patches", spread(&parts.patch_triangles));
+    line("chunks", spread(&parts.chunk_triangles));
+    if parts.stuck_diamonds > 0 {
+        line(
+            "stuck",
+            format!(
+                "{} places could not be simplified and keep their {} triangles at coarser levels",
+                grouped(parts.stuck_diamonds),
+                grouped(parts.stuck_triangles)
+            ),
+        );
+    }
     for source in &m.sources {
         line("source", format!("{} ({} bytes, sha256 {})", source.name, grouped(source.bytes), source.sha256));
     }

@@ -6,6 +6,7 @@ use crate::levels::{Levels, Refined, encode_chunk, too_large};
 use crate::options::BuildError;
 use crate::partition::Partition;
 use crate::scratch::{ScratchError, ScratchFile};
+use crate::spread::Spread;
 use crate::work::Work;
 use kilwa_geometry::{Aabb, DiamondKey, Sphere};
 use kilwa_pack::chunk::{self, MAX_CHUNK_TRIANGLES, PatchRange};
@@ -26,8 +27,10 @@ pub struct PackSummary {
     pub stored_triangles: u64,
     /// Triangles of the coarsest form.
     pub root_triangles: u64,
-    /// Triangles per patch: smallest, median, 95th percentile, largest.
-    pub patch_triangles: [u64; 4],
+    /// Triangles per patch.
+    pub patch_triangles: Spread,
+    /// Triangles per chunk.
+    pub chunk_triangles: Spread,
     /// Largest certified error, metres: of the coarsest form.
     pub root_error: f64,
 }
@@ -83,16 +86,14 @@ pub fn assemble<W: std::io::Write>(
 }
 
 fn summarise(entries: &[DirectoryEntry], parts: &Parts<'_>) -> PackSummary {
-    let mut patches: Vec<u64> = (0..entries.len()).flat_map(|i| parts.patches(i)).map(|p| u64::from(p.count)).collect();
-    patches.sort_unstable();
-    let at = |p: f64| patches.get(((patches.len().max(1) - 1) as f64 * p) as usize).copied().unwrap_or(0);
     PackSummary {
         bytes: 0,
         chunks: entries.len() as u64,
         levels: entries.last().map_or(0, |e| u32::from(e.level) + u32::from(entries.len() > 1)),
         stored_triangles: entries.iter().map(|e| u64::from(e.triangles)).sum(),
         root_triangles: u64::from(entries[0].triangles),
-        patch_triangles: [at(0.0), at(0.5), at(0.95), at(1.0)],
+        patch_triangles: Spread::of((0..entries.len()).flat_map(|i| parts.patches(i)).map(|p| u64::from(p.count))),
+        chunk_triangles: Spread::of(entries.iter().map(|e| u64::from(e.triangles))),
         root_error: entries.get(1).map_or(0.0, |e| f64::from(e.error)),
     }
 }

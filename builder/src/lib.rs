@@ -21,6 +21,7 @@ pub mod raw;
 pub mod read;
 pub mod scratch;
 pub mod simplify;
+mod spread;
 pub mod surface;
 pub mod synth;
 pub mod tree_file;
@@ -31,4 +32,5 @@ pub use build::{BuildReport, Built, Inputs, Interruptible, Run, StageTime, build
 pub use options::{BuildError, BuildOptions, Units, Up};
 pub use progress::{Progress, Silent};
 pub use raw::{Findings, RawMesh};
+pub use spread::Spread;
 pub use surface::Finding;

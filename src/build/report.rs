@@ -3,7 +3,7 @@
 use super::need::Need;
 use super::size::human;
 use crate::info::metres;
-use kilwa_builder::{BuildReport, StageTime, machine};
+use kilwa_builder::{BuildReport, Spread, StageTime, machine};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
@@ -60,6 +60,14 @@ fn bound(metres: f64) -> String {
     }
 }
 
+/// How many triangles the parts of a pack have.
+pub(crate) fn spread(s: &Spread) -> String {
+    format!(
+        "{} of {} to {} triangles, median {}; 5 % have {} or fewer, 5 % have {} or more",
+        s.count, s.smallest, s.largest, s.median, s.percent_5, s.percent_95
+    )
+}
+
 /// For people.
 pub(super) fn print(output: &Path, r: &Report<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let (b, p) = (r.build, &r.build.pack);
@@ -93,6 +101,8 @@ pub(super) fn print(output: &Path, r: &Report<'_>, out: &mut impl Write) -> std:
         p.root_triangles,
         bound(p.root_error)
     )?;
+    writeln!(out, "  patches   {}", spread(&p.patch_triangles))?;
+    writeln!(out, "  chunks    {}", spread(&p.chunk_triangles))?;
     spent(r, out)?;
     for (kind, f) in &b.findings {
         let places = if f.places.is_empty() { String::new() } else { format!(" (first: {})", f.places.join("; ")) };
