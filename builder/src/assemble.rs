@@ -4,7 +4,7 @@
 
 use crate::levels::{Levels, Refined, encode_chunk, too_large};
 use crate::options::BuildError;
-use crate::partition::Partition;
+use crate::partition::{Partition, tree_level};
 use crate::scratch::{ScratchError, ScratchFile};
 use crate::spread::Spread;
 use crate::work::Work;
@@ -204,10 +204,12 @@ fn root_of(levels: &Levels) -> Result<Root, BuildError> {
 fn entry_of(r: &Refined, tree: &Partition, number: &FxHashMap<u32, u32>, step: f64) -> DirectoryEntry {
     let key = tree.diamonds[r.diamond as usize].key;
     let mut parents = [NO_DIAMOND; 4];
-    let found = key.parents(tree.cube_log2);
-    let numbers = found.iter().filter_map(|p| tree.by_key.get(p)).filter_map(|d| number.get(d)).copied();
+    let above =
+        tree.diamonds[r.diamond as usize].tetrahedra.iter().map(|t| tree.tetrahedra[*t as usize].parent_diamond);
+    let numbers = above.filter_map(|d| number.get(&d)).copied();
     let mut numbers: Vec<u32> = if key.level == 0 { vec![0] } else { numbers.collect() };
     numbers.sort_unstable();
+    numbers.dedup();
     for (slot, n) in parents.iter_mut().zip(numbers) {
         *slot = n;
     }
@@ -218,7 +220,7 @@ fn entry_of(r: &Refined, tree: &Partition, number: &FxHashMap<u32, u32>, step: f
         encoded_bytes: 0,
         vertices: r.vertices,
         triangles: r.triangles.0,
-        level: key.level,
+        level: tree_level(key.level),
         error,
         color_error: r.color_error,
         sphere: r.sphere,

@@ -38,13 +38,17 @@ pub struct Coarsened {
     pub triangles: (usize, usize),
 }
 
-/// Coarsen the fragment of a diamond to half its triangles. `input` are the patches of its tetrahedra's children,
+/// A fragment is simplified to one in so many of its triangles. The tetrahedra of a level are 2^(2/3 * BISECTIONS) = 2.5
+/// times as large, in surface, as those of the next.
+pub const REDUCTION: u64 = 4;
+
+/// Coarsen the fragment of a diamond to a part of its triangles, [`REDUCTION`]. `input` are the patches of its tetrahedra's children,
 /// `locked` the points that triangles outside of it use, in any order.
 pub fn coarsen(input: &[(u32, Patch)], locked: &[LatticePoint], tree: &Partition, diamond: u32) -> Coarsened {
     let locked: FxHashSet<LatticePoint> = locked.iter().copied().collect();
     let merged = merge(input);
     let fine = &merged.mesh;
-    let simplified = simplify(fine, &locked, fine.triangle_count() / 2);
+    let simplified = simplify(fine, &locked, fine.triangle_count() / REDUCTION as usize);
     let coarse = &simplified.mesh;
     let bounds = certify(fine, &merged.bounds, &simplified);
     let groups = share_out(coarse, tree, diamond);

@@ -1,5 +1,10 @@
-//! The tree of tetrahedra, split diamond by diamond until no leaf holds more than a patch, so that the leaves conform
-//! (design/hierarchy.md, construction steps 2 and 3). Which tetrahedra want to be split is found by the ingest.
+//! The tree of tetrahedra, split diamond by diamond until no leaf holds more than a patch (design/hierarchy.md,
+//! construction steps 2 and 3). Which tetrahedra want to be split is found by the ingest.
+//!
+//! One level of the tree is two bisections: a split tetrahedron has four quarters, and diamonds are those of even
+//! levels of bisection. The faces of three levels in a row still lie inside of each other's diamonds (cubes, edges of
+//! cubes, faces of cubes, in turn), which is what lets everything be simplified in the end; the levels are half as many,
+//! so that less is stored, simplified and certified (docs/decisions.md, 13).
 //!
 //! A triangle is never cut: it goes whole to the tetrahedron that holds its centroid, by an exact integer rule that
 //! depends on the triangle alone. The set of split diamonds is the smallest set that is closed under "parents first",
@@ -8,14 +13,22 @@
 use kilwa_geometry::{DiamondKey, Tetra};
 use rustc_hash::FxHashMap;
 
+/// Bisections from one level of the tree to the next.
+pub const BISECTIONS: u8 = 2;
+
+/// The level of the tree at which diamonds of this level of bisection are.
+pub fn tree_level(bisections: u8) -> u8 {
+    bisections / BISECTIONS
+}
+
 /// A tetrahedron of the tree.
 pub struct TetraNode {
     /// Geometry.
     pub tetra: Tetra,
     /// Index of the diamond that splits (or would split) it.
     pub diamond: u32,
-    /// Indices of the two halves, once split.
-    pub children: Option<[u32; 2]>,
+    /// Indices of its quarters, once split.
+    pub children: Option<[u32; 4]>,
     /// Index of the diamond whose split made it; `u32::MAX` for a root.
     pub parent_diamond: u32,
     /// Triangles of a leaf, once they are counted.
@@ -89,14 +102,14 @@ impl Partition {
         if self.by_key.get(&key).is_some_and(|d| self.diamonds[*d as usize].split) {
             return;
         }
-        for parent in key.parents(self.cube_log2) {
+        for parent in key.grandparents(self.cube_log2) {
             self.split(parent);
         }
         // Its parents are split, so all its tetrahedra are there.
         let Some(&d) = self.by_key.get(&key) else { return };
         self.diamonds[d as usize].split = true;
         for t in self.diamonds[d as usize].tetrahedra.clone() {
-            let children = self.tetrahedra[t as usize].tetra.children().map(|c| self.add(c, d));
+            let children = self.tetrahedra[t as usize].tetra.quarters().map(|c| self.add(c, d));
             self.tetrahedra[t as usize].children = Some(children);
         }
     }
@@ -109,8 +122,8 @@ impl Partition {
                 if t >= 6 {
                     old_of_new.push(t);
                 }
-                if let Some([a, b]) = self.tetrahedra[t as usize].children {
-                    stack.extend([b, a]);
+                if let Some(quarters) = self.tetrahedra[t as usize].children {
+                    stack.extend(quarters.into_iter().rev());
                 }
             }
         }
@@ -169,6 +182,7 @@ mod tests {
             for level in 0..14 {
                 tetra = tetra.children()[tetra.split_plane().child_of_sum(sum)];
                 if level % 4 == 3 {
+                    assert_eq!(tetra.level % BISECTIONS, 0);
                     out.push(DiamondKey::of(&tetra));
                 }
             }
@@ -181,7 +195,7 @@ mod tests {
         let p = Partition::of_wishes(10, wishes());
         assert!(wishes().iter().all(|w| p.diamonds[p.by_key[w] as usize].split));
         for d in p.diamonds.iter().filter(|d| d.split) {
-            for parent in d.key.parents(10) {
+            for parent in d.key.grandparents(10) {
                 assert!(p.diamonds[p.by_key[&parent] as usize].split, "{:?}", d.key);
             }
             if d.key.midpoint.iter().all(|&x| x > 0 && x < 1024) {
@@ -210,7 +224,7 @@ mod tests {
             let d = &p.diamonds[t.diamond as usize];
             assert!(d.key == DiamondKey::of(&t.tetra) && d.tetrahedra.contains(&i) && d.tetrahedra.is_sorted());
             assert_eq!(d.split, t.children.is_some());
-            for (c, tetra) in t.children.iter().flatten().zip(t.tetra.children()) {
+            for (c, tetra) in t.children.iter().flatten().zip(t.tetra.quarters()) {
                 let child = &p.tetrahedra[*c as usize];
                 assert!(child.tetra == tetra && child.parent_diamond == t.diamond);
             }
@@ -219,7 +233,7 @@ mod tests {
         let mut stack: Vec<u32> = (0..6).rev().collect();
         while let Some(t) = stack.pop() {
             match p.tetrahedra[t as usize].children {
-                Some([a, b]) => stack.extend([b, a]),
+                Some(quarters) => stack.extend(quarters.into_iter().rev()),
                 None if t >= 6 => walked.push(t),
                 None => {}
             }

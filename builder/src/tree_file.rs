@@ -31,8 +31,8 @@ pub fn write(scratch: &Scratch, tree: &Partition) -> Result<(), ScratchError> {
     for node in &tree.tetrahedra {
         bytes.push(node.tetra.level);
         bytes.extend(node.tetra.v.as_flattened().iter().flat_map(|x| x.to_le_bytes()));
-        let [a, b] = node.children.unwrap_or([NONE; 2]);
-        bytes.extend([node.diamond, a, b, node.parent_diamond].iter().flat_map(|x| x.to_le_bytes()));
+        let [a, b, c, d] = node.children.unwrap_or([NONE; 4]);
+        bytes.extend([node.diamond, a, b, c, d, node.parent_diamond].iter().flat_map(|x| x.to_le_bytes()));
         put(&mut bytes)?;
     }
     for node in &tree.diamonds {
@@ -79,7 +79,7 @@ fn parse(body: &[u8]) -> Option<Partition> {
             *x = fields.number()? as i32;
         }
         let diamond = fields.number()?;
-        let children = [fields.number()?, fields.number()?];
+        let children = [fields.number()?, fields.number()?, fields.number()?, fields.number()?];
         tree.tetrahedra.push(TetraNode {
             tetra: Tetra { v, level },
             diamond,
@@ -126,9 +126,9 @@ mod tests {
         // A path of ever smaller diamonds.
         let mut wishes = Vec::new();
         let mut tetra = Tetra::roots(10)[2];
-        for level in 0..18 {
+        for level in 0..9 {
             wishes.push(DiamondKey::of(&tetra));
-            tetra = tetra.children()[level / 2 % 2];
+            tetra = tetra.quarters()[level % 4];
         }
         let mut tree = Partition::of_wishes(10, wishes);
         tree.overfull_leaves = 3;

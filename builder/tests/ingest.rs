@@ -36,7 +36,7 @@ fn triangles_of(m: &Mesh) -> Triangles {
 struct Outcome {
     surface: Surface,
     /// Every tetrahedron with its children, every diamond with its tetrahedra.
-    tetrahedra: Vec<(Tetra, u32, Option<[u32; 2]>, u32)>,
+    tetrahedra: Vec<(Tetra, u32, Option<[u32; 4]>, u32)>,
     diamonds: Vec<(u8, [i32; 3], Vec<u32>, bool)>,
     leaves: Vec<(u32, Mesh)>,
     /// Points that more than one leaf uses, with these leaves.

@@ -140,22 +140,26 @@ impl Buckets {
         node
     }
 
-    /// Which tetrahedron of the tree each run of buckets fills: a bucket fills its own where the tree has it; where the
-    /// tree ends above, all buckets below that leaf are one run.
+    /// Which tetrahedron of the tree each run of buckets lies in: a bucket its own, where the tree has it, or the one of
+    /// which it is a half; where the tree ends above, all buckets below that leaf are one run.
     pub(super) fn runs(&self, tree: &Partition) -> Vec<(u32, Range<u32>)> {
         let mut runs: Vec<(u32, Range<u32>)> = Vec::new();
-        let mut stack: Vec<(u32, u32)> = (0..6).rev().map(|root| (root, root)).collect();
-        while let Some((node, tetrahedron)) = stack.pop() {
-            let halves = tree.tetrahedra[tetrahedron as usize].children;
+        // With the tetrahedron, the quarters that a half of it consists of.
+        let mut stack: Vec<(u32, u32, Option<[u32; 2]>)> = (0..6).rev().map(|root| (root, root, None)).collect();
+        while let Some((node, tetrahedron, half)) = stack.pop() {
+            let quarters = tree.tetrahedra[tetrahedron as usize].children;
             match self.nodes[node as usize] {
                 Node::Bucket(b) => match runs.last_mut() {
-                    Some((last, run)) if *last == tetrahedron => run.end = b + 1,
+                    Some((last, run)) if *last == tetrahedron && quarters.is_none() => run.end = b + 1,
                     _ => runs.push((tetrahedron, b..b + 1)),
                 },
-                Node::Split { children, .. } => {
-                    let halves = halves.unwrap_or([tetrahedron; 2]);
-                    stack.extend([(children[1], halves[1]), (children[0], halves[0])]);
-                }
+                Node::Split { children: [first, second], .. } => stack.extend(match (half, quarters) {
+                    (Some([a, b]), _) => [(second, b, None), (first, a, None)],
+                    (None, Some([a, b, c, d])) => {
+                        [(second, tetrahedron, Some([c, d])), (first, tetrahedron, Some([a, b]))]
+                    }
+                    (None, None) => [(second, tetrahedron, None), (first, tetrahedron, None)],
+                }),
             }
         }
         runs

@@ -12,10 +12,11 @@ use super::words::{Layout, color_of_word, normal_of_word};
 use crate::certify::Bound;
 use crate::fragment::Patch;
 use crate::options::BuildError;
-use crate::partition::Partition;
+use crate::partition::{BISECTIONS, Partition};
 use crate::scratch::{PatchFile, Records, ScratchError, ScratchFile, record};
 use crate::surface::{LEAVES, SHARED};
 use crate::work::Work;
+use kilwa_geometry::tetra::{SplitPlane, max_level};
 use kilwa_geometry::{DiamondKey, Mesh};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -31,10 +32,13 @@ pub(super) struct Leaves {
     pub(super) triangles: Vec<(u32, u64)>,
 }
 
-/// The tree that the wishes make.
+/// The tree that the wishes make. Those between two of its levels are dropped: what holds such a tetrahedron wants to be
+/// split as well, so a level above has the wish too.
 pub(super) fn tree_of(cube_log2: u32, topology: &Topology) -> Partition {
+    let is_level =
+        |(level, _): &&(u8, [i32; 3])| level.is_multiple_of(BISECTIONS) && level + BISECTIONS <= max_level(cube_log2);
     let key = |(level, midpoint): &(u8, [i32; 3])| DiamondKey { level: *level, midpoint: *midpoint };
-    Partition::of_wishes(cube_log2, topology.wishes.iter().map(key))
+    Partition::of_wishes(cube_log2, topology.wishes.iter().filter(is_level).map(key))
 }
 
 impl Leaves {
@@ -178,17 +182,26 @@ impl Unit {
                 leaf(self, node, &order[range])?;
                 continue;
             };
-            let plane = tetrahedron.tetra.split_plane();
-            let mut first = range.start;
-            for i in range.clone() {
-                if plane.child_of_sum(self.sums[order[i] as usize].map(i64::from)) == 0 {
-                    order.swap(first, i);
-                    first += 1;
-                }
-            }
-            stack.extend([(children[1], first..range.end), (children[0], range.start..first)]);
+            let halves = tetrahedron.tetra.children();
+            let middle = self.part(&tetrahedron.tetra.split_plane(), &mut order, range.clone());
+            let first = self.part(&halves[0].split_plane(), &mut order, range.start..middle);
+            let last = self.part(&halves[1].split_plane(), &mut order, middle..range.end);
+            let parts = [range.start..first, first..middle, middle..last, last..range.end];
+            stack.extend(children.into_iter().zip(parts).rev());
         }
         Ok(())
+    }
+
+    /// Put the triangles of child 0 before those of child 1; where the latter begin.
+    fn part(&self, plane: &SplitPlane, order: &mut [u32], range: Range<usize>) -> usize {
+        let mut first = range.start;
+        for i in range {
+            if plane.child_of_sum(self.sums[order[i] as usize].map(i64::from)) == 0 {
+                order.swap(first, i);
+                first += 1;
+            }
+        }
+        first
     }
 
     fn words(&self, vertex: u32) -> &[u32] {

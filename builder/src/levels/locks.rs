@@ -6,7 +6,7 @@
 //! a file of their own, from which each diamond reads its share.
 
 use crate::options::BuildError;
-use crate::partition::Partition;
+use crate::partition::{BISECTIONS, Partition};
 use crate::scratch::{Records, ScratchError, point_of, tetrahedron_of};
 use crate::work::Work;
 use kilwa_geometry::LatticePoint;
@@ -141,7 +141,7 @@ impl Scan<'_> {
     /// will be: others get at a point only by having it locked, and keep it then.
     fn close(&mut self) -> Result<(), ScratchError> {
         if self.group.len() > 1 {
-            let below = |t: u32| self.tree.tetrahedra[t as usize].tetra.level == self.level + 1;
+            let below = |t: u32| self.tree.tetrahedra[t as usize].tetra.level == BISECTIONS * (self.level + 1);
             self.owners.clear();
             self.owners.extend(self.group.iter().map(|r| {
                 let t = tetrahedron_of(*r);

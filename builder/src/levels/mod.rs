@@ -1,4 +1,5 @@
-//! From the leaves to the root, finest level first: merge the patches of a diamond's grandchildren, lock what others
+//! From the leaves to the root, finest level first: merge the patches of the quarters of a diamond's
+//! tetrahedra, lock what others
 //! share, simplify, certify, split among the diamond's own tetrahedra (design/hierarchy.md, construction steps 4 to 7).
 //!
 //! A level is one stage over files. In: the patches of tetrahedra one level below (`level-NN.patches`) and of leaves, and
@@ -16,9 +17,9 @@ mod results;
 
 pub use results::Refined;
 
-use crate::fragment::{Patch, coarsen};
+use crate::fragment::{Patch, REDUCTION, coarsen};
 use crate::options::BuildError;
-use crate::partition::Partition;
+use crate::partition::{Partition, tree_level};
 use crate::scratch::{PatchFile, Records, ScratchFile, record};
 use crate::surface::{Ingested, LEAVES, SHARED, Surface};
 use crate::work::Work;
@@ -52,7 +53,7 @@ pub fn results_name(level: u8) -> String {
 
 /// Levels of diamonds in a tree: they are numbered from 0, the coarsest, to one less.
 pub fn level_count(tree: &Partition) -> u8 {
-    tree.diamonds.iter().filter(|d| d.split).map(|d| d.key.level + 1).max().unwrap_or(0)
+    tree.diamonds.iter().filter(|d| d.split).map(|d| tree_level(d.key.level) + 1).max().unwrap_or(0)
 }
 
 /// The state between two levels: everything that coarser levels need.
@@ -133,7 +134,7 @@ impl Hierarchy {
         let tree = &self.tree;
         let of_level = |d: &u32| {
             let node = &tree.diamonds[*d as usize];
-            node.split && node.key.level == level
+            node.split && tree_level(node.key.level) == level
         };
         let mut diamonds: Vec<u32> = (0..tree.diamonds.len() as u32).filter(of_level).collect();
         diamonds.sort_by_cached_key(|d| crate::assemble::order_key(&tree.diamonds[*d as usize].key));
@@ -151,8 +152,8 @@ impl Hierarchy {
         };
         let before: u64 = self.results.iter().flatten().map(|r| u64::from(r.triangles.0)).sum();
         let done = AtomicU64::new(before);
-        // A triangle of the finest level is simplified about twice in all: once, then half of it, then a quarter …
-        let total = self.surface.triangles * 2;
+        // A triangle of the finest level is simplified once, then a part of it, then that part of the part …
+        let total = self.surface.triangles * REDUCTION / (REDUCTION - 1);
         work.progress.update("simplifying", before.min(total), total);
         let results = work.run_jobs(
             diamonds.len(),
@@ -253,11 +254,11 @@ struct Stage<'a> {
 impl Stage<'_> {
     /// The tetrahedra that a diamond merges, each with the file that its patch is in.
     fn children(&self, diamond: u32) -> impl Iterator<Item = (u32, &PatchFile)> {
-        let halves = self.tree.diamonds[diamond as usize]
+        let quarters = self.tree.diamonds[diamond as usize]
             .tetrahedra
             .iter()
             .filter_map(|t| self.tree.tetrahedra[*t as usize].children);
-        halves.flatten().filter_map(|c| {
+        quarters.flatten().filter_map(|c| {
             let is_leaf = self.tree.tetrahedra[c as usize].children.is_none();
             Some((c, if is_leaf { self.leaves } else { self.below? }))
         })

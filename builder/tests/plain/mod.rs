@@ -149,8 +149,8 @@ impl Plain {
 pub(crate) struct TetraNode {
     /// Geometry.
     pub(crate) tetra: Tetra,
-    /// Indices of the two halves, once split.
-    pub(crate) children: Option<[u32; 2]>,
+    /// Indices of its quarters, once split.
+    pub(crate) children: Option<[u32; 4]>,
     /// Its triangles: a range of [`Partition::order`]; kept for leaves, stale once split.
     pub(crate) range: Range<usize>,
 }
@@ -266,7 +266,7 @@ impl Splitter<'_> {
     /// all much larger than itself (a fan round one vertex, coincident triangles), which space cannot separate.
     fn wants_split(&self, diamond: u32) -> bool {
         let d = &self.tree.diamonds[diamond as usize];
-        if d.key.level >= tetra::max_level(self.tree.cube_log2) {
+        if d.key.level + 2 > tetra::max_level(self.tree.cube_log2) {
             return false;
         }
         d.tetrahedra.iter().any(|t| {
@@ -290,7 +290,7 @@ impl Splitter<'_> {
 
     /// Split a diamond, its parents first.
     fn split(&mut self, key: DiamondKey) {
-        for parent in key.parents(self.tree.cube_log2) {
+        for parent in key.grandparents(self.tree.cube_log2) {
             let done = self.tree.by_key.get(&parent).is_some_and(|d| self.tree.diamonds[*d as usize].split);
             if !done {
                 self.split(parent);
@@ -301,24 +301,31 @@ impl Splitter<'_> {
         for t in self.tree.diamonds[d as usize].tetrahedra.clone() {
             let node = &self.tree.tetrahedra[t as usize];
             let (tetra, range) = (node.tetra, node.range.clone());
-            let plane = tetra.split_plane();
-            // A stable partition in place: child 0 first.
-            self.scratch.clear();
-            let mut write = range.start;
-            for read in range.clone() {
-                let triangle = self.tree.order[read];
-                if plane.child_of_sum(self.sums[triangle as usize]) == 0 {
-                    self.tree.order[write] = triangle;
-                    write += 1;
-                } else {
-                    self.scratch.push(triangle);
-                }
-            }
-            self.tree.order[write..range.end].copy_from_slice(&self.scratch);
-            let [a, b] = tetra.children();
-            let children = [self.add(a, range.start..write), self.add(b, write..range.end)];
+            let [left, right] = tetra.children();
+            let middle = self.part(&tetra, range.clone());
+            let (first, last) = (self.part(&left, range.start..middle), self.part(&right, middle..range.end));
+            let mut ranges = [range.start..first, first..middle, middle..last, last..range.end].into_iter();
+            let children = tetra.quarters().map(|q| self.add(q, ranges.next().unwrap()));
             self.tree.tetrahedra[t as usize].children = Some(children);
         }
+    }
+
+    /// A stable partition in place, child 0 first; where child 1 begins.
+    fn part(&mut self, tetra: &Tetra, range: Range<usize>) -> usize {
+        let plane = tetra.split_plane();
+        self.scratch.clear();
+        let mut write = range.start;
+        for read in range.clone() {
+            let triangle = self.tree.order[read];
+            if plane.child_of_sum(self.sums[triangle as usize]) == 0 {
+                self.tree.order[write] = triangle;
+                write += 1;
+            } else {
+                self.scratch.push(triangle);
+            }
+        }
+        self.tree.order[write..range.end].copy_from_slice(&self.scratch);
+        write
     }
 }
 

@@ -78,6 +78,39 @@ impl DiamondKey {
         candidates.retain(|p| p.iter().all(|&x| (0..=side).contains(&x)));
         candidates.into_iter().map(|midpoint| Self { level, midpoint }).collect()
     }
+
+    /// The diamonds two levels above in which this diamond's tetrahedra lie, ascending. Up to 4, inside the cube
+    /// `0..=2^cube_log2`; empty at levels 0 and 1.
+    pub fn grandparents(&self, cube_log2: u32) -> Vec<Self> {
+        let mut found: Vec<Self> = self.parents(cube_log2).iter().flat_map(|p| p.parents(cube_log2)).collect();
+        found.sort_unstable();
+        found.dedup();
+        let is_here = |t: &Tetra| Self::of(t) == *self;
+        found.retain(|g| g.tetrahedra(cube_log2).iter().any(|t| t.quarters().iter().any(is_here)));
+        found
+    }
+
+    /// The tetrahedra of the diamond inside the cube `0..=2^cube_log2`, in no particular order.
+    pub fn tetrahedra(&self, cube_log2: u32) -> Vec<Tetra> {
+        if !self.level.is_multiple_of(3) {
+            let above = self.parents(cube_log2).into_iter().flat_map(|p| p.tetrahedra(cube_log2));
+            return above.flat_map(|t| t.children()).filter(|t| Self::of(t) == *self).collect();
+        }
+        // A cube: its diagonal begins at the corner that is also one of the cube around it.
+        let s = (1i32 << cube_log2) >> (self.level / 3);
+        let near: [bool; 3] = std::array::from_fn(|i| i64::from(self.midpoint[i] - s / 2) % (2 * i64::from(s)) == 0);
+        let start: LatticePoint = std::array::from_fn(|i| self.midpoint[i] + if near[i] { -s / 2 } else { s / 2 });
+        let step: LatticePoint = std::array::from_fn(|i| if near[i] { s } else { -s });
+        let walk = |axes: [usize; 3]| {
+            let mut v = [start; 4];
+            for i in 0..3 {
+                v[i + 1] = v[i];
+                v[i + 1][axes[i]] += step[axes[i]];
+            }
+            Tetra { v, level: self.level }
+        };
+        [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]].map(walk).to_vec()
+    }
 }
 
 #[cfg(test)]
@@ -108,6 +141,36 @@ mod tests {
                 if key.midpoint.iter().all(|&x| x > 0 && x < side) {
                     assert_eq!(tets[key], [6, 4, 8][usize::from(l) % 3], "{key:?}");
                 }
+            }
+            level = next;
+        }
+    }
+
+    /// The same for two bisections at once, and the tetrahedra of a diamond made from its name alone.
+    #[test]
+    fn grandparents_and_tetrahedra_agree_with_an_exhaustive_enumeration() {
+        const LOG2: u32 = 5;
+        // The corners tell tetrahedra apart; their order depends on the way down.
+        let corners = |t: &Tetra| {
+            let mut v = t.v;
+            v.sort_unstable();
+            v
+        };
+        let mut level: Vec<(Tetra, Option<DiamondKey>)> = Tetra::roots(LOG2).map(|t| (t, None)).to_vec();
+        for _ in 0..5 {
+            let mut inside: BTreeMap<DiamondKey, BTreeSet<[LatticePoint; 4]>> = BTreeMap::new();
+            let mut above: BTreeMap<DiamondKey, BTreeSet<DiamondKey>> = BTreeMap::new();
+            let mut next = Vec::new();
+            for (t, from) in &level {
+                let key = DiamondKey::of(t);
+                inside.entry(key).or_default().insert(corners(t));
+                above.entry(key).or_default().extend(from.iter());
+                next.extend(t.quarters().map(|c| (c, Some(key))));
+            }
+            for (key, found) in &above {
+                assert_eq!(key.grandparents(LOG2), found.iter().copied().collect::<Vec<_>>(), "{key:?}");
+                assert!(found.len() <= 4);
+                assert_eq!(key.tetrahedra(LOG2).iter().map(corners).collect::<BTreeSet<_>>(), inside[key], "{key:?}");
             }
             level = next;
         }

@@ -57,6 +57,12 @@ impl Tetra {
         [fix(first), fix(second)]
     }
 
+    /// The four tetrahedra after two bisections: those of child 0, then those of child 1.
+    pub fn quarters(&self) -> [Self; 4] {
+        let [first, second] = self.children().map(|half| half.children());
+        [first[0], first[1], second[0], second[1]]
+    }
+
     /// The plane that separates the two children.
     pub fn split_plane(&self) -> SplitPlane {
         // It contains the midpoint and the two vertices off the longest edge; v[0] lies on its positive side.

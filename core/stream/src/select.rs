@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BinaryHeap};
 pub(crate) const HELD_BONUS: f64 = 1.2;
 
 /// Levels that stay loaded whatever the view, if they take up no more than an eighth of the budgets.
-const PINNED_LEVEL: u8 = 2;
+const PINNED_LEVEL: u8 = 1;
 const PINNED_SHARE: u64 = 8;
 
 /// The outcome.
