@@ -1,4 +1,4 @@
-//! `cargo xtask web | test | demo | bench`: everything a person or CI does with this repository beside plain cargo.
+//! `cargo xtask web | test | demo | bench | fuzz`: everything a person or CI does with this repository beside plain cargo.
 //!
 //! One file per task; `setup` holds the checks and installs they share, `process` how commands are run and shown,
 //! `tally` how the results of different test runners are read. Exit codes are those of `kilwa`: 0 done, 1 something
@@ -6,6 +6,7 @@
 
 mod bench;
 mod demo;
+mod fuzz;
 mod http;
 mod process;
 mod setup;
@@ -23,6 +24,7 @@ enum Task {
     Web(web::Args),
     Test(test::Args),
     Demo(demo::Args),
+    Fuzz(fuzz::Args),
     Bench(bench::Args),
 }
 
@@ -31,6 +33,7 @@ fn main() -> ExitCode {
         Task::Web(args) => web::run(&args),
         Task::Test(args) => test::run(&args),
         Task::Demo(args) => demo::run(&args),
+        Task::Fuzz(args) => fuzz::run(&args),
         Task::Bench(args) => bench::run(&args),
     };
     match done {

@@ -1,13 +1,14 @@
 //! `cargo xtask test`: everything that has to hold before a change is taken, in the order that shares compile work.
 //!
-//! Stages: format, lints natively and for wasm32, the page, the workspace's tests, its documentation's examples, the demo, the browser.
+//! Stages: format, lints natively and for wasm32, the page, the workspace's tests, its documentation's examples, fuzzing, the
+//! demo, the browser.
 //! All in the profile dev (the page in its own). Invariants: a failing stage does not stop the later ones, so that one run shows all
 //! failures; the last line is `N passed, N failed, N skipped` over all suites, where a stage that is not a suite counts only when it
 //! fails; a suite that ran no test has failed. The exit code is 1 when anything failed.
 
 use crate::process::{cargo, command, kilwa, on_path, run as run_command, watch};
 use crate::tally::{Tally, is_noise};
-use crate::{demo, setup, web};
+use crate::{demo, fuzz, setup, web};
 use anyhow::{Result, bail};
 use std::path::PathBuf;
 use std::process::Command;
@@ -25,6 +26,9 @@ pub(crate) struct Args {
 const WASM_PACKAGES: [&str; 6] =
     ["kilwa-viewer", "kilwa-decode", "kilwa-stream", "kilwa-pack", "kilwa-geometry", "kilwa-measure"];
 
+/// Seconds that each reader is fuzzed.
+const FUZZ_SECONDS: u64 = 30;
+
 /// Triangles of the fort that the demo's check uses.
 const DEMO_TRIANGLES: u64 = 50_000;
 
@@ -38,7 +42,7 @@ struct Row {
 
 type Stage = (&'static str, fn() -> Result<Tally>);
 
-const STAGES: [Stage; 9] = [
+const STAGES: [Stage; 10] = [
     ("set up", set_up),
     ("format", format),
     ("lints", lints),
@@ -46,6 +50,7 @@ const STAGES: [Stage; 9] = [
     ("page", page),
     ("rust tests", rust_tests),
     ("doc examples", doc_examples),
+    ("fuzz", fuzzing),
     ("demo", demo),
     ("browser", browser),
 ];
@@ -136,7 +141,7 @@ fn page() -> Result<Tally> {
 
 /// Arguments that choose what is tested. Every cargo call of these stages uses the same ones, because another choice of packages unifies
 /// features otherwise and compiles much of the tree again; and xtask stays out, for what it runs as is compiled already.
-const TESTED: [&str; 4] = ["--locked", "--workspace", "--exclude", "xtask"];
+pub(crate) const TESTED: [&str; 4] = ["--locked", "--workspace", "--exclude", "xtask"];
 
 /// nextest where it is installed (it shows time per test and ends one that hangs), cargo test elsewhere; both print what tests print.
 fn rust_tests() -> Result<Tally> {
@@ -157,6 +162,11 @@ fn rust_tests() -> Result<Tally> {
 /// The examples in documentation comments, which nextest does not run. There may be none, so an empty run is no failure.
 fn doc_examples() -> Result<Tally> {
     counted(cargo(&["test", "--doc", "--no-fail-fast"])?.args(TESTED))
+}
+
+/// Every reader on damaged files for a while; the tests before have run a few thousand of them each.
+fn fuzzing() -> Result<Tally> {
+    fuzz::stage(FUZZ_SECONDS, suite)
 }
 
 /// `kilwa` as the tests above use it; nothing to do after them.

@@ -1,0 +1,261 @@
+//! What every fuzz target does with its bytes, for both runners: cargo-fuzz (`fuzz_targets/`, needs a nightly compiler) and
+//! `tests/fuzzing`, which any compiler runs.
+//!
+//! Each body takes any bytes, must return, and panics where a promise is broken. What it returns tells inputs apart that
+//! took different ways: the kind of result, without its numbers.
+
+use kilwa_builder::Findings;
+use kilwa_builder::RawMesh;
+use kilwa_builder::read::{
+    Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, gltf, obj, read_mesh_from, stl,
+};
+use kilwa_pack::chunk::{Declared, decode, encode};
+use kilwa_pack::reader::SliceSource;
+use kilwa_pack::{
+    Attributes, ENTRIES_PER_PAGE, HEADER_BYTES, PAGE_BYTES, Reader, directory::ENTRY_BYTES, parse_head, verify,
+};
+use std::fmt::Display;
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+/// One target.
+pub(crate) type Body = fn(&[u8]) -> String;
+
+/// All targets by name.
+pub(crate) const ALL: [(&str, Body); 6] = [
+    ("ply", ply),
+    ("obj", obj_file),
+    ("stl", stl_file),
+    ("gltf", gltf_file),
+    ("open_pack", open_pack),
+    ("decode_chunk", decode_chunk),
+];
+
+/// The words of an error, without numbers, quotations and what was found in the file, so that the same complaint about another place is the same.
+fn complaint(error: impl Display) -> String {
+    let said = error.to_string();
+    let said = said.rsplit_once(" expected ").map_or(said.as_str(), |(_, expected)| expected);
+    let own = said.split(['"', '`']).step_by(2).flat_map(str::chars);
+    own.filter(|c| c.is_ascii_alphabetic() || *c == ' ').collect()
+}
+
+/// Checks what every reader promises of a mesh, and says what kind of mesh it is.
+fn sound(mesh: &RawMesh) -> String {
+    let n = mesh.positions.len();
+    assert!(mesh.positions.iter().flatten().all(|v| v.is_finite()));
+    assert!(mesh.triangles.iter().flatten().all(|&i| (i as usize) < n));
+    assert!(mesh.triangles.iter().all(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]));
+    assert!(mesh.colors.is_empty() || mesh.colors.len() == n);
+    assert!(mesh.normals.is_empty() || mesh.normals.len() == n);
+    assert!(mesh.scalars.iter().all(|(_, values)| values.len() == n));
+    let mut kind = format!("{} {} {}", mesh.colors.len().min(1), mesh.normals.len().min(1), mesh.scalars.len());
+    for (finding, _, _) in mesh.findings.iter() {
+        kind.push_str(finding);
+    }
+    kind
+}
+
+/// Any bytes as a PLY: the reader ends, does not panic, and returns a sound mesh no larger than the file justifies.
+pub(crate) fn ply(bytes: &[u8]) -> String {
+    match read_mesh_from(Cursor::new(bytes), bytes.len() as u64, Path::new("fuzz.ply"), &mut |_, _| {}) {
+        Ok(mesh) => {
+            assert!(mesh.positions.capacity() * 24 + mesh.triangles.capacity() * 12 <= 100 * bytes.len());
+            sound(&mesh)
+        }
+        Err(e) => complaint(e),
+    }
+}
+
+/// The folder of this process.
+static FOLDER: LazyLock<PathBuf> = LazyLock::new(|| {
+    let folder = std::env::temp_dir().join(format!("kilwa-fuzz-obj-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder for libraries");
+    folder
+});
+
+/// Any bytes as an OBJ, and what follows a zero byte as the library `a.mtl` beside it: the reader ends, does not panic,
+/// and returns a sound mesh no larger than the file justifies.
+pub(crate) fn obj_file(bytes: &[u8]) -> String {
+    let (mesh, library) = match bytes.iter().position(|&b| b == 0) {
+        Some(n) => (&bytes[..n], &bytes[n + 1..]),
+        None => (bytes, &[][..]),
+    };
+    if !library.is_empty() {
+        std::fs::write(FOLDER.join("a.mtl"), library).expect("a library is written");
+    }
+    let path = &FOLDER.join("fuzz.obj");
+    let mut sink = MemorySink::new(path);
+    let (options, total) = (ReadOptions::default(), mesh.len() as u64);
+    let mut source = Cursor::new(mesh);
+    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
+    // Also what the dispatch would not take for an OBJ.
+    match obj::read(input, &mut sink).and_then(|()| sink.into_mesh()) {
+        Ok(mesh) => {
+            // A vertex takes 8 bytes ("v 0 0 0\n"), a corner of a face 2; with a colour for each face it becomes one vertex.
+            assert!(mesh.positions.len() + mesh.triangles.len() <= bytes.len());
+            sound(&mesh)
+        }
+        Err(e) => complaint(e),
+    }
+}
+
+/// Any bytes as an STL: the reader ends, does not panic, and returns a sound mesh no larger than the file justifies.
+pub(crate) fn stl_file(bytes: &[u8]) -> String {
+    let path = Path::new("fuzz.stl");
+    let mut sink = MemorySink::new(path);
+    let (options, total) = (ReadOptions::default(), bytes.len() as u64);
+    let mut source = Cursor::new(bytes);
+    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
+    // Also what the dispatch would not take for an STL.
+    match stl::read(input, &mut sink).and_then(|()| sink.into_mesh()) {
+        Ok(mesh) => {
+            // A text corner takes 13 bytes ("vertex 0 0 0 "), three positions make a facet, and fans deliver three for each.
+            assert!(mesh.positions.len() <= bytes.len());
+            sound(&mesh)
+        }
+        Err(e) => complaint(e),
+    }
+}
+
+/// Keeps what comes, up to a limit.
+struct Limited(MemorySink, u64);
+
+impl Limited {
+    fn spend(&mut self, n: usize) -> Result<(), ReadError> {
+        self.1 = self.1.saturating_sub(n as u64);
+        let full = || ReadError::TooLarge { file: PathBuf::new(), what: "enough for a fuzzer".to_owned() };
+        if self.1 == 0 { Err(full()) } else { Ok(()) }
+    }
+}
+
+impl MeshSink for Limited {
+    fn channels(&mut self, names: &[String]) -> Result<(), ReadError> {
+        self.0.channels(names)
+    }
+    fn vertices(&mut self, block: &VertexBlock<'_>) -> Result<(), ReadError> {
+        let n = block.positions.len();
+        assert!(block.colors.is_empty() || block.colors.len() == n);
+        assert!(block.normals.is_empty() || block.normals.len() == n);
+        self.spend(n)?;
+        self.0.vertices(block)
+    }
+    fn triangles(&mut self, triangles: &[[u64; 3]], colors: &[[u8; 3]]) -> Result<(), ReadError> {
+        self.spend(triangles.len())?;
+        assert!(triangles.iter().flatten().all(|v| *v < self.0.vertex_count()));
+        self.0.triangles(triangles, colors)
+    }
+    fn positions(&mut self, of: &[u64], into: &mut Vec<[f64; 3]>) -> Result<(), ReadError> {
+        self.0.positions(of, into)
+    }
+    fn vertex_count(&self) -> u64 {
+        self.0.vertex_count()
+    }
+    fn findings(&mut self) -> &mut Findings {
+        self.0.findings()
+    }
+}
+
+/// Any bytes as a glTF or GLB: the reader ends, does not panic, and returns a sound mesh. A mesh shown by many nodes is
+/// delivered for each, so that its size is not bounded by that of the file; the sink here ends the file when it is large.
+pub(crate) fn gltf_file(bytes: &[u8]) -> String {
+    let path = Path::new("/nowhere/fuzz.gltf");
+    let mut sink = Limited(MemorySink::new(path), 1 << 20);
+    let options = ReadOptions { texture_bytes: 1 << 22, ..ReadOptions::default() };
+    let mut source = Cursor::new(bytes);
+    let total = bytes.len() as u64;
+    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
+    match gltf::read(input, &mut sink).and_then(|()| sink.0.into_mesh()) {
+        Ok(mesh) => sound(&mesh),
+        Err(e) => complaint(e),
+    }
+}
+
+/// A pack with its length and all hashes made to agree, where they lie inside it, as FORMAT sections 3, 4 and 7 place them:
+/// they would stop the fuzzer at the door.
+fn agreeing(bytes: &[u8]) -> Vec<u8> {
+    const FOOTER: usize = 80;
+    let mut bytes = bytes.to_vec();
+    let end = bytes.len();
+    if end < HEADER_BYTES + FOOTER {
+        return bytes;
+    }
+    let number = |bytes: &[u8], at: usize, n: usize| {
+        bytes.get(at..at + n).map_or(0, |b| b.iter().rev().fold(0u64, |x, b| x << 8 | u64::from(*b))) as usize
+    };
+    let sum = |bytes: &[u8], from: usize, n: usize| bytes.get(from..from.saturating_add(n)).map(kilwa_pack::checksum);
+    let length = number(&bytes, 80, 4);
+    if let Some(sum) = sum(&bytes, number(&bytes, 72, 8), length) {
+        bytes[88..104].copy_from_slice(&sum);
+    }
+    bytes[64..72].copy_from_slice(&(end as u64).to_le_bytes());
+    let pages = number(&bytes, 84, 4).div_ceil(ENTRIES_PER_PAGE).min(end / PAGE_BYTES);
+    let mut all = Vec::new();
+    for page in 0..pages {
+        let at = match page {
+            0 => number(&bytes, 104, 8),
+            _ => number(&bytes, 112, 8).saturating_add((page - 1) * PAGE_BYTES),
+        };
+        let Some(to) = at.checked_add(PAGE_BYTES).filter(|to| *to <= end) else { continue };
+        for entry in (0..ENTRIES_PER_PAGE).map(|i| at + 128 + i * ENTRY_BYTES) {
+            if let Some(sum) = sum(&bytes, number(&bytes, entry, 8), number(&bytes, entry + 8, 4)) {
+                bytes[entry + 104..entry + 120].copy_from_slice(&sum);
+            }
+        }
+        bytes[at + 16..at + 32].fill(0);
+        let sum = kilwa_pack::checksum(&bytes[at..to]);
+        bytes[at + 16..at + 32].copy_from_slice(&sum);
+        all.extend(sum);
+    }
+    let hash = *blake3::hash(&bytes[..224]).as_bytes();
+    bytes[224..256].copy_from_slice(&hash);
+    bytes[end - 64..end - 32].copy_from_slice(&hash);
+    bytes[end - 72..end - 64].copy_from_slice(&(end as u64).to_le_bytes());
+    bytes[end - 32..].copy_from_slice(blake3::hash(&all).as_bytes());
+    bytes
+}
+
+/// Any bytes as a pack: opening, decoding and verifying gives an error or a sound pack, never a panic; as it is, and with its
+/// hashes made to agree.
+pub(crate) fn open_pack(bytes: &[u8]) -> String {
+    let as_it_is = open(bytes.to_vec());
+    let mended = agreeing(bytes);
+    if mended == bytes { as_it_is } else { open(mended) }
+}
+
+fn open(bytes: Vec<u8>) -> String {
+    let _ = parse_head(&bytes);
+    let reader = match Reader::open(SliceSource(bytes)) {
+        Ok(reader) => reader,
+        Err(e) => return complaint(e),
+    };
+    let mut kind = verify::directory(reader.entries()).map_or_else(complaint, |()| "open".to_owned());
+    for index in 0..reader.header().entry_count {
+        match reader.chunk(index).and_then(|chunk| verify::chunk(index, &chunk, reader.entries())) {
+            Ok(_) => {}
+            Err(e) => kind = complaint(e),
+        }
+    }
+    kind
+}
+
+/// Bytes before the chunk itself: vertices and triangles (u16 each), colours, scalar channels.
+pub(crate) const CHUNK_HEAD: usize = 6;
+
+/// Any bytes as a chunk: decoding gives an error, or a chunk that encodes and decodes to the same geometry.
+pub(crate) fn decode_chunk(bytes: &[u8]) -> String {
+    let Some((&[v0, v1, t0, t1, colors, scalars], bytes)) = bytes.split_first_chunk::<CHUNK_HEAD>() else {
+        return String::new();
+    };
+    let attributes = Attributes { colors: colors & 1 == 1, scalars: scalars % 20 };
+    let declared =
+        Declared { vertices: u16::from_le_bytes([v0, v1]).into(), triangles: u16::from_le_bytes([t0, t1]).into() };
+    let chunk = match decode(bytes, declared, attributes) {
+        Ok(chunk) => chunk,
+        Err(e) => return complaint(e),
+    };
+    let again = encode(&chunk, attributes).expect("what decodes can be encoded");
+    let back = decode(&again, declared, attributes).expect("what was encoded decodes");
+    assert_eq!(back.canonical(), chunk.canonical());
+    format!("{} patches", chunk.patches.len().min(9))
+}

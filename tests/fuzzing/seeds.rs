@@ -1,0 +1,99 @@
+//! Files to begin with: the damaged and the repaired ones of `tests/malformed`, and what the program itself writes.
+
+use crate::bodies::CHUNK_HEAD;
+use crate::mutate::MAX_BYTES;
+use kilwa_builder::{BuildOptions, RawMesh, Silent, build_pack};
+use kilwa_pack::Reader;
+use kilwa_pack::reader::SliceSource;
+use std::path::Path;
+
+/// The seeds of a target, in an order that is always the same.
+pub(crate) fn of(target: &str) -> Vec<Vec<u8>> {
+    let mut seeds = match target {
+        "obj" => objs(),
+        "open_pack" => packs(),
+        "decode_chunk" => packs().iter().flat_map(|pack| chunks(pack)).collect(),
+        "gltf" => [malformed("gltf"), malformed("glb")].concat(),
+        other => malformed(other),
+    };
+    seeds.retain(|seed| seed.len() <= MAX_BYTES);
+    seeds
+}
+
+/// All files of one kind.
+fn malformed(extension: &str) -> Vec<Vec<u8>> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/malformed");
+    let entries = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+    let mut files: Vec<_> = entries.filter(|p| p.extension().is_some_and(|e| e == extension)).collect();
+    files.sort();
+    files.iter().map(|path| std::fs::read(path).unwrap()).collect()
+}
+
+/// Every statement that the reader knows, and libraries behind a zero byte.
+fn objs() -> Vec<Vec<u8>> {
+    [
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0.5\nf 1 2 3\nf 2 4 3\n",
+        "# a\nv 0 0 0 1 0.5 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nvn 0 0 1\nvt 0 0\nf 1/1/1 2/1/1 3/1/1\n",
+        "o one\ng two three\ns off\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0.5 2 0\nf -5 -4 -3 -2 -1\nl 1 2\np 1\n",
+        "mtllib a.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\nusemtl none\nf 1//  2 3\n\0\
+         newmtl red\nKd 1 0 0\nd 0.5\nTr 0.5\nmap_Kd -s 1 1 1 -o 0 0 0 -clamp on a.png\nnewmtl none\nKd spectral x\n",
+        "v 1e3 -2.5E-2 +.5\r\nv 1. 0 0\r\nv 0 1 \\\r\n0\r\nf 1 2 \\\r\n3\r\nf 1 1 2\r\nf 1 2\r\nf 9 1 2\r\n",
+        "v 0 0 0 1\nv 1 0 0 1\nv 0 1 0 1\nvp 0 0\ncstype bezier\ncurv 0 1 1 2\nf 1 2 3\ncall x\n",
+        "v nan 0 0\nv 1 0 inf\nv 0 1 0\nv 1,5 0 0\nf 1 2 3\n",
+    ]
+    .map(|text| text.as_bytes().to_vec())
+    .to_vec()
+}
+
+/// A square with relief of `2 n n` triangles, with colours and a channel where wanted.
+fn square(n: u32, colors: bool, channel: bool) -> RawMesh {
+    let mut mesh = RawMesh::default();
+    let mut values = Vec::new();
+    for (i, j) in (0..=n).flat_map(|i| (0..=n).map(move |j| (i, j))) {
+        let (x, y) = (f64::from(i) * 0.01, f64::from(j) * 0.01);
+        mesh.positions.push([x, y, 0.02 * (x * 20.0).sin() * (y * 30.0).cos()]);
+        values.push((i * j) as f32);
+        if colors {
+            mesh.colors.push([(i * 7) as u8, (j * 5) as u8, (i + j) as u8]);
+        }
+    }
+    if channel {
+        mesh.scalars.push(("quality".to_owned(), values));
+    }
+    for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
+        let at = |i: u32, j: u32| i * (n + 1) + j;
+        mesh.triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+        mesh.triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+    }
+    mesh
+}
+
+/// Small packs: one chunk, several levels, with and without attributes.
+fn packs() -> Vec<Vec<u8>> {
+    let build = |mesh: RawMesh, leaf_triangles: usize| {
+        let options = BuildOptions { title: "seed".into(), threads: 1, leaf_triangles, ..BuildOptions::default() };
+        build_pack(mesh, &options, &Silent).expect("builds").bytes
+    };
+    vec![
+        build(square(2, false, false), 2048),
+        build(square(8, true, false), 2048),
+        build(square(12, true, true), 64),
+        build(square(16, false, true), 32),
+        build(square(20, true, false), 128),
+    ]
+}
+
+/// The chunks of a pack as the target takes them.
+fn chunks(pack: &[u8]) -> Vec<Vec<u8>> {
+    let reader = Reader::open(SliceSource(pack)).expect("opens");
+    let attributes = reader.header().attributes;
+    let chunk = |e: &kilwa_pack::DirectoryEntry| {
+        let mut seed = Vec::with_capacity(CHUNK_HEAD + e.encoded_bytes as usize);
+        seed.extend((e.vertices as u16).to_le_bytes());
+        seed.extend((e.triangles as u16).to_le_bytes());
+        seed.extend([u8::from(attributes.colors), attributes.scalars]);
+        seed.extend(&pack[e.offset as usize..e.offset as usize + e.encoded_bytes as usize]);
+        seed
+    };
+    reader.entries().iter().map(chunk).collect()
+}
