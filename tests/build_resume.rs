@@ -148,7 +148,7 @@ fn threads_memory_and_resuming_do_not_change_the_bytes() {
             site.assert_undisturbed(&format!("{args:?}"));
         }
         let other = ["--threads", threads, "--memory", "100M"];
-        let stopped = site.stopped_at("level-04.patches", &other);
+        let stopped = site.stopped_at("level-01.patches", &other);
         assert_eq!(stopped.status.code(), Some(130), "{}", stderr(&stopped));
         let resumed = site.build(&["--resume", "--memory", "1G"]).output().unwrap();
         assert!(resumed.status.success(), "{}", stderr(&resumed));
@@ -160,7 +160,7 @@ fn threads_memory_and_resuming_do_not_change_the_bytes() {
 #[test]
 fn ctrl_c_stops_cleanly_and_says_how_to_go_on() {
     let site = Site::new();
-    for at in ["journal", "corners", "level-05.shared"] {
+    for at in ["journal", "corners", "level-02.shared"] {
         let stopped = site.stopped_at(at, &[]);
         assert_eq!(stopped.status.code(), Some(130), "{at}: {}", stderr(&stopped));
         let said = stderr(&stopped);
@@ -176,7 +176,7 @@ fn ctrl_c_stops_cleanly_and_says_how_to_go_on() {
 #[test]
 fn another_build_is_not_resumed_and_its_scratch_files_stay() {
     let site = Site::new();
-    site.stopped_at("level-04.patches", &[]);
+    site.stopped_at("level-01.patches", &[]);
     let refused = |args: &[&str], says: &str| {
         let output = site.build(args).output().unwrap();
         assert_eq!(output.status.code(), Some(1), "{args:?}");
@@ -206,17 +206,17 @@ fn damaged_scratch_files_are_noticed_and_what_they_were_for_is_done_again() {
     let site = Site::new();
     // Each with a way to spoil it: cut, or one bit in the middle.
     for (file, cut) in [
-        ("level-05.patches", true),
-        ("level-05.patches", false),
-        ("level-05.shared", false),
-        ("level-05.results", false),
+        ("level-02.patches", true),
+        ("level-02.patches", false),
+        ("level-02.shared", false),
+        ("level-02.results", false),
         ("chunks", true),
         ("chunks", false),
         ("leaves.patches", false),
         ("tree", false),
         ("journal", true),
     ] {
-        site.stopped_at("level-04.results", &[]);
+        site.stopped_at("level-01.patches", &[]);
         let path = site.scratch().join(file);
         let mut bytes = std::fs::read(&path).unwrap();
         if cut {
@@ -318,7 +318,7 @@ fn a_disk_that_is_too_small_is_refused_beforehand_and_one_that_fills_up_is_a_cle
     assert!(small.files().is_empty(), "{:?}", small.files());
 
     let Some(disk) = Disk::mount(site.path("disk"), "12m") else { return };
-    for at in ["positions", "buckets", "level-05.patches"] {
+    for at in ["positions", "buckets", "level-02.patches"] {
         let output = robbed_of_its_disk(&site, &disk, at);
         assert_eq!(output.status.code(), Some(1), "{at}: {}", stderr(&output));
         let said = stderr(&output);

@@ -113,7 +113,9 @@ fn compare(name: &str, scene: &Scene, view: &View, frame: &IdImage) -> (usize, u
                 continue;
             }
             edges += 1;
-            if !explains_edge(scene, view, x, y, id, depth) {
+            let pixel = [f64::from(x) + 0.5, f64::from(y) + 0.5];
+            let edge_on = || id.is_some_and(|id| scene.edge_on(view, pixel, id, JITTER));
+            if !explains_edge(scene, view, x, y, id, depth) && !edge_on() {
                 wrong.push((x, y, id, depth, center));
             }
         }

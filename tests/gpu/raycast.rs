@@ -104,6 +104,36 @@ impl Scene {
         }
     }
 
+    /// Whether a triangle of draw `id`, seen edge-on (thinner than `width` pixels), lies within `width` of the point. A ray
+    /// misses it; a rasteriser that snaps its corners may not, and gives it any depth, its plane being so steep.
+    pub(crate) fn edge_on(&self, view: &View, pixel: [f64; 2], id: u32, width: f64) -> bool {
+        self.triangles.iter().filter(|t| t.id == id).any(|t| {
+            let at = t.corners.map(|p| Self::seen(view, p));
+            let sides = [0, 1, 2].map(|k: usize| [at[(k + 1) % 3][0] - at[k][0], at[(k + 1) % 3][1] - at[k][1]]);
+            let lengths = sides.map(|s| s[0].hypot(s[1]));
+            let longest = lengths.iter().copied().fold(0.0, f64::max);
+            let area = (sides[0][0] * sides[1][1] - sides[0][1] * sides[1][0]).abs();
+            let away = |k: usize| {
+                let to = [pixel[0] - at[k][0], pixel[1] - at[k][1]];
+                let along = (to[0] * sides[k][0] + to[1] * sides[k][1]) / (lengths[k] * lengths[k]).max(1e-30);
+                let along = along.clamp(0.0, 1.0);
+                (to[0] - sides[k][0] * along).hypot(to[1] - sides[k][1] * along)
+            };
+            area <= width * longest && (0..3).any(|k| away(k) <= width)
+        })
+    }
+
+    /// Where a point is seen, in pixels; the inverse of [`Scene::ray`].
+    fn seen(view: &View, p: Vec3) -> [f64; 2] {
+        let [x, y, depth] = view.in_view(p);
+        let half = match view.projection {
+            Projection::Perspective { tan_half_height: t } => t * depth,
+            Projection::Orthographic { half_height: h } => h,
+        };
+        let [w, h] = view.size.map(f64::from);
+        [(x / half / view.aspect() + 1.0) * w / 2.0, (1.0 - y / half) * h / 2.0]
+    }
+
     /// Depth at which a ray meets the plane of a triangle.
     pub(crate) fn plane_depth(&self, view: &View, triangle: usize, pixel: [f64; 2]) -> f64 {
         let (origin, direction) = Self::ray(view, pixel);
