@@ -3,7 +3,7 @@
 mod support;
 
 use std::path::Path;
-use support::{fails, json, kilwa, succeeds, text};
+use support::{Input, Ply, fails, json, kilwa, succeeds, text};
 
 /// A wall in blocks, in a folder of its own.
 fn blocks(folder: &Path) -> Vec<String> {
@@ -39,6 +39,90 @@ fn a_site_in_blocks_gives_the_same_bytes_in_any_order_as_a_folder_and_as_a_patte
     let pack = folder.path().join("given.kilwa");
     let info = json(&["info", text(&pack)]);
     assert!(info.to_string().contains("sha256"), "{info}");
+}
+
+/// Numbers of the report that a seam would change.
+const SURFACE: [&str; 9] = [
+    "triangles",
+    "vertices",
+    "border_edges",
+    "non_manifold_edges",
+    "inconsistent_edges",
+    "duplicate_triangles",
+    "components",
+    "largest_component",
+    "stuck_triangles",
+];
+
+/// A mesh cut into `across` strips of as many triangles each, and these into `along` blocks: ragged borders, at which every
+/// block has the vertices itself.
+fn in_blocks(mesh: &Ply, across: usize, along: usize) -> Vec<Input> {
+    let centre = |t: &[u32; 3], axis: usize| t.iter().map(|v| mesh.position(*v)[axis]).sum::<f64>();
+    let mut triangles = mesh.triangles.clone();
+    triangles.sort_by(|a, b| centre(a, 0).total_cmp(&centre(b, 0)));
+    let mut blocks = Vec::new();
+    for strip in triangles.chunks_mut(mesh.triangles.len().div_ceil(across)) {
+        strip.sort_by(|a, b| centre(a, 1).total_cmp(&centre(b, 1)));
+        for part in strip.chunks(strip.len().div_ceil(along)) {
+            let (mut block, mut number) = (Input::default(), std::collections::HashMap::new());
+            for t in part {
+                let t = t.map(|v| {
+                    *number.entry(v).or_insert_with(|| {
+                        block.positions.push(mesh.position(v));
+                        block.colors.push(["red", "green", "blue"].map(|c| mesh.get(v, c).unwrap() as u8));
+                        block.positions.len() as u32 - 1
+                    })
+                });
+                block.triangles.push(t);
+            }
+            blocks.push(block);
+        }
+    }
+    blocks
+}
+
+/// As the literature's site comes: 96 files at map coordinates, listed as chance will have it.
+#[test]
+fn ninety_six_blocks_in_any_order_are_the_whole_mesh_without_a_seam_at_any_level() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    succeeds(&["synth", "fort", "--triangles", "100k", "--utm", "-o", text(&path("whole.ply"))]);
+    let build = |name: &str, inputs: &[String], options: &[&str]| {
+        let pack = path(name);
+        let inputs: Vec<&str> = inputs.iter().map(String::as_str).collect();
+        let report = json(&[&["build", "-o", text(&pack), "--title", "fort"], options, &inputs].concat());
+        (report, std::fs::read(pack).unwrap())
+    };
+    let (whole, whole_bytes) = build("whole.kilwa", &[text(&path("whole.ply")).to_owned()], &[]);
+
+    let mut files: Vec<String> = Vec::new();
+    for (b, block) in in_blocks(&Ply::read(&path("whole.ply")), 12, 8).iter().enumerate() {
+        files.push(text(&path(&format!("part_{b:03}.ply"))).to_owned());
+        block.write(Path::new(&files[b]));
+    }
+    assert_eq!(files.len(), 96);
+    let (report, bytes) = build("given.kilwa", &files, &[]);
+    for number in SURFACE {
+        assert_eq!(report[number], whole[number], "{number}");
+    }
+    files.reverse();
+    let (_, turned) = build("turned.kilwa", &files, &["--threads", "1"]);
+    assert!(turned == bytes, "backwards");
+    // Fisher and Yates, with Knuth's MMIX constants.
+    let mut state = 5u64;
+    for i in (1..files.len()).rev() {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        files.swap(i, (state >> 33) as usize % (i + 1));
+    }
+    let (_, shuffled) = build("shuffled.kilwa", &files, &["--threads", "3", "--memory", "100M"]);
+    assert!(shuffled == bytes, "shuffled");
+
+    // What differs from the whole mesh's pack is what the metadata says of the source files; every chunk is the same.
+    let chunks = |bytes: Vec<u8>| -> Vec<([u8; 16], f32)> {
+        let reader = kilwa_pack::Reader::open(kilwa_pack::reader::SliceSource(bytes)).unwrap();
+        reader.entries().iter().map(|e| (e.checksum, e.error)).collect()
+    };
+    assert!(chunks(bytes) == chunks(whole_bytes), "the same chunks as of the whole mesh, with the same bounds");
 }
 
 #[test]
