@@ -24,6 +24,7 @@ mod buffers;
 mod container;
 mod detailed;
 mod draco;
+mod json;
 mod material;
 mod primitive;
 mod scene;
@@ -38,6 +39,7 @@ use super::{Input, MeshSink, ReadError};
 use buffers::Buffers;
 use container::Container;
 use detailed::{Detailing, Nowhere};
+use json::deserialize;
 use material::Material;
 use primitive::{Delivery, Known};
 use schema::{Head, Root};
@@ -160,7 +162,11 @@ fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailin
         (n, 0) => format!("none of its {n} meshes stands in the scene"),
         _ => "its meshes are points, lines or empty".to_owned(),
     };
-    Err(ReadError::NoTriangles { file: path.to_owned(), found, way_out: "Export the surface" })
+    Err(ReadError::NoTriangles {
+        file: path.to_owned(),
+        found,
+        way_out: "Export the model again, with its surface as triangles",
+    })
 }
 
 /// Read the JSON: first what tells other versions apart, because their JSON has another form.
@@ -196,20 +202,6 @@ fn parse(json: &[u8], context: &Context<'_>) -> Result<Root, ReadError> {
         return Err(needs(format!("requires glTF extensions that are not read: {}", names.join(", ")), EXPORT));
     }
     deserialize(json, context)
-}
-
-fn deserialize<'de, T: serde::Deserialize<'de>>(json: &'de [u8], context: &Context<'_>) -> Result<T, ReadError> {
-    let mut source = serde_json::Deserializer::from_slice(json);
-    let value = serde_path_to_error::deserialize(&mut source).map_err(|e| {
-        let part = match e.path().to_string() {
-            path if path == "." => "JSON".to_owned(),
-            path => path,
-        };
-        let expected = "glTF 2.0; the file is damaged or its exporter is wrong: copy or export it again";
-        context.part(part, e.inner().to_string(), expected)
-    })?;
-    source.end().map_err(|e| context.part("JSON".to_owned(), e.to_string(), "nothing behind its end"))?;
-    Ok(value)
 }
 
 /// Whether anything in the scene has a colour that is not white.

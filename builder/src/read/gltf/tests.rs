@@ -115,6 +115,35 @@ fn a_triangle_comes_in_as_it_is_and_without_colours() {
 }
 
 #[test]
+fn whole_numbers_may_be_written_with_a_point() {
+    let plain = Scene::triangle();
+    let mut scene = Scene::triangle();
+    scene.0["accessors"][0]["count"] = json!(3.0);
+    scene.0["bufferViews"][0]["buffer"] = json!(0.0);
+    assert_eq!(scene.mesh().positions, plain.mesh().positions);
+    scene.0["accessors"][0]["count"] = json!(3.5);
+    let said = scene.refusal();
+    assert!(said.contains("accessors[0].count") && said.contains("expected a whole number"), "{said}");
+}
+
+#[test]
+fn json_that_is_not_gltf_is_refused_in_words_of_people() {
+    let said = |text: &str| read_bytes(text.as_bytes()).unwrap_err().to_string();
+    for (text, words) in [
+        (r#"{"asset": {"version": "2.0"}, "meshes": {}}"#, "expected a list"),
+        (r#"{"asset": {"version": "2.0"}, "nodes": [7]}"#, "expected an object"),
+        (r#"{"asset": {"version": "2.0"}, "nodes": [none]}"#, "one of the words true, false and null"),
+        (r#"{"asset": {"version": "2.0"}, "nodes": ["#, "the end of the text"),
+    ] {
+        let said = said(text);
+        assert!(said.contains(words), "{said}");
+        for jargon in ["usize", "u64", "struct", "EOF", "ident"] {
+            assert!(!said.split(|c: char| !c.is_alphanumeric()).any(|word| word == jargon), "{said}");
+        }
+    }
+}
+
+#[test]
 fn nested_transforms_apply_from_the_inside_out() {
     let mut scene = Scene::triangle();
     let half = std::f64::consts::FRAC_1_SQRT_2;
