@@ -126,7 +126,15 @@ impl<'a> Direction<'a> {
         let starts = (start != NONE).then_some(start).into_iter().chain(fans);
         if self.walker.cover(&triangle, corners, along, starts, unimportant) {
             self.walker.pieces.iter().for_each(|(c, d)| report(*c, *d));
-            return sure;
+            if self.walker.far.is_empty() {
+                return sure;
+            }
+            self.candidates.clear();
+            for c in self.walker.visited() {
+                self.candidates.add(*c);
+            }
+            self.candidates.round(corners, self.from, self.to);
+            return sure.max(self.cover.parts(&self.walker.far, &mut self.candidates, unimportant, &mut report));
         }
         self.candidates.clear();
         self.candidates.round(corners, self.from, self.to);

@@ -25,9 +25,31 @@ pub(super) struct Cover<'a> {
     open: Vec<Polygon>,
     next: Vec<Polygon>,
     pieces: Vec<(Triangle, u32)>,
-    opposite: Vec<(u32, Triangle)>,
+    opposite: Vec<Opposite>,
     /// The other surface, searched as a whole; made where it is needed.
     whole: Option<Whole>,
+}
+
+/// An opposite triangle and the box round it.
+struct Opposite {
+    number: u32,
+    triangle: Triangle,
+    low: Vec3,
+    high: Vec3,
+}
+
+impl Opposite {
+    fn new(number: u32, triangle: Triangle) -> Self {
+        let [a, b, c] = triangle;
+        let low = std::array::from_fn(|i| a[i].min(b[i]).min(c[i]));
+        let high = std::array::from_fn(|i| a[i].max(b[i]).max(c[i]));
+        Self { number, triangle, low, high }
+    }
+
+    /// Squared distance to the box.
+    fn box_squared(&self, p: &Vec3) -> f64 {
+        (0..3).map(|i| (self.low[i] - p[i]).max(p[i] - self.high[i]).max(0.0).powi(2)).sum()
+    }
 }
 
 struct Whole {
@@ -55,6 +77,20 @@ impl<'a> Cover<'a> {
         if self.look(t, direction, &candidates.list, unimportant, report) {
             return 0.0;
         }
+        self.search(candidates, unimportant, report)
+    }
+
+    /// Cover some triangles with pieces, not looking along a direction but for the nearest candidates; see
+    /// [`Self::triangle`].
+    pub(super) fn parts(
+        &mut self,
+        parts: &[Triangle],
+        candidates: &mut Candidates,
+        unimportant: f64,
+        report: &mut impl FnMut(u32, f64),
+    ) -> f64 {
+        self.pieces.clear();
+        self.pieces.extend(parts.iter().map(|p| (*p, 0)));
         self.search(candidates, unimportant, report)
     }
 
@@ -160,17 +196,18 @@ impl<'a> Cover<'a> {
     /// the candidates are added when these do not suffice. Returns the largest distance found to be there.
     fn search(&mut self, candidates: &mut Candidates, unimportant: f64, report: &mut impl FnMut(u32, f64)) -> f64 {
         self.opposite.clear();
-        self.opposite.extend(candidates.list.iter().map(|c| (*c, self.to.triangle(*c))));
+        self.opposite.extend(candidates.list.iter().map(|c| Opposite::new(*c, self.to.triangle(*c))));
         let mut grown = false;
         let mut sure = 0.0f64;
         while let Some((piece, depth)) = self.pieces.pop() {
-            let (mut least, mut best) = nearest(&piece, &self.opposite);
+            let (mut least, mut best) = nearest(&piece, &mut self.opposite);
             if best.0 > unimportant * unimportant && !grown {
                 grown = true;
                 let before = candidates.list.len();
                 candidates.grow(self.to);
-                self.opposite.extend(candidates.list[before..].iter().map(|c| (*c, self.to.triangle(*c))));
-                (least, best) = nearest(&piece, &self.opposite);
+                let new = candidates.list[before..].iter();
+                self.opposite.extend(new.map(|c| Opposite::new(*c, self.to.triangle(*c))));
+                (least, best) = nearest(&piece, &mut self.opposite);
             }
             let (mut least, mut bound) = (least.sqrt(), best.0.sqrt());
             // The candidates may not be what is nearest: before they decide the bound, everything is asked.
@@ -197,25 +234,30 @@ impl<'a> Cover<'a> {
 
 /// The largest of the corners' distances to their nearest candidates; and the candidate whose largest distance from a
 /// corner is smallest, with that distance. All squared.
-fn nearest(piece: &Triangle, candidates: &[(u32, Triangle)]) -> (f64, (f64, u32)) {
-    let mut best = (f64::INFINITY, u32::MAX);
+fn nearest(piece: &Triangle, candidates: &mut [Opposite]) -> (f64, (f64, u32)) {
+    let mut best = (f64::INFINITY, 0);
     let mut there = [f64::INFINITY; 3];
-    for (c, t) in candidates {
-        let least = piece.map(|p| box_squared(p, t));
+    for (i, c) in candidates.iter().enumerate() {
+        let least = [0, 1, 2].map(|k: usize| c.box_squared(&piece[k]));
         // A corner's distance to the box decides nothing where it is no smaller than what is known.
         if (least[0] >= best.0 || least[1] >= best.0 || least[2] >= best.0) && (0..3).all(|k| least[k] >= there[k]) {
             continue;
         }
-        let d = piece.map(|p| point_triangle_squared(p, *t));
+        let d = piece.map(|p| point_triangle_squared(p, c.triangle));
         let worst = d[0].max(d[1]).max(d[2]);
         if worst < best.0 {
-            best = (worst, *c);
+            best = (worst, i);
         }
         for k in 0..3 {
             there[k] = there[k].min(d[k]);
         }
     }
-    (there[0].max(there[1]).max(there[2]), best)
+    let number = candidates.get(best.1).map_or(u32::MAX, |c| c.number);
+    // The next piece lies beside this one: what was nearest comes first, and rules the rest out.
+    if best.1 < candidates.len() {
+        candidates.swap(0, best.1);
+    }
+    (there[0].max(there[1]).max(there[2]), (best.0, number))
 }
 
 /// A cut must leave at least this share of the longest edge on both sides.
@@ -263,18 +305,6 @@ fn divide(piece: &Triangle, near: &Triangle, part: &mut impl FnMut(Triangle)) {
     part([piece[alone], a, b]);
     part([a, piece[q], piece[r]]);
     part([a, piece[r], b]);
-}
-
-/// Squared distance to the box round a triangle.
-fn box_squared(p: Vec3, t: &Triangle) -> f64 {
-    let mut sum = 0.0;
-    for i in 0..3 {
-        let low = t[0][i].min(t[1][i]).min(t[2][i]);
-        let high = t[0][i].max(t[1][i]).max(t[2][i]);
-        let d = (low - p[i]).max(p[i] - high).max(0.0);
-        sum += d * d;
-    }
-    sum
 }
 
 /// Largest distance of a piece of `own` to the triangle that it lies over.

@@ -43,6 +43,8 @@ pub(super) struct Walker<'a> {
     visited: Candidates,
     /// Opposite triangles and distances, of the walk that was done last.
     pub(super) pieces: Vec<(u32, f64)>,
+    /// The rest of the triangle: what is farther than the limit from the opposite triangle that it lies over.
+    pub(super) far: Vec<Triangle>,
     /// For each point of the covered surface an opposite triangle that lay over it, from where to start.
     hints: Vec<u32>,
 }
@@ -56,12 +58,13 @@ impl<'a> Walker<'a> {
             walk: 0,
             visited: Candidates::new(to.triangles.len()),
             pieces: Vec::new(),
+            far: Vec::new(),
             hints: vec![NONE; from.points.len()],
         }
     }
 
-    /// Cover the triangle `t` with corners `names`, and put the pieces on [`Self::pieces`]. `starts` are opposite triangles
-    /// that it may lie over. Returns whether all of it is covered with pieces no further away than `limit`.
+    /// Cover the triangle `t` with corners `names`, and put the pieces on [`Self::pieces`], those further away than `limit`
+    /// on [`Self::far`]. `starts` are opposite triangles that it may lie over. Returns whether all of it is covered.
     pub(super) fn cover(
         &mut self,
         t: &Triangle,
@@ -71,6 +74,7 @@ impl<'a> Walker<'a> {
         limit: f64,
     ) -> bool {
         self.pieces.clear();
+        self.far.clear();
         let Some(frame) = Frame::along(direction, t[0]) else { return false };
         let Some(own) = Seen::of(t.map(|p| frame.inside(p))) else { return false };
         let walk = Walk { frame, own, names, limit };
@@ -160,8 +164,21 @@ impl<'a> Walker<'a> {
         if highest > walk.limit * EXACT && self.is_steep(c, area) {
             highest = highest.min(self.exactly(c, walk));
         }
-        self.pieces.push((c, highest));
-        if highest <= walk.limit { Visit::Over } else { Visit::Lost }
+        if highest <= walk.limit {
+            self.pieces.push((c, highest));
+            return Visit::Over;
+        }
+        let Some(piece) = self.piece(c, walk) else { return Visit::Lost };
+        let lifted = |p: &Point2| walk.own.lift(p, &walk.frame);
+        if let [first, rest @ ..] = piece.corners() {
+            self.far.extend(rest.windows(2).map(|w| [lifted(first), lifted(&w[0]), lifted(&w[1])]));
+        }
+        Visit::Over
+    }
+
+    /// The opposite triangles that were looked at.
+    pub(super) fn visited(&self) -> &[u32] {
+        &self.visited.list
     }
 
     /// Work out a point of the other surface in the frame.
@@ -185,18 +202,24 @@ impl<'a> Walker<'a> {
 
     /// The largest distance of the piece over `c` to it, not along the direction but to the nearest point.
     fn exactly(&self, c: u32, walk: &Walk) -> f64 {
+        let Some(piece) = self.piece(c, walk) else { return f64::INFINITY };
         let t = self.to.triangle(c);
-        let Some(seen) = Seen::of(t.map(|p| walk.frame.inside(p))) else { return f64::INFINITY };
+        let squared = piece.corners().iter().map(|p| point_triangle_squared(walk.own.lift(p, &walk.frame), t));
+        squared.fold(0.0, f64::max).sqrt()
+    }
+
+    /// The piece that lies over `c`.
+    fn piece(&self, c: u32, walk: &Walk) -> Option<Polygon> {
+        let seen = Seen::of(self.to.triangle(c).map(|p| walk.frame.inside(p)))?;
         let mut piece = Polygon::triangle(walk.own.flat);
         for line in &seen.edges {
             match piece.cut(line) {
                 Cut::Inside => {}
                 Cut::Both(inside, _) => piece = inside,
-                Cut::Outside | Cut::Full => return f64::INFINITY,
+                Cut::Outside | Cut::Full => return None,
             }
         }
-        let squared = piece.corners().iter().map(|p| point_triangle_squared(walk.own.lift(p, &walk.frame), t));
-        squared.fold(0.0, f64::max).sqrt()
+        Some(piece)
     }
 }
 
