@@ -3,8 +3,7 @@
 
 Usage: read_pack.py PACK        prints, per chunk, counts and a digest of its geometry, as tests/second_reader.rs expects.
 
-Hashes are not checked (the standard library has no BLAKE3). The index codec is written from the appendix of the glTF
-extension EXT_meshopt_compression.
+Hashes are not checked (the standard library has no BLAKE3).
 """
 import hashlib
 import math
@@ -39,146 +38,430 @@ class Bytes:
                 return value
 
 
-def entropy_coded(c, n):
-    """Section 5.3."""
-    if n == 0:
-        return []
-    slots, symbol = [], 0
-    while len(slots) < 4096:
-        f = c.varint()
-        if f == 0:
-            symbol += 1 + c.varint()
-            continue
-        slots += [(symbol, f, k) for k in range(f)]
-        symbol += 1
-    assert len(slots) == 4096
-    words = c.varint()
-    states = list(struct.unpack("<2I", c.take(8)))
-    words = iter(struct.unpack(f"<{words}H", c.take(2 * words)))
-    out = []
-    for i in range(n):
-        x = states[i & 1]
-        symbol, f, offset = slots[x & 4095]
-        x = f * (x >> 12) + offset
-        if x < 65536:
-            x = x << 16 | next(words)
-        states[i & 1] = x
-        out.append(symbol)
-    assert states == [65536, 65536] and next(words, None) is None
-    return out
+class Coder:
+    """Section 5.2."""
+
+    def __init__(self, coded, raw):
+        self.coded, self.at, self.missing = coded, 0, 0
+        self.range, self.code = (1 << 64) - 1, 0
+        self.code = self.word() << 32 | self.word()
+        self.raw_bits, self.raw_left = int.from_bytes(raw, "little"), 8 * len(raw)
+
+    def word(self):
+        four = self.coded[self.at : self.at + 4]
+        self.at += len(four)
+        self.missing += 4 - len(four)
+        return int.from_bytes(four + bytes(4 - len(four)), "big")
+
+    def raw(self, n):
+        value = self.raw_bits & ((1 << n) - 1)
+        self.raw_bits >>= n
+        self.raw_left -= n
+        return value
+
+    def bit(self, model):
+        zero, seen = model
+        bound = (self.range >> 16) * zero
+        rate = 131072 // (2 * seen + 3)
+        bit = int(self.code >= bound)
+        if bit:
+            self.code -= bound
+            self.range -= bound
+            model[0] = zero - (zero * rate >> 16)
+        else:
+            self.range = bound
+            model[0] = zero + ((65535 - zero) * rate >> 16)
+        model[1] = min(seen + 1, 126)
+        if self.range < 1 << 32:
+            self.range <<= 32
+            self.code = self.code << 32 | self.word()
+        return bit
+
+    def end(self):
+        assert self.missing <= 8 and self.at == len(self.coded)
+        assert 0 <= self.raw_left < 8 and self.raw_bits == 0
 
 
-def indices(codes, data, count):
-    """The index codec of meshoptimizer, version 1."""
-    assert codes[0] == 0xE1
-    data, table = Bytes(bytes(data)), data[-16:]
-    edges, vertices = [(0, 0)] * 16, [0] * 16
-    eo = vo = nxt = last = 0
-    out = []
+def models(*counts):
+    """A nested list of fresh models."""
+    if not counts:
+        return [32768, 0]
+    return [models(*counts[1:]) for _ in range(counts[0])]
 
-    def explicit():
-        nonlocal last
-        v = data.varint()
-        last = (last + (v >> 1 if v & 1 == 0 else ~(v >> 1))) & 0xFFFFFFFF
-        return last
 
-    def push_vertex(v):
-        nonlocal vo
-        vertices[vo & 15] = v
-        vo += 1
+def tree(coder, nodes, n):
+    node = 1
+    for _ in range(n):
+        node = 2 * node + coder.bit(nodes[node])
+    return node - (1 << n)
 
-    def push_edge(a, b):
-        nonlocal eo
-        edges[eo & 15] = (a, b)
-        eo += 1
 
-    for code in codes[1 : 1 + count]:
-        if code < 0xF0:
-            a, b = edges[(eo - 1 - (code >> 4)) & 15]
-            fec = code & 15
-            if fec < 13:
-                c = nxt if fec == 0 else vertices[(vo - 1 - fec) & 15]
-                if fec == 0:
-                    nxt += 1
-                    push_vertex(c)
+def rest(coder, upper, s):
+    if s == 0:
+        return 1
+    x, left = 2 + coder.bit(upper[s]), s - 1
+    while left > 0:
+        n = min(left, 16)
+        x, left = x << n | coder.raw(n), left - n
+    return x
+
+
+class Number:
+    """Section 5.3; wide numbers have trees of 6 bits."""
+
+    def __init__(self, bits=5):
+        self.bits, self.nodes, self.upper = bits, models(1 << bits), models(32)
+
+    def read(self, coder):
+        return rest(coder, self.upper, tree(coder, self.nodes, self.bits)) - 1
+
+    def read_wide(self, coder):
+        s = min(tree(coder, self.nodes, self.bits), 32)
+        u = 0 if s == 0 else rest(coder, self.upper, s - 1)
+        return u >> 1 if u & 1 == 0 else -(u >> 1) - 1
+
+
+class Residuals:
+    def __init__(self, depth, contexts):
+        self.depth, self.trees, self.upper = depth, models(contexts, 1 << depth), models(32)
+
+    def read(self, coder, context):
+        s = tree(coder, self.trees[min(context, len(self.trees) - 1)], self.depth)
+        if s == 0:
+            return 0
+        x, k = 1, 0
+        if s > 1:
+            x, k = 2 + coder.bit(self.upper[s]), s - 2
+        if k > 15:
+            x, k = x << (k - 15) | coder.raw(k - 15), 15
+        t = coder.raw(k + 1)
+        magnitude = x << k | t >> 1
+        return -magnitude if t & 1 else magnitude
+
+
+class Grains:
+    def __init__(self, coder):
+        self.trees = models(16, 16) if coder.raw(1) else None
+        self.known = []
+
+    def read(self, coder, beside):
+        near = self.known[beside] if beside is not None and beside < len(self.known) else 0
+        self.known.append(tree(coder, self.trees[near], 4) if self.trees else 0)
+        return self.known[-1]
+
+
+def rounded(x, grain):
+    return (x + ((1 << grain) >> 1)) >> grain
+
+
+def half_octaves(x):
+    x += 1
+    t = x.bit_length() - 1
+    return 2 * t + ((x << 1 >> t) & 1)
+
+
+class Gate:
+    def __init__(self, start, apex, edge):
+        self.start, self.apex, self.edge = start, apex, edge
+        self.next = self.before = self
+        self.state = "open"
+
+
+class Connectivity:
+    """Section 5.4. Links are lists: [] nothing, [v] near v, [(a, b, c)] or two of those."""
+
+    def __init__(self, coder, vertices, triangles, patches):
+        self.coder, self.vertices, self.patch_count = coder, vertices, patches
+        self.triangles, self.patch, self.links, self.gates, waiting = [], [], [], [], []
+        self.waiting = waiting
+        self.n, self.latest, self.other, self.gate_at = [], [], [], []
+        self.ops, self.along, self.fresh = models(400, 4), models(), models(3)
+        self.distance, self.back = Number(), Number()
+        self.same, self.guess = models(16), models()
+        while len(self.triangles) < triangles:
+            if not waiting:
+                self.seed()
+                continue
+            gate = waiting.pop()
+            while gate and gate.state == "open" and len(self.triangles) < triangles:
+                gate = self.step(gate)
+        for v in range(len(self.links), vertices):
+            self.links.append([v - 1] if v else [])
+        self.open = [g.edge for g in self.gates if g.state != "glued"]
+
+    def make(self, start, apex, edge):
+        gate = Gate(start, apex, edge)
+        self.gates.append(gate)
+        self.waiting.append(gate)
+        self.gate_at[start] = gate
+        return gate
+
+    @staticmethod
+    def join(g, h):
+        g.next, h.before = h, g
+
+    def new_vertex(self, link):
+        assert len(self.links) < self.vertices
+        self.links.append(link)
+        self.n.append(0)
+        self.latest.append(None)
+        self.other.append(None)
+        self.gate_at.append(None)
+        return len(self.links) - 1
+
+    def known(self):
+        v = len(self.links) - 1 - self.back.read(self.coder)
+        assert v >= 0
+        return v
+
+    def any_patch(self):
+        b = (self.patch_count - 1).bit_length()
+        high = self.coder.raw(max(b - 10, 0))
+        patch = high << min(b, 10) | self.coder.raw(min(b, 10))
+        assert patch < self.patch_count
+        return patch
+
+    def place(self, corners, patch):
+        for v in corners:
+            self.n[v] = min(self.n[v] + 1, 9)
+            if self.latest[v] != patch:
+                self.other[v], self.latest[v] = self.latest[v], patch
+        self.triangles.append(corners)
+        self.patch.append(patch)
+        return len(self.triangles) - 1
+
+    def pair(self, e, f, p, q):
+        v, w = max(p, q), min(p, q)
+        if v > e and v > f and v > w:
+            link = self.links[v]
+            if not link or isinstance(link[0], int):
+                self.links[v] = [(e, f, w)]
+            elif len(link) == 1:
+                link.append((e, f, w))
+
+    def seed(self):
+        corners, last = [], len(self.links) - 1
+        for k in range(3):
+            if not self.links or self.coder.bit(self.fresh[k]):
+                last = self.new_vertex([last] if last >= 0 else [])
             else:
-                c = explicit() if fec == 15 else last + (fec - (fec ^ 3))
-                last = c
-                push_vertex(c)
-            push_edge(c, b)
-            push_edge(a, c)
-            out.append((a, b, c))
-            continue
-        aux = table[code & 15] if code < 0xFE else data.u8()
-        if code >= 0xFE and aux == 0:
-            nxt = 0
-        fea, feb, fec = (15 if code == 0xFF else 0), aux >> 4, aux & 15
-        start = vo
-        corners = []
-        for fe in (fea, feb, fec):
-            if fe == 0:
-                corners.append(nxt)
-                nxt += 1
-            elif fe == 15 and code >= 0xFE:
-                corners.append(None)
-            else:
-                corners.append(vertices[(start - fe) & 15])
-        corners = [explicit() if v is None else v for v in corners]
-        for k, (v, fe) in enumerate(zip(corners, (fea, feb, fec))):
-            if k == 0 or fe == 0 or (fe == 15 and code >= 0xFE):
-                push_vertex(v)
-        a, b, c = corners
-        push_edge(b, a)
-        push_edge(c, b)
-        push_edge(a, c)
-        out.append((a, b, c))
-    return out
+                last = self.known()
+            corners.append(last)
+        t = self.place(corners, self.any_patch())
+        p, q, r = corners
+        x, y, z = self.make(p, r, 3 * t), self.make(q, p, 3 * t + 1), self.make(r, q, 3 * t + 2)
+        self.join(x, y)
+        self.join(y, z)
+        self.join(z, x)
+
+    def read_op(self, g, a, b):
+        bit, h, l = self.coder.bit, g.next, g.before
+        right = h is not g and h.state == "open" and h.next is not g
+        left = l is not g and l.state == "open" and l.before is not g
+        asked = self.ops[(10 * self.n[a] + self.n[b]) * 4 + 2 * left + right]
+        if bit(asked[0]):
+            return "new", self.new_vertex([(a, b, g.apex)]), None
+        if right and bit(asked[1]):
+            return "right", h.next.start, None
+        if left and bit(asked[2]):
+            return "left", l.start, None
+        if bit(asked[3]):
+            return "border", None, None
+        if bit(self.along):
+            m = self.distance.read(self.coder)
+            assert m < 48
+            j = g.next if m % 2 == 0 else g
+            for _ in range(m // 2 + 1):
+                j = j.next if m % 2 == 0 else j.before
+            return "along", j.start, j
+        c = self.known()
+        j = self.gate_at[c]
+        return "known", c, j if j and j.state != "glued" else None
+
+    def read_patch(self, of_gate, a, b, c, new):
+        if self.patch_count == 1:
+            return 0
+        other, latest = self.other, self.latest
+        i = 0 if new else 3 if other[c] is not None else 1 if latest[c] == of_gate else 2
+        if self.coder.bit(self.same[8 * (other[a] is not None) + 4 * (other[b] is not None) + i]):
+            return of_gate
+        guesses = [other[v] if latest[v] == of_gate else latest[v] for v in (c, b, a)]
+        guesses = [p for p in guesses if p is not None]
+        if guesses and self.coder.bit(self.guess):
+            return guesses[0]
+        return self.any_patch()
+
+    def step(self, g):
+        a, b, h, l = g.start, g.next.start, g.next, g.before
+        op, c, j = self.read_op(g, a, b)
+        if op == "border":
+            g.state = "dead"
+            return None
+        t = self.place((b, a, c), self.read_patch(self.patch[g.edge // 3], a, b, c, op == "new"))
+        if op != "new":
+            self.pair(a, b, g.apex, c)
+        g.state = "glued"
+        if op == "right":
+            after = h.next
+            h.state = "glued"
+            self.pair(b, c, h.apex, a)
+            if after is l and l.state == "open":
+                l.state = "glued"
+                self.pair(c, a, l.apex, b)
+                return None
+            x = self.make(a, b, 3 * t + 1)
+            self.join(l, x)
+            self.join(x, after)
+            return x
+        if op == "left":
+            ahead = l.before
+            l.state = "glued"
+            self.pair(c, a, l.apex, b)
+            x = self.make(c, a, 3 * t + 2)
+            self.join(ahead, x)
+            self.join(x, h)
+            return None
+        x, y = self.make(a, b, 3 * t + 1), self.make(c, a, 3 * t + 2)
+        i = j.before if j else None
+        self.join(l, x)
+        self.join(y, h)
+        if j is None or j is g:
+            self.join(x, y)
+        else:
+            self.join(i, y)
+            self.join(x, j)
+        return x
 
 
-def residuals(c, bits, count):
-    """Section 5.4; `bits` is [number, position]."""
-    out = []
-    for token in entropy_coded(c, count):
-        u = token
-        if token >= 16:
-            t, b = (token - 16) // 2 + 4, (token - 16) & 1
-            low = (bits[0] >> bits[1]) & ((1 << (t - 1)) - 1)
-            bits[1] += t - 1
-            u = (2 + b) << (t - 1) | low
-        out.append(u >> 1 if u & 1 == 0 else -(u >> 1) - 1)
-    return out
-
-
-def neighbours(triangles, count):
+def read_borders(coder, mesh, vertices):
     """Section 5.5."""
-    found, table = [], {}
-    before = lambda w: (w - 1 if w else None, None, None)
-    slot = lambda e, f: ((e * 0x9E3779B1 & NONE) ^ (f * 0x85EBCA77 & NONE)) >> 20
-    for p, q, r in triangles:
-        corners = ((p, q, r), (q, r, p), (r, p, q))
-        for v, e, f in corners:
-            while len(found) <= v:
-                w = len(found)
-                if w != v:
-                    found.append(before(w))
-                elif e < v and f < v:
-                    low, high = min(e, f), max(e, f)
-                    known = table.get(slot(low, high))
-                    found.append((e, f, known[2] if known and known[:2] == (low, high) else None))
-                elif e < v or f < v:
-                    found.append((e if e < v else f, None, None))
-                else:
-                    found.append(before(w))
-        for v, e, f in corners:
-            low, high = min(e, f), max(e, f)
-            table[slot(low, high)] = (low, high, v)
-    found += [before(w) for w in range(len(found), count)]
-    return found
+    edges = range(3 * len(mesh.triangles)) if coder.raw(1) else mesh.open
+    borders, marks, asked = [0] * len(mesh.triangles), [0] * vertices, models(9)
+    for edge in edges:
+        t, k = divmod(edge, 3)
+        v, w = mesh.triangles[t][k], mesh.triangles[t][(k + 1) % 3]
+        bit = coder.bit(asked[3 * marks[v] + marks[w]])
+        borders[t] |= bit << k
+        for end in (v, w):
+            marks[end] = 2 if bit else max(marks[end], 1)
+    return borders
+
+
+def beside(link):
+    """The two vertices beside a vertex."""
+    if not link:
+        return None, None
+    return (link[0], link[0]) if isinstance(link[0], int) else link[0][:2]
 
 
 def signed(x, bits=32):
     x &= (1 << bits) - 1
     return x - (1 << bits) if x >> (bits - 1) else x
+
+
+def read_weights(coder):
+    return [signed(coder.raw(8), 8) for _ in range(3)]
+
+
+def predict(values, link, weights):
+    """Section 5.6."""
+    if not link:
+        return [0, 0, 0]
+    if isinstance(link[0], int):
+        return list(values[link[0]])
+    one, two, shared = weights
+    out = []
+    for k in range(3):
+        a, b, c = (values[v][k] for v in link[0])
+        if len(link) == 1:
+            e, m, w = 2 * (a + b), 0, one
+            beyond = e - 4 * c
+        else:
+            d, g, f = (values[v][k] for v in link[1])
+            e, m, w = a + b + d + g, 0, two
+            beyond = e - 2 * (c + f)
+            for value, vertex in ((b, link[0][1]), (a, link[0][0])):
+                if vertex in link[1][:2]:
+                    m = 8 * value - 2 * e
+        out.append((64 * e + w * beyond + shared * m + 128) >> 8)
+    return out
+
+
+def clamp(x, high):
+    return max(0, min(high, x))
+
+
+def read_positions(coder, links):
+    weights, grains = read_weights(coder), Grains(coder)
+    depth = coder.raw(2) + 2
+    of_one, of_two = Residuals(depth, 48), Residuals(depth, 48)
+    values, sizes = [], []
+    for link in links:
+        guess = [clamp(x, (1 << 30) - 1) for x in predict(values, link, weights)]
+        near = beside(link)
+        a, b = (sizes[v] if v is not None and v < len(sizes) else (0, 0, 0) for v in near)
+        g = grains.read(coder, near[0])
+        residuals = of_two if len(link) == 2 else of_one
+        value, size = [], []
+        for k in range(3):
+            r = residuals.read(coder, half_octaves((a[k] + b[k]) >> g))
+            value.append((rounded(guess[k], g) + r) << g)
+            size.append(min(min(abs(r), 1 << 22) << g, 1 << 22))
+        values.append(value)
+        sizes.append(size)
+    return values
+
+
+def read_colors(coder, links):
+    weights = read_weights(coder)
+    rg, bg, br = (coder.raw(7) - 64 for _ in range(3))
+    grains = Grains(coder)
+    depth = coder.raw(2) + 2
+    of_green, of_red, of_blue = (Residuals(depth, 1) for _ in range(3))
+    values = []
+    for link in links:
+        pr, pg, pb = (clamp(x, 255) for x in predict(values, link, weights))
+        g = min(grains.read(coder, beside(link)[0]), 7)
+        channel = lambda residuals, p: (rounded(p, g) + residuals.read(coder, 0)) << g & 255
+        green = channel(of_green, pg)
+        red = channel(of_red, clamp(pr + ((rg * (green - pg) + 8) >> 4), 255))
+        blue = channel(of_blue, clamp(pb + ((bg * (green - pg) + br * (red - pr) + 8) >> 4), 255))
+        values.append((red, green, blue))
+    return values
+
+
+def read_normals(coder, mesh, positions, patches):
+    """Section 5.8."""
+    hints = [coder.raw(1) for _ in range(patches)]
+    kinds = [0] * len(positions)
+    for corners, patch in zip(mesh.triangles, mesh.patch):
+        for v in corners:
+            kinds[v] |= hints[patch]
+    for edge in mesh.open:
+        t, k = divmod(edge, 3)
+        for v in (mesh.triangles[t][k], mesh.triangles[t][(k + 1) % 3]):
+            kinds[v] |= 2
+    n = coder.raw(4) + 1
+    levels = (1 << (n - 1)) - 1
+    grains = Grains(coder)
+    depth = 4 if n < 15 else 5
+    of_u, of_v = Residuals(depth, 24), Residuals(depth, 24)
+    differs, recent = models(4, 16), [0] * 4
+    sign = lambda x: (x > 0) - (x < 0)
+    normals = []
+    for guess, kind, link in zip(predicted_normals(positions, mesh.triangles), kinds, mesh.links):
+        g = grains.read(coder, beside(link)[0])
+        level = [x if n == 16 else sign(x) * ((2 * abs(x) * levels + 32767) // 65534) for x in guess]
+        context = half_octaves(recent[kind] >> g)
+        ru = rv = 0
+        if coder.bit(differs[kind][min(context, 15)]):
+            ru = of_u.read(coder, context)
+            rv = of_v.read(coder, half_octaves(2 * min(abs(ru), 1 << 22)))
+        s = min(min(abs(ru), 1 << 22) + min(abs(rv), 1 << 22), 1 << 22) << min(g, 8)
+        recent[kind] += s // 4 - recent[kind] // 4
+        level = [(rounded(x, g) + r) << g for x, r in zip(level, (ru, rv))]
+        normals.append(tuple(x if n == 16 else sign(x) * ((65534 * abs(x) + levels) // (2 * levels)) for x in level))
+    return normals
 
 
 def octahedral(n):
@@ -209,64 +492,29 @@ def predicted_normals(positions, triangles):
 def decode(data, vertices, triangle_count, colors, scalars):
     """One chunk: patches, triangles, borders, positions, colours, normals, scalars."""
     c = Bytes(data)
-    assert c.u8() == 0
+    assert c.u8() == 1
     patches = [(c.varint(), (c.varint() - 1) & NONE) for _ in range(c.varint())]
-    b = Bytes(c.take(c.varint()))
-    borders, at = [0] * triangle_count, 0
-    while b.at < len(b.data):
-        value = b.varint()
-        at += value >> 3
-        borders[at] = value & 7
-    length = c.varint()
-    triangles = []
-    if triangle_count:
-        codes = entropy_coded(c, 1 + triangle_count)
-        triangles = indices(codes, entropy_coded(c, length), triangle_count)
-    bits = [int.from_bytes(c.take(c.varint()), "little"), 0]
-    near = neighbours(triangles, vertices)
-    xyz = [residuals(c, bits, vertices) for _ in range(3)]
-    positions = []
-    for i, (a, e, d) in enumerate(near):
-        for_axis = []
-        for k in range(3):
-            if a is None:
-                guess = 0
-            elif e is None:
-                guess = positions[a][k]
-            elif d is None:
-                guess = (positions[a][k] + positions[e][k]) >> 1
-            else:
-                guess = positions[a][k] + positions[e][k] - positions[d][k]
-            for_axis.append(signed(guess + xyz[k][i]))
-        positions.append(tuple(for_axis))
-    rgb = []
-    if colors:
-        g, rg, bg = (residuals(c, bits, vertices) for _ in range(3))
-        for i, (a, e, _) in enumerate(near):
-            guess = [0, 0, 0] if a is None else rgb[a]
-            if e is not None:
-                guess = [(x + y) >> 1 for x, y in zip(rgb[a], rgb[e])]
-            pr, pg, pb = guess
-            rgb.append(((pr + g[i] + rg[i]) & 255, (pg + g[i]) & 255, (pb + g[i] + bg[i]) & 255))
-    normals = []
-    if vertices:
-        n = c.u8()
-        levels = (1 << (n - 1)) - 1
-        uv = [residuals(c, bits, vertices) for _ in range(2)]
-        sign = lambda x: (x > 0) - (x < 0)
-        for i, guess in enumerate(predicted_normals(positions, triangles)):
-            normal = []
-            for k in range(2):
-                level = guess[k] if n == 16 else sign(guess[k]) * ((2 * abs(guess[k]) * levels + 32767) // 65534)
-                level += uv[k][i]
-                normal.append(level if n == 16 else sign(level) * ((65534 * abs(level) + levels) // (2 * levels)))
-            normals.append(tuple(normal))
+    body = Bytes(c.take(c.varint()))
+    if triangle_count == 0:
+        return patches, [], [], [], [], [], [[] for _ in range(scalars)]
+    coded = body.take(body.varint())
+    coder = Coder(coded, body.take(len(body.data) - body.at))
+    mesh = Connectivity(coder, vertices, triangle_count, len(patches))
+    borders = read_borders(coder, mesh, vertices)
+    positions = read_positions(coder, mesh.links)
+    rgb = read_colors(coder, mesh.links) if colors else []
+    normals = read_normals(coder, mesh, positions, len(patches))
     channels = []
     for _ in range(scalars):
-        ordered = []
-        for (a, _, _), r in zip(near, residuals(c, bits, vertices)):
-            ordered.append(signed((0 if a is None else ordered[a]) + r))
+        number, ordered = Number(6), []
+        for link in mesh.links:
+            a, b = (ordered[v] if v is not None and v < len(ordered) else 0 for v in beside(link))
+            ordered.append(signed(((a + b) >> 1) + number.read_wide(coder)))
         channels.append([x & NONE if x >= 0 else (~x ^ 0x80000000) & NONE for x in ordered])
+    coder.end()
+    order = sorted(range(triangle_count), key=lambda t: mesh.patch[t])
+    assert [mesh.patch.count(p) for p in range(len(patches))] == [count for count, _ in patches]
+    triangles, borders = [mesh.triangles[t] for t in order], [borders[t] for t in order]
     return patches, triangles, borders, positions, rgb, normals, channels
 
 
@@ -292,7 +540,7 @@ def digest(chunk):
 def main():
     with open(sys.argv[1], "rb") as f:
         data = f.read()
-    assert data[:8] == b"KILWAPCK" and struct.unpack_from("<2H", data, 8) == (0, 1)
+    assert data[:8] == b"KILWAPCK" and struct.unpack_from("<H", data, 8) == (1,)
     assert struct.unpack_from("<Q", data, 64)[0] == len(data) and data[-80:-72] == b"KILWAEND"
     (entries,) = struct.unpack_from("<I", data, 84)
     first, others = struct.unpack_from("<2Q", data, 104)

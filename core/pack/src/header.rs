@@ -11,8 +11,9 @@ pub const HEAD_BYTES: u64 = 131_072;
 
 /// First bytes of every pack.
 pub const MAGIC: [u8; 8] = *b"KILWAPCK";
-/// Format version written and read: major, minor. Before 1.0 another minor version is another format.
-pub const VERSION: (u16, u16) = (0, 1);
+/// Format version written: major, minor. Every minor version of this major one is read; what they add is told by
+/// feature bits.
+pub const VERSION: (u16, u16) = (1, 0);
 /// Longest metadata block, in bytes: it has to leave room for page 0 and a picture in the first [`HEAD_BYTES`].
 pub const MAX_METADATA_BYTES: u32 = 65_536;
 /// Most directory entries: indices are 32-bit and `u32::MAX` means none.
@@ -88,7 +89,7 @@ impl Header {
         let mut c = Cursor::new(hashed, "header");
         c.take(MAGIC.len())?;
         let (major, minor) = (c.u16()?, c.u16()?);
-        if (major, minor) != VERSION {
+        if major != VERSION.0 {
             return Err(PackError::Version { major, minor });
         }
         if c.u32()? as usize != HEADER_BYTES {

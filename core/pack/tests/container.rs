@@ -55,7 +55,7 @@ fn one_request_gives_a_picture() {
     // Metadata as long as possible: 64 KiB.
     let mut metadata = common::metadata(COLORED, 32);
     metadata.title = "x".repeat(64_000);
-    let chunk = common::height_field(4, 1, 1, COLORED);
+    let chunk = common::height_field(8, 1, 1, COLORED);
     let encoded = kilwa_pack::chunk::encode(&chunk, COLORED).expect("encodes");
     let entries: Vec<_> = (0..400u32)
         .map(|i| {
@@ -232,10 +232,12 @@ fn an_unknown_required_feature_is_refused_by_its_number() {
 }
 
 #[test]
-fn another_version_is_refused_by_its_number() {
+fn another_major_version_is_refused_by_its_number_and_a_minor_one_read() {
     let bytes = common::pack(2, 2, COLORED);
-    let newer = forged(&bytes, |b| b[10..12].copy_from_slice(&7u16.to_le_bytes()));
-    assert!(Reader::open(SliceSource(newer)).err().expect("refused").to_string().contains("0.7"));
+    let minor = forged(&bytes, |b| b[10..12].copy_from_slice(&7u16.to_le_bytes()));
+    assert_eq!(Header::parse(&minor[..256]).expect("is read").entry_count, 2);
+    let major = forged(&bytes, |b| b[8..12].copy_from_slice(&[2, 0, 7, 0]));
+    assert!(Reader::open(SliceSource(major)).err().expect("refused").to_string().contains("2.7"));
 }
 
 #[test]

@@ -1,10 +1,12 @@
 //! A chunk: all child patches of one diamond, which is what one refinement loads. FORMAT section 5.
 
+mod attributes;
+mod border;
+mod number;
 mod order;
 mod payload;
 mod predict;
-mod rans;
-mod residual;
+mod range;
 
 use crate::error::PackError;
 use kilwa_geometry::Mesh;
@@ -134,7 +136,48 @@ pub fn encode(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, PackErro
 /// As [`encode`].
 pub fn encode_body(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, PackError> {
     check(chunk, attributes)?;
-    payload::encode_body(&order::ordered(chunk)?, attributes)
+    Ok(payload::encode_body(chunk, attributes)?.0)
+}
+
+/// Encode a chunk as [`encode`] does, and tell how many bytes each part of it takes, for measurements.
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_parts(chunk: &Chunk, attributes: Attributes) -> Result<(Vec<u8>, PartBytes), PackError> {
+    check(chunk, attributes)?;
+    let (body, ends) = payload::encode_body(chunk, attributes)?;
+    let bytes = with_patches(&chunk.patches, &body);
+    let [connectivity, borders, positions, colors, normals, scalars] = ends;
+    let parts = PartBytes {
+        connectivity,
+        borders: borders.saturating_sub(connectivity),
+        positions: positions.saturating_sub(borders),
+        colors: colors.saturating_sub(positions),
+        normals: normals.saturating_sub(colors),
+        scalars: scalars.saturating_sub(normals),
+        other: bytes.len().saturating_sub(scalars),
+    };
+    Ok((bytes, parts))
+}
+
+/// Bytes of an encoded chunk by what they are for. One entropy coder runs through all parts, so that each is right to a
+/// byte or two.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct PartBytes {
+    /// Triangles and the patches that they belong to.
+    pub connectivity: usize,
+    /// Border bits.
+    pub borders: usize,
+    /// Positions.
+    pub positions: usize,
+    /// Colours.
+    pub colors: usize,
+    /// Normals.
+    pub normals: usize,
+    /// Scalars.
+    pub scalars: usize,
+    /// Patch table, lengths, padding.
+    pub other: usize,
 }
 
 /// Complete a chunk: `patches` are those of the chunk that `body` was made from, each with the final number of its

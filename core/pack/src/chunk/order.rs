@@ -1,88 +1,142 @@
-//! The order in which a chunk's triangles and vertices are stored: triangles for the vertex cache inside each patch
-//! (meshoptimizer's variant of Forsyth's linear-speed optimisation for strip-like order, which codes 20 % shorter), vertices by first use. Both make the codec's predictions
-//! good and the GPU fast. Deterministic; the geometry does not change.
+//! The encoder's side of the connectivity: which triangles are not coded yet, and how the machine numbers the vertices.
 
+use super::border::{NONE, Source};
 use super::{Chunk, PatchRange};
-use crate::PackError;
 use kilwa_geometry::Mesh;
-use std::collections::HashMap;
 
-/// The same chunk in storage order, with every triangle rotated as the index codec will store it.
-pub(super) fn ordered(chunk: &Chunk) -> Result<Chunk, PackError> {
-    let mut triangles = Vec::with_capacity(chunk.mesh.triangles.len());
-    for patch in &chunk.patches {
-        triangles.extend(patch_order(&chunk.mesh, patch)?);
-    }
-    Ok(Chunk { mesh: by_first_use(&chunk.mesh, &triangles), patches: chunk.patches.clone() })
+/// The triangles of a chunk by their directed edges.
+pub(super) struct Unused<'a> {
+    mesh: &'a Mesh,
+    /// Patch of every triangle.
+    patch: Vec<u32>,
+    used: Vec<bool>,
+    /// Corners by vertex: three times the triangle plus the corner.
+    corners: Vec<u32>,
+    /// Where a vertex' corners begin; one more than there are vertices.
+    begins: Vec<u32>,
+    /// The machine's numbers of the vertices, and the reverse.
+    number: Vec<u32>,
+    order: Vec<u32>,
+    /// Triangles in the order of the machine, as three times the triangle plus the corner that comes first there.
+    taken: Vec<u32>,
+    /// All triangles before this one are used.
+    seeds: usize,
 }
 
-/// The triangles of one patch with their border bits, in cache order.
-fn patch_order(mesh: &Mesh, patch: &PatchRange) -> Result<Vec<([u32; 3], u8)>, PackError> {
-    let of_patch = || {
-        let both = mesh.triangles.iter().copied().zip(mesh.borders.iter().copied());
-        both.skip(patch.first as usize).take(patch.count as usize)
-    };
-    // The optimiser works on a dense local numbering, so that its cost is the patch's and not the chunk's.
-    let mut local = HashMap::new();
-    let mut global = Vec::new();
-    let mut indices = Vec::with_capacity(patch.count as usize * 3);
-    // Equal triangles (a multiset is kept) are interchangeable; their border bits are given out in input order.
-    let mut bits: HashMap<[u32; 3], std::collections::VecDeque<u8>> = HashMap::new();
-    for (triangle, border) in of_patch() {
-        let numbers = triangle.map(|v| {
-            *local.entry(v).or_insert_with(|| {
-                global.push(v);
-                global.len() - 1
-            })
-        });
-        let numbers = numbers.map(|n| u32::try_from(n).unwrap_or(u32::MAX));
-        indices.extend(numbers);
-        bits.entry(numbers).or_default().push_back(border);
-    }
-    let mut workspace = meshoptimizer_rs::Workspace::default();
-    let sorted = meshoptimizer_rs::optimize_vertex_cache_strip(&indices, global.len(), &mut workspace)
-        .map_err(|e| PackError::invalid("chunk", format!("its triangles cannot be ordered: {e}")))?;
-    let lost = || PackError::invalid("chunk", "ordering its triangles lost one");
-    let (triples, rest) = sorted.as_chunks::<3>();
-    if !rest.is_empty() || triples.len() != patch.count as usize {
-        return Err(lost());
-    }
-    let mut out = Vec::with_capacity(triples.len());
-    for triple in triples {
-        let border = bits.get_mut(triple).and_then(std::collections::VecDeque::pop_front).ok_or_else(lost)?;
-        let mut triangle = [0; 3];
-        for (to, from) in triangle.iter_mut().zip(triple) {
-            *to = *global.get(*from as usize).ok_or_else(lost)?;
-        }
-        out.push((triangle, border));
-    }
-    Ok(out)
-}
-
-/// Renumber the vertices in the order in which the triangles use them; unused ones follow in their old order.
-fn by_first_use(mesh: &Mesh, triangles: &[([u32; 3], u8)]) -> Mesh {
-    const UNUSED: u32 = u32::MAX;
-    let mut number = vec![UNUSED; mesh.positions.len()];
-    let mut order = Vec::with_capacity(number.len());
-    let mut out = Mesh { borders: triangles.iter().map(|t| t.1).collect(), ..Mesh::default() };
-    for (triangle, _) in triangles {
-        out.triangles.push(triangle.map(|v| {
-            let Some(slot) = number.get_mut(v as usize) else { return v };
-            if *slot == UNUSED {
-                *slot = u32::try_from(order.len()).unwrap_or(UNUSED);
-                order.push(v as usize);
+impl<'a> Unused<'a> {
+    pub(super) fn new(chunk: &'a Chunk) -> Self {
+        let mesh = &chunk.mesh;
+        let (vertices, triangles) = (mesh.vertex_count(), mesh.triangle_count());
+        let mut begins = vec![0u32; vertices + 1];
+        for &v in mesh.triangles.as_flattened() {
+            if let Some(n) = begins.get_mut(v as usize + 1) {
+                *n += 1;
             }
-            *slot
-        }));
+        }
+        let mut sum = 0;
+        for n in &mut begins {
+            sum += *n;
+            *n = sum;
+        }
+        let mut next = begins.clone();
+        let mut corners = vec![0; triangles * 3];
+        for (corner, &v) in (0u32..).zip(mesh.triangles.as_flattened()) {
+            if let Some(at) = next.get_mut(v as usize) {
+                if let Some(slot) = corners.get_mut(*at as usize) {
+                    *slot = corner;
+                }
+                *at += 1;
+            }
+        }
+        Self {
+            mesh,
+            patch: patch_of_triangles(&chunk.patches, triangles),
+            used: vec![false; triangles],
+            corners,
+            begins,
+            number: vec![NONE; vertices],
+            order: Vec::with_capacity(vertices),
+            taken: Vec::with_capacity(triangles),
+            seeds: 0,
+        }
     }
-    order.extend(number.iter().enumerate().filter(|&(_, &n)| n == UNUSED).map(|(v, _)| v));
-    out.positions = gather(&mesh.positions, &order);
-    out.colors = gather(&mesh.colors, &order);
-    out.normals = gather(&mesh.normals, &order);
-    out.scalars = mesh.scalars.iter().map(|s| gather(s, &order)).collect();
-    out
+
+    /// The vertex at a corner.
+    fn vertex(&self, corner: u32, turn: u32) -> u32 {
+        let corner = corner - corner % 3 + (corner + turn) % 3;
+        self.mesh.triangles.as_flattened().get(corner as usize).copied().unwrap_or(NONE)
+    }
+
+    fn number_of(&mut self, v: u32) -> u32 {
+        let next = self.order.len();
+        let Some(slot) = self.number.get_mut(v as usize) else { return NONE };
+        if *slot == NONE {
+            *slot = u32::try_from(next).unwrap_or(NONE);
+            self.order.push(v);
+        }
+        *slot
+    }
+
+    fn take(&mut self, corner: u32) -> u32 {
+        let triangle = corner as usize / 3;
+        if let Some(used) = self.used.get_mut(triangle) {
+            *used = true;
+        }
+        self.taken.push(corner);
+        self.patch.get(triangle).copied().unwrap_or(0)
+    }
+
+    /// The mesh with vertices and corners as the machine placed them, triangles in its order; vertices that no triangle
+    /// uses follow in their old order.
+    pub(super) fn reordered(mut self) -> Mesh {
+        for v in (0u32..).take(self.mesh.vertex_count()) {
+            self.number_of(v);
+        }
+        let mesh = self.mesh;
+        let mut out = Mesh::default();
+        for &corner in &self.taken {
+            let number = |turn| self.number.get(self.vertex(corner, turn) as usize).copied().unwrap_or(NONE);
+            out.triangles.push([number(0), number(1), number(2)]);
+            let bits = mesh.borders.get(corner as usize / 3).copied().unwrap_or(0);
+            let turn = corner % 3;
+            out.borders.push((bits >> turn | bits << (3 - turn)) & 7);
+        }
+        out.positions = gather(&mesh.positions, &self.order);
+        out.colors = gather(&mesh.colors, &self.order);
+        out.normals = gather(&mesh.normals, &self.order);
+        out.scalars = mesh.scalars.iter().map(|s| gather(s, &self.order)).collect();
+        out
+    }
 }
 
-fn gather<T: Copy>(from: &[T], order: &[usize]) -> Vec<T> {
-    order.iter().filter_map(|&v| from.get(v).copied()).collect()
+impl Source for Unused<'_> {
+    fn across(&mut self, from: u32, to: u32) -> Option<(u32, u32)> {
+        // The neighbour has the edge the other way round.
+        let (x, y) = (*self.order.get(to as usize)?, *self.order.get(from as usize)?);
+        let range = *self.begins.get(x as usize)? as usize..*self.begins.get(x as usize + 1)? as usize;
+        let free = |&&corner: &&u32| {
+            self.vertex(corner, 1) == y && self.used.get(corner as usize / 3).is_some_and(|used| !used)
+        };
+        let corner = *self.corners.get(range)?.iter().find(free)?;
+        let third = self.vertex(corner, 2);
+        let patch = self.take(corner);
+        Some((self.number_of(third), patch))
+    }
+
+    fn seed(&mut self) -> Option<([u32; 3], u32)> {
+        self.seeds += self.used.get(self.seeds..)?.iter().position(|used| !used)?;
+        let corner = 3 * u32::try_from(self.seeds).ok()?;
+        let patch = self.take(corner);
+        let corners = [0, 1, 2].map(|turn| self.vertex(corner, turn));
+        Some((corners.map(|v| self.number_of(v)), patch))
+    }
+}
+
+fn patch_of_triangles(patches: &[PatchRange], triangles: usize) -> Vec<u32> {
+    let runs = patches.iter().zip(0u32..).flat_map(|(p, i)| std::iter::repeat_n(i, p.count as usize));
+    runs.take(triangles).collect()
+}
+
+fn gather<T: Copy>(from: &[T], order: &[u32]) -> Vec<T> {
+    order.iter().filter_map(|&v| from.get(v as usize).copied()).collect()
 }

@@ -1,21 +1,17 @@
-//! The bytes of a chunk. FORMAT section 5.
-//!
-//! `codec | patch table | borders | indices | raw bits | residual streams`. Vertices are numbered by first use, so that
-//! the triangles say what each vertex can be predicted from; positions, colours, normals and scalars are stored as
-//! entropy-coded residuals of those predictions.
+//! The bytes of a chunk. FORMAT section 5: `codec | patch table | length | coded part | padding`; in the coded part
+//! `connectivity | borders | positions | colours | normals | scalars`, all through one entropy coder.
 
-use super::residual::{Reader, Writer};
-use super::{Attributes, Chunk, Declared, MAX_PER_BYTE, PatchRange, predict, rans};
-use crate::PackError;
+use super::attributes;
+use super::border::{Connectivity, Limits, Link, Machine, Placed, Source, Unknown};
+use super::order::Unused;
+use super::range::{Bit, Coder, Decoder, Encoder};
+use super::{Attributes, Chunk, Declared, MAX_PER_BYTE, PatchRange};
 use crate::bytes::{Cursor, push_varint};
+use crate::{NO_DIAMOND, PackError};
 use kilwa_geometry::Mesh;
-use meshoptimizer_rs::Workspace;
-use meshoptimizer_rs::codec::{self, IndexEncoding};
 
-/// Bits per octahedral coordinate that the encoder tries, fewest first; 16 always fits.
-const NORMAL_BITS: [u8; 4] = [8, 10, 12, 16];
 /// Number of the codec described here.
-const CODEC: u8 = 0;
+const CODEC: u8 = 1;
 
 /// Codec and patch table, then what [`encode_body`] made, then padding.
 pub(super) fn with_patches(patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
@@ -26,6 +22,7 @@ pub(super) fn with_patches(patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
         push_varint(&mut out, patch.count);
         push_varint(&mut out, patch.diamond.wrapping_add(1));
     }
+    push_varint(&mut out, u32::try_from(body.len()).unwrap_or(u32::MAX));
     out.extend_from_slice(body);
     // A decoder allocates for no more than so many triangles per byte: an absurdly regular chunk is padded.
     let triangles: u64 = patches.iter().map(|p| u64::from(p.count)).sum();
@@ -34,41 +31,71 @@ pub(super) fn with_patches(patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
     out
 }
 
-/// Everything of a chunk that is in storage order but the patch table and padding.
-pub(super) fn encode_body(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, PackError> {
-    let mut workspace = Workspace::default();
-    let mut out = Vec::new();
-    let coded = encode_indices(&chunk.mesh.triangles, &mut workspace)?;
-    // The codec may rotate corners: border bits and predictions follow what a reader will see.
-    let triangles = decode_indices(&coded, chunk.mesh.triangles.len(), &mut workspace)?;
-    push_section(&mut out, &borders(&chunk.mesh, &triangles));
-    push_indices(&coded, triangles.len(), &mut out);
-    let mesh = Mesh { triangles, ..chunk.mesh.clone() };
-    let mut w = Writer::default();
-    encode_vertices(&mesh, attributes, &mut w);
-    let streams = std::mem::take(&mut w.streams);
-    push_section(&mut out, &w.into_bits());
-    out.extend(streams);
-    Ok(out)
+/// Where the parts of a chunk's coded part end, in bytes: connectivity, borders, positions, colours, normals, scalars.
+pub(super) type Ends = [usize; 6];
+
+/// The coded part.
+pub(super) fn encode_body(chunk: &Chunk, attributes: Attributes) -> Result<(Vec<u8>, Ends), PackError> {
+    let mut ends = [0; 6];
+    if chunk.mesh.triangles.is_empty() {
+        return Ok((Vec::new(), ends));
+    }
+    let mut coder = Encoder::new();
+    let mut source = Unused::new(chunk);
+    let limits = limits(&chunk.mesh.positions, &chunk.mesh.triangles, &chunk.patches)?;
+    let made = machine(&mut coder, &mut source, limits)?;
+    let mut mesh = source.reordered();
+    let mut parts = Parts { coder: &mut coder, made: &made, mesh: &mut mesh, links: links(&made, &chunk.mesh) };
+    let fine: Vec<bool> = chunk.patches.iter().map(|p| p.diamond == NO_DIAMOND).collect();
+    for (part, end) in (0..).zip(&mut ends) {
+        parts.code(part, attributes, &fine)?;
+        *end = parts.coder.bytes();
+    }
+    let (coded, raw) = coder.finish();
+    let mut body = Vec::with_capacity(coded.len() + raw.len() + 5);
+    push_varint(&mut body, u32::try_from(coded.len()).unwrap_or(u32::MAX));
+    body.extend(coded);
+    body.extend(raw);
+    Ok((body, ends))
 }
 
 /// Decode; the caller checks the result.
 pub(super) fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -> Result<Chunk, PackError> {
     let mut c = Cursor::new(bytes, "chunk");
     let patches = read_patches(&mut c)?;
-    let triangles = declared.triangles as usize;
-    let border_bytes = section(&mut c)?;
-    let mut workspace = Workspace::default();
-    let mut mesh = Mesh { triangles: read_indices(&mut c, triangles, &mut workspace)?, ..Mesh::default() };
-    if mesh.triangles.as_flattened().iter().any(|&v| v >= declared.vertices) {
-        return Err(c.invalid(&format!("a triangle names a vertex outside of {}", declared.vertices)));
-    }
-    mesh.borders = read_borders(border_bytes, triangles)?;
-    decode_vertices(&mut c, declared.vertices as usize, attributes, &mut mesh)?;
+    let length = c.varint()? as usize;
+    let body = c.take(length)?;
+    let (vertices, triangles) = (declared.vertices as usize, declared.triangles as usize);
     let padding = c.take(c.remaining())?;
     if padding.iter().any(|&b| b != 0) || (!padding.is_empty() && bytes.len() > triangles.div_ceil(MAX_PER_BYTE)) {
         return Err(c.invalid("bytes are left over at its end"));
     }
+    let mut parts = Cursor::new(body, "chunk");
+    let coded_length = if triangles == 0 { 0 } else { parts.varint()? as usize };
+    let coded = parts.take(coded_length)?;
+    let mut coder = Decoder::new(coded, parts.take(parts.remaining())?);
+    let mut mesh = Mesh { positions: vec![[0; 3]; vertices], normals: vec![[0; 2]; vertices], ..Mesh::default() };
+    if triangles > 0 {
+        let limits = limits(&mesh.positions, &[(); 0], &patches)?;
+        let made = machine(&mut coder, &mut Unknown, Limits { triangles: declared.triangles, ..limits })?;
+        if coder.is_past_end() {
+            coder.end(&c)?;
+        }
+        mesh.triangles = made.triangles.iter().map(|t| t.corners).collect();
+        mesh.borders = vec![0; triangles];
+        mesh.colors = vec![[0; 3]; if attributes.colors { vertices } else { 0 }];
+        let links = links(&made, &mesh);
+        let mut parts = Parts { coder: &mut coder, made: &made, mesh: &mut mesh, links };
+        for part in 0..6 {
+            parts.code(part, attributes, &vec![false; patches.len()])?;
+            if parts.coder.is_past_end() {
+                parts.coder.end(&c)?;
+            }
+        }
+        by_patch(&mut mesh, &made.triangles, &patches).ok_or_else(|| c.invalid("its patches have other triangles"))?;
+    }
+    mesh.scalars.resize(attributes.scalars.into(), Vec::new());
+    coder.end(&c)?;
     Ok(Chunk { mesh, patches })
 }
 
@@ -87,236 +114,160 @@ pub(super) fn read_patches(c: &mut Cursor<'_>) -> Result<Vec<PatchRange>, PackEr
     Ok(patches)
 }
 
-fn encode_indices(triangles: &[[u32; 3]], workspace: &mut Workspace) -> Result<Vec<u8>, PackError> {
-    if triangles.is_empty() {
-        return Ok(Vec::new());
-    }
-    codec::encode_index_buffer(triangles.as_flattened(), IndexEncoding::DEFAULT, workspace).map_err(refused)
+fn limits<P, T>(vertices: &[P], triangles: &[T], patches: &[PatchRange]) -> Result<Limits, PackError> {
+    let number = |n: usize| u32::try_from(n).map_err(|_| PackError::invalid("chunk", "it has more than 2^32 parts"));
+    let (vertices, triangles) = (number(vertices.len())?, number(triangles.len())?);
+    Ok(Limits { vertices, triangles, patches: number(patches.len())? })
 }
 
-fn decode_indices(coded: &[u8], triangles: usize, workspace: &mut Workspace) -> Result<Vec<[u32; 3]>, PackError> {
-    if triangles == 0 {
-        return Ok(Vec::new());
-    }
-    let bytes = codec::decode_index_buffer(triangles * 3, 4, coded, workspace).map_err(refused)?;
-    let (words, _) = bytes.as_chunks::<4>();
-    let indices: Vec<u32> = words.iter().map(|w| u32::from_le_bytes(*w)).collect();
-    Ok(indices.as_chunks::<3>().0.to_vec())
+fn machine<C: Coder, S: Source>(coder: &mut C, source: &mut S, limits: Limits) -> Result<Connectivity, PackError> {
+    let impossible = |_| PackError::invalid("chunk", "its triangles are coded in a way that none can be");
+    Machine::new(coder, source, limits).run().map_err(impossible)
 }
 
-/// The index stream has one code per triangle after its first byte, and then other data: two entropy-coded streams.
-fn push_indices(coded: &[u8], triangles: usize, out: &mut Vec<u8>) {
-    let (codes, data) = coded.split_at_checked(1 + triangles).unwrap_or((coded, &[]));
-    push_varint(out, u32::try_from(data.len()).unwrap_or(u32::MAX));
-    if triangles > 0 {
-        rans::encode(codes, out);
-        rans::encode(data, out);
-    }
+/// One for every vertex; those that no triangle uses lie near the one before.
+fn links(made: &Connectivity, mesh: &Mesh) -> Vec<Link> {
+    let used = made.links.iter().copied();
+    let others = (0u32..).skip(made.links.len()).map(|v| v.checked_sub(1).map_or(Link::Nothing, Link::Near));
+    used.chain(others).take(mesh.vertex_count()).collect()
 }
 
-fn read_indices(c: &mut Cursor<'_>, triangles: usize, workspace: &mut Workspace) -> Result<Vec<[u32; 3]>, PackError> {
-    let length = c.varint()? as usize;
-    if triangles == 0 {
-        return Ok(Vec::new());
-    }
-    // meshoptimizer writes at most one byte and 5 for each of three corners, and 16 bytes of table.
-    if length > triangles.saturating_mul(16).saturating_add(16) {
-        return Err(c.invalid("its index data is too long"));
-    }
-    let mut coded = rans::decode(c, 1 + triangles)?;
-    coded.extend(rans::decode(c, length)?);
-    decode_indices(&coded, triangles, workspace)
+/// What is coded after the connectivity; triangles are in the order of the machine.
+struct Parts<'a, C> {
+    coder: &'a mut C,
+    made: &'a Connectivity,
+    mesh: &'a mut Mesh,
+    links: Vec<Link>,
 }
 
-/// The triangles with border bits: distance from the triangle before, bits.
-fn borders(mesh: &Mesh, stored: &[[u32; 3]]) -> Vec<u8> {
-    let mut out = Vec::new();
-    let mut last = 0;
-    for (t, ((now, before), bits)) in (0u32..).zip(stored.iter().zip(&mesh.triangles).zip(&mesh.borders)) {
-        if *bits != 0 {
-            push_varint(&mut out, (t - last) << 3 | u32::from(rotate_bits(*now, *before, *bits)));
-            last = t;
-        }
-    }
-    out
-}
-
-fn read_borders(bytes: &[u8], triangles: usize) -> Result<Vec<u8>, PackError> {
-    let mut borders = vec![0; triangles];
-    let mut c = Cursor::new(bytes, "chunk");
-    let mut at = 0u32;
-    while c.remaining() > 0 {
-        let value = c.varint()?;
-        at = at.saturating_add(value >> 3);
-        *borders.get_mut(at as usize).ok_or_else(|| c.invalid("a border of no triangle"))? = (value & 7) as u8;
-    }
-    Ok(borders)
-}
-
-/// Border bits of a triangle whose corners were rotated from `before` to `now`.
-fn rotate_bits(now: [u32; 3], before: [u32; 3], bits: u8) -> u8 {
-    let [a, b, c] = before;
-    if now == before {
-        bits
-    } else if now == [b, c, a] {
-        (bits >> 1 | bits << 2) & 7
-    } else {
-        (bits << 1 | bits >> 2) & 7
-    }
-}
-
-fn encode_vertices(mesh: &Mesh, attributes: Attributes, w: &mut Writer) {
-    let count = mesh.positions.len();
-    let neighbours = predict::neighbours(&mesh.triangles, count);
-    let axis = |p: [i32; 3], k: usize| p.get(k).copied().unwrap_or(0);
-    for k in 0..3 {
-        for (p, n) in mesh.positions.iter().zip(&neighbours) {
-            w.push(axis(*p, k).wrapping_sub(axis(n.position(&mesh.positions), k)));
-        }
-        w.finish_stream();
-    }
-    if attributes.colors {
-        let residuals: Vec<[i32; 3]> = mesh
-            .colors
-            .iter()
-            .zip(&neighbours)
-            .map(|(color, n)| {
-                let ([r, g, b], [pr, pg, pb]) = (color.map(i32::from), n.color(&mesh.colors));
-                [g - pg, (r - pr) - (g - pg), (b - pb) - (g - pg)].map(wrap_byte)
-            })
-            .collect();
-        for k in 0..3 {
-            for r in &residuals {
-                w.push(axis(*r, k));
+impl<C: Coder> Parts<'_, C> {
+    /// Code one part, by its place in [`Ends`]; the first is done.
+    fn code(&mut self, part: u8, attributes: Attributes, fine: &[bool]) -> Result<(), PackError> {
+        let mesh = &mut *self.mesh;
+        match part {
+            1 => borders(self.coder, self.made, mesh),
+            2 => {
+                let points = mesh.positions.iter().copied();
+                let grains = if C::ENCODES { attributes::grains(points) } else { None };
+                attributes::positions(self.coder, &self.links, &mut mesh.positions, grains);
             }
-            w.finish_stream();
+            3 if attributes.colors => {
+                let colors = mesh.colors.iter().map(|c| c.map(i32::from));
+                let grains = if C::ENCODES { attributes::grains(colors) } else { None };
+                attributes::colors(self.coder, &self.links, &mut mesh.colors, grains);
+            }
+            4 => self.normals(fine)?,
+            5 => self.scalars(attributes.scalars),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn normals(&mut self, fine: &[bool]) -> Result<(), PackError> {
+        let bad = |why| PackError::invalid("chunk", why);
+        let kinds = kinds(self.coder, self.made, fine, self.links.len());
+        let values = &mut self.mesh.normals;
+        let bits = if C::ENCODES { attributes::normal_bits(values) } else { 2 };
+        let bits = u8::try_from(self.coder.raw(4, u32::from(bits) - 1) + 1).unwrap_or(0);
+        if bits < 2 {
+            return Err(bad("normals have 2 to 16 bits"));
+        }
+        let grains = if C::ENCODES { attributes::grains(attributes::levels(values, bits)) } else { None };
+        let mut values = std::mem::take(values);
+        let predicted = super::predict::normals(self.mesh);
+        let about = (predicted.as_slice(), kinds.as_slice());
+        let coded = attributes::normals(self.coder, &self.links, &mut values, about, (bits, grains));
+        self.mesh.normals = values;
+        coded.map_err(|_| bad("a normal is out of range"))
+    }
+
+    fn scalars(&mut self, channels: u8) {
+        self.mesh.scalars.resize(channels.into(), Vec::new());
+        for channel in &mut self.mesh.scalars {
+            channel.resize(self.links.len(), 0.0);
+            let mut ordered: Vec<i32> = channel.iter().map(|x| attributes::ordered_bits(*x)).collect();
+            attributes::scalars(self.coder, &self.links, &mut ordered);
+            *channel = ordered.into_iter().map(attributes::from_ordered_bits).collect();
         }
     }
-    encode_normals(mesh, w);
-    for channel in &mesh.scalars {
-        let ordered: Vec<i32> = channel.iter().map(|x| ordered_bits(*x)).collect();
-        for (x, n) in ordered.iter().zip(&neighbours) {
-            w.push(x.wrapping_sub(n.scalar(&ordered)));
-        }
-        w.finish_stream();
-    }
 }
 
-fn decode_vertices(c: &mut Cursor<'_>, count: usize, attributes: Attributes, mesh: &mut Mesh) -> Result<(), PackError> {
-    let mut r = Reader::new(section(c)?);
-    let neighbours = predict::neighbours(&mesh.triangles, count);
-    let [xs, ys, zs] = [r.stream(c, count)?, r.stream(c, count)?, r.stream(c, count)?];
-    mesh.positions.reserve_exact(count);
-    for (((x, y), z), n) in xs.into_iter().zip(ys).zip(zs).zip(&neighbours) {
-        let [px, py, pz] = n.position(&mesh.positions);
-        mesh.positions.push([px.wrapping_add(x), py.wrapping_add(y), pz.wrapping_add(z)]);
+/// Border bits. Of edges that two triangles of the chunk share they are coded only where one is set, which no sound mesh has.
+fn borders<C: Coder>(coder: &mut C, made: &Connectivity, mesh: &mut Mesh) {
+    let mut shared = mesh.borders.clone();
+    for &edge in &made.open {
+        set(&mut shared, edge, false);
     }
-    if attributes.colors {
-        let [gs, rgs, bgs] = [r.stream(c, count)?, r.stream(c, count)?, r.stream(c, count)?];
-        mesh.colors.reserve_exact(count);
-        for (((g, rg), bg), n) in gs.into_iter().zip(rgs).zip(bgs).zip(&neighbours) {
-            let [pr, pg, pb] = n.color(&mesh.colors);
-            let red = pr.wrapping_add(g).wrapping_add(rg);
-            let blue = pb.wrapping_add(g).wrapping_add(bg);
-            mesh.colors.push([red, pg.wrapping_add(g), blue].map(|x| (x & 0xff) as u8));
+    let everywhere = coder.raw(1, u32::from(C::ENCODES && shared.iter().any(|&b| b != 0))) == 1;
+    let edges = if everywhere { (0u32..).take(3 * made.triangles.len()).collect() } else { made.open.clone() };
+    let mut models = [Bit::NEW; 9];
+    let mut seen = vec![0u8; mesh.positions.len()];
+    for edge in edges {
+        let ends = ends_of(made, edge);
+        let [a, b] = ends.map(|v| seen.get(v as usize).copied().unwrap_or(0));
+        let known = mesh.borders.get(edge as usize / 3).is_some_and(|bits| bits >> (edge % 3) & 1 == 1);
+        let Some(model) = models.get_mut(usize::from(3 * a + b)) else { return };
+        let bit = coder.bit(model, known);
+        set(&mut mesh.borders, edge, bit);
+        for v in ends {
+            if let Some(seen) = seen.get_mut(v as usize) {
+                *seen = if bit { 2 } else { (*seen).max(1) };
+            }
         }
     }
-    decode_normals(c, &mut r, mesh)?;
-    for _ in 0..attributes.scalars {
-        let mut known: Vec<i32> = Vec::with_capacity(count);
-        for (residual, n) in r.stream(c, count)?.into_iter().zip(&neighbours) {
-            known.push(n.scalar(&known).wrapping_add(residual));
-        }
-        mesh.scalars.push(known.into_iter().map(from_ordered_bits).collect());
-    }
-    r.end(c)
 }
 
-fn encode_normals(mesh: &Mesh, w: &mut Writer) {
-    if mesh.normals.is_empty() {
-        return;
-    }
-    let exact = |bits: u8| mesh.normals.as_flattened().iter().all(|&x| unquantize(quantize(x, bits), bits) == Some(x));
-    let bits = NORMAL_BITS.into_iter().find(|&bits| exact(bits)).unwrap_or(16);
-    w.streams.push(bits);
-    let predicted = predict::normals(mesh);
-    for k in 0..2 {
-        for (n, p) in mesh.normals.iter().zip(&predicted) {
-            let level = |n: &[i16; 2]| quantize(n.get(k).copied().unwrap_or(0), bits);
-            w.push(level(n) - level(p));
-        }
-        w.finish_stream();
+fn set(borders: &mut [u8], edge: u32, bit: bool) {
+    if let Some(bits) = borders.get_mut(edge as usize / 3) {
+        *bits = *bits & !(1 << (edge % 3)) | u8::from(bit) << (edge % 3);
     }
 }
 
-fn decode_normals(c: &mut Cursor<'_>, r: &mut Reader<'_>, mesh: &mut Mesh) -> Result<(), PackError> {
-    let count = mesh.positions.len();
-    if count == 0 {
-        return Ok(());
+/// The vertices of an edge: three times the triangle plus the corner where it begins.
+fn ends_of(made: &Connectivity, edge: u32) -> [u32; 2] {
+    let [a, b, c] = made.triangles.get(edge as usize / 3).map_or([0; 3], |t| t.corners);
+    match edge % 3 {
+        0 => [a, b],
+        1 => [b, c],
+        _ => [c, a],
     }
-    let bits = c.u8()?;
-    if !(2..=16).contains(&bits) {
-        return Err(c.invalid("normals have 2 to 16 bits"));
-    }
-    let [us, vs] = [r.stream(c, count)?, r.stream(c, count)?];
-    mesh.normals.reserve_exact(count);
-    for ((u, v), [pu, pv]) in us.into_iter().zip(vs).zip(predict::normals(mesh)) {
-        let value = |residual: i32, p: i16| unquantize(quantize(p, bits).wrapping_add(residual), bits);
-        match (value(u, pu), value(v, pv)) {
-            (Some(u), Some(v)) => mesh.normals.push([u, v]),
-            _ => return Err(c.invalid("a normal is out of range")),
+}
+
+/// How good a vertex' predicted normal can be: bit 0 is set beside a patch that is not of the finest level, which one bit per patch tells,
+/// bit 1 where the chunk sees only one side.
+fn kinds<C: Coder>(coder: &mut C, made: &Connectivity, fine: &[bool], vertices: usize) -> Vec<u8> {
+    let coarse: Vec<bool> = fine.iter().map(|&fine| coder.raw(1, u32::from(!fine)) == 1).collect();
+    let mut kinds = vec![0; vertices];
+    let mut add = |v: u32, kind: u8| {
+        if let Some(k) = kinds.get_mut(v as usize) {
+            *k |= kind;
+        }
+    };
+    for t in made.triangles.iter().filter(|t| coarse.get(t.patch as usize) == Some(&true)) {
+        for v in t.corners {
+            add(v, 1);
         }
     }
-    Ok(())
-}
-
-/// An octahedral coordinate as a level of `bits` bits, `-(2^(bits-1) - 1) ..= 2^(bits-1) - 1`; at 16 bits itself.
-fn quantize(x: i16, bits: u8) -> i32 {
-    let x = i32::from(x);
-    if bits >= 16 {
-        return x;
+    for &edge in &made.open {
+        for v in ends_of(made, edge) {
+            add(v, 2);
+        }
     }
-    let levels = (1 << (bits - 1)) - 1;
-    (2 * x.abs() * levels + 32767) / 65534 * x.signum()
+    kinds
 }
 
-/// The coordinate that a level stands for, or none when it is out of range.
-fn unquantize(level: i32, bits: u8) -> Option<i16> {
-    if bits >= 16 {
-        return i16::try_from(level).ok();
+/// Sort the triangles by patch, keeping their order within each; none if a patch has another number of them than it should.
+fn by_patch(mesh: &mut Mesh, placed: &[Placed], patches: &[PatchRange]) -> Option<()> {
+    let mut next: Vec<u32> = patches.iter().map(|p| p.first).collect();
+    let mut triangles = vec![[0; 3]; placed.len()];
+    let mut borders = vec![0; placed.len()];
+    for (t, &bits) in placed.iter().zip(&mesh.borders) {
+        let at = next.get_mut(t.patch as usize)?;
+        *triangles.get_mut(*at as usize)? = t.corners;
+        *borders.get_mut(*at as usize)? = bits;
+        *at += 1;
     }
-    let levels = (1 << (bits - 1)) - 1;
-    if !(-levels..=levels).contains(&level) {
-        return None;
-    }
-    i16::try_from((65534 * level.abs() + levels) / (2 * levels) * level.signum()).ok()
-}
-
-/// Colour residuals wrap round at 256: the shortest way.
-fn wrap_byte(x: i32) -> i32 {
-    (x & 0xff ^ 0x80) - 0x80
-}
-
-/// The bits of a float as an integer in the order of the numbers, so that near values have near integers. Lossless.
-fn ordered_bits(x: f32) -> i32 {
-    let bits = x.to_bits().cast_signed();
-    if bits < 0 { !bits ^ i32::MIN } else { bits }
-}
-
-fn from_ordered_bits(x: i32) -> f32 {
-    f32::from_bits(if x < 0 { !(x ^ i32::MIN) } else { x }.cast_unsigned())
-}
-
-fn push_section(out: &mut Vec<u8>, bytes: &[u8]) {
-    push_varint(out, u32::try_from(bytes.len()).unwrap_or(u32::MAX));
-    out.extend(bytes);
-}
-
-fn section<'a>(c: &mut Cursor<'a>) -> Result<&'a [u8], PackError> {
-    let length = c.varint()?;
-    c.take(length as usize)
-}
-
-fn refused(e: meshoptimizer_rs::Error) -> PackError {
-    PackError::invalid("chunk", e.to_string())
+    let full = patches.iter().zip(&next).all(|(p, &end)| p.first.checked_add(p.count) == Some(end));
+    (mesh.triangles, mesh.borders) = (triangles, borders);
+    full.then_some(())
 }

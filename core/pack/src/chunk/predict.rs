@@ -1,108 +1,139 @@
-//! What a vertex is predicted from: the triangle that uses it first, and the one on the other side of the edge.
-//! FORMAT section 5.5. (Touma and Gotsman, "Triangle mesh compression", 1998.)
+//! What the attributes of a vertex are predicted from: one or two parallelograms, with weights that are fitted to the
+//! chunk. FORMAT section 5.6. (Touma and Gotsman, "Triangle mesh compression", 1998; several parallelograms: Isenburg and
+//! Alliez, "Compressing polygon mesh geometry with parallelogram prediction", 2002.)
 
-use kilwa_geometry::{LatticePoint, Mesh, normal};
+use super::border::{Link, NONE, Parallelogram};
+use super::range::Coder;
+use kilwa_geometry::{Mesh, normal};
 
-/// No such vertex.
-const NONE: u32 = u32::MAX;
-/// Slots of the edge memory; a power of two.
-const EDGE_SLOTS: usize = 4096;
+/// Weights are in units of 1 / 64.
+const UNIT: i64 = 64;
 
-/// The vertices a vertex is predicted from; all have smaller numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Neighbours {
-    /// A vertex of the same triangle; else the vertex before; none for vertex 0.
-    pub(super) a: Option<u32>,
-    /// The other vertex of the same triangle.
-    pub(super) b: Option<u32>,
-    /// The vertex opposite to the edge `a`–`b` in the latest triangle with that edge.
-    pub(super) d: Option<u32>,
+/// How parallelograms make a prediction, in units of 1 / 64.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Weights {
+    /// How far to go beyond the edge where there is one parallelogram: 64 is all the way, 0 the middle of the edge.
+    one: i8,
+    /// The same where there are two.
+    two: i8,
+    /// How much more than the others the vertex counts that both edges share.
+    shared: i8,
 }
 
-/// The neighbours of every vertex, from the triangles in storage order. All indices are below `vertices`.
-pub(super) fn neighbours(triangles: &[[u32; 3]], vertices: usize) -> Vec<Neighbours> {
-    let mut found: Vec<Neighbours> = Vec::with_capacity(vertices);
-    let mut edges = vec![(NONE, NONE, NONE); EDGE_SLOTS];
-    for &[p, q, r] in triangles {
-        for (v, a, b) in [(p, q, r), (q, r, p), (r, p, q)] {
-            while found.len() <= v as usize {
-                let now = u32::try_from(found.len()).unwrap_or(NONE);
-                found.push(if now == v { of_triangle(now, a, b, &edges) } else { before(now) });
+/// Sums over the vertices that a prediction is made from.
+struct Stencil {
+    /// Four times the middle of the edges.
+    edges: [i64; 3],
+    /// Four times the way from the far vertices to the middle of the edges.
+    beyond: [i64; 3],
+    /// Eight times the shared vertex less twice the sum of all four; 0 where there is none.
+    shared: [i64; 3],
+    two: bool,
+}
+
+fn at<T: Copy + Into<i64>>(values: &[[T; 3]], v: u32) -> [i64; 3] {
+    values.get(v as usize).map_or([0; 3], |p| p.map(Into::into))
+}
+
+fn each(a: [i64; 3], b: [i64; 3], f: impl Fn(i64, i64) -> i64) -> [i64; 3] {
+    let ([a, b, c], [d, e, g]) = (a, b);
+    [f(a, d), f(b, e), f(c, g)]
+}
+
+fn stencil<T: Copy + Into<i64>>(values: &[[T; 3]], link: Link) -> Option<Stencil> {
+    let sum = |[a, b]: [u32; 2]| each(at(values, a), at(values, b), |a, b| a + b);
+    match link {
+        Link::Nothing | Link::Near(_) => None,
+        Link::One(Parallelogram { edge, across }) => {
+            let edges = sum(edge).map(|x| 2 * x);
+            let beyond = each(edges, at(values, across), |e, x| e - 4 * x);
+            Some(Stencil { edges, beyond, shared: [0; 3], two: false })
+        }
+        Link::Two(p, q) => {
+            let edges = each(sum(p.edge), sum(q.edge), |a, b| a + b);
+            let beyond = each(edges, sum([p.across, q.across]), |e, x| e - 2 * x);
+            let both = p.edge.into_iter().find(|v| q.edge.contains(v));
+            let shared = both.map_or([0; 3], |v| each(at(values, v), edges, |x, e| 8 * x - 2 * e));
+            Some(Stencil { edges, beyond, shared, two: true })
+        }
+    }
+}
+
+impl Weights {
+    /// As they are stored: a byte each.
+    pub(super) fn code(self, coder: &mut impl Coder) -> Self {
+        let [one, two, shared] = [self.one, self.two, self.shared].map(|x| {
+            let byte = coder.raw(8, u32::from(x.cast_unsigned())) & 0xff;
+            (byte as u8).cast_signed()
+        });
+        Self { one, two, shared }
+    }
+
+    /// Those with the smallest squared residuals.
+    pub(super) fn best<T: Copy + Into<i64>>(values: &[[T; 3]], links: &[Link]) -> Self {
+        let (mut one, mut two) = ([0.0f64; 2], [0.0f64; 5]);
+        for (value, link) in values.iter().zip(links) {
+            let Some(s) = stencil(values, *link) else { continue };
+            let wanted = each(value.map(Into::into), s.edges, |x, e| 4 * x - e);
+            for ((y, f), g) in wanted.into_iter().zip(s.beyond).zip(s.shared) {
+                let [y, f, g] = [y, f, g].map(|x| x as f64);
+                if s.two {
+                    add(&mut two, [f * f, f * g, g * g, f * y, g * y]);
+                } else {
+                    add(&mut one, [f * f, f * y]);
+                }
             }
         }
-        for (v, a, b) in [(p, q, r), (q, r, p), (r, p, q)] {
-            let (low, high) = (a.min(b), a.max(b));
-            if let Some(slot) = edges.get_mut(slot_of(low, high)) {
-                *slot = (low, high, v);
-            }
+        let ([square, product], [ff, fg, gg, fy, gy]) = (one, two);
+        let determinant = ff * gg - fg * fg;
+        let (beyond, shared) = if determinant > 1e-6 * ff * gg {
+            ((fy * gg - gy * fg) / determinant, (gy * ff - fy * fg) / determinant)
+        } else {
+            (1.0, 0.0)
+        };
+        Self { one: weight(product / square), two: weight(beyond), shared: weight(shared) }
+    }
+
+    fn apply(self, s: &Stencil) -> [i64; 3] {
+        let (beyond, shared) = if s.two { (self.two, self.shared) } else { (self.one, 0) };
+        let weighted = each(s.beyond, s.shared, |b, m| i64::from(beyond) * b + i64::from(shared) * m);
+        each(s.edges, weighted, |e, w| (UNIT * e + w + 2 * UNIT) >> 8)
+    }
+
+    /// The prediction for a vertex.
+    pub(super) fn predict<T: Copy + Into<i64>>(self, values: &[[T; 3]], link: Link) -> [i64; 3] {
+        match link {
+            Link::Near(v) => at(values, v),
+            _ => stencil(values, link).map_or([0; 3], |s| self.apply(&s)),
         }
     }
-    while found.len() < vertices {
-        found.push(before(u32::try_from(found.len()).unwrap_or(NONE)));
-    }
-    found
 }
 
-fn before(v: u32) -> Neighbours {
-    Neighbours { a: v.checked_sub(1), b: None, d: None }
-}
-
-fn of_triangle(v: u32, a: u32, b: u32, edges: &[(u32, u32, u32)]) -> Neighbours {
-    match (a < v, b < v) {
-        (true, true) => {
-            let (low, high) = (a.min(b), a.max(b));
-            let known = edges.get(slot_of(low, high)).filter(|slot| (slot.0, slot.1) == (low, high));
-            Neighbours { a: Some(a), b: Some(b), d: known.map(|slot| slot.2) }
-        }
-        (true, false) => Neighbours { a: Some(a), b: None, d: None },
-        (false, true) => Neighbours { a: Some(b), b: None, d: None },
-        (false, false) => before(v),
+fn add<const N: usize>(sums: &mut [f64; N], terms: [f64; N]) {
+    for (sum, term) in sums.iter_mut().zip(terms) {
+        *sum += term;
     }
 }
 
-/// Fibonacci hashing of an edge to its slot.
-fn slot_of(low: u32, high: u32) -> usize {
-    let mixed = low.wrapping_mul(0x9e37_79b1) ^ high.wrapping_mul(0x85eb_ca77);
-    (mixed >> 20) as usize
+/// A weight as it is stored; what cannot be fitted is the plain parallelogram.
+fn weight(x: f64) -> i8 {
+    let nearest = if x.is_finite() { libm::round(x * UNIT as f64).clamp(-127.0, 127.0) } else { UNIT as f64 };
+    #[expect(clippy::cast_possible_truncation, reason = "a whole number between -127 and 127")]
+    let stored = nearest as i8;
+    stored
 }
 
-impl Neighbours {
-    /// Predict a position: the parallelogram where there is one, else the middle of the edge, else the one neighbour.
-    pub(super) fn position(&self, known: &[LatticePoint]) -> LatticePoint {
-        let at = |v: Option<u32>| v.and_then(|v| known.get(v as usize)).copied();
-        let each = |f: &dyn Fn(usize) -> i32| [f(0), f(1), f(2)];
-        let get = |p: &LatticePoint, k: usize| p.get(k).copied().unwrap_or(0);
-        match (at(self.a), at(self.b), at(self.d)) {
-            (Some(a), Some(b), Some(d)) => each(&|k| get(&a, k).wrapping_add(get(&b, k)).wrapping_sub(get(&d, k))),
-            (Some(a), Some(b), None) => each(&|k| middle(get(&a, k), get(&b, k))),
-            (Some(a), ..) => a,
-            _ => [0; 3],
-        }
-    }
-
-    /// Predict a colour: the mean of the edge, else the one neighbour, else black.
-    pub(super) fn color(&self, known: &[[u8; 3]]) -> [i32; 3] {
-        let at = |v: Option<u32>| v.and_then(|v| known.get(v as usize)).map(|c| c.map(i32::from));
-        match (at(self.a), at(self.b)) {
-            (Some([ar, ag, ab]), Some([br, bg, bb])) => [middle(ar, br), middle(ag, bg), middle(ab, bb)],
-            (Some(a), None) => a,
-            _ => [0; 3],
-        }
-    }
-
-    /// Predict a scalar, as ordered bits: the first neighbour's.
-    pub(super) fn scalar(&self, known: &[i32]) -> i32 {
-        self.a.and_then(|v| known.get(v as usize)).copied().unwrap_or(0)
+/// The vertices beside which a vertex was found: their residuals tell how large its own will be.
+pub(super) fn beside(link: Link) -> [u32; 2] {
+    match link {
+        Link::Nothing => [NONE; 2],
+        Link::Near(v) => [v, v],
+        Link::One(p) | Link::Two(p, _) => p.edge,
     }
 }
 
-/// The mean, rounded down.
-fn middle(a: i32, b: i32) -> i32 {
-    (a & b).wrapping_add((a ^ b) >> 1)
-}
-
-/// Predict all normals from the chunk's own triangles: the sum of the cross products at each vertex, in triangle order,
-/// in `f64`, as octahedral coordinates. Chunk borders see only their own side.
+/// Predict all normals from the chunk's own triangles: the sum of the cross products at each vertex, in the order of
+/// `triangles`, in `f64`, as octahedral coordinates. Chunk borders see only their own side.
 pub(super) fn normals(mesh: &Mesh) -> Vec<normal::OctNormal> {
     let mut sums = vec![[0.0f64; 3]; mesh.positions.len()];
     let at = |v: u32| mesh.positions.get(v as usize).copied().unwrap_or_default().map(f64::from);
@@ -110,12 +141,10 @@ pub(super) fn normals(mesh: &Mesh) -> Vec<normal::OctNormal> {
         let (p, q, r) = (at(a), at(b), at(c));
         let [ux, uy, uz] = minus(q, p);
         let [vx, vy, vz] = minus(r, p);
-        let [nx, ny, nz] = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx];
+        let n = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx];
         for corner in [a, b, c] {
-            if let Some([x, y, z]) = sums.get_mut(corner as usize) {
-                *x += nx;
-                *y += ny;
-                *z += nz;
+            if let Some(sum) = sums.get_mut(corner as usize) {
+                add(sum, n);
             }
         }
     }
