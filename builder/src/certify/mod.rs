@@ -42,14 +42,7 @@ pub struct Bound {
 
 /// Bounds for every triangle of the coarse mesh, given those of `fine`, which it replaces.
 pub fn certify(fine: &Mesh, fine_bounds: &[Bound], simplified: &Simplified) -> Vec<Bound> {
-    let coarse = &simplified.mesh;
-    let origin = fine.bounds().min;
-    let kept = |(c, _): &(&u32, u32)| **c != PRUNED;
-    let pairs = simplified.coarse_of_fine.iter().zip(0u32..).filter(kept).map(|(c, f)| (*c, f));
-    let fine_triangles = fine.triangles.iter().map(|t| t.map(|v| simplified.fine_point[v as usize])).collect();
-    let f =
-        Surface::new(fine, origin, fine_triangles, simplified.coarse_of_fine.len(), pairs.clone().map(|(c, f)| (f, c)));
-    let c = Surface::new(coarse, origin, simplified.triangles.clone(), simplified.points, pairs);
+    let (f, c) = surfaces(fine, simplified);
     // Triangles that both share are exact and need no comparison.
     let mut twin_in_coarse = vec![NONE; f.triangles.len()];
     let mut twin_in_fine = vec![NONE; c.triangles.len()];
@@ -92,6 +85,18 @@ pub fn certify(fine: &Mesh, fine_bounds: &[Bound], simplified: &Simplified) -> V
         });
     }
     bounds
+}
+
+/// The fine and the coarse surface.
+fn surfaces(fine: &Mesh, simplified: &Simplified) -> (Surface, Surface) {
+    let origin = fine.bounds().min;
+    let kept = |(c, _): &(&u32, u32)| **c != PRUNED;
+    let pairs = simplified.coarse_of_fine.iter().zip(0u32..).filter(kept).map(|(c, f)| (*c, f));
+    let triangles = fine.triangles.iter().map(|t| t.map(|v| simplified.fine_point[v as usize])).collect();
+    let others = pairs.clone().map(|(c, f)| (f, c));
+    let f = Surface::new(fine, origin, triangles, simplified.coarse_of_fine.len(), others);
+    let c = Surface::new(&simplified.mesh, origin, simplified.triangles.clone(), simplified.points, pairs);
+    (f, c)
 }
 
 /// Covers the triangles of one surface with pieces over the other's.
@@ -263,6 +268,16 @@ mod tests {
             let out = f64::from(bounds.iter().map(|b| b.out).fold(0.0, f32::max));
             let back = f64::from(bounds.iter().map(|b| b.back).fold(0.0, f32::max));
             // Each triangle by itself: the largest bound must not hide a wrong one.
+            let (f, c) = surfaces(&fine, &simplified);
+            let mut direction = Direction::new(&f, &c);
+            let mut sure = vertices_away(&f, &c);
+            for t in 0..fine.triangle_count() {
+                let mut bound = 0.0f64;
+                sure = direction.cover(t as u32, NONE, sure, |_, d| bound = bound.max(d));
+                let one = Mesh { positions: fine.positions.clone(), triangles: vec![fine.triangles[t]], ..Mesh::default() };
+                let there = sampled(&one, coarse);
+                prop_assert!(there <= bound + 1e-9, "fine triangle {t}: {there} <= {bound}");
+            }
             for (t, b) in bounds.iter().enumerate() {
                 let one = Mesh { positions: coarse.positions.clone(), triangles: vec![coarse.triangles[t]], ..Mesh::default() };
                 let there = sampled(&one, &fine);
