@@ -197,3 +197,118 @@ fn contradictory_chunks_are_not_encoded() {
     assert!(spoil(&|c| c.patches[0].count -= 1).contains("patches hold"));
     assert!(spoil(&|c| c.patches[0].first = 1).contains("begins at"));
 }
+
+/// A sphere of `n` by `2 n` quads, closed at its poles, in two patches: no border anywhere.
+fn sphere(n: u32) -> Chunk {
+    let mut mesh = Mesh::default();
+    let columns = 2 * n;
+    let mut add = |u: f64, v: f64| {
+        let direction = [u.cos() * v.sin(), u.sin() * v.sin(), v.cos()];
+        mesh.positions.push(direction.map(|x| (20_000.0 + 9_000.0 * x).round() as i32));
+        mesh.normals.push(kilwa_geometry::normal::encode(direction));
+    };
+    add(0.0, 0.0);
+    for i in 1..n {
+        for j in 0..columns {
+            add(f64::from(j) / f64::from(n) * std::f64::consts::PI, f64::from(i) / f64::from(n) * std::f64::consts::PI);
+        }
+    }
+    add(0.0, std::f64::consts::PI);
+    let last = mesh.positions.len() as u32 - 1;
+    let at = |i: u32, j: u32| {
+        if i == 0 {
+            0
+        } else if i == n {
+            last
+        } else {
+            1 + (i - 1) * columns + j % columns
+        }
+    };
+    for i in 0..n {
+        for j in 0..columns {
+            for triangle in [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]] {
+                if triangle[0] != triangle[2] && triangle[1] != triangle[2] {
+                    mesh.triangles.push(triangle);
+                }
+            }
+        }
+    }
+    mesh.borders = vec![0; mesh.triangles.len()];
+    let half = mesh.triangles.len() as u32 / 2;
+    let rest = mesh.triangles.len() as u32 - half;
+    let patches = vec![
+        PatchRange { first: 0, count: half, diamond: NO_DIAMOND },
+        PatchRange { first: half, count: rest, diamond: 9 },
+    ];
+    Chunk { mesh, patches }
+}
+
+#[test]
+fn a_closed_surface_costs_few_bits_for_its_connectivity() {
+    let plain = Attributes { colors: false, scalars: 0 };
+    let chunk = sphere(40);
+    let (bytes, parts) = kilwa_pack::chunk::encode_parts(&chunk, plain).expect("encodes");
+    assert_eq!(bytes, encode(&chunk, plain).expect("encodes"));
+    let whole = parts.connectivity + parts.borders + parts.positions + parts.normals + parts.other;
+    assert!(bytes.len().abs_diff(whole) <= 2 && parts.colors == 0 && parts.scalars == 0, "{parts:?}");
+    let bits = parts.connectivity as f64 * 8.0 / chunk.mesh.triangle_count() as f64;
+    assert!(bits < 0.5, "{bits} bits per triangle of a regular mesh in two patches");
+    assert!(parts.borders <= 2, "{parts:?}");
+    let back = decode(&bytes, declared(&chunk), plain).expect("decodes");
+    assert_eq!(back.canonical(), chunk.canonical());
+}
+
+/// Coarse forms may be rounded to multiples of a power of two: then the zeros must not be paid for, and vertices that
+/// are not rounded must come back all the same.
+#[test]
+fn rounded_values_take_less_bytes_and_come_back() {
+    let fine = height_field(40, 3, 7, COLORED);
+    let mut mixed = fine.clone();
+    let mesh = &mut mixed.mesh;
+    for v in (0..mesh.positions.len()).filter(|v| v % 41 > 4) {
+        mesh.positions[v] = mesh.positions[v].map(|x| x & !15);
+        mesh.colors[v] = mesh.colors[v].map(|x| x & !3);
+    }
+    let [whole, rounded] = [&fine, &mixed].map(|c| kilwa_pack::chunk::encode_parts(c, COLORED).expect("encodes"));
+    let back = decode(&rounded.0, declared(&mixed), COLORED).expect("decodes");
+    assert_eq!(back.canonical(), mixed.canonical());
+    let vertices = fine.mesh.vertex_count() as f64;
+    let saved = |a: usize, b: usize| (a as f64 - b as f64) * 8.0 / vertices;
+    // Nine in ten vertices lose 3 x 4 bits of position and 3 x 2 of colour.
+    let (position, color) = (saved(whole.1.positions, rounded.1.positions), saved(whole.1.colors, rounded.1.colors));
+    assert!(position > 9.0 && color > 4.0, "{position} and {color} bits per vertex");
+}
+
+#[test]
+fn a_hundred_thousand_flipped_bits_and_ten_thousand_cuts_never_panic() {
+    let attributes = Attributes { colors: true, scalars: 1 };
+    let chunk = height_field(48, 5, 3, attributes);
+    let bytes = encode(&chunk, attributes).expect("encodes");
+    let mut random = Random(5);
+    // Each trial takes the time of decoding: a smaller chunk for most of them.
+    let small = height_field(4, 2, 3, attributes);
+    let small_bytes = encode(&small, attributes).expect("encodes");
+    for _ in 0..2_000 {
+        let bit = random.below(bytes.len() as u64 * 8) as usize;
+        let mut damaged = bytes.clone();
+        damaged[bit / 8] ^= 1 << (bit % 8);
+        if let Ok(other) = decode(&damaged, declared(&chunk), attributes) {
+            assert_eq!(declared(&other), declared(&chunk));
+        }
+        let length = random.below(bytes.len() as u64) as usize;
+        assert!(decode(&bytes[..length], declared(&chunk), attributes).is_err(), "cut at {length}");
+    }
+    let mut harmless = 0;
+    for _ in 0..98_000 {
+        let bit = random.below(small_bytes.len() as u64 * 8) as usize;
+        let mut damaged = small_bytes.clone();
+        damaged[bit / 8] ^= 1 << (bit % 8);
+        harmless += u32::from(decode(&damaged, declared(&small), attributes).is_ok());
+    }
+    for _ in 0..8_000 {
+        let length = random.below(small_bytes.len() as u64) as usize;
+        assert!(decode(&small_bytes[..length], declared(&small), attributes).is_err(), "cut at {length}");
+    }
+    // Raw bits are whatever they are; a chunk's checksum guards them.
+    println!("{harmless} of 98,000 decode to something");
+}

@@ -110,22 +110,24 @@ fn positions_with<C: Coder>(
     let mut models = vec![Residuals::<NEARBY>::new(depth); 2];
     let [of_one, of_two] = models.as_mut_slice() else { return depth };
     let mut sizes: Vec<[u32; 3]> = Vec::with_capacity(values.len());
+    let mut local = coder.taken();
     for (v, &link) in links.iter().enumerate() {
         let predicted = weights.predict(values, link).map(|x| x.clamp(0, MAX_COORDINATE.into()));
         let beside = beside(link);
         let [a, b] = beside.map(|n| sizes.get(n as usize).copied().unwrap_or_default());
-        let grain = grains.next(coder, beside[0]);
+        let grain = grains.next(&mut local, beside[0]);
         let model = if matches!(link, Link::Two(..)) { &mut *of_two } else { &mut *of_one };
-        let Some(value) = values.get_mut(v) else { return depth };
+        let Some(value) = values.get_mut(v) else { break };
         let mut size = [0; 3];
         for ((((x, p), size), a), b) in value.iter_mut().zip(predicted).zip(&mut size).zip(a).zip(b) {
             let p = round_to(i32::try_from(p).unwrap_or(0), grain);
-            let r = model.code(coder, half_octave((a + b) >> grain), (*x >> grain).wrapping_sub(p));
+            let r = model.code(&mut local, half_octave((a + b) >> grain), (*x >> grain).wrapping_sub(p));
             *x = p.wrapping_add(r) << grain;
             *size = (r.unsigned_abs().min(LARGEST) << grain).min(LARGEST);
         }
         sizes.push(size);
     }
+    *coder = local;
     of_one.needed().max(of_two.needed())
 }
 
@@ -207,14 +209,15 @@ fn colors_with<C: Coder>(
 ) -> u32 {
     let mut models = vec![Residuals::<1>::new(depth); 3];
     let [of_green, of_red, of_blue] = models.as_mut_slice() else { return depth };
+    let mut local = coder.taken();
     for (v, &link) in links.iter().enumerate() {
         let [pr, pg, pb] = predicted_color(weights, values, link);
-        let grain = grains.next(coder, beside(link)[0]).min(7);
-        let Some(value) = values.get_mut(v) else { return depth };
+        let grain = grains.next(&mut local, beside(link)[0]).min(7);
+        let Some(value) = values.get_mut(v) else { break };
         let [red, green, blue] = value.map(i32::from);
         let mut channel = |model: &mut Residuals<1>, x: i32, p: i32| {
             let p = round_to(p, grain);
-            let r = model.code(coder, 0, wrap((x >> grain).wrapping_sub(p), grain));
+            let r = model.code(&mut local, 0, wrap((x >> grain).wrapping_sub(p), grain));
             p.wrapping_add(r) << grain & 0xff
         };
         let green = channel(of_green, green, pg);
@@ -223,6 +226,7 @@ fn colors_with<C: Coder>(
         let blue = channel(of_blue, blue, tinted(pb, others));
         *value = [red, green, blue].map(|x| (x & 0xff) as u8);
     }
+    *coder = local;
     of_green.needed().max(of_red.needed()).max(of_blue.needed())
 }
 
@@ -251,24 +255,26 @@ pub(super) fn normals<C: Coder>(
     let [of_first, of_second] = models.as_mut_slice() else { return Ok(()) };
     let mut differs = [[Bit::NEW; 16]; 4];
     let mut recent = [0u32; 4];
+    let mut local = coder.taken();
     for (((value, &guess), &kind), &link) in values.iter_mut().zip(predicted).zip(kinds).zip(links) {
         let kind = usize::from(kind & 3);
         let (Some(differs), Some(recent)) = (differs.get_mut(kind), recent.get_mut(kind)) else { return Ok(()) };
-        let grain = grains.next(coder, beside(link)[0]);
+        let grain = grains.next(&mut local, beside(link)[0]);
         let [gu, gv] = guess.map(|x| round_to(quantize(x, bits), grain));
         let [wu, wv] = value.map(|x| quantize(x, bits) >> grain);
         let near = half_octave(*recent >> grain);
         let (mut u, mut v) = (0, 0);
         let Some(model) = differs.get_mut(near.min(15)) else { return Ok(()) };
-        if coder.bit(model, [gu, gv] != [wu, wv]) {
-            u = of_first.code(coder, near, wu.wrapping_sub(gu));
-            v = of_second.code(coder, half_octave(2 * u.unsigned_abs().min(LARGEST)), wv.wrapping_sub(gv));
+        if local.bit(model, [gu, gv] != [wu, wv]) {
+            u = of_first.code(&mut local, near, wu.wrapping_sub(gu));
+            v = of_second.code(&mut local, half_octave(2 * u.unsigned_abs().min(LARGEST)), wv.wrapping_sub(gv));
         }
         let size = (u.unsigned_abs().min(LARGEST) + v.unsigned_abs().min(LARGEST)).min(LARGEST) << grain.min(8);
         *recent = *recent - *recent / 4 + size / 4;
         let level = |g: i32, r: i32| unquantize(g.wrapping_add(r) << grain, bits).ok_or(OutOfRange);
         *value = [level(gu, u)?, level(gv, v)?];
     }
+    *coder = local;
     Ok(())
 }
 

@@ -145,7 +145,7 @@ struct Models {
 
 /// The machine. `limit` holds what the counts of the chunk allow.
 pub(super) struct Machine<'a, C, S> {
-    coder: &'a mut C,
+    coder: C,
     source: &'a mut S,
     limits: Limits,
     gates: Vec<Gate>,
@@ -174,7 +174,7 @@ fn count<T>(items: &[T]) -> u32 {
 }
 
 impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
-    pub(super) fn new(coder: &'a mut C, source: &'a mut S, limits: Limits) -> Self {
+    pub(super) fn new(coder: C, source: &'a mut S, limits: Limits) -> Self {
         let Limits { vertices, triangles, .. } = limits;
         let models = Models {
             ops: vec![[Bit::NEW; 4]; 4 * (usize::from(MOST_AT_VERTEX) + 1).pow(2)],
@@ -203,8 +203,8 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
         }
     }
 
-    /// Code all triangles.
-    pub(super) fn run(mut self) -> Result<Connectivity, Impossible> {
+    /// Code all triangles. Gives the coder back.
+    pub(super) fn run(mut self) -> Result<(Connectivity, C), Impossible> {
         while self.missing() {
             let Some(mut gate) = self.waiting.pop() else {
                 self.seed()?;
@@ -216,7 +216,7 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
             }
         }
         self.made.open = self.gates.iter().filter(|g| g.state != State::Glued).map(|g| g.edge).collect();
-        Ok(self.made)
+        Ok((self.made, self.coder))
     }
 
     fn missing(&self) -> bool {
@@ -424,7 +424,7 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
             return Ok(Op::Border);
         }
         if self.coder.bit(&mut self.models.along, matches!(op, Op::Along(_))) {
-            let steps = self.models.distance.code(self.coder, if let Op::Along(steps) = op { steps } else { 0 });
+            let steps = self.models.distance.code(&mut self.coder, if let Op::Along(steps) = op { steps } else { 0 });
             return if steps < 2 * REACH { Ok(Op::Along(steps)) } else { Err(Impossible) };
         }
         self.code_known(if let Op::Known(v) = op { v } else { 0 }).map(Op::Known)
@@ -433,7 +433,7 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
     /// A vertex by its number, counted from the latest.
     fn code_known(&mut self, v: u32) -> Result<u32, Impossible> {
         let last = count(&self.around).checked_sub(1).ok_or(Impossible)?;
-        last.checked_sub(self.models.back.code(self.coder, last.wrapping_sub(v))).ok_or(Impossible)
+        last.checked_sub(self.models.back.code(&mut self.coder, last.wrapping_sub(v))).ok_or(Impossible)
     }
 
     fn new_vertex(&mut self, link: Link) -> Result<u32, Impossible> {

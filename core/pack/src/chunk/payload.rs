@@ -122,7 +122,9 @@ fn limits<P, T>(vertices: &[P], triangles: &[T], patches: &[PatchRange]) -> Resu
 
 fn machine<C: Coder, S: Source>(coder: &mut C, source: &mut S, limits: Limits) -> Result<Connectivity, PackError> {
     let impossible = |_| PackError::invalid("chunk", "its triangles are coded in a way that none can be");
-    Machine::new(coder, source, limits).run().map_err(impossible)
+    let (made, back) = Machine::new(coder.taken(), source, limits).run().map_err(impossible)?;
+    *coder = back;
+    Ok(made)
 }
 
 /// One for every vertex; those that no triangle uses lie near the one before.

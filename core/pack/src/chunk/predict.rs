@@ -31,15 +31,18 @@ struct Stencil {
     two: bool,
 }
 
+#[inline]
 fn at<T: Copy + Into<i64>>(values: &[[T; 3]], v: u32) -> [i64; 3] {
     values.get(v as usize).map_or([0; 3], |p| p.map(Into::into))
 }
 
+#[inline]
 fn each(a: [i64; 3], b: [i64; 3], f: impl Fn(i64, i64) -> i64) -> [i64; 3] {
     let ([a, b, c], [d, e, g]) = (a, b);
     [f(a, d), f(b, e), f(c, g)]
 }
 
+#[inline]
 fn stencil<T: Copy + Into<i64>>(values: &[[T; 3]], link: Link) -> Option<Stencil> {
     let sum = |[a, b]: [u32; 2]| each(at(values, a), at(values, b), |a, b| a + b);
     match link {
@@ -52,7 +55,8 @@ fn stencil<T: Copy + Into<i64>>(values: &[[T; 3]], link: Link) -> Option<Stencil
         Link::Two(p, q) => {
             let edges = each(sum(p.edge), sum(q.edge), |a, b| a + b);
             let beyond = each(edges, sum([p.across, q.across]), |e, x| e - 2 * x);
-            let both = p.edge.into_iter().find(|v| q.edge.contains(v));
+            let ([a, b], [c, d]) = (p.edge, q.edge);
+            let both = if a == c || a == d { Some(a) } else { Some(b).filter(|_| b == c || b == d) };
             let shared = both.map_or([0; 3], |v| each(at(values, v), edges, |x, e| 8 * x - 2 * e));
             Some(Stencil { edges, beyond, shared, two: true })
         }
