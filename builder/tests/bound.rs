@@ -181,7 +181,7 @@ fn the_bound_holds_on_a_wall() {
 
 #[test]
 fn the_bound_holds_on_a_closed_mesh() {
-    the_bound_holds_at_every_level("closed", closed(40_000));
+    the_bound_holds_at_every_level("closed", closed(80_000));
 }
 
 #[test]

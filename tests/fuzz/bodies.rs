@@ -32,12 +32,13 @@ pub(crate) const ALL: [(&str, Body); 6] = [
     ("decode_chunk", decode_chunk),
 ];
 
-/// The words of an error, without numbers, quotations and what was found in the file, so that the same complaint about another place is the same.
+/// The words of an error, without numbers, quotations, what was found in the file and
+/// names at its end, so that the same complaint about another place is the same.
 fn complaint(error: impl Display) -> String {
     let said = error.to_string();
     let said = said.rsplit_once(" expected ").map_or(said.as_str(), |(_, expected)| expected);
     let own = said.split(['"', '`']).step_by(2).flat_map(str::chars);
-    own.filter(|c| c.is_ascii_alphabetic() || *c == ' ').collect()
+    own.filter(|c| c.is_ascii_alphabetic() || *c == ' ').take(45).collect()
 }
 
 /// Checks what every reader promises of a mesh, and says what kind of mesh it is.
