@@ -61,6 +61,9 @@ pub(super) trait Coder: Sized {
     /// Whether this is an encoder: then the arrays hold the values, and choices can be fitted to them.
     const ENCODES: bool;
 
+    /// Whether nothing comes of it but what the models have seen: they then learn nothing.
+    const DRY: bool = false;
+
     /// Move the coder to where a loop can keep it in registers; it has to be put back after.
     #[must_use]
     fn taken(&mut self) -> Self;
@@ -295,6 +298,7 @@ pub(super) struct DryRun;
 
 impl Coder for DryRun {
     const ENCODES: bool = true;
+    const DRY: bool = true;
 
     fn taken(&mut self) -> Self {
         Self
