@@ -137,7 +137,17 @@ impl Simplifier<'_> {
             }
             let shared = |p: u32| self.marks[p as usize] == self.clock;
             let (sp, sq) = (shared(p), shared(q));
-            (!sp || apexes.contains(&p)) && (!sq || apexes.contains(&q)) && !(sp && sq)
+            let only_apexes = (!sp || apexes.contains(&p)) && (!sq || apexes.contains(&q));
+            // A triangle at both apexes is the third of a point that has no more; it may stay unless it is there already.
+            only_apexes && !(sp && sq && self.has_triangle(keep, p, q))
+        })
+    }
+
+    /// Whether three points have a triangle, whichever way it faces.
+    fn has_triangle(&self, a: u32, p: u32, q: u32) -> bool {
+        self.corners_at(a).any(|c| {
+            let [s, t] = self.others(c);
+            (s, t) == (p, q) || (s, t) == (q, p)
         })
     }
 
@@ -204,14 +214,8 @@ impl Simplifier<'_> {
             if p == keep || q == keep {
                 return true;
             }
-            let doubled = || {
-                self.corners_at(keep).any(|d| {
-                    let [s, t] = self.others(d);
-                    (s, t) == (p, q) || (s, t) == (q, p)
-                })
-            };
             let locked = keep_locked && self.points[p as usize].locked && self.points[q as usize].locked;
-            !locked && !doubled()
+            !locked && !self.has_triangle(keep, p, q)
         })
     }
 

@@ -513,6 +513,44 @@ mod tests {
         }
     }
 
+    /// A closed pillow: two sheets, one over the other, that share their rim.
+    fn pillow(n: u32) -> Mesh {
+        let mut m = sheet(n);
+        let edge = n as i32 * 10;
+        let is_rim = |p: &LatticePoint| p[0] == 0 || p[1] == 0 || p[0] == edge || p[1] == edge;
+        let below: Vec<u32> = (0..m.vertex_count())
+            .map(|v| {
+                if is_rim(&m.positions[v]) {
+                    return v as u32;
+                }
+                let new = m.push_vertex_of(&m.clone(), v);
+                m.positions[new as usize][2] = 400;
+                new
+            })
+            .collect();
+        let turned: Vec<[u32; 3]> = m.triangles.iter().map(|t| t.map(|v| below[v as usize])).collect();
+        m.triangles.extend(turned.iter().map(|[a, b, c]| [*a, *c, *b]));
+        m.borders = vec![0; m.triangles.len()];
+        m
+    }
+
+    #[test]
+    fn points_of_three_triangles_do_not_get_stuck() {
+        // A point in the middle of every triangle: no edge between other points can collapse before these are gone.
+        let mut fine = pillow(16);
+        for t in 0..fine.triangle_count() {
+            let [a, b, c] = fine.triangles[t];
+            let at = fine.corners(t);
+            let middle = fine.push_vertex_of(&fine.clone(), a as usize);
+            fine.positions[middle as usize] = std::array::from_fn(|k| (at[0][k] + at[1][k] + at[2][k]) / 3);
+            fine.triangles[t] = [a, b, middle];
+            fine.triangles.extend([[b, c, middle], [c, a, middle]]);
+            fine.borders.extend([0, 0]);
+        }
+        let coarse = simplify(&fine, &Locked::default(), 64);
+        assert!(coarse.mesh.triangle_count() <= 64, "{} triangles are left", coarse.mesh.triangle_count());
+    }
+
     #[test]
     fn every_fine_point_is_merged_into_one_that_has_a_triangle() {
         // A sheet with flaps: triangles that hang on by one edge, and two by one point.
