@@ -154,7 +154,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         let mut built = built.map_err(|e| explained(e, &inputs, &args.output))?;
         let (clock, cpu) = (Instant::now(), machine::cpu_seconds());
         output.complete(built.pack.bytes)?;
-        output.check(&bar, &stop).context("the pack that was just written does not read back; nothing was kept")?;
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(args.threads).build()?;
+        let checked = pool.install(|| output.check(&bar, &stop));
+        checked.context("the pack that was just written does not read back; nothing was kept")?;
         let cpu_seconds = cpu.and_then(|before| Some(machine::cpu_seconds()? - before));
         built.stages.push(StageTime { stage: "check".into(), seconds: clock.elapsed().as_secs_f64(), cpu_seconds });
         Ok(built)
