@@ -38,9 +38,9 @@ pub struct Coarsened {
     pub triangles: (usize, usize),
 }
 
-/// A fragment is simplified to one in so many of its triangles. The tetrahedra of a level are 2^(2/3 * BISECTIONS) = 2.5
-/// times as large, in surface, as those of the next.
-pub const REDUCTION: u64 = 4;
+/// A fragment is simplified to one in so many of its triangles, those at locked points not counted. The tetrahedra of a
+/// level are 2^(2/3 * BISECTIONS) = 2.5 times as large, in surface, as those of the next.
+pub const REDUCTION: u64 = 5;
 
 /// Coarsen the fragment of a diamond to a part of its triangles, [`REDUCTION`]. `input` are the patches of its tetrahedra's children,
 /// `locked` the points that triangles outside of it use, in any order.
@@ -48,7 +48,7 @@ pub fn coarsen(input: &[(u32, Patch)], locked: &[LatticePoint], tree: &Partition
     let locked: FxHashSet<LatticePoint> = locked.iter().copied().collect();
     let merged = merge(input);
     let fine = &merged.mesh;
-    let simplified = simplify(fine, &locked, fine.triangle_count() / REDUCTION as usize);
+    let simplified = simplify(fine, &locked, target(fine.triangle_count(), locked.len()));
     let coarse = &simplified.mesh;
     let bounds = certify(fine, &merged.bounds, &simplified);
     let groups = share_out(coarse, tree, diamond);
@@ -68,6 +68,13 @@ pub fn coarsen(input: &[(u32, Patch)], locked: &[LatticePoint], tree: &Partition
         sphere: Sphere::of(&fine.positions).union(&Sphere::of(&coarse.positions)),
         triangles: (fine.triangle_count(), coarse.triangle_count()),
     }
+}
+
+/// How many triangles to keep. A border has about a triangle for each of its points, and these stay: the inside must not
+/// pay for them with a coarser form than its neighbours will have.
+fn target(triangles: usize, locked: usize) -> usize {
+    let free = triangles.saturating_sub(locked);
+    triangles - (free - free / REDUCTION as usize)
 }
 
 /// Join patches into one mesh: wedges that are equal in position and attributes become one vertex. Triangles stand in
