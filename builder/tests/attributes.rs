@@ -111,7 +111,7 @@ fn colours_average_in_linear_light_from_level_to_level() {
     let mut random = Random(3);
     let pack = open(&build(square(160, |_, _| if random.next() & 1 == 0 { [40; 3] } else { [220; 3] }), 0));
     let linear = |c: u8| (f64::from(c) / 255.0).powf(2.2);
-    let mean = (linear(40) + linear(220)) / 2.0;
+    let mean = f64::midpoint(linear(40), linear(220));
     let mut spreads = Vec::new();
     for cut in levels(&pack).iter().rev() {
         let grey: Vec<f64> = vertices(&pack, cut).iter().map(|(_, _, c)| linear(c[0])).collect();
