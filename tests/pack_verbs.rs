@@ -94,7 +94,8 @@ fn coarser_extracts_have_no_cracks_and_keep_their_promise() {
     for limit in [15_000u64, 20_000, 25_000, 33_333, 40_959] {
         let args = ["extract", text(pack), "-o", text(&out), "--force", "--max-triangles", &limit.to_string()];
         let found = json(&args)["triangles"].as_u64().unwrap();
-        assert!(found <= limit && found * 100 >= limit * 25, "{found} triangles of {limit}");
+        // So small a model is refined in a few steps, each to about five times the triangles.
+        assert!(found <= limit && found * 6 >= limit, "{found} triangles of {limit}");
         assert!(Ply::read(&out).edge_uses().values().all(|&n| n == 2));
     }
     let few = kilwa(&["extract", text(pack), "-o", text(&out), "--force", "--max-triangles", "10"]);
