@@ -100,6 +100,17 @@ fn explains_edge(scene: &Scene, view: &View, x: u32, y: u32, id: Option<u32>, de
     })
 }
 
+/// Whether a triangle seen edge-on explains a pixel: its plane, steep as it is, has that depth within the pixel's uncertainty.
+fn explains_edge_on(scene: &Scene, view: &View, x: u32, y: u32, id: Option<u32>, depth: f64) -> bool {
+    let Some(id) = id else { return false };
+    let pixel = [f64::from(x) + 0.5, f64::from(y) + 0.5];
+    scene.edge_on(view, pixel, id, JITTER).into_iter().any(|triangle| {
+        let d = scene.plane_depth(view, triangle, pixel);
+        let (low, high) = depths(scene, view, Hit { id, triangle, depth: d }, x, y);
+        (low..=high).contains(&depth)
+    })
+}
+
 /// Compare a frame with the ray-caster. Returns how many pixels show the model and how many lie on an edge.
 fn compare(name: &str, scene: &Scene, view: &View, frame: &IdImage) -> (usize, usize) {
     let (mut covered, mut edges, mut wrong) = (0, 0, Vec::new());
@@ -113,9 +124,7 @@ fn compare(name: &str, scene: &Scene, view: &View, frame: &IdImage) -> (usize, u
                 continue;
             }
             edges += 1;
-            let pixel = [f64::from(x) + 0.5, f64::from(y) + 0.5];
-            let edge_on = || id.is_some_and(|id| scene.edge_on(view, pixel, id, JITTER));
-            if !explains_edge(scene, view, x, y, id, depth) && !edge_on() {
+            if !explains_edge(scene, view, x, y, id, depth) && !explains_edge_on(scene, view, x, y, id, depth) {
                 wrong.push((x, y, id, depth, center));
             }
         }

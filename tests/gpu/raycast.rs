@@ -104,10 +104,10 @@ impl Scene {
         }
     }
 
-    /// Whether a triangle of draw `id`, seen edge-on (thinner than `width` pixels), lies within `width` of the point. A ray
-    /// misses it; a rasteriser that snaps its corners may not, and gives it any depth, its plane being so steep.
-    pub(crate) fn edge_on(&self, view: &View, pixel: [f64; 2], id: u32, width: f64) -> bool {
-        self.triangles.iter().filter(|t| t.id == id).any(|t| {
+    /// The triangles of draw `id` that are seen edge-on (thinner than `width` pixels) within `width` of the point. A ray
+    /// misses them; a rasteriser that snaps their corners may not.
+    pub(crate) fn edge_on(&self, view: &View, pixel: [f64; 2], id: u32, width: f64) -> Vec<usize> {
+        let near = |t: &Triangle| {
             let at = t.corners.map(|p| Self::seen(view, p));
             let sides = [0, 1, 2].map(|k: usize| [at[(k + 1) % 3][0] - at[k][0], at[(k + 1) % 3][1] - at[k][1]]);
             let lengths = sides.map(|s| s[0].hypot(s[1]));
@@ -120,7 +120,8 @@ impl Scene {
                 (to[0] - sides[k][0] * along).hypot(to[1] - sides[k][1] * along)
             };
             area <= width * longest && (0..3).any(|k| away(k) <= width)
-        })
+        };
+        (0..self.triangles.len()).filter(|t| self.triangles[*t].id == id && near(&self.triangles[*t])).collect()
     }
 
     /// Where a point is seen, in pixels; the inverse of [`Scene::ray`].
