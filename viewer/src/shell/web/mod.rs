@@ -1,0 +1,182 @@
+//! The browser: a `Viewer` object over the streamer and the renderer. JavaScript does what only it can do (requests,
+//! workers, events) and is told what to do by [`Viewer::frame`]; everything decided is decided here.
+//!
+//! Lengths that JavaScript sees are world metres, pixels are those of the canvas's picture with y down, times are
+//! milliseconds. Numbers of bytes and requests are `f64`, exact up to 2^53. Errors are sentences; those that begin with
+//! `nogpu:` mean that nothing can be drawn here.
+
+mod display;
+mod navigation;
+mod picture;
+mod stream;
+
+use crate::camera::{Bounds, Camera, StandardView};
+use crate::gpu::context::Gpu;
+use crate::gpu::target::view_of;
+use crate::options::RenderOptions;
+use crate::pick::{Hit, nearest};
+use crate::renderer::Renderer;
+use js_sys::{Object, Reflect};
+use kilwa_pack::{GpuChunk, Metadata, PackError, parse_head};
+use kilwa_stream::{Budgets, DrawPatch, Event, Streamer, View};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use wasm_bindgen::prelude::{JsError, JsValue, wasm_bindgen};
+use web_sys::HtmlCanvasElement;
+
+/// How many bytes from the start of the file are needed to open it: 0 when these are enough.
+///
+/// # Errors
+/// When they are no pack, a newer one, or damaged.
+#[wasm_bindgen(js_name = headNeeds)]
+pub fn head_needs(bytes: &[u8]) -> Result<f64, JsError> {
+    match parse_head(bytes) {
+        Ok(_) => Ok(0.0),
+        Err(PackError::Truncated { needed, .. }) if needed > bytes.len() as u64 => Ok(needed as f64),
+        Err(e) => Err(JsError::new(&e.to_string())),
+    }
+}
+
+/// What a pack says of itself, as JSON: the metadata, and under `pack` the header's figures.
+///
+/// # Errors
+/// As [`head_needs`].
+#[wasm_bindgen(js_name = packInfo)]
+pub fn pack_info(bytes: &[u8]) -> Result<String, JsError> {
+    let head = parse_head(bytes).map_err(|e| JsError::new(&e.to_string()))?;
+    let metadata = serde_json::to_value(&head.metadata)?;
+    let h = &head.header;
+    let info = serde_json::json!({
+        "metadata": metadata,
+        "pack": {
+            "bytes": h.file_bytes,
+            "entries": h.entry_count,
+            "triangles": h.triangles,
+            "storedTriangles": h.stored_triangles,
+            "colors": h.attributes.colors,
+            "scalars": h.attributes.scalars,
+        },
+    });
+    Ok(info.to_string())
+}
+
+/// One open pack on one canvas.
+#[wasm_bindgen]
+pub struct Viewer {
+    gpu: Gpu,
+    surface: wgpu::Surface<'static>,
+    config: wgpu::SurfaceConfiguration,
+    lost: Arc<AtomicBool>,
+    renderer: Renderer,
+    streamer: Streamer,
+    decoded: BTreeMap<u32, GpuChunk>,
+    events: Vec<Event>,
+    bounds: Bounds,
+    camera: Camera,
+    options: RenderOptions,
+    target_pixels: f64,
+    draw: Vec<DrawPatch>,
+}
+
+#[wasm_bindgen]
+impl Viewer {
+    /// Open the pack whose first bytes are `head` (enough of them: [`head_needs`]) on a canvas.
+    ///
+    /// # Errors
+    /// A sentence; it begins with `nogpu:` where the browser gives no device.
+    pub async fn create(canvas: HtmlCanvasElement, head: Vec<u8>) -> Result<Viewer, JsError> {
+        std::panic::set_hook(Box::new(|info| web_sys::console::error_1(&info.to_string().into())));
+        let parsed = parse_head(&head).map_err(|e| JsError::new(&e.to_string()))?;
+        let no_gpu = |e: &dyn std::fmt::Display| JsError::new(&format!("nogpu: {e}"));
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        descriptor.backends = wgpu::Backends::BROWSER_WEBGPU;
+        let instance = wgpu::Instance::new(descriptor);
+        let size = [canvas.width().max(1), canvas.height().max(1)];
+        let surface = instance.create_surface(wgpu::SurfaceTarget::Canvas(canvas)).map_err(|e| no_gpu(&e))?;
+        let gpu = Gpu::for_surface(&instance, &surface).await.map_err(|e| no_gpu(&e))?;
+        // The canvas's own format, whose values are encoded by the shader: a view of it with an sRGB format is not
+        // honoured everywhere (Chromium on SwiftShader shows linear values).
+        let config = surface
+            .get_default_config(&gpu.adapter, size[0], size[1])
+            .ok_or_else(|| no_gpu(&"the adapter cannot draw to a canvas"))?;
+        let format = config.format;
+        surface.configure(&gpu.device, &config);
+        let lost = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&lost);
+        gpu.device.set_device_lost_callback(move |_, _| flag.store(true, Ordering::Relaxed));
+        let renderer = Renderer::new(gpu.device.clone(), gpu.queue.clone(), format, gpu.samples(format));
+        // Chunks are small: sixteen are about a megabyte, which no frame feels, and a slow renderer needs fewer frames.
+        let budgets = Budgets { uploads: 16, ..Budgets::default() };
+        let streamer = Streamer::new(&parsed, head.len() as u64, budgets);
+        let bounds = bounds(&parsed.metadata);
+        Ok(Self {
+            camera: Camera::standard(StandardView::Iso, &bounds, size),
+            gpu,
+            surface,
+            config,
+            lost,
+            renderer,
+            streamer,
+            decoded: BTreeMap::new(),
+            events: Vec::new(),
+            bounds,
+            options: RenderOptions::default(),
+            target_pixels: 1.0,
+            draw: Vec::new(),
+        })
+    }
+
+    /// Name and kind of the graphics adapter.
+    pub fn adapter(&self) -> String {
+        self.gpu.describe()
+    }
+
+    /// The canvas has so many pixels now.
+    pub fn resize(&mut self, width: u32, height: u32) {
+        let limit = self.gpu.device.limits().max_texture_dimension_2d;
+        (self.config.width, self.config.height) = (width.clamp(1, limit), height.clamp(1, limit));
+        self.surface.configure(&self.gpu.device, &self.config);
+    }
+}
+
+impl Viewer {
+    fn size(&self) -> [u32; 2] {
+        [self.config.width, self.config.height]
+    }
+
+    fn view(&self) -> View {
+        self.camera.view(&self.streamer.header().lattice, &self.bounds, self.size(), self.target_pixels)
+    }
+
+    fn hit(&self, x: f64, y: f64) -> Option<Hit> {
+        let (origin, direction) = self.camera.ray([x, y], self.size());
+        let lattice = &self.streamer.header().lattice;
+        let origin = lattice.steps_from_world(origin);
+        nearest(origin, direction, &self.draw, |chunk| {
+            Some((self.decoded.get(&chunk)?, self.streamer.entry(chunk)?.bounds))
+        })
+    }
+
+    /// Draw the cut on the canvas. A surface that is outdated is configured again and drawn with the next frame.
+    fn present(&mut self, view: &View) {
+        let frame = match self.surface.get_current_texture() {
+            wgpu::CurrentSurfaceTexture::Success(frame) | wgpu::CurrentSurfaceTexture::Suboptimal(frame) => frame,
+            wgpu::CurrentSurfaceTexture::Outdated => {
+                self.surface.configure(&self.gpu.device, &self.config);
+                return;
+            }
+            _ => return,
+        };
+        self.renderer.draw(view, &self.draw, &self.options, &view_of(&frame.texture));
+        self.gpu.queue.present(frame);
+    }
+}
+
+fn bounds(metadata: &Metadata) -> Bounds {
+    Bounds { min: metadata.bounds_min, max: metadata.bounds_max }
+}
+
+fn set(object: &Object, name: &str, value: &JsValue) -> Result<(), JsValue> {
+    Reflect::set(object, &name.into(), value).map(drop)
+}

@@ -1,0 +1,172 @@
+//! The viewer's streaming: budgets, what JavaScript reports, and the frame that decides and draws.
+
+use super::{Viewer, set};
+use js_sys::{Array, Object, Uint8Array};
+use kilwa_pack::{GpuChunk, PatchRange};
+use kilwa_stream::{Budgets, Command, Event, FetchKind, Stats, Step};
+use std::sync::atomic::Ordering;
+use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
+
+#[wasm_bindgen]
+impl Viewer {
+    /// GPU memory and main memory for chunks, in bytes.
+    #[wasm_bindgen(js_name = setMemory)]
+    pub fn set_memory(&mut self, gpu_bytes: f64, cpu_bytes: f64) {
+        let budgets = Budgets { gpu_bytes: gpu_bytes as u64, cpu_bytes: cpu_bytes as u64, ..*self.streamer.budgets() };
+        self.streamer.set_budgets(budgets);
+    }
+
+    /// The pixel error to refine to.
+    #[wasm_bindgen(js_name = setTargetPixels)]
+    pub fn set_target_pixels(&mut self, pixels: f64) {
+        self.target_pixels = if pixels.is_finite() { pixels.clamp(0.1, 100.0) } else { 1.0 };
+    }
+
+    /// The bytes of a chunk request came.
+    #[wasm_bindgen(js_name = onBytes)]
+    pub fn on_bytes(&mut self, request: f64, length: f64) {
+        self.events.push(Event::Bytes { request: request as u64, length: length as u64 });
+    }
+
+    /// The bytes of a page request came.
+    #[wasm_bindgen(js_name = onPageBytes)]
+    pub fn on_page_bytes(&mut self, request: f64, bytes: Vec<u8>) {
+        self.events.push(Event::PageBytes { request: request as u64, bytes });
+    }
+
+    /// A request failed.
+    #[wasm_bindgen(js_name = onFailed)]
+    pub fn on_failed(&mut self, request: f64) {
+        self.events.push(Event::Failed { request: request as u64 });
+    }
+
+    /// A worker decoded a chunk. `patches`: first triangle, number of triangles, diamond; three numbers each.
+    #[wasm_bindgen(js_name = onDecoded)]
+    pub fn on_decoded(&mut self, chunk: u32, vertices: Vec<u8>, indices: Vec<u32>, patches: &[u32]) {
+        let patches: Vec<PatchRange> =
+            patches.chunks_exact(3).map(|p| PatchRange { first: p[0], count: p[1], diamond: p[2] }).collect();
+        let decoded = GpuChunk {
+            vertex_count: (vertices.len() / kilwa_pack::vertex_layout::VERTEX_BYTES) as u32,
+            triangle_count: (indices.len() / 3) as u32,
+            vertices,
+            indices,
+            patches: patches.clone(),
+        };
+        self.decoded.insert(chunk, decoded);
+        self.events.push(Event::Decoded { chunk, patches });
+    }
+
+    /// A worker refused a chunk.
+    #[wasm_bindgen(js_name = onDecodeFailed)]
+    pub fn on_decode_failed(&mut self, chunk: u32) {
+        self.events.push(Event::DecodeFailed { chunk });
+    }
+
+    /// Decide and draw. Returns `{ commands, stats }`; see `www/session.js`.
+    ///
+    /// # Errors
+    /// When JavaScript refuses an object, which does not happen.
+    pub fn frame(&mut self, now_ms: f64) -> Result<JsValue, JsValue> {
+        let view = self.view();
+        let step = self.streamer.step(&view, now_ms, std::mem::take(&mut self.events));
+        let commands = Array::new();
+        for command in &step.commands {
+            match command {
+                Command::Upload { chunk } => {
+                    if let Some(decoded) = self.decoded.get(chunk) {
+                        self.renderer.upload(*chunk, decoded);
+                    }
+                }
+                Command::Evict { chunk } => {
+                    self.decoded.remove(chunk);
+                    self.renderer.evict(*chunk);
+                    commands.push(&command_object(command)?);
+                }
+                _ => {
+                    commands.push(&command_object(command)?);
+                }
+            }
+        }
+        let stats = self.stats_object(&step)?;
+        self.draw = step.draw;
+        self.present(&view);
+        let answer = Object::new();
+        set(&answer, "commands", &commands)?;
+        set(&answer, "stats", &stats)?;
+        Ok(answer.into())
+    }
+}
+
+impl Viewer {
+    fn stats_object(&self, step: &Step) -> Result<Object, JsValue> {
+        let s: &Stats = &step.stats;
+        let o = Object::new();
+        for (name, value) in [
+            ("entriesKnown", f64::from(s.entries_known)),
+            ("chunksWanted", f64::from(s.chunks_wanted)),
+            ("chunksMissing", f64::from(s.chunks_missing)),
+            ("chunksResident", f64::from(s.chunks_resident)),
+            ("bytesMissing", s.bytes_missing as f64),
+            ("bytesWanted", s.bytes_wanted as f64),
+            ("bytesReceived", s.bytes_received as f64),
+            ("requestsInFlight", f64::from(s.requests_in_flight)),
+            ("requestsMade", s.requests_made as f64),
+            ("failures", s.failures as f64),
+            ("retryInMs", s.retry_in_ms),
+            ("gpuBytes", s.gpu_bytes as f64),
+            ("gpuBytesHeld", self.renderer.chunk_bytes() as f64),
+            ("cpuBytes", s.cpu_bytes as f64),
+            ("gpuLimit", self.streamer.budgets().gpu_bytes as f64),
+            ("patchesDrawn", f64::from(s.patches_drawn)),
+            ("trianglesDrawn", s.triangles_drawn as f64),
+            ("worstPixelError", s.worst_pixel_error),
+            ("worstErrorMetres", s.worst_error_metres),
+            ("targetPixels", self.target_pixels),
+        ] {
+            set(&o, name, &value.into())?;
+        }
+        for (name, value) in [
+            ("targetReached", s.target_reached),
+            ("budgetLimited", s.budget_limited),
+            ("settled", s.settled),
+            ("more", !step.commands.is_empty()),
+            ("lost", self.lost.load(Ordering::Relaxed)),
+        ] {
+            set(&o, name, &value.into())?;
+        }
+        Ok(o)
+    }
+}
+
+fn command_object(command: &Command) -> Result<JsValue, JsValue> {
+    let o = Object::new();
+    let number = |name: &str, value: f64| set(&o, name, &value.into());
+    match command {
+        Command::Fetch { request, offset, length, kind } => {
+            set(&o, "type", &"fetch".into())?;
+            number("request", *request as f64)?;
+            number("offset", *offset as f64)?;
+            number("length", *length as f64)?;
+            set(&o, "pages", &(*kind == FetchKind::Pages).into())?;
+        }
+        Command::Cancel { request } => {
+            set(&o, "type", &"cancel".into())?;
+            number("request", *request as f64)?;
+        }
+        Command::Decode { chunk, request, offset, length, vertices, triangles, checksum } => {
+            set(&o, "type", &"decode".into())?;
+            number("chunk", f64::from(*chunk))?;
+            number("request", *request as f64)?;
+            number("offset", *offset as f64)?;
+            number("length", f64::from(*length))?;
+            number("vertices", f64::from(*vertices))?;
+            number("triangles", f64::from(*triangles))?;
+            set(&o, "checksum", &Uint8Array::from(checksum.as_slice()))?;
+        }
+        Command::Upload { chunk } | Command::Evict { chunk } => {
+            set(&o, "type", &"evict".into())?;
+            number("chunk", f64::from(*chunk))?;
+        }
+    }
+    Ok(o.into())
+}
