@@ -189,6 +189,7 @@ fn read_camera(path: &Path) -> anyhow::Result<Camera> {
         distance,
         field_of_view: field_of_view.to_radians(),
         orthographic,
+        roll: 0.0,
     })
 }
 

@@ -1,4 +1,5 @@
-//! A turntable camera: it looks at a target from an azimuth and an elevation, and up stays up.
+//! A camera: it looks at a target from an azimuth and an elevation. On the turntable up stays up; turned freely it may
+//! roll as well; inside a room it looks about from where the eye stands.
 //!
 //! World metres, z up, north +y, east +x, all in f64. Pure: input is turned into moves here, and tested here.
 
@@ -66,7 +67,7 @@ impl StandardView {
     }
 }
 
-/// A turntable camera.
+/// A camera that looks at a target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
     /// The point that it turns round, world metres.
@@ -81,10 +82,12 @@ pub struct Camera {
     pub field_of_view: f64,
     /// Parallel projection instead of perspective. The scale at the target stays the same.
     pub orthographic: bool,
+    /// Radians that the picture's top leans to the left of straight up; 0 on the turntable.
+    pub roll: f64,
 }
 
 /// Half a right angle of vertical view: close to what a surveyor's photograph shows.
-const DEFAULT_FIELD_OF_VIEW: f64 = 0.7;
+pub const DEFAULT_FIELD_OF_VIEW: f64 = 0.7;
 /// The eye never stands farther or nearer than these multiples of the model's radius.
 const DISTANCE_RANGE: (f64, f64) = (1e-5, 50.0);
 const QUARTER: f64 = std::f64::consts::FRAC_PI_2;
@@ -107,6 +110,7 @@ impl Camera {
             distance: 1.0,
             field_of_view: DEFAULT_FIELD_OF_VIEW,
             orthographic: view != StandardView::Iso,
+            roll: 0.0,
         };
         camera.fit(bounds, size);
         camera
@@ -119,15 +123,23 @@ impl Camera {
         [ce * sa, ce * ca, se]
     }
 
-    /// To the right of the picture, a unit vector, always level.
+    /// To the right of the picture, a unit vector, level where nothing rolls.
     pub fn right(&self) -> Vec3 {
-        let (sa, ca) = libm::sincos(self.azimuth);
-        [-ca, sa, 0.0]
+        let (level, upright) = self.upright();
+        let (sin, cos) = libm::sincos(self.roll);
+        std::array::from_fn(|i| level[i] * cos + upright[i] * sin)
     }
 
     /// To the top of the picture, a unit vector.
     pub fn up(&self) -> Vec3 {
         cross(self.backward(), self.right())
+    }
+
+    /// Right and up of a camera that looks the same way and does not roll.
+    fn upright(&self) -> (Vec3, Vec3) {
+        let (sa, ca) = libm::sincos(self.azimuth);
+        let right = [-ca, sa, 0.0];
+        (right, cross(self.backward(), right))
     }
 
     /// The eye, world metres.
@@ -143,11 +155,40 @@ impl Camera {
 
     /// Turn round the target, radians. A positive `azimuth` moves the eye clockwise seen from above.
     pub fn orbit(&mut self, azimuth: f64, elevation: f64) {
-        self.azimuth = libm::fmod(self.azimuth + azimuth, 4.0 * QUARTER);
-        if self.azimuth < 0.0 {
-            self.azimuth += 4.0 * QUARTER;
-        }
+        self.azimuth = positive(self.azimuth + azimuth);
         self.elevation = (self.elevation + elevation).clamp(-QUARTER, QUARTER);
+    }
+
+    /// Turn round the target about the picture's own axes, radians: `across` moves the eye to the left of the picture,
+    /// `upward` to its top, `twist` leans the picture's top to the left. There is no pole and no up.
+    pub fn turn_free(&mut self, across: f64, upward: f64, twist: f64) {
+        let (right, up, back) = (self.right(), self.up(), self.backward());
+        let mix = |a: Vec3, b: Vec3, angle: f64| -> Vec3 {
+            let (sin, cos) = libm::sincos(angle);
+            std::array::from_fn(|i| a[i] * cos + b[i] * sin)
+        };
+        let back = mix(back, right, -across);
+        let (back, up) = (mix(back, up, upward), mix(up, back, -upward));
+        self.elevation = libm::asin(back[2].clamp(-1.0, 1.0));
+        // Straight above or below, the azimuth says nothing: the roll takes what it said.
+        if libm::hypot(back[0], back[1]) > 1e-9 {
+            self.azimuth = positive(libm::atan2(back[0], back[1]));
+        }
+        let (level, upright) = self.upright();
+        self.roll = libm::atan2(-dot(up, level), dot(up, upright)) + twist;
+    }
+
+    /// Look about without moving the eye: the target goes round it. Radians, as for [`Camera::orbit`].
+    pub fn look(&mut self, azimuth: f64, elevation: f64) {
+        let eye = self.eye();
+        self.orbit(azimuth, elevation);
+        self.place_eye(eye);
+    }
+
+    /// Put the eye somewhere, looking the same way.
+    pub fn place_eye(&mut self, eye: Vec3) {
+        let back = self.backward();
+        self.target = std::array::from_fn(|i| eye[i] - back[i] * self.distance);
     }
 
     /// Move with the picture: what is at the target's depth follows a pointer that moved `dx`, `dy` pixels (y down).
@@ -193,6 +234,20 @@ impl Camera {
         let d = sub(through, eye);
         let length = libm::sqrt(dot(d, d));
         (eye, d.map(|x| x / length))
+    }
+
+    /// The pixel of a world point, and how many metres before the eye it lies (before the target's plane in parallel
+    /// projection, more than the distance being behind it). `None` where it is not before the eye.
+    pub fn pixel(&self, point: Vec3, size: [u32; 2]) -> Option<([f64; 2], f64)> {
+        let d = sub(point, self.eye());
+        let depth = -dot(d, self.backward());
+        if !self.orthographic && depth <= self.distance * 1e-3 {
+            return None;
+        }
+        let metres = 2.0 * self.half_height() / f64::from(size[1].max(1));
+        let scale = if self.orthographic { 1.0 } else { self.distance / depth } / metres;
+        let (x, y) = (dot(d, self.right()) * scale, dot(d, self.up()) * scale);
+        Some(([f64::from(size[0]) * 0.5 + x, f64::from(size[1]) * 0.5 - y], depth))
     }
 
     fn plane_offset(&self, [px, py]: [f64; 2], size: [u32; 2]) -> (f64, f64) {
@@ -262,4 +317,10 @@ impl Camera {
         };
         View { eye, right: self.right(), up: self.up(), forward, anchor, projection, size, near, far, target_pixels }
     }
+}
+
+/// An angle as 0 to 2π.
+fn positive(angle: f64) -> f64 {
+    let angle = libm::fmod(angle, 4.0 * QUARTER);
+    if angle < 0.0 { angle + 4.0 * QUARTER } else { angle }
 }

@@ -16,6 +16,7 @@ pub mod options;
 pub mod pick;
 pub mod renderer;
 pub mod shell;
+pub mod walk;
 
 pub use camera::{Bounds, Camera, StandardView};
 pub use gpu::context::{Gpu, GpuError, Prefer};

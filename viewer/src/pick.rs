@@ -20,17 +20,28 @@ pub struct Hit {
     pub along: f64,
 }
 
-/// The nearest drawn surface along `origin + t * direction`, `t >= 0`, from either side. `chunk` gives the decoded
-/// form and the box of a chunk; patches whose chunk it does not give are passed over.
+/// Which part of the cut a ray may meet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scope {
+    /// What is in the picture.
+    Seen,
+    /// Also what lies outside the picture: the ground under one's feet.
+    Whole,
+}
+
+/// The nearest surface of the drawn cut along `origin + t * direction`, `t >= 0`, from either side. `chunk` gives the decoded
+/// form and the box of a chunk; patches whose chunk it does not give are passed over, and with `Scope::Seen` those
+/// outside the picture.
 pub fn nearest<'a>(
     origin: Vec3,
     direction: Vec3,
     patches: &[DrawPatch],
+    scope: Scope,
     chunk: impl Fn(u32) -> Option<(&'a GpuChunk, Aabb)>,
 ) -> Option<Hit> {
     let mut best: Option<Hit> = None;
     let mut current: Option<(u32, Option<&GpuChunk>)> = None;
-    for patch in patches.iter().filter(|p| p.visible) {
+    for patch in patches.iter().filter(|p| p.visible || scope == Scope::Whole) {
         let mesh = match current {
             Some((index, mesh)) if index == patch.chunk => mesh,
             _ => {
@@ -111,13 +122,17 @@ mod tests {
         let mesh = squares();
         let bounds = Aabb { min: [0, 10, 0], max: [8, 20, 8] };
         let find = |patches: &[DrawPatch], origin| {
-            nearest(origin, [0.0, 1.0, 0.0], patches, |c| (c == 7).then_some((&mesh, bounds)))
+            nearest(origin, [0.0, 1.0, 0.0], patches, Scope::Seen, |c| (c == 7).then_some((&mesh, bounds)))
         };
         let all = [patch(0, 2, true), patch(2, 2, true)];
         let hit = find(&all, [4.0, 0.0, 5.0]).unwrap();
         assert_eq!((hit.point, hit.error), ([4.0, 10.0, 5.0], 0.5));
         assert_eq!(find(&all[1..], [4.0, 0.0, 5.0]).unwrap().point[1], 20.0);
         assert_eq!(find(&[patch(0, 2, false), patch(2, 2, true)], [4.0, 0.0, 5.0]).unwrap().point[1], 20.0);
+        let behind = [patch(0, 2, false), patch(2, 2, false)];
+        let whole =
+            nearest([4.0, 0.0, 5.0], [0.0, 1.0, 0.0], &behind, Scope::Whole, |_| Some((&mesh, bounds))).unwrap();
+        assert_eq!(whole.point[1], 10.0, "what is outside the picture is met where it is asked for");
         assert_eq!(find(&all, [4.0, 15.0, 5.0]).unwrap().point[1], 20.0);
         assert!(find(&all, [9.5, 0.0, 5.0]).is_none());
         assert!(find(&all, [4.0, 25.0, 5.0]).is_none());

@@ -125,3 +125,59 @@ fn a_new_pivot_does_not_move_the_picture() {
         assert!((before[0] - after[0]).abs() < 1e-6 && (before[1] - after[1]).abs() < 1e-6, "{before:?} {after:?}");
     }
 }
+
+#[test]
+fn turned_freely_the_camera_passes_the_poles_and_keeps_its_distance_and_its_axes() {
+    let mut camera = Camera::standard(StandardView::Iso, &BOUNDS, SIZE);
+    let mut lowest: f64 = 1.0;
+    for k in 0..400 {
+        let (before, target) = (camera.backward(), camera.target);
+        camera.turn_free(0.011 * f64::from(k % 7), 0.05, 0.003);
+        let (r, u, b) = (camera.right(), camera.up(), camera.backward());
+        assert!(close(cross(r, u), b, 1e-9) && (dot(b, b) - 1.0).abs() < 1e-9, "{camera:?}");
+        assert!(dot(before, b) > 0.99, "no jump at the pole: {before:?} to {b:?}");
+        assert_eq!(target, camera.target);
+        lowest = lowest.min(u[2]);
+    }
+    assert!(lowest < -0.4, "the picture stood on its head in between: {lowest}");
+}
+
+#[test]
+fn a_free_turn_moves_the_eye_as_the_turntable_does_at_the_horizon() {
+    let mut free = Camera::standard(StandardView::South, &BOUNDS, SIZE);
+    let mut table = free;
+    free.turn_free(0.2, 0.0, 0.0);
+    table.orbit(0.2, 0.0);
+    assert!(close(free.eye(), table.eye(), 1e-6) && close(free.up(), table.up(), 1e-9));
+    free.turn_free(0.0, 0.3, 0.0);
+    table.orbit(0.0, 0.3);
+    assert!(close(free.eye(), table.eye(), 1e-6) && close(free.up(), table.up(), 1e-9));
+}
+
+#[test]
+fn looking_about_leaves_the_eye_where_it_is() {
+    let mut camera = Camera::standard(StandardView::Iso, &BOUNDS, SIZE);
+    let eye = camera.eye();
+    camera.look(1.1, -0.4);
+    assert!(close(camera.eye(), eye, 1e-6));
+    camera.place_eye([500_001.0, 4_649_780.0, 101.6]);
+    assert!(close(camera.eye(), [500_001.0, 4_649_780.0, 101.6], 1e-6));
+}
+
+#[test]
+fn the_pixel_of_a_point_is_the_one_whose_ray_meets_it() {
+    for (view, _) in StandardView::ALL {
+        let mut camera = Camera::standard(view, &BOUNDS, SIZE);
+        camera.turn_free(0.2, 0.1, 0.3);
+        for at in [[0.0, 0.0], [600.0, 400.0], [1100.0, 30.0]] {
+            let (origin, direction) = camera.ray(at, SIZE);
+            let point = std::array::from_fn(|i| origin[i] + direction[i] * camera.distance * 1.3);
+            let (found, depth) = camera.pixel(point, SIZE).unwrap();
+            assert!((found[0] - at[0]).abs() < 1e-3 && (found[1] - at[1]).abs() < 1e-3, "{found:?} for {at:?}");
+            assert!(depth > 0.0);
+        }
+    }
+    let camera = Camera::standard(StandardView::Iso, &BOUNDS, SIZE);
+    let behind: [f64; 3] = std::array::from_fn(|i| camera.eye()[i] + camera.backward()[i]);
+    assert!(camera.pixel(behind, SIZE).is_none());
+}

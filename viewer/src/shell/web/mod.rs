@@ -14,10 +14,10 @@ use crate::camera::{Bounds, Camera, StandardView};
 use crate::gpu::context::Gpu;
 use crate::gpu::target::view_of;
 use crate::options::RenderOptions;
-use crate::pick::{Hit, nearest};
+use crate::pick::{Hit, Scope, nearest};
 use crate::renderer::Renderer;
 use js_sys::{Object, Reflect};
-use kilwa_pack::{GpuChunk, Metadata, PackError, parse_head};
+use kilwa_pack::{GpuChunk, HEADER_BYTES, Metadata, PackError, parse_head};
 use kilwa_stream::{Budgets, DrawPatch, Event, Streamer, View};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -47,9 +47,13 @@ pub fn pack_info(bytes: &[u8]) -> Result<String, JsError> {
     let head = parse_head(bytes).map_err(|e| JsError::new(&e.to_string()))?;
     let metadata = serde_json::to_value(&head.metadata)?;
     let h = &head.header;
+    // The header ends with its hash, which covers the metadata's: it tells one pack from another.
+    let hash =
+        bytes.get(HEADER_BYTES - 32..HEADER_BYTES - 16).and_then(|b| b.try_into().ok()).map_or(0, u128::from_be_bytes);
     let info = serde_json::json!({
         "metadata": metadata,
         "pack": {
+            "hash": format!("{hash:032x}"),
             "bytes": h.file_bytes,
             "entries": h.entry_count,
             "triangles": h.triangles,
@@ -153,7 +157,7 @@ impl Viewer {
         let (origin, direction) = self.camera.ray([x, y], self.size());
         let lattice = &self.streamer.header().lattice;
         let origin = lattice.steps_from_world(origin);
-        nearest(origin, direction, &self.draw, |chunk| {
+        nearest(origin, direction, &self.draw, Scope::Seen, |chunk| {
             Some((self.decoded.get(&chunk)?, self.streamer.entry(chunk)?.bounds))
         })
     }

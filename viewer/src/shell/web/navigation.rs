@@ -1,7 +1,10 @@
 //! Where the viewer looks from: camera, standard views, what is under a pixel.
 
 use super::Viewer;
-use crate::camera::{Camera, StandardView};
+use crate::camera::{Camera, DEFAULT_FIELD_OF_VIEW, StandardView};
+use crate::pick::{Scope, nearest};
+use crate::walk;
+use kilwa_geometry::distance::{Vec3, dot, sub};
 use wasm_bindgen::prelude::wasm_bindgen;
 
 #[wasm_bindgen]
@@ -17,6 +20,68 @@ impl Viewer {
         if azimuth.is_finite() && elevation.is_finite() {
             self.camera.orbit(azimuth, elevation);
         }
+    }
+
+    /// Turn about the picture's own axes, without poles: `across` moves the eye to the left, `upward` up, `twist` leans the
+    /// picture. Radians.
+    #[wasm_bindgen(js_name = turnFree)]
+    pub fn turn_free(&mut self, across: f64, upward: f64, twist: f64) {
+        if across.is_finite() && upward.is_finite() && twist.is_finite() {
+            self.camera.turn_free(across, upward, twist);
+        }
+    }
+
+    /// Look about from where the eye stands; radians as for `orbit`.
+    pub fn look(&mut self, azimuth: f64, elevation: f64) {
+        if azimuth.is_finite() && elevation.is_finite() {
+            self.camera.look(azimuth, elevation);
+        }
+    }
+
+    /// Walk some metres forward and to the right over the surface within `seconds`, the eye `height` metres above it;
+    /// false where nothing moved.
+    pub fn walk(&mut self, forward: f64, right: f64, seconds: f64, height: f64) -> bool {
+        if ![forward, right, seconds, height].iter().all(|v| v.is_finite()) || height <= 0.0 {
+            return false;
+        }
+        let (sin, cos) = libm::sincos(self.camera.azimuth);
+        let across = [-sin * forward - cos * right, -cos * forward + sin * right];
+        let eye = self.camera.eye();
+        let there = walk::step(eye, across, seconds, height, |from, way| self.cast(from, way));
+        // What would not be seen is not moved, so that a standing person is a still picture.
+        let moved = (0..3).any(|i| (there[i] - eye[i]).abs() > height * 1e-4);
+        if moved {
+            self.camera.place_eye(there);
+        }
+        moved
+    }
+
+    /// Height of the surface below a place, metres; not a number where there is none.
+    #[wasm_bindgen(js_name = groundBelow)]
+    pub fn ground_below(&self, x: f64, y: f64, z: f64) -> f64 {
+        walk::ground([x, y, z], |from, way| self.cast(from, way)).unwrap_or(f64::NAN)
+    }
+
+    /// The eye, x, y, z in metres.
+    pub fn eye(&self) -> Vec<f64> {
+        self.camera.eye().to_vec()
+    }
+
+    /// Pixels of places: for each x, y, z its pixel x, y and its depth in metres, not numbers where it is not before the eye.
+    pub fn project(&self, places: &[f64]) -> Vec<f64> {
+        let pixel = |p: &[f64]| self.camera.pixel([p[0], p[1], p[2]], self.size());
+        let nowhere = ([f64::NAN; 2], f64::NAN);
+        places.chunks_exact(3).map(|p| pixel(p).unwrap_or(nowhere)).flat_map(|([x, y], depth)| [x, y, depth]).collect()
+    }
+
+    /// Whether the surface on screen stands before a place. A place up to `slack` metres behind it counts as on it.
+    #[wasm_bindgen(js_name = isHidden)]
+    pub fn is_hidden(&self, x: f64, y: f64, z: f64, slack: f64) -> bool {
+        let Some((pixel, _)) = self.camera.pixel([x, y, z], self.size()) else { return true };
+        let (origin, direction) = self.camera.ray(pixel, self.size());
+        let Some(hit) = self.hit(pixel[0], pixel[1]) else { return false };
+        let seen = self.streamer.header().lattice.world_from_steps(hit.point);
+        dot(sub(seen, origin), direction) + slack < dot(sub([x, y, z], origin), direction)
     }
 
     /// Move with the picture, by pixels.
@@ -60,17 +125,24 @@ impl Viewer {
         self.camera.fit(&self.bounds, self.size());
     }
 
-    /// The camera: azimuth, elevation (radians), distance, target x, y, z (metres), 1 where parallel.
+    /// The camera: azimuth, elevation (radians), distance, target x, y, z (metres), 1 where parallel, roll and vertical
+    /// opening angle (radians).
     pub fn camera(&self) -> Vec<f64> {
         let c = &self.camera;
-        vec![c.azimuth, c.elevation, c.distance, c.target[0], c.target[1], c.target[2], f64::from(c.orthographic)]
+        let [x, y, z] = c.target;
+        vec![c.azimuth, c.elevation, c.distance, x, y, z, f64::from(c.orthographic), c.roll, c.field_of_view]
     }
 
-    /// Take a camera that [`Viewer::camera`] gave; false when it is none.
+    /// Take a camera that [`Viewer::camera`] gave; false when it is none. Roll and opening angle may be left out.
     #[wasm_bindgen(js_name = setCamera)]
     pub fn set_camera(&mut self, camera: &[f64]) -> bool {
-        let &[azimuth, elevation, distance, x, y, z, orthographic] = camera else { return false };
-        let is_sane = camera.iter().all(|v| v.is_finite()) && distance > 0.0;
+        let &[azimuth, elevation, distance, x, y, z, orthographic, ref rest @ ..] = camera else { return false };
+        let roll = rest.first().copied().unwrap_or(0.0);
+        let field_of_view = rest.get(1).copied().unwrap_or(DEFAULT_FIELD_OF_VIEW);
+        let is_sane = camera.iter().all(|v| v.is_finite())
+            && distance > 0.0
+            && rest.len() <= 2
+            && (0.01..=2.8).contains(&field_of_view);
         if is_sane {
             self.camera.azimuth = 0.0;
             self.camera.elevation = 0.0;
@@ -78,6 +150,8 @@ impl Viewer {
             self.camera.target = [x, y, z];
             self.camera.orthographic = orthographic != 0.0;
             self.camera.distance = distance;
+            self.camera.roll = roll;
+            self.camera.field_of_view = field_of_view;
             // Brings the distance into its range.
             self.camera.zoom(1.0, self.camera.target, &self.bounds);
         }
@@ -95,5 +169,17 @@ impl Viewer {
         let Some(hit) = self.hit(x, y) else { return Vec::new() };
         let [x, y, z] = self.streamer.header().lattice.world_from_steps(hit.point);
         vec![x, y, z, f64::from(hit.error)]
+    }
+}
+
+impl Viewer {
+    /// Metres from a place along a unit vector to the nearest surface of the cut, also outside the picture.
+    fn cast(&self, from: Vec3, way: Vec3) -> Option<f64> {
+        let lattice = &self.streamer.header().lattice;
+        let origin = lattice.steps_from_world(from);
+        let hit = nearest(origin, way, &self.draw, Scope::Whole, |chunk| {
+            Some((self.decoded.get(&chunk)?, self.streamer.entry(chunk)?.bounds))
+        })?;
+        Some(hit.along * lattice.step())
     }
 }
