@@ -7,7 +7,16 @@ use std::process::{Child, Command, Output, Stdio};
 
 /// The files that a built page must have; their content does not matter here.
 fn page(dir: &Path) {
-    for name in ["index.html", "boot.js", "viewer.js", "viewer_bg.wasm", "decode.js", "decode_bg.wasm"] {
+    for name in [
+        "index.html",
+        "boot.js",
+        "viewer.js",
+        "viewer_bg.wasm",
+        "viewer-gl.js",
+        "viewer-gl_bg.wasm",
+        "decode.js",
+        "decode_bg.wasm",
+    ] {
         std::fs::write(dir.join(name), "x").unwrap();
     }
 }

@@ -7,6 +7,7 @@ import { apply, onChange, preferred, remember, t, use } from "./i18n.js";
 import { Input } from "./input.js";
 import { isPassing } from "./loader.js";
 import { factsList } from "./facts.js";
+import { whyNoGpu } from "./program.js";
 import { Session } from "./session.js";
 import { Status } from "./status.js";
 import { readView, writeView } from "./link.js";
@@ -121,7 +122,7 @@ class Page {
   /** Make the viewer and start streaming; again after the device was lost, with the same camera. */
   async draw(camera = readView(location.hash)) {
     const canvas = $("canvas");
-    const reason = await noGpu();
+    const reason = whyNoGpu();
     let viewer;
     try {
       if (reason) throw new Error("nogpu:");
@@ -365,12 +366,3 @@ class Page {
     this.settle();
   }
 }
-
-/** Why there can be no WebGPU, as the key of a sentence; null where there may be. */
-async function noGpu() {
-  if (!isSecureContext) return "noGpuInsecure";
-  if (!navigator.gpu) return "noGpuMissing";
-  const adapter = await navigator.gpu.requestAdapter().catch(() => null);
-  return adapter ? null : "noGpuAdapter";
-}
-

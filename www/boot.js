@@ -1,5 +1,6 @@
 // The first thing that runs: asks for the head of the pack and for the program at the same time, then starts the page.
 import { Pack } from "./loader.js";
+import { load } from "./program.js";
 
 const parameters = new URLSearchParams(location.search);
 // The server writes the address of the pack into the page; on a plain static host ?pack=URL names it.
@@ -8,10 +9,7 @@ const pack = address ? new Pack(new URL(address, document.body.dataset.pack ? lo
 // Failures are awaited, and shown, by the page; they must not count as unhandled until it is loaded.
 const head = pack?.head();
 head?.catch(() => {});
-const program = import("./viewer.js").then(async (module) => {
-  await module.default({ module_or_path: fetch(new URL("viewer_bg.wasm", import.meta.url)) });
-  return module;
-});
+const program = load(parameters);
 program.catch(() => {});
 
 const { start } = await import("./app.js");

@@ -91,9 +91,17 @@ impl Page {
     }
 
     fn missing(&self) -> Option<&'static str> {
-        ["index.html", "boot.js", "viewer.js", "viewer_bg.wasm", "decode.js", "decode_bg.wasm"]
-            .into_iter()
-            .find(|f| !self.files.contains_key(*f))
+        const NEEDED: [&str; 8] = [
+            "index.html",
+            "boot.js",
+            "viewer.js",
+            "viewer_bg.wasm",
+            "viewer-gl.js",
+            "viewer-gl_bg.wasm",
+            "decode.js",
+            "decode_bg.wasm",
+        ];
+        NEEDED.into_iter().find(|f| !self.files.contains_key(*f))
     }
 
     pub(crate) fn file(&self, name: &str) -> Option<&Asset> {

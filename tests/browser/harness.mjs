@@ -173,3 +173,14 @@ export const picture = (page) =>
     const middle = ((height >> 1) * width + (width >> 1)) * 4;
     return { width, height, share: model / (width * height), hash, middle: [...pixels.slice(middle, middle + 4)] };
   });
+
+/** The same, with the pixels themselves: red, green, blue and alpha, rows from the top. */
+export async function pixels(page) {
+  const { width, height, text } = await page.evaluate(async () => {
+    const { width, height, pixels } = await globalThis.kilwa.viewer.readPixels();
+    let text = "";
+    for (let at = 0; at < pixels.length; at += 32768) text += String.fromCharCode(...pixels.subarray(at, at + 32768));
+    return { width, height, text: btoa(text) };
+  });
+  return { width, height, pixels: Buffer.from(text, "base64") };
+}

@@ -280,10 +280,16 @@ test("a file that changes while it is looked at is said, and the model stays on 
   proxy.mishap = null;
 });
 
-test("without WebGPU there is a sentence, the facts and the download", async () => {
-  const hide = () => Object.defineProperty(Navigator.prototype, "gpu", { value: undefined });
+test("without WebGPU and WebGL 2 there is a sentence, the facts and the download", async () => {
+  const hide = () => {
+    Object.defineProperty(Navigator.prototype, "gpu", { value: undefined });
+    const real = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+      return kind === "webgl2" ? null : real.call(this, kind, ...rest);
+    };
+  };
   const { page, close } = await open(browser, fort(), { wait: "trouble", before: (page) => page.addInitScript(hide) });
-  assert.match(await plate(page), /cannot draw the model[^]*WebGPU/);
+  assert.match(await plate(page), /cannot draw the model[^]*WebGPU[^]*WebGL 2/);
   assert.ok(await page.locator("#trouble-download").isVisible());
   assert.match(await page.locator("#facts").innerText(), /Triangles/);
   await close();

@@ -1,7 +1,8 @@
 //! `cargo xtask web`: the page, ready to be served by any static host, in `www/dist`.
 //!
-//! Input: the crates `kilwa-viewer` and `kilwa-decode`, and the static files of `www/`. Steps: cargo for wasm32 with the profile
-//! `web` (in `target/web`, so that a native build does not wait for it), wasm-bindgen as a library of exactly the version that the
+//! Input: the crates `kilwa-viewer` (twice: with WebGPU, and with WebGL 2 for browsers without it) and `kilwa-decode`, and the
+//! static files of `www/`. Steps: cargo for wasm32 with the profile `web` (in `target/web` and `target/web-gl`, so that neither a
+//! native build waits for it nor one variant replaces the other), wasm-bindgen as a library of exactly the version that the
 //! crates link, wasm-opt from npm's binaryen, a copy of the static files, a `.gz` beside everything that compresses.
 //!
 //! Invariants: `www/dist` holds what this run wrote and nothing else; a file whose bytes did not change is not touched, so
@@ -23,9 +24,26 @@ use wasm_bindgen_cli_support::Bindgen;
 #[derive(clap::Args)]
 pub(crate) struct Args {}
 
-/// Wasm modules: cargo package, name of its library file, name in the page.
-const MODULES: [(&str, &str, &str); 2] =
-    [("kilwa-viewer", "kilwa_viewer", "viewer"), ("kilwa-decode", "kilwa_decode", "decode")];
+/// One call of cargo: its target folder, its further arguments, and the modules that come out: name of the library file, name in
+/// the page.
+struct Build {
+    target: &'static str,
+    args: &'static [&'static str],
+    modules: &'static [(&'static str, &'static str)],
+}
+
+const BUILDS: [Build; 2] = [
+    Build {
+        target: "target/web",
+        args: &["--package", "kilwa-viewer", "--package", "kilwa-decode"],
+        modules: &[("kilwa_viewer", "viewer"), ("kilwa_decode", "decode")],
+    },
+    Build {
+        target: "target/web-gl",
+        args: &["--package", "kilwa-viewer", "--no-default-features", "--features", "webgl"],
+        modules: &[("kilwa_viewer", "viewer-gl")],
+    },
+];
 
 /// What wasm-opt is told. The features are those rustc uses for this target plus `+simd128` of .cargo/config.toml.
 const WASM_OPT: [&str; 9] = [
@@ -42,6 +60,8 @@ const WASM_OPT: [&str; 9] = [
 
 /// Budget of the viewer's wasm, gzipped bytes (design/viewer.md: readers on slow links are the audience).
 const VIEWER_GZ_MAX: u64 = 350_000;
+/// The same of the build with WebGL 2, which carries a shader compiler.
+const VIEWER_GL_GZ_MAX: u64 = 1_200_000;
 /// Budget of everything else that the page loads, gzipped bytes.
 const PAGE_GZ_MAX: u64 = 120_000;
 
@@ -56,19 +76,18 @@ pub(crate) fn run(_args: &Args) -> Result<()> {
     let tools = setup::npm_packages("xtask/npm")?;
     let root = root()?;
 
-    let started = Instant::now();
-    let mut build =
-        cargo(&["build", "--locked", "--target", setup::WASM, "--profile", "web", "--target-dir", "target/web"])?;
-    for (package, _, _) in MODULES {
-        build.args(["--package", package]);
-    }
-    run_command(&mut build).context("the page's code does not compile for wasm32")?;
-    println!("web: wasm compiled in {:.1} s", started.elapsed().as_secs_f64());
-
     let mut page = Page::new();
-    for (_, library, name) in MODULES {
-        let compiled = root.join("target/web").join(setup::WASM).join(format!("web/{library}.wasm"));
-        add_module(&mut page, &compiled, name, &tools, &root.join("target/web/bindgen"))?;
+    for build in BUILDS {
+        let started = Instant::now();
+        let mut cargo =
+            cargo(&["build", "--locked", "--target", setup::WASM, "--profile", "web", "--target-dir", build.target])?;
+        run_command(cargo.args(build.args)).context("the page's code does not compile for wasm32")?;
+        let target = root.join(build.target);
+        for (library, name) in build.modules {
+            let compiled = target.join(setup::WASM).join(format!("web/{library}.wasm"));
+            add_module(&mut page, &compiled, name, &tools, &target.join("bindgen"))?;
+        }
+        println!("web: {} made in {:.1} s", build.target, started.elapsed().as_secs_f64());
     }
     add_static_files(&mut page, &root.join("www"), "")?;
     add_compressed(&mut page)?;
@@ -222,22 +241,31 @@ fn check_sizes(page: &Page) -> Result<()> {
     let gzipped =
         |name: &str| page.get(&format!("{name}.gz")).or_else(|| page.get(name)).map_or(0, |bytes| bytes.len() as u64);
     println!("{:>10} {:>10}  file", "bytes", "gzipped");
-    let (mut viewer, mut decode, mut rest) = (0, 0, 0);
+    let (mut viewer, mut viewer_gl, mut decode, mut rest, mut glue) = (0, 0, 0, 0, 0);
     for (name, bytes) in page.iter().filter(|(name, _)| !has_extension(name, "gz")) {
         let size = gzipped(name);
         println!("{:>10} {size:>10}  {name}", bytes.len());
         match name.as_str() {
             "viewer_bg.wasm" => viewer = size,
+            "viewer-gl_bg.wasm" => viewer_gl = size,
             "decode_bg.wasm" => decode = size,
+            // A visitor loads one of the two.
+            "viewer.js" | "viewer-gl.js" => glue = size.max(glue),
             _ => rest += size,
         }
     }
+    rest += glue;
     println!(
-        "web: viewer wasm {viewer} of {VIEWER_GZ_MAX}, decoder wasm {decode}, page without wasm {rest} of {PAGE_GZ_MAX} bytes gzipped"
+        "web: viewer wasm {viewer} of {VIEWER_GZ_MAX}, with WebGL 2 {viewer_gl} of {VIEWER_GL_GZ_MAX}, decoder wasm {decode}, page without wasm {rest} of {PAGE_GZ_MAX} bytes gzipped"
     );
     if viewer > VIEWER_GZ_MAX {
         bail!(
             "the viewer's wasm is {viewer} bytes gzipped; at most {VIEWER_GZ_MAX} are allowed (VIEWER_GZ_MAX in xtask/src/web.rs)"
+        );
+    }
+    if viewer_gl > VIEWER_GL_GZ_MAX {
+        bail!(
+            "the viewer's wasm with WebGL 2 is {viewer_gl} bytes gzipped; at most {VIEWER_GL_GZ_MAX} are allowed (VIEWER_GL_GZ_MAX in xtask/src/web.rs)"
         );
     }
     if rest > PAGE_GZ_MAX {
@@ -300,6 +328,18 @@ mod tests {
         assert!(check_sizes(&files).is_ok());
         files.insert("viewer_bg.wasm.gz".into(), vec![0; VIEWER_GZ_MAX as usize + 1]);
         assert!(check_sizes(&files).unwrap_err().to_string().contains("350001"));
+        files.remove("viewer_bg.wasm.gz");
+        files.insert("viewer-gl_bg.wasm".into(), vec![0; 10]);
+        files.insert("viewer-gl_bg.wasm.gz".into(), vec![0; VIEWER_GL_GZ_MAX as usize]);
+        assert!(check_sizes(&files).is_ok());
+        files.insert("viewer-gl_bg.wasm.gz".into(), vec![0; VIEWER_GL_GZ_MAX as usize + 1]);
+        assert!(check_sizes(&files).unwrap_err().to_string().contains("1200001"));
+        files.remove("viewer-gl_bg.wasm.gz");
+        for glue in ["viewer.js", "viewer-gl.js"] {
+            files.insert(glue.into(), Vec::new());
+            files.insert(format!("{glue}.gz"), vec![0; PAGE_GZ_MAX as usize - 1]);
+        }
+        assert!(check_sizes(&files).is_ok(), "only one of the two is loaded");
     }
 
     #[test]

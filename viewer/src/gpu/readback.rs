@@ -50,8 +50,10 @@ impl Readback {
         let mapped = Mapped::default();
         let state = mapped.state.clone();
         self.buffer.map_async(wgpu::MapMode::Read, .., move |result| finish(&state, result.is_ok()));
-        // Natively this waits for the GPU; in a browser it does nothing and the event loop goes on.
+        // Natively this waits for the GPU; with WebGPU it does nothing and the event loop goes on.
         let _ = device.poll(wgpu::PollType::wait_indefinitely());
+        #[cfg(all(target_arch = "wasm32", not(feature = "webgpu")))]
+        poll_until_done(device, &mapped.state).await;
         if !mapped.await {
             return Err(GpuError::Readback);
         }
@@ -61,6 +63,21 @@ impl Readback {
             out.extend_from_slice(&row[..self.row_bytes as usize]);
         }
         Ok(out)
+    }
+}
+
+/// WebGL2 tells nobody that it is done, and may not be waited for: it is asked every few milliseconds.
+#[cfg(all(target_arch = "wasm32", not(feature = "webgpu")))]
+async fn poll_until_done(device: &wgpu::Device, state: &Mutex<MapState>) {
+    const PAUSE_MS: i32 = 4;
+    while state.lock().unwrap_or_else(PoisonError::into_inner).result.is_none() {
+        let Some(window) = web_sys::window() else { return };
+        let pause = js_sys::Promise::new(&mut |resolve, _| {
+            // A refusal leaves the promise open only where a page has no timers, which no browser does.
+            let _ = window.set_timeout_with_callback_and_timeout_and_arguments_0(&resolve, PAUSE_MS);
+        });
+        let _ = wasm_bindgen_futures::JsFuture::from(pause).await;
+        let _ = device.poll(wgpu::PollType::Poll);
     }
 }
 

@@ -11,7 +11,7 @@ mod picture;
 mod stream;
 
 use crate::camera::{Bounds, Camera, StandardView};
-use crate::gpu::context::Gpu;
+use crate::gpu::context::{BROWSER_BACKEND, Gpu};
 use crate::gpu::target::view_of;
 use crate::options::RenderOptions;
 use crate::pick::{Hit, Scope, nearest};
@@ -94,16 +94,21 @@ impl Viewer {
         let parsed = parse_head(&head).map_err(|e| JsError::new(&e.to_string()))?;
         let no_gpu = |e: &dyn std::fmt::Display| JsError::new(&format!("nogpu: {e}"));
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
-        descriptor.backends = wgpu::Backends::BROWSER_WEBGPU;
+        descriptor.backends = BROWSER_BACKEND;
         let instance = wgpu::Instance::new(descriptor);
         let size = [canvas.width().max(1), canvas.height().max(1)];
         let surface = instance.create_surface(wgpu::SurfaceTarget::Canvas(canvas)).map_err(|e| no_gpu(&e))?;
         let gpu = Gpu::for_surface(&instance, &surface).await.map_err(|e| no_gpu(&e))?;
         // The canvas's own format, whose values are encoded by the shader: a view of it with an sRGB format is not
-        // honoured everywhere (Chromium on SwiftShader shows linear values).
-        let config = surface
+        // honoured everywhere (Chromium on SwiftShader shows linear values). WebGL 2 would prefer an sRGB one, with
+        // other colours along edges, where samples are averaged.
+        let mut config = surface
             .get_default_config(&gpu.adapter, size[0], size[1])
             .ok_or_else(|| no_gpu(&"the adapter cannot draw to a canvas"))?;
+        let plain = config.format.remove_srgb_suffix();
+        if surface.get_capabilities(&gpu.adapter).formats.contains(&plain) {
+            config.format = plain;
+        }
         let format = config.format;
         surface.configure(&gpu.device, &config);
         let lost = Arc::new(AtomicBool::new(false));

@@ -1,0 +1,43 @@
+// Which of the two programs draws here: the small one with WebGPU, or the large one with WebGL 2 where no WebGPU adapter
+// answers. Only one of them is ever downloaded.
+
+/** Why nothing can be drawn, as the key of a sentence; null where something can. */
+let reason = null;
+let chosen = null;
+
+export const whyNoGpu = () => reason;
+/** "webgpu" or "webgl", once it is known. */
+export const backend = () => chosen;
+
+/** @param {URLSearchParams} parameters `gpu=webgl` or `gpu=webgpu` takes that one without asking for the other. */
+async function choose(parameters) {
+  const asked = parameters.get("gpu");
+  if (asked !== "webgl" && (await hasWebGpu())) return "webgpu";
+  if (asked !== "webgpu" && hasWebGl2()) return "webgl";
+  if (navigator.gpu) reason = "noGpuAdapter";
+  else reason = isSecureContext ? "noGpuMissing" : "noGpuInsecure";
+  return "webgpu"; // The small one reads the pack's facts all the same.
+}
+
+async function hasWebGpu() {
+  const adapter = await navigator.gpu?.requestAdapter({ powerPreference: "high-performance" }).catch(() => null);
+  return Boolean(adapter);
+}
+
+function hasWebGl2() {
+  const context = document.createElement("canvas").getContext("webgl2");
+  // Browsers allow few contexts: this one goes before the viewer's own comes.
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return Boolean(context);
+}
+
+/** The program, ready to be called. */
+export async function load(parameters) {
+  chosen = await choose(parameters);
+  const name = chosen === "webgl" ? "viewer-gl" : "viewer";
+  const wasm = fetch(new URL(`${name}_bg.wasm`, import.meta.url));
+  wasm.catch(() => {}); // The script may fail first; what awaits it says so.
+  const module = await import(`./${name}.js`);
+  await module.default({ module_or_path: wasm });
+  return module;
+}
