@@ -17,7 +17,7 @@ fn vertex(@builtin(vertex_index) index: u32) -> BackgroundOut {
 @fragment
 fn fragment(in: BackgroundOut) -> @location(0) vec4<f32> {
     // Mixed in encoded values, where equal steps look equal; one level of noise hides the bands.
-    let noise = fract(52.9829189 * fract(dot(in.clip.xy, vec2<f32>(0.06711056, 0.00583715)))) - 0.5;
+    let noise = pixel_noise(in.clip.xy) - 0.5;
     let encoded = mix(srgb_from_linear(frame.top.rgb), srgb_from_linear(frame.bottom.rgb), in.down);
     let alpha = mix(frame.top.a, frame.bottom.a, in.down);
     return for_target(vec4<f32>(linear_from_srgb(max(encoded + noise * alpha / 255.0, vec3<f32>(0.0))), alpha));

@@ -2,9 +2,12 @@
 
 use crate::source::FileSource;
 use anyhow::{Context, bail};
+use kilwa_pack::Metadata;
 use kilwa_stream::{Budgets, Stats};
+use kilwa_viewer::colormap::VIRIDIS;
+use kilwa_viewer::display::{LightAngles, Plane, SectionBox};
 use kilwa_viewer::shell::native::Session;
-use kilwa_viewer::{Background, Camera, Gpu, Image, Mode, Prefer, RenderOptions, StandardView};
+use kilwa_viewer::{Background, Bounds, Camera, Display, Gpu, Image, Mode, Prefer, StandardView};
 use serde::{Deserialize, Serialize};
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -14,6 +17,7 @@ use std::path::{Path, PathBuf};
 /// Plan and elevations are parallel projections: north is +y, and `--view north` looks at the north face, from the
 /// north. `iso` is a perspective from the south-west and above.
 #[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(crate) struct Args {
     /// The pack.
     pack: PathBuf,
@@ -30,18 +34,41 @@ pub(crate) struct Args {
     /// Width and height in pixels.
     #[arg(long, default_value = "1600x1200", value_parser = parse_size, value_name = "WxH")]
     size: [u32; 2],
-    /// What colours the surface: colour, clay, normals, level or error.
-    #[arg(long, default_value = "colour", value_parser = parse_mode)]
-    mode: Mode,
+    /// What colours the surface: colour, clay, headlight, raking, curvature, eye-dome, normals, height, distance, scalar,
+    /// level or error.
+    #[arg(long, value_parser = parse_mode)]
+    mode: Option<Mode>,
+    /// How the model is shown, all of it: JSON, or a file with it (the page's link has it, `--json` prints it). Other options
+    /// change what it says.
+    #[arg(long, value_name = "JSON|FILE")]
+    display: Option<String>,
+    /// Direction of the raking light: degrees from north clockwise, and degrees above the horizon.
+    #[arg(long, value_name = "AZIMUTH,ELEVATION", value_parser = parse_numbers::<2>, allow_hyphen_values = true)]
+    light: Option<[f64; 2]>,
+    /// Headlight, raking, curvature and eye-dome on the scan's colours instead of a neutral surface.
+    #[arg(long)]
+    on_colour: bool,
+    /// Where the colours of height and distance begin and end, metres; without it, what the model has.
+    #[arg(long, value_name = "LOW,HIGH", value_parser = parse_numbers::<2>, allow_hyphen_values = true)]
+    range: Option<[f64; 2]>,
+    /// The plane that the mode distance counts from: a point on it and its normal.
+    #[arg(long, value_name = "X,Y,Z,NX,NY,NZ", value_parser = parse_numbers::<6>, allow_hyphen_values = true)]
+    plane: Option<[f64; 6]>,
+    /// Cut away what lies on the side that the normal points to: a point on the plane and its normal.
+    #[arg(long, value_name = "X,Y,Z,NX,NY,NZ", value_parser = parse_numbers::<6>, allow_hyphen_values = true)]
+    clip: Option<[f64; 6]>,
+    /// Cut away what lies outside of a box: smallest corner, largest corner, metres.
+    #[arg(long, value_name = "X,Y,Z,X,Y,Z", value_parser = parse_numbers::<6>, allow_hyphen_values = true)]
+    clip_box: Option<[f64; 6]>,
     /// Largest error of what is drawn, in pixels.
     #[arg(long, default_value_t = 1.0, value_parser = parse_pixels, value_name = "PIXELS")]
     pixel_error: f64,
-    /// limestone, basalt, transparent, or a colour such as #ffffff.
-    #[arg(long, default_value = "limestone", value_parser = parse_background)]
-    background: Background,
-    /// Lamp at the eye on the scan's colours: 0 shows them as they are, 1 shades them fully.
-    #[arg(long, default_value_t = 0.35, value_parser = parse_share)]
-    shading: f32,
+    /// light, dark, white, black, transparent, or a colour such as #ffffff. Without it: light.
+    #[arg(long, value_parser = parse_background)]
+    background: Option<String>,
+    /// Lamp at the eye on colours: 0 shows them as they are, 1 shades them fully. Without it: 0.35.
+    #[arg(long, value_parser = parse_share)]
+    shading: Option<f64>,
     /// Do not tint the inside of the surface.
     #[arg(long)]
     plain_back_faces: bool,
@@ -83,6 +110,9 @@ struct Report {
     size: [u32; 2],
     adapter: String,
     camera: CameraFile,
+    display: Display,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    legend: Option<Legend>,
     patches: u32,
     triangles: u64,
     chunks: u32,
@@ -113,19 +143,81 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         None => Camera::standard(args.view, &session.bounds(), args.size),
     };
     let view = session.view(&camera, args.size, args.pixel_error);
-    let options = RenderOptions {
-        mode: args.mode,
-        shading: args.shading,
-        mark_back_faces: !args.plain_back_faces,
-        background: args.background,
-        tile: None,
-    };
+    let display = display(args)?;
+    let options = session.options(&display);
     let (image, stats) = session.render(&view, &options).with_context(in_pack)?;
-    write_png(&args.output, &image, args.background == Background::Transparent)?;
-    report(args, adapter, &camera, &stats)
+    write_png(&args.output, &image, options.background == Background::Transparent)?;
+    let legend = legend(&display, session.metadata(), &session.bounds());
+    report(args, adapter, &camera, &stats, display, legend)
 }
 
-fn report(args: &Args, adapter: String, camera: &Camera, stats: &Stats) -> anyhow::Result<()> {
+/// What the options say of how the model is shown.
+fn display(args: &Args) -> anyhow::Result<Display> {
+    let mut display = match &args.display {
+        Some(text) if text.trim_start().starts_with('{') => Display::from_json(text).context("--display")?,
+        Some(path) => {
+            let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the display {path}"))?;
+            Display::from_json(&text).with_context(|| path.clone())?
+        }
+        None => Display::default(),
+    };
+    if let Some(mode) = args.mode {
+        mode.name().clone_into(&mut display.mode);
+    }
+    if let Some([azimuth, elevation]) = args.light {
+        display.light = LightAngles { azimuth, elevation, with_view: false };
+    }
+    let plane = |[x, y, z, a, b, c]: [f64; 6]| Plane { point: [x, y, z], normal: [a, b, c] };
+    display.plane = args.plane.map(plane).or(display.plane);
+    display.clip_plane = args.clip.map(plane).or(display.clip_plane);
+    if let Some([x, y, z, u, v, w]) = args.clip_box {
+        let (center, size) = ([(x + u) * 0.5, (y + v) * 0.5, (z + w) * 0.5], [u - x, v - y, w - z]);
+        display.clip_box = Some(SectionBox { center, size, turn: 0.0, remove_inside: false });
+    }
+    display.on_colour |= args.on_colour;
+    display.range = args.range.or(display.range);
+    display.background = args.background.clone().unwrap_or(display.background);
+    display.shading = args.shading.unwrap_or(display.shading);
+    display.back_faces &= !args.plain_back_faces;
+    display.check()?;
+    Ok(display)
+}
+
+/// What the colours of a mode mean.
+#[derive(Serialize)]
+struct Legend {
+    /// sRGB, from low to high, evenly spaced.
+    stops: [[u8; 3]; 9],
+    low: f64,
+    high: f64,
+    unit: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    channel: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    plane: Option<Plane>,
+}
+
+fn legend(display: &Display, metadata: &Metadata, bounds: &Bounds) -> Option<Legend> {
+    let mode = display.mode();
+    if mode == Mode::Scalar {
+        let names: Vec<&str> = metadata.scalars.iter().map(|c| c.name.as_str()).collect();
+        let channel = metadata.scalars.get(display.channel_index(&names)?)?;
+        let [low, high] = display.channel_range.unwrap_or([f64::from(channel.min), f64::from(channel.max)]);
+        return Some(Legend { stops: VIRIDIS, low, high, unit: "", channel: Some(channel.name.clone()), plane: None });
+    }
+    let [low, high] = display.scale_range(bounds);
+    let plane = Some(display.scale_plane(bounds)).filter(|_| mode == Mode::Distance);
+    mode.has_scale().then_some(Legend { stops: VIRIDIS, low, high, unit: "m", channel: None, plane })
+}
+
+fn report(
+    args: &Args,
+    adapter: String,
+    camera: &Camera,
+    stats: &Stats,
+    display: Display,
+    legend: Option<Legend>,
+) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
     if args.json {
         let report = Report {
@@ -140,6 +232,8 @@ fn report(args: &Args, adapter: String, camera: &Camera, stats: &Stats) -> anyho
                 field_of_view: camera.field_of_view.to_degrees(),
                 orthographic: camera.orthographic,
             },
+            display,
+            legend,
             patches: stats.patches_drawn,
             triangles: stats.triangles_drawn,
             chunks: stats.chunks_resident,
@@ -255,23 +349,20 @@ fn parse_pixels(text: &str) -> Result<f64, String> {
     }
 }
 
-fn parse_share(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
+fn parse_share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
         Ok(x) if (0.0..=1.0).contains(&x) => Ok(x),
         _ => Err("a number from 0 to 1".to_owned()),
     }
 }
 
-fn parse_background(text: &str) -> Result<Background, String> {
-    match text {
-        "limestone" => Ok(Background::LIMESTONE),
-        "basalt" => Ok(Background::BASALT),
-        "transparent" => Ok(Background::Transparent),
-        _ => {
-            let hex = text.strip_prefix('#').unwrap_or(text);
-            let value = u32::from_str_radix(hex, 16).ok().filter(|_| hex.len() == 6);
-            let [_, r, g, b] = value.ok_or("limestone, basalt, transparent or a colour such as #ffffff")?.to_be_bytes();
-            Ok(Background::Flat([r, g, b]))
-        }
-    }
+fn parse_numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let numbers: Option<Vec<f64>> =
+        text.split(',').map(|t| t.trim().parse().ok().filter(|x: &f64| x.is_finite())).collect();
+    numbers.and_then(|v| v.try_into().ok()).ok_or_else(|| format!("{N} numbers with commas between them"))
+}
+
+fn parse_background(text: &str) -> Result<String, String> {
+    let known = kilwa_viewer::display::background(text, false).map(|_| text.to_owned());
+    known.ok_or_else(|| "light, dark, white, black, transparent or a colour such as #ffffff".to_owned())
 }

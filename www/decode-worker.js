@@ -17,9 +17,10 @@ onmessage = async ({ data }) => {
       vertices: decoded.takeVertices(),
       indices: decoded.takeIndices(),
       patches: decoded.takePatches(),
+      scalars: decoded.takeScalars(),
     };
     decoded.free();
-    postMessage(out, [out.vertices.buffer, out.indices.buffer, out.patches.buffer]);
+    postMessage(out, [out.vertices.buffer, out.indices.buffer, out.patches.buffer, out.scalars.buffer]);
   } catch (error) {
     // A trap leaves the instance unusable: the page then starts another worker.
     postMessage({ job, error: String(error?.message ?? error), broken: error instanceof WebAssembly.RuntimeError });

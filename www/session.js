@@ -160,7 +160,7 @@ export class Session {
       const decoded = await this.pool.decode(chunk, { bytes, vertices, triangles, checksum, ...this.attributes });
       if (!isWanted()) return;
       this.damaged.delete(chunk);
-      this.#guarded(() => this.viewer.onDecoded(chunk, decoded.vertices, decoded.indices, decoded.patches));
+      this.#guarded(() => this.viewer.onDecoded(chunk, decoded.vertices, decoded.indices, decoded.patches, decoded.scalars));
     } catch (error) {
       if (!isWanted()) return;
       const times = (this.damaged.get(chunk) ?? 0) + 1;

@@ -11,6 +11,7 @@ use kilwa_geometry::{Mesh, normal};
 use kilwa_pack::{Chunk, Cut, GpuChunk, NO_DIAMOND, PatchRange, Reader, SliceSource, interleave};
 use kilwa_stream::{Budgets, DrawPatch, View};
 use kilwa_viewer::clip::distance_from_depth;
+use kilwa_viewer::options::Scale;
 use kilwa_viewer::shell::native::Session;
 use kilwa_viewer::{
     Background, Bounds, Camera, Gpu, IdImage, Mode, Prefer, RenderOptions, Renderer, StandardView, Tile,
@@ -407,7 +408,12 @@ fn every_mode_colours_the_model_and_leaves_the_background() {
     let view = ball_view(center, 50_000.0, 4.0, 0.4, [64, 64]);
     let mut seen = Vec::new();
     for (mode, name) in Mode::ALL {
-        let options = RenderOptions { mode, background: Background::Flat([10, 200, 30]), ..RenderOptions::default() };
+        // Heights and distances span the ball; the distance grows to the east.
+        let normal = if mode == Mode::Distance { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] };
+        let middle = f64::from(center[0]);
+        let scale = Scale { normal, offset: middle, range: [-60_000.0, 60_000.0] };
+        let background = Background::Flat([10, 200, 30]);
+        let options = RenderOptions { mode, scale, background, ..RenderOptions::default() };
         let image = pollster::block_on(renderer.image(&view, &draw, &options)).expect("reads back");
         let at = |x: usize, y: usize| &image.pixels[(y * 64 + x) * 4..(y * 64 + x) * 4 + 4];
         let near = |a: &[u8], b: [u8; 4]| a.iter().zip(b).all(|(a, b)| a.abs_diff(b) <= 1);

@@ -28,7 +28,8 @@ impl Bounds {
         libm::sqrt(dot(half, half)).max(1e-6)
     }
 
-    fn corners(&self) -> [Vec3; 8] {
+    /// All eight corners.
+    pub fn corners(&self) -> [Vec3; 8] {
         std::array::from_fn(|k| std::array::from_fn(|i| if k >> i & 1 == 0 { self.min[i] } else { self.max[i] }))
     }
 }

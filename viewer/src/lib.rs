@@ -11,15 +11,20 @@
 
 pub mod camera;
 pub mod clip;
+pub mod colormap;
+pub mod display;
 pub mod gpu;
 pub mod options;
 pub mod pick;
 pub mod renderer;
+pub mod section;
 pub mod shell;
 pub mod walk;
 
 pub use camera::{Bounds, Camera, StandardView};
+pub use display::Display;
 pub use gpu::context::{Gpu, GpuError, Prefer};
 pub use kilwa_stream::{Projection, View};
 pub use options::{Background, Mode, RenderOptions, Tile};
 pub use renderer::{IdImage, Image, Renderer};
+pub use section::Clip;

@@ -1,4 +1,8 @@
-//! How the cut is shown.
+//! How the cut is shown: what the passes are told. [`crate::display`] has the same in metres, degrees and names.
+
+use crate::section::Clip;
+use kilwa_geometry::distance::Vec3;
+use kilwa_stream::View;
 
 /// What colours the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -8,8 +12,22 @@ pub enum Mode {
     Color,
     /// Neutral clay under a lamp at the eye and a soft sky.
     Clay,
+    /// A lamp at the eye, nothing else.
+    Headlight,
+    /// One low light from a chosen side.
+    Raking,
+    /// Ridges bright and hollows dark, at a scale in metres.
+    Curvature,
+    /// Darker behind depth steps and in hollows: eye-dome lighting, at a scale in pixels.
+    EyeDome,
     /// Normals as colours: x red, y green, z blue.
     Normals,
+    /// Height as colours.
+    Height,
+    /// Distance from the reference plane as colours.
+    Distance,
+    /// A scalar of the scan (confidence, quality …) as colours.
+    Scalar,
     /// One colour per level of detail.
     Level,
     /// Certified error, from the finest surface (pale) to coarse (dark red), on a logarithmic scale.
@@ -17,11 +35,18 @@ pub enum Mode {
 }
 
 impl Mode {
-    /// All modes, with the names of the command line and the page.
-    pub const ALL: [(Self, &'static str); 5] = [
+    /// All modes, with the names of the command line and the page. The position is the number that the shader knows.
+    pub const ALL: [(Self, &'static str); 12] = [
         (Self::Color, "colour"),
         (Self::Clay, "clay"),
+        (Self::Headlight, "headlight"),
+        (Self::Raking, "raking"),
+        (Self::Curvature, "curvature"),
+        (Self::EyeDome, "eye-dome"),
         (Self::Normals, "normals"),
+        (Self::Height, "height"),
+        (Self::Distance, "distance"),
+        (Self::Scalar, "scalar"),
         (Self::Level, "level"),
         (Self::Error, "error"),
     ];
@@ -35,6 +60,16 @@ impl Mode {
     /// Its name.
     pub fn name(self) -> &'static str {
         Self::ALL.iter().find(|(mode, _)| *mode == self).map_or("colour", |(_, name)| name)
+    }
+
+    /// Whether it looks at the neighbourhood of a pixel, and so needs the relief pass.
+    pub fn needs_relief(self) -> bool {
+        matches!(self, Self::Curvature | Self::EyeDome)
+    }
+
+    /// Whether it colours by value, so that a legend belongs to it.
+    pub fn has_scale(self) -> bool {
+        matches!(self, Self::Height | Self::Distance | Self::Scalar)
     }
 }
 
@@ -65,13 +100,77 @@ pub struct Tile {
     pub size: [u32; 2],
 }
 
-/// How the cut is shown.
+/// The direction of the raking light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Light {
+    /// Where it comes from, radians: from north, clockwise. With `with_view`: from the top of the picture, clockwise.
+    pub azimuth: f64,
+    /// How high it stands, radians: above the horizon, or above the plane of the picture.
+    pub elevation: f64,
+    /// It stands still in the picture instead of in the world.
+    pub with_view: bool,
+}
+
+impl Default for Light {
+    fn default() -> Self {
+        Self { azimuth: 315f64.to_radians(), elevation: 20f64.to_radians(), with_view: false }
+    }
+}
+
+impl Light {
+    /// Towards the light, a unit vector in world axes.
+    pub fn direction(&self, view: &View) -> Vec3 {
+        let (sa, ca) = libm::sincos(self.azimuth);
+        let (se, ce) = libm::sincos(self.elevation);
+        if self.with_view {
+            return std::array::from_fn(|i| view.right[i] * sa * ce + view.up[i] * ca * ce - view.forward[i] * se);
+        }
+        [ce * sa, ce * ca, se]
+    }
+}
+
+/// A plane that distances are counted from, and the distances where the colours begin and end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale {
+    /// Unit normal; distances grow along it.
+    pub normal: Vec3,
+    /// `normal · p` on the plane, in lattice steps.
+    pub offset: f64,
+    /// First and last distance of the scale, in lattice steps.
+    pub range: [f64; 2],
+}
+
+impl Default for Scale {
+    fn default() -> Self {
+        Self { normal: [0.0, 0.0, 1.0], offset: 0.0, range: [0.0, 1.0] }
+    }
+}
+
+/// How the cut is shown. Lengths are in lattice steps; [`crate::display::Display`] makes it from metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderOptions {
     /// What colours the surface.
     pub mode: Mode,
-    /// How strongly a lamp at the eye shades the scan's colours: 0 shows them as they are.
+    /// How strongly a lamp at the eye shades the scan's colours and false colours: 0 shows them as they are.
     pub shading: f32,
+    /// Headlight, raking light, curvature and eye-dome lighting on the scan's colours instead of a neutral surface.
+    pub on_color: bool,
+    /// The raking light.
+    pub light: Light,
+    /// How strong curvature and eye-dome lighting are, 0 to 1.
+    pub strength: f32,
+    /// Radius of the eye-dome lighting, pixels.
+    pub radius: f32,
+    /// Size of what curvature shows, lattice steps.
+    pub feature: f64,
+    /// The plane and the scale of height and distance.
+    pub scale: Scale,
+    /// First and last value of the scalar's colours, as shares of the channel's range.
+    pub scalar_range: [f32; 2],
+    /// What is cut away.
+    pub clip: Clip,
+    /// Width of the line where the surface is cut, pixels; 0 draws none.
+    pub outline: f32,
     /// Tint the inside of the surface.
     pub mark_back_faces: bool,
     /// What is behind the model.
@@ -82,6 +181,21 @@ pub struct RenderOptions {
 
 impl Default for RenderOptions {
     fn default() -> Self {
-        Self { mode: Mode::Color, shading: 0.35, mark_back_faces: true, background: Background::LIMESTONE, tile: None }
+        Self {
+            mode: Mode::Color,
+            shading: 0.35,
+            on_color: false,
+            light: Light::default(),
+            strength: 0.5,
+            radius: 3.0,
+            feature: 64.0,
+            scale: Scale::default(),
+            scalar_range: [0.0, 1.0],
+            clip: Clip::default(),
+            outline: 1.5,
+            mark_back_faces: true,
+            background: Background::LIMESTONE,
+            tile: None,
+        }
     }
 }

@@ -3,6 +3,7 @@
 //! Exact for what is on screen (the drawn cut, not the finest level), in f64, in lattice steps. No GPU and no waiting, so a wheel
 //! event can zoom towards the surface in the very frame that it belongs to.
 
+use crate::section::Clip;
 use kilwa_geometry::Aabb;
 use kilwa_geometry::distance::{Vec3, ray_triangle};
 use kilwa_pack::GpuChunk;
@@ -29,7 +30,8 @@ pub enum Scope {
     Whole,
 }
 
-/// The nearest surface of the drawn cut along `origin + t * direction`, `t >= 0`, from either side. `chunk` gives the decoded
+/// The nearest surface of the drawn cut along `origin + t * direction`, `t >= 0`, from either side, of what `clip`
+/// leaves. `chunk` gives the decoded
 /// form and the box of a chunk; patches whose chunk it does not give are passed over, and with `Scope::Seen` those
 /// outside the picture.
 pub fn nearest<'a>(
@@ -37,6 +39,7 @@ pub fn nearest<'a>(
     direction: Vec3,
     patches: &[DrawPatch],
     scope: Scope,
+    clip: &Clip,
     chunk: impl Fn(u32) -> Option<(&'a GpuChunk, Aabb)>,
 ) -> Option<Hit> {
     let mut best: Option<Hit> = None;
@@ -57,8 +60,8 @@ pub fn nearest<'a>(
         for t in triangles.chunks_exact(3) {
             let Some(corners) = corners(mesh, t) else { continue };
             let Some(along) = ray_triangle(origin, direction, corners) else { continue };
-            if best.is_none_or(|b| along < b.along) {
-                let point = std::array::from_fn(|i| origin[i] + direction[i] * along);
+            let point = std::array::from_fn(|i| origin[i] + direction[i] * along);
+            if best.is_none_or(|b| along < b.along) && clip.keeps(point) {
                 best = Some(Hit { point, error: patch.error, along });
             }
         }
@@ -100,6 +103,7 @@ fn meets(origin: Vec3, direction: Vec3, bounds: &Aabb, limit: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::section::HalfSpace;
     use kilwa_pack::{Chunk, NO_DIAMOND, PatchRange, interleave};
 
     fn squares() -> GpuChunk {
@@ -122,7 +126,9 @@ mod tests {
         let mesh = squares();
         let bounds = Aabb { min: [0, 10, 0], max: [8, 20, 8] };
         let find = |patches: &[DrawPatch], origin| {
-            nearest(origin, [0.0, 1.0, 0.0], patches, Scope::Seen, |c| (c == 7).then_some((&mesh, bounds)))
+            nearest(origin, [0.0, 1.0, 0.0], patches, Scope::Seen, &Clip::default(), |c| {
+                (c == 7).then_some((&mesh, bounds))
+            })
         };
         let all = [patch(0, 2, true), patch(2, 2, true)];
         let hit = find(&all, [4.0, 0.0, 5.0]).unwrap();
@@ -130,12 +136,19 @@ mod tests {
         assert_eq!(find(&all[1..], [4.0, 0.0, 5.0]).unwrap().point[1], 20.0);
         assert_eq!(find(&[patch(0, 2, false), patch(2, 2, true)], [4.0, 0.0, 5.0]).unwrap().point[1], 20.0);
         let behind = [patch(0, 2, false), patch(2, 2, false)];
-        let whole =
-            nearest([4.0, 0.0, 5.0], [0.0, 1.0, 0.0], &behind, Scope::Whole, |_| Some((&mesh, bounds))).unwrap();
+        let whole = nearest([4.0, 0.0, 5.0], [0.0, 1.0, 0.0], &behind, Scope::Whole, &Clip::default(), |_| {
+            Some((&mesh, bounds))
+        })
+        .unwrap();
         assert_eq!(whole.point[1], 10.0, "what is outside the picture is met where it is asked for");
         assert_eq!(find(&all, [4.0, 15.0, 5.0]).unwrap().point[1], 20.0);
         assert!(find(&all, [9.5, 0.0, 5.0]).is_none());
         assert!(find(&all, [4.0, 25.0, 5.0]).is_none());
+        let half = HalfSpace { normal: [0.0, -1.0, 0.0], offset: -15.0 };
+        let cut = Clip { plane: Some(half), bounds: None };
+        let behind =
+            nearest([4.0, 0.0, 5.0], [0.0, 1.0, 0.0], &all, Scope::Seen, &cut, |_| Some((&mesh, bounds))).unwrap();
+        assert_eq!(behind.point[1], 20.0, "what is cut away is not hit");
         assert!(find(&[patch(2, 9, true)], [4.0, 0.0, 5.0]).is_none(), "a patch beyond the chunk is passed over");
     }
 }

@@ -1,14 +1,18 @@
 //! The renderer: GPU memory of chunks, and pictures of a cut.
 
 use crate::gpu::context::{Gpu, GpuError};
-use crate::gpu::frame::{UniformBytes, Uniforms, draw_uniform, frame_uniform};
-use crate::gpu::pool::Pool;
+use crate::gpu::frame::{NO_FADE, TargetTraits, UniformBytes, Uniforms, draw_uniform, frame_uniform};
+use crate::gpu::pool::{Pool, ShownScalar};
 use crate::gpu::readback::Readback;
+use crate::gpu::relief::{self, ReliefMap};
+use crate::gpu::surface::Variant;
 use crate::gpu::target::{Attachments, texture, view_of};
-use crate::gpu::{ID_FORMAT, background, id, surface};
-use crate::options::{Mode, RenderOptions, Tile};
+use crate::gpu::{ID_FORMAT, RELIEF_FORMAT, background, id, surface};
+use crate::options::{Background, Mode, RenderOptions, Tile};
+use crate::section::Clip;
 use kilwa_pack::GpuChunk;
 use kilwa_stream::{DrawPatch, View};
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Format of pictures that are read back.
@@ -37,6 +41,7 @@ pub struct IdImage {
 struct Call {
     chunk: u32,
     triangles: Range<u32>,
+    fade: [f32; 2],
 }
 
 /// Draws cuts with one device. Chunks are uploaded and evicted as the streamer says.
@@ -47,11 +52,16 @@ pub struct Renderer {
     uniforms: Uniforms,
     format: wgpu::TextureFormat,
     samples: u32,
-    surface: wgpu::RenderPipeline,
+    surface: BTreeMap<Variant, wgpu::RenderPipeline>,
     background: wgpu::RenderPipeline,
-    id: wgpu::RenderPipeline,
+    /// Without and with a cut.
+    id: [wgpu::RenderPipeline; 2],
+    relief: BTreeMap<bool, wgpu::RenderPipeline>,
+    relief_map: ReliefMap,
+    scalar: Option<ShownScalar>,
     attachments: Attachments,
     id_attachments: Attachments,
+    relief_attachments: Attachments,
 }
 
 impl Renderer {
@@ -59,9 +69,11 @@ impl Renderer {
     /// possible). Formats without sRGB get encoded values.
     pub fn new(device: wgpu::Device, queue: wgpu::Queue, format: wgpu::TextureFormat, samples: u32) -> Self {
         let uniforms = Uniforms::new(&device);
-        let surface = surface::pipeline(&device, &uniforms, format, samples);
+        // What most pictures need; other pipelines are made when a picture needs them.
+        let plain = Variant { cut: false, smooth: false, scalar: false };
+        let surface = BTreeMap::from([(plain, surface::pipeline(&device, &uniforms, format, samples, plain))]);
         let background = background::pipeline(&device, &uniforms, format, samples);
-        let id = id::pipeline(&device, &uniforms);
+        let id = [false, true].map(|cut| id::pipeline(&device, &uniforms, cut));
         Self {
             device,
             queue,
@@ -72,8 +84,12 @@ impl Renderer {
             surface,
             background,
             id,
+            relief: BTreeMap::new(),
+            relief_map: ReliefMap::default(),
+            scalar: None,
             attachments: Attachments::default(),
             id_attachments: Attachments::default(),
+            relief_attachments: Attachments::default(),
         }
     }
 
@@ -84,7 +100,20 @@ impl Renderer {
 
     /// Put a chunk into GPU memory, replacing what was there of it.
     pub fn upload(&mut self, index: u32, chunk: &GpuChunk) {
-        self.pool.upload(&self.device, &self.queue, index, chunk);
+        self.pool.upload(&self.device, &self.queue, index, chunk, self.scalar);
+    }
+
+    /// The scalar that [`Mode::Scalar`] shows, or none, which frees its memory. Returns whether it is another one: then every chunk
+    /// that is held has to be handed to [`Renderer::upload_scalars`].
+    pub fn set_scalar(&mut self, scalar: Option<ShownScalar>) -> bool {
+        let is_new = self.scalar != scalar;
+        self.scalar = scalar;
+        is_new
+    }
+
+    /// Give a chunk that was uploaded before the scalar that is shown now.
+    pub fn upload_scalars(&mut self, index: u32, chunk: &GpuChunk) {
+        self.pool.upload_scalars(&self.device, &self.queue, index, chunk, self.scalar);
     }
 
     /// Free a chunk's GPU memory.
@@ -110,27 +139,76 @@ impl Renderer {
     /// Draw a cut into `target`, a view of the renderer's format whose size is the tile's, or the view's where there
     /// is none. Patches that are not visible, and those whose chunk is not uploaded, are left out.
     pub fn draw(&mut self, view: &View, patches: &[DrawPatch], options: &RenderOptions, target: &wgpu::TextureView) {
+        self.draw_fading(view, patches, &[], options, target);
+    }
+
+    /// [`Renderer::draw`] while levels fade into each other: `fades` says for each patch which pixels it has, as two shares of their
+    /// noise; patches beyond its end have all of them.
+    pub fn draw_fading(
+        &mut self,
+        view: &View,
+        patches: &[DrawPatch],
+        fades: &[[f32; 2]],
+        options: &RenderOptions,
+        target: &wgpu::TextureView,
+    ) {
         let size = target_size(view, options.tile);
         let (depth, samples) = self.attachments.fit(&self.device, size, self.samples, self.format);
         let merge = options.mode != Mode::Error;
-        let (calls, draws) = self.calls(patches, merge);
-        let frame = frame_uniform(view, options, !self.format.is_srgb());
-        self.uniforms.write(&self.device, &self.queue, &frame, &draws);
+        let (calls, draws) = self.calls(patches, fades, merge);
+        let cut = options.clip.is_on() || calls.iter().any(|c| c.fade != NO_FADE);
+        let smooth = options.clip.is_on() && self.samples > 1 && options.background != Background::Transparent;
+        let variant = Variant { cut, smooth, scalar: options.mode == Mode::Scalar && self.pool.has_scalars() };
+        let mut traits = TargetTraits { encode_srgb: !self.format.is_srgb(), smooth_cut: smooth, relief_shift: [0, 0] };
+        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let map = options.mode.needs_relief().then(|| relief::covered(view, options.tile));
+        if let Some((map, shift)) = map {
+            traits.relief_shift = shift;
+            self.prepare_relief(view, options, map, traits, cut);
+        }
+        self.uniforms.write(&self.device, &self.queue, &frame_uniform(view, options, traits), &draws);
+        if let Some((map, _)) = map {
+            self.draw_relief(&mut encoder, map.size, &calls, cut);
+        }
+        let (device, uniforms, format) = (&self.device, &self.uniforms, self.format);
+        let make = || surface::pipeline(device, uniforms, format, self.samples, variant);
+        let surface = self.surface.entry(variant).or_insert_with(make).clone();
         let (attached, resolve) = match &samples {
             Some(samples) => (samples, Some(target)),
             None => (target, None),
         };
-        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         {
             let mut pass = begin(&mut encoder, attached, resolve, &depth);
             pass.set_bind_group(0, &self.uniforms.frame_group, &[]);
             pass.set_bind_group(1, &self.uniforms.draw_group, &[0]);
             pass.set_pipeline(&self.background);
             pass.draw(0..3, 0..1);
-            pass.set_pipeline(&self.surface);
-            self.record(&mut pass, &calls);
+            pass.set_pipeline(&surface);
+            self.record(&mut pass, &calls, variant.scalar);
         }
         self.queue.submit([encoder.finish()]);
+    }
+
+    /// Uniforms, map and pipeline of the relief pass.
+    fn prepare_relief(&mut self, view: &View, options: &RenderOptions, map: Tile, traits: TargetTraits, cut: bool) {
+        let (texture, is_new) = self.relief_map.fit(&self.device, map.size);
+        if is_new {
+            self.uniforms.set_relief(&self.device, &texture);
+        }
+        let options = RenderOptions { tile: Some(map), ..*options };
+        self.uniforms.write_relief(&self.queue, &frame_uniform(view, &options, traits));
+        let (device, uniforms) = (&self.device, &self.uniforms);
+        self.relief.entry(cut).or_insert_with(|| relief::pipeline(device, uniforms, cut));
+    }
+
+    fn draw_relief(&mut self, encoder: &mut wgpu::CommandEncoder, size: [u32; 2], calls: &[Call], cut: bool) {
+        let (map, _) = self.relief_map.fit(&self.device, size);
+        let (depth, _) = self.relief_attachments.fit(&self.device, size, 1, RELIEF_FORMAT);
+        let Some(pipeline) = self.relief.get(&cut) else { return };
+        let mut pass = begin(encoder, &map, None, &depth);
+        pass.set_bind_group(0, &self.uniforms.relief_group, &[]);
+        pass.set_pipeline(pipeline);
+        self.record(&mut pass, calls, false);
     }
 
     /// A picture of a cut.
@@ -154,24 +232,39 @@ impl Renderer {
         Ok(Image { size, pixels: readback.bytes(&self.device).await? })
     }
 
-    /// Which patch covers every pixel, at which depth, without multisampling.
+    /// Which patch covers every pixel, at which depth, without multisampling and without a cut.
     ///
     /// # Errors
     /// [`GpuError::Readback`] when the device was lost.
     pub async fn ids(&mut self, view: &View, patches: &[DrawPatch], tile: Option<Tile>) -> Result<IdImage, GpuError> {
+        self.ids_of_cut(view, patches, tile, &Clip::default()).await
+    }
+
+    /// [`Renderer::ids`] of what a cut leaves.
+    ///
+    /// # Errors
+    /// [`GpuError::Readback`] when the device was lost.
+    pub async fn ids_of_cut(
+        &mut self,
+        view: &View,
+        patches: &[DrawPatch],
+        tile: Option<Tile>,
+        clip: &Clip,
+    ) -> Result<IdImage, GpuError> {
         let size = target_size(view, tile);
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         let ids = texture(&self.device, "ids", size, 1, ID_FORMAT, usage);
         let (depth, _) = self.id_attachments.fit(&self.device, size, 1, ID_FORMAT);
-        let (calls, draws) = self.calls(patches, false);
-        let options = RenderOptions { tile, ..RenderOptions::default() };
-        self.uniforms.write(&self.device, &self.queue, &frame_uniform(view, &options, false), &draws);
+        let (calls, draws) = self.calls(patches, &[], false);
+        let options = RenderOptions { tile, clip: *clip, ..RenderOptions::default() };
+        let frame = frame_uniform(view, &options, TargetTraits::default());
+        self.uniforms.write(&self.device, &self.queue, &frame, &draws);
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         {
             let mut pass = begin(&mut encoder, &view_of(&ids), None, &depth);
             pass.set_bind_group(0, &self.uniforms.frame_group, &[]);
-            pass.set_pipeline(&self.id);
-            self.record(&mut pass, &calls);
+            pass.set_pipeline(&self.id[usize::from(clip.is_on())]);
+            self.record(&mut pass, &calls, false);
         }
         let readback = Readback::record(&self.device, &mut encoder, &ids, 8);
         self.queue.submit([encoder.finish()]);
@@ -198,8 +291,8 @@ impl Renderer {
     }
 
     /// Draw calls and their uniforms. The id of a call is 1 plus the index of its first patch. With `merge`,
-    /// neighbouring patches of a chunk become one call.
-    fn calls(&self, patches: &[DrawPatch], merge: bool) -> (Vec<Call>, Vec<UniformBytes>) {
+    /// neighbouring patches of a chunk that fade alike become one call.
+    fn calls(&self, patches: &[DrawPatch], fades: &[[f32; 2]], merge: bool) -> (Vec<Call>, Vec<UniformBytes>) {
         let mut calls: Vec<Call> = Vec::new();
         let mut draws = Vec::new();
         for (index, patch) in patches.iter().enumerate() {
@@ -208,23 +301,29 @@ impl Renderer {
             if !patch.visible || !inside || patch.count == 0 {
                 continue;
             }
-            let last = calls.last_mut().filter(|c| merge && c.chunk == patch.chunk && c.triangles.end == patch.first);
+            let fade = fades.get(index).copied().unwrap_or(NO_FADE);
+            let continues = |c: &&mut Call| c.chunk == patch.chunk && c.triangles.end == patch.first && c.fade == fade;
+            let last = calls.last_mut().filter(|c| merge && continues(c));
             if let Some(last) = last {
                 last.triangles.end = end;
                 continue;
             }
-            calls.push(Call { chunk: patch.chunk, triangles: patch.first..end });
-            draws.push(draw_uniform(index as u32 + 1, u32::from(patch.level), patch.error));
+            calls.push(Call { chunk: patch.chunk, triangles: patch.first..end, fade });
+            draws.push(draw_uniform(index as u32 + 1, u32::from(patch.level), patch.error, fade));
         }
         (calls, draws)
     }
 
-    fn record(&self, pass: &mut wgpu::RenderPass<'_>, calls: &[Call]) {
+    fn record(&self, pass: &mut wgpu::RenderPass<'_>, calls: &[Call], scalars: bool) {
         let mut bound = None;
         for (number, call) in calls.iter().enumerate() {
             let Some(chunk) = self.pool.get(call.chunk) else { continue };
             if bound != Some(call.chunk) {
                 pass.set_vertex_buffer(0, chunk.vertices.slice(..));
+                if scalars {
+                    let Some(values) = &chunk.scalars else { continue };
+                    pass.set_vertex_buffer(1, values.slice(..));
+                }
                 pass.set_index_buffer(chunk.indices.slice(..), wgpu::IndexFormat::Uint32);
                 bound = Some(call.chunk);
             }

@@ -2,7 +2,7 @@
 
 use kilwa_stream::{Projection, View};
 use kilwa_viewer::RenderOptions;
-use kilwa_viewer::gpu::frame::{UniformBytes, draw_uniform, frame_uniform};
+use kilwa_viewer::gpu::frame::{NO_FADE, TargetTraits, UniformBytes, draw_uniform, frame_uniform};
 use kilwa_viewer::gpu::{SHADERS, pool};
 use wgpu::naga;
 
@@ -25,7 +25,7 @@ fn no_shader_needs_more_than_webgl2_has() {
     for (name, source) in SHADERS {
         for (_, variable) in parse(name, source).global_variables.iter() {
             assert!(
-                matches!(variable.space, naga::AddressSpace::Uniform),
+                matches!(variable.space, naga::AddressSpace::Uniform | naga::AddressSpace::Handle),
                 "{name}.wgsl uses {:?}, which WebGL2 has not",
                 variable.space
             );
@@ -72,8 +72,8 @@ fn uniforms_lie_in_memory_as_the_shaders_read_them() {
         far: 10.0,
         target_pixels: 1.0,
     };
-    let frame = frame_uniform(&view, &RenderOptions::default(), false);
-    let draw = draw_uniform(1, 2, 3.0);
+    let frame = frame_uniform(&view, &RenderOptions::default(), TargetTraits::default());
+    let draw = draw_uniform(1, 2, 3.0, NO_FADE);
     for (name, source) in SHADERS {
         let module = parse(name, source);
         assert_eq!(layout(&module, "Frame"), as_owned(&frame), "{name}.wgsl");

@@ -41,7 +41,7 @@ pub use directory::{DirectoryEntry, ENTRIES_PER_PAGE, NO_DIAMOND, PAGE_BYTES};
 pub use error::PackError;
 pub use head::{Head, parse_head};
 pub use header::{HEAD_BYTES, HEADER_BYTES, Header};
-pub use metadata::Metadata;
+pub use metadata::{Metadata, ScalarChannel};
 pub use reader::{Reader, SliceSource, Source};
 pub use vertex_layout::{GpuChunk, interleave};
 pub use writer::PackWriter;

@@ -11,7 +11,7 @@ pub const VERTEX_BYTES: usize = 20;
 pub const NEUTRAL: [u8; 3] = [200, 196, 188];
 
 /// A chunk ready for upload.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct GpuChunk {
     /// Vertices, [`VERTEX_BYTES`] each.
     pub vertices: Vec<u8>,
@@ -19,6 +19,8 @@ pub struct GpuChunk {
     pub indices: Vec<u32>,
     /// The patches; they tile the triangles in order.
     pub patches: Vec<PatchRange>,
+    /// Scalars of all vertices, one channel behind the other.
+    pub scalars: Vec<f32>,
     /// Number of vertices.
     pub vertex_count: u32,
     /// Number of triangles.
@@ -44,6 +46,7 @@ pub fn interleave(chunk: &Chunk) -> GpuChunk {
         vertices,
         indices: mesh.triangles.as_flattened().to_vec(),
         patches: chunk.patches.clone(),
+        scalars: mesh.scalars.concat(),
         vertex_count: u32::try_from(mesh.vertex_count()).unwrap_or(u32::MAX),
         triangle_count: u32::try_from(mesh.triangle_count()).unwrap_or(u32::MAX),
     }

@@ -15,6 +15,7 @@ pub struct Decoded {
     vertices: Vec<u8>,
     indices: Vec<u32>,
     patches: Vec<u32>,
+    scalars: Vec<f32>,
 }
 
 #[wasm_bindgen]
@@ -35,6 +36,12 @@ impl Decoded {
     #[wasm_bindgen(js_name = takePatches)]
     pub fn take_patches(&mut self) -> Vec<u32> {
         std::mem::take(&mut self.patches)
+    }
+
+    /// Scalars of all vertices, one channel behind the other.
+    #[wasm_bindgen(js_name = takeScalars)]
+    pub fn take_scalars(&mut self) -> Vec<f32> {
+        std::mem::take(&mut self.scalars)
     }
 }
 
@@ -63,7 +70,7 @@ fn checked(bytes: &[u8], declared: Declared, attributes: Attributes, checksum: &
     let chunk = kilwa_pack::chunk::decode(bytes, declared, attributes)?;
     let gpu = kilwa_pack::interleave(&chunk);
     let patches = gpu.patches.iter().flat_map(|p| [p.first, p.count, p.diamond]).collect();
-    Ok(Decoded { vertices: gpu.vertices, indices: gpu.indices, patches })
+    Ok(Decoded { vertices: gpu.vertices, indices: gpu.indices, patches, scalars: gpu.scalars })
 }
 
 #[cfg(test)]

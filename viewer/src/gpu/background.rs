@@ -10,7 +10,7 @@ pub(crate) fn pipeline(
     format: wgpu::TextureFormat,
     samples: u32,
 ) -> wgpu::RenderPipeline {
-    let module = shader(device, 1);
+    let module = shader(device, "background");
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("background"),
         layout: Some(&uniforms.pipeline_layout(device)),

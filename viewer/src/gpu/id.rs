@@ -4,9 +4,9 @@ use super::frame::Uniforms;
 use super::pool::{ATTRIBUTES, vertex_buffer_layout};
 use super::{ID_FORMAT, depth_state, shader};
 
-/// The pass's pipeline: one sample, the same positions as the surface pass.
-pub(crate) fn pipeline(device: &wgpu::Device, uniforms: &Uniforms) -> wgpu::RenderPipeline {
-    let module = shader(device, 2);
+/// The pass's pipeline: one sample, the same positions as the surface pass; `cut` where something is cut away.
+pub(crate) fn pipeline(device: &wgpu::Device, uniforms: &Uniforms, cut: bool) -> wgpu::RenderPipeline {
+    let module = shader(device, "id");
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("id"),
         layout: Some(&uniforms.pipeline_layout(device)),
@@ -21,7 +21,7 @@ pub(crate) fn pipeline(device: &wgpu::Device, uniforms: &Uniforms) -> wgpu::Rend
         multisample: wgpu::MultisampleState::default(),
         fragment: Some(wgpu::FragmentState {
             module: &module,
-            entry_point: Some("fragment"),
+            entry_point: Some(if cut { "fragment_cut" } else { "fragment" }),
             compilation_options: wgpu::PipelineCompilationOptions::default(),
             targets: &[Some(ID_FORMAT.into())],
         }),

@@ -6,6 +6,7 @@ pub mod frame;
 pub mod id;
 pub mod pool;
 pub mod readback;
+pub mod relief;
 pub mod surface;
 pub mod target;
 
@@ -14,14 +15,20 @@ pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 /// Target of the id pass.
 pub const ID_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
 
-/// WGSL of every pass with the shared part in front, by name: what the pipelines and the tests use.
-pub const SHADERS: [(&str, &str); 3] = [
-    ("surface", concat!(include_str!("../../../shaders/frame.wgsl"), include_str!("../../../shaders/surface.wgsl"))),
-    (
-        "background",
-        concat!(include_str!("../../../shaders/frame.wgsl"), include_str!("../../../shaders/background.wgsl")),
-    ),
-    ("id", concat!(include_str!("../../../shaders/frame.wgsl"), include_str!("../../../shaders/id.wgsl"))),
+/// Target of the relief pass.
+pub const RELIEF_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
+
+/// A shader of the parts named, in this order.
+macro_rules! wgsl {
+    ($($part:literal),+) => { concat!($(include_str!(concat!("../../../shaders/", $part, ".wgsl"))),+) };
+}
+
+/// WGSL of every pass with the shared parts in front, by name: what the pipelines and the tests use.
+pub const SHADERS: [(&str, &str); 4] = [
+    ("surface", wgsl!("frame", "normal", "neighbourhood", "surface")),
+    ("background", wgsl!("frame", "background")),
+    ("id", wgsl!("frame", "id")),
+    ("relief", wgsl!("frame", "normal", "relief")),
 ];
 
 /// Reversed depth: nearer is larger.
@@ -36,8 +43,8 @@ pub(crate) fn depth_state(write: bool) -> wgpu::DepthStencilState {
 }
 
 /// The module of a pass.
-pub(crate) fn shader(device: &wgpu::Device, number: usize) -> wgpu::ShaderModule {
-    let (name, source) = SHADERS[number];
+pub(crate) fn shader(device: &wgpu::Device, name: &str) -> wgpu::ShaderModule {
+    let source = SHADERS.iter().find(|(n, _)| *n == name).map_or("", |(_, source)| source);
     device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(name),
         source: wgpu::ShaderSource::Wgsl(source.into()),

@@ -1,8 +1,19 @@
 //! The surface pass: draws patches lit and coloured after the mode. `shaders/surface.wgsl`.
 
 use super::frame::Uniforms;
-use super::pool::{ATTRIBUTES, vertex_buffer_layout};
+use super::pool::{ATTRIBUTES, scalar_buffer_layout, vertex_buffer_layout};
 use super::{depth_state, shader};
+
+/// What a pipeline of the surface pass is made for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Variant {
+    /// Something is cut away, or levels fade: pixels are discarded.
+    pub(crate) cut: bool,
+    /// The edge of the cut is smoothed by the samples that it covers.
+    pub(crate) smooth: bool,
+    /// A scalar per vertex comes with the vertices.
+    pub(crate) scalar: bool,
+}
 
 /// The pass's pipeline for a target format and sample count. Both sides of the surface are drawn.
 pub(crate) fn pipeline(
@@ -10,23 +21,30 @@ pub(crate) fn pipeline(
     uniforms: &Uniforms,
     format: wgpu::TextureFormat,
     samples: u32,
+    variant: Variant,
 ) -> wgpu::RenderPipeline {
-    let module = shader(device, 0);
+    let module = shader(device, "surface");
+    let vertices = Some(vertex_buffer_layout(&ATTRIBUTES));
+    let buffers = [vertices, Some(scalar_buffer_layout())];
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("surface"),
         layout: Some(&uniforms.pipeline_layout(device)),
         vertex: wgpu::VertexState {
             module: &module,
-            entry_point: Some("vertex"),
+            entry_point: Some(if variant.scalar { "vertex_scalar" } else { "vertex" }),
             compilation_options: wgpu::PipelineCompilationOptions::default(),
-            buffers: &[Some(vertex_buffer_layout(&ATTRIBUTES))],
+            buffers: if variant.scalar { &buffers } else { &buffers[..1] },
         },
         primitive: wgpu::PrimitiveState::default(),
         depth_stencil: Some(depth_state(true)),
-        multisample: wgpu::MultisampleState { count: samples, ..wgpu::MultisampleState::default() },
+        multisample: wgpu::MultisampleState {
+            count: samples,
+            alpha_to_coverage_enabled: variant.smooth,
+            ..wgpu::MultisampleState::default()
+        },
         fragment: Some(wgpu::FragmentState {
             module: &module,
-            entry_point: Some("fragment"),
+            entry_point: Some(if variant.cut { "fragment_cut" } else { "fragment" }),
             compilation_options: wgpu::PipelineCompilationOptions::default(),
             targets: &[Some(format.into())],
         }),

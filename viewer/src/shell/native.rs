@@ -1,8 +1,10 @@
 //! A pack from a file (or any [`Source`]), drawn headless by the same streamer and renderer as the page.
 
 use crate::camera::{Bounds, Camera};
+use crate::display::Display;
 use crate::gpu::context::{Gpu, GpuError};
-use crate::options::{RenderOptions, Tile};
+use crate::gpu::pool::ShownScalar;
+use crate::options::{Mode, RenderOptions, Tile};
 use crate::renderer::{IdImage, Image, Renderer};
 use kilwa_pack::directory::parse_page;
 use kilwa_pack::reader::decode_checked;
@@ -93,6 +95,23 @@ impl<S: Source> Session<S> {
     /// The renderer.
     pub fn renderer(&mut self) -> &mut Renderer {
         &mut self.renderer
+    }
+
+    /// What a display says, for the renderer; the scalar that it shows is uploaded. Backgrounds by theme are the light one.
+    pub fn options(&mut self, display: &Display) -> RenderOptions {
+        let names: Vec<&str> = self.metadata.scalars.iter().map(|c| c.name.as_str()).collect();
+        let index = display.channel_index(&names).filter(|_| display.mode() == Mode::Scalar);
+        let shown = index.and_then(|channel| {
+            let c = self.metadata.scalars.get(channel)?;
+            Some(ShownScalar { channel, min: c.min, max: c.max })
+        });
+        if self.renderer.set_scalar(shown) {
+            for (index, chunk) in &self.decoded {
+                self.renderer.upload_scalars(*index, chunk);
+            }
+        }
+        let range = shown.map(|s| [f64::from(s.min), f64::from(s.max)]);
+        display.options(&self.streamer.header().lattice, &self.bounds(), false, 1.0, range)
     }
 
     /// A camera's view of this pack.

@@ -11,13 +11,14 @@ mod picture;
 mod stream;
 
 use crate::camera::{Bounds, Camera, StandardView};
+use crate::display::Display;
 use crate::gpu::context::{BROWSER_BACKEND, Gpu};
 use crate::gpu::target::view_of;
 use crate::options::RenderOptions;
 use crate::pick::{Hit, Scope, nearest};
 use crate::renderer::Renderer;
 use js_sys::{Object, Reflect};
-use kilwa_pack::{GpuChunk, HEADER_BYTES, Metadata, PackError, parse_head};
+use kilwa_pack::{GpuChunk, HEADER_BYTES, Metadata, PackError, ScalarChannel, parse_head};
 use kilwa_stream::{Budgets, DrawPatch, Event, Streamer, View};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -78,6 +79,11 @@ pub struct Viewer {
     events: Vec<Event>,
     bounds: Bounds,
     camera: Camera,
+    display: Display,
+    /// The theme that the background `auto` follows.
+    dark: bool,
+    pixel_ratio: f64,
+    channels: Vec<ScalarChannel>,
     options: RenderOptions,
     target_pixels: f64,
     draw: Vec<DrawPatch>,
@@ -119,7 +125,7 @@ impl Viewer {
         let budgets = Budgets { uploads: 16, ..Budgets::default() };
         let streamer = Streamer::new(&parsed, head.len() as u64, budgets);
         let bounds = bounds(&parsed.metadata);
-        Ok(Self {
+        let mut viewer = Self {
             camera: Camera::standard(StandardView::Iso, &bounds, size),
             gpu,
             surface,
@@ -130,10 +136,16 @@ impl Viewer {
             decoded: BTreeMap::new(),
             events: Vec::new(),
             bounds,
+            display: Display::default(),
+            dark: false,
+            pixel_ratio: 1.0,
+            channels: parsed.metadata.scalars.clone(),
             options: RenderOptions::default(),
             target_pixels: 1.0,
             draw: Vec::new(),
-        })
+        };
+        viewer.apply_display();
+        Ok(viewer)
     }
 
     /// Name and kind of the graphics adapter.
@@ -162,7 +174,7 @@ impl Viewer {
         let (origin, direction) = self.camera.ray([x, y], self.size());
         let lattice = &self.streamer.header().lattice;
         let origin = lattice.steps_from_world(origin);
-        nearest(origin, direction, &self.draw, Scope::Seen, |chunk| {
+        nearest(origin, direction, &self.draw, Scope::Seen, &self.options.clip, |chunk| {
             Some((self.decoded.get(&chunk)?, self.streamer.entry(chunk)?.bounds))
         })
     }

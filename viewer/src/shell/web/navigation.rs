@@ -3,6 +3,7 @@
 use super::Viewer;
 use crate::camera::{Camera, DEFAULT_FIELD_OF_VIEW, StandardView};
 use crate::pick::{Scope, nearest};
+use crate::section::Clip;
 use crate::walk;
 use kilwa_geometry::distance::{Vec3, dot, sub};
 use wasm_bindgen::prelude::wasm_bindgen;
@@ -177,7 +178,7 @@ impl Viewer {
     fn cast(&self, from: Vec3, way: Vec3) -> Option<f64> {
         let lattice = &self.streamer.header().lattice;
         let origin = lattice.steps_from_world(from);
-        let hit = nearest(origin, way, &self.draw, Scope::Whole, |chunk| {
+        let hit = nearest(origin, way, &self.draw, Scope::Whole, &Clip::default(), |chunk| {
             Some((self.decoded.get(&chunk)?, self.streamer.entry(chunk)?.bounds))
         })?;
         Some(hit.along * lattice.step())

@@ -40,9 +40,10 @@ impl Viewer {
         self.events.push(Event::Failed { request: request as u64 });
     }
 
-    /// A worker decoded a chunk. `patches`: first triangle, number of triangles, diamond; three numbers each.
+    /// A worker decoded a chunk. `patches`: first triangle, number of triangles, diamond; three numbers each. `scalars`: one
+    /// channel behind the other.
     #[wasm_bindgen(js_name = onDecoded)]
-    pub fn on_decoded(&mut self, chunk: u32, vertices: Vec<u8>, indices: Vec<u32>, patches: &[u32]) {
+    pub fn on_decoded(&mut self, chunk: u32, vertices: Vec<u8>, indices: Vec<u32>, patches: &[u32], scalars: Vec<f32>) {
         let patches: Vec<PatchRange> =
             patches.chunks_exact(3).map(|p| PatchRange { first: p[0], count: p[1], diamond: p[2] }).collect();
         let decoded = GpuChunk {
@@ -51,6 +52,7 @@ impl Viewer {
             vertices,
             indices,
             patches: patches.clone(),
+            scalars,
         };
         self.decoded.insert(chunk, decoded);
         self.events.push(Event::Decoded { chunk, patches });

@@ -1,0 +1,427 @@
+//! How the model is shown, as people and links say it: names, metres in world coordinates, degrees. One compact JSON object that
+//! leaves out what is as usual; the page keeps it in the address, `kilwa render --display` reads it.
+//!
+//! [`Display::options`] turns it into what the renderer is told, in lattice steps. Reading refuses what is not finite or out of
+//! range, with a sentence that names the field.
+
+use crate::camera::Bounds;
+use crate::options::{Background, Light, Mode, RenderOptions, Scale};
+use crate::section::{Clip, ClipBox, HalfSpace, box_faces};
+use kilwa_geometry::Lattice;
+use kilwa_geometry::distance::{Vec3, dot};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// Why a description of the display was refused.
+#[derive(Debug, Error)]
+pub enum DisplayError {
+    /// It is no JSON of this shape.
+    #[error("this is no description of a display: {0}")]
+    Json(#[from] serde_json::Error),
+    /// A value that cannot be.
+    #[error("{field}: {rule}")]
+    Value {
+        /// Its name.
+        field: &'static str,
+        /// What it has to be.
+        rule: &'static str,
+    },
+}
+
+/// The raking light, degrees.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "camelCase")]
+pub struct LightAngles {
+    /// Where it comes from: degrees from north, clockwise; or from the top of the picture.
+    pub azimuth: f64,
+    /// Degrees above the horizon, or above the plane of the picture.
+    pub elevation: f64,
+    /// It turns with the view.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub with_view: bool,
+}
+
+impl Default for LightAngles {
+    fn default() -> Self {
+        Self { azimuth: 315.0, elevation: 20.0, with_view: false }
+    }
+}
+
+/// A plane in world metres. The normal need not have length 1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plane {
+    /// Its normal.
+    pub normal: Vec3,
+    /// A point on it, metres.
+    pub point: Vec3,
+}
+
+/// A box in world metres.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "camelCase")]
+pub struct SectionBox {
+    /// Its middle.
+    pub center: Vec3,
+    /// Width, depth and height.
+    pub size: Vec3,
+    /// Degrees that it is turned, clockwise seen from above.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub turn: f64,
+    /// Take away the inside instead of the outside.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub remove_inside: bool,
+}
+
+/// How the model is shown.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "camelCase", default)]
+pub struct Display {
+    /// Name of the mode ([`Mode::ALL`]).
+    #[serde(skip_serializing_if = "is_colour")]
+    pub mode: String,
+    /// The raking light.
+    #[serde(skip_serializing_if = "is_default")]
+    pub light: LightAngles,
+    /// Modes of light shine on the scan's colours instead of a neutral surface.
+    #[serde(skip_serializing_if = "is_default")]
+    pub on_colour: bool,
+    /// Lamp at the eye on colours, 0 to 1.
+    #[serde(skip_serializing_if = "is_usual_shading")]
+    pub shading: f64,
+    /// Strength of curvature and eye-dome lighting, 0 to 1.
+    #[serde(skip_serializing_if = "is_usual_strength")]
+    pub strength: f64,
+    /// Radius of eye-dome lighting, CSS pixels, 1 to 8.
+    #[serde(skip_serializing_if = "is_usual_radius")]
+    pub radius: f64,
+    /// Size of what curvature shows, metres; usually a share of the model's size.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub feature: Option<f64>,
+    /// The plane that `distance` counts from; usually the horizontal one through the lowest point.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plane: Option<Plane>,
+    /// Where the colours of height and distance begin and end, metres; usually what the model has.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub range: Option<[f64; 2]>,
+    /// Name of the scalar channel; usually confidence or quality, else the first.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub channel: Option<String>,
+    /// Where the scalar's colours begin and end; usually the channel's own range.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub channel_range: Option<[f64; 2]>,
+    /// Mark the inside of the surface.
+    #[serde(skip_serializing_if = "is_true")]
+    pub back_faces: bool,
+    /// `auto` (by the theme), `light`, `dark`, `white`, `black`, `transparent`, or a colour such as `#ffffff`.
+    #[serde(skip_serializing_if = "is_auto")]
+    pub background: String,
+    /// Levels fade into each other; `null` as the system asks for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fade: Option<bool>,
+    /// What lies on the side that its normal points to is cut away.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clip_plane: Option<Plane>,
+    /// What lies outside (or inside) is cut away.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clip_box: Option<SectionBox>,
+    /// Draw a line where the surface is cut.
+    #[serde(skip_serializing_if = "is_true")]
+    pub outline: bool,
+}
+
+impl Default for Display {
+    fn default() -> Self {
+        Self {
+            mode: "colour".to_owned(),
+            light: LightAngles::default(),
+            on_colour: false,
+            shading: 0.35,
+            strength: 0.5,
+            radius: 3.0,
+            feature: None,
+            plane: None,
+            range: None,
+            channel: None,
+            channel_range: None,
+            back_faces: true,
+            background: "auto".to_owned(),
+            fade: None,
+            clip_plane: None,
+            clip_box: None,
+            outline: true,
+        }
+    }
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+fn is_colour(mode: &str) -> bool {
+    mode == "colour"
+}
+fn is_auto(background: &str) -> bool {
+    background == "auto"
+}
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde hands references")]
+fn is_true(value: &bool) -> bool {
+    *value
+}
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde hands references")]
+fn is_usual_shading(value: &f64) -> bool {
+    *value == 0.35
+}
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde hands references")]
+fn is_usual_strength(value: &f64) -> bool {
+    *value == 0.5
+}
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde hands references")]
+fn is_usual_radius(value: &f64) -> bool {
+    *value == 3.0
+}
+
+/// Largest coordinate that is taken, metres: beyond it no reference system has places.
+const FAR: f64 = 1e9;
+
+impl Display {
+    /// Read the JSON form.
+    ///
+    /// # Errors
+    /// [`DisplayError`].
+    pub fn from_json(text: &str) -> Result<Self, DisplayError> {
+        let display: Self = serde_json::from_str(text)?;
+        display.check()?;
+        Ok(display)
+    }
+
+    /// The JSON form, without what is as usual.
+    pub fn to_json(&self) -> String {
+        serde_json::to_string(self).unwrap_or_default()
+    }
+
+    /// Whether everything in it can be.
+    ///
+    /// # Errors
+    /// [`DisplayError::Value`].
+    pub fn check(&self) -> Result<(), DisplayError> {
+        let need = |holds: bool, field, rule| if holds { Ok(()) } else { Err(DisplayError::Value { field, rule }) };
+        let share = |x: f64| (0.0..=1.0).contains(&x);
+        need(Mode::from_name(&self.mode).is_some(), "mode", "no mode is called so")?;
+        need(background(&self.background, false).is_some(), "background", "no background is called so")?;
+        need(self.light.azimuth.is_finite(), "light.azimuth", "degrees from north")?;
+        need((-90.0..=90.0).contains(&self.light.elevation), "light.elevation", "from -90 to 90 degrees")?;
+        need(share(self.shading), "shading", "from 0 to 1")?;
+        need(share(self.strength), "strength", "from 0 to 1")?;
+        need((1.0..=8.0).contains(&self.radius), "radius", "from 1 to 8 pixels")?;
+        need(self.feature.is_none_or(|f| f > 0.0 && f < FAR), "feature", "metres, greater than 0")?;
+        let rising = |r: Option<[f64; 2]>| r.is_none_or(|[a, b]| a.is_finite() && b.is_finite() && a < b);
+        need(rising(self.range), "range", "two metres, the first smaller than the second")?;
+        need(rising(self.channel_range), "channelRange", "two numbers, the first smaller than the second")?;
+        let rule = "a normal that is not zero and a point, in metres";
+        need(self.plane.is_none_or(|p| p.is_sane()), "plane", rule)?;
+        need(self.clip_plane.is_none_or(|p| p.is_sane()), "clipPlane", rule)?;
+        let rule = "a center and a size greater than 0, in metres, and a turn in degrees";
+        need(self.clip_box.is_none_or(|b| b.is_sane()), "clipBox", rule)
+    }
+
+    /// The mode.
+    pub fn mode(&self) -> Mode {
+        Mode::from_name(&self.mode).unwrap_or_default()
+    }
+
+    /// The plane of the mode's scale, unit normal: height counts from 0 of the reference system.
+    pub fn scale_plane(&self, bounds: &Bounds) -> Plane {
+        let level = |z| Plane { normal: [0.0, 0.0, 1.0], point: [bounds.center()[0], bounds.center()[1], z] };
+        match (self.mode(), self.plane) {
+            (Mode::Distance, Some(plane)) => Plane { normal: unit(plane.normal), ..plane },
+            (Mode::Distance, None) => level(bounds.min[2]),
+            _ => level(0.0),
+        }
+    }
+
+    /// Where the colours of height and distance begin and end, metres from [`Display::scale_plane`].
+    pub fn scale_range(&self, bounds: &Bounds) -> [f64; 2] {
+        self.range.unwrap_or_else(|| {
+            let plane = self.scale_plane(bounds);
+            let distance = |p: Vec3| (0..3).map(|i| plane.normal[i] * (p[i] - plane.point[i])).sum::<f64>();
+            let (low, high) = bounds
+                .corners()
+                .map(distance)
+                .iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), d| (a.min(*d), b.max(*d)));
+            if low < high { [low, high] } else { [low, low + 1e-3] }
+        })
+    }
+
+    /// Size of what curvature shows, metres.
+    pub fn feature_size(&self, bounds: &Bounds) -> f64 {
+        self.feature.unwrap_or(bounds.radius() / 150.0)
+    }
+
+    /// What the renderer is told, in lattice steps. `dark` is the theme that `auto` follows, `pixel_ratio` the pixels of the picture per
+    /// CSS pixel; `channel` the range of the scalar that is shown.
+    pub fn options(
+        &self,
+        lattice: &Lattice,
+        bounds: &Bounds,
+        dark: bool,
+        pixel_ratio: f64,
+        channel: Option<[f64; 2]>,
+    ) -> RenderOptions {
+        let step = lattice.step();
+        let plane = self.scale_plane(bounds);
+        let [low, high] = self.scale_range(bounds);
+        let share = |value: f64| {
+            channel.map_or(0.0, |[min, max]| if max > min { (value - min) / (max - min) } else { 0.0 }) as f32
+        };
+        RenderOptions {
+            mode: self.mode(),
+            shading: self.shading as f32,
+            on_color: self.on_colour,
+            light: Light {
+                azimuth: self.light.azimuth.to_radians(),
+                elevation: self.light.elevation.to_radians(),
+                with_view: self.light.with_view,
+            },
+            strength: self.strength as f32,
+            radius: (self.radius * pixel_ratio).clamp(1.0, 16.0) as f32,
+            feature: self.feature_size(bounds) / step,
+            scale: Scale {
+                normal: plane.normal,
+                offset: half_space(&plane, lattice).offset,
+                range: [low / step, high / step],
+            },
+            scalar_range: self.channel_range.map_or([0.0, 1.0], |r| r.map(share)),
+            clip: self.clip(lattice),
+            outline: if self.outline { (1.5 * pixel_ratio) as f32 } else { 0.0 },
+            mark_back_faces: self.back_faces,
+            background: background(&self.background, dark).unwrap_or(Background::LIMESTONE),
+            tile: None,
+        }
+    }
+
+    /// The cut, in lattice steps.
+    pub fn clip(&self, lattice: &Lattice) -> Clip {
+        let step = lattice.step();
+        let bounds = self.clip_box.map(|b| ClipBox {
+            faces: box_faces(lattice.steps_from_world(b.center), b.size.map(|x| x / step), b.turn.to_radians()),
+            remove_inside: b.remove_inside,
+        });
+        Clip { plane: self.clip_plane.map(|p| half_space(&p, lattice)), bounds }
+    }
+
+    /// Number of the channel that the mode `scalar` shows, of these names.
+    pub fn channel_index(&self, names: &[&str]) -> Option<usize> {
+        let asked = self.channel.as_deref().and_then(|c| names.iter().position(|n| *n == c));
+        let named = || names.iter().position(|n| ["confidence", "quality"].iter().any(|w| n.eq_ignore_ascii_case(w)));
+        asked.or_else(named).or(if names.is_empty() { None } else { Some(0) })
+    }
+}
+
+impl Plane {
+    fn is_sane(&self) -> bool {
+        let length = dot(self.normal, self.normal);
+        length.is_finite() && length > 1e-18 && self.point.iter().all(|x| x.abs() <= FAR)
+    }
+}
+
+impl SectionBox {
+    fn is_sane(&self) -> bool {
+        let sizes = self.size.iter().all(|x| *x > 0.0 && *x <= FAR);
+        sizes && self.center.iter().all(|x| x.abs() <= FAR) && self.turn.is_finite()
+    }
+}
+
+fn unit(v: Vec3) -> Vec3 {
+    let length = libm::sqrt(dot(v, v));
+    v.map(|x| x / length)
+}
+
+fn half_space(plane: &Plane, lattice: &Lattice) -> HalfSpace {
+    let normal = unit(plane.normal);
+    HalfSpace { normal, offset: dot(normal, lattice.steps_from_world(plane.point)) }
+}
+
+/// A background by name.
+pub fn background(name: &str, dark: bool) -> Option<Background> {
+    Some(match name {
+        "auto" if dark => Background::BASALT,
+        "auto" | "light" | "limestone" => Background::LIMESTONE,
+        "dark" | "basalt" => Background::BASALT,
+        "white" => Background::Flat([255; 3]),
+        "black" => Background::Flat([0; 3]),
+        "transparent" => Background::Transparent,
+        _ => {
+            let hex = name.strip_prefix('#').unwrap_or(name);
+            let is_hex = hex.len() == 6 && hex.bytes().all(|b| b.is_ascii_hexdigit());
+            let [_, r, g, b] = u32::from_str_radix(hex, 16).ok().filter(|_| is_hex)?.to_be_bytes();
+            Background::Flat([r, g, b])
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BOUNDS: Bounds = Bounds { min: [0.0, 0.0, 2.0], max: [30.0, 20.0, 12.0] };
+
+    #[test]
+    fn what_is_usual_takes_no_room_and_everything_else_comes_back() {
+        assert_eq!(Display::default().to_json(), "{}");
+        assert_eq!(Display::from_json("{}").unwrap(), Display::default());
+        let display = Display {
+            mode: "raking".to_owned(),
+            light: LightAngles { azimuth: 40.0, elevation: 7.5, with_view: true },
+            on_colour: true,
+            clip_plane: Some(Plane { normal: [0.0, 0.0, 2.0], point: [1.0, 2.0, 3.0] }),
+            clip_box: Some(SectionBox { center: [1.0; 3], size: [2.0; 3], turn: 30.0, remove_inside: true }),
+            range: Some([1.0, 2.5]),
+            fade: Some(false),
+            ..Display::default()
+        };
+        assert_eq!(Display::from_json(&display.to_json()).unwrap(), display);
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_by_name() {
+        for (text, name) in [
+            (r#"{"mode":"pretty"}"#, "mode"),
+            (r#"{"shading":2}"#, "shading"),
+            (r#"{"range":[3,3]}"#, "range"),
+            (r#"{"clipPlane":{"normal":[0,0,0],"point":[0,0,0]}}"#, "clipPlane"),
+            (r#"{"clipPlane":{"normal":[0,0,1e200],"point":[0,0,0]}}"#, "clipPlane"),
+            (r#"{"clipBox":{"center":[0,0,0],"size":[1,0,1]}}"#, "clipBox"),
+            (r#"{"background":"plaid"}"#, "background"),
+            (r#"{"light":{"azimuth":0,"elevation":91}}"#, "light.elevation"),
+            (r#"{"colour":1}"#, "unknown field"),
+            ("[1", "no description"),
+        ] {
+            let error = Display::from_json(text).unwrap_err().to_string();
+            assert!(error.contains(name), "{text}: {error}");
+        }
+    }
+
+    #[test]
+    fn scales_span_the_model_unless_told_otherwise() {
+        let of = |json: &str| {
+            let d = Display::from_json(json).unwrap();
+            (d.scale_plane(&BOUNDS), d.scale_range(&BOUNDS))
+        };
+        assert_eq!(of(r#"{"mode":"height"}"#).1, [2.0, 12.0], "heights are those of the reference system");
+        assert_eq!(of(r#"{"mode":"distance"}"#).1, [0.0, 10.0]);
+        let east = r#"{"mode":"distance","plane":{"normal":[-4,0,0],"point":[30,0,0]}}"#;
+        assert_eq!(of(east), (Plane { normal: [-1.0, 0.0, 0.0], point: [30.0, 0.0, 0.0] }, [0.0, 30.0]));
+        assert_eq!(of(r#"{"mode":"height","range":[3,4]}"#).1, [3.0, 4.0]);
+    }
+
+    #[test]
+    fn the_channel_asked_for_is_shown_else_confidence_else_the_first() {
+        let names = ["intensity", "Confidence"];
+        assert_eq!(Display::default().channel_index(&names), Some(1));
+        let asked = Display { channel: Some("intensity".to_owned()), ..Display::default() };
+        assert_eq!(asked.channel_index(&names), Some(0));
+        assert_eq!(Display::default().channel_index(&["x"]), Some(0));
+        assert_eq!(Display::default().channel_index(&[]), None);
+    }
+}

@@ -1,0 +1,72 @@
+//! The relief pass: depth and normal of every pixel, one sample, drawn before the surface for modes that look at the
+//! neighbourhood. `shaders/relief.wgsl`.
+
+use super::frame::Uniforms;
+use super::pool::{ATTRIBUTES, vertex_buffer_layout};
+use super::target::{texture, view_of};
+use super::{RELIEF_FORMAT, depth_state, shader};
+use crate::options::Tile;
+use kilwa_stream::View;
+
+/// Farthest that a mode looks, pixels: 24 for curvature, and twice the largest radius of eye-dome lighting.
+pub(crate) const REACH: u32 = 32;
+
+/// The pass's pipeline; `cut` where something is cut away or levels fade.
+pub(crate) fn pipeline(device: &wgpu::Device, uniforms: &Uniforms, cut: bool) -> wgpu::RenderPipeline {
+    let module = shader(device, "relief");
+    let attributes = [ATTRIBUTES[0], ATTRIBUTES[2]];
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some("relief"),
+        layout: Some(&uniforms.pipeline_layout(device)),
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some("vertex"),
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            buffers: &[Some(vertex_buffer_layout(&attributes))],
+        },
+        primitive: wgpu::PrimitiveState::default(),
+        depth_stencil: Some(depth_state(true)),
+        multisample: wgpu::MultisampleState::default(),
+        fragment: Some(wgpu::FragmentState {
+            module: &module,
+            entry_point: Some(if cut { "fragment_cut" } else { "fragment" }),
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            targets: &[Some(RELIEF_FORMAT.into())],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
+/// The part of the picture that a map for `tile` covers: the tile and what modes look at round it, inside of the picture. And the way
+/// from a pixel of the tile to its pixel in the map.
+pub(crate) fn covered(view: &View, tile: Option<Tile>) -> (Tile, [i32; 2]) {
+    let tile = tile.unwrap_or(Tile { offset: [0, 0], size: view.size });
+    let offset = tile.offset.map(|x| x.saturating_sub(REACH));
+    let end: [u32; 2] = std::array::from_fn(|i| {
+        let end = tile.offset[i].saturating_add(tile.size[i]);
+        end.saturating_add(REACH).min(view.size[i]).max(end)
+    });
+    let map = Tile { offset, size: std::array::from_fn(|i| end[i] - offset[i]) };
+    (map, std::array::from_fn(|i| (tile.offset[i] - offset[i]) as i32))
+}
+
+/// The map of a frame, kept from frame to frame.
+#[derive(Default)]
+pub(crate) struct ReliefMap {
+    size: [u32; 2],
+    map: Option<wgpu::TextureView>,
+}
+
+impl ReliefMap {
+    /// A map of this size, and whether it is a new one.
+    pub(crate) fn fit(&mut self, device: &wgpu::Device, size: [u32; 2]) -> (wgpu::TextureView, bool) {
+        if let Some(map) = self.map.clone().filter(|_| self.size == size) {
+            return (map, false);
+        }
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
+        let map = view_of(&texture(device, "relief", size, 1, RELIEF_FORMAT, usage));
+        (self.size, self.map) = (size, Some(map.clone()));
+        (map, true)
+    }
+}
