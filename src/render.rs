@@ -295,7 +295,7 @@ fn write_png(path: &Path, image: &Image, alpha: bool) -> anyhow::Result<()> {
         tempfile::Builder::new().prefix(".kilwa-").suffix(".png").tempfile_in(folder).with_context(failed)?;
     let [width, height] = image.size;
     let (pixels, color) = if alpha {
-        (image.pixels.clone(), image::ExtendedColorType::Rgba8)
+        (image.clone().with_straight_alpha(true).pixels, image::ExtendedColorType::Rgba8)
     } else {
         let opaque = image.pixels.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
         (opaque, image::ExtendedColorType::Rgb8)

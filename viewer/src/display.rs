@@ -284,7 +284,7 @@ impl Display {
                 with_view: self.light.with_view,
             },
             strength: self.strength as f32,
-            radius: (self.radius * pixel_ratio).clamp(1.0, 16.0) as f32,
+            radius: (self.radius * pixel_ratio).clamp(1.0, 32.0) as f32,
             feature: self.feature_size(bounds) / step,
             scale: Scale {
                 normal: plane.normal,

@@ -13,6 +13,7 @@ pub mod camera;
 pub mod clip;
 pub mod colormap;
 pub mod display;
+pub mod fade;
 pub mod gpu;
 pub mod options;
 pub mod pick;

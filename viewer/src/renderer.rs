@@ -27,6 +27,34 @@ pub struct Image {
     pub pixels: Vec<u8>,
 }
 
+impl Image {
+    /// Colours that are not multiplied by alpha, as PNG has them. The picture's own are: along edges over a transparent background
+    /// they are the average of linear samples, or of encoded ones where `linear` is false.
+    #[must_use]
+    pub fn with_straight_alpha(mut self, linear: bool) -> Self {
+        for pixel in self.pixels.chunks_exact_mut(4) {
+            let alpha = f32::from(pixel[3]) / 255.0;
+            if pixel[3] == 0 || pixel[3] == 255 {
+                continue;
+            }
+            for value in &mut pixel[..3] {
+                let encoded = f32::from(*value) / 255.0;
+                let straight = if linear { encode(decode(encoded) / alpha) } else { encoded / alpha };
+                *value = (straight.clamp(0.0, 1.0) * 255.0).round() as u8;
+            }
+        }
+        self
+    }
+}
+
+fn decode(x: f32) -> f32 {
+    if x <= 0.04045 { x / 12.92 } else { libm::powf((x + 0.055) / 1.055, 2.4) }
+}
+
+fn encode(x: f32) -> f32 {
+    if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * libm::powf(x, 1.0 / 2.4) - 0.055 }
+}
+
 /// What covers every pixel, rows from the top.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IdImage {
@@ -124,6 +152,11 @@ impl Renderer {
     /// Free all chunks.
     pub fn clear(&mut self) {
         self.pool.clear();
+    }
+
+    /// Whether a chunk is in GPU memory.
+    pub fn has_chunk(&self, index: u32) -> bool {
+        self.pool.get(index).is_some()
     }
 
     /// GPU memory held by chunks, bytes.

@@ -5,7 +5,7 @@ use crate::colormap::{NO_VALUE, VIRIDIS};
 use crate::display::{Display, Plane};
 use crate::gpu::frame::ERROR_SCALE;
 use crate::gpu::pool::ShownScalar;
-use crate::options::Mode;
+use crate::options::{Mode, RenderOptions};
 use wasm_bindgen::prelude::{JsError, wasm_bindgen};
 
 #[wasm_bindgen]
@@ -68,6 +68,12 @@ impl Viewer {
         self.apply_display();
     }
 
+    /// The system asks for little motion: levels do not fade unless the state says so.
+    #[wasm_bindgen(js_name = setReducedMotion)]
+    pub fn set_reduced_motion(&mut self, reduced: bool) {
+        self.reduced_motion = reduced;
+    }
+
     /// What the colours mean and what the settings in force are, as JSON: `stops` (sRGB), `low`, `high`, `unit` (`m` or empty), `channel`
     /// (name, where a scalar is shown), `noValue`; `plane` that distances count from; `feature` in metres; `channels` (name, min, max).
     pub fn legend(&self) -> String {
@@ -106,13 +112,17 @@ impl Viewer {
         Some((index, self.channels.get(index)?))
     }
 
+    /// What the display says, for a picture with so many pixels per CSS pixel.
+    pub(super) fn display_options(&self, pixel_ratio: f64) -> RenderOptions {
+        let range = self.channel().map(|(_, c)| [f64::from(c.min), f64::from(c.max)]);
+        let lattice = self.streamer.header().lattice;
+        self.display.options(&lattice, &self.bounds, self.dark, pixel_ratio, range)
+    }
+
     /// Tell the renderer what the display says now.
     pub(super) fn apply_display(&mut self) {
-        let channel = self.channel();
-        let range = channel.map(|(_, c)| [f64::from(c.min), f64::from(c.max)]);
-        let scalar = channel.map(|(channel, c)| ShownScalar { channel, min: c.min, max: c.max });
-        let lattice = self.streamer.header().lattice;
-        self.options = self.display.options(&lattice, &self.bounds, self.dark, self.pixel_ratio, range);
+        let scalar = self.channel().map(|(channel, c)| ShownScalar { channel, min: c.min, max: c.max });
+        self.options = self.display_options(self.pixel_ratio);
         if self.renderer.set_scalar(scalar.filter(|_| self.options.mode == Mode::Scalar)) {
             for (index, chunk) in &self.decoded {
                 self.renderer.upload_scalars(*index, chunk);

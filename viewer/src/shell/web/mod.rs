@@ -12,6 +12,7 @@ mod stream;
 
 use crate::camera::{Bounds, Camera, StandardView};
 use crate::display::Display;
+use crate::fade::Fader;
 use crate::gpu::context::{BROWSER_BACKEND, Gpu};
 use crate::gpu::target::view_of;
 use crate::options::RenderOptions;
@@ -85,6 +86,11 @@ pub struct Viewer {
     pixel_ratio: f64,
     channels: Vec<ScalarChannel>,
     options: RenderOptions,
+    /// The system asks for little motion.
+    reduced_motion: bool,
+    fader: Fader,
+    /// Size of the picture that is loaded for instead of the canvas.
+    picture: Option<[u32; 2]>,
     target_pixels: f64,
     draw: Vec<DrawPatch>,
 }
@@ -115,6 +121,11 @@ impl Viewer {
         if surface.get_capabilities(&gpu.adapter).formats.contains(&plain) {
             config.format = plain;
         }
+        // A transparent background lets the page show through.
+        let blended = wgpu::CompositeAlphaMode::PreMultiplied;
+        if surface.get_capabilities(&gpu.adapter).alpha_modes.contains(&blended) {
+            config.alpha_mode = blended;
+        }
         let format = config.format;
         surface.configure(&gpu.device, &config);
         let lost = Arc::new(AtomicBool::new(false));
@@ -141,6 +152,9 @@ impl Viewer {
             pixel_ratio: 1.0,
             channels: parsed.metadata.scalars.clone(),
             options: RenderOptions::default(),
+            reduced_motion: false,
+            fader: Fader::default(),
+            picture: None,
             target_pixels: 1.0,
             draw: Vec::new(),
         };
@@ -167,7 +181,7 @@ impl Viewer {
     }
 
     fn view(&self) -> View {
-        self.camera.view(&self.streamer.header().lattice, &self.bounds, self.size(), self.target_pixels)
+        self.view_of_size(self.size())
     }
 
     fn hit(&self, x: f64, y: f64) -> Option<Hit> {
@@ -179,18 +193,50 @@ impl Viewer {
         })
     }
 
-    /// Draw the cut on the canvas. A surface that is outdated is configured again and drawn with the next frame.
-    fn present(&mut self, view: &View) {
+    /// The view that is loaded for: the picture's while one is made, else the canvas's.
+    fn wanted_view(&self) -> View {
+        match self.picture {
+            Some(size) => self.view_of_size(size),
+            None => self.view(),
+        }
+    }
+
+    fn view_of_size(&self, size: [u32; 2]) -> View {
+        self.camera.view(&self.streamer.header().lattice, &self.bounds, size, self.target_pixels)
+    }
+
+    /// Draw the cut on the canvas; returns whether levels are fading, which takes more frames. A surface that is outdated is configured
+    /// again and drawn with the next frame.
+    fn present(&mut self, now_ms: f64) -> bool {
         let frame = match self.surface.get_current_texture() {
             wgpu::CurrentSurfaceTexture::Success(frame) | wgpu::CurrentSurfaceTexture::Suboptimal(frame) => frame,
             wgpu::CurrentSurfaceTexture::Outdated => {
                 self.surface.configure(&self.gpu.device, &self.config);
-                return;
+                return false;
             }
-            _ => return,
+            _ => return false,
         };
-        self.renderer.draw(view, &self.draw, &self.options, &view_of(&frame.texture));
+        let view = self.view();
+        let target = view_of(&frame.texture);
+        let fades = self.display.fade.unwrap_or(!self.reduced_motion) && self.picture.is_none();
+        let is_fading = if fades {
+            let faded = self.fader.step(now_ms, &self.draw, |chunk| self.renderer.has_chunk(chunk));
+            self.renderer.draw_fading(&view, &faded.patches, &faded.shares, &self.options, &target);
+            faded.is_fading
+        } else {
+            self.fader.cut_short();
+            match self.picture {
+                // What the picture does not show may be seen here.
+                Some(_) => {
+                    let all: Vec<_> = self.draw.iter().map(|p| DrawPatch { visible: true, ..*p }).collect();
+                    self.renderer.draw(&view, &all, &self.options, &target);
+                }
+                None => self.renderer.draw(&view, &self.draw, &self.options, &target),
+            }
+            false
+        };
         self.gpu.queue.present(frame);
+        is_fading
     }
 }
 

@@ -69,7 +69,7 @@ impl Viewer {
     /// # Errors
     /// When JavaScript refuses an object, which does not happen.
     pub fn frame(&mut self, now_ms: f64) -> Result<JsValue, JsValue> {
-        let view = self.view();
+        let view = self.wanted_view();
         let step = self.streamer.step(&view, now_ms, std::mem::take(&mut self.events));
         let commands = Array::new();
         for command in &step.commands {
@@ -91,7 +91,8 @@ impl Viewer {
         }
         let stats = self.stats_object(&step)?;
         self.draw = step.draw;
-        self.present(&view);
+        let is_fading = self.present(now_ms);
+        set(&stats, "more", &(is_fading || !step.commands.is_empty()).into())?;
         let answer = Object::new();
         set(&answer, "commands", &commands)?;
         set(&answer, "stats", &stats)?;
@@ -131,7 +132,6 @@ impl Viewer {
             ("targetReached", s.target_reached),
             ("budgetLimited", s.budget_limited),
             ("settled", s.settled),
-            ("more", !step.commands.is_empty()),
             ("lost", self.lost.load(Ordering::Relaxed)),
         ] {
             set(&o, name, &value.into())?;
