@@ -10,6 +10,7 @@ mod size;
 use crate::inputs::{InputArgs, Inputs};
 use crate::progress::Bar;
 use anyhow::Context;
+use kilwa_builder::options::{COLOR_BITS, NORMAL_BITS};
 use kilwa_builder::scratch::Scratch;
 use kilwa_builder::work::Stop;
 use kilwa_builder::{BuildError, BuildOptions, BuildReport, Run, StageTime, build, journal, machine};
@@ -18,6 +19,7 @@ use output::{Output, beside, folder_of};
 use report::{Report, Spent};
 use size::human;
 use std::io::Write;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -57,6 +59,12 @@ pub(crate) struct Args {
     /// Drop components of fewer triangles than this.
     #[arg(long, value_name = "N")]
     drop_islands_below: Option<u64>,
+    /// Bits that each channel of a colour keeps, 4 to 8; 8 is exact.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = bits(COLOR_BITS))]
+    color_bits: u8,
+    /// Bits that each of the two coordinates of a normal keeps, 6 to 16; 10 is a tenth of a degree.
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = bits(NORMAL_BITS))]
+    normal_bits: u8,
     /// Coordinate reference system, for example EPSG:32737; stored with the model.
     #[arg(long)]
     crs: Option<String>,
@@ -88,6 +96,11 @@ impl std::fmt::Display for Interrupted {
 }
 
 impl std::error::Error for Interrupted {}
+
+/// So many bits as an option allows.
+fn bits(range: RangeInclusive<u8>) -> clap::builder::RangedI64ValueParser<u8> {
+    clap::value_parser!(u8).range(i64::from(*range.start())..=i64::from(*range.end()))
+}
 
 /// Six numbers: smallest and largest corner.
 fn crop(text: &str) -> Result<[[f64; 3]; 2], String> {
@@ -128,6 +141,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         crop: args.crop,
         min_confidence: args.min_confidence,
         drop_islands_below: args.drop_islands_below,
+        color_bits: args.color_bits,
+        normal_bits: args.normal_bits,
         ..BuildOptions::default()
     };
     let memory = args.memory.unwrap_or_else(machine::default_budget);

@@ -186,6 +186,8 @@ fn another_build_is_not_resumed_and_its_scratch_files_stay() {
     refused(&["--resume", "--step", "0.0009765625"], "step");
     refused(&["--resume", "--crs", "EPSG:32737"], "crs");
     refused(&["--resume", "--up", "y"], "up");
+    refused(&["--resume", "--color-bits", "6"], "color_bits");
+    refused(&["--resume", "--normal-bits", "8"], "normal_bits");
     refused(&["--resume", "--origin", "1,2,3"], "placed otherwise");
     let mut mesh = std::fs::read(site.path("fort.ply")).unwrap();
     let at = mesh.len() - 1;

@@ -4,6 +4,7 @@
 mod support;
 
 use kilwa_geometry::Lattice;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use support::{Input, Ply, built_once, fails, json, kilwa, plys, shared, succeeds, text};
@@ -156,6 +157,59 @@ fn every_shared_ply_comes_back_whole_or_is_refused_by_name() {
     println!("{} built, {} refused: {refused:#?}", built.len(), refused.len());
     for name in ["horse.ply", "laurana.ply", "gargo.ply", "lucy.ply", "bun_zipper.ply", "turbineblade.ply"] {
         assert!(built.iter().any(|file| file.ends_with(name)), "{name} must build");
+    }
+}
+
+#[test]
+fn fewer_bits_are_within_half_a_quantum_at_the_finest_level_and_the_pack_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mesh, exact) = torus();
+    let input = folder.path().join("torus.ply");
+    mesh.write(&input);
+    let extracted = |pack: &Path, name: &str| {
+        let ply = folder.path().join(name);
+        succeeds(&["extract", text(pack), "--force", "-o", text(&ply)]);
+        let ply = Ply::read(&ply);
+        let vertex = |v: u32| {
+            let of = |names: [&str; 3]| names.map(|n| ply.get(v, n).unwrap());
+            (ply.position(v).map(f64::to_bits), of(["red", "green", "blue"]), of(["nx", "ny", "nz"]))
+        };
+        let used: BTreeSet<u32> = ply.triangles.iter().flatten().copied().collect();
+        used.into_iter().map(vertex).map(|(place, color, normal)| (place, (color, normal))).collect::<BTreeMap<_, _>>()
+    };
+    let before = extracted(exact, "exact.ply");
+    let mut bytes = std::fs::metadata(exact).unwrap().len();
+    // The largest angle: half a diagonal of the octahedral grid, twice as long on the sphere at the worst place.
+    for (bits, normal_bits, angle) in [("8", "10", 0.0), ("6", "8", 1.3), ("4", "6", 5.2)] {
+        let pack = folder.path().join(format!("{bits}.kilwa"));
+        let options = ["--crs", "EPSG:32737", "--color-bits", bits, "--normal-bits", normal_bits];
+        succeeds(&[&["build", text(&input), "-o", text(&pack)][..], &options].concat());
+        let after = extracted(&pack, "fewer.ply");
+        assert_eq!(before.len(), after.len(), "{bits}");
+        let quantum = f64::from(1 << (8 - bits.parse::<u32>().unwrap()));
+        let mut worst = 0.0f64;
+        for ((place, (c, n)), (same_place, (d, m))) in before.iter().zip(&after) {
+            assert_eq!(place, same_place, "places are exact");
+            let error = (0..3).map(|k| (c[k] - d[k]).abs()).fold(0.0, f64::max);
+            assert!(error <= if quantum > 1.0 { quantum / 2.0 } else { 0.0 }, "{bits}: {c:?} became {d:?}");
+            worst = worst.max((0..3).map(|k| n[k] * m[k]).sum::<f64>().clamp(-1.0, 1.0).acos().to_degrees());
+        }
+        assert!(worst <= angle + 0.05, "{normal_bits}: {worst} degrees");
+        let now = std::fs::metadata(&pack).unwrap().len();
+        assert!(now < bytes || bits == "8", "{bits}: {now} bytes, {bytes} before");
+        bytes = now;
+        let words = succeeds(&["info", text(&pack)]);
+        for part in [format!("color-bits = {bits}"), format!("normal-bits = {normal_bits}")] {
+            assert!(words.contains(&part), "{part} is missing in\n{words}");
+        }
+    }
+    for (option, bits) in
+        [("--color-bits", "3"), ("--color-bits", "9"), ("--normal-bits", "5"), ("--normal-bits", "17")]
+    {
+        let output = kilwa(&["build", text(&input), "-o", text(&folder.path().join("no.kilwa")), option, bits]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains(option) && said.contains(bits), "{said}");
     }
 }
 

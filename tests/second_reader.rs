@@ -62,9 +62,10 @@ fn a_reader_written_from_the_specification_decodes_every_chunk_alike() {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/format/read_pack.py");
     Input::torus(120, 50, [5.0, 6.0, 7.0]).write(&folder.path().join("torus.ply"));
     std::fs::write(folder.path().join("field.ply"), rough_field(70)).unwrap();
-    for name in ["torus", "field"] {
+    let fewer_bits: [&[&str]; 2] = [&[], &["--color-bits", "5", "--normal-bits", "7"]];
+    for (name, options) in [("torus", 0), ("torus", 1), ("field", 0)].map(|(name, i)| (name, fewer_bits[i])) {
         let (input, pack) = (folder.path().join(format!("{name}.ply")), folder.path().join(format!("{name}.kilwa")));
-        succeeds(&["build", text(&input), "-o", text(&pack)]);
+        succeeds(&[&["build", "--force", text(&input), "-o", text(&pack)], options].concat());
         let output = Command::new("python3").arg(&script).arg(&pack).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let reader = Reader::open(SliceSource(std::fs::read(&pack).unwrap())).unwrap();

@@ -5,6 +5,7 @@
 
 use crate::certify::{Bound, certify};
 use crate::partition::Partition;
+use crate::precision::Precision;
 use crate::prepare::point_key;
 use crate::simplify::{PRUNED, Simplified, simplify};
 use crate::weld::Welder;
@@ -44,11 +45,16 @@ pub const REDUCTION: u64 = 5;
 
 /// Coarsen the fragment of a diamond to a part of its triangles, [`REDUCTION`]. `input` are the patches of its tetrahedra's children,
 /// `locked` the points that triangles outside of it use, in any order.
-pub fn coarsen(input: &[(u32, Patch)], locked: &[LatticePoint], tree: &Partition, diamond: u32) -> Coarsened {
+pub fn coarsen(
+    input: &[(u32, Patch)],
+    locked: &[LatticePoint],
+    (tree, diamond): (&Partition, u32),
+    precision: Precision,
+) -> Coarsened {
     let locked: FxHashSet<LatticePoint> = locked.iter().copied().collect();
     let merged = merge(input);
     let fine = &merged.mesh;
-    let simplified = simplify(fine, &locked, target(fine.triangle_count(), locked.len()));
+    let simplified = simplify(fine, &locked, target(fine.triangle_count(), locked.len()), precision);
     let coarse = &simplified.mesh;
     let bounds = certify(fine, &merged.bounds, &simplified);
     let groups = share_out(coarse, tree, diamond);

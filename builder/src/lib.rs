@@ -15,6 +15,7 @@ pub mod levels;
 pub mod machine;
 pub mod options;
 pub mod partition;
+pub mod precision;
 pub mod prepare;
 pub mod progress;
 pub mod raw;
@@ -30,6 +31,7 @@ pub mod work;
 
 pub use build::{BuildReport, Built, Inputs, Interruptible, Run, StageTime, build, build_pack};
 pub use options::{BuildError, BuildOptions, Units, Up};
+pub use precision::Precision;
 pub use progress::{Progress, Silent};
 pub use raw::{Findings, RawMesh};
 pub use spread::Spread;

@@ -1,11 +1,18 @@
 //! What the user can choose about a build, and everything that can go wrong in one.
 
+use crate::precision::Precision;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use thiserror::Error;
 
 /// Largest number of triangles in a leaf tetrahedron that is not split further. With about seven non-empty child
 /// patches in a diamond this gives chunks of some ten thousand triangles.
 pub const LEAF_TRIANGLES: usize = 2048;
+
+/// Bits that a channel of a colour may keep: with fewer than 4, sixteen shades, no colour is what it was.
+pub const COLOR_BITS: RangeInclusive<u8> = 4..=8;
+/// Bits that an octahedral coordinate of a normal may keep: 6 are two degrees, 16 all there are.
+pub const NORMAL_BITS: RangeInclusive<u8> = 6..=16;
 
 /// The axis that points up in the source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -109,6 +116,10 @@ pub struct BuildOptions {
     pub min_confidence: Option<f32>,
     /// Drop components of fewer triangles than this.
     pub drop_islands_below: Option<u64>,
+    /// Bits that each channel of a colour keeps, [`COLOR_BITS`]; 8 is exact.
+    pub color_bits: u8,
+    /// Bits that each octahedral coordinate of a normal keeps, [`NORMAL_BITS`].
+    pub normal_bits: u8,
     /// Files that the mesh came from, for the metadata.
     #[serde(skip)]
     pub sources: Vec<kilwa_pack::metadata::SourceFile>,
@@ -128,8 +139,32 @@ impl Default for BuildOptions {
             crop: None,
             min_confidence: None,
             drop_islands_below: None,
+            color_bits: Precision::default().color_bits,
+            normal_bits: Precision::default().normal_bits,
             sources: Vec::new(),
         }
+    }
+}
+
+impl BuildOptions {
+    /// Bits of colours and normals.
+    pub(crate) fn precision(&self) -> Precision {
+        Precision { color_bits: self.color_bits, normal_bits: self.normal_bits }
+    }
+
+    /// Whether a build can have them.
+    ///
+    /// # Errors
+    /// [`BuildError::Bits`], naming the option.
+    pub(crate) fn check(&self) -> Result<(), BuildError> {
+        let options = [("--color-bits", self.color_bits, COLOR_BITS), ("--normal-bits", self.normal_bits, NORMAL_BITS)];
+        for (option, bits, range) in options {
+            if !range.contains(&bits) {
+                let (least, most) = range.into_inner();
+                return Err(BuildError::Bits { option, bits, least, most });
+            }
+        }
+        Ok(())
     }
 }
 
@@ -158,6 +193,18 @@ pub enum BuildError {
         step: f64,
         /// The reason and what to do.
         why: String,
+    },
+    /// So many bits cannot be kept.
+    #[error("{option} {bits} cannot be used: give {least} to {most}")]
+    Bits {
+        /// Name of the option.
+        option: &'static str,
+        /// The bits asked for.
+        bits: u8,
+        /// Fewest.
+        least: u8,
+        /// Most.
+        most: u8,
     },
     /// More than the format holds.
     #[error("the mesh is too large for this version: {why}")]

@@ -1,9 +1,6 @@
-//! What every stage agrees on about a vertex: how its place is written as a key, how finely its normal is kept.
+//! What every stage agrees on about a vertex: how its place is written as a key.
 
 use kilwa_geometry::LatticePoint;
-
-/// Bits per octahedral coordinate kept of a normal: a tenth of a degree, well below what shading shows.
-pub const NORMAL_BITS: u32 = 10;
 
 /// A lattice point as one integer: 30 bits an axis, sorted by x, then y, then z.
 pub fn point_key(p: LatticePoint) -> u128 {

@@ -8,7 +8,7 @@ use kilwa_builder::ingest::{IngestOptions, Spool, ingest};
 use kilwa_builder::scratch::Scratch;
 use kilwa_builder::surface::{Ingested, Surface};
 use kilwa_builder::work::{Stop, Work};
-use kilwa_builder::{BuildError, RawMesh, Silent};
+use kilwa_builder::{BuildError, Precision, RawMesh, Silent};
 use kilwa_geometry::{Mesh, Tetra};
 use plain::{partition, plain};
 use std::collections::BTreeMap;
@@ -73,7 +73,14 @@ struct Case {
 }
 
 fn options(leaf_triangles: usize) -> IngestOptions {
-    IngestOptions { leaf_triangles, step: None, crop: None, min_confidence: None, drop_islands_below: None }
+    IngestOptions {
+        leaf_triangles,
+        step: None,
+        crop: None,
+        min_confidence: None,
+        drop_islands_below: None,
+        precision: Precision::default(),
+    }
 }
 
 fn try_run(inputs: &[&RawMesh], case: &Case, options: &IngestOptions) -> Result<Outcome, BuildError> {

@@ -4,6 +4,7 @@
 use super::metres;
 use crate::inputs::{InputArgs, Inputs};
 use crate::progress::Bar;
+use kilwa_builder::Precision;
 use kilwa_builder::ingest::{self, IngestOptions, Spool};
 use kilwa_builder::scratch::Scratch;
 use kilwa_builder::surface::Surface;
@@ -39,6 +40,7 @@ fn survey(inputs: &mut Inputs, work: &Work<'_>) -> anyhow::Result<Surface> {
         crop: None,
         min_confidence: None,
         drop_islands_below: None,
+        precision: Precision::default(),
     };
     let mut surface = ingest::survey(work, spool.finish()?, &options)?;
     surface.sources = sources;

@@ -98,6 +98,7 @@ pub fn build(
     run: &Run<'_>,
     out: &mut (impl Write + Seek + Send),
 ) -> Result<BuildReport, BuildError> {
+    options.check()?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads).build()?;
     let progress = Whole::new(run.progress);
     let Run { scratch, memory, stop, .. } = *run;
@@ -221,7 +222,7 @@ impl Building<'_> {
         while let Some(level) = hierarchy.next() {
             let name = format!("level-{level:02}");
             self.timed(&name, |b| {
-                hierarchy.coarsen_next(&b.work)?;
+                hierarchy.coarsen_next(&b.work, b.options.precision())?;
                 let mut files = hierarchy.files();
                 files.push(TREE.to_owned());
                 Ok(b.journal.complete(&name, &files, Value::Null)?)
@@ -262,6 +263,7 @@ impl Building<'_> {
                 crop: o.crop,
                 min_confidence: o.min_confidence,
                 drop_islands_below: o.drop_islands_below,
+                precision: o.precision(),
             };
             let ingested = ingest(&b.work, b.spooled.take(), &options, sources)?;
             tree_file::write(scratch, &ingested.tree)?;

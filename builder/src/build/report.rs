@@ -120,6 +120,13 @@ pub(super) fn header_of(levels: &Levels) -> Header {
 pub(super) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
     let mut shaped = BTreeMap::new();
     shaped.insert("step".to_owned(), if options.step.is_some() { "given" } else { "derived" }.to_owned());
+    let precision = options.precision();
+    shaped.insert("color-bits".to_owned(), precision.color_bits.to_string());
+    shaped.insert("normal-bits".to_owned(), precision.normal_bits.to_string());
+    shaped.insert("coarse-color-bits".to_owned(), precision.coarse().color_bits.to_string());
+    shaped.insert("coarse-normal-bits".to_owned(), precision.coarse().normal_bits.to_string());
+    let positions = "made ones rounded to a power of two of the step, at most their distance from what they stand for";
+    shaped.insert("coarse-positions".to_owned(), positions.to_owned());
     shaped.insert("leaf-triangles".to_owned(), options.leaf_triangles.to_string());
     let [bounds_min, bounds_max] = s.bounds.map(|p| s.lattice.world_from_lattice(p));
     Metadata {

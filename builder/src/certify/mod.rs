@@ -203,6 +203,7 @@ fn add_up(d: f64, carried: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::precision::Precision;
     use crate::simplify::simplify;
     use kilwa_geometry::LatticePoint;
     use kilwa_geometry::distance::Vec3;
@@ -262,7 +263,7 @@ mod tests {
             seed in 0i32..1000, rough in 1i32..40, keep in 2usize..12, fold in any::<bool>(),
         ) {
             let fine = ground(seed, rough, fold);
-            let simplified = simplify(&fine, &nothing(), fine.triangle_count() / keep);
+            let simplified = simplify(&fine, &nothing(), fine.triangle_count() / keep, Precision::default());
             let coarse = &simplified.mesh;
             let bounds = certify(&fine, &vec![Bound::default(); fine.triangle_count()], &simplified);
             let out = f64::from(bounds.iter().map(|b| b.out).fold(0.0, f32::max));
@@ -293,7 +294,8 @@ mod tests {
         let mut ratios = Vec::new();
         for case in 0..24 {
             let fine = ground(case * 41, 1 + case % 13 * 3, case % 2 == 1);
-            let simplified = simplify(&fine, &nothing(), fine.triangle_count() / (2 + case as usize % 7));
+            let simplified =
+                simplify(&fine, &nothing(), fine.triangle_count() / (2 + case as usize % 7), Precision::default());
             let bounds = certify(&fine, &vec![Bound::default(); fine.triangle_count()], &simplified);
             let bound = bounds.iter().map(|b| f64::from(b.out.max(b.back))).fold(0.0, f64::max);
             ratios.push(bound / sampled(&simplified.mesh, &fine).max(sampled(&fine, &simplified.mesh)).max(0.1));
@@ -308,7 +310,7 @@ mod tests {
     fn an_unchanged_mesh_carries_its_bounds_and_nothing_more() {
         let m = ground(3, 20, false);
         let given = vec![Bound { out: 1.5, back: 2.5 }; m.triangle_count()];
-        let simplified = simplify(&m, &nothing(), m.triangle_count());
+        let simplified = simplify(&m, &nothing(), m.triangle_count(), Precision::default());
         assert_eq!(certify(&m, &given, &simplified), given);
     }
 
@@ -333,7 +335,7 @@ mod tests {
         }
         m.triangles.push([0, 4, 8]);
         m.borders.push(4);
-        let simplified = simplify(&m, &nothing(), 12);
+        let simplified = simplify(&m, &nothing(), 12, Precision::default());
         let bounds = certify(&m, &vec![Bound::default(); m.triangle_count()], &simplified);
         let bound = f64::from(bounds.iter().map(|b| b.out.max(b.back)).fold(0.0, f32::max));
         assert!(sampled(&m, &simplified.mesh) <= bound && sampled(&simplified.mesh, &m) <= bound);
@@ -354,7 +356,7 @@ mod tests {
                 m.borders.push(0);
             }
         }
-        let simplified = simplify(&m, &nothing(), m.triangle_count() / 2);
+        let simplified = simplify(&m, &nothing(), m.triangle_count() / 2, Precision::default());
         assert!(simplified.mesh.triangle_count() <= m.triangle_count() / 2, "islands do not stay at full number");
         let bounds = certify(&m, &vec![Bound::default(); m.triangle_count()], &simplified);
         let back = f64::from(bounds.iter().map(|b| b.back).fold(0.0, f32::max));

@@ -36,6 +36,7 @@ mod wishes;
 mod words;
 
 use crate::options::BuildError;
+use crate::precision::Precision;
 use crate::scratch::{PatchFile, Records, Scratch, ScratchError};
 use crate::surface::{Finding, Ingested, LEAVES, SHARED, Surface};
 use crate::work::Work;
@@ -61,6 +62,8 @@ pub struct IngestOptions {
     pub min_confidence: Option<f32>,
     /// Drop components of fewer triangles.
     pub drop_islands_below: Option<u64>,
+    /// Bits of colours and normals.
+    pub precision: Precision,
 }
 
 /// Scratch bytes that the ingest takes at most for inputs of so many vertices and triangles, halo and patches included;

@@ -15,6 +15,7 @@ use super::spool::{COLORS, ColorSource, NORMALS, POSITIONS, Spooled, TRIANGLE_CO
 use super::tally::Tally;
 use super::words::{INVALID, Layout, read_words, word_of_color, word_of_normal, write_words};
 use crate::options::BuildError;
+use crate::precision::Precision;
 use crate::raw::UNCOLOURED;
 use crate::read::sink::{NO_POSITION, NOT_FINITE, UNUSED};
 use crate::scratch::{ScratchError, ScratchFile};
@@ -315,7 +316,8 @@ impl<'a> Run<'a> {
             self.spooled.channels.iter().map(|c| self.work.scratch.existing(&c.file)).collect::<Result<_, _>>()?;
         let mut words = vec![0u32; count * width];
         let per_metre = provisional.per_metre();
-        let none = word_of_color(UNCOLOURED);
+        let precision = self.options.precision;
+        let none = word_of_color(precision.color(UNCOLOURED));
         for (block, out) in words.chunks_mut(ROWS * width).enumerate() {
             let (row, n) = (first + (block * ROWS) as u64, out.len() / width);
             let read = |file: &ScratchFile, bytes: usize| file.read(row * bytes as u64, (n * bytes) as u64);
@@ -329,14 +331,17 @@ impl<'a> Run<'a> {
                     vertex[..3].copy_from_slice(&cell.unwrap_or([INVALID; 3]));
                     if let Some(at) = self.layout.color() {
                         vertex[at] = match (&colors, &grey) {
-                            (Some(rows), _) => color_of_row(rows.as_chunks::<4>().0[i], none),
-                            (None, Some(rows)) => grey_of_row(rows.as_chunks::<4>().0[i], black, white, none),
+                            (Some(rows), _) => color_of_row(rows.as_chunks::<4>().0[i], none, precision),
+                            (None, Some(rows)) => {
+                                grey_of_row(rows.as_chunks::<4>().0[i], [black, white], none, precision)
+                            }
                             (None, None) => none,
                         };
                     }
                     if let (Some(at), Some(rows)) = (self.layout.normal(), &normals) {
                         let [a, b, c, d] = rows.as_chunks::<4>().0[i];
-                        vertex[at] = word_of_normal([i16::from_le_bytes([a, b]), i16::from_le_bytes([c, d])]);
+                        let normal = [i16::from_le_bytes([a, b]), i16::from_le_bytes([c, d])];
+                        vertex[at] = word_of_normal(precision.normal(normal));
                     }
                     for (to, rows) in vertex[self.layout.scalar()..].iter_mut().zip(&scalars) {
                         *to = u32::from_le_bytes(rows.as_chunks::<4>().0[i]);
@@ -418,7 +423,9 @@ impl<'a> Run<'a> {
             out.kept += 1;
             let corners = &mut words[to..to + triangle];
             if let (Some(at), Some([r, g, b, 1])) = (self.layout.color(), colors.map(|c| c[i])) {
-                corners.chunks_exact_mut(width).for_each(|c| c[at] = word_of_color([r, g, b]));
+                corners
+                    .chunks_exact_mut(width)
+                    .for_each(|c| c[at] = word_of_color(self.options.precision.color([r, g, b])));
             }
             let (a, b, c) = (&corners[..width], &corners[width..2 * width], &corners[2 * width..]);
             out.lengths.add(a, b);
@@ -508,18 +515,18 @@ impl<'a> Run<'a> {
 }
 
 /// The word of a vertex colour; the last byte of the row says whether it was given.
-fn color_of_row([r, g, b, given]: [u8; 4], none: u32) -> u32 {
-    if given == 0 { none } else { word_of_color([r, g, b]) }
+fn color_of_row([r, g, b, given]: [u8; 4], none: u32, precision: Precision) -> u32 {
+    if given == 0 { none } else { word_of_color(precision.color([r, g, b])) }
 }
 
 /// The word of a grey that stands for a scalar.
-fn grey_of_row(row: [u8; 4], black: f32, white: f32, none: u32) -> u32 {
+fn grey_of_row(row: [u8; 4], [black, white]: [f32; 2], none: u32, precision: Precision) -> u32 {
     let v = f32::from_le_bytes(row);
     if !v.is_finite() {
         return none;
     }
     let share = (f64::from(v) - f64::from(black)) / (f64::from(white) - f64::from(black));
-    word_of_color([libm::round(share.clamp(0.0, 1.0) * 255.0) as u8; 3])
+    word_of_color(precision.color([libm::round(share.clamp(0.0, 1.0) * 255.0) as u8; 3]))
 }
 
 /// Triangles read at a time: a few pieces, as memory allows.

@@ -1,7 +1,7 @@
 //! The sink of a build: what readers deliver goes to scratch files, one per attribute, whatever the size of the mesh.
 //!
 //! Input: blocks of vertices and triangles of one input after the other. Files (numbers little-endian, one row per
-//! vertex or triangle): `positions` 3×f64, `colors` r g b given?, `normals` octahedral 2×i16 of [`NORMAL_BITS`],
+//! vertex or triangle): `positions` 3×f64, `colors` r g b given?, `normals` octahedral 2×i16,
 //! `scalar-N` f32, `triangles` 3×u32 (numbers over all inputs), `triangle-colors` r g b given?. An attribute that no
 //! input has, has no file. [`Spooled`] says what is there.
 //!
@@ -11,7 +11,6 @@
 
 use super::column::Column;
 use super::tally::Tally;
-use crate::prepare::NORMAL_BITS;
 use crate::raw::{Findings, RawMesh};
 use crate::read::ReadError;
 use crate::read::sink::{MeshSink, NO_POSITION, TWICE, VertexBlock};
@@ -528,6 +527,6 @@ pub(super) fn position_of_row(row: &[u8; 24]) -> [f64; 3] {
 }
 
 fn row_of_normal(n: &[f32; 3]) -> [u8; 4] {
-    let [a, b] = normal::quantize(normal::encode(n.map(f64::from)), NORMAL_BITS).map(i16::to_le_bytes);
+    let [a, b] = normal::encode(n.map(f64::from)).map(i16::to_le_bytes);
     [a[0], a[1], b[0], b[1]]
 }

@@ -17,7 +17,7 @@ use super::weld::Weld;
 use super::wishes::{self, Above, Wishes};
 use super::words::{Layout, append_words, normal_of_word, read_words, word_of_normal};
 use crate::options::BuildError;
-use crate::prepare::NORMAL_BITS;
+use crate::precision::Precision;
 use crate::scratch::{ScratchError, ScratchFile};
 use crate::work::Work;
 use kilwa_geometry::tetra::max_level;
@@ -150,7 +150,7 @@ pub(super) fn topology(
     let one = |bucket: usize| -> Result<Finished, BuildError> {
         let local = Local::read(scattered, layout, (&files.0, &files.1), bucket, &buckets)?;
         let edges = local.edges();
-        let normals = if layout.normals { Vec::new() } else { local.normals() };
+        let normals = if layout.normals { Vec::new() } else { local.normals(options.precision) };
         let answers = local.answers(&edges.borders, &normals);
         {
             let mut replies = replies.lock().unwrap_or_else(PoisonError::into_inner);
@@ -355,7 +355,7 @@ impl Local {
     }
 
     /// Area-weighted normals of the points of this bucket, in words; 0 for points of others.
-    fn normals(&self) -> Vec<u32> {
+    fn normals(&self, precision: Precision) -> Vec<u32> {
         let mut sums = vec![[0i128; 3]; self.owner.len()];
         for (vertices, points) in self.triangles.iter().zip(&self.points) {
             let [a, b, c] = vertices.map(|v| self.weld.position(v).map(i64::from));
@@ -367,7 +367,7 @@ impl Local {
                 (0..3).for_each(|i| s[i] += i128::from(n[i]));
             }
         }
-        let word = |s: &[i128; 3]| word_of_normal(normal::quantize(normal::encode(s.map(|x| x as f64)), NORMAL_BITS));
+        let word = |s: &[i128; 3]| word_of_normal(precision.normal(normal::encode(s.map(|x| x as f64))));
         sums.iter().zip(&self.owner).map(|(s, owner)| if *owner == self.bucket { word(s) } else { 0 }).collect()
     }
 

@@ -20,6 +20,7 @@ pub use results::Refined;
 use crate::fragment::{Patch, REDUCTION, coarsen};
 use crate::options::BuildError;
 use crate::partition::{Partition, tree_level};
+use crate::precision::Precision;
 use crate::scratch::{PatchFile, Records, ScratchFile, record};
 use crate::surface::{Ingested, LEAVES, SHARED, Surface};
 use crate::work::Work;
@@ -129,7 +130,7 @@ impl Hierarchy {
     ///
     /// # Errors
     /// [`BuildError`]: a scratch file cannot be written or read, a diamond is too large for a chunk, a stop was asked for.
-    pub fn coarsen_next(&mut self, work: &Work<'_>) -> Result<(), BuildError> {
+    pub fn coarsen_next(&mut self, work: &Work<'_>, precision: Precision) -> Result<(), BuildError> {
         let Some(level) = self.next() else { return Ok(()) };
         let tree = &self.tree;
         let of_level = |d: &u32| {
@@ -149,6 +150,7 @@ impl Hierarchy {
             chunks: &self.chunks,
             surface: &self.surface,
             attributes: self.attributes(),
+            precision,
         };
         let before: u64 = self.results.iter().flatten().map(|r| u64::from(r.triangles.0)).sum();
         let done = AtomicU64::new(before);
@@ -249,6 +251,7 @@ struct Stage<'a> {
     chunks: &'a ScratchFile,
     surface: &'a Surface,
     attributes: Attributes,
+    precision: Precision,
 }
 
 impl Stage<'_> {
@@ -285,7 +288,7 @@ impl Stage<'_> {
         if input.is_empty() {
             return Ok(None);
         }
-        let coarse = coarsen(&input, &self.locks.of(rank)?, self.tree, diamond);
+        let coarse = coarsen(&input, &self.locks.of(rank)?, (self.tree, diamond), self.precision);
         let encoded = encode_chunk(&input, self.tree, self.attributes)?;
         drop(input);
         let at = self.chunks.append(&encoded.body)?;

@@ -1,6 +1,6 @@
 //! One edge collapse: where the merged point goes, whether the collapse is allowed, and doing it.
 
-use super::{Collapse, Kind, NONE, Quadric, Room, Simplifier, kind, local};
+use super::{Collapse, Kind, NONE, Point, Quadric, Room, Simplifier, kind, local};
 use kilwa_geometry::LatticePoint;
 use kilwa_geometry::distance::{Vec3, cross, dot, sub};
 use kilwa_geometry::lattice::MAX_COORDINATE;
@@ -240,7 +240,7 @@ impl Simplifier<'_> {
     }
 
     /// Whether triangle `(from, p, q)` keeps its orientation and an area when `from` moves to `to`.
-    fn keeps_shape(&self, from: u32, p: u32, q: u32, to: Vec3) -> bool {
+    pub(super) fn keeps_shape(&self, from: u32, p: u32, q: u32, to: Vec3) -> bool {
         let (lp, lq) = (self.points[p as usize].local, self.points[q as usize].local);
         let e = sub(lq, lp);
         let before = cross(e, sub(self.points[from as usize].local, lp));
@@ -277,11 +277,12 @@ impl Simplifier<'_> {
             }
         }
         self.merged_into[remove as usize] = keep;
-        let gone = self.points[remove as usize].at;
+        let Point { at: gone, made, .. } = self.points[remove as usize];
         let quadric = self.points[remove as usize].quadric;
         let p = &mut self.points[keep as usize];
         let old = p.at;
         p.quadric.add(&quadric);
+        p.made = if target == old { p.made } else { target != gone || made };
         p.at = target;
         p.local = local(target, self.center);
         (p.head, p.tail, p.corners) = (NONE, NONE, 0);

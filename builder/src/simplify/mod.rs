@@ -16,8 +16,10 @@ mod collapse;
 mod color;
 mod prune;
 mod quadric;
+mod settle;
 mod wedge;
 
+use crate::precision::Precision;
 use kilwa_geometry::distance::{Vec3, dot, sub};
 use kilwa_geometry::{LatticePoint, Mesh};
 use quadric::Quadric;
@@ -77,6 +79,8 @@ struct Point {
     quadric: Quadric,
     kind: Kind,
     locked: bool,
+    /// Whether its place is one that simplification chose, which no vertex had.
+    made: bool,
     /// First and last corner of the list of corners at this point.
     head: u32,
     tail: u32,
@@ -148,14 +152,21 @@ struct Room {
 
 /// Simplify towards `target` triangles, pruning small components where nothing else helps (see `prune`); returns fewer or as many triangles as given, never fewer than `target` minus
 /// what the last collapse took, and the input itself where nothing can go.
-pub fn simplify<S: BuildHasher>(mesh: &Mesh, locked: &HashSet<LatticePoint, S>, target: usize) -> Simplified {
+/// What it makes is rounded: places as [`settle`] says, colours and normals to what `precision` leaves coarse forms.
+pub fn simplify<S: BuildHasher>(
+    mesh: &Mesh,
+    locked: &HashSet<LatticePoint, S>,
+    target: usize,
+    precision: Precision,
+) -> Simplified {
     let mut s = Simplifier::new(mesh, locked);
     s.seed();
     s.run(target);
     if s.triangles > target {
         s.prune(target);
     }
-    s.finish()
+    s.settle();
+    s.finish(precision)
 }
 
 fn key(cost: f64, edge: u32) -> u64 {
@@ -185,6 +196,7 @@ impl<'a> Simplifier<'a> {
                         quadric: Quadric::default(),
                         kind: Kind::Corner,
                         locked: locked.contains(&p),
+                        made: false,
                         head: NONE,
                         tail: NONE,
                         corners: 0,
@@ -394,7 +406,7 @@ impl<'a> Simplifier<'a> {
         COLOR_WEIGHT * d * l2 * l2
     }
 
-    fn finish(mut self) -> Simplified {
+    fn finish(mut self, precision: Precision) -> Simplified {
         let mut out = Mesh { scalars: vec![Vec::new(); self.source.scalars.len()], ..Mesh::default() };
         let mut index = vec![NONE; self.source.vertex_count()];
         let mut number = vec![NONE; self.points.len()];
@@ -413,7 +425,7 @@ impl<'a> Simplifier<'a> {
                 if index[w] == NONE {
                     index[w] = out.positions.len() as u32;
                     out.positions.push(self.points[self.point[t * 3 + k] as usize].at);
-                    self.wedges.emit(w, &mut out);
+                    self.wedges.emit(w, precision, &mut out);
                 }
                 *v = index[w];
             }
@@ -478,7 +490,7 @@ mod tests {
     #[test]
     fn a_missing_value_does_not_spread_and_equal_values_and_colours_stay_equal() {
         let fine = sheet(16);
-        let coarse = simplify(&fine, &Locked::default(), 8).mesh;
+        let coarse = simplify(&fine, &Locked::default(), 8, Precision::default()).mesh;
         assert!(coarse.triangle_count() <= 16, "{}", coarse.triangle_count());
         assert!(coarse.scalars[0].iter().all(|s| (s - 7.0).abs() < 1e-4), "{:?}", coarse.scalars[0]);
         assert!(coarse.colors.iter().all(|c| *c == [100, 150, 200]));
@@ -495,7 +507,7 @@ mod tests {
             m.triangles.push([0, 1 + i, 1 + (i + 1) % n]);
             m.borders.push(2);
         }
-        let coarse = simplify(&m, &Locked::default(), n as usize / 2).mesh;
+        let coarse = simplify(&m, &Locked::default(), n as usize / 2, Precision::default()).mesh;
         assert_eq!(coarse.triangle_count(), n as usize / 2);
     }
 
@@ -506,7 +518,7 @@ mod tests {
             for (i, p) in fine.positions.iter_mut().enumerate() {
                 p[2] += ((i as i32 + seed) * 7919).rem_euclid(9);
             }
-            let coarse = simplify(&fine, &Locked::default(), 40).mesh;
+            let coarse = simplify(&fine, &Locked::default(), 40, Precision::default()).mesh;
             assert!(coarse.triangle_count() <= 41, "{}", coarse.triangle_count());
             let b = coarse.bounds();
             assert!((0..2).all(|i| b.min[i] <= 10 && b.max[i] >= 310), "seed {seed}: {b:?}");
@@ -547,7 +559,7 @@ mod tests {
             fine.triangles.extend([[b, c, middle], [c, a, middle]]);
             fine.borders.extend([0, 0]);
         }
-        let coarse = simplify(&fine, &Locked::default(), 64);
+        let coarse = simplify(&fine, &Locked::default(), 64, Precision::default());
         assert!(coarse.mesh.triangle_count() <= 64, "{} triangles are left", coarse.mesh.triangle_count());
     }
 
@@ -565,7 +577,7 @@ mod tests {
             fine.borders.push(0b110);
         }
         for target in [300, 200, 100, 20] {
-            let s = simplify(&fine, &Locked::default(), target);
+            let s = simplify(&fine, &Locked::default(), target, Precision::default());
             let mut used = vec![false; s.points];
             s.triangles.iter().flatten().for_each(|p| used[*p as usize] = true);
             assert!(s.coarse_of_fine.iter().all(|p| used[*p as usize]), "{target}");
@@ -576,7 +588,7 @@ mod tests {
     fn locked_points_keep_their_place_and_their_edges() {
         let fine = sheet(12);
         let locked: Locked = fine.positions.iter().copied().filter(|p| p[0] == 60).collect();
-        let coarse = simplify(&fine, &locked, 10).mesh;
+        let coarse = simplify(&fine, &locked, 10, Precision::default()).mesh;
         for p in &locked {
             assert!(coarse.positions.contains(p));
         }

@@ -1,7 +1,8 @@
 //! Attributes of the vertices that are being merged. Colours are averaged in linear light, normals and scalars summed,
-//! each fine vertex with weight 1. A vertex that nothing was merged into keeps its attributes bit for bit.
+//! each fine vertex with weight 1, and rounded ([`Precision::coarse`]). A vertex that nothing was merged into keeps its attributes bit for bit.
 
 use super::color::{linear, srgb};
+use crate::precision::Precision;
 use kilwa_geometry::{Mesh, normal};
 
 /// Sums of what a vertex stands for.
@@ -75,13 +76,15 @@ impl<'a> Wedges<'a> {
     }
 
     /// Append the attributes of a vertex to a mesh.
-    pub(super) fn emit(&self, w: usize, out: &mut Mesh) {
+    pub(super) fn emit(&self, w: usize, precision: Precision, out: &mut Mesh) {
         let sum = &self.sums[w];
         if let Some(c) = self.source.colors.get(w) {
-            out.colors.push(if sum.changed { sum.color.map(|x| srgb(x / sum.weight)) } else { *c });
+            let mean = sum.color.map(|x| srgb(x / sum.weight));
+            // Equal colours stay equal.
+            out.colors.push(if !sum.changed || mean == *c { *c } else { precision.coarse().color(mean) });
         }
         out.normals.push(if sum.changed {
-            normal::quantize(normal::encode(sum.normal.map(f64::from)), crate::prepare::NORMAL_BITS)
+            precision.coarse().normal_within(normal::encode(sum.normal.map(f64::from)), precision)
         } else {
             self.source.normals[w]
         });

@@ -283,10 +283,10 @@ pub(super) fn levels(values: &[OctNormal], bits: u8) -> impl Iterator<Item = [i3
     values.iter().map(move |n| n.map(|x| quantize(x, bits)))
 }
 
-/// The fewest of 8, 10, 12 or 16 bits that hold all normals exactly.
+/// The fewest bits, from 6 on, that hold all normals exactly.
 pub(super) fn normal_bits(values: &[OctNormal]) -> u8 {
     let exact = |bits: &u8| values.as_flattened().iter().all(|&x| unquantize(quantize(x, *bits), *bits) == Some(x));
-    [8, 10, 12].into_iter().find(exact).unwrap_or(16)
+    (6..16).find(exact).unwrap_or(16)
 }
 
 /// An octahedral coordinate as a level of `bits` bits, `-(2^(bits-1) - 1) ..= 2^(bits-1) - 1`; at 16 bits itself.
