@@ -1,23 +1,110 @@
 //! Areas of triangle sets: along the surface, and in plan. Two numbers, never one for the other: a wall has much of the
-//! first and almost none of the second.
+//! first and almost none of the second. Of a drawn polygon there is a third: in the plane that fits its corners.
 
+use crate::plane::{Plane, PlaneFit};
+use crate::polygon::{is_simple, signed_area};
+use crate::refusal::{Refusal, at_least};
+use crate::region::Region;
+use crate::sum::Sum;
 use kilwa_geometry::distance::{Vec3, cross, dot, sub};
+use serde::Serialize;
 
-/// Areas in the square of the unit of the triangles.
-#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+/// Areas of a surface that is summed up triangle by triangle, in the square of the unit of the triangles.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Areas {
-    /// Along the surface.
-    pub surface: f64,
-    /// Projected to the horizontal plane, both sides counted (a roof over a floor counts twice).
-    pub plan: f64,
+    surface: Sum,
+    plan: Sum,
+    triangles: u64,
 }
 
 impl Areas {
     /// Add one triangle.
-    pub fn add(&mut self, [a, b, c]: [Vec3; 3]) {
+    pub fn add(&mut self, triangle: [Vec3; 3]) {
+        self.triangles += 1;
+        self.add_part(triangle);
+    }
+
+    fn add_part(&mut self, [a, b, c]: [Vec3; 3]) {
         let n = cross(sub(b, a), sub(c, a));
-        self.surface += libm::sqrt(dot(n, n)) * 0.5;
-        self.plan += n[2].abs() * 0.5;
+        self.surface.add(libm::sqrt(dot(n, n)) * 0.5);
+        self.plan.add(n[2].abs() * 0.5);
+    }
+
+    /// Add the part of a triangle inside a region.
+    pub fn add_clipped(&mut self, triangle: [Vec3; 3], region: &Region) {
+        let [u, v] = region.plane().axes();
+        let n = region.plane().normal;
+        let mut met = false;
+        region.clip(triangle, |part| {
+            met = true;
+            // Back from the plane's coordinates: only directions matter for areas.
+            let world = |p: Vec3| -> Vec3 { std::array::from_fn(|i| u[i] * p[0] + v[i] * p[1] + n[i] * p[2]) };
+            for i in 1..part.len() - 1 {
+                self.add_part([world(part[0]), world(part[i]), world(part[i + 1])]);
+            }
+        });
+        self.triangles += u64::from(met);
+    }
+
+    /// Add another sum; in a fixed order the result is the same for any number of threads.
+    pub fn join(&mut self, other: &Self) {
+        self.surface.join(&other.surface);
+        self.plan.join(&other.plan);
+        self.triangles += other.triangles;
+    }
+
+    /// Along the surface.
+    pub fn surface(&self) -> f64 {
+        self.surface.value()
+    }
+
+    /// Projected to the horizontal plane, both sides counted (a roof over a floor counts twice).
+    pub fn plan(&self) -> f64 {
+        self.plan.value()
+    }
+
+    /// Triangles that count, whole or in part.
+    pub fn triangles(&self) -> u64 {
+        self.triangles
+    }
+}
+
+/// Areas of a polygon given by its corners.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PolygonArea {
+    /// In the plane fitted to the corners.
+    pub fitted: f64,
+    /// In the horizontal plane.
+    pub plan: f64,
+    /// Length round it, from corner to corner.
+    pub perimeter: f64,
+    /// The fitted plane, and how far the corners are from it.
+    pub plane: PlaneFit,
+}
+
+impl PolygonArea {
+    /// Of corners in order.
+    ///
+    /// # Errors
+    /// [`Refusal`] for fewer than three corners, corners on a line, and sides that cross in the fitted plane.
+    pub fn of(points: &[Vec3]) -> Result<Self, Refusal> {
+        at_least("an area", 3, points)?;
+        let plane = Plane::fit(points)?;
+        let outline: Vec<[f64; 2]> = points.iter().map(|p| plane.plane.coordinates(*p)).collect();
+        if !is_simple(&outline) {
+            return Err(Refusal::Crossing);
+        }
+        let level: Vec<[f64; 2]> = points.iter().map(|p| [p[0] - points[0][0], p[1] - points[0][1]]).collect();
+        let side = |i: usize| {
+            let d = sub(points[(i + 1) % points.len()], points[i]);
+            libm::sqrt(dot(d, d))
+        };
+        Ok(Self {
+            fitted: signed_area(&outline).abs(),
+            plan: signed_area(&level).abs(),
+            perimeter: (0..points.len()).map(side).sum(),
+            plane,
+        })
     }
 }
 
@@ -30,6 +117,26 @@ mod tests {
         let mut a = Areas::default();
         a.add([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 0.0, 3.0]]);
         a.add([[0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 0.0, 3.0]]);
-        assert_eq!(a, Areas { surface: 12.0, plan: 0.0 });
+        assert_eq!((a.surface(), a.plan(), a.triangles()), (12.0, 0.0, 2));
+        let p = PolygonArea::of(&[[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 0.0, 3.0]]).unwrap();
+        assert!((p.fitted - 12.0).abs() < 1e-12 && p.plan.abs() < 1e-12 && (p.perimeter - 14.0).abs() < 1e-12, "{p:?}");
+    }
+
+    #[test]
+    fn a_ramp_of_sixty_degrees_has_twice_its_plan_area_and_a_region_cuts_it_exactly() {
+        let rise = 3f64.sqrt();
+        let (a, b, c, d) = ([0.0, 0.0, 0.0], [1.0, 0.0, rise], [1.0, 1.0, rise], [0.0, 1.0, 0.0]);
+        let mut whole = Areas::default();
+        whole.add([a, b, c]);
+        whole.add([a, c, d]);
+        assert!((whole.surface() - 2.0).abs() < 1e-12 && (whole.plan() - 1.0).abs() < 1e-12);
+        let floor = Plane::new([0.0; 3], [0.0, 0.0, 1.0]).unwrap();
+        let corners = [[0.25, 0.25, 0.0], [0.75, 0.25, 0.0], [0.75, 0.75, 0.0], [0.25, 0.75, 0.0]];
+        let region = Region::new(floor, &corners, 10.0).unwrap();
+        let mut part = Areas::default();
+        part.add_clipped([a, b, c], &region);
+        part.add_clipped([a, c, d], &region);
+        assert!((part.surface() - 0.5).abs() < 1e-12 && (part.plan() - 0.25).abs() < 1e-12, "{part:?}");
+        assert_eq!(part.triangles(), 2);
     }
 }

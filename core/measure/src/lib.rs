@@ -2,14 +2,47 @@
 //!
 //! Every value comes from the finest surface, so it does not depend on zoom, cache, network or GPU, and carries its
 //! standard uncertainty: the lattice step, and the capture accuracy where the metadata knows it. Pure: geometry in,
-//! numbers out. Failures are geometric (an empty surface) and are `None`.
+//! numbers out; who has the chunks hands their triangles over. Trigonometry is `libm`'s, so that native programs and
+//! wasm agree to the last digit. Where there is no meaningful number there is a [`Refusal`], a sentence that says why.
+//!
+//! Two kinds of tools: on points ([`PointTool`]), and on the surface, which is summed up or cut triangle by triangle
+//! ([`Areas`], [`Enclosed`], [`CutFill`], [`Deviation`], [`Cutter`]); sums of parts are joined in a fixed order, so that
+//! the number of threads does not matter. Lengths are local metres: see [`Space`].
 
+pub mod angle;
 pub mod area;
+pub mod circle;
+pub mod deviation;
+pub mod interval;
+pub mod path;
 pub mod pick;
+pub mod plane;
+pub mod polygon;
+pub mod profile;
 pub mod quantity;
+pub mod refusal;
+pub mod region;
+pub mod section;
+pub mod space;
+pub mod sum;
 pub mod surface;
+pub mod tools;
+pub mod unit;
+mod vector;
+pub mod volume;
 
-pub use area::Areas;
+pub use area::{Areas, PolygonArea};
+pub use circle::Circle;
+pub use deviation::Deviation;
 pub use pick::{Hit, Ray};
+pub use plane::{Plane, PlaneFit};
 pub use quantity::{Length, Quantity, Uncertainty};
+pub use refusal::Refusal;
+pub use region::Region;
+pub use section::{Cutter, Polyline, Section};
+pub use space::Space;
+pub use sum::Sum;
 pub use surface::Surface;
+pub use tools::PointTool;
+pub use unit::{Dimension, LengthUnit, Reading};
+pub use volume::{CutFill, CutFillVolume, Enclosed};

@@ -1,0 +1,75 @@
+//! Why there is no number: sentences for people.
+
+use thiserror::Error;
+
+/// What a tool says instead of a number that would mean nothing.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum Refusal {
+    /// Not enough points.
+    #[error("{tool} needs at least {needed} points; {given} are given")]
+    TooFew {
+        /// The tool.
+        tool: &'static str,
+        /// Points needed.
+        needed: usize,
+        /// Points given.
+        given: usize,
+    },
+    /// Points that do not span what is asked for.
+    #[error("the points lie on one line, which does not fix {what}; add a point beside it")]
+    Collinear {
+        /// What they should fix.
+        what: &'static str,
+    },
+    /// Two points that have to differ are the same.
+    #[error("two of the points are the same place; {what} needs different ones")]
+    Coincident {
+        /// What needs them.
+        what: &'static str,
+    },
+    /// A polygon whose sides cross.
+    #[error("the sides of the polygon cross each other; move a point so that it encloses one area")]
+    Crossing,
+    /// A volume of something that encloses none.
+    #[error(
+        "the surface is not closed ({borders} border edges), so that it encloses no volume; draw a region and measure \
+         cut and fill against a plane instead"
+    )]
+    Open {
+        /// Edges that only one triangle uses.
+        borders: u64,
+    },
+    /// A closed surface whose triangles do not agree on what is outside.
+    #[error(
+        "the triangles of the surface do not agree on which side is outside, so that it encloses no certain volume"
+    )]
+    Inconsistent,
+    /// Nothing there.
+    #[error("{what} meets no surface; {hint}")]
+    Misses {
+        /// What.
+        what: &'static str,
+        /// What to do.
+        hint: String,
+    },
+    /// Two points that no path joins.
+    #[error(
+        "between the two points the surface has a gap along the plane through them; measure the straight distance, or \
+         set points on the way"
+    )]
+    Gap,
+    /// Not a number.
+    #[error("a coordinate is not a finite number")]
+    NotFinite,
+}
+
+/// All coordinates finite.
+pub(crate) fn finite(points: &[[f64; 3]]) -> Result<(), Refusal> {
+    if points.iter().flatten().all(|x| x.is_finite()) { Ok(()) } else { Err(Refusal::NotFinite) }
+}
+
+/// At least so many points, all finite.
+pub(crate) fn at_least(tool: &'static str, needed: usize, points: &[[f64; 3]]) -> Result<(), Refusal> {
+    finite(points)?;
+    if points.len() < needed { Err(Refusal::TooFew { tool, needed, given: points.len() }) } else { Ok(()) }
+}

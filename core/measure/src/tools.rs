@@ -1,0 +1,196 @@
+//! The tools that need points only: one function for the page and for the command line, so that both print the same digits.
+//!
+//! Points are local metres ([`crate::space`]), picked on the finest surface. Failures are [`Refusal`]s, sentences for people.
+
+use crate::angle;
+use crate::area::PolygonArea;
+use crate::circle::Circle;
+use crate::path;
+use crate::plane::Plane;
+use crate::quantity::{Uncertainty, propagate};
+use crate::refusal::{Refusal, at_least};
+use crate::space::Space;
+use crate::unit::{Dimension, Reading};
+use kilwa_geometry::distance::Vec3;
+use serde::{Deserialize, Serialize};
+
+/// A tool on points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PointTool {
+    /// Where a point is: x, y, z in world coordinates.
+    Coordinate,
+    /// From the first point to the last by way of the others.
+    Distance,
+    /// The same, back to the first.
+    Perimeter,
+    /// At the second of three points.
+    Angle,
+    /// Between the plane of the first half of the points and that of the second half.
+    PlaneAngle,
+    /// Of the last point above the plane fitted to all others.
+    Height,
+    /// Of the polygon through the points.
+    PolygonArea,
+    /// The circle fitted to the points.
+    Circle,
+}
+
+impl PointTool {
+    /// What the points give.
+    ///
+    /// # Errors
+    /// [`Refusal`] where they mean nothing.
+    pub fn measure(self, points: &[Vec3], space: &Space, point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+        match self {
+            Self::Coordinate => coordinate(points, space, point),
+            Self::Distance => distance(points, false, point),
+            Self::Perimeter => distance(points, true, point),
+            Self::Angle => corner(points, point),
+            Self::PlaneAngle => planes(points, point),
+            Self::Height => height(points, point),
+            Self::PolygonArea => polygon(points, point),
+            Self::Circle => circle(points, point),
+        }
+    }
+}
+
+/// Readings from values and their uncertainties, propagated from the points.
+fn readings<const N: usize>(
+    names: [(&str, Dimension); N],
+    points: &[Vec3],
+    point: &Uncertainty,
+    f: impl Fn(&[Vec3]) -> Result<[f64; N], Refusal>,
+) -> Result<Vec<Reading>, Refusal> {
+    let values = f(points)?;
+    let spread = propagate(points, point.combined(), |p| f(p).ok());
+    let each = names.into_iter().zip(values.into_iter().zip(spread));
+    Ok(each.map(|((name, dimension), (value, u))| Reading::new(name, dimension, value, u)).collect())
+}
+
+fn coordinate(points: &[Vec3], space: &Space, point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+    at_least("a coordinate", 1, points)?;
+    let world = space.world_from_local(points[0]);
+    let each = ["x", "y", "z"].into_iter().zip(world);
+    Ok(each.map(|(name, x)| Reading::new(name, Dimension::Length, x, point.combined())).collect())
+}
+
+fn distance(points: &[Vec3], closed: bool, point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+    use Dimension::Length;
+    if closed {
+        let names = [("perimeter", Length), ("horizontal", Length)];
+        return readings(names, points, point, |p| path::length(p, true).map(|l| [l.straight, l.horizontal]));
+    }
+    let names = [("straight", Length), ("horizontal", Length), ("vertical", Length)];
+    let mut all =
+        readings(names, points, point, |p| path::length(p, false).map(|l| [l.straight, l.horizontal, l.vertical]))?;
+    if points.len() > 2 {
+        all.extend(readings([("ends", Length)], points, point, |p| path::length(p, false).map(|l| [l.ends]))?);
+    }
+    // At a distance of nothing the derivative vanishes, the uncertainty does not.
+    let least = std::f64::consts::SQRT_2 * point.combined();
+    for r in &mut all {
+        r.quantity.uncertainty = r.quantity.uncertainty.max(if r.quantity.value == 0.0 { least } else { 0.0 });
+    }
+    Ok(all)
+}
+
+fn corner(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+    at_least("an angle", 3, points)?;
+    readings([("angle", Dimension::Angle)], &points[..3], point, |p| Ok([angle::at_corner([p[0], p[1], p[2]])?]))
+}
+
+fn planes(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+    at_least("an angle between planes", 6, points)?;
+    let half = points.len() / 2;
+    let names = [("angle", Dimension::Angle), ("first slope", Dimension::Angle), ("second slope", Dimension::Angle)];
+    readings(names, points, point, |p| {
+        let (a, b) = (Plane::fit(&p[..half])?.plane, Plane::fit(&p[half..])?.plane);
+        Ok([angle::between_planes(&a, &b), angle::slope(&a), angle::slope(&b)])
+    })
+}
+
+fn height(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+    at_least("a height above a plane", 4, points)?;
+    readings([("height", Dimension::Length)], points, point, |p| {
+        let (last, rest) = p.split_last().ok_or(Refusal::NotFinite)?;
+        Ok([Plane::fit(rest)?.plane.distance(*last)])
+    })
+}
+
+fn polygon(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+    use Dimension::{Area, Length};
+    let names = [("fitted plane", Area), ("plan", Area), ("perimeter", Length)];
+    let mut all = readings(names, points, point, |p| PolygonArea::of(p).map(|a| [a.fitted, a.plan, a.perimeter]))?;
+    let fit = Plane::fit(points)?;
+    all.push(Reading::new("out of plane", Length, fit.largest, point.combined()));
+    Ok(all)
+}
+
+fn circle(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+    let c = Circle::fit(points)?;
+    // What the points show of their own scatter counts where it is more than what is known of each.
+    let free = points.len().saturating_sub(3);
+    let scatter = if free > 0 { c.rms * libm::sqrt(points.len() as f64 / free as f64) } else { 0.0 };
+    let u = c.spread * point.combined().max(scatter);
+    let residual = libm::sqrt(c.rms * c.rms + c.plane.rms * c.plane.rms);
+    let length = |name, value, u| Reading::new(name, Dimension::Length, value, u);
+    let turn = std::f64::consts::TAU;
+    Ok(vec![
+        length("radius", c.radius, u),
+        length("diameter", 2.0 * c.radius, 2.0 * u),
+        length("circumference", turn * c.radius, turn * u),
+        length("residual", residual, point.combined()),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::unit::LengthUnit;
+    use kilwa_geometry::Lattice;
+
+    fn space() -> Space {
+        Space::new(Lattice { origin: [500_000.0, 4_649_776.0, 123.0], step_log2: -10 })
+    }
+
+    fn read(tool: PointTool, points: &[Vec3]) -> Vec<String> {
+        let u = Uncertainty::finest(space().step(), Some(0.002));
+        let all = tool.measure(points, &space(), &u).unwrap();
+        all.iter().map(|r| format!("{} {}", r.name, r.text(LengthUnit::Metre))).collect()
+    }
+
+    #[test]
+    fn every_tool_gives_its_numbers_with_their_uncertainty() {
+        let wall = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 0.0, 3.0]];
+        assert_eq!(read(PointTool::Coordinate, &wall[1..2])[0], "x 500004.0000 ± 0.0020 m");
+        assert_eq!(read(PointTool::Distance, &[wall[0], wall[2]])[0], "straight 5.0000 ± 0.0029 m");
+        assert_eq!(read(PointTool::Distance, &wall[..3])[3], "ends 5.0000 ± 0.0029 m");
+        assert_eq!(read(PointTool::Perimeter, &wall)[0], "perimeter 14.0000 ± 0.0057 m");
+        assert_eq!(read(PointTool::PolygonArea, &wall)[0], "fitted plane 12.000 ± 0.010 m²");
+        assert_eq!(read(PointTool::Angle, &wall[..3])[0].split(' ').nth(1), Some("90.000"));
+        let u = Uncertainty::finest(space().step(), None);
+        let none = PointTool::Distance.measure(&[wall[0], wall[0]], &space(), &u).unwrap();
+        assert!(none[0].quantity.value == 0.0 && none[0].quantity.uncertainty > 0.0);
+        let up = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.3, 0.3, 2.5]];
+        assert!(read(PointTool::Height, &up)[0].starts_with("height 2.500"));
+        let turned: Vec<Vec3> = wall[..3].iter().chain(&up[..3]).copied().collect();
+        assert!(read(PointTool::PlaneAngle, &turned)[0].starts_with("angle 90.0"));
+        let ring = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]];
+        assert!(read(PointTool::Circle, &ring)[1].starts_with("diameter 2.000"));
+    }
+
+    #[test]
+    fn points_that_mean_nothing_are_refused_with_a_sentence() {
+        let u = Uncertainty::finest(space().step(), None);
+        let line = [[0.0; 3], [1.0, 1.0, 1.0], [2.0, 2.0, 2.0], [3.0, 3.0, 3.0]];
+        let say = |tool: PointTool, points: &[Vec3]| tool.measure(points, &space(), &u).unwrap_err().to_string();
+        assert!(say(PointTool::Circle, &line).contains("lie on one line"));
+        assert!(say(PointTool::PolygonArea, &line).contains("lie on one line"));
+        assert!(say(PointTool::Distance, &line[..1]).contains("at least 2 points; 1 are given"));
+        assert!(say(PointTool::Angle, &[line[0], line[0], line[1]]).contains("same place"));
+        assert!(say(PointTool::Coordinate, &[[f64::NAN, 0.0, 0.0]]).contains("finite"));
+        let bow = [[0.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        assert!(say(PointTool::PolygonArea, &bow).contains("cross"));
+    }
+}
