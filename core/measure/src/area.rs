@@ -14,6 +14,7 @@ use serde::Serialize;
 pub struct Areas {
     surface: Sum,
     plan: Sum,
+    spread: [Sum; 2],
     triangles: u64,
 }
 
@@ -28,6 +29,12 @@ impl Areas {
         let n = cross(sub(b, a), sub(c, a));
         self.surface.add(libm::sqrt(dot(n, n)) * 0.5);
         self.plan.add(n[2].abs() * 0.5);
+        // A corner that moves across the opposite side of length l changes the area by l / 2 for each unit.
+        for (p, q) in [(a, b), (b, c), (c, a)] {
+            let d = sub(q, p);
+            self.spread[0].add(dot(d, d) * 0.25);
+            self.spread[1].add((d[0] * d[0] + d[1] * d[1]) * 0.25);
+        }
     }
 
     /// Add the part of a triangle inside a region.
@@ -50,6 +57,7 @@ impl Areas {
     pub fn join(&mut self, other: &Self) {
         self.surface.join(&other.surface);
         self.plan.join(&other.plan);
+        self.spread.iter_mut().zip(&other.spread).for_each(|(a, b)| a.join(b));
         self.triangles += other.triangles;
     }
 
@@ -61,6 +69,12 @@ impl Areas {
     /// Projected to the horizontal plane, both sides counted (a roof over a floor counts twice).
     pub fn plan(&self) -> f64 {
         self.plan.value()
+    }
+
+    /// What the standard uncertainty of a coordinate is multiplied with to give that of [`Areas::surface`] and of
+    /// [`Areas::plan`]: as if every corner of every triangle erred by itself, which is more than where neighbours share it.
+    pub fn spread(&self) -> [f64; 2] {
+        self.spread.map(|s| libm::sqrt(s.value()))
     }
 
     /// Triangles that count, whole or in part.

@@ -70,8 +70,12 @@ pub struct Quantity {
 }
 
 impl std::fmt::Display for Quantity {
-    /// The uncertainty to two significant digits, the value to the same decimal.
+    /// The uncertainty to two significant digits, the value to the same decimal; a value without uncertainty (one that was given)
+    /// alone, to a millionth.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.uncertainty == 0.0 {
+            return write!(f, "{:.6}", self.value);
+        }
         let digits = if self.uncertainty > 0.0 {
             (1.0 - libm::floor(libm::log10(self.uncertainty))).clamp(0.0, 12.0)
         } else {

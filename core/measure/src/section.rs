@@ -45,6 +45,16 @@ impl Polyline {
     }
 }
 
+impl Polyline {
+    /// Sum over all points of the squared rate at which the area inside changes when the point moves at random: a point
+    /// between neighbours that are `d` apart changes it by `d / 2` for each unit. Times the variance of a coordinate it is that of the area.
+    pub fn squares(&self) -> f64 {
+        let n = self.points.len();
+        let apart = |i: usize| norm(sub(self.points[(i + 1) % n], self.points[(i + n - 1) % n])) * 0.5;
+        (0..n).map(|i| apart(i) * apart(i)).sum()
+    }
+}
+
 /// A joined section.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Section {

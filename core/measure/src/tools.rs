@@ -7,6 +7,7 @@ use crate::area::PolygonArea;
 use crate::circle::Circle;
 use crate::path;
 use crate::plane::Plane;
+use crate::polygon::signed_area;
 use crate::quantity::{Uncertainty, propagate};
 use crate::refusal::{Refusal, at_least};
 use crate::space::Space;
@@ -121,7 +122,10 @@ fn height(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal>
 fn polygon(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
     use Dimension::{Area, Length};
     let names = [("fitted plane", Area), ("plan", Area), ("perimeter", Length)];
-    let mut all = readings(names, points, point, |p| PolygonArea::of(p).map(|a| [a.fitted, a.plan, a.perimeter]))?;
+    // The sign of the plan area lets it vary through zero: an upright polygon has none, and is uncertain all the same.
+    let signed = |p: &[Vec3]| signed_area(&p.iter().map(|q| [q[0] - p[0][0], q[1] - p[0][1]]).collect::<Vec<_>>());
+    let mut all = readings(names, points, point, |p| PolygonArea::of(p).map(|a| [a.fitted, signed(p), a.perimeter]))?;
+    all[1].quantity.value = all[1].quantity.value.abs();
     let fit = Plane::fit(points)?;
     all.push(Reading::new("out of plane", Length, fit.largest, point.combined()));
     Ok(all)
@@ -168,6 +172,9 @@ mod tests {
         assert_eq!(read(PointTool::Distance, &wall[..3])[3], "ends 5.0000 ± 0.0029 m");
         assert_eq!(read(PointTool::Perimeter, &wall)[0], "perimeter 14.0000 ± 0.0057 m");
         assert_eq!(read(PointTool::PolygonArea, &wall)[0], "fitted plane 12.000 ± 0.010 m²");
+        let plan =
+            &PointTool::PolygonArea.measure(&wall, &space(), &Uncertainty::finest(0.001, Some(0.002))).unwrap()[1];
+        assert!(plan.quantity.value < 1e-12 && plan.quantity.uncertainty > 0.002, "{plan:?}");
         assert_eq!(read(PointTool::Angle, &wall[..3])[0].split(' ').nth(1), Some("90.000"));
         let u = Uncertainty::finest(space().step(), None);
         let none = PointTool::Distance.measure(&[wall[0], wall[0]], &space(), &u).unwrap();

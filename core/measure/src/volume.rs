@@ -14,6 +14,7 @@ pub struct Enclosed {
     /// The vector sum of all triangle areas, which vanishes where the surface is closed and agrees on its outside.
     flux: [Sum; 3],
     area: Sum,
+    squares: Sum,
     triangles: u64,
 }
 
@@ -21,7 +22,7 @@ impl Enclosed {
     /// Volumes are counted from `centre`, which should lie in the middle of the surface.
     pub fn new(centre: Vec3) -> Self {
         let zero = Sum::default();
-        Self { centre, six_fold: zero, flux: [zero; 3], area: zero, triangles: 0 }
+        Self { centre, six_fold: zero, flux: [zero; 3], area: zero, squares: zero, triangles: 0 }
     }
 
     /// Add one triangle, counter-clockwise seen from outside.
@@ -33,6 +34,7 @@ impl Enclosed {
             sum.add(x * 0.5);
         }
         self.area.add(libm::sqrt(dot(n, n)) * 0.5);
+        self.squares.add(dot(n, n) * 0.25);
         self.triangles += 1;
     }
 
@@ -40,6 +42,7 @@ impl Enclosed {
     pub fn join(&mut self, other: &Self) {
         self.six_fold.join(&other.six_fold);
         self.area.join(&other.area);
+        self.squares.join(&other.squares);
         for (sum, x) in self.flux.iter_mut().zip(&other.flux) {
             sum.join(x);
         }
@@ -49,6 +52,12 @@ impl Enclosed {
     /// Surface area.
     pub fn area(&self) -> f64 {
         self.area.value()
+    }
+
+    /// What the standard uncertainty of a coordinate is multiplied with to give that of the volume: points err by themselves, and each
+    /// has six triangles round it (a point moves a third of their area vectors; there are half as many points as triangles).
+    pub fn spread(&self) -> f64 {
+        libm::sqrt(2.0 * self.squares.value())
     }
 
     /// The volume; `borders` is the number of edges that only one triangle uses. Negative where the triangles are
@@ -74,6 +83,7 @@ pub struct CutFill {
     above: Sum,
     below: Sum,
     covered: Sum,
+    squares: Sum,
     triangles: u64,
 }
 
@@ -86,9 +96,16 @@ pub struct CutFillVolume {
     pub fill: f64,
     /// `cut − fill`.
     pub net: f64,
-    /// Share of the polygon that the surface covers once, seen along the normal: below 1 there are holes, above it lies over
-    /// itself.
+    /// Share of the polygon that the surface covers, seen along the normal, what faces away taken off: below 1 there are
+    /// holes, above it lies over itself, and near 0 it is a closed body without ground.
     pub covered: f64,
+}
+
+impl CutFillVolume {
+    /// A closed body has nothing to fill: `cut` is what of it lies above the plane, and `−fill` what lies below.
+    pub fn is_body(&self) -> bool {
+        self.covered.abs() < 1e-3
+    }
 }
 
 impl CutFill {
@@ -99,7 +116,9 @@ impl CutFill {
         let mut met = false;
         region.clip(triangle, |part| {
             met = true;
-            self.covered.add(prism(part, |_| 1.0));
+            let seen = prism(part, |_| 1.0);
+            self.covered.add(seen);
+            self.squares.add(seen * seen);
             for (sum, sign) in [(&mut self.above, 1.0), (&mut self.below, -1.0)] {
                 side.clear();
                 side.extend_from_slice(part);
@@ -115,7 +134,16 @@ impl CutFill {
         self.above.join(&other.above);
         self.below.join(&other.below);
         self.covered.join(&other.covered);
+        self.squares.join(&other.squares);
         self.triangles += other.triangles;
+    }
+
+    /// What the standard uncertainty of a coordinate is multiplied with to give that of the volumes, for a plane fitted to `corners`
+    /// points of the same uncertainty (0: a plane that is given): as [`Enclosed::spread`], and the plane's own.
+    pub fn spread(&self, corners: usize) -> f64 {
+        let area = self.covered.value();
+        let plane = if corners > 0 { area * area / corners as f64 } else { 0.0 };
+        libm::sqrt(2.0 * self.squares.value() + plane)
     }
 
     /// The volumes.

@@ -31,6 +31,14 @@ impl Footer {
         b
     }
 
+    /// What the pack is called where a measurement or an annotation refers to it: the first 16 bytes of the BLAKE3 hash of
+    /// the footer, as 32 lower-case hexadecimal digits. The footer stands for every checksum of the file, so that packs that
+    /// differ anywhere are called otherwise. FORMAT section 7.
+    pub fn identity(&self) -> String {
+        let hash = blake3::hash(&self.to_bytes());
+        hash.to_hex().chars().take(32).collect()
+    }
+
     /// Parse the last [`FOOTER_BYTES`] bytes of a file.
     ///
     /// # Errors

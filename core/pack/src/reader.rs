@@ -53,6 +53,7 @@ pub struct Reader<S> {
     header: Header,
     metadata: Metadata,
     entries: Vec<DirectoryEntry>,
+    footer: Footer,
 }
 
 impl<S: Source> Reader<S> {
@@ -88,7 +89,7 @@ impl<S: Source> Reader<S> {
         if footer.directory_hash != directory_hash {
             return Err(PackError::invalid("footer", "the directory is not the one that was written with it"));
         }
-        Ok(Self { source, header, metadata, entries })
+        Ok(Self { source, header, metadata, entries, footer })
     }
 
     /// The header.
@@ -99,6 +100,11 @@ impl<S: Source> Reader<S> {
     /// The metadata.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
+    }
+
+    /// What the pack is called where others refer to it: [`Footer::identity`].
+    pub fn identity(&self) -> String {
+        self.footer.identity()
     }
 
     /// All directory entries; entry 0 is the root.
