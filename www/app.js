@@ -1,17 +1,27 @@
 // The page: brings head, program and controls together, and shows what is going on.
 
+import { Api } from "./api.js";
 import * as chrome from "./chrome.js";
+import { Cube } from "./cube.js";
 import { DecodePool } from "./decode-pool.js";
 import * as format from "./format.js";
 import { apply, onChange, preferred, remember, t, use } from "./i18n.js";
+import * as embed from "./embed.js";
+import { Flight } from "./flight.js";
 import { Input } from "./input.js";
+import { Address, HASH_DIGITS, readState } from "./link.js";
 import { isPassing } from "./loader.js";
+import { LocalPack, openers } from "./local-pack.js";
 import { factsList } from "./facts.js";
+import { Notes, fetchPublished } from "./notes.js";
 import { whyNoGpu } from "./program.js";
+import { Saved } from "./saved.js";
+import { PictureDialog } from "./screenshot.js";
 import { Session } from "./session.js";
 import { Status } from "./status.js";
-import { readView, writeView } from "./link.js";
 import { Trouble } from "./trouble.js";
+import { Undo } from "./undo.js";
+import { Walk } from "./walk.js";
 
 const $ = (id) => document.getElementById(id);
 const MEMORY = [64, 128, 256, 512, 1024, 2048];
@@ -35,7 +45,15 @@ class Page {
     this.settings = this.#defaults();
     this.session = null;
     this.rebuilt = 0;
+    this.api = new Api(this);
+    this.undo = new Undo(() => this.#undoButtons());
+    this.address = new Address(() => (this.session && !this.session.closed && this.api.isReady ? this.state() : null), (state) => this.restore(state));
+    this.cube = new Cube((view) => this.standardView(view));
+    this.pictures = new PictureDialog(() => ({ viewer: this.viewer, canvas: this.session.canvas, title: this.title }));
+    this.trouble.onShow = (kind) => this.api.emit("trouble", { kind });
     this.controls();
+    if (parameters.has("embed")) embed.reduce(parameters.get("embed") === "bare");
+    embed.serve(this.api);
     globalThis.kilwa = this; // the same objects for scripts and tests as for the page
   }
 
@@ -51,10 +69,15 @@ class Page {
   async open(head, program) {
     this.program = program;
     if (!this.pack) {
-      this.trouble.show("missing", { kind: "missing" });
+      document.body.dataset.state = "welcome";
+      $("loading").hidden = true;
+      $("welcome").hidden = false;
       return;
     }
-    for (const id of ["download", "trouble-download"]) $(id).href = this.pack.url;
+    for (const id of ["download", "trouble-download", "about-download"]) {
+      $(id).href = this.pack.url;
+      $(id).download = this.pack.name ?? "";
+    }
     this.pack.onProgress = (done, total) => this.#progress(done, total);
     let bytes;
     try {
@@ -80,7 +103,65 @@ class Page {
       this.trouble.show(error.kind ?? (this.module || error.constructor === Error ? "damaged" : "broken"), error);
       return;
     }
+    this.#person();
     await this.draw();
+    await this.#published();
+  }
+
+  /** A pack of this computer, in place of what is open. */
+  async openFile(file) {
+    this.session?.close();
+    this.input?.close();
+    this.walk?.close();
+    this.notes?.tour.close();
+    this.notes?.closeForm();
+    if (this.pack?.isLocal) this.pack.close();
+    this.pack = new LocalPack(file);
+    this.session = this.module = this.info = null;
+    document.body.dataset.state = "loading";
+    document.body.dataset.pack = "";
+    for (const id of ["welcome", "trouble"]) $(id).hidden = true;
+    $("loading").hidden = false;
+    history.replaceState(null, "", location.pathname + location.search);
+    await this.open(this.pack.head(), this.program);
+  }
+
+  /** What the person keeps for this pack: saved views and notes. */
+  #person() {
+    const { hash } = this.info.pack;
+    const now = () => ({ camera: [...(this.flight.goal ?? this.viewer.camera())], display: this.display() });
+    this.undo.done = [];
+    this.undo.undone = [];
+    this.#undoButtons();
+    this.saved = new Saved({ hash, title: this.title, undo: this.undo, now, go: (view) => this.goTo(view) });
+    this.notes?.close();
+    this.notes = new Notes({
+      hash,
+      title: this.title,
+      pack: this.pack.isLocal ? `urn:kilwa:${hash}` : new URL(this.pack.url, location.href).href,
+      undo: this.undo,
+      now,
+      look: (note) => this.#lookAt(note),
+      tool: (name) => this.tool(name),
+      tell: (event, detail) => {
+        this.address.later();
+        this.api.emit(event, detail);
+      },
+      shareAddress: () => this.share(),
+    });
+  }
+
+  /** Notes that the host publishes beside the pack. */
+  async #published() {
+    const address = this.parameters.get("annotations") ?? document.body.dataset.annotations;
+    if (!address || this.pack.isLocal) return;
+    try {
+      this.notes.publish(await fetchPublished(address, this.pack.url));
+      const { annotation } = readState(location.hash);
+      if (annotation && !this.notes.openId) this.notes.openNamed(annotation, { fly: !readState(location.hash).camera });
+    } catch (error) {
+      chrome.notice(t("annotationsFailed", { why: error.message }), 12000);
+    }
   }
 
   async #head(first) {
@@ -120,7 +201,7 @@ class Page {
   }
 
   /** Make the viewer and start streaming; again after the device was lost, with the same camera. */
-  async draw(camera = readView(location.hash)) {
+  async draw(state = readState(location.hash)) {
     const canvas = $("canvas");
     const reason = whyNoGpu();
     let viewer;
@@ -137,7 +218,7 @@ class Page {
     const { colors, scalars } = this.info.pack;
     const cores = navigator.hardwareConcurrency ?? 2;
     this.viewer = viewer;
-    if (camera) viewer.setCamera(camera);
+    if (state.camera) viewer.setCamera(state.camera);
     this.session = new Session({
       canvas,
       viewer,
@@ -154,29 +235,186 @@ class Page {
         broken: (error) => this.trouble.show("broken", error),
       },
     });
+    const { session } = this;
     this.input?.close();
-    this.input = new Input(this.session, this.actions);
+    this.walk?.close();
+    this.flight = new Flight({ viewer, session, onHistory: () => this.#viewButtons() });
+    this.walk = new Walk({ viewer, session, flight: this.flight, onChange: () => this.#projected() });
+    this.input = new Input(session, this.actions, this);
+    this.notes.attach(viewer, session);
     this.#modes();
     this.settle();
+    this.tool("orbit");
+    this.#turning();
+    this.#viewButtons();
+    this.setDisplay(state.display);
+    this.notes.setShown(state.notes);
+    if (state.annotation) this.notes.openNamed(state.annotation, { fly: !state.camera });
+    if (state.pack && !this.info.pack.hash.startsWith(state.pack.slice(0, HASH_DIGITS))) {
+      chrome.notice(t("otherPack"), 20000, { label: t("fit"), run: () => this.home() });
+    }
   }
 
   actions = {
     hover: (x, y) => this.status.hover(this.viewer, x, y),
     leave: () => this.status.leave(),
-    fit: () => this.#move((v) => v.fit()),
-    view: (name) => this.#move((v) => v.standardView(name)),
+    fit: () => this.fit(),
+    view: (name) => this.standardView(name),
     hide: () => chrome.toggleChrome(),
     help: () => $("help").showModal(),
     pivot: () => {},
     parallel: () => this.#parallel(!this.settings.orthographic),
+    free: () => this.#turning(!this.input.isFree),
+    tool: (name) => this.tool(name),
+    place: (x, y) => this.#place(x, y),
+    save: () => this.#save(),
+    picture: () => this.pictures.open(),
+    back: () => this.flight.back(),
+    forward: () => this.flight.forward(),
   };
+
+  get title() {
+    return this.info?.metadata.title.trim() || this.pack?.name || document.title;
+  }
+
+  // What the address, saved views and notes hold.
+
+  /** Shading, light and section, where they were chosen. */
+  display() {
+    if (this.viewer.displayState) return this.viewer.displayState();
+    return this.viewer.mode() === this.usual ? null : { mode: this.viewer.mode() };
+  }
+
+  setDisplay(display) {
+    if (!display) return;
+    if (this.viewer.setDisplayState) this.viewer.setDisplayState(display);
+    else if (typeof display.mode === "string" && this.viewer.setMode(display.mode)) this.settings.mode = display.mode;
+    const chosen = document.querySelector(`input[name=mode][value="${CSS.escape(this.viewer.mode())}"]`);
+    if (chosen) chosen.checked = true;
+    this.session.wake();
+  }
+
+  state() {
+    const { viewer, notes, info } = this;
+    return { camera: [...(this.flight.goal ?? viewer.camera())], display: this.display(), notes: notes.shown, annotation: notes.openId, pack: info.pack.hash };
+  }
+
+  /** A state of the address: after Back and Forward, from a link, from a script. */
+  restore(state) {
+    if (!this.session || this.session.closed) return;
+    if (this.walk.on) this.tool("orbit");
+    if (state.camera) this.flight.to(state.camera).then(() => this.#projected());
+    this.setDisplay(state.display);
+    this.notes.setShown(state.notes);
+    if (state.annotation) this.notes.openNamed(state.annotation, { fly: !state.camera });
+    else this.notes.tour.close();
+  }
+
+  // Deliberate moves.
+
+  /** Where `move` takes the camera, flown to. */
+  #fly(move, { isJump }) {
+    if (!this.session || this.session.closed) return Promise.resolve(false);
+    if (this.walk.on) this.tool("orbit");
+    if (isJump) this.address.leave();
+    const here = this.flight.goal ?? [...this.viewer.camera()];
+    this.flight.mark();
+    this.flight.stop();
+    const from = [...this.viewer.camera()];
+    this.viewer.setCamera(new Float64Array(here));
+    move(this.viewer);
+    const goal = [...this.viewer.camera()];
+    this.viewer.setCamera(new Float64Array(from));
+    const arrived = this.flight.to(goal, { mark: false });
+    this.#projected(goal);
+    return arrived;
+  }
+
+  fit() {
+    return this.#fly((v) => v.fit(), { isJump: false });
+  }
+
+  home() {
+    return this.standardView("iso");
+  }
+
+  standardView(name) {
+    const below = (v) => v.setCamera(new Float64Array([Math.PI, -Math.PI / 2, 1, 0, 0, 0, 1])) && v.fit();
+    return this.#fly((v) => (name === "below" ? below(v) : v.standardView(name)), { isJump: true });
+  }
+
+  /** A saved view. */
+  goTo({ camera, display, name }) {
+    this.#fly((v) => v.setCamera(new Float64Array(camera)), { isJump: true });
+    this.setDisplay(display);
+    this.#say(name);
+  }
+
+  /** A note: as it was looked at when it was written, or from here. */
+  #lookAt({ camera, display, place }) {
+    const near = (v) => {
+      const c = [...v.camera()];
+      const reach = v.metresPerPixel() * this.session.canvas.height;
+      v.setCamera(new Float64Array([c[0], c[1], Math.min(c[2], c[2] * Math.max(0.2, 10 / reach)), ...place, ...c.slice(6)]));
+    };
+    this.#fly((v) => (camera ? v.setCamera(new Float64Array(camera)) : near(v)), { isJump: true });
+    this.setDisplay(display);
+  }
+
+  #save() {
+    if (!this.session || this.session.closed) return;
+    const view = this.saved.add();
+    chrome.openTab("saved");
+    this.saved.list.edit(view.id);
+  }
+
+  #place(x, y) {
+    const hit = this.viewer.pick(x, y);
+    if (hit.length === 0) {
+      chrome.notice(t("noteMissed"));
+      return;
+    }
+    this.input.showPoint(null);
+    this.notes.place([...hit].slice(0, 3));
+  }
+
+  #say(text) {
+    $("announce").textContent = text;
+  }
+
+  /** The projection may have changed with the camera. */
+  #projected(camera = this.viewer.camera()) {
+    this.settings.orthographic = camera[6] === 1;
+    this.#showProjection();
+  }
 
   #move(move) {
     if (!this.session || this.session.closed) return;
     move(this.viewer);
-    this.settings.orthographic = this.viewer.camera()[6] === 1;
-    this.#showProjection();
+    this.#projected();
     this.session.wake();
+  }
+
+  /** On the turntable up stays up; freely there is no up. */
+  #turning(free = this.input?.isFree ?? false) {
+    if (!this.input) return;
+    this.input.isFree = free;
+    document.querySelector(`input[name=turning][value=${free ? "free" : "turntable"}]`).checked = true;
+    const camera = [...this.viewer.camera()];
+    if (!free && Math.abs(camera[7]) > 1e-9) {
+      camera[7] = 0;
+      this.flight.to(camera);
+    }
+  }
+
+  #viewButtons() {
+    $("view-back").disabled = !this.flight?.canGoBack;
+    $("view-forward").disabled = !this.flight?.canGoForward;
+  }
+
+  #undoButtons() {
+    $("edit-undo").disabled = this.undo.done.length === 0;
+    $("edit-redo").disabled = this.undo.undone.length === 0;
   }
 
   #parallel(orthographic) {
@@ -216,7 +454,8 @@ class Page {
   #first() {
     document.body.dataset.state = "ready";
     $("loading").hidden = true;
-    $("compass").hidden = false;
+    $("cube").hidden = false;
+    this.api.emit("ready");
     if (this.pack.whole) chrome.notice(t("noRangeSmall", { size: format.bytes(this.pack.bytes) }), 12000);
   }
 
@@ -227,12 +466,21 @@ class Page {
     }
     this.status.show(stats, this.viewer, this.session);
     if (!$("info").hidden) this.status.list($("stats"), stats, this.session);
-    writeView(this.viewer);
+    const camera = this.viewer.camera();
+    this.cube.show(camera);
+    this.notes.pins?.frame(stats);
+    this.address.later();
+    this.api.emit("frame", stats);
+    if (this.seen !== String(camera)) {
+      this.seen = String(camera);
+      clearTimeout(this.resting);
+      this.resting = setTimeout(() => this.session && !this.session.closed && this.api.emit("camera", this.api.getCamera()), 200);
+    }
   }
 
   /** The device is gone: the same page, head and camera on a new one, unless that keeps happening. */
   #rebuild() {
-    const camera = this.viewer.camera();
+    const state = { ...this.state(), camera: this.viewer.camera(), pack: null };
     this.session.close();
     this.input.close();
     this.rebuilt += 1;
@@ -241,7 +489,7 @@ class Page {
       return;
     }
     chrome.notice(t("gpuLost"));
-    this.draw(camera);
+    this.draw(state);
   }
 
   #damaged(chunk, error) {
@@ -254,7 +502,7 @@ class Page {
   }
 
   #about() {
-    const title = this.info.metadata.title.trim() || document.title;
+    const { title } = this;
     $("title").textContent = title;
     $("about-title").textContent = title;
     document.title = `${title} - Kilwa`;
@@ -263,7 +511,8 @@ class Page {
   }
 
   #modes() {
-    const chosen = this.settings.mode ?? this.viewer.mode();
+    this.usual = this.viewer.mode();
+    const chosen = this.settings.mode ?? this.usual;
     const names = this.module.Viewer.modes().filter((m) => m !== "colour" || this.info.pack.colors);
     const selected = names.includes(chosen) ? chosen : (names[0] ?? chosen);
     this.settings.mode = selected;
@@ -293,14 +542,41 @@ class Page {
     click("fit", () => this.actions.fit());
     click("zoom-in", () => this.input?.zoom(0.7));
     click("zoom-out", () => this.input?.zoom(1 / 0.7));
-    click("compass", () => this.actions.view("plan"));
     click("hide", () => this.actions.hide());
     click("show-again", () => this.actions.hide());
     click("help-open", () => this.actions.help());
     click("share", () => this.share());
+    click("picture-open", () => this.actions.picture());
     click("fullscreen", () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen()));
     click("trouble-retry", () => location.reload());
     for (const tool of ["orbit", "pan"]) click(`tool-${tool}`, () => this.tool(tool));
+    for (const tool of ["walk", "note"]) click(`tool-${tool}`, () => this.tool(this.input?.tool === tool ? "orbit" : tool));
+    click("walk-leave", () => this.tool("orbit"));
+    for (const button of $("grid-views").querySelectorAll("[data-view]")) button.addEventListener("click", () => this.standardView(button.dataset.view));
+    click("view-back", () => this.flight?.back());
+    click("view-forward", () => this.flight?.forward());
+    click("view-save", () => this.#save());
+    click("saved-export", () => this.saved?.export());
+    click("note-new", () => this.tool("note"));
+    click("tour-start", () => this.notes.open(this.notes.notes[0], { focus: true }));
+    click("notes-export", () => this.notes?.export());
+    click("notes-published", () => this.notes.revert());
+    click("edit-undo", () => this.undo.undo());
+    click("edit-redo", () => this.undo.redo());
+    const chosen = (id, read) => $(id).addEventListener("change", async (event) => {
+      const [file] = event.target.files;
+      event.target.value = "";
+      if (file) await read(file);
+    });
+    chosen("saved-import", (file) => this.saved?.import(file));
+    chosen("notes-import", (file) => this.notes?.import(file));
+    $("notes-shown").addEventListener("change", (event) => {
+      this.notes?.setShown(event.target.checked);
+      this.address.later();
+    });
+    $("saved").addEventListener("change", (event) => event.target.name === "turning" && this.#turning(event.target.value === "free"));
+    addEventListener("keydown", (event) => this.#editKey(event));
+    openers({ input: $("open-file"), drop: $("drop"), open: (file) => this.openFile(file) });
     const list = document.body.dataset.list;
     for (const id of ["back", "trouble-back"]) {
       $(id).hidden = !list;
@@ -312,6 +588,7 @@ class Page {
       remember(event.target.value);
       await use(event.target.value);
     });
+    addEventListener("pagehide", () => this.notes?.closeForm());
     onChange(() => this.translate());
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.settle());
     addEventListener("online", () => this.session?.wake());
@@ -342,15 +619,37 @@ class Page {
     this.settle();
   }
 
-  /** What the left button and one finger do. */
+  async setLanguage(language) {
+    await use(language);
+    $("language").value = document.documentElement.lang;
+  }
+
+  /** Undo and redo of edits, where the keyboard is not in a text. */
+  #editKey(event) {
+    if (!(event.ctrlKey || event.metaKey) || event.altKey || event.target.closest?.("input, textarea, select")) return;
+    const key = event.key.toLowerCase();
+    if (key !== "z" && key !== "y") return;
+    const isRedo = key === "y" || event.shiftKey;
+    const done = isRedo ? this.undo.redo() : this.undo.undo();
+    event.preventDefault();
+    if (done) this.#say(t(isRedo ? "redo" : "undo"));
+  }
+
+  /** What the left button, one finger and the keys do: orbit, pan, walk, note. */
   tool(name) {
-    if (this.input) this.input.tool = name;
-    for (const other of ["orbit", "pan"]) $(`tool-${other}`).setAttribute("aria-pressed", String(other === name));
+    if (!this.session || this.session.closed) return;
+    if (name !== "walk") this.walk.leave();
+    this.input.tool = name;
+    this.input.showPoint(null);
+    for (const other of ["orbit", "pan", "walk", "note"]) $(`tool-${other}`).setAttribute("aria-pressed", String(other === name));
     $("canvas").dataset.tool = name;
+    chrome.hint({ walk: t("hintWalk"), note: t("hintNote") }[name]);
+    if (name === "walk") this.walk.enter();
+    if (name === "walk" || name === "note") $("canvas").focus({ preventScroll: true });
   }
 
   async share() {
-    if (this.viewer) writeView(this.viewer, true);
+    this.address.now();
     try {
       await navigator.clipboard.writeText(location.href);
       chrome.notice(t("shared"), 2500);
@@ -364,5 +663,9 @@ class Page {
     this.trouble.translate();
     if (this.info) this.#about();
     this.settle();
+    this.saved?.show();
+    this.notes?.show();
+    this.walk?.show();
+    if (this.input) chrome.hint({ walk: t("hintWalk"), note: t("hintNote") }[this.input.tool]);
   }
 }

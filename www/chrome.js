@@ -5,6 +5,16 @@ import { t } from "./i18n.js";
 const $ = (id) => document.getElementById(id);
 const isPhone = () => matchMedia("(max-width: 720px)").matches;
 
+/** Show a tab of the panel, and the panel. */
+export function openTab(name) {
+  if (isPhone()) {
+    if ($("panel").dataset.size === "peek") sheet("half");
+  } else if (document.body.dataset.panel === "closed") {
+    $("panel-toggle").click();
+  }
+  $(`tab-${name}`).click();
+}
+
 /** Tabs as WAI-ARIA has them: one in the tab order, arrows move, the panel follows. */
 export function tabs() {
   const all = [...document.querySelectorAll("[role=tab]")];
@@ -19,8 +29,9 @@ export function tabs() {
     if ($("panel").dataset.size === "peek") sheet("half");
   };
   for (const [at, tab] of all.entries()) {
-    tab.addEventListener("click", () => {
-      const isOpen = tab.getAttribute("aria-selected") === "true" && $("panel").dataset.size !== "peek";
+    tab.addEventListener("click", (event) => {
+      // A press on the open tab closes the sheet; a script's press (openTab) only opens.
+      const isOpen = event.isTrusted && tab.getAttribute("aria-selected") === "true" && $("panel").dataset.size !== "peek";
       if (isPhone() && isOpen) sheet("peek");
       else select(tab);
     });
@@ -145,12 +156,30 @@ export function tooltips() {
 }
 
 let noticeTimer;
-/** One sentence above the picture's lower edge, for a while. */
-export function notice(text, milliseconds = 6000) {
+/** One sentence above the picture's lower edge, for a while; with `action` (`{label, run}`) a button beside it. */
+export function notice(text, milliseconds = 6000, action = null) {
   clearTimeout(noticeTimer);
-  $("notice").textContent = text;
+  $("notice-text").textContent = text;
+  $("notice-action").hidden = !action;
+  $("notice-action").textContent = action?.label ?? "";
+  $("notice-action").onclick = () => {
+    quiet();
+    action?.run();
+  };
   $("notice").hidden = false;
-  noticeTimer = setTimeout(() => ($("notice").hidden = true), milliseconds);
+  const quiet = () => ($("notice").hidden = true);
+  const later = () => {
+    // It stays while someone is about to press its button.
+    if ($("notice").matches(":hover, :focus-within")) noticeTimer = setTimeout(later, 2000);
+    else quiet();
+  };
+  noticeTimer = setTimeout(later, milliseconds);
+}
+
+/** The next step of a tool, above the picture; nothing hides it. */
+export function hint(text) {
+  $("hint").textContent = text ?? "";
+  $("hint").hidden = !text;
 }
 
 /** Hide or show everything but the model. */
@@ -175,12 +204,21 @@ export function help() {
     );
   fill("help-mouse", [
     [t("turn"), t("leftDrag")], [t("move"), t("rightDrag")], [t("zoom"), t("wheel")], [t("pivot"), t("doubleClick")],
+    [t("standThere"), t("doubleClick")],
   ]);
   fill("help-touch", [
-    [t("turn"), `${t("oneFinger")}, ${t("twist")}`], [t("move"), t("twoFingers")], [t("zoom"), t("pinch")], [t("pivot"), t("doubleTap")],
+    [t("turn"), t("oneFinger")], [t("move"), t("twoFingers")], [t("zoom"), t("pinch")], [t("lean"), t("twist")], [t("pivot"), t("doubleTap")],
   ]);
   fill("help-keys", [
-    [t("turn"), t("arrows")], [t("move"), t("shiftArrows")], [t("zoom"), "+ −"], [t("fit"), "F"], [t("views6"), "1 – 6"],
-    [t("orthographic"), "O"], [t("hide"), "H"], [t("help"), "?"],
+    [t("turn"), t("arrows")], [t("move"), t("shiftArrows")], [t("zoom"), "+ −"], [t("fit"), "F"], [t("views6"), "1 – 7"],
+    [t("viewBack"), "Z"], [t("viewForward"), t("shiftKey", { key: "Z" })], [t("viewSave"), "B"], [t("freely"), "T"], [t("orthographic"), "O"],
+    [t("picture"), "P"], [t("hide"), "H"], [t("help"), "?"],
+  ]);
+  fill("help-walk", [
+    [t("toolWalk"), "W"], [t("walkForward"), "W ↑"], [t("walkBack"), "S ↓"], [t("walkSides"), "A D"], [t("turn"), "← →"], [t("walkRun"), t("shiftKey", { key: "" }).trim()],
+    [t("eyeChange"), "Q E"], [t("walkLeave"), "Esc"],
+  ]);
+  fill("help-notes", [
+    [t("toolNote"), "N"], [t("notePoint"), t("arrows")], [t("noteChoose"), t("spaceKey")], [t("cancel"), "Esc"], [t("undo"), "Ctrl Z"], [t("redo"), t("shiftKey", { key: "Ctrl Z" })],
   ]);
 }

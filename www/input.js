@@ -1,24 +1,36 @@
-// Mouse, touch and keyboard on the canvas, turned into moves of the viewer. Pixels are those of the picture, y down.
+// Mouse, pen, touch and keyboard on the canvas, turned into moves of the viewer. Pixels are those of the picture, y down.
+
+import { WALK_KEYS } from "./walk.js";
 
 /** A drag of the whole height of the canvas turns the model by this many radians. */
 const TURN = Math.PI;
 const KEY_TURN = Math.PI / 24;
 const KEY_MOVE = 0.06;
 const KEY_ZOOM = 0.8;
+/** A press that moved by at most so many CSS pixels was a press and not a drag. */
+const SLACK = 6;
+/** CSS pixels that an arrow moves the crosshair by. */
+const KEY_POINT = 6;
 
-export const VIEW_KEYS = { 1: "plan", 2: "north", 3: "east", 4: "south", 5: "west", 6: "iso" };
+export const VIEW_KEYS = { 1: "plan", 2: "north", 3: "east", 4: "south", 5: "west", 6: "iso", 7: "below" };
 
 export class Input {
   /**
    * @param {import("./session.js").Session} session
-   * @param {object} actions `hover(x, y)`, `leave()`, `fit()`, `view(name)`, `hide()`, `help()`, `pivot(found)`, `parallel()`
+   * @param {object} actions what keys and pointers ask for: `hover(x, y)`, `leave()`, `fit()`, `view(name)`, `hide()`,
+   *   `help()`, `pivot(found)`, `parallel()`, `place(x, y)`, `tool(name)`, `free()`, `save()`, `picture()`, `back()`, `forward()`
+   * @param {{flight: import("./flight.js").Flight, walk: import("./walk.js").Walk}} movers
    */
-  constructor(session, actions) {
+  constructor(session, actions, { flight, walk }) {
     this.session = session;
     this.viewer = session.viewer;
     this.canvas = session.canvas;
     this.actions = actions;
+    this.flight = flight;
+    this.walk = walk;
     this.tool = "orbit";
+    this.isFree = false;
+    this.point = null; // the crosshair, in pixels of the picture, while the keyboard points
     this.pointers = new Map();
     this.lastTap = { time: 0, x: 0, y: 0 };
     this.abort = new AbortController();
@@ -33,6 +45,7 @@ export class Input {
     listen(this.canvas, "dblclick", this.doubleClick);
     listen(this.canvas, "contextmenu", (event) => event.preventDefault());
     listen(window, "keydown", this.key);
+    listen(window, "keyup", this.keyUp);
   }
 
   close() {
@@ -50,9 +63,12 @@ export class Input {
     if (event.button === 1) event.preventDefault();
     this.canvas.setPointerCapture(event.pointerId);
     this.canvas.classList.add("moving");
+    this.flight.mark();
+    this.flight.stop();
+    this.showPoint(null);
     const [x, y] = this.at(event);
     const pans = event.button !== 0 || event.shiftKey || event.ctrlKey || event.metaKey || this.tool === "pan";
-    this.pointers.set(event.pointerId, { x, y, pans, moved: 0 });
+    this.pointers.set(event.pointerId, { x, y, pans, moved: 0, button: event.button });
     this.actions.leave();
   }
 
@@ -60,7 +76,7 @@ export class Input {
     const [x, y] = this.at(event);
     const pointer = this.pointers.get(event.pointerId);
     if (!pointer) {
-      if (event.pointerType === "mouse") this.actions.hover(x, y);
+      if (event.pointerType !== "touch") this.actions.hover(x, y);
       return;
     }
     const before = [...this.pointers.values()].map((p) => ({ ...p }));
@@ -80,33 +96,48 @@ export class Input {
   turn(dx, dy) {
     const scale = TURN / this.canvas.height;
     // The model follows the pointer: to the right means that the eye goes round to the left.
-    this.viewer.orbit(dx * scale, dy * scale);
+    if (this.walk.on) {
+      const reach = this.viewer.camera()[8] / this.canvas.height;
+      this.viewer.look(-dx * reach, -dy * reach);
+    } else if (this.isFree) {
+      this.viewer.turnFree(dx * scale, dy * scale, 0);
+    } else {
+      this.viewer.orbit(dx * scale, dy * scale);
+    }
   }
 
   /** Two fingers: their middle moves the model, their distance zooms about it, their angle turns it. */
   pinch([a0, b0], [a1, b1]) {
     const middle = (a, b) => [(a.x + b.x) / 2, (a.y + b.y) / 2];
     const [from, to] = [middle(a0, b0), middle(a1, b1)];
+    if (this.walk.on) {
+      this.walk.roll((from[1] - to[1]) / this.canvas.height);
+      this.turn(to[0] - from[0], 0);
+      return;
+    }
     this.viewer.pan(to[0] - from[0], to[1] - from[1]);
     const apart = (a, b) => Math.max(Math.hypot(a.x - b.x, a.y - b.y), 1);
     this.viewer.zoom(apart(a0, b0) / apart(a1, b1), to[0], to[1]);
     const angle = (a, b) => Math.atan2(b.y - a.y, b.x - a.x);
     const twist = angle(a1, b1) - angle(a0, b0);
-    this.viewer.orbit(Math.atan2(Math.sin(twist), Math.cos(twist)), 0);
+    const turned = Math.atan2(Math.sin(twist), Math.cos(twist));
+    if (this.isFree) this.viewer.turnFree(0, 0, turned);
+    else this.viewer.orbit(turned, 0);
   }
 
   up(event) {
     const pointer = this.pointers.get(event.pointerId);
     this.pointers.delete(event.pointerId);
     if (this.pointers.size === 0) this.canvas.classList.remove("moving");
-    if (pointer && event.type === "pointerup" && event.pointerType !== "mouse") this.tap(event, pointer);
+    const isClick = pointer && event.type === "pointerup" && pointer.moved <= SLACK * this.session.ratio;
+    if (isClick && this.tool === "note" && pointer.button === 0) this.actions.place(pointer.x, pointer.y);
+    else if (isClick && event.pointerType === "touch") this.tap(event, pointer);
     this.session.wake();
   }
 
   /** Two taps at one place are the double click of a finger. */
   tap(event, pointer) {
-    const slack = 12 * this.session.ratio;
-    if (pointer.moved > slack) return;
+    const slack = SLACK * this.session.ratio;
     const last = this.lastTap;
     const isSecond = event.timeStamp - last.time < 350 && Math.hypot(pointer.x - last.x, pointer.y - last.y) < 3 * slack;
     this.lastTap = isSecond ? { time: 0, x: 0, y: 0 } : { time: event.timeStamp, x: pointer.x, y: pointer.y };
@@ -120,6 +151,12 @@ export class Input {
   }
 
   pivot(x, y) {
+    if (this.tool === "note") return;
+    if (this.walk.on) {
+      const place = this.viewer.pick(x, y);
+      if (place.length > 0) this.walk.stand([...place].slice(0, 3));
+      return;
+    }
     this.actions.pivot(this.viewer.setPivot(x, y));
     this.session.wake();
   }
@@ -130,14 +167,23 @@ export class Input {
     // A pinch on a trackpad comes as a wheel with Ctrl, in much smaller steps.
     const delta = Math.max(-240, Math.min(240, event.deltaY * lines)) * (event.ctrlKey ? 5 : 1);
     const [x, y] = this.at(event);
+    this.flight.mark(true);
+    this.flight.stop();
+    if (this.walk.on) {
+      this.walk.roll(-delta * 0.002);
+      return;
+    }
     this.viewer.zoom(Math.exp(delta * 0.0016), x, y);
     this.session.wake();
     this.actions.hover(x, y);
   }
 
-  /** Zoom about the middle, for buttons and keys. */
+  /** Zoom about the middle, for buttons and keys; walking, a step. */
   zoom(factor) {
-    this.viewer.zoom(factor, this.canvas.width / 2, this.canvas.height / 2);
+    this.flight.mark(true);
+    this.flight.stop();
+    if (this.walk.on) this.walk.step(factor < 1 ? "forward" : "back");
+    else this.viewer.zoom(factor, this.canvas.width / 2, this.canvas.height / 2);
     this.session.wake();
   }
 
@@ -146,16 +192,72 @@ export class Input {
     const target = event.target;
     if (target.closest?.("input, select, textarea, dialog, [role=menu]")) return;
     const onCanvas = target === this.canvas || target === document.body;
-    if (this.shortcut(event) || (onCanvas && this.arrow(event))) event.preventDefault();
+    if ((onCanvas && this.placing(event)) || (onCanvas && this.walking(event)) || this.shortcut(event) || (onCanvas && this.arrow(event))) {
+      event.preventDefault();
+    }
+  }
+
+  keyUp(event) {
+    this.walk.running = event.shiftKey;
+    const way = WALK_KEYS[event.key.toLowerCase()];
+    if (way) this.walk.release(way);
+  }
+
+  /** While walking, letters and arrows are feet. */
+  walking(event) {
+    if (!this.walk.on) return false;
+    const name = event.key.toLowerCase();
+    this.walk.running = event.shiftKey;
+    const way = WALK_KEYS[name];
+    if (way) {
+      if (!event.repeat) this.walk.press(way);
+      return true;
+    }
+    const other = { q: () => this.walk.raise(-1), e: () => this.walk.raise(1), escape: () => this.actions.tool("orbit") }[name];
+    other?.();
+    return Boolean(other);
+  }
+
+  /** While a note is placed, arrows move a crosshair, Space and Enter choose what is under it. */
+  placing(event) {
+    if (this.tool !== "note") return false;
+    const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+    const point = this.point ?? [this.canvas.width / 2, this.canvas.height / 2];
+    if (step) {
+      const by = KEY_POINT * this.session.ratio * (event.shiftKey ? 8 : 1);
+      const held = (v, most) => Math.min(most - 1, Math.max(0, v));
+      this.showPoint([held(point[0] + step[0] * by, this.canvas.width), held(point[1] + step[1] * by, this.canvas.height)]);
+      this.actions.hover(...this.point);
+    } else if (event.key === " " || event.key === "Enter") {
+      if (this.point) this.actions.place(...this.point);
+      else this.showPoint(point);
+    } else if (event.key === "Escape") {
+      this.actions.tool("orbit");
+    } else {
+      return false;
+    }
+    return true;
+  }
+
+  /** The crosshair at a pixel, or away with it. */
+  showPoint(point) {
+    this.point = point;
+    const cross = document.getElementById("crosshair");
+    cross.toggleAttribute("hidden", !point);
+    if (point) cross.style.transform = `translate(${point[0] / this.session.ratio}px, ${point[1] / this.session.ratio}px)`;
   }
 
   arrow(event) {
     const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
     if (!step) return false;
     const [dx, dy] = step;
+    this.flight.mark(true);
+    this.flight.stop();
     if (event.shiftKey) {
       const pixels = this.canvas.height * KEY_MOVE;
       this.viewer.pan(dx * pixels, dy * pixels);
+    } else if (this.isFree) {
+      this.viewer.turnFree(dx * KEY_TURN, dy * KEY_TURN, 0);
     } else {
       this.viewer.orbit(dx * KEY_TURN, dy * KEY_TURN);
     }
@@ -174,9 +276,15 @@ export class Input {
       "-": () => this.zoom(1 / KEY_ZOOM),
       "_": () => this.zoom(1 / KEY_ZOOM),
       "?": () => this.actions.help(),
+      b: () => this.actions.save(),
       f: () => this.actions.fit(),
       h: () => this.actions.hide(),
+      n: () => this.actions.tool("note"),
       o: () => this.actions.parallel(),
+      p: () => this.actions.picture(),
+      t: () => this.actions.free(),
+      w: () => this.actions.tool("walk"),
+      z: () => (event.shiftKey ? this.actions.forward() : this.actions.back()),
     };
     const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     action?.();

@@ -1,22 +1,92 @@
-// The view in the address: after `#view=`, the seven numbers of the camera.
+// The address of the page holds what is seen: after the `#`, joined by `&`,
+//
+//   view=      the camera: 7 to 9 numbers (Viewer.camera())
+//   display=   shading, light and section, as `displayState()` of the viewer gives them; left out where nothing was chosen
+//   notes=off  pins are hidden
+//   annotation=ID  the note that is open
+//   pack=      the first 12 digits of the pack's hash, so that a link to another model is noticed
+//
+// What changes by and by (a drag) replaces the address; a deliberate jump (a standard view, a saved view, a note)
+// adds one to the browser's history, so that its Back button returns to the last view.
 
-let timer;
+export const HASH_DIGITS = 12;
+/** Roll and opening angle that an address does not name. */
+const REST = [0, 0.7];
+const LONGEST = 20_000;
 
-/** The camera of an address, or null. */
-export function readView(hash) {
-  const match = /(?:^#|&)view=([-\d.e,]+)/.exec(hash);
-  const numbers = match?.[1].split(",").map(Number);
-  return numbers?.length === 7 && numbers.every(Number.isFinite) ? new Float64Array(numbers) : null;
+/** @returns {{camera: Float64Array | null, display: object | null, notes: boolean, annotation: string | null, pack: string | null}} */
+export function readState(hash) {
+  const state = { camera: null, display: null, notes: true, annotation: null, pack: null };
+  if (hash.length > LONGEST) return state;
+  for (const part of hash.replace(/^#/, "").split("&")) {
+    const [name, value] = [part.slice(0, part.indexOf("=")), part.slice(part.indexOf("=") + 1)];
+    if (name === "view") state.camera = readCamera(value);
+    else if (name === "display") state.display = decoded(value, (text) => JSON.parse(text));
+    else if (name === "notes") state.notes = value !== "off";
+    else if (name === "annotation") state.annotation = decoded(value, (text) => text);
+    else if (name === "pack" && /^[0-9a-f]{12,64}$/.test(value)) state.pack = value;
+  }
+  return state;
 }
 
-/** Keep the address at the view, once the camera rests (browsers allow few changes a second), or at once. */
-export function writeView(viewer, now = false) {
-  clearTimeout(timer);
-  const camera = viewer.camera();
-  const write = () => {
-    const short = [...camera].map((v) => Number(v.toPrecision(9)));
-    history.replaceState(null, "", `${location.pathname}${location.search}#view=${short.join(",")}`);
-  };
-  if (now) write();
-  else timer = setTimeout(write, 400);
+/** Seven to nine finite numbers, or null. */
+export function readCamera(text) {
+  const numbers = text.split(",").map((n) => (n.trim() === "" ? NaN : Number(n)));
+  return numbers.length >= 7 && numbers.length <= 9 && numbers.every(Number.isFinite) ? new Float64Array(numbers) : null;
+}
+
+function decoded(value, read) {
+  try {
+    return read(decodeURIComponent(value));
+  } catch {
+    return null; // Cut off or changed on its way: the rest of the address still counts.
+  }
+}
+
+/** The part of an address behind the `#`. */
+export function writeState({ camera, display, notes = true, annotation, pack }) {
+  const short = [...camera].map((v) => Number(v.toPrecision(9)));
+  while (short.length > 7 && Math.abs(short.at(-1) - REST[short.length - 8]) < 1e-6) short.pop();
+  const parts = [`view=${short.join(",")}`];
+  if (display && Object.keys(display).length > 0) parts.push(`display=${encodeURIComponent(JSON.stringify(display))}`);
+  if (!notes) parts.push("notes=off");
+  if (annotation) parts.push(`annotation=${encodeURIComponent(annotation)}`);
+  if (pack) parts.push(`pack=${pack.slice(0, HASH_DIGITS)}`);
+  return `#${parts.join("&")}`;
+}
+
+/** Keeps the address at the view. */
+export class Address {
+  /**
+   * @param {() => object | null} state what `writeState` takes, or null while there is nothing to hold
+   * @param {(state: ReturnType<typeof readState>) => void} restore called when the person goes back or forward
+   */
+  constructor(state, restore) {
+    this.state = state;
+    this.timer = undefined;
+    // A link followed inside the page (#annotation=…) and the Back button both end here.
+    addEventListener("popstate", () => {
+      clearTimeout(this.timer);
+      restore(readState(location.hash));
+    });
+  }
+
+  /** Soon, once the camera rests: browsers allow few changes a second. */
+  later() {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.now(), 400);
+  }
+
+  now() {
+    clearTimeout(this.timer);
+    const state = this.state();
+    if (state) history.replaceState(null, "", `${location.pathname}${location.search}${writeState(state)}`);
+  }
+
+  /** Before a jump: the view that is left keeps an entry of its own. */
+  leave() {
+    this.now();
+    const state = this.state();
+    if (state) history.pushState(null, "", `${location.pathname}${location.search}${writeState(state)}`);
+  }
 }

@@ -1,4 +1,4 @@
-// The line below the picture, the compass, and the list of figures.
+// The line below the picture, and the list of figures.
 
 import { fill, place } from "./facts.js";
 import { bound, bytes, count, length, niceBelow, pixels, round } from "./format.js";
@@ -42,7 +42,6 @@ export class Status {
     $("accuracy").title = full;
     this.scale(viewer, session.ratio);
     this.load(stats, session);
-    this.compass(viewer.camera());
   }
 
   scale(viewer, ratio) {
@@ -71,14 +70,6 @@ export class Status {
     text("load", says);
     bar.hidden = !isLoading;
     bar.value = stats.bytesWanted > 0 ? 1 - stats.bytesMissing / stats.bytesWanted : 0;
-  }
-
-  /** North on the screen, lying as flat as the ground does. */
-  compass([azimuth, elevation]) {
-    const turn = 180 - (azimuth * 180) / Math.PI;
-    const tilt = Math.min(68, Math.max(0, 90 - Math.abs((elevation * 180) / Math.PI)));
-    $("compass").firstElementChild.style.transform = `rotateX(${tilt.toFixed(1)}deg)`;
-    $("compass-needle").style.transform = `rotate(${turn.toFixed(1)}deg)`;
   }
 
   /** All figures, for the Info tab. */

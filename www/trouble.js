@@ -13,11 +13,13 @@ const RETRY = new Set(["broken", "changed", "missing", "damaged", "server", "noR
 export class Trouble {
   constructor() {
     this.current = null;
+    this.onShow = () => {};
   }
 
   /** @param {string} kind what `PackError.kind` says, or noGpu, damaged, broken */
   show(kind, error = null, { reason } = {}) {
     this.current = { kind, error, reason };
+    this.onShow(kind);
     // With a picture on screen the sentence stands below it: errors never cover the model.
     if (document.body.dataset.state === "ready") {
       const { title, text } = this.words();

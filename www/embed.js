@@ -1,0 +1,59 @@
+// The page inside another page: `?embed=1` shows the model with few controls, and messages let the page around it use the
+// API (api.js).
+//
+// Who may: a page of the same origin, and the origins that whoever keeps this page names in
+// `<meta name="kilwa-origins" content="https://museum.example https://…">` (`*` for all). Every message is looked at for
+// its origin and its window; answers go to that origin only.
+//
+//   → {kilwa: 1, hello: 1}                     ← {kilwa: 1, event: "hello", detail: {version}} once the page listens
+//   → {kilwa: 1, id, call: "name", args: […]}  ← {kilwa: 1, id, result} or {kilwa: 1, id, error}
+//   → {kilwa: 1, listen: ["frame"]}            ← {kilwa: 1, event, detail}
+
+import { CALLS } from "./api.js";
+
+/** Origins that may talk to this page. */
+export function allowedOrigins() {
+  const named = document.querySelector("meta[name=kilwa-origins]")?.content.trim().split(/\s+/).filter(Boolean) ?? [];
+  return new Set([location.origin, ...named]);
+}
+
+/** @param {import("./api.js").Api} api */
+export function serve(api, { origins = allowedOrigins(), host = parent } = {}) {
+  if (host === window) return;
+  const listening = new Set(["ready", "trouble"]);
+  let to = null; // origin of the page around this one, once it spoke and is allowed
+  const send = (message) => to && host.postMessage({ kilwa: 1, ...message }, to);
+  addEventListener("message", async (event) => {
+    const { data } = event;
+    if (event.source !== host || data?.kilwa !== 1) return;
+    if (!origins.has(event.origin) && !origins.has("*")) return;
+    to = event.origin;
+    if (data.hello) send({ event: "hello", detail: { version: 1, ready: api.isReady } });
+    if (Array.isArray(data.listen)) for (const name of data.listen) listening.add(String(name));
+    if (data.call === undefined) return;
+    const { id, call, args = [] } = data;
+    try {
+      if (!CALLS.has(call) || !Array.isArray(args)) throw new TypeError(`no such call: ${String(call)}`);
+      send({ id, result: await api[call](...args) });
+    } catch (error) {
+      send({ id, error: String(error?.message ?? error) });
+    }
+  });
+  api.on("*", (detail, event) => listening.has(event) && send({ event, detail }));
+}
+
+/** Few controls, or none (`bare`); a link to the whole page. */
+export function reduce(isBare) {
+  document.body.dataset.embed = isBare ? "bare" : "yes";
+  document.body.dataset.panel = "closed";
+  const link = document.getElementById("open-whole");
+  link.hidden = false;
+  const follow = () => {
+    const url = new URL(location.href);
+    url.searchParams.delete("embed");
+    link.href = url.href;
+  };
+  link.addEventListener("pointerdown", follow);
+  link.addEventListener("focus", follow);
+  follow();
+}

@@ -1,0 +1,151 @@
+// Types of the viewer's API: of `<kilwa-viewer>` (promises), and of `kilwa.api` inside the viewer's page (direct).
+// Lengths are metres of the pack's coordinates (x east, y north, z up), angles radians, pixels CSS pixels of the picture.
+
+export type Vector = [x: number, y: number, z: number];
+export type ViewName = "plan" | "north" | "east" | "south" | "west" | "iso" | "below";
+export type ToolName = "orbit" | "pan" | "walk";
+export type Language = "en" | "fr" | "pt" | "sw" | "ar";
+
+export interface Camera {
+  /** Where the eye stands, seen from the target: from north, clockwise. */
+  azimuth: number;
+  /** How high the eye stands, -π/2 to π/2. */
+  elevation: number;
+  /** From the eye to the target. */
+  distance: number;
+  target: Vector;
+  orthographic: boolean;
+  /** How far the picture's top leans to the left. */
+  roll: number;
+  /** Vertical opening angle. */
+  fieldOfView: number;
+}
+
+export interface Stats {
+  /** Chunks that the target cut needs, those of them that are not there, and all in memory. */
+  chunksWanted: number;
+  chunksMissing: number;
+  chunksResident: number;
+  requestsInFlight: number;
+  requestsMade: number;
+  requests: number;
+  failures: number;
+  bytesWanted: number;
+  bytesMissing: number;
+  bytesReceived: number;
+  gpuBytes: number;
+  gpuLimit: number;
+  trianglesDrawn: number;
+  patchesDrawn: number;
+  /** Largest error on screen, in device pixels, and what is aimed at. */
+  worstPixelError: number;
+  targetPixels: number;
+  /** Largest certified error of the surface on screen. */
+  worstErrorMetres: number;
+  /** Whether the target cut is complete. */
+  targetReached: boolean;
+  /** Whether the memory limit keeps it coarser. */
+  budgetLimited: boolean;
+  /** Nothing more will change by itself. */
+  settled: boolean;
+  adapter: string;
+  [more: string]: unknown;
+}
+
+export interface Hit {
+  place: Vector;
+  /** Certified error of the surface there. */
+  error: number;
+}
+
+export interface Annotation {
+  id: string;
+  title: string;
+  text: string;
+  /** http or https, or empty. */
+  link: string;
+  place: Vector;
+  /** As in the address: azimuth, elevation, distance, x, y, z, 1 where parallel, roll, opening angle. */
+  camera: number[] | null;
+  display: Record<string, unknown> | null;
+}
+
+export interface State {
+  camera: number[];
+  display: Record<string, unknown> | null;
+  notes: boolean;
+  annotation: string | null;
+  pack: string;
+}
+
+export interface PictureOptions {
+  /** 16 to 16384; left out: the canvas's. */
+  width?: number;
+  height?: number;
+  scaleBar?: boolean;
+  transparent?: boolean;
+}
+
+export interface Events {
+  ready: null;
+  frame: Stats;
+  /** The camera came to rest. */
+  camera: Camera;
+  annotation: { id: string | null };
+  annotations: { count: number };
+  trouble: { kind: string };
+}
+
+/** Every method as it is inside the page. */
+export interface KilwaMethods {
+  stats(): Stats | null;
+  info(): { metadata: Record<string, unknown>; pack: Record<string, unknown> } | null;
+  getCamera(): Camera;
+  setCamera(camera: Partial<Camera>, options?: { ease?: boolean }): Promise<boolean>;
+  getMode(): string;
+  setMode(mode: string): void;
+  modes(): string[];
+  pick(x: number, y: number): Hit | null;
+  view(name: ViewName): Promise<boolean>;
+  fit(): Promise<boolean>;
+  home(): Promise<boolean>;
+  back(): boolean;
+  forward(): boolean;
+  setTool(name: ToolName): void;
+  annotations(): Annotation[];
+  addAnnotation(note: { place: Vector; title?: string; text?: string; link?: string; camera?: number[] | null }): string;
+  openAnnotation(id: string): boolean;
+  closeAnnotation(): void;
+  showAnnotations(shown: boolean): void;
+  state(): State;
+  setState(state: Partial<State>): void;
+  link(): string;
+  picture(options?: PictureOptions): Promise<Blob>;
+  setLanguage(language: Language): Promise<void>;
+}
+
+/** `kilwa.api` in the viewer's page. */
+export interface KilwaApi extends KilwaMethods {
+  readonly isReady: boolean;
+  camera: Camera;
+  mode: string;
+  on<E extends keyof Events>(event: E, listener: (detail: Events[E]) => void): () => void;
+}
+
+type Promised<T> = { [K in keyof T]: T[K] extends (...args: infer A) => infer R ? (...args: A) => Promise<Awaited<R>> : never };
+
+/** `<kilwa-viewer>`. */
+export interface KilwaViewerElement extends HTMLElement, Promised<KilwaMethods> {
+  src: string;
+  /** Resolves when the viewer answers. */
+  readonly loaded: Promise<void>;
+  call(name: string, ...args: unknown[]): Promise<unknown>;
+  on<E extends keyof Events>(event: E, listener: (detail: Events[E]) => void): () => void;
+}
+export declare const KilwaViewerElement: { new (): KilwaViewerElement; prototype: KilwaViewerElement };
+
+declare global {
+  interface HTMLElementTagNameMap {
+    "kilwa-viewer": KilwaViewerElement;
+  }
+}

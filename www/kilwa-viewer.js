@@ -1,0 +1,136 @@
+// `<kilwa-viewer src="fort.kilwa">`: the viewer as an element of any page.
+//
+//   <script type="module" src="https://host/viewer/kilwa-viewer.js"></script>
+//   <kilwa-viewer src="https://host/packs/fort.kilwa" style="height: 480px"></kilwa-viewer>
+//
+// Attributes: `src` (the pack), `view` (a link's part behind the `#`), `annotations` (address of published notes), `lang`,
+// `viewer` (address of the viewer's page; else the folder of this file), `controls="none"`. Methods return promises;
+// see kilwa-viewer.d.ts. The viewer stands in a frame: neither document can break the other, and messages are taken only
+// from that frame and its origin.
+
+const HERE = new URL("./", import.meta.url);
+const CALLS = [
+  "stats", "info", "getCamera", "setCamera", "getMode", "setMode", "modes", "pick", "view", "fit", "home", "back", "forward", "setTool", "annotations",
+  "addAnnotation", "openAnnotation", "closeAnnotation", "showAnnotations", "state", "setState", "link", "picture", "setLanguage",
+];
+const EVENTS = ["ready", "frame", "camera", "annotation", "annotations", "trouble"];
+
+export class KilwaViewerElement extends HTMLElement {
+  static observedAttributes = ["src", "annotations", "lang", "viewer", "controls"];
+  #frame = null;
+  #calls = new Map();
+  #last = 0;
+  #hello = null;
+  #origin = null;
+  #onMessage = (event) => this.#take(event);
+
+  connectedCallback() {
+    if (!this.shadowRoot) {
+      const style = new CSSStyleSheet();
+      style.replaceSync(":host { display: block; min-height: 240px; aspect-ratio: 16 / 10; } :host([hidden]) { display: none; } iframe { width: 100%; height: 100%; border: 0; display: block; }");
+      this.attachShadow({ mode: "open" }).adoptedStyleSheets = [style];
+    }
+    addEventListener("message", this.#onMessage);
+    this.#load();
+  }
+
+  disconnectedCallback() {
+    removeEventListener("message", this.#onMessage);
+    this.#drop("the element was removed");
+  }
+
+  attributeChangedCallback(_name, before, after) {
+    if (this.isConnected && this.shadowRoot && before !== after) this.#load();
+  }
+
+  get src() {
+    return this.getAttribute("src") ?? "";
+  }
+
+  set src(value) {
+    this.setAttribute("src", value);
+  }
+
+  /** Resolves when the viewer answers. */
+  get loaded() {
+    return this.#hello?.promise ?? Promise.reject(new Error("the element is not in a document"));
+  }
+
+  #drop(why) {
+    for (const { reject } of this.#calls.values()) reject(new Error(why));
+    this.#calls.clear();
+    this.#frame?.remove();
+    this.#frame = null;
+  }
+
+  #load() {
+    this.#drop("another model was chosen");
+    if (!this.src) return;
+    const page = new URL(this.getAttribute("viewer") ?? "index.html", this.hasAttribute("viewer") ? document.baseURI : HERE);
+    page.searchParams.set("embed", this.getAttribute("controls") === "none" ? "bare" : "1");
+    page.searchParams.set("pack", new URL(this.src, document.baseURI).href);
+    for (const name of ["annotations", "lang"]) {
+      const value = this.getAttribute(name);
+      if (value) page.searchParams.set(name, name === "lang" ? value : new URL(value, document.baseURI).href);
+    }
+    page.hash = this.getAttribute("view") ?? "";
+    this.#origin = page.origin;
+    const hello = {};
+    hello.promise = new Promise((resolve) => (hello.resolve = resolve));
+    this.#hello = hello;
+    const frame = document.createElement("iframe");
+    frame.title = this.getAttribute("aria-label") ?? this.title ?? "3D model";
+    frame.allow = "fullscreen; clipboard-write";
+    frame.src = page.href;
+    frame.addEventListener("load", () => this.#send({ hello: 1, listen: EVENTS }));
+    this.#frame = frame;
+    this.shadowRoot.replaceChildren(frame);
+  }
+
+  #send(message) {
+    this.#frame?.contentWindow?.postMessage({ kilwa: 1, ...message }, this.#origin);
+  }
+
+  #take({ data, origin, source }) {
+    if (source !== this.#frame?.contentWindow || origin !== this.#origin || data?.kilwa !== 1) return;
+    if (data.event) {
+      if (data.event === "hello") this.#hello.resolve();
+      if (data.event === "hello" && data.detail?.ready) this.dispatchEvent(new CustomEvent("ready"));
+      else this.dispatchEvent(new CustomEvent(data.event, { detail: data.detail }));
+      return;
+    }
+    const call = this.#calls.get(data.id);
+    this.#calls.delete(data.id);
+    if (data.error === undefined) call?.resolve(data.result);
+    else call?.reject(new Error(data.error));
+  }
+
+  /** Call something of the API by its name. */
+  async call(name, ...args) {
+    await this.loaded;
+    return new Promise((resolve, reject) => {
+      const id = (this.#last += 1);
+      this.#calls.set(id, { resolve, reject });
+      this.#send({ id, call: name, args });
+    });
+  }
+
+  /** As `addEventListener`, with the detail alone; returns what stops it. */
+  on(event, listener) {
+    const take = ({ detail }) => listener(detail);
+    this.addEventListener(event, take);
+    return () => this.removeEventListener(event, take);
+  }
+}
+
+for (const name of CALLS) {
+  Object.defineProperty(KilwaViewerElement.prototype, name, {
+    configurable: true,
+    writable: true,
+    value(...args) {
+      return this.call(name, ...args);
+    },
+  });
+}
+
+if (!customElements.get("kilwa-viewer")) customElements.define("kilwa-viewer", KilwaViewerElement);

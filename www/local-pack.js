@@ -1,0 +1,84 @@
+// A pack that lies on this computer: chosen or dropped in. The same interface as `Pack` of loader.js, over `Blob.slice`.
+// Nothing of it leaves the computer.
+
+import { HEAD_BYTES, PackError } from "./loader.js";
+
+export class LocalPack {
+  /** @param {File} file */
+  constructor(file) {
+    this.file = file;
+    this.url = URL.createObjectURL(file);
+    this.name = file.name;
+    this.isLocal = true;
+    this.etag = null;
+    this.bytes = file.size;
+    this.whole = null;
+    this.requests = 0;
+    this.received = 0;
+    this.onProgress = () => {};
+  }
+
+  /** The first bytes of the file, `length` or all of a shorter one. */
+  async head(length = HEAD_BYTES) {
+    if (this.file.size === 0) throw new PackError("empty", `${this.name}: 0 bytes`);
+    const bytes = await this.#read(0, Math.min(length, this.file.size));
+    this.onProgress(bytes.length, bytes.length);
+    return bytes;
+  }
+
+  /** The bytes `offset .. offset + length`, exactly. */
+  async range(offset, length, signal) {
+    if (offset + length > this.file.size) throw new PackError("truncated", `${this.name}: beyond the end of the file`);
+    const bytes = await this.#read(offset, length);
+    signal?.throwIfAborted();
+    this.received += bytes.length;
+    return bytes;
+  }
+
+  /** The address of the file is no longer needed. */
+  close() {
+    URL.revokeObjectURL(this.url);
+  }
+
+  async #read(offset, length) {
+    this.requests += 1;
+    let buffer;
+    try {
+      buffer = await this.file.slice(offset, offset + length).arrayBuffer();
+    } catch (error) {
+      // Browsers refuse to read a file that was changed or taken away since it was chosen.
+      throw new PackError("changed", `${this.name}: ${error.message}`);
+    }
+    return new Uint8Array(buffer);
+  }
+}
+
+/** What can open a pack of this computer: the file input, and a file let go anywhere over the page. */
+export function openers({ input, drop, open }) {
+  input.addEventListener("change", () => {
+    const [file] = input.files;
+    input.value = ""; // The same file again is a choice too.
+    if (file) open(file);
+  });
+  const hasFile = (event) => [...(event.dataTransfer?.types ?? [])].includes("Files");
+  let depth = 0;
+  addEventListener("dragenter", (event) => {
+    if (!hasFile(event)) return;
+    event.preventDefault();
+    depth += 1;
+    drop.hidden = false;
+  });
+  addEventListener("dragover", (event) => hasFile(event) && event.preventDefault());
+  addEventListener("dragleave", () => {
+    depth = Math.max(0, depth - 1);
+    if (depth === 0) drop.hidden = true;
+  });
+  addEventListener("drop", (event) => {
+    depth = 0;
+    drop.hidden = true;
+    if (!hasFile(event)) return;
+    event.preventDefault();
+    const [file] = event.dataTransfer.files;
+    if (file) open(file);
+  });
+}

@@ -1,0 +1,307 @@
+// The Notes tab: the list, the form, files, and what the browser keeps. annotations.js knows the format, pins.js draws
+// the pins, tour.js shows the note that is open.
+//
+// The person's own notes are kept by the browser for each pack. Where the host publishes notes (`?annotations=`), they
+// are shown until the person changes something; from then on the person's copy is, and the published ones can be had back.
+
+import { MOST, annotationPage, findNote, parseAnnotations, safeLink, shortId } from "./annotations.js";
+import { notice, openTab } from "./chrome.js";
+import { t } from "./i18n.js";
+import { EditList, moved } from "./list.js";
+import { Pins } from "./pins.js";
+import { download, fileName, get, put, readJson, unique } from "./store.js";
+import { Tour } from "./tour.js";
+
+const $ = (id) => document.getElementById(id);
+const FILE_LIMIT = 16e6;
+
+export class Notes {
+  /**
+   * @param {object} parts
+   * @param {string} parts.hash of the pack
+   * @param {string} parts.title
+   * @param {string} parts.pack its address
+   * @param {import("./undo.js").Undo} parts.undo
+   * @param {() => {camera: number[], display: object | null}} parts.now
+   * @param {(note: object) => void} parts.look fly to a note
+   * @param {(name: string) => void} parts.tool choose a tool
+   * @param {(name: string, detail: object) => void} parts.tell events of the page's API
+   * @param {() => void} parts.share copy the address
+   */
+  constructor(parts) {
+    Object.assign(this, parts);
+    this.abort = new AbortController();
+    this.published = null;
+    this.stored = get(`notes.${this.hash}`);
+    this.notes = Array.isArray(this.stored) ? this.stored : [];
+    this.shown = true;
+    this.replacing = null; // the note whose place is being chosen anew
+    this.editing = null; // id of the note in the form
+    this.tour = new Tour({
+      signal: this.abort.signal,
+      notes: () => this.notes,
+      go: (note) => this.open(note),
+      edit: (note) => this.edit(note),
+      share: (note) => this.share(note),
+      onClose: () => {
+        this.pins?.current(null);
+        this.#mark(null);
+        this.tell("annotation", { id: null });
+      },
+    });
+    this.list = new EditList($("notes-list"), {
+      name: (note) => note.title || t("noteUnnamed"),
+      go: (note) => this.open(note, { focus: true }),
+      rename: null,
+      edit: (note) => this.edit(note),
+      move: (note, by) => this.change(moved(this.notes, note, by)),
+      remove: (note) => this.remove(note),
+    });
+    this.#form();
+    this.show();
+  }
+
+  close() {
+    this.abort.abort();
+    this.pins?.close();
+  }
+
+  /** The picture is (again) there: pins go over it. */
+  attach(viewer, session) {
+    this.pins?.close();
+    this.viewer = viewer;
+    this.pins = new Pins({ viewer, session, open: (note) => this.open(note) });
+    this.pins.set(this.notes);
+    this.pins.show(this.shown);
+  }
+
+  /** Notes that the host publishes. */
+  publish(json) {
+    const { notes, left } = parseAnnotations(json);
+    this.published = notes;
+    if (!Array.isArray(this.stored)) this.notes = notes;
+    if (left > 0) notice(t("importLeft", { count: left }), 10000);
+    this.show();
+  }
+
+  show() {
+    this.list.show(this.notes);
+    $("notes-none").hidden = this.notes.length > 0;
+    $("tour-start").hidden = this.notes.length === 0;
+    $("notes-export").disabled = this.notes.length === 0;
+    $("notes-own").hidden = !(this.published && Array.isArray(this.stored));
+    this.pins?.set(this.notes);
+    if (this.tour.note) {
+      const note = this.notes.find((n) => n.id === this.tour.note.id);
+      if (note) this.tour.show(note);
+      else this.tour.close();
+    }
+  }
+
+  setShown(shown) {
+    this.shown = shown;
+    $("notes-shown").checked = shown;
+    this.pins?.show(shown);
+  }
+
+  /** Look at a note and show its card. */
+  open(note, { focus = false, fly = true } = {}) {
+    if (fly) this.look(note);
+    this.tour.show(note, { focus });
+    this.pins?.current(note.id);
+    this.#mark(note.id);
+    if (!this.shown) this.setShown(true);
+    this.tell("annotation", { id: note.id });
+  }
+
+  #mark(id) {
+    this.list.current = id;
+    this.list.show(this.notes);
+  }
+
+  /** Open the note of an address; false where there is none. */
+  openNamed(name, options) {
+    const note = findNote(this.notes, name);
+    if (note) this.open(note, options);
+    return Boolean(note);
+  }
+
+  get openId() {
+    return this.tour.note ? shortId(this.tour.note.id) : null;
+  }
+
+  /** The person chose a place on the surface. */
+  place([x, y, z]) {
+    const now = new Date().toISOString();
+    if (this.replacing) {
+      const { id } = this.replacing;
+      this.replacing = null;
+      this.tool("orbit");
+      this.change(this.notes.map((n) => (n.id === id ? { ...n, place: [x, y, z], modified: now } : n)));
+      this.edit(this.notes.find((n) => n.id === id));
+      return;
+    }
+    if (this.notes.length >= MOST) {
+      notice(t("importTooMany", { count: this.notes.length + 1, most: MOST }));
+      return;
+    }
+    const note = { id: `urn:uuid:${unique()}`, title: "", text: "", link: "", place: [x, y, z], ...this.now(), created: now, modified: now };
+    this.tool("orbit");
+    this.change([...this.notes, note]);
+    this.edit(note);
+  }
+
+  /** Add a note for a script. */
+  add({ title = "", text = "", link = "", place, camera = null, display = null }) {
+    if (!Array.isArray(place) || place.length !== 3 || !place.every(Number.isFinite)) throw new TypeError("place: three numbers, metres");
+    if (link && !safeLink(link)) throw new TypeError("link: an http or https address");
+    const now = new Date().toISOString();
+    const note = { id: `urn:uuid:${unique()}`, title: String(title), text: String(text), link: link && safeLink(link), place, camera, display, created: now, modified: now };
+    this.change([...this.notes, note]);
+    return note.id;
+  }
+
+  remove(note) {
+    const at = this.notes.findIndex((n) => n.id === note.id);
+    this.closeForm();
+    this.change(this.notes.filter((n) => n.id !== note.id));
+    notice(t("deleted", { name: note.title || `${t("note")} ${at + 1}` }), 10000, { label: t("undo"), run: () => this.undo.undo() });
+  }
+
+  /** Another list, as an edit that can be taken back. */
+  change(notes, before = this.notes) {
+    const stored = this.stored;
+    const set = (list, kept) => {
+      this.notes = list;
+      this.stored = kept;
+      if (!put(`notes.${this.hash}`, kept)) notice(t("notKept"));
+      this.show();
+      this.tell("annotations", { count: list.length });
+    };
+    this.undo.do({ undo: () => set(before, stored && before), redo: () => set(notes, notes) });
+  }
+
+  #form() {
+    const form = $("note-form");
+    const { signal } = this.abort;
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.#submit();
+    }, { signal });
+    form.addEventListener("keydown", (event) => {
+      if (event.key !== "Escape") return;
+      event.stopPropagation();
+      this.#submit();
+    }, { signal });
+    // Kept with every letter, so that a reload loses nothing; one edit to undo when the form is left.
+    form.addEventListener("input", () => this.#type(), { signal });
+    $("note-form-camera").addEventListener("click", () => {
+      this.#type(this.now());
+      notice(t("noteCameraKept"));
+    }, { signal });
+    $("note-form-place").addEventListener("click", () => {
+      this.replacing = this.notes.find((n) => n.id === this.editing);
+      this.closeForm();
+      this.tool("note");
+    }, { signal });
+    $("note-form-delete").addEventListener("click", () => this.remove(this.notes.find((n) => n.id === this.editing)), { signal });
+  }
+
+  edit(note) {
+    this.closeForm();
+    this.tour.close();
+    openTab("notes");
+    this.editing = note.id;
+    this.before = this.notes;
+    const at = this.notes.findIndex((n) => n.id === note.id);
+    $("note-form-title").textContent = `${t("note")} ${at + 1}`;
+    $("note-form-name").value = note.title;
+    $("note-form-text").value = note.text;
+    $("note-form-link").value = note.link;
+    $("note-form-error").hidden = true;
+    $("notes-view").hidden = true;
+    $("note-form").hidden = false;
+    this.pins?.current(note.id);
+    $("note-form-name").focus();
+  }
+
+  #type(more = {}) {
+    const link = $("note-form-link").value.trim();
+    const fields = {
+      title: $("note-form-name").value.trim(), text: $("note-form-text").value, link: safeLink(link) ?? "", modified: new Date().toISOString(), ...more,
+    };
+    this.notes = this.notes.map((n) => (n.id === this.editing ? { ...n, ...fields } : n));
+    this.stored = this.notes;
+    if (!put(`notes.${this.hash}`, this.notes)) notice(t("notKept"));
+    this.pins?.set(this.notes);
+  }
+
+  #submit() {
+    const link = $("note-form-link").value.trim();
+    if (link && !safeLink(link)) {
+      $("note-form-error").textContent = t("noteLinkBad");
+      $("note-form-error").hidden = false;
+      $("note-form-link").focus();
+      return;
+    }
+    const note = this.notes.find((n) => n.id === this.editing);
+    this.closeForm();
+    if (note) this.open(this.notes.find((n) => n.id === note.id), { fly: false });
+    $("note-new").focus();
+  }
+
+  closeForm() {
+    if (!this.editing) return;
+    this.editing = null;
+    $("note-form").hidden = true;
+    $("notes-view").hidden = false;
+    this.pins?.current(null);
+    if (this.before !== this.notes) this.change(this.notes, this.before);
+    this.before = null;
+  }
+
+  share(note) {
+    this.open(note, { fly: false });
+    this.shareAddress();
+  }
+
+  export() {
+    const json = annotationPage(this.notes, this.pack);
+    download(fileName(this.title, ".annotations.json"), new Blob([JSON.stringify(json, null, 1)], { type: "application/ld+json" }));
+  }
+
+  async import(file) {
+    try {
+      const { notes, left } = parseAnnotations(await readJson(file, FILE_LIMIT));
+      const ids = new Set(notes.map((n) => n.id));
+      this.change([...this.notes.filter((n) => !ids.has(n.id)), ...notes]);
+      notice(`${t("imported", { count: notes.length })} ${left > 0 ? t("importLeft", { count: left }) : ""}`, 10000);
+    } catch (error) {
+      notice(t("importFailed", { why: error.message }), 12000);
+    }
+  }
+
+  /** The published ones again. */
+  revert() {
+    const [before, stored] = [this.notes, this.stored];
+    const set = (list, kept) => {
+      this.notes = list;
+      this.stored = kept;
+      put(`notes.${this.hash}`, kept);
+      this.show();
+    };
+    this.undo.do({ undo: () => set(before, stored), redo: () => set(this.published, null) });
+  }
+}
+
+/** Fetch what a host publishes; only from where the page or the pack comes from. */
+export async function fetchPublished(address, pack) {
+  const url = new URL(address, pack ?? location.href);
+  const allowed = [location.origin, pack ? new URL(pack, location.href).origin : null];
+  if (!allowed.includes(url.origin)) throw new Error(t("annotationsOrigin", { origin: url.origin }));
+  const response = await fetch(url, { credentials: "same-origin" });
+  if (!response.ok) throw new Error(`${url.pathname}: ${response.status}`);
+  const text = await response.text();
+  if (text.length > FILE_LIMIT) throw new Error(`${url.pathname}: ${text.length} > ${FILE_LIMIT}`);
+  return JSON.parse(text);
+}

@@ -1,0 +1,170 @@
+// Walking: the eye at a person's height over the ground. Keys and the pad say which way; the viewer finds the ground and
+// the walls among the parts that are loaded.
+
+import { length } from "./format.js";
+import { t } from "./i18n.js";
+
+const $ = (id) => document.getElementById(id);
+const HEIGHT = 1.6;
+const HEIGHTS = [0.2, 20];
+/** Eye heights per second: 1.6 m gives a brisk walk. Shift runs. */
+const SPEED = 1.4;
+const RUN = 3;
+const KEY_STEP = 0.1;
+/** Vertical opening angle, radians: a room needs more than a model on a table. */
+const WIDE = 1.1;
+const USUAL = 0.7;
+
+export const WALK_KEYS = {
+  w: "forward", s: "back", a: "left", d: "right", arrowup: "forward", arrowdown: "back", arrowleft: "turnLeft", arrowright: "turnRight",
+};
+const TURN = 1.4;
+
+export class Walk {
+  /** @param {{viewer: object, session: object, flight: import("./flight.js").Flight, onChange: (on: boolean) => void}} parts */
+  constructor({ viewer, session, flight, onChange }) {
+    Object.assign(this, { viewer, session, flight, onChange });
+    this.on = false;
+    this.height = HEIGHT;
+    this.held = new Map(); // what is pressed → by what
+    this.running = false;
+    this.last = null;
+    this.scheduled = false;
+    this.abort = new AbortController();
+    const options = { signal: this.abort.signal };
+    for (const button of $("walk-pad").querySelectorAll("[data-walk]")) {
+      const way = button.dataset.walk;
+      button.addEventListener("pointerdown", (event) => {
+        button.setPointerCapture(event.pointerId);
+        this.press(way);
+      }, options);
+      for (const type of ["pointerup", "pointercancel", "lostpointercapture"]) button.addEventListener(type, () => this.release(way), options);
+      // Enter and Space on a button, and a reader's click: one step.
+      button.addEventListener("click", (event) => event.detail === 0 && this.step(way), options);
+      button.addEventListener("contextmenu", (event) => event.preventDefault(), options);
+    }
+    $("eye-lower").addEventListener("click", () => this.raise(-1), options);
+    $("eye-higher").addEventListener("click", () => this.raise(1), options);
+    addEventListener("blur", () => this.held.clear(), options);
+  }
+
+  close() {
+    this.abort.abort();
+    this.held.clear();
+    this.on = false;
+    $("walk-pad").hidden = true;
+  }
+
+  /** Stand where the eye is, if there is ground below it inside the model; else on what the middle of the picture shows. */
+  enter() {
+    if (this.on) return;
+    this.flight.mark();
+    const camera = this.viewer.camera();
+    this.before = camera[8];
+    const [x, y, z] = this.viewer.eye();
+    const below = camera[6] === 1 ? NaN : this.viewer.groundBelow(x, y, z);
+    const isInside = z - below < 3 * this.height;
+    const { width, height } = this.session.canvas;
+    const seen = isInside ? [] : this.viewer.pick(width / 2, height / 2);
+    const place = isInside ? [x, y, below] : seen.length > 0 ? [...seen].slice(0, 3) : this.#under(camera);
+    this.on = true;
+    this.stand(place, { mark: false });
+    this.onChange(true);
+    this.show();
+  }
+
+  /** The ground below what the view turns about, where nothing is in the middle of the picture. */
+  #under([, , distance, x, y, z]) {
+    const below = this.viewer.groundBelow(x, y, z + distance);
+    return [x, y, Number.isFinite(below) ? below : z];
+  }
+
+  leave() {
+    if (!this.on) return;
+    this.on = false;
+    this.held.clear();
+    const camera = [...this.viewer.camera()];
+    camera[8] = USUAL;
+    this.flight.to(camera, { mark: false, ease: false });
+    this.onChange(false);
+    this.show();
+  }
+
+  show() {
+    $("walk-pad").hidden = !this.on;
+    $("eye-height").textContent = t("eyeHeight", { height: length(this.height) });
+  }
+
+  /** Stand on a place, looking level the same way. */
+  stand([x, y, z], { mark = true } = {}) {
+    const camera = [...this.viewer.camera()];
+    const azimuth = camera[0];
+    const distance = 2 * this.height;
+    // The target lies before the eye, and the eye stands at its height.
+    const eye = [x, y, z + this.height];
+    this.flight.to([azimuth, 0, distance, eye[0] - Math.sin(azimuth) * distance, eye[1] - Math.cos(azimuth) * distance, eye[2], 0, 0, WIDE], { mark });
+  }
+
+  press(way) {
+    this.flight.mark(true);
+    this.flight.stop();
+    this.held.set(way, true);
+    this.#soon();
+  }
+
+  release(way) {
+    this.held.delete(way);
+  }
+
+  /** One step, for a press that is no holding. */
+  step(way) {
+    this.flight.mark(true);
+    this.flight.stop();
+    this.#go(new Map([[way, true]]), KEY_STEP * 4);
+    this.session.wake();
+  }
+
+  /** Forward or back by some eye heights, for the wheel. */
+  roll(amount) {
+    this.flight.stop();
+    this.viewer.walk(amount * this.height, 0, 0.05, this.height);
+    this.#soon();
+  }
+
+  raise(direction) {
+    const factor = direction > 0 ? 1.25 : 0.8;
+    this.height = Math.min(HEIGHTS[1], Math.max(HEIGHTS[0], this.height * factor));
+    this.show();
+    this.#soon();
+  }
+
+  #soon() {
+    if (this.scheduled || !this.on) return;
+    this.scheduled = true;
+    this.last = null;
+    requestAnimationFrame((now) => this.#tick(now));
+  }
+
+  #tick(now) {
+    this.scheduled = false;
+    if (!this.on || this.session.closed) return;
+    // A hidden tab gives no frames: a long pause is no long stride.
+    const seconds = this.last === null ? 1 / 60 : Math.min(0.1, (now - this.last) / 1000);
+    this.last = now;
+    const moved = this.#go(this.held, seconds);
+    if (moved) this.session.wake();
+    if (moved || this.held.size > 0) {
+      this.scheduled = true;
+      requestAnimationFrame((next) => this.#tick(next));
+    }
+  }
+
+  #go(held, seconds) {
+    const sign = (plus, minus) => (held.has(plus) ? 1 : 0) - (held.has(minus) ? 1 : 0);
+    const stride = SPEED * this.height * seconds * (this.running ? RUN : 1);
+    const turn = sign("turnLeft", "turnRight") * TURN * seconds;
+    if (turn !== 0) this.viewer.look(-turn, 0);
+    const moved = this.viewer.walk(sign("forward", "back") * stride, sign("right", "left") * stride, seconds, this.height);
+    return moved || turn !== 0;
+  }
+}
