@@ -77,8 +77,6 @@ export class Api {
   setMode(mode) {
     if (!this.modes().includes(mode)) throw new TypeError(`mode: one of ${this.modes().join(", ")}`);
     this.page.setDisplay({ ...this.page.display(), mode });
-    this.#viewer.setMode(mode);
-    this.page.session.wake();
   }
 
   modes() {

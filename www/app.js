@@ -117,7 +117,7 @@ class Page {
     this.notes?.closeForm();
     if (this.pack?.isLocal) this.pack.close();
     this.pack = new LocalPack(file);
-    this.session = this.module = this.info = null;
+    this.session = this.module = this.info = this.usual = this.settings.mode = null;
     document.body.dataset.state = "loading";
     document.body.dataset.pack = "";
     for (const id of ["welcome", "trouble"]) $(id).hidden = true;
@@ -247,7 +247,7 @@ class Page {
     this.tool("orbit");
     this.#turning();
     this.#viewButtons();
-    this.setDisplay(state.display);
+    if (state.display) this.setDisplay(state.display);
     this.notes.setShown(state.notes);
     if (state.annotation) this.notes.openNamed(state.annotation, { fly: !state.camera });
     if (state.pack && !this.info.pack.hash.startsWith(state.pack.slice(0, HASH_DIGITS))) {
@@ -279,16 +279,21 @@ class Page {
 
   // What the address, saved views and notes hold.
 
-  /** Shading, light and section, where they were chosen. */
+  /** Shading, light and section, where they are not as usual; else null. */
   display() {
-    if (this.viewer.displayState) return this.viewer.displayState();
-    return this.viewer.mode() === this.usual ? null : { mode: this.viewer.mode() };
+    const { mode, ...more } = JSON.parse(this.viewer.displayState());
+    const display = { ...(this.viewer.mode() === this.usual ? {} : { mode: this.viewer.mode() }), ...more };
+    return Object.keys(display).length > 0 ? display : null;
   }
 
+  /** What is left out is as usual. */
   setDisplay(display) {
-    if (!display) return;
-    if (this.viewer.setDisplayState) this.viewer.setDisplayState(display);
-    else if (typeof display.mode === "string" && this.viewer.setMode(display.mode)) this.settings.mode = display.mode;
+    try {
+      this.viewer.setDisplayState(JSON.stringify({ mode: this.usual, ...display }));
+    } catch (error) {
+      chrome.notice(t("displayFailed", { why: error.message }), 10000);
+    }
+    this.settings.mode = this.viewer.mode();
     const chosen = document.querySelector(`input[name=mode][value="${CSS.escape(this.viewer.mode())}"]`);
     if (chosen) chosen.checked = true;
     this.session.wake();
@@ -358,7 +363,7 @@ class Page {
       v.setCamera(new Float64Array([c[0], c[1], Math.min(c[2], c[2] * Math.max(0.2, 10 / reach)), ...place, ...c.slice(6)]));
     };
     this.#fly((v) => (camera ? v.setCamera(new Float64Array(camera)) : near(v)), { isJump: true });
-    this.setDisplay(display);
+    if (display) this.setDisplay(display);
   }
 
   #save() {
@@ -511,11 +516,11 @@ class Page {
   }
 
   #modes() {
-    this.usual = this.viewer.mode();
-    const chosen = this.settings.mode ?? this.usual;
+    const chosen = this.settings.mode ?? this.viewer.mode();
     const names = this.module.Viewer.modes().filter((m) => m !== "colour" || this.info.pack.colors);
     const selected = names.includes(chosen) ? chosen : (names[0] ?? chosen);
     this.settings.mode = selected;
+    this.usual ??= selected;
     $("modes").replaceChildren(
       ...names.map((name) => {
         const label = document.createElement("label");

@@ -153,8 +153,7 @@ export class Input {
   pivot(x, y) {
     if (this.tool === "note") return;
     if (this.walk.on) {
-      const place = this.viewer.pick(x, y);
-      if (place.length > 0) this.walk.stand([...place].slice(0, 3));
+      this.walk.standAt(x, y);
       return;
     }
     this.actions.pivot(this.viewer.setPivot(x, y));
