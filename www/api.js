@@ -154,8 +154,9 @@ export class Api {
 
   /** A PNG of the view. */
   picture({ width, height, scaleBar = true, transparent = false } = {}) {
-    const { canvas } = this.page.session;
-    return takePicture(this.#viewer, { width: width ?? canvas.width, height: height ?? canvas.height, scaleBar, transparent });
+    const [viewer, { session }] = [this.#viewer, this.page];
+    const { canvas } = session;
+    return takePicture({ viewer, session }, { width: width ?? canvas.width, height: height ?? canvas.height, scaleBar, transparent });
   }
 
   setLanguage(language) {

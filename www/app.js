@@ -49,7 +49,7 @@ class Page {
     this.undo = new Undo(() => this.#undoButtons());
     this.address = new Address(() => (this.session && !this.session.closed && this.api.isReady ? this.state() : null), (state) => this.restore(state));
     this.cube = new Cube((view) => this.standardView(view));
-    this.pictures = new PictureDialog(() => ({ viewer: this.viewer, canvas: this.session.canvas, title: this.title }));
+    this.pictures = new PictureDialog(() => ({ viewer: this.viewer, session: this.session, title: this.title }));
     this.trouble.onShow = (kind) => this.api.emit("trouble", { kind });
     this.controls();
     if (parameters.has("embed")) embed.reduce(parameters.get("embed") === "bare");
@@ -268,7 +268,7 @@ class Page {
     tool: (name) => this.tool(name),
     place: (x, y) => this.#place(x, y),
     save: () => this.#save(),
-    picture: () => this.pictures.open(),
+    picture: () => this.session && !this.session.closed && this.pictures.open(),
     back: () => this.flight.back(),
     forward: () => this.flight.forward(),
   };
@@ -474,6 +474,7 @@ class Page {
     const camera = this.viewer.camera();
     this.cube.show(camera);
     this.notes.pins?.frame(stats);
+    this.walk.frame(stats);
     this.address.later();
     this.api.emit("frame", stats);
     if (this.seen !== String(camera)) {

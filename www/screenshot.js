@@ -13,30 +13,64 @@ export const SIDE_MAX = 16384;
 const STRIP = 1024;
 
 /**
- * @param {object} viewer
- * @param {{width: number, height: number, scaleBar?: boolean, transparent?: boolean, onProgress?: (part: number) => void}} options
+ * @param {{viewer: object, session: import("./session.js").Session}} page
+ * @param {{width: number, height: number, scaleBar?: boolean, transparent?: boolean, onProgress?: (part: number) => void, signal?: AbortSignal}} options
  * @returns {Promise<Blob>} a PNG
  */
-export async function takePicture(viewer, { width, height, scaleBar = true, transparent = false, texts = {}, onProgress = () => {} }) {
+export async function takePicture({ viewer, session }, { width, height, scaleBar = true, transparent = false, texts = {}, onProgress = () => {}, signal }) {
   for (const side of [width, height]) {
     if (!Number.isInteger(side) || side < 16 || side > SIDE_MAX) throw new RangeError(t("pictureLimits", { most: count(SIDE_MAX) }));
   }
-  const png = new PngWriter(width, height, { alpha: transparent, texts });
-  const bar = scaleBar ? drawBar(viewer, width, height) : null;
-  for (let y = 0; y < height; y += STRIP) {
-    const rows = Math.min(STRIP, height - y);
-    const pixels = await strip(viewer, { width, height, y, rows, transparent });
-    if (bar) blend(bar, pixels, { width, y, rows });
-    await png.rows(pixels);
-    onProgress((y + rows) / height);
+  const display = viewer.displayState();
+  try {
+    if (transparent) viewer.setDisplayState(JSON.stringify({ ...JSON.parse(display), background: "transparent" }));
+    viewer.setPicture(width, height);
+    await detail(session, (part) => onProgress(part * 0.5), signal);
+    const png = new PngWriter(width, height, { alpha: transparent, texts });
+    const bar = scaleBar ? drawBar(viewer, width, height) : null;
+    const tall = Math.min(STRIP, viewer.maxTile());
+    for (let y = 0; y < height; y += tall) {
+      const rows = Math.min(tall, height - y);
+      const pixels = await strip(viewer, { width, height, y, rows });
+      signal?.throwIfAborted();
+      if (bar) blend(bar, pixels, { width, y, rows });
+      await png.rows(pixels);
+      onProgress(0.5 + (0.5 * (y + rows)) / height);
+    }
+    return await png.end();
+  } finally {
+    if (!session.closed) {
+      viewer.setPicture(0, 0);
+      viewer.setDisplayState(display);
+      session.wake();
+    }
   }
-  return png.end();
 }
 
-/** Rows `y .. y + rows` of the whole picture. */
-async function strip(viewer, { width, height, y, rows, transparent }) {
-  const { pixels } = await viewer.readTile(width, height, 0, y, width, rows, transparent);
-  return pixels;
+/** Until the detail that a picture of this size shows is loaded. */
+async function detail(session, onProgress, signal) {
+  const from = session.frames;
+  for (;;) {
+    session.wake();
+    await new Promise((resolve) => setTimeout(resolve, 60));
+    signal?.throwIfAborted();
+    if (session.closed) throw new Error(t("brokenTitle"));
+    const { stats, frames, scheduled, answers } = session;
+    if (stats.bytesWanted > 0) onProgress(1 - stats.bytesMissing / stats.bytesWanted);
+    if (frames > from + 1 && stats.settled && !stats.more && answers.size === 0 && (stats.targetReached || stats.budgetLimited || !scheduled)) return;
+  }
+}
+
+/** Rows `y .. y + rows` of the whole picture, from tiles side by side. */
+async function strip(viewer, { width, height, y, rows }) {
+  const most = viewer.maxTile();
+  const out = new Uint8Array(width * rows * 4);
+  for (let x = 0; x < width; x += most) {
+    const part = Math.min(most, width - x);
+    const { pixels } = await viewer.renderTile(width, height, x, y, part, rows);
+    for (let row = 0; row < rows; row += 1) out.set(pixels.subarray(row * part * 4, (row + 1) * part * 4), (row * width + x) * 4);
+  }
+  return out;
 }
 
 /** The scale bar on its plate, for the lower right corner: its pixels and where they go. */
@@ -89,9 +123,10 @@ function blend({ data: { data, width: w, height: h }, x, y: top }, pixels, { wid
 
 /** The dialog. */
 export class PictureDialog {
-  /** @param {() => {viewer: object, canvas: HTMLCanvasElement, title: string}} page */
+  /** @param {() => {viewer: object, session: object, title: string}} page */
   constructor(page) {
     this.page = page;
+    $("picture").addEventListener("close", () => this.abort?.abort());
     $("picture-form").addEventListener("submit", (event) => {
       event.preventDefault();
       this.#make();
@@ -100,7 +135,7 @@ export class PictureDialog {
   }
 
   open() {
-    const { canvas } = this.page();
+    const { canvas } = this.page().session;
     if (!$("picture-width").value) [$("picture-width").value, $("picture-height").value] = [canvas.width, canvas.height];
     $("picture-error").hidden = true;
     this.#show();
@@ -109,7 +144,7 @@ export class PictureDialog {
 
   /** The size of a choice, in pixels; 4K keeps the shape of the view. */
   #size(choice) {
-    const { canvas } = this.page();
+    const { canvas } = this.page().session;
     const scaled = (factor) => [Math.round(canvas.width * factor), Math.round(canvas.height * factor)].map((v) => Math.min(SIDE_MAX, Math.max(16, v)));
     if (choice === "double") return scaled(2);
     if (choice === "4k") return scaled(3840 / Math.max(canvas.width, canvas.height));
@@ -127,23 +162,28 @@ export class PictureDialog {
   }
 
   async #make() {
-    const { viewer, title } = this.page();
+    const page = this.page();
+    const { title } = page;
+    this.abort = new AbortController();
     const [width, height] = this.#size(this.#chosen());
     const options = {
       width, height, scaleBar: $("picture-scale").checked, transparent: $("picture-clear").checked,
       texts: { Title: title, Software: "Kilwa", Source: location.href },
       onProgress: (part) => ($("picture-bar").value = part),
+      signal: this.abort.signal,
     };
     $("picture-error").hidden = true;
     $("picture-bar").hidden = false;
     $("picture-bar").value = 0;
     $("picture-make").disabled = true;
     try {
-      const blob = await takePicture(viewer, options);
+      const blob = await takePicture(page, options);
       download(fileName(title, ".png"), blob);
+      this.abort = null;
       $("picture").close();
       notice(t("pictureDone", { width: count(width), height: count(height) }));
     } catch (error) {
+      if (error.name === "AbortError") return; // The dialog was closed.
       $("picture-error").textContent = error instanceof RangeError ? error.message : t("pictureFailed", { why: error.message });
       $("picture-error").hidden = false;
     } finally {

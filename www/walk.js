@@ -123,6 +123,13 @@ export class Walk {
     this.flight.to([azimuth, 0, distance, eye[0] - Math.sin(azimuth) * distance, eye[1] - Math.cos(azimuth) * distance, eye[2], 0, 0, WIDE], { mark });
   }
 
+  /** After each frame: where detail arrived, the ground may lie higher or lower. */
+  frame(stats) {
+    if (!this.on || this.flight.goal || this.triangles === stats.trianglesDrawn) return;
+    this.triangles = stats.trianglesDrawn;
+    this.#soon();
+  }
+
   press(way) {
     this.flight.mark(true);
     this.flight.stop();

@@ -123,7 +123,8 @@ export const launch = () =>
 
 /** A page, with everything it complained about and every request for a pack. */
 export async function open(browser, url, { size = [800, 600], wait = "settled", before, ...options } = {}) {
-  const context = await browser.newContext({ viewport: { width: size[0], height: size[1] }, ...options });
+  // Flights of the camera and fades take time and change nothing that is tested, but for the tests that ask for them.
+  const context = await browser.newContext({ viewport: { width: size[0], height: size[1] }, reducedMotion: "reduce", ...options });
   const page = await context.newPage();
   page.setDefaultTimeout(240_000); // software rendering on a busy machine
   const complaints = [];
