@@ -3,7 +3,9 @@
 //! Runs on llvmpipe where there is no graphics card (Debian: mesa-vulkan-drivers). Without any adapter these tests
 //! fail: green on nothing would be a lie.
 
+mod display;
 mod raycast;
+mod section;
 
 use kilwa_builder::synth::{Phantom, Shape, SynthOptions, mesh};
 use kilwa_builder::{BuildOptions, RawMesh, Silent, build_pack};
@@ -271,6 +273,10 @@ fn a_closed_model_shows_no_background_from_inside_in_any_cut() {
 
 /// A closed bumpy ball round `center`, in one chunk of several patches, in lattice steps.
 fn ball(center: [i32; 3], radius: f64, rings: u32) -> Chunk {
+    ball_with_bumps(center, radius, rings, 0.05)
+}
+
+fn ball_with_bumps(center: [i32; 3], radius: f64, rings: u32, bumps: f64) -> Chunk {
     let mut mesh = Mesh::default();
     let segments = rings * 2;
     for ring in 0..=rings {
@@ -278,7 +284,7 @@ fn ball(center: [i32; 3], radius: f64, rings: u32) -> Chunk {
             let (st, ct) = (std::f64::consts::PI * f64::from(ring) / f64::from(rings)).sin_cos();
             let (sp, cp) = (std::f64::consts::TAU * f64::from(segment) / f64::from(segments)).sin_cos();
             let n = [st * cp, st * sp, ct];
-            let r = radius * (1.0 + 0.05 * (7.0 * n[0]).sin() * (9.0 * n[1]).cos());
+            let r = radius * (1.0 + bumps * (7.0 * n[0]).sin() * (9.0 * n[1]).cos());
             mesh.positions.push(std::array::from_fn(|i| center[i] + (n[i] * r).round() as i32));
             mesh.normals.push(normal::encode(n));
             mesh.colors.push([200, 180, 150]);

@@ -255,10 +255,24 @@ impl Renderer {
         patches: &[DrawPatch],
         options: &RenderOptions,
     ) -> Result<Image, GpuError> {
+        self.image_fading(view, patches, &[], options).await
+    }
+
+    /// A picture of levels that fade into each other ([`Renderer::draw_fading`]).
+    ///
+    /// # Errors
+    /// As [`Renderer::image`].
+    pub async fn image_fading(
+        &mut self,
+        view: &View,
+        patches: &[DrawPatch],
+        fades: &[[f32; 2]],
+        options: &RenderOptions,
+    ) -> Result<Image, GpuError> {
         let size = target_size(view, options.tile);
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         let picture = texture(&self.device, "picture", size, 1, self.format, usage);
-        self.draw(view, patches, options, &view_of(&picture));
+        self.draw_fading(view, patches, fades, options, &view_of(&picture));
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let readback = Readback::record(&self.device, &mut encoder, &picture, 4);
         self.queue.submit([encoder.finish()]);

@@ -4,7 +4,6 @@ use kilwa_stream::{Projection, View};
 use kilwa_viewer::RenderOptions;
 use kilwa_viewer::gpu::frame::{NO_FADE, TargetTraits, UniformBytes, draw_uniform, frame_uniform};
 use kilwa_viewer::gpu::{SHADERS, pool};
-use wgpu::naga;
 
 fn parse(name: &str, source: &str) -> naga::Module {
     naga::front::wgsl::parse_str(source).unwrap_or_else(|e| panic!("{name}.wgsl: {}", e.emit_to_string(source)))
@@ -29,6 +28,34 @@ fn no_shader_needs_more_than_webgl2_has() {
                 "{name}.wgsl uses {:?}, which WebGL2 has not",
                 variable.space
             );
+        }
+    }
+}
+
+#[test]
+fn every_entry_point_becomes_glsl_of_webgl2() {
+    use naga::back::glsl;
+    for (name, source) in SHADERS {
+        let module = parse(name, source);
+        let info = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::empty())
+            .validate(&module)
+            .unwrap_or_else(|e| panic!("{name}.wgsl: {}", e.emit_to_string(source)));
+        let options = glsl::Options {
+            version: glsl::Version::Embedded { version: 300, is_webgl: true },
+            ..glsl::Options::default()
+        };
+        for entry in &module.entry_points {
+            let pipeline = glsl::PipelineOptions {
+                shader_stage: entry.stage,
+                entry_point: entry.name.clone(),
+                multiview: None,
+            };
+            let mut text = String::new();
+            let policies = naga::proc::BoundsCheckPolicies::default();
+            let written = glsl::Writer::new(&mut text, &module, &info, &options, &pipeline, policies)
+                .and_then(|mut writer| writer.write());
+            assert!(written.is_ok(), "{name}.wgsl, {}: {:?}", entry.name, written.err());
+            assert!(text.contains("void main()") && !text.contains("imageLoad"), "{name}.wgsl, {}", entry.name);
         }
     }
 }
