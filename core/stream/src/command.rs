@@ -37,7 +37,7 @@ pub enum Command {
         request: RequestId,
     },
     /// Check and decode one chunk; report [`Event::Decoded`] or [`Event::DecodeFailed`]. Issued in the very step that
-    /// was told of the request's [`Event::Bytes`], so that the shell can forget the bytes after that step;
+    /// was told of the request's [`Event::Progress`] or [`Event::Bytes`], so that the shell can forget the bytes after that step;
     /// the bytes of [`HEAD_REQUEST`] (the head of the file) must be kept.
     Decode {
         /// Directory index.
@@ -70,6 +70,14 @@ pub enum Command {
 /// What happened since the last step.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
+    /// So many bytes of the answer of a chunk request are there, counted from its beginning; more will come. The chunks
+    /// that are complete can be decoded already.
+    Progress {
+        /// Name of the request.
+        request: RequestId,
+        /// Bytes so far.
+        length: u64,
+    },
     /// The answer of a chunk request is there.
     Bytes {
         /// Name of the request.
@@ -173,6 +181,16 @@ pub struct Stats {
     pub bytes_wanted: u64,
     /// Chunks in GPU memory.
     pub chunks_resident: u32,
+    /// Chunks asked for or being decoded.
+    pub chunks_in_flight: u32,
+    /// Their encoded bytes, with those of directory pages asked for and of gaps between chunks.
+    pub bytes_in_flight: u64,
+    /// Chunks of which something is in the picture.
+    pub chunks_shown: u32,
+    /// Their encoded bytes.
+    pub bytes_shown: u64,
+    /// Directory pages that the view waits for.
+    pub pages_missing: u32,
     /// Requests in flight.
     pub requests_in_flight: u32,
     /// Requests made since the beginning.

@@ -2,14 +2,23 @@
 
 use crate::command::{Command, FetchKind, RequestId};
 use crate::nodes::{Node, Nodes, State};
-use crate::select::Wanted;
+use crate::select::{Rank, Wanted};
 use crate::streamer::Streamer;
 use kilwa_pack::PAGE_BYTES;
+use std::collections::BTreeMap;
 
 /// Shortest and longest wait after a failure, milliseconds.
 const BACKOFF_MS: (f64, f64) = (500.0, 30_000.0);
 /// Directory pages asked for at once.
 const PAGES_PER_REQUEST: u32 = 16;
+/// Up to this many pages, the whole directory is loaded once the picture is complete, so that a flight never waits for it.
+const WHOLE_DIRECTORY: u32 = 64;
+/// Pages that are asked for beyond the needed ones: those that the next levels need follow soon.
+const READ_AHEAD: u32 = 4;
+/// Bytes between two wanted parts that are fetched and thrown away to save a request...
+const GAP_BYTES: u64 = 8 << 10;
+/// ... and at most this share of the bytes that are wanted.
+const GAP_SHARE: u64 = 8;
 
 /// A request in flight.
 #[derive(Debug, Clone)]
@@ -47,7 +56,7 @@ fn unit_hash(seed: u64) -> f64 {
 
 /// Something that could be asked for.
 struct Candidate {
-    priority: f64,
+    rank: Rank,
     kind: FetchKind,
     index: u32,
 }
@@ -73,22 +82,32 @@ impl Streamer {
         }
     }
 
-    /// Start decoding what lies in the head, and requests for the rest, most important first.
+    /// Start decoding what lies in the head, and requests for the rest, most urgent first.
     pub(crate) fn schedule(&mut self, wanted: &Wanted, now_ms: f64, commands: &mut Vec<Command>) {
-        let mut candidates = self.missing_pages(wanted, now_ms);
-        for (&index, &priority) in &wanted.priority {
+        let needed = self.needed_pages(wanted);
+        self.pages_missing = needed.len();
+        let mut candidates: Vec<Candidate> = needed
+            .iter()
+            .filter(|&(&page, _)| self.is_page_ready(page, now_ms))
+            .map(|(&index, &rank)| Candidate { rank, kind: FetchKind::Pages, index })
+            .collect();
+        for (&index, &rank) in &wanted.ranks {
             let waits = self.nodes.get(index).is_some_and(|n| n.state == State::Absent && n.retry_at <= now_ms);
             if waits {
-                candidates.push(Candidate { priority, kind: FetchKind::Chunks, index });
+                candidates.push(Candidate { rank, kind: FetchKind::Chunks, index });
             }
+        }
+        // While something in the picture is on its way, what it shows next is not known yet: the link is kept free for it.
+        if self.waits_for_visible(wanted, &needed, now_ms) {
+            candidates.retain(|c| c.rank.visible || self.is_in_head(c));
         }
         candidates.sort_by(|a, b| {
             let pages_first = |c: &Candidate| c.kind == FetchKind::Chunks;
-            b.priority.total_cmp(&a.priority).then(pages_first(a).cmp(&pages_first(b))).then(a.index.cmp(&b.index))
+            b.rank.total_cmp(&a.rank).then(pages_first(a).cmp(&pages_first(b))).then(a.index.cmp(&b.index))
         });
         for candidate in candidates {
             match candidate.kind {
-                FetchKind::Pages => self.request_pages(candidate.index, now_ms, commands),
+                FetchKind::Pages => self.request_pages(candidate.index, &needed, now_ms, commands),
                 FetchKind::Chunks => {
                     let absent = self.nodes.get(candidate.index).is_some_and(|n| n.state == State::Absent);
                     if absent && !self.decode_from_head(candidate.index, wanted, commands) {
@@ -99,57 +118,102 @@ impl Streamer {
         }
     }
 
-    /// Pages that a held chunk refers to, and in the background the first page that is not known yet.
-    fn missing_pages(&self, wanted: &Wanted, now_ms: f64) -> Vec<Candidate> {
-        let page_count = self.header.page_count();
-        if self.nodes.page_count() == page_count as usize {
-            return Vec::new();
-        }
-        let ready = |page: u32| {
-            page < page_count
-                && !self.nodes.has_page(page)
-                && self.page_retries.get(&page).is_none_or(|r| !r.in_flight && r.retry_at <= now_ms)
+    fn is_in_head(&self, candidate: &Candidate) -> bool {
+        let end = self.range(candidate.index).map_or(u64::MAX, |(_, end)| end);
+        candidate.kind == FetchKind::Chunks && end <= self.head_bytes
+    }
+
+    /// Whether a visible part is being asked for, on its way or being decoded; one that failed and has to wait does not count.
+    fn waits_for_visible(&self, wanted: &Wanted, needed: &BTreeMap<u32, Rank>, now_ms: f64) -> bool {
+        let chunks = wanted.ranks.iter().filter(|(_, r)| r.visible).filter_map(|(&i, _)| self.nodes.get(i));
+        let mut waiting = chunks.filter(|n| match n.state {
+            State::Requested(_) | State::Decoding => true,
+            State::Absent => n.retry_at <= now_ms,
+            State::Decoded | State::Resident => false,
+        });
+        let is_page_coming = |&(&page, rank): &(&u32, &Rank)| {
+            rank.visible
+                && (self.is_page_ready(page, now_ms) || self.page_retries.get(&page).is_some_and(|r| r.in_flight))
         };
-        let mut priorities = std::collections::BTreeMap::<u32, f64>::new();
-        if let Some(first) = (0..page_count).find(|&p| ready(p)) {
-            priorities.insert(first, 0.0);
+        waiting.next().is_some() || needed.iter().any(|p| is_page_coming(&p))
+    }
+
+    /// Unknown pages that a held and wanted chunk refers to; once there are none of these and nothing else is missing, all unknown
+    /// pages of a directory that is not large.
+    fn needed_pages(&self, wanted: &Wanted) -> BTreeMap<u32, Rank> {
+        let page_count = self.header.page_count();
+        let mut needed = BTreeMap::<u32, Rank>::new();
+        if self.nodes.page_count() == page_count as usize {
+            return needed;
         }
-        for &index in &self.held {
-            let Some(&priority) = wanted.priority.get(&index) else { continue };
-            for patch in self.nodes.get(index).map_or(&[][..], |n| n.patches.as_slice()) {
+        let mut is_complete = true;
+        for (&index, &rank) in &wanted.ranks {
+            let Some(node) = self.nodes.get(index) else { continue };
+            is_complete &= node.state == State::Resident;
+            for patch in &node.patches {
                 let page = Nodes::page_of(patch.diamond);
-                if patch.diamond < self.header.entry_count && ready(page) {
-                    let best = priorities.entry(page).or_insert(priority);
-                    *best = best.max(priority);
+                if patch.diamond < self.header.entry_count && !self.nodes.has_page(page) {
+                    let best = needed.entry(page).or_insert(rank);
+                    if rank.total_cmp(best).is_gt() {
+                        *best = rank;
+                    }
                 }
             }
         }
-        priorities.into_iter().map(|(index, priority)| Candidate { priority, kind: FetchKind::Pages, index }).collect()
+        if is_complete && needed.is_empty() && page_count <= WHOLE_DIRECTORY {
+            let rank = Rank { visible: false, priority: 0.0 };
+            needed.extend((0..page_count).filter(|&p| !self.nodes.has_page(p)).map(|p| (p, rank)));
+        }
+        needed
     }
 
-    fn request_pages(&mut self, first: u32, now_ms: f64, commands: &mut Vec<Command>) {
-        let ready = |s: &Self, page: u32| {
-            page < s.header.page_count()
-                && !s.nodes.has_page(page)
-                && s.page_retries.get(&page).is_none_or(|r| !r.in_flight && r.retry_at <= now_ms)
-        };
+    fn is_page_ready(&self, page: u32, now_ms: f64) -> bool {
+        let idle = |r: &PageRetry| !r.in_flight && r.retry_at <= now_ms;
+        page < self.header.page_count() && !self.nodes.has_page(page) && self.page_retries.get(&page).is_none_or(idle)
+    }
+
+    /// Ask for a page and the needed ones next to it; one that lies between two of them comes along.
+    fn request_pages(&mut self, first: u32, needed: &BTreeMap<u32, Rank>, now_ms: f64, commands: &mut Vec<Command>) {
+        let ready = |s: &Self, page: u32| s.is_page_ready(page, now_ms);
         if !ready(self, first) || !self.may_request(PAGE_BYTES as u64) {
             return;
         }
-        let mut parts = vec![first];
+        let (mut from, mut to) = (first, first);
+        let fits = |s: &Self, from: u32, to: u32| {
+            let count = to - from + 1;
+            let length = u64::from(count) * PAGE_BYTES as u64;
+            count <= PAGES_PER_REQUEST && length <= s.budgets.request_bytes && s.may_request(length)
+        };
         // Page 0 lies apart from the others.
-        while first > 0 && parts.len() < PAGES_PER_REQUEST as usize {
-            let next = first + parts.len() as u32;
-            let length = (parts.len() as u64 + 1) * PAGE_BYTES as u64;
-            if !ready(self, next) || length > self.budgets.request_bytes || !self.may_request(length) {
+        let joined = if first > 0 { PAGES_PER_REQUEST } else { 0 };
+        for _ in 0..joined {
+            let wanted = |s: &Self, page: u32| needed.contains_key(&page) && ready(s, page);
+            let forward = if wanted(self, to + 1) {
+                to + 1
+            } else if ready(self, to + 1) && wanted(self, to + 2) {
+                to + 2
+            } else {
+                to
+            };
+            let backward = if from > 1 && wanted(self, from - 1) { from - 1 } else { from };
+            if forward > to && fits(self, from, forward) {
+                to = forward;
+            } else if backward < from && fits(self, backward, to) {
+                from = backward;
+            } else {
                 break;
             }
-            parts.push(next);
         }
+        for _ in 0..if first > 0 { READ_AHEAD } else { 0 } {
+            if ready(self, to + 1) && fits(self, from, to + 1) {
+                to += 1;
+            }
+        }
+        let parts: Vec<u32> = (from..=to).collect();
         for &page in &parts {
             self.page_retries.entry(page).or_default().in_flight = true;
         }
-        let (offset, _) = self.header.page_range(first);
+        let (offset, _) = self.header.page_range(from);
         let length = parts.len() as u64 * PAGE_BYTES as u64;
         self.send(Request { kind: FetchKind::Pages, offset, length, parts }, commands);
     }
@@ -158,7 +222,7 @@ impl Streamer {
     fn decode_from_head(&mut self, index: u32, wanted: &Wanted, commands: &mut Vec<Command>) -> bool {
         let Some(node) = self.nodes.get(index) else { return false };
         let end = node.entry.offset.saturating_add(u64::from(node.entry.encoded_bytes));
-        if end > self.head_bytes || node.attempts > 0 {
+        if end > self.head_bytes || node.damaged {
             return false; // After a failure the head itself is suspected: ask for the range again.
         }
         if self.hold(index, State::Decoding, wanted, commands) {
@@ -168,31 +232,35 @@ impl Streamer {
         true
     }
 
-    /// Ask for a chunk and those wanted ones that follow or precede it in the file without a gap.
+    /// Ask for a chunk and those as urgent ones that follow or precede it in the file, over small gaps.
     fn request_chunks(&mut self, index: u32, wanted: &Wanted, now_ms: f64, commands: &mut Vec<Command>) {
         let Some((mut start, mut end)) = self.range(index) else { return };
         if !self.may_request(end - start) || !self.hold(index, State::Requested(self.next_request), wanted, commands) {
             return;
         }
-        let alone = self.nodes.get(index).is_some_and(|n| n.attempts > 0);
+        let alone = self.nodes.get(index).is_some_and(|n| n.damaged);
         let mut parts = vec![index];
-        for forward in [true, false] {
+        let mut useful = end - start;
+        let ways: &[bool] = if alone { &[] } else { &[true, false] };
+        for &forward in ways {
             let mut at = index;
-            while let Some(next) = if forward { at.checked_add(1) } else { at.checked_sub(1) } {
-                let Some((from, to)) = self.range(next).filter(|_| !alone && self.may_join(next, wanted, now_ms))
-                else {
+            loop {
+                let Some(next) = self.next_in_file(at, forward, wanted, now_ms, wanted.is_visible(index)) else {
                     break;
                 };
-                let touches = if forward { from == end } else { to == start };
-                let length = (end - start).saturating_add(to - from);
-                if !touches
-                    || length > self.budgets.request_bytes
+                let Some((from, to)) = self.range(next) else { break };
+                let (new_start, new_end) = (start.min(from), end.max(to));
+                let length = new_end - new_start;
+                let gaps = length.saturating_sub(useful + (to - from));
+                if length > self.budgets.request_bytes
+                    || gaps > GAP_BYTES.max(useful / GAP_SHARE)
                     || !self.may_request(length)
                     || !self.hold(next, State::Requested(self.next_request), wanted, commands)
                 {
                     break;
                 }
-                (start, end, at) = (start.min(from), end.max(to), next);
+                (start, end, at) = (new_start, new_end, next);
+                useful += to - from;
                 parts.push(next);
             }
         }
@@ -200,9 +268,26 @@ impl Streamer {
         self.send(Request { kind: FetchKind::Chunks, offset: start, length: end - start, parts }, commands);
     }
 
+    /// The next chunk after (or before) `at` that may be asked for together with it, not farther than a gap.
+    fn next_in_file(&self, at: u32, forward: bool, wanted: &Wanted, now_ms: f64, visible: bool) -> Option<u32> {
+        let (from, to) = self.range(at)?;
+        let mut next = at;
+        loop {
+            next = if forward { next.checked_add(1)? } else { next.checked_sub(1)? };
+            let (next_from, next_to) = self.range(next)?;
+            let gap = if forward { next_from.checked_sub(to)? } else { from.checked_sub(next_to)? };
+            if gap > GAP_BYTES {
+                return None;
+            }
+            if self.may_join(next, wanted, now_ms) && wanted.is_visible(next) >= visible {
+                return Some(next);
+            }
+        }
+    }
+
     /// Whether a chunk may be asked for together with a neighbour: wanted, and not suspected of being damaged.
     fn may_join(&self, index: u32, wanted: &Wanted, now_ms: f64) -> bool {
-        let idle = |n: &Node| n.state == State::Absent && n.attempts == 0 && n.retry_at <= now_ms;
+        let idle = |n: &Node| n.state == State::Absent && !n.damaged && n.retry_at <= now_ms;
         wanted.contains(index) && self.nodes.get(index).is_some_and(idle)
     }
 

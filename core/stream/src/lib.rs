@@ -9,6 +9,9 @@
 //! With a network that works in the end and a camera at rest, the drawn pixel error falls to the target or to what the
 //! budgets allow, and then nothing moves.
 //!
+//! A camera that glides is met by what it will see ([`streamer`] predicts it from the views it is given); [`Pace`] steers the pixel error by
+//! the frame time; [`sim`] flies a streamer over a pack through a simulated network.
+//!
 //! A failed request, a damaged chunk or page is retried for as long as the streamer lives, with exponential backoff
 //! and deterministic jitter.
 
@@ -16,10 +19,14 @@ pub mod command;
 mod draw;
 mod fetch;
 mod nodes;
+pub mod pace;
+mod predict;
 mod select;
+pub mod sim;
 pub mod streamer;
 pub mod view;
 
 pub use command::{Budgets, Command, DrawPatch, Event, FetchKind, HEAD_REQUEST, RequestId, Stats, Step};
+pub use pace::Pace;
 pub use streamer::Streamer;
 pub use view::{Projection, View};

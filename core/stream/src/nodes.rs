@@ -24,6 +24,8 @@ pub(crate) struct Node {
     pub(crate) attempts: u32,
     /// Not to be asked for before this time, milliseconds.
     pub(crate) retry_at: f64,
+    /// The last failure was one of its bytes, not of the network: it is asked for alone, and a working network helps nothing.
+    pub(crate) damaged: bool,
     /// Refined in the cut of the last step.
     pub(crate) refined: bool,
 }
@@ -39,7 +41,15 @@ const CPU_TRIANGLE_BYTES: u64 = 13;
 
 impl Node {
     fn new(entry: DirectoryEntry) -> Self {
-        Self { entry, state: State::Absent, patches: Vec::new(), attempts: 0, retry_at: 0.0, refined: false }
+        Self {
+            entry,
+            state: State::Absent,
+            patches: Vec::new(),
+            attempts: 0,
+            retry_at: 0.0,
+            damaged: false,
+            refined: false,
+        }
     }
 
     pub(crate) fn gpu_bytes(&self) -> u64 {
@@ -122,6 +132,10 @@ impl Nodes {
     /// Known children, each once.
     pub(crate) fn children(&self, index: u32) -> &[u32] {
         self.children.get(&index).map_or(&[], Vec::as_slice)
+    }
+
+    pub(crate) fn iter_mut(&mut self) -> impl Iterator<Item = &mut Node> {
+        self.pages.values_mut().flatten()
     }
 
     /// All known nodes in order of their index.

@@ -2,7 +2,7 @@
 //! met or a memory budget is full.
 //!
 //! The order is monotone along the hierarchy (a child's priority is capped by its parents'), so what is wanted is
-//! always closed under parents. Chunks that are already held count a little more ([`HELD_BONUS`]): at a camera that
+//! always closed under parents. A camera that glides wants for where it will be, too ([`PREDICTED_WEIGHT`]). Chunks that are already held count a little more ([`HELD_BONUS`]): at a camera that
 //! trembles nothing is swapped, and at a camera at rest the wanted set can only stay as it is.
 
 use crate::command::Budgets;
@@ -13,30 +13,69 @@ use std::collections::{BTreeMap, BinaryHeap};
 /// How much more a chunk counts that is already held, and how much farther one that is drawn stays drawn.
 pub(crate) const HELD_BONUS: f64 = 1.2;
 
+/// Weight of what the camera will see if it goes on as it does: prefetched, twice as coarse.
+const PREDICTED_WEIGHT: f64 = 0.5;
+
 /// Levels that stay loaded whatever the view, if they take up no more than an eighth of the budgets.
 const PINNED_LEVEL: u8 = 1;
 const PINNED_SHARE: u64 = 8;
 
+/// How urgently a chunk is wanted: first what can be seen, then by priority.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Rank {
+    /// It may lie in the view.
+    pub(crate) visible: bool,
+    pub(crate) priority: f64,
+}
+
+impl Rank {
+    /// Greater is more urgent. Along the hierarchy it never grows.
+    pub(crate) fn total_cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.visible.cmp(&other.visible).then(self.priority.total_cmp(&other.priority))
+    }
+}
+
+/// The cameras that chunks are wanted for.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cameras {
+    pub(crate) view: View,
+    pub(crate) predicted: Option<View>,
+    /// Metres of a lattice step.
+    pub(crate) step: f64,
+}
+
+impl Cameras {
+    /// Pixel error of what is shown while a chunk is not refined, weighted down where it is not seen, or not yet.
+    fn priority(&self, index: u32, node: &Node) -> f64 {
+        let now = raw_priority(index, node, &self.view, self.step);
+        let seen = self.predicted.as_ref().filter(|p| p.may_see(&node.entry.sphere));
+        seen.map_or(now, |p| now.max(PREDICTED_WEIGHT * raw_priority(index, node, p, self.step)))
+    }
+}
+
 /// The outcome.
 #[derive(Debug, Clone)]
 pub(crate) struct Wanted {
-    view: View,
-    step: f64,
-    /// Wanted chunks, most important first.
+    cameras: Cameras,
+    /// Wanted chunks, most urgent first.
     pub(crate) order: Vec<u32>,
-    /// The same with their priorities.
-    pub(crate) priority: BTreeMap<u32, f64>,
+    /// The same with their ranks.
+    pub(crate) ranks: BTreeMap<u32, Rank>,
     /// Something above the target did not fit.
     pub(crate) limited: bool,
 }
 
 impl Wanted {
     pub(crate) fn raw_priority(&self, index: u32, node: &Node) -> f64 {
-        raw_priority(index, node, &self.view, self.step)
+        self.cameras.priority(index, node)
     }
 
     pub(crate) fn contains(&self, index: u32) -> bool {
-        self.priority.contains_key(&index)
+        self.ranks.contains_key(&index)
+    }
+
+    pub(crate) fn is_visible(&self, index: u32) -> bool {
+        self.ranks.get(&index).is_some_and(|r| r.visible)
     }
 }
 
@@ -111,41 +150,44 @@ pub(crate) fn pinned(nodes: &Nodes, budgets: &Budgets, scalars: u8) -> Vec<u32> 
     pinned
 }
 
-/// What the view wants of the known part of the directory.
-pub(crate) fn wanted(nodes: &Nodes, view: &View, step: f64, budgets: &Budgets, scalars: u8, pinned: &[u32]) -> Wanted {
+/// What the cameras want of the known part of the directory.
+pub(crate) fn wanted(nodes: &Nodes, cameras: &Cameras, budgets: &Budgets, scalars: u8, pinned: &[u32]) -> Wanted {
     let mut room = Room { gpu: budgets.gpu_bytes, cpu: budgets.cpu_bytes };
     for node in pinned.iter().filter_map(|&i| nodes.get(i)) {
         room.force(node, scalars);
     }
-    let mut out = Wanted { view: *view, step, order: Vec::new(), priority: BTreeMap::new(), limited: false };
+    let target = cameras.view.target_pixels;
+    let mut out = Wanted { cameras: *cameras, order: Vec::new(), ranks: BTreeMap::new(), limited: false };
     let mut parents_in = BTreeMap::<u32, usize>::new();
     let mut full = false;
     let mut heap = BinaryHeap::from([Candidate { priority: f64::INFINITY, index: 0 }]);
     while let Some(Candidate { priority, index }) = heap.pop() {
         let Some(node) = nodes.get(index) else { continue };
+        let visible = cameras.view.may_see(&node.entry.sphere);
         if pinned.binary_search(&index).is_err() {
-            let above = raw_priority(index, node, view, step) > view.target_pixels;
-            if priority <= view.target_pixels {
+            if priority <= target {
                 continue;
             }
             full = full || !room.take(node, scalars);
             if full {
-                out.limited |= above;
+                out.limited |= raw_priority(index, node, &cameras.view, cameras.step) > target;
                 continue;
             }
         }
-        out.order.push(index);
-        out.priority.insert(index, priority);
+        out.ranks.insert(index, Rank { visible, priority });
         for &child in nodes.children(index) {
             let Some(node) = nodes.get(child) else { continue };
             let count = parents_in.entry(child).or_insert(0);
             *count += 1;
             if *count == Nodes::parent_count(node) {
                 let bonus = if node.is_held() { HELD_BONUS } else { 1.0 };
-                let own = raw_priority(child, node, view, step) * bonus;
+                let own = cameras.priority(child, node) * bonus;
                 heap.push(Candidate { priority: own.min(priority), index: child });
             }
         }
     }
+    let mut order: Vec<(u32, Rank)> = out.ranks.iter().map(|(&i, &r)| (i, r)).collect();
+    order.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    out.order = order.into_iter().map(|(i, _)| i).collect();
     out
 }

@@ -3,10 +3,14 @@
 use crate::command::{Budgets, Command, Event, RequestId, Stats, Step};
 use crate::fetch::{PageRetry, Request, retry_time};
 use crate::nodes::{Nodes, State};
-use crate::select::{self, Wanted};
+use crate::predict::Predictor;
+use crate::select::{self, Cameras, Wanted};
 use crate::view::View;
 use kilwa_pack::{DirectoryEntry, Head, Header, NO_DIAMOND, PAGE_BYTES, PatchRange, directory};
 use std::collections::{BTreeMap, BTreeSet};
+
+/// When a request that failed is tried again at the latest once another one succeeds, milliseconds.
+const SOON_MS: f64 = 250.0;
 
 /// Streams one pack. See the crate's documentation.
 #[derive(Debug, Clone)]
@@ -20,10 +24,15 @@ pub struct Streamer {
     pub(crate) requests: BTreeMap<RequestId, Request>,
     pub(crate) next_request: RequestId,
     pub(crate) page_retries: BTreeMap<u32, PageRetry>,
+    /// A request failed since the last answer that came.
+    network_failed: bool,
     pub(crate) requests_made: u64,
     /// Encoded bytes of the chunks being decoded.
     pub(crate) decoding_bytes: u64,
     pinned: Vec<u32>,
+    predictor: Predictor,
+    /// Pages that the view waits for, as of the last step.
+    pub(crate) pages_missing: usize,
     gpu_bytes: u64,
     cpu_bytes: u64,
     bytes_received: u64,
@@ -45,9 +54,12 @@ impl Streamer {
             requests: BTreeMap::new(),
             next_request: crate::HEAD_REQUEST + 1,
             page_retries: BTreeMap::new(),
+            network_failed: false,
             requests_made: 0,
             decoding_bytes: 0,
             pinned: Vec::new(),
+            predictor: Predictor::default(),
+            pages_missing: 0,
             gpu_bytes: 0,
             cpu_bytes: 0,
             bytes_received: 0,
@@ -98,7 +110,8 @@ impl Streamer {
         }
         let scalars = self.header.attributes.scalars;
         let step = self.header.lattice.step();
-        let wanted = select::wanted(&self.nodes, view, step, &self.budgets, scalars, &self.pinned);
+        let cameras = Cameras { view: *view, predicted: self.predictor.update(now_ms, view), step };
+        let wanted = select::wanted(&self.nodes, &cameras, &self.budgets, scalars, &self.pinned);
         // Answers first: their decoding frees no memory, but the bytes are here now.
         for (chunk, request, offset) in arrived {
             self.push_decode(chunk, request, offset, &mut commands);
@@ -114,12 +127,16 @@ impl Streamer {
         stats.triangles_drawn = quality.triangles;
         stats.worst_pixel_error = quality.pixels;
         stats.worst_error_metres = quality.metres;
+        let shown: BTreeSet<u32> = draw.iter().filter(|d| d.visible).map(|d| d.chunk).collect();
+        stats.chunks_shown = shown.len() as u32;
+        stats.bytes_shown = shown.iter().filter_map(|&c| self.entry(c)).map(|e| u64::from(e.encoded_bytes)).sum();
         stats.target_reached = quality.pixels <= view.target_pixels;
         Step { commands, draw, stats }
     }
 
     fn apply(&mut self, event: Event, now_ms: f64, arrived: &mut Vec<(u32, RequestId, u64)>) {
         match event {
+            Event::Progress { request, length } => self.take_progress(request, length, arrived),
             Event::Bytes { request, length } => self.take_bytes(request, length, now_ms, arrived),
             Event::PageBytes { request, bytes } => self.take_pages(request, &bytes, now_ms),
             Event::Failed { request } => {
@@ -130,7 +147,7 @@ impl Streamer {
             Event::Decoded { chunk, patches } => self.take_decoded(chunk, patches, now_ms),
             Event::DecodeFailed { chunk } => {
                 if self.nodes.get(chunk).is_some_and(|n| n.state == State::Decoding) {
-                    self.fail_chunk(chunk, now_ms);
+                    self.fail_chunk(chunk, now_ms, true);
                 }
             }
             Event::GpuLost => {
@@ -150,13 +167,42 @@ impl Streamer {
             self.fail_request(request, &r, now_ms);
             return;
         }
+        self.network_works(now_ms);
+        self.decode_parts(request, &r, length, arrived);
+    }
+
+    fn take_progress(&mut self, request: RequestId, length: u64, arrived: &mut Vec<(u32, RequestId, u64)>) {
+        let Some(r) = self.requests.get(&request).filter(|r| r.kind == crate::FetchKind::Chunks).cloned() else {
+            return;
+        };
+        self.decode_parts(request, &r, length, arrived);
+    }
+
+    /// Decode the chunks of a request that lie in its first `length` bytes and are still waited for.
+    fn decode_parts(&mut self, request: RequestId, r: &Request, length: u64, arrived: &mut Vec<(u32, RequestId, u64)>) {
         for &chunk in &r.parts {
             let Some(node) = self.nodes.get_mut(chunk) else { continue };
-            if node.state == State::Requested(request) {
+            let at = node.entry.offset - r.offset;
+            let is_there = at + u64::from(node.entry.encoded_bytes) <= length;
+            if is_there && node.state == State::Requested(request) {
                 node.state = State::Decoding;
                 self.decoding_bytes += u64::from(node.entry.encoded_bytes);
-                arrived.push((chunk, request, node.entry.offset - r.offset));
+                arrived.push((chunk, request, at));
             }
+        }
+    }
+
+    /// An answer came: what failed because of the network is tried again soon instead of waiting its time out.
+    fn network_works(&mut self, now_ms: f64) {
+        if !std::mem::take(&mut self.network_failed) {
+            return;
+        }
+        for node in self.nodes.iter_mut().filter(|n| n.attempts > 0 && !n.damaged) {
+            node.attempts = 1;
+            node.retry_at = node.retry_at.min(now_ms + SOON_MS);
+        }
+        for retry in self.page_retries.values_mut().filter(|r| r.attempts > 0) {
+            retry.retry_at = retry.retry_at.min(now_ms + SOON_MS);
         }
     }
 
@@ -189,11 +235,12 @@ impl Streamer {
             inside && (p.diamond == NO_DIAMOND || (p.diamond > chunk && p.diamond < entry_count))
         });
         if !sound {
-            self.fail_chunk(chunk, now_ms);
+            self.fail_chunk(chunk, now_ms, true);
             return;
         }
         node.state = State::Decoded;
         node.attempts = 0;
+        node.damaged = false;
         node.patches = patches;
         self.decoding_bytes -= u64::from(node.entry.encoded_bytes);
     }
@@ -204,7 +251,7 @@ impl Streamer {
                 crate::FetchKind::Pages => self.fail_page(part, now_ms),
                 crate::FetchKind::Chunks => {
                     if self.nodes.get(part).is_some_and(|n| n.state == State::Requested(request)) {
-                        self.fail_chunk(part, now_ms);
+                        self.fail_chunk(part, now_ms, false);
                     }
                 }
             }
@@ -213,17 +260,20 @@ impl Streamer {
 
     fn fail_page(&mut self, page: u32, now_ms: f64) {
         self.failures += 1;
+        self.network_failed = true;
         let retry = self.page_retries.entry(page).or_default();
         retry.attempts = retry.attempts.saturating_add(1);
         retry.retry_at = retry_time(now_ms, retry.attempts, u64::from(page) << 32);
         retry.in_flight = false;
     }
 
-    fn fail_chunk(&mut self, chunk: u32, now_ms: f64) {
+    fn fail_chunk(&mut self, chunk: u32, now_ms: f64, damaged: bool) {
         self.failures += 1;
+        self.network_failed |= !damaged;
         self.release(chunk);
         if let Some(node) = self.nodes.get_mut(chunk) {
             node.attempts = node.attempts.saturating_add(1);
+            node.damaged = damaged;
             node.retry_at = retry_time(now_ms, node.attempts, u64::from(chunk));
         }
     }
@@ -325,6 +375,8 @@ impl Streamer {
             chunks_wanted: wanted.order.len() as u32,
             requests_in_flight: self.requests.len() as u32,
             requests_made: self.requests_made,
+            bytes_in_flight: self.bytes_in_flight(),
+            pages_missing: self.pages_missing as u32,
             bytes_received: self.bytes_received,
             failures: self.failures,
             gpu_bytes: self.gpu_bytes,
@@ -353,11 +405,14 @@ impl Streamer {
             stats.retry_in_ms = (retry_at - now_ms).max(0.0);
         }
         let resident = |i: &&u32| self.nodes.get(**i).is_some_and(|n| n.state == State::Resident);
+        let on_the_way =
+            |i: &&u32| self.nodes.get(**i).is_some_and(|n| matches!(n.state, State::Requested(_) | State::Decoding));
+        stats.chunks_in_flight = self.held.iter().filter(on_the_way).count() as u32;
         stats.chunks_resident = self.held.iter().filter(resident).count() as u32;
         stats.settled = stats.chunks_missing == 0
             && self.requests.is_empty()
             && self.decoding_bytes == 0
-            && self.nodes.page_count() == self.header.page_count() as usize;
+            && self.pages_missing == 0;
         stats
     }
 }

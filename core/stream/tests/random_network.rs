@@ -2,7 +2,7 @@
 
 mod support;
 
-use kilwa_stream::{Budgets, Event, Step, Streamer};
+use kilwa_stream::{Budgets, Event, Step, Streamer, View};
 use proptest::prelude::*;
 use support::{Faults, Pack, Random, World, random_view};
 
@@ -19,16 +19,26 @@ fn budgets() -> impl Strategy<Value = Budgets> {
     )
 }
 
-/// Fly about with a bad network, then rest with a good one until nothing moves. The last step, and the log.
-fn fly(pack: &Pack, seed: u64, budgets: Budgets, faults: Faults) -> (Streamer, Step, Vec<String>) {
+/// How a flight ended.
+struct Landed {
+    streamer: Streamer,
+    step: Step,
+    view: View,
+    log: Vec<String>,
+}
+
+/// Fly about with a bad network, by jumps and glides, then rest with a good one until nothing moves.
+fn fly(pack: &Pack, seed: u64, budgets: Budgets, faults: Faults) -> Landed {
     let mut streamer = Streamer::new(&pack.head, pack.head_bytes, budgets);
     let mut world = World::new(pack, seed, budgets, faults);
     let mut random = Random(seed ^ 7);
     let mut view = random_view(&mut random);
     let mut now = 0;
     for _ in 0..60 {
-        if random.below(6) == 0 {
-            view = random_view(&mut random);
+        match random.below(12) {
+            0 | 1 => view = random_view(&mut random),
+            2..8 => view.eye = std::array::from_fn(|i| view.eye[i] + 6.0 * view.forward[i] + 3.0 * view.right[i]),
+            _ => {}
         }
         let mut events = world.due(now);
         if random.below(40) == 0 {
@@ -44,7 +54,7 @@ fn fly(pack: &Pack, seed: u64, budgets: Budgets, faults: Faults) -> (Streamer, S
         let step = streamer.step(&view, now as f64, events);
         world.take(now, &step, &streamer);
         if step.stats.settled && step.commands.is_empty() && world.is_quiet() {
-            return (streamer, step, world.log);
+            return Landed { streamer, step, view, log: world.log };
         }
         now += if step.stats.retry_in_ms > 0.0 && world.is_quiet() { step.stats.retry_in_ms as u64 + 1 } else { 10 };
     }
@@ -60,7 +70,7 @@ proptest! {
         seed in any::<u64>(), splits in 1usize..300, budgets in budgets(), fail in 0usize..60, garble in 0usize..30,
     ) {
         let pack = Pack::random(seed, splits);
-        let (_, step, _) = fly(&pack, seed, budgets, Faults { fail, garble });
+        let Landed { step, .. } = fly(&pack, seed, budgets, Faults { fail, garble });
         prop_assert!(step.stats.target_reached || step.stats.budget_limited, "{:?}", step.stats);
         prop_assert!(step.stats.worst_pixel_error.is_finite());
     }
@@ -70,7 +80,7 @@ proptest! {
         seed in any::<u64>(), splits in 1usize..300, fail in 0usize..60, garble in 0usize..30,
     ) {
         let pack = Pack::random(seed, splits);
-        let (_, step, _) = fly(&pack, seed, Budgets::default(), Faults { fail, garble });
+        let Landed { step, .. } = fly(&pack, seed, Budgets::default(), Faults { fail, garble });
         prop_assert!(step.stats.target_reached && !step.stats.budget_limited, "{:?}", step.stats);
     }
 
@@ -78,22 +88,13 @@ proptest! {
     fn the_same_flight_gives_the_same_commands(seed in any::<u64>(), budgets in budgets()) {
         let pack = Pack::random(seed, 120);
         let faults = Faults { fail: 20, garble: 10 };
-        prop_assert_eq!(fly(&pack, seed, budgets, faults).2, fly(&pack, seed, budgets, faults).2);
+        prop_assert_eq!(fly(&pack, seed, budgets, faults).log, fly(&pack, seed, budgets, faults).log);
     }
 
     #[test]
     fn a_camera_at_rest_is_a_picture_at_rest(seed in any::<u64>(), budgets in budgets()) {
         let pack = Pack::random(seed, 200);
-        let (mut streamer, last, _) = fly(&pack, seed, budgets, Faults { fail: 10, garble: 5 });
-        let mut random = Random(seed ^ 7);
-        let mut view = random_view(&mut random);
-        for _ in 0..60 {
-            if random.below(6) == 0 {
-                view = random_view(&mut random);
-            }
-            random.below(40);
-            random.below(60);
-        }
+        let Landed { mut streamer, step: last, view, .. } = fly(&pack, seed, budgets, Faults { fail: 10, garble: 5 });
         for k in 0..5 {
             let step = streamer.step(&view, 1e9 + f64::from(k), []);
             prop_assert_eq!(&step.commands, &Vec::new());
@@ -123,7 +124,7 @@ fn events_that_nobody_asked_for_change_nothing() {
 fn neighbouring_chunks_come_in_one_request() {
     let pack = Pack::random(11, 200);
     let budgets = Budgets { bytes_in_flight: 64 << 20, request_bytes: 1 << 20, ..Budgets::default() };
-    let (streamer, step, log) = fly(&pack, 11, budgets, Faults { fail: 0, garble: 0 });
+    let Landed { streamer, step, log, .. } = fly(&pack, 11, budgets, Faults { fail: 0, garble: 0 });
     let requests = log.iter().filter(|l| l.contains("Fetch")).count();
     let decoded = log.iter().filter(|l| l.contains("Decode {")).count();
     assert!(streamer.is_resident(0) && step.stats.settled);
@@ -133,7 +134,7 @@ fn neighbouring_chunks_come_in_one_request() {
 #[test]
 fn a_lost_gpu_is_filled_again() {
     let pack = Pack::random(5, 80);
-    let (mut streamer, last, _) = fly(&pack, 5, Budgets::default(), Faults { fail: 0, garble: 0 });
+    let Landed { mut streamer, step: last, .. } = fly(&pack, 5, Budgets::default(), Faults { fail: 0, garble: 0 });
     assert!(!last.draw.is_empty());
     let step = streamer.step(&random_view(&mut Random(1)), 1e9, [Event::GpuLost]);
     assert!(step.draw.is_empty(), "nothing is resident after the loss");

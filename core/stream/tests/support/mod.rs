@@ -1,9 +1,11 @@
 //! Random packs (directories only) and a network that is slow, loses, garbles and reorders.
+#![allow(dead_code, reason = "each test file uses its part")]
 
 use kilwa_geometry::{Aabb, DiamondKey, Lattice, Sphere, Tetra};
 use kilwa_pack::{
     Attributes, DirectoryEntry, ENTRIES_PER_PAGE, Head, Header, Metadata, NO_DIAMOND, PatchRange, directory,
 };
+use kilwa_stream::sim::Store;
 use kilwa_stream::{Budgets, Command, Event, FetchKind, Projection, Step, Streamer, View};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -95,7 +97,7 @@ impl Pack {
                 vertices: triangles[chunk] + 2,
                 triangles: triangles[chunk],
                 level,
-                error: (2f64.powf(-f64::from(level) / 3.0) * (0.01 + 0.04 * random.unit())) as f32,
+                error: (libm::exp2(-f64::from(level) / 3.0) * (0.01 + 0.04 * random.unit())) as f32,
                 color_error: 0.0,
                 sphere: Sphere::of(&points),
                 bounds: Aabb::of(&points),
@@ -141,6 +143,32 @@ impl Pack {
     pub(crate) fn gpu_bytes(&self, chunk: u32) -> u64 {
         let e = &self.entries[chunk as usize];
         u64::from(e.vertices) * 20 + u64::from(e.triangles) * 12
+    }
+}
+
+/// The pack as the far end of a simulated link.
+impl Store for &Pack {
+    fn pages(&mut self, offset: u64, length: u64) -> Option<Vec<u8>> {
+        let first = (offset.checked_sub(self.head.header.other_pages)? / 16_384) as u32 + 1;
+        Some((first..first + (length / 16_384) as u32).flat_map(|p| self.page(p)).collect())
+    }
+
+    fn patches(&mut self, chunk: u32) -> Option<Vec<PatchRange>> {
+        self.patches.get(chunk as usize).cloned()
+    }
+}
+
+/// What must hold of every step, whatever happens on the network: what is drawn is resident and a cut, and memory is
+/// within its budget.
+pub(crate) fn assert_sound(pack: &Pack, step: &Step, streamer: &Streamer) {
+    let gpu_bytes = streamer.budgets().gpu_bytes;
+    assert!(step.stats.gpu_bytes <= gpu_bytes.max(pack.gpu_bytes(0)), "{} bytes of GPU memory", step.stats.gpu_bytes);
+    let drawn: BTreeSet<(u32, u32)> = step.draw.iter().map(|d| (d.chunk, d.patch)).collect();
+    assert_eq!(drawn.len(), step.draw.len(), "a patch is drawn twice");
+    assert!(drawn.iter().all(|(c, _)| streamer.is_resident(*c)), "a chunk is drawn that is not resident");
+    assert_eq!(step.draw.is_empty(), !streamer.is_resident(0), "something is drawn exactly when the root is there");
+    if !drawn.is_empty() {
+        assert_eq!(pack.fault(&drawn), None);
     }
 }
 
@@ -207,9 +235,10 @@ pub(crate) fn random_view(random: &mut Random) -> View {
     let side = f64::from(1 << CUBE_LOG2);
     let eye: [f64; 3] = std::array::from_fn(|_| (random.unit() * 2.0 - 0.5) * side);
     let (a, h) = (random.unit() * 6.3, random.unit() * 1.8 - 0.9);
-    let r = (1.0 - h * h).sqrt();
-    let forward = [r * a.cos(), r * a.sin(), h];
-    let right = [a.sin(), -a.cos(), 0.0];
+    let r = libm::sqrt(1.0 - h * h);
+    let (sin, cos) = libm::sincos(a);
+    let forward = [r * cos, r * sin, h];
+    let right = [sin, -cos, 0.0];
     let up = kilwa_geometry::distance::cross(right, forward);
     let projection = if random.below(5) == 0 {
         Projection::Orthographic { half_height: side * (0.02 + random.unit()) }
@@ -336,6 +365,11 @@ impl<'p> World<'p> {
             }
             Event::PageBytes { request, bytes }
         } else {
+            if self.random.below(3) == 0 {
+                self.sequence += 1;
+                let length = self.random.below(length as usize) as u64;
+                self.queue.insert((now + 1, self.sequence), Event::Progress { request, length });
+            }
             let short = u64::from(self.random.below(100) < self.faults.garble);
             Event::Bytes { request, length: length - short }
         };
@@ -349,14 +383,8 @@ impl<'p> World<'p> {
         let gpu: u64 = self.uploaded.iter().map(|&c| self.pack.gpu_bytes(c)).sum();
         let only_root = self.uploaded.iter().all(|&c| c == 0);
         assert!(gpu <= self.budgets.gpu_bytes || only_root, "{gpu} bytes of GPU memory");
-        assert!(step.stats.gpu_bytes <= self.budgets.gpu_bytes.max(self.pack.gpu_bytes(0)));
-        let drawn: BTreeSet<(u32, u32)> = step.draw.iter().map(|d| (d.chunk, d.patch)).collect();
-        assert_eq!(drawn.len(), step.draw.len(), "a patch is drawn twice");
-        assert!(drawn.iter().all(|(c, _)| self.uploaded.contains(c)), "a chunk is drawn that is not resident");
-        assert_eq!(step.draw.is_empty(), !streamer.is_resident(0), "something is drawn exactly when the root is there");
-        if !drawn.is_empty() {
-            assert_eq!(self.pack.fault(&drawn), None);
-        }
+        assert!(step.draw.iter().all(|d| self.uploaded.contains(&d.chunk)), "a chunk is drawn that is not uploaded");
+        assert_sound(self.pack, step, streamer);
     }
 
     /// Whether nothing is on its way.

@@ -1,0 +1,133 @@
+//! Where the camera will be in a moment, from where it was: what is prefetched.
+//!
+//! A camera that glides keeps gliding for the time that a request takes; one that jumps (a bookmark, a search result)
+//! or rests predicts nothing. Pure: views and times in, a view out.
+
+use crate::view::{Projection, View};
+use kilwa_geometry::distance::{Vec3, cross, dot, sub};
+
+/// How far ahead, milliseconds: about what a request and its decoding take.
+const HORIZON_MS: f64 = 600.0;
+/// Steps farther apart than this are no movement that goes on.
+const LONGEST_STEP_MS: f64 = 250.0;
+/// A movement whose speed changes by more than this factor between two steps is a jump.
+const STEADY: f64 = 4.0;
+
+/// Remembers the last movement.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Predictor {
+    last: Option<(f64, View)>,
+    /// Speed of the last movement, in pixels of the picture per millisecond, 0 at rest.
+    speed: f64,
+}
+
+impl Predictor {
+    /// Take in where the camera is; where it will be, unless it rests or jumped.
+    pub(crate) fn update(&mut self, now_ms: f64, view: &View) -> Option<View> {
+        let (before, was) = self.last.replace((now_ms, *view))?;
+        let elapsed = now_ms - before;
+        let is_usual = elapsed > 0.0 && elapsed <= LONGEST_STEP_MS;
+        let speed = if is_usual && was.size == view.size { distance(&was, view) / elapsed } else { 0.0 };
+        let previous = std::mem::replace(&mut self.speed, speed);
+        let is_steady = speed > 0.0 && previous > 0.0 && (1.0 / STEADY..STEADY).contains(&(speed / previous));
+        if is_steady { ahead(&was, view, HORIZON_MS / elapsed) } else { None }
+    }
+}
+
+/// How much the picture changed, in pixels, roughly.
+fn distance(a: &View, b: &View) -> f64 {
+    let length = |v: Vec3| libm::sqrt(dot(v, v));
+    let half_pixels = f64::from(b.size[1].max(1)) * 0.5;
+    let turned = length(sub(b.forward, a.forward)) + length(sub(b.up, a.up));
+    let moved = length(sub(b.eye, a.eye));
+    match (a.projection, b.projection) {
+        // `near` is a fixed share of the distance to what is looked at.
+        (Projection::Perspective { tan_half_height }, Projection::Perspective { .. }) => {
+            (turned + moved / (b.near * 1e3).max(1.0)) * half_pixels / tan_half_height
+        }
+        (Projection::Orthographic { half_height: x }, Projection::Orthographic { half_height: y }) => {
+            (turned + moved / y + (x / y - 1.0).abs()) * half_pixels
+        }
+        _ => 0.0,
+    }
+}
+
+/// The same movement, `times` as far again.
+fn ahead(was: &View, is: &View, times: f64) -> Option<View> {
+    let on = |a: Vec3, b: Vec3| -> Vec3 { std::array::from_fn(|i| b[i] + (b[i] - a[i]) * times) };
+    let unit = |v: Vec3| {
+        let length = libm::sqrt(dot(v, v));
+        (length > 1e-6).then(|| v.map(|x| x / length))
+    };
+    let forward = unit(on(was.forward, is.forward))?;
+    let right = unit(cross(forward, on(was.up, is.up)))?;
+    let projection = match (was.projection, is.projection) {
+        (Projection::Orthographic { half_height: x }, Projection::Orthographic { half_height: y }) => {
+            // A zoom goes on by the same factor per step, within reason.
+            let factor = libm::pow(y / x, times).clamp(0.1, 10.0);
+            Projection::Orthographic { half_height: y * factor }
+        }
+        (_, projection) => projection,
+    };
+    let eye = on(was.eye, is.eye);
+    Some(View { eye, forward, right, up: cross(right, forward), projection, ..*is })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(x: f64) -> View {
+        View {
+            eye: [x, 0.0, 0.0],
+            right: [1.0, 0.0, 0.0],
+            up: [0.0, 0.0, 1.0],
+            forward: [0.0, 1.0, 0.0],
+            anchor: [x, 0.0, 0.0],
+            projection: Projection::Perspective { tan_half_height: 0.5 },
+            size: [800, 600],
+            near: 1.0,
+            far: f64::INFINITY,
+            target_pixels: 1.0,
+        }
+    }
+
+    #[test]
+    fn a_glide_goes_on_and_a_rest_predicts_nothing() {
+        let mut p = Predictor::default();
+        assert_eq!(p.update(0.0, &at(0.0)), None);
+        assert_eq!(p.update(20.0, &at(1.0)), None, "one movement may be a jump");
+        let next = p.update(40.0, &at(2.0)).unwrap();
+        assert!((next.eye[0] - 32.0).abs() < 1e-9, "{:?}", next.eye);
+        assert_eq!(p.update(60.0, &at(2.0)), None);
+        assert_eq!(p.update(80.0, &at(2.0)), None);
+    }
+
+    #[test]
+    fn a_jump_predicts_nothing() {
+        let mut p = Predictor::default();
+        for (k, x) in [0.0, 1.0, 2.0].into_iter().enumerate() {
+            p.update(k as f64 * 20.0, &at(x));
+        }
+        assert_eq!(p.update(60.0, &at(5000.0)), None);
+        assert_eq!(p.update(80.0, &at(5000.0)), None);
+        assert_eq!(p.update(2000.0, &at(5001.0)), None);
+    }
+
+    #[test]
+    fn axes_stay_orthogonal() {
+        let mut p = Predictor::default();
+        let mut turned = None;
+        for k in 0..4 {
+            let a = 0.1 * f64::from(k);
+            let (s, c) = (libm::sin(a), libm::cos(a));
+            let view = View { forward: [s, c, 0.0], right: [c, -s, 0.0], ..at(0.0) };
+            turned = p.update(f64::from(k) * 100.0, &view);
+        }
+        let v = turned.unwrap();
+        for (a, b) in [(v.right, v.up), (v.right, v.forward), (v.up, v.forward)] {
+            assert!(dot(a, b).abs() < 1e-9);
+        }
+        assert!(v.forward[0] > libm::sin(0.3));
+    }
+}

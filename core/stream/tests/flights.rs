@@ -1,0 +1,165 @@
+//! A recorded flight over simulated links: the commands are the same on every machine, byte by byte (`tests/snapshots`; written
+//! anew with `KILWA_BLESS=1`), every step is sound, and at every stop the target is reached, after any failure.
+
+mod support;
+
+use kilwa_geometry::distance::{cross, dot};
+use kilwa_stream::sim::{Decoders, Flight, Link, Simulator};
+use kilwa_stream::{Budgets, Projection, Streamer, View};
+use std::fmt::Write as _;
+use std::path::Path;
+use support::{Pack, assert_sound};
+
+const FRAME_MS: f64 = 1000.0 / 60.0;
+
+/// The server is away for this minute.
+const AWAY_MS: (f64, f64) = (34_500.0, 94_500.0);
+
+/// A camera inside or outside the cube of 4096 steps, looking at a place.
+fn look(eye: [f64; 3], at: [f64; 3]) -> View {
+    let unit = |v: [f64; 3]| v.map(|x| x / libm::sqrt(dot(v, v)));
+    let forward = unit(std::array::from_fn(|i| at[i] - eye[i]));
+    let right = unit(cross(forward, [0.0, 0.0, 1.0]));
+    View {
+        eye,
+        right,
+        up: cross(right, forward),
+        forward,
+        anchor: eye,
+        projection: Projection::Perspective { tan_half_height: 0.4 },
+        size: [1280, 720],
+        near: 1.0,
+        far: f64::INFINITY,
+        target_pixels: 3.0,
+    }
+}
+
+/// Looks, glides, looks, glides, jumps: 150 s with four stops.
+fn flight() -> Flight {
+    let middle = [2048.0; 3];
+    let a = look([-4500.0, -5200.0, 4000.0], middle);
+    let b = look([900.0, 400.0, 2400.0], [1800.0, 2500.0, 1500.0]);
+    let c = look([3300.0, 900.0, 2600.0], [1500.0, 2500.0, 1500.0]);
+    let d = look([3000.0, 5200.0, 3000.0], middle);
+    let keys = [(0.0, a), (30.0, a), (34.0, b), (60.0, b), (63.0, c), (90.0, c), (90.001, d), (150.0, d)];
+    Flight::new(a, keys.into_iter().map(|(s, v)| (s * 1e3, v)).collect())
+}
+
+/// Fly, check every step, and tell what happened in a few lines.
+fn tell(link: Link, budgets: Budgets) -> String {
+    let pack = Pack::random(9, 400);
+    let flight = flight();
+    let streamer = Streamer::new(&pack.head, pack.head_bytes, budgets);
+    let mut sim = Simulator::new(streamer, pack.head_bytes, &pack, link, Decoders::default());
+    let mut told = String::new();
+    writeln!(
+        told,
+        "{:.3} Mbit/s, {} ms, {} % fail, away {:?}",
+        link.bits_per_second / 1e6,
+        link.latency_ms,
+        link.failures_percent,
+        link.outage_ms
+    )
+    .unwrap();
+    let mut from = 0.0;
+    for (begins, ends) in flight.stops(1000.0) {
+        let mut reached = f64::NAN;
+        let mut last = None;
+        // The simulator is told of every frame, also of those in which nothing happens, until the end of the stop.
+        let mut steps = Vec::new();
+        sim.fly(&flight, from, ends, FRAME_MS, |now, step| {
+            if now >= begins && reached.is_nan() && step.stats.target_reached {
+                reached = now - begins;
+            }
+            steps.push(step.clone());
+        });
+        for step in steps {
+            // `is_resident` is asked of the streamer as it is now, so only what the step itself says is checked here.
+            let drawn = step.draw.iter().map(|d| (d.chunk, d.patch)).collect();
+            assert!(step.draw.is_empty() || pack.fault(&drawn).is_none(), "{:?}", pack.fault(&drawn));
+            assert!(step.stats.gpu_bytes <= budgets.gpu_bytes);
+            last = Some(step);
+        }
+        let step = last.expect("a stop has steps");
+        assert_sound(&pack, &step, sim.streamer());
+        assert!(!step.draw.is_empty(), "the model stays on screen");
+        if link.outage_ms.is_none_or(|(away, back)| ends < away || ends > back) {
+            assert!(step.stats.target_reached || step.stats.budget_limited, "at {ends} ms: {:?}", step.stats);
+            assert!(step.stats.settled, "at {ends} ms: {:?}", step.stats);
+        }
+        let s = step.stats;
+        writeln!(
+            told,
+            "stop at {} s: target after {reached:.0} ms; {} of {} chunks resident are shown, {} triangles, {:.2} px",
+            begins / 1e3,
+            s.chunks_shown,
+            s.chunks_resident,
+            s.triangles_drawn,
+            s.worst_pixel_error
+        )
+        .unwrap();
+        from = ends;
+    }
+    writeln!(told, "{:?}", sim.totals()).unwrap();
+    let hash: String = kilwa_pack::checksum(sim.log().as_bytes()).iter().map(|b| format!("{b:02x}")).collect();
+    writeln!(told, "log: {} lines, BLAKE3 {hash}; it begins", sim.log().lines().count()).unwrap();
+    for line in sim.log().lines().take(12) {
+        writeln!(told, "  {line}").unwrap();
+    }
+    told
+}
+
+fn compare(name: &str, link: Link, budgets: Budgets) {
+    let told = tell(link, budgets);
+    assert_eq!(told, tell(link, budgets), "two flights are one");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/snapshots/{name}.txt"));
+    if std::env::var_os("KILWA_BLESS").is_some() {
+        std::fs::write(&path, &told).unwrap();
+    }
+    let kept = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(told == kept, "{} is not what happens now (KILWA_BLESS=1 writes it anew):\n{told}", path.display());
+}
+
+#[test]
+fn a_fast_link() {
+    compare("fast", Link::FAST, Budgets::default());
+}
+
+#[test]
+fn ten_megabits() {
+    compare("ten_megabits", Link::COMMON, Budgets::default());
+}
+
+#[test]
+fn two_megabits_with_failures() {
+    compare("two_megabits_with_failures", Link::SLOW.failing(5), Budgets::default());
+}
+
+#[test]
+fn a_server_that_fails_for_a_minute() {
+    // Two stops lie in that minute, and the third begins in it.
+    let link = Link::COMMON.with_outage(AWAY_MS.0, AWAY_MS.1);
+    compare("a_server_that_fails", link, Budgets::default());
+}
+
+#[test]
+fn little_memory() {
+    compare("little_memory", Link::COMMON, Budgets { gpu_bytes: 700_000, cpu_bytes: 700_000, ..Budgets::default() });
+}
+
+#[test]
+fn while_a_camera_glides_what_it_will_see_is_loaded() {
+    // The same flight with and without the frames between, by which the movement is known.
+    let pack = Pack::random(9, 400);
+    let flight = flight();
+    let asked_until = |frame_ms: f64| {
+        let streamer = Streamer::new(&pack.head, pack.head_bytes, Budgets::default());
+        let mut sim = Simulator::new(streamer, pack.head_bytes, &pack, Link::FAST, Decoders::default());
+        sim.fly(&flight, 0.0, 30_000.0, FRAME_MS, |_, _| {});
+        let before = sim.totals().bytes;
+        sim.fly(&flight, 30_000.0, 30_600.0, frame_ms, |_, _| {});
+        sim.totals().bytes - before
+    };
+    let (gliding, leaping) = (asked_until(FRAME_MS), asked_until(300.0));
+    assert!(gliding > leaping, "{gliding} bytes with a prediction, {leaping} without");
+}
