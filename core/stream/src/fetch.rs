@@ -244,10 +244,7 @@ impl Streamer {
         let ways: &[bool] = if alone { &[] } else { &[true, false] };
         for &forward in ways {
             let mut at = index;
-            loop {
-                let Some(next) = self.next_in_file(at, forward, wanted, now_ms, wanted.is_visible(index)) else {
-                    break;
-                };
+            while let Some(next) = self.next_in_file(at, forward, wanted, now_ms, wanted.is_visible(index)) {
                 let Some((from, to)) = self.range(next) else { break };
                 let (new_start, new_end) = (start.min(from), end.max(to));
                 let length = new_end - new_start;
