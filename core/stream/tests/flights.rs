@@ -101,8 +101,8 @@ fn tell(link: Link, budgets: Budgets) -> String {
         from = ends;
     }
     writeln!(told, "{:?}", sim.totals()).unwrap();
-    let hash: String = kilwa_pack::checksum(sim.log().as_bytes()).iter().map(|b| format!("{b:02x}")).collect();
-    writeln!(told, "log: {} lines, BLAKE3 {hash}; it begins", sim.log().lines().count()).unwrap();
+    let hash = u128::from_be_bytes(kilwa_pack::checksum(sim.log().as_bytes()));
+    writeln!(told, "log: {} lines, BLAKE3 {hash:032x}; it begins", sim.log().lines().count()).unwrap();
     for line in sim.log().lines().take(12) {
         writeln!(told, "  {line}").unwrap();
     }
