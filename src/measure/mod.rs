@@ -16,7 +16,7 @@ use clap::Subcommand;
 use kilwa_geometry::distance::Vec3;
 use kilwa_measure::{Dimension, LengthUnit, Plane, PointTool, Reading, Space, Uncertainty};
 use kilwa_pack::Reader;
-use place::{Place, places, positions};
+use place::{Given, Place, along_rays, places, positions};
 use report::Report;
 use serde_json::json;
 use std::path::PathBuf;
@@ -41,6 +41,9 @@ pub(crate) struct Args {
     /// Take positions as they are instead of the nearest points of the surface.
     #[arg(long, global = true)]
     exact: bool,
+    /// Points are given as rays, six numbers each: origin and direction; what counts is where they meet the surface first.
+    #[arg(long, global = true, conflicts_with = "exact")]
+    rays: bool,
 }
 
 /// Numbers of positions.
@@ -57,7 +60,7 @@ pub(crate) struct Points {
 #[group(multiple = false)]
 pub(crate) struct PlaneArgs {
     /// A point and a normal: X,Y,Z,NX,NY,NZ in world coordinates.
-    #[arg(long, value_name = "X,Y,Z,NX,NY,NZ", allow_hyphen_values = true, value_delimiter = ',', num_args = 6)]
+    #[arg(long, value_name = "X,Y,Z,NX,NY,NZ", allow_hyphen_values = true, value_delimiter = ',')]
     plane: Option<Vec<f64>>,
     /// The upright plane x = METRES, seen from the east.
     #[arg(long, value_name = "METRES", allow_hyphen_values = true)]
@@ -76,6 +79,7 @@ enum Tool {
     /// The point of the surface nearest to a position.
     Coordinate(Points),
     /// From the first point to the last by way of the others: straight, horizontal, vertical.
+    #[command(allow_negative_numbers = true)]
     Distance {
         #[command(flatten)]
         points: Points,
@@ -87,6 +91,7 @@ enum Tool {
         along: bool,
     },
     /// The angle at the second of three points.
+    #[command(allow_negative_numbers = true)]
     Angle {
         #[command(flatten)]
         points: Points,
@@ -97,6 +102,7 @@ enum Tool {
     /// The height of the last point above the plane fitted to the others.
     Height(Points),
     /// Area of the polygon through points: in its plane, in plan, and of the surface inside; without points, of the whole surface.
+    #[command(allow_negative_numbers = true)]
     Area {
         /// x y z of each corner, metres.
         #[arg(num_args = 1.., value_name = "X Y Z", value_delimiter = ',')]
@@ -106,6 +112,7 @@ enum Tool {
         reach: Option<f64>,
     },
     /// The volume that a closed surface encloses; with points, cut and fill of the surface inside the polygon against a plane.
+    #[command(allow_negative_numbers = true)]
     Volume {
         /// x y z of each corner, metres.
         #[arg(num_args = 1.., value_name = "X Y Z", value_delimiter = ',')]
@@ -126,6 +133,7 @@ enum Tool {
         output: output::OutputArgs,
     },
     /// What the upright planes along a line cut, straightened.
+    #[command(allow_negative_numbers = true)]
     Profile {
         #[command(flatten)]
         points: Points,
@@ -141,6 +149,7 @@ enum Tool {
         output: output::OutputArgs,
     },
     /// How far the surface inside a polygon (or all of it) is from a plane: the one fitted to the corners, or one given.
+    #[command(allow_negative_numbers = true)]
     Deviation {
         /// x y z of each corner, metres.
         #[arg(num_args = 1.., value_name = "X Y Z", value_delimiter = ',')]
@@ -164,12 +173,16 @@ pub(super) struct Subject {
     pub(super) space: Space,
     /// Of one coordinate of one point.
     pub(super) point: Uncertainty,
-    exact: bool,
+    given: Given,
 }
 
 impl Subject {
     fn places(&self, numbers: &[f64]) -> anyhow::Result<Vec<Place>> {
-        places(&self.pack, &positions(numbers)?, self.exact)
+        let positions = positions(numbers)?;
+        match self.given {
+            Given::Rays => along_rays(&self.pack, &positions),
+            given => places(&self.pack, &positions, given == Given::Exact),
+        }
     }
 
     /// The whole model's box, local metres.
@@ -183,7 +196,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let pack = open_pack(&args.pack)?;
     let space = Space::new(pack.header().lattice);
     let point = Uncertainty::finest(space.step(), pack.metadata().capture_accuracy);
-    let subject = Subject { pack, space, point, exact: args.exact };
+    let given = match (args.exact, args.rays) {
+        (true, _) => Given::Exact,
+        (_, true) => Given::Rays,
+        _ => Given::Near,
+    };
+    let subject = Subject { pack, space, point, given };
     let report = measure(&subject, &args.tool)?;
     report.print(&subject, args.json, args.unit)
 }
@@ -230,6 +248,7 @@ fn on_points(s: &Subject, name: &'static str, tool: PointTool, numbers: &[f64]) 
     let local: Vec<Vec3> = places.iter().map(|p| p.local).collect();
     let mut readings = tool.measure(&local, &s.space, &s.point)?;
     if tool == PointTool::Coordinate
+        && s.given == Given::Near
         && let [only] = &places[..]
     {
         readings.push(Reading::new("away from the position", Dimension::Length, only.away, s.point.combined()));
@@ -247,7 +266,9 @@ impl PlaneArgs {
         let mut at = s.space.world_from_local([0.0; 3]);
         Ok(match (&self.plane, self.x, self.y, self.z) {
             (Some(p), ..) => {
-                let &[x, y, z, nx, ny, nz] = &p[..] else { anyhow::bail!("a plane is six numbers: X,Y,Z,NX,NY,NZ") };
+                let &[x, y, z, nx, ny, nz] = &p[..] else {
+                    anyhow::bail!("a plane is six numbers, X,Y,Z,NX,NY,NZ; {} are given", p.len())
+                };
                 world([x, y, z], [nx, ny, nz])?
             }
             (_, Some(x), ..) => {

@@ -3,9 +3,9 @@
 use crate::source::FileSource;
 use kilwa_geometry::Aabb;
 use kilwa_geometry::distance::{Vec3, cross, dot, sub};
-use kilwa_measure::{Space, Surface};
-use kilwa_pack::Reader;
+use kilwa_measure::{Picker, Ray, Refusal, Space, Surface};
 use kilwa_pack::cut::Cut;
+use kilwa_pack::{NO_DIAMOND, Reader};
 use serde::Serialize;
 
 /// A point of the finest surface.
@@ -22,6 +22,17 @@ pub(super) struct Place {
     pub(super) normal: Vec3,
 }
 
+/// What the numbers of a command line mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Given {
+    /// Positions, of which the nearest points of the surface count.
+    Near,
+    /// Positions as they are.
+    Exact,
+    /// Rays.
+    Rays,
+}
+
 /// The places of positions in world coordinates: nearest on the finest surface, or with `exact` the positions themselves.
 pub(super) fn places(pack: &Reader<FileSource>, positions: &[Vec3], exact: bool) -> anyhow::Result<Vec<Place>> {
     let space = Space::new(pack.header().lattice);
@@ -33,6 +44,39 @@ pub(super) fn places(pack: &Reader<FileSource>, positions: &[Vec3], exact: bool)
         nearest(pack, &space, *world)
     };
     positions.iter().map(one).collect()
+}
+
+/// The places where rays (origin and direction, world coordinates) meet the finest surface first.
+pub(super) fn along_rays(pack: &Reader<FileSource>, rays: &[Vec3]) -> anyhow::Result<Vec<Place>> {
+    let space = Space::new(pack.header().lattice);
+    let (pairs, rest) = rays.as_chunks::<2>();
+    anyhow::ensure!(rest.is_empty(), "a ray is six numbers: its origin and its direction");
+    pairs.iter().map(|[origin, direction]| cast(pack, &space, *origin, *direction)).collect()
+}
+
+fn cast(pack: &Reader<FileSource>, space: &Space, origin: Vec3, direction: Vec3) -> anyhow::Result<Place> {
+    let is_sane = origin.iter().chain(&direction).all(|x| x.is_finite()) && direction != [0.0; 3];
+    anyhow::ensure!(is_sane, "a ray needs a finite origin and a direction that is not zero");
+    let ray = Ray { origin: space.steps_from_local(space.local_from_world(origin)), direction };
+    let mut picker = Picker::new(ray, Vec::new());
+    for (enters, i) in picker.order((0u32..).zip(pack.entries().iter().map(|e| &e.bounds))) {
+        if !picker.wants(enters) {
+            break;
+        }
+        let chunk = pack.chunk(i)?;
+        for patch in chunk.patches.iter().filter(|p| p.diamond == NO_DIAMOND) {
+            for t in patch.first..patch.first + patch.count {
+                picker.add(chunk.mesh.corners(t as usize));
+            }
+        }
+    }
+    let picked = picker.picked().ok_or(Refusal::Misses {
+        what: "the ray",
+        hint: "check its origin and direction, which are world coordinates".to_owned(),
+    })?;
+    let local = space.local_from_steps(picked.point);
+    let normal = unit_normal(picked.corners.map(|c| c.map(f64::from)));
+    Ok(Place { world: space.world_from_local(local), local, away: 0.0, normal })
 }
 
 /// Positions from a flat list of numbers.

@@ -131,6 +131,46 @@ pub(crate) fn vulkan() -> Result<()> {
     )
 }
 
+/// Python packages of a list with exact versions (relative to the root), from PyPI, in a folder of their own in the user's cache: what to
+/// put on `PYTHONPATH`. Nothing is installed into the system's or the user's Python.
+///
+/// # Errors
+/// Python or pip is missing and cannot be installed, or pip fails.
+pub(crate) fn python_packages(list: &str) -> Result<PathBuf> {
+    let list = root()?.join(list);
+    let wanted = fs::read(&list).with_context(|| format!("cannot read {}", list.display()))?;
+    let name = blake3::hash(&wanted).to_hex();
+    let cache = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from).filter(|p| p.is_absolute());
+    let cache = cache.or_else(|| std::env::home_dir().map(|home| home.join(".cache")));
+    let parent = cache.context("there is no home folder to keep Python packages in; set XDG_CACHE_HOME")?.join("kilwa");
+    let folder = parent.join(format!("python-{}", &name[..16]));
+    if folder.is_dir() {
+        return Ok(folder);
+    }
+    let has_pip = || {
+        Ok::<bool, anyhow::Error>(
+            command("python3", &["-m", "pip", "--version"])?.output().is_ok_and(|o| o.status.success()),
+        )
+    };
+    if on_path(&["python3"]).is_none() || !has_pip()? {
+        apt(&["python3", "python3-pip"], "python3 with pip is not here; second opinions of the trust suite need it")?;
+    }
+    println!("setup: installing the Python packages of {} to {}", list.display(), folder.display());
+    fs::create_dir_all(&parent).with_context(|| format!("cannot create {}", parent.display()))?;
+    // Complete or not there at all: installed beside, then renamed.
+    let partial = parent.join(format!("python-{}.part-{}", &name[..16], std::process::id()));
+    let mut pip =
+        command("python3", &["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-compile"])?;
+    pip.arg("--target").arg(&partial).arg("--requirement").arg(&list);
+    run(&mut pip).with_context(|| {
+        format!("pip cannot install what {} lists (from PyPI); to try again: {}", list.display(), shown(&pip))
+    })?;
+    if fs::rename(&partial, &folder).is_err() && !folder.is_dir() {
+        bail!("cannot rename {} to {}", partial.display(), folder.display());
+    }
+    Ok(folder)
+}
+
 /// Installs Debian packages when root, else fails with the command to type.
 fn apt(packages: &[&str], why: &str) -> Result<()> {
     let by_hand = format!("apt-get install -y --no-install-recommends {}", packages.join(" "));

@@ -8,7 +8,7 @@
 
 use crate::process::{cargo, command, kilwa, on_path, run as run_command, watch};
 use crate::tally::{Tally, is_noise};
-use crate::{demo, fuzz, setup, web};
+use crate::{demo, fuzz, setup, trust, web};
 use anyhow::{Result, bail};
 use std::path::PathBuf;
 use std::process::Command;
@@ -17,9 +17,18 @@ use std::time::{Duration, Instant};
 /// Run all checks and tests: format, lints, the page, Rust, the browser.
 #[derive(clap::Args)]
 pub(crate) struct Args {
+    /// One suite with a report of its own: trust, the promises of measuring with bound and measured error
+    suite: Option<Suite>,
     /// Run only the stages whose name contains this text
-    #[arg(long, value_name = "TEXT")]
+    #[arg(long, value_name = "TEXT", conflicts_with = "suite")]
     only: Option<String>,
+}
+
+/// Suites with a report of their own.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Suite {
+    /// Measuring: each claim with its bound and the error measured
+    Trust,
 }
 
 /// Crates that have to build for wasm32: the page's own and every pure crate below them.
@@ -56,6 +65,9 @@ const STAGES: [Stage; 10] = [
 ];
 
 pub(crate) fn run(args: &Args) -> Result<()> {
+    if let Some(Suite::Trust) = args.suite {
+        return trust::run();
+    }
     let wanted = |name: &str| args.only.as_deref().is_none_or(|text| name.contains(text));
     let mut rows = Vec::new();
     for (name, stage) in STAGES.into_iter().filter(|(name, _)| wanted(name)) {
@@ -114,6 +126,7 @@ fn set_up() -> Result<Tally> {
     setup::npm_packages("xtask/npm")?;
     setup::npm_packages("tests/browser")?;
     setup::vulkan()?;
+    println!("second opinions: {}", setup::python_packages(trust::PACKAGES)?.display());
     println!("browser: {}", setup::chromium()?.display());
     Ok(Tally::default())
 }
@@ -148,12 +161,18 @@ fn rust_tests() -> Result<Tally> {
     let has_nextest = on_path(&["cargo-nextest", "cargo-nextest.exe"]).is_some();
     let mut tally = Tally::default();
     for packages in [&["--locked", "--package", "xtask"][..], &TESTED] {
-        let counts = if has_nextest {
+        let mut runner = if has_nextest {
             let options = ["--no-fail-fast", "--config-file", "xtask/nextest.toml", "--success-output", "immediate"];
-            suite(cargo(&["nextest", "run"])?.args(packages).args(options))
+            let mut nextest = cargo(&["nextest", "run"])?;
+            nextest.args(packages).args(options);
+            nextest
         } else {
-            suite(cargo(&["test", "--no-fail-fast"])?.args(packages).args(["--all-targets", "--", "--nocapture"]))
+            let mut test = cargo(&["test", "--no-fail-fast"])?;
+            test.args(packages).args(["--all-targets", "--", "--nocapture"]);
+            test
         };
+        // Without the packages the tests that need them say so; with them they are second opinions.
+        let counts = suite(runner.env(trust::VARIABLE, setup::python_packages(trust::PACKAGES)?));
         tally.add_all(counts.unwrap_or_else(|error| failure(&error)));
     }
     Ok(tally)

@@ -11,6 +11,10 @@ use kilwa_geometry::distance::{Vec3, cross, dot, sub};
 /// is convex; computed as the hull of the stretches in its prism, its three cylinders and its three balls. Slightly wide against rounding.
 pub fn stretch(ray: &Ray, [a, b, c]: [Vec3; 3], error: f64) -> Option<(f64, f64)> {
     let reach = error * (1.0 + 1e-9) + 1e-9;
+    // Most triangles are nowhere near: a ball round the whole says so at once.
+    let centre: Vec3 = std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0);
+    let far = |p: Vec3| libm::sqrt(dot(sub(p, centre), sub(p, centre)));
+    ball(ray, centre, (far(a).max(far(b)).max(far(c)) + reach) * (1.0 + 1e-9))?;
     let mut hull: Option<(f64, f64)> = None;
     let mut grow = |part: Option<(f64, f64)>| {
         if let Some((from, to)) = part {

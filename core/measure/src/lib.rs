@@ -38,7 +38,7 @@ pub use area::{Areas, PolygonArea};
 pub use circle::Circle;
 pub use deviation::Deviation;
 pub use drawing::{Drawing, DrawnLine};
-pub use pick::{Hit, Ray};
+pub use pick::{Hit, Picked, Picker, Ray};
 pub use plane::{Plane, PlaneFit};
 pub use quantity::{Length, Quantity, Uncertainty};
 pub use refusal::Refusal;

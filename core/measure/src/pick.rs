@@ -1,6 +1,12 @@
-//! Rays and what they meet.
+//! Rays and what they meet: the final pick, on the finest surface, the same at every zoom.
+//!
+//! A [`Picker`] is told which chunks there are, asks for those that the ray can meet, nearest first, and is handed their
+//! triangles. Everything in lattice steps and `f64`. Where triangles are met at the very same place (along a shared edge), the one whose
+//! corners come first in the order of lattice points counts, so that the answer does not depend on chunks or their order.
 
-use kilwa_geometry::distance::Vec3;
+use crate::plane::Plane;
+use kilwa_geometry::distance::{Vec3, ray_triangle};
+use kilwa_geometry::{Aabb, LatticePoint};
 
 /// A half line: `origin + t * direction`, `t >= 0`. The direction need not be of unit length.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,6 +22,27 @@ impl Ray {
     pub fn at(&self, t: f64) -> Vec3 {
         std::array::from_fn(|i| self.origin[i] + self.direction[i] * t)
     }
+
+    /// Where it enters a box of the lattice, a little early against rounding; `None` where it does not.
+    pub fn enters(&self, b: &Aabb) -> Option<f64> {
+        if b.is_empty() {
+            return None;
+        }
+        let (mut near, mut far) = (0.0f64, f64::INFINITY);
+        for i in 0..3 {
+            let (low, high) = (f64::from(b.min[i]) - 0.5, f64::from(b.max[i]) + 0.5);
+            if self.direction[i] == 0.0 {
+                if self.origin[i] < low || self.origin[i] > high {
+                    return None;
+                }
+                continue;
+            }
+            let (x, y) = ((low - self.origin[i]) / self.direction[i], (high - self.origin[i]) / self.direction[i]);
+            near = near.max(x.min(y));
+            far = far.min(x.max(y));
+        }
+        (near <= far).then_some(near)
+    }
 }
 
 /// Where a ray meets a surface.
@@ -27,4 +54,102 @@ pub struct Hit {
     pub triangle: u32,
     /// The point.
     pub point: Vec3,
+}
+
+/// What a final pick found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Picked {
+    /// Parameter along the ray.
+    pub t: f64,
+    /// The point, lattice steps.
+    pub point: Vec3,
+    /// The corners of the triangle, in its own order.
+    pub corners: [LatticePoint; 3],
+}
+
+/// Finds the first triangle along a ray that is not clipped away.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picker {
+    ray: Ray,
+    clips: Vec<Plane>,
+    best: Option<Picked>,
+}
+
+impl Picker {
+    /// Along `ray`; only what lies on the side of every plane of `clips` that its normal points to, or on it, counts. Lattice steps.
+    pub fn new(ray: Ray, clips: Vec<Plane>) -> Self {
+        Self { ray, clips, best: None }
+    }
+
+    /// The boxes that the ray enters, with where it does, nearest first.
+    pub fn order<'a>(&self, boxes: impl IntoIterator<Item = (u32, &'a Aabb)>) -> Vec<(f64, u32)> {
+        let mut order: Vec<(f64, u32)> =
+            boxes.into_iter().filter_map(|(i, b)| Some((self.ray.enters(b)?, i))).collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        order
+    }
+
+    /// Whether a box that the ray enters at `t` can still hold what is looked for.
+    pub fn wants(&self, t: f64) -> bool {
+        self.best.is_none_or(|b| t <= b.t)
+    }
+
+    /// Look at one triangle of the finest surface.
+    pub fn add(&mut self, corners: [LatticePoint; 3]) {
+        let Some(t) = ray_triangle(self.ray.origin, self.ray.direction, corners.map(|c| c.map(f64::from))) else {
+            return;
+        };
+        let first = |c: [LatticePoint; 3]| {
+            let mut c = c;
+            c.sort_unstable();
+            c
+        };
+        let better = self.best.is_none_or(|b| t < b.t || (t == b.t && first(corners) < first(b.corners)));
+        let point = self.ray.at(t);
+        if better && self.clips.iter().all(|c| c.distance(point) >= 0.0) {
+            self.best = Some(Picked { t, point, corners });
+        }
+    }
+
+    /// What was found.
+    pub fn picked(&self) -> Option<&Picked> {
+        self.best.as_ref()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clipped_triangles_are_passed_through_and_order_does_not_matter() {
+        let near = [[0, 0, 10], [100, 0, 10], [0, 100, 10]];
+        let far = [[0, 0, 20], [100, 0, 20], [0, 100, 20]];
+        let twin = [[0, 0, 20], [100, 0, 20], [100, -100, 20]];
+        let ray = Ray { origin: [25.0, 0.0, 0.0], direction: [0.0, 0.0, 1.0] };
+        let pick = |clips: Vec<Plane>, triangles: &[[LatticePoint; 3]]| {
+            let mut p = Picker::new(ray, clips);
+            for t in triangles {
+                p.add(*t);
+            }
+            p.picked().copied()
+        };
+        assert_eq!(pick(vec![], &[far, near]).unwrap().t, 10.0);
+        let beyond = Plane::new([0.0, 0.0, 15.0], [0.0, 0.0, 1.0]).unwrap();
+        assert_eq!(pick(vec![beyond], &[near, far, twin]), pick(vec![beyond], &[twin, far, near]));
+        assert_eq!(pick(vec![beyond], &[near, far]).unwrap().t, 20.0);
+        let below = Plane::new([0.0, 0.0, 5.0], [0.0, 0.0, -1.0]).unwrap();
+        assert_eq!(pick(vec![below], &[near, far]), None);
+    }
+
+    #[test]
+    fn boxes_come_in_the_order_that_the_ray_meets_them() {
+        let b = |z: i32| Aabb { min: [0, 0, z], max: [10, 10, z + 5] };
+        let (far, near, aside) = (b(50), b(20), Aabb { min: [90, 0, 0], max: [99, 9, 9] });
+        let ray = Ray { origin: [5.0, 5.0, 0.0], direction: [0.0, 0.0, 2.0] };
+        let picker = Picker::new(ray, Vec::new());
+        let order = picker.order([(7, &far), (8, &near), (9, &aside), (10, &Aabb::EMPTY)]);
+        assert_eq!(order.iter().map(|o| o.1).collect::<Vec<_>>(), [8, 7]);
+        assert!(picker.wants(1e9));
+    }
 }

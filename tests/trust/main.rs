@@ -1,0 +1,27 @@
+//! The trust suite (design/measuring.md): what `kilwa measure` promises, each claim with its bound and the error measured.
+//!
+//! `cargo xtask test trust` runs it and prints the claims as one table, which `docs/trust.md` explains, so that other viewers can
+//! be held to the same. Packs are built from phantoms whose sizes are known, at the origin, at UTM coordinates and 10^7 m away; the
+//! oracles are written anew here, from the triangles that went in, not from the code that is tested.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod opinions;
+mod oracle;
+mod phantoms;
+mod provisional;
+mod rays;
+mod refusals;
+
+/// State a claim: prints the row of the table, and fails where the measured error is larger than the bound.
+fn claim(what: &str, bound: f64, measured: f64) {
+    println!("trust | {what} | {bound:.3e} | {measured:.3e}");
+    assert!(measured <= bound, "{what}: {measured:e} is more than {bound:e}");
+}
+
+/// State a claim about a count of exceptions, which has to be zero.
+fn claim_none(what: &str, of: usize, exceptions: usize) {
+    println!("trust | {what} | 0 of {of} | {exceptions}");
+    assert_eq!(exceptions, 0, "{what}");
+}

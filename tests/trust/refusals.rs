@@ -1,0 +1,40 @@
+//! Where there is no meaningful number there is a sentence, and no number.
+
+use crate::phantoms::phantom;
+use crate::support::{fails, kilwa, text};
+
+#[test]
+fn what_means_nothing_is_refused_with_a_sentence() {
+    let cube = phantom("cube", "origin");
+    let pack = text(&cube.pack);
+    let say = |args: &[&str]| fails(&[&["measure", pack], args].concat());
+    let line = ["0", "0", "0", "0.5", "0", "0", "1", "0", "0"];
+    assert!(say(&[&["circle"], &line[..]].concat()).contains("lie on one line"));
+    assert!(say(&[&["area"], &line[..]].concat()).contains("lie on one line"));
+    let bow = ["area", "0", "0", "0", "1", "1", "0", "1", "0", "0", "0", "1", "0", "--exact"];
+    assert!(say(&bow).contains("cross each other"));
+    assert!(say(&["distance", "0", "0", "0"]).contains("at least 2 points; 1 are given"));
+    assert!(say(&["distance", "0", "0", "0", "1"]).contains("three numbers each"));
+    assert!(say(&["section", "--z", "77"]).contains("meets no surface"));
+    assert!(say(&["section"]).contains("which plane"));
+    assert!(say(&["section", "--plane", "0,0,0,0,0,0"]).contains("direction"));
+    assert!(say(&["contours", "--interval", "0"]).contains("not possible"));
+    assert!(say(&["contours", "--interval", "1e-9"]).contains("not possible"));
+    assert!(say(&["coordinate", "--rays", "9", "9", "9", "1", "0", "0"]).contains("the ray meets no surface"));
+    assert!(say(&["coordinate", "NaN", "0", "0"]).contains("finite"));
+    assert!(say(&["section", "--z", "0.5", "-o", "x.pdf"]).contains("the ending says the format"));
+    assert!(say(&["section", "--z", "0.5", "-o", "/nowhere/x.svg"]).contains("no folder"));
+    let usage = kilwa(&["measure", pack, "area", "--unit", "furlong"]);
+    assert_eq!(usage.status.code(), Some(2));
+    println!("trust | questions without an answer that get a sentence and no number | 14 of 14 | 14");
+}
+
+#[test]
+fn an_open_surface_has_no_volume() {
+    let folder = tempfile::tempdir().unwrap();
+    let (ply, pack) = (folder.path().join("wall.ply"), folder.path().join("wall.kilwa"));
+    crate::support::succeeds(&["synth", "wall", "--triangles", "2000", "-o", text(&ply)]);
+    crate::support::succeeds(&["build", text(&ply), "-o", text(&pack)]);
+    let said = fails(&["measure", text(&pack), "volume"]);
+    assert!(said.contains("not closed") && said.contains("cut and fill"), "{said}");
+}
