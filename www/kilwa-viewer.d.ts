@@ -26,13 +26,22 @@ export interface Stats {
   chunksWanted: number;
   chunksMissing: number;
   chunksResident: number;
+  /** Chunks asked for or being decoded, and of which something is on screen. */
+  chunksInFlight: number;
+  chunksShown: number;
+  /** Pages of the directory that the view waits for. */
+  pagesMissing: number;
   requestsInFlight: number;
+  /** Requests of the pack: by the streaming, and with that for the head of the file. */
   requestsMade: number;
   requests: number;
   failures: number;
   bytesWanted: number;
   bytesMissing: number;
+  /** Since the model was opened, the head of the file not counted. */
   bytesReceived: number;
+  bytesInFlight: number;
+  bytesShown: number;
   gpuBytes: number;
   gpuLimit: number;
   trianglesDrawn: number;
@@ -40,6 +49,9 @@ export interface Stats {
   /** Largest error on screen, in device pixels, and what is aimed at. */
   worstPixelError: number;
   targetPixels: number;
+  /** What is aimed at while the camera moves, so that frames come often enough; and the time from one to the next then. */
+  pixelsWhileMoving: number;
+  frameMs: number;
   /** Largest certified error of the surface on screen. */
   worstErrorMetres: number;
   /** Whether the target cut is complete. */

@@ -48,8 +48,11 @@ export class Pack {
     return read(response, Math.min(length, range.total), (n) => this.onProgress(n, Math.min(length, range.total)));
   }
 
-  /** The bytes `offset .. offset + length`, exactly. `fresh` goes round the browser's own store, after damage. */
-  async range(offset, length, signal, fresh = false) {
+  /**
+   * The bytes `offset .. offset + length`, exactly. `fresh` goes round the browser's own store, after damage.
+   * `onPart(bytes, count)` is shown the first `count` of them while the others are on their way.
+   */
+  async range(offset, length, signal, { fresh = false, onPart = () => {} } = {}) {
     if (this.whole) {
       if (offset + length > this.whole.length) throw new PackError("truncated", "beyond the end of the file");
       return this.whole.slice(offset, offset + length);
@@ -73,7 +76,7 @@ export class Pack {
       await discard(response);
       throw new PackError("server", `asked for ${offset} to ${offset + length - 1}, got ${range.from} to ${range.to}`);
     }
-    const bytes = await read(response, length, () => {});
+    const bytes = await read(response, length, (count, into) => onPart(into, count));
     this.received += bytes.length;
     return bytes;
   }
@@ -151,7 +154,7 @@ async function read(response, length, onProgress, limit = length) {
       }
       into.set(value, at);
       at += value.length;
-      onProgress(at);
+      onProgress(at, into);
     }
   } catch (error) {
     if (error.name === "AbortError" || error instanceof PackError) throw error;

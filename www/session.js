@@ -119,7 +119,14 @@ export class Session {
       await null; // the other commands of this step first
       // While the root chunk is being decoded from the head, nothing competes with the first picture.
       if (!this.drawn && this.decoding.has(0)) await this.firstPicture;
-      const bytes = await this.pack.range(offset, length, controller.signal, fresh);
+      // Chunks that are complete are decoded while the rest of the answer is on its way.
+      const onPart = (bytes, count) => {
+        if (pages || count === length || !this.inFlight.has(request)) return;
+        this.answers.set(request, bytes);
+        this.#guarded(() => this.viewer.onProgress(request, count));
+        this.wake();
+      };
+      const bytes = await this.pack.range(offset, length, controller.signal, { fresh, onPart });
       this.suspect = false;
       this.#guarded(() => {
         if (pages) {
@@ -144,7 +151,7 @@ export class Session {
   /** The bytes of a part of the head again, round the browser's own store: they may have been damaged on the way. */
   async #repairHead(offset, length) {
     try {
-      this.head.set(await this.pack.range(offset, length, undefined, true), offset);
+      this.head.set(await this.pack.range(offset, length, undefined, { fresh: true }), offset);
     } catch (error) {
       this.lastFailure = error;
     }

@@ -144,7 +144,11 @@ fn lints_wasm() -> Result<Tally> {
     for package in WASM_PACKAGES {
         clippy.args(["--package", package]);
     }
-    check(clippy.args(["--", "-D", "warnings"]))
+    let mut tally = check(clippy.args(["--", "-D", "warnings"]))?;
+    // The other build of the viewer, for browsers without WebGPU.
+    let mut webgl = cargo(&["clippy", "--locked", "--target", setup::WASM, "--package", "kilwa-viewer"])?;
+    tally.add_all(check(webgl.args(["--no-default-features", "--features", "webgl", "--", "-D", "warnings"]))?);
+    Ok(tally)
 }
 
 fn page() -> Result<Tally> {

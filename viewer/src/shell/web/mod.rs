@@ -20,7 +20,7 @@ use crate::pick::{Hit, Scope, nearest};
 use crate::renderer::Renderer;
 use js_sys::{Object, Reflect};
 use kilwa_pack::{GpuChunk, HEADER_BYTES, Metadata, PackError, ScalarChannel, parse_head};
-use kilwa_stream::{Budgets, DrawPatch, Event, Streamer, View};
+use kilwa_stream::{Budgets, DrawPatch, Event, Pace, Streamer, View};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -92,6 +92,7 @@ pub struct Viewer {
     /// Size of the picture that is loaded for instead of the canvas.
     picture: Option<[u32; 2]>,
     target_pixels: f64,
+    pace: Pace,
     draw: Vec<DrawPatch>,
 }
 
@@ -156,6 +157,7 @@ impl Viewer {
             fader: Fader::default(),
             picture: None,
             target_pixels: 1.0,
+            pace: Pace::new(1.0),
             draw: Vec::new(),
         };
         viewer.apply_display();

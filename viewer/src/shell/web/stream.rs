@@ -20,6 +20,18 @@ impl Viewer {
     #[wasm_bindgen(js_name = setTargetPixels)]
     pub fn set_target_pixels(&mut self, pixels: f64) {
         self.target_pixels = if pixels.is_finite() { pixels.clamp(0.1, 100.0) } else { 1.0 };
+        self.pace.set_target(self.target_pixels);
+    }
+
+    /// So many bytes of the answer of a chunk request are there, from its beginning.
+    #[wasm_bindgen(js_name = onProgress)]
+    pub fn on_progress(&mut self, request: f64, length: f64) {
+        let (request, length) = (request as u64, length as u64);
+        // Several parts of one answer between two frames are one.
+        match self.events.last_mut() {
+            Some(Event::Progress { request: last, length: so_far }) if *last == request => *so_far = length,
+            _ => self.events.push(Event::Progress { request, length }),
+        }
     }
 
     /// The bytes of a chunk request came.
@@ -69,7 +81,10 @@ impl Viewer {
     /// # Errors
     /// When JavaScript refuses an object, which does not happen.
     pub fn frame(&mut self, now_ms: f64) -> Result<JsValue, JsValue> {
-        let view = self.wanted_view();
+        let mut view = self.wanted_view();
+        if self.picture.is_none() {
+            view.target_pixels = self.pace.frame(now_ms, &view);
+        }
         let step = self.streamer.step(&view, now_ms, std::mem::take(&mut self.events));
         let commands = Array::new();
         for command in &step.commands {
@@ -92,7 +107,9 @@ impl Viewer {
         let stats = self.stats_object(&step)?;
         self.draw = step.draw;
         let is_fading = self.present(now_ms);
-        set(&stats, "more", &(is_fading || !step.commands.is_empty()).into())?;
+        // A picture that is coarser because it moves becomes fine by itself.
+        let is_hurried = self.pace.factor() > 1.0 && !self.pace.is_at_rest();
+        set(&stats, "more", &(is_fading || is_hurried || !step.commands.is_empty()).into())?;
         let answer = Object::new();
         set(&answer, "commands", &commands)?;
         set(&answer, "stats", &stats)?;
@@ -109,6 +126,11 @@ impl Viewer {
             ("chunksWanted", f64::from(s.chunks_wanted)),
             ("chunksMissing", f64::from(s.chunks_missing)),
             ("chunksResident", f64::from(s.chunks_resident)),
+            ("chunksInFlight", f64::from(s.chunks_in_flight)),
+            ("chunksShown", f64::from(s.chunks_shown)),
+            ("pagesMissing", f64::from(s.pages_missing)),
+            ("bytesInFlight", s.bytes_in_flight as f64),
+            ("bytesShown", s.bytes_shown as f64),
             ("bytesMissing", s.bytes_missing as f64),
             ("bytesWanted", s.bytes_wanted as f64),
             ("bytesReceived", s.bytes_received as f64),
@@ -125,11 +147,13 @@ impl Viewer {
             ("worstPixelError", s.worst_pixel_error),
             ("worstErrorMetres", s.worst_error_metres),
             ("targetPixels", self.target_pixels),
+            ("pixelsWhileMoving", self.target_pixels * self.pace.factor()),
+            ("frameMs", self.pace.frame_ms()),
         ] {
             set(&o, name, &value.into())?;
         }
         for (name, value) in [
-            ("targetReached", s.target_reached),
+            ("targetReached", s.worst_pixel_error <= self.target_pixels),
             ("budgetLimited", s.budget_limited),
             ("settled", s.settled),
             ("lost", self.lost.load(Ordering::Relaxed)),

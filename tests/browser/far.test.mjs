@@ -1,0 +1,42 @@
+// A pack of more than 4 GiB: the fort with all but its head moved on by 5 GiB, in a sparse file.
+
+import assert from "node:assert/strict";
+import { execFile } from "node:child_process";
+import { rm, stat } from "node:fs/promises";
+import path from "node:path";
+import { after, before, test } from "node:test";
+import { promisify } from "node:util";
+import { FAR, launch, open, packFolder, picture, serve, stats } from "./harness.mjs";
+
+const GAP = 5 * 2 ** 30;
+let folder;
+let server;
+let browser;
+
+before(async () => {
+  folder = await packFolder();
+  const [near, far] = ["fort", "far"].map((name) => path.join(folder, `${name}.kilwa`));
+  await promisify(execFile)(FAR, [near, far, String(GAP)]);
+  const { size, blocks } = await stat(far);
+  assert.ok(size > GAP && blocks * 512 < 2 ** 26, "the file system keeps holes: else this would fill the disk");
+  server = await serve(folder);
+  browser = await launch();
+});
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+  await rm(folder, { recursive: true, force: true });
+});
+
+test("chunks beyond 2^32 bytes are streamed, and the picture is that of the small file", async () => {
+  const near = await open(browser, `${server.url}/m/fort?error=2`);
+  const wanted = { picture: await picture(near.page), stats: await stats(near.page) };
+  await near.close();
+  const far = await open(browser, `${server.url}/m/far?error=2`);
+  assert.deepEqual(await picture(far.page), wanted.picture);
+  assert.equal((await stats(far.page)).trianglesDrawn, wanted.stats.trianglesDrawn);
+  const beyond = far.packs.filter((range) => Number(/^bytes=(\d+)/.exec(range)?.[1]) > 2 ** 32);
+  assert.ok(beyond.length > 0, `asked for ${far.packs}`);
+  assert.deepEqual(far.complaints, []);
+  await far.close();
+});
