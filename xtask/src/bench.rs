@@ -1,8 +1,10 @@
 //! `cargo xtask bench`: figures, never a gate.
 //!
-//! `bench codec` measures the chunk codec by part and level on packs of synthetic meshes. `bench kernels` runs criterion on the crates that have benches. `bench build` makes synthetic meshes, builds their packs with
+//! `bench codec` measures the chunk codec by part and level on packs of synthetic meshes, natively and in a worker of Chromium. `bench kernels` runs criterion on the crates that have benches. `bench build` makes synthetic meshes, builds their packs with
 //! the release program and prints a table: time, triangles per CPU second, peak memory per input triangle, pack size. The
 //! table is added to `docs/bench/DATE-build.md` with the machine it ran on, so that figures are never compared across machines unseen.
+
+mod codec;
 
 use crate::process::{cargo, command, compile_kilwa, on_path, output, root, run as run_command};
 use anyhow::{Context, Result, bail};
@@ -29,7 +31,7 @@ enum What {
     /// How far coarse forms are from the finest one: distances and colours
     Quality(Quality),
     /// Bytes by part and level, speed and vertex-cache use of the chunk codec, beside meshoptimizer's
-    Codec(Codec),
+    Codec(codec::Args),
     /// Run a program and write what it used to a file (used by `build`, in a process of its own)
     #[command(hide = true)]
     Measured { report: PathBuf, program: PathBuf, args: Vec<String> },
@@ -67,22 +69,6 @@ struct Quality {
     dry: bool,
 }
 
-#[derive(clap::Args)]
-struct Codec {
-    /// Triangles of each mesh
-    #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1000..))]
-    triangles: u64,
-    /// Meshes to build
-    #[arg(long, value_name = "NAME", default_values_t = ["wall".to_owned(), "fort".to_owned()])]
-    mesh: Vec<String>,
-    /// Lattice step of the packs, metres
-    #[arg(long, value_name = "METRES", default_value = "0.0001220703125")]
-    step: String,
-    /// Print the tables without adding them to docs/bench
-    #[arg(long)]
-    dry: bool,
-}
-
 /// Crates with criterion benches.
 const BENCHED: [&str; 1] = ["kilwa-pack"];
 
@@ -91,7 +77,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         What::Kernels => kernels(),
         What::Build(build) => bench_build(build),
         What::Quality(quality) => bench_quality(quality),
-        What::Codec(codec) => bench_codec(codec),
+        What::Codec(codec) => codec::run(codec),
         What::Measured { report, program, args } => measured(report, program, args),
     }
 }
@@ -208,27 +194,6 @@ fn bench_quality(args: &Quality) -> Result<()> {
     }
     println!("\n{table}");
     if args.dry { Ok(()) } else { archive(&root, "quality", &table, "release") }
-}
-
-fn bench_codec(args: &Codec) -> Result<()> {
-    let kilwa = compile_kilwa("release")?;
-    let example = ["build", "--release", "--locked", "--package", "kilwa-pack", "--example", "codec"];
-    run_command(cargo(&example)?.arg("-q"))?;
-    let root = root()?;
-    let (scratch, codec) = (root.join("target/bench"), root.join("target/release/examples/codec"));
-    fs::create_dir_all(&scratch).with_context(|| format!("cannot create {}", scratch.display()))?;
-    let program = kilwa.to_string_lossy().into_owned();
-    let mut measure = command(&codec.to_string_lossy(), &[])?;
-    for mesh in &args.mesh {
-        let file = |extension: &str| scratch.join(format!("{mesh}.{extension}")).display().to_string();
-        let (input, pack, count) = (file("ply"), file("kilwa"), args.triangles.to_string());
-        run_command(&mut command(&program, &["synth", mesh, "--triangles", &count, "--force", "-o", &input])?)?;
-        run_command(&mut command(&program, &["build", &input, "--step", &args.step, "--force", "-o", &pack])?)?;
-        measure.arg(&pack);
-    }
-    let tables = format!("Lattice step {} m.\n{}\n", args.step, output(&mut measure)?);
-    println!("\n{tables}");
-    if args.dry { Ok(()) } else { archive(&root, "codec", &tables, "release") }
 }
 
 /// The number after a key of a JSON text.

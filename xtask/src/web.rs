@@ -97,6 +97,24 @@ pub(crate) fn run(_args: &Args) -> Result<()> {
     check_sizes(&page)
 }
 
+/// Only the decoder, as the page has it: `decode.js` and `decode_bg.wasm` in `folder`, for measurements.
+///
+/// # Errors
+/// It does not compile.
+pub(crate) fn decoder(folder: &Path) -> Result<()> {
+    setup::wasm_target()?;
+    let tools = setup::npm_packages("xtask/npm")?;
+    let mut cargo =
+        cargo(&["build", "--locked", "--target", setup::WASM, "--profile", "web", "--target-dir", "target/web"])?;
+    run_command(cargo.args(["--package", "kilwa-decode"])).context("the decoder does not compile for wasm32")?;
+    let target = root()?.join("target/web");
+    let mut page = Page::new();
+    let compiled = target.join(setup::WASM).join("web/kilwa_decode.wasm");
+    add_module(&mut page, &compiled, "decode", &tools, &target.join("bindgen"))?;
+    synchronise(folder, &page)?;
+    Ok(())
+}
+
 /// wasm-bindgen and wasm-opt on one compiled module; adds `NAME.js`, `NAME_bg.wasm` and snippets.
 fn add_module(page: &mut Page, compiled: &Path, name: &str, tools: &Path, scratch: &Path) -> Result<()> {
     let bound = scratch.join(name);

@@ -31,16 +31,14 @@ pub struct GpuChunk {
 pub fn interleave(chunk: &Chunk) -> GpuChunk {
     let mesh = &chunk.mesh;
     let mut vertices = Vec::with_capacity(mesh.vertex_count().saturating_mul(VERTEX_BYTES));
-    for (v, position) in mesh.positions.iter().enumerate() {
-        for x in position {
-            vertices.extend(x.to_le_bytes());
-        }
+    for (v, &[x, y, z]) in mesh.positions.iter().enumerate() {
         let color = mesh.colors.get(v);
         let [r, g, b] = color.copied().unwrap_or(NEUTRAL);
-        vertices.extend([r, g, b, if color.is_some() { 255 } else { 0 }]);
-        for x in mesh.normals.get(v).copied().unwrap_or_default() {
-            vertices.extend(x.to_le_bytes());
-        }
+        let color = u32::from_le_bytes([r, g, b, if color.is_some() { 255 } else { 0 }]);
+        let [[a, b], [c, d]] = mesh.normals.get(v).copied().unwrap_or_default().map(i16::to_le_bytes);
+        // Words at once: a byte at a time takes a tenth of the decoder's time.
+        let words = [x.cast_unsigned(), y.cast_unsigned(), z.cast_unsigned(), color, u32::from_le_bytes([a, b, c, d])];
+        vertices.extend_from_slice(words.map(u32::to_le_bytes).as_flattened());
     }
     GpuChunk {
         vertices,
