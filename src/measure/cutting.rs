@@ -9,7 +9,7 @@ use super::whole::plane_json;
 use kilwa_geometry::distance::{Vec3, dot};
 use kilwa_measure::drawing::world_lines;
 use kilwa_measure::profile::{contour_heights, legs, total_length};
-use kilwa_measure::{Cutter, Dimension, Drawing, Plane, Reading, Refusal, Section, path};
+use kilwa_measure::{Cutter, Dimension, Drawing, Plane, Reading, Refusal, Section, Task, ToolName, path};
 use serde_json::json;
 use std::collections::BTreeMap;
 
@@ -31,10 +31,14 @@ fn cut(s: &Subject, plane: Plane) -> anyhow::Result<(Section, Read)> {
 }
 
 pub(super) fn section(s: &Subject, plane: Plane, output: &OutputArgs) -> anyhow::Result<Report> {
+    let task = |tool, points| Task::on_points(tool, points, &s.space);
     output.check()?;
     let (section, read) = cut(s, plane)?;
     let u = std::f64::consts::SQRT_2 * s.point.combined();
-    let mut report = Report::new("section", vec![Reading::new("length", Dimension::Length, section.length(), u)]);
+    let mut report = Report::new(
+        Task { plane: Some(plane), ..task(ToolName::Section, Vec::new()) },
+        vec![Reading::new("length", Dimension::Length, section.length(), u)],
+    );
     if let Some(area) = section.area() {
         let squares: f64 = section.polylines.iter().map(kilwa_measure::Polyline::squares).sum();
         let spread = s.point.combined() * squares.sqrt();
@@ -72,10 +76,11 @@ fn written(output: &OutputArgs, s: &Subject, lines: Lines, title: &str, report: 
     Ok(())
 }
 
-pub(super) fn profile(s: &Subject, positions: &[Vec3], output: &OutputArgs) -> anyhow::Result<Report> {
+/// Along a line given in local metres.
+pub(super) fn profile(s: &Subject, local: &[Vec3], output: &OutputArgs) -> anyhow::Result<Report> {
+    let task = |tool, points| Task::on_points(tool, points, &s.space);
     output.check()?;
-    let local: Vec<Vec3> = positions.iter().map(|p| s.space.local_from_world(*p)).collect();
-    let legs = legs(&local)?;
+    let legs = legs(local)?;
     let (mut lines, mut world) = (Vec::new(), Vec::new());
     let mut read = Read::default();
     let height = s.space.world_from_local([0.0; 3])[2];
@@ -107,7 +112,7 @@ pub(super) fn profile(s: &Subject, positions: &[Vec3], output: &OutputArgs) -> a
     let high = heights.fold(f64::NEG_INFINITY, f64::max);
     let of = |name, value, u| Reading::new(name, Dimension::Length, value, u);
     let mut report = Report::new(
-        "profile",
+        task(ToolName::Profile, local.to_vec()),
         vec![
             of("way in plan", way, 0.0),
             of("length on the surface", total_length(&lines), u),
@@ -123,6 +128,7 @@ pub(super) fn profile(s: &Subject, positions: &[Vec3], output: &OutputArgs) -> a
 }
 
 pub(super) fn contours(s: &Subject, interval: f64, output: &OutputArgs) -> anyhow::Result<Report> {
+    let task = |tool, points| Task::on_points(tool, points, &s.space);
     output.check()?;
     let m = s.pack.metadata();
     let heights = contour_heights(m.bounds_min[2], m.bounds_max[2], interval, MAX_CONTOURS).map_err(|_| {
@@ -175,7 +181,10 @@ pub(super) fn contours(s: &Subject, interval: f64, output: &OutputArgs) -> anyho
     let world = sections.iter().flat_map(|(_, c)| world_lines(c, |p| s.space.world_from_local(p))).collect();
     let length: f64 = sections.iter().map(|(_, c)| c.length()).sum();
     let u = std::f64::consts::SQRT_2 * s.point.combined();
-    let mut report = Report::new("contours", vec![Reading::new("length of all", Dimension::Length, length, u)]);
+    let mut report = Report::new(
+        Task { interval: Some(interval), ..task(ToolName::Contours, Vec::new()) },
+        vec![Reading::new("length of all", Dimension::Length, length, u)],
+    );
     report.add("heights", json!(sections.iter().map(|(h, _)| *h).collect::<Vec<f64>>()));
     report.add("lines", json!(drawing.lines.len()));
     report.remark(format!("{} lines at {} heights", drawing.lines.len(), sections.len()));

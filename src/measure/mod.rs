@@ -8,13 +8,14 @@ mod cutting;
 mod output;
 mod place;
 mod report;
+mod saved;
 mod sweep;
 mod whole;
 
 use crate::source::{FileSource, open_pack};
 use clap::Subcommand;
 use kilwa_geometry::distance::Vec3;
-use kilwa_measure::{Dimension, LengthUnit, Plane, PointTool, Reading, Space, Uncertainty};
+use kilwa_measure::{LengthUnit, Plane, PointTool, Space, Task, ToolName, Uncertainty};
 use kilwa_pack::Reader;
 use place::{Given, Place, along_rays, places, positions};
 use report::Report;
@@ -44,6 +45,12 @@ pub(crate) struct Args {
     /// Points are given as rays, six numbers each: origin and direction; what counts is where they meet the surface first.
     #[arg(long, global = true, conflicts_with = "exact")]
     rays: bool,
+    /// Add the measurement to this document (.json), which is made where it is not there.
+    #[arg(long, global = true, value_name = "FILE")]
+    save: Option<PathBuf>,
+    /// What the saved measurement is called.
+    #[arg(long, global = true, requires = "save")]
+    name: Option<String>,
 }
 
 /// Numbers of positions.
@@ -148,6 +155,8 @@ enum Tool {
         #[command(flatten)]
         output: output::OutputArgs,
     },
+    /// Measure everything in a document of saved measurements again, and say what differs.
+    Again(saved::AgainArgs),
     /// How far the surface inside a polygon (or all of it) is from a plane: the one fitted to the corners, or one given.
     #[command(allow_negative_numbers = true)]
     Deviation {
@@ -173,6 +182,8 @@ pub(super) struct Subject {
     pub(super) space: Space,
     /// Of one coordinate of one point.
     pub(super) point: Uncertainty,
+    /// What values are printed in.
+    pub(super) unit: LengthUnit,
     given: Given,
 }
 
@@ -201,26 +212,38 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         (_, true) => Given::Rays,
         _ => Given::Near,
     };
-    let subject = Subject { pack, space, point, given };
+    let subject = Subject { pack, space, point, unit: args.unit, given };
+    if let Tool::Again(again) = &args.tool {
+        anyhow::ensure!(args.save.is_none(), "--save belongs to one measurement, not to a document of them");
+        let all_same = saved::again(&subject, again, args.json)?;
+        anyhow::ensure!(all_same, "not everything measures the same as when it was saved");
+        return Ok(());
+    }
     let report = measure(&subject, &args.tool)?;
-    report.print(&subject, args.json, args.unit)
+    if let Some(to) = &args.save {
+        saved::save(&subject, &report, to, args.name.as_deref())?;
+    }
+    report.print(&subject, args.json)
 }
 
 fn measure(s: &Subject, tool: &Tool) -> anyhow::Result<Report> {
     match tool {
-        Tool::Coordinate(points) => on_points(s, "coordinate", PointTool::Coordinate, &points.at),
-        Tool::Distance { points, closed: true, .. } => on_points(s, "perimeter", PointTool::Perimeter, &points.at),
+        Tool::Coordinate(points) => on_points(s, ToolName::Coordinate, PointTool::Coordinate, &points.at),
+        Tool::Distance { points, closed: true, .. } => {
+            on_points(s, ToolName::Perimeter, PointTool::Perimeter, &points.at)
+        }
         Tool::Distance { points, along, .. } => {
-            let mut report = on_points(s, "distance", PointTool::Distance, &points.at)?;
+            let mut report = on_points(s, ToolName::Distance, PointTool::Distance, &points.at)?;
             if *along {
+                report.task_mut().tool = ToolName::Along;
                 cutting::along(s, &s.places(&points.at)?, &mut report)?;
             }
             Ok(report)
         }
-        Tool::Angle { points, planes: false } => on_points(s, "angle", PointTool::Angle, &points.at),
-        Tool::Angle { points, planes: true } => on_points(s, "plane-angle", PointTool::PlaneAngle, &points.at),
-        Tool::Height(points) => on_points(s, "height", PointTool::Height, &points.at),
-        Tool::Circle(points) => on_points(s, "circle", PointTool::Circle, &points.at),
+        Tool::Angle { points, planes: false } => on_points(s, ToolName::Angle, PointTool::Angle, &points.at),
+        Tool::Angle { points, planes: true } => on_points(s, ToolName::PlaneAngle, PointTool::PlaneAngle, &points.at),
+        Tool::Height(points) => on_points(s, ToolName::Height, PointTool::Height, &points.at),
+        Tool::Circle(points) => on_points(s, ToolName::Circle, PointTool::Circle, &points.at),
         Tool::Area { at, reach } if at.is_empty() => {
             anyhow::ensure!(reach.is_none(), "--reach belongs to a polygon; give its corners");
             whole::area(s)
@@ -238,22 +261,26 @@ fn measure(s: &Subject, tool: &Tool) -> anyhow::Result<Report> {
             let plane = plane.ok_or_else(|| anyhow::anyhow!("which plane? Give --plane, --x, --y or --z"))?;
             cutting::section(s, plane, output)
         }
-        Tool::Profile { points, output } => cutting::profile(s, &positions(&points.at)?, output),
+        Tool::Profile { points, output } => {
+            let line = positions(&points.at)?;
+            let local: Vec<Vec3> = line.iter().map(|p| s.space.local_from_world(*p)).collect();
+            cutting::profile(s, &local, output)
+        }
         Tool::Contours { interval, output } => cutting::contours(s, *interval, output),
+        Tool::Again(_) => anyhow::bail!("a document is measured as a whole"),
     }
 }
 
-fn on_points(s: &Subject, name: &'static str, tool: PointTool, numbers: &[f64]) -> anyhow::Result<Report> {
+fn on_points(s: &Subject, name: ToolName, tool: PointTool, numbers: &[f64]) -> anyhow::Result<Report> {
     let places = s.places(numbers)?;
     let local: Vec<Vec3> = places.iter().map(|p| p.local).collect();
-    let mut readings = tool.measure(&local, &s.space, &s.point)?;
-    if tool == PointTool::Coordinate
-        && s.given == Given::Near
+    let readings = tool.measure(&local, &s.space, &s.point)?;
+    let mut report = Report::new(Task::on_points(name, local, &s.space), readings);
+    if s.given == Given::Near
         && let [only] = &places[..]
     {
-        readings.push(Reading::new("away from the position", Dimension::Length, only.away, s.point.combined()));
+        report.remark(format!("{:.4} m from the given position", only.away));
     }
-    let mut report = Report::new(name, readings);
     report.add("points", json!(places));
     Ok(report)
 }

@@ -1,11 +1,10 @@
 //! Files that sections, profiles and contours are written to: SVG and DXF to scale, CSV, JSON and GeoJSON.
 
 use super::Subject;
-use anyhow::Context;
+use super::saved::write_whole;
 use kilwa_measure::Drawing;
 use serde_json::json;
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Where a drawing goes.
@@ -39,6 +38,11 @@ pub(super) struct Lines {
 }
 
 impl OutputArgs {
+    /// No file.
+    pub(super) fn none() -> Self {
+        Self { output: None, scale: 50.0, force: false }
+    }
+
     /// Say what would stop the writing, before the work is done.
     pub(super) fn check(&self) -> anyhow::Result<()> {
         let Some(path) = &self.output else { return Ok(()) };
@@ -71,14 +75,7 @@ impl OutputArgs {
             "geojson" => geojson(s, &lines),
             _ => serde_json::to_string_pretty(&data(s, &lines))?,
         };
-        let mut file = tempfile::Builder::new()
-            .prefix(".kilwa-")
-            .tempfile_in(folder(path))
-            .with_context(|| format!("cannot write to {}", folder(path).display()))?;
-        file.write_all(text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
-        file.as_file().sync_all().with_context(|| format!("cannot write {}", path.display()))?;
-        let persisted = if self.force { file.persist(path) } else { file.persist_noclobber(path) };
-        persisted.map_err(|e| e.error).with_context(|| format!("cannot write {}", path.display()))?;
+        write_whole(path, &text, self.force)?;
         Ok(Some(path))
     }
 

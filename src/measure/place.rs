@@ -41,7 +41,7 @@ pub(super) fn places(pack: &Reader<FileSource>, positions: &[Vec3], exact: bool)
         if exact {
             return Ok(Place { world: *world, local: space.local_from_world(*world), away: 0.0, normal: [0.0; 3] });
         }
-        nearest(pack, &space, *world)
+        nearest(pack, &space, pack.header().lattice.steps_from_world(*world))
     };
     positions.iter().map(one).collect()
 }
@@ -79,6 +79,13 @@ fn cast(pack: &Reader<FileSource>, space: &Space, origin: Vec3, direction: Vec3)
     Ok(Place { world: space.world_from_local(local), local, away: 0.0, normal })
 }
 
+/// A point in local metres as it is, with the direction that the surface nearest to it faces.
+pub(super) fn facing_at(pack: &Reader<FileSource>, space: &Space, local: Vec3) -> anyhow::Result<Place> {
+    let world = space.world_from_local(local);
+    let found = nearest(pack, space, space.steps_from_local(local))?;
+    Ok(Place { world, local, away: 0.0, normal: found.normal })
+}
+
 /// Positions from a flat list of numbers.
 pub(super) fn positions(numbers: &[f64]) -> anyhow::Result<Vec<Vec3>> {
     let whole = numbers.chunks_exact(3);
@@ -90,9 +97,8 @@ pub(super) fn positions(numbers: &[f64]) -> anyhow::Result<Vec<Vec3>> {
     Ok(whole.map(|p| [p[0], p[1], p[2]]).collect())
 }
 
-/// Chunks are read nearest first and only while they can still hold a nearer point.
-fn nearest(pack: &Reader<FileSource>, space: &Space, world: Vec3) -> anyhow::Result<Place> {
-    let p = pack.header().lattice.steps_from_world(world);
+/// The point of the surface nearest to `p` (lattice steps). Chunks are read nearest first and only while they can still hold a nearer point.
+fn nearest(pack: &Reader<FileSource>, space: &Space, p: Vec3) -> anyhow::Result<Place> {
     let mut order: Vec<(f64, u32)> =
         (0u32..).zip(pack.entries()).map(|(i, e)| (box_distance(p, &e.bounds), i)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));

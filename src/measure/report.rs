@@ -2,13 +2,13 @@
 
 use super::Subject;
 use super::sweep::Read;
-use kilwa_measure::{LengthUnit, Reading};
+use kilwa_measure::{Reading, Task};
 use serde_json::{Map, Value, json};
 use std::io::Write;
 
 /// A measurement.
 pub(super) struct Report {
-    tool: &'static str,
+    task: Task,
     readings: Vec<Reading>,
     details: Map<String, Value>,
     /// Sentences below the readings.
@@ -16,8 +16,23 @@ pub(super) struct Report {
 }
 
 impl Report {
-    pub(super) fn new(tool: &'static str, readings: Vec<Reading>) -> Self {
-        Self { tool, readings, details: Map::new(), remarks: Vec::new() }
+    pub(super) fn new(task: Task, readings: Vec<Reading>) -> Self {
+        Self { task, readings, details: Map::new(), remarks: Vec::new() }
+    }
+
+    /// What was measured.
+    pub(super) fn task(&self) -> &Task {
+        &self.task
+    }
+
+    /// The same, to say more of it.
+    pub(super) fn task_mut(&mut self) -> &mut Task {
+        &mut self.task
+    }
+
+    /// What came out.
+    pub(super) fn readings(&self) -> &[Reading] {
+        &self.readings
     }
 
     /// A further reading.
@@ -48,10 +63,10 @@ impl Report {
     }
 
     /// Print it.
-    pub(super) fn print(mut self, s: &Subject, as_json: bool, unit: LengthUnit) -> anyhow::Result<()> {
+    pub(super) fn print(mut self, s: &Subject, as_json: bool) -> anyhow::Result<()> {
         let mut out = std::io::stdout().lock();
         if as_json {
-            self.add("tool", json!(self.tool));
+            self.add("tool", json!(self.task.tool));
             self.add("readings", json!(self.readings));
             self.add("uncertainty", json!(s.point));
             self.add("pack", json!({ "title": s.pack.metadata().title, "identity": s.pack.identity() }));
@@ -61,7 +76,7 @@ impl Report {
         }
         let width = self.readings.iter().map(|r| r.name.chars().count()).max().unwrap_or(0);
         for r in &self.readings {
-            writeln!(out, "{:width$} {}", r.name, r.text(unit))?;
+            writeln!(out, "{:width$} {}", r.name, r.text(s.unit))?;
         }
         for words in &self.remarks {
             writeln!(out, "{words}")?;

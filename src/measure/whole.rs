@@ -6,7 +6,9 @@ use super::report::Report;
 use super::sweep::sweep;
 use kilwa_geometry::distance::{Vec3, dot, sub};
 use kilwa_geometry::{Aabb, LatticePoint};
-use kilwa_measure::{Areas, CutFill, Deviation, Dimension, Enclosed, Plane, PointTool, Reading, Refusal, Region};
+use kilwa_measure::{
+    Areas, CutFill, Deviation, Dimension, Enclosed, Plane, PointTool, Reading, Refusal, Region, Task, ToolName,
+};
 use serde_json::json;
 
 /// The whole surface.
@@ -25,7 +27,7 @@ pub(super) fn area(s: &Subject) -> anyhow::Result<Report> {
         Reading::new("surface", Dimension::Area, sum.surface(), u[0]),
         Reading::new("plan", Dimension::Area, sum.plan(), u[1]),
     ];
-    let mut report = Report::new("area", readings);
+    let mut report = Report::new(Task::on_points(ToolName::Area, Vec::new(), &s.space), readings);
     report.add("triangles", json!(sum.triangles()));
     report.read(&read);
     Ok(report)
@@ -34,7 +36,8 @@ pub(super) fn area(s: &Subject) -> anyhow::Result<Report> {
 /// A polygon: in its plane, in plan, and the surface inside.
 pub(super) fn polygon_area(s: &Subject, places: &[Place], reach: Option<f64>) -> anyhow::Result<Report> {
     let corners: Vec<Vec3> = places.iter().map(|p| p.local).collect();
-    let mut report = Report::new("area", PointTool::PolygonArea.measure(&corners, &s.space, &s.point)?);
+    let task = Task { reach, ..Task::on_points(ToolName::Area, corners.clone(), &s.space) };
+    let mut report = Report::new(task, PointTool::PolygonArea.measure(&corners, &s.space, &s.point)?);
     let fit = Plane::fit(&corners)?;
     let wide = extent(&corners);
     let reach = checked(reach)?.unwrap_or_else(|| (2.0 * fit.largest).max(0.05 * wide).max(10.0 * s.space.step()));
@@ -79,7 +82,10 @@ pub(super) fn volume(s: &Subject) -> anyhow::Result<Report> {
     )?;
     let volume = sum.volume(borders)?;
     let u = sum.spread() * s.point.combined();
-    let mut report = Report::new("volume", vec![Reading::new("volume", Dimension::Volume, volume, u)]);
+    let mut report = Report::new(
+        Task::on_points(ToolName::Volume, Vec::new(), &s.space),
+        vec![Reading::new("volume", Dimension::Volume, volume, u)],
+    );
     if volume < 0.0 {
         report.remark("the volume is negative: the surface is inside out".to_owned());
     }
@@ -95,6 +101,8 @@ pub(super) fn cut_fill(
     against: Option<Plane>,
     reach: Option<f64>,
 ) -> anyhow::Result<Report> {
+    let corners: Vec<Vec3> = places.iter().map(|p| p.local).collect();
+    let task = Task { reach, plane: against, ..Task::on_points(ToolName::CutFill, corners.clone(), &s.space) };
     let (region, fitted) = region(places, against, reach, |corners, _| extent(corners))?;
     let mut sum = CutFill::default();
     let read = sweep(
@@ -108,13 +116,12 @@ pub(super) fn cut_fill(
     let u = sum.spread(if fitted { places.len() } else { 0 }) * s.point.combined();
     let of = |name, value| Reading::new(name, Dimension::Volume, value, u);
     let mut report = if v.is_body() {
-        let mut report = Report::new("cut-fill", vec![of("above the plane", v.cut), of("below the plane", -v.fill)]);
+        let mut report = Report::new(task, vec![of("above the plane", v.cut), of("below the plane", -v.fill)]);
         report.remark("a closed body without ground: nothing is to be filled".to_owned());
         report
     } else {
-        Report::new("cut-fill", vec![of("cut", v.cut), of("fill", v.fill), of("net", v.net)])
+        Report::new(task, vec![of("cut", v.cut), of("fill", v.fill), of("net", v.net)])
     };
-    let corners: Vec<Vec3> = places.iter().map(|p| p.local).collect();
     let of_base = PointTool::PolygonArea.measure(&corners, &s.space, &s.point)?;
     let base = of_base.first().map_or(0.0, |r| r.quantity.uncertainty);
     report.reading(Reading::new("base", Dimension::Area, region.area(), base));
@@ -141,6 +148,8 @@ pub(super) fn deviation(
     from: Option<Plane>,
     reach: Option<f64>,
 ) -> anyhow::Result<Report> {
+    let corners: Vec<Vec3> = places.iter().map(|p| p.local).collect();
+    let task = Task { reach, plane: from, ..Task::on_points(ToolName::Deviation, corners, &s.space) };
     let mut areas = Areas::default();
     let (figures, plane, read) = if places.is_empty() {
         let plane =
@@ -192,7 +201,7 @@ pub(super) fn deviation(
     let u = s.point.combined();
     let of = |name, value| Reading::new(name, Dimension::Length, value, u);
     let mut report = Report::new(
-        "deviation",
+        task,
         vec![
             of("mean", figures.mean),
             of("root mean square", figures.rms),

@@ -13,6 +13,7 @@ mod phantoms;
 mod provisional;
 mod rays;
 mod refusals;
+mod saved;
 
 /// State a claim: prints the row of the table, and fails where the measured error is larger than the bound.
 fn claim(what: &str, bound: f64, measured: f64) {

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// What a Python program prints as JSON, or `None` where the packages are not there.
-fn python(program: &str, args: &[&str]) -> Option<Value> {
+pub(crate) fn python(program: &str, args: &[&str]) -> Option<Value> {
     let Some(packages) = std::env::var_os("KILWA_PYTHON") else {
         println!("skipped: second opinion by trimesh and ezdxf: KILWA_PYTHON is not set (cargo xtask test sets it)");
         return None;
@@ -77,12 +77,13 @@ fn trimesh_agrees_on_real_scans() {
     }
 }
 
-const EZDXF: &str = "
+pub(crate) const EZDXF: &str = "
 import sys, json, ezdxf
 d = ezdxf.readfile(sys.argv[1])
 a = d.audit()
 lines = [[[p[0], p[1]] for p in e.get_points()] for e in d.modelspace().query('LWPOLYLINE')]
-print(json.dumps({'version': d.dxfversion, 'errors': len(a.errors), 'fixes': len(a.fixes), 'units': d.units, 'lines': lines,
+space = [[[v.dxf.location.x, v.dxf.location.y, v.dxf.location.z] for v in e.vertices] for e in d.modelspace().query('POLYLINE')]
+print(json.dumps({'lines3': space, 'version': d.dxfversion, 'errors': len(a.errors), 'fixes': len(a.fixes), 'units': d.units, 'lines': lines,
   'layers': sorted(l.dxf.name for l in d.layers)}))
 ";
 

@@ -1,11 +1,15 @@
 //! Drawings as DXF, release 2010 (AC1024), ASCII, metres: what CAD programs read. Source: Autodesk, "AutoCAD 2010 DXF Reference".
 //!
-//! Written are the tables, blocks and objects that the format demands, light-weight polylines (flat, with an elevation), and
-//! lines and texts for scale bar and dimensions, each on a layer of its own.
+//! Written are the tables, blocks and objects that the format demands, light-weight polylines (flat, with an elevation), points and
+//! polylines in space for saved measurements, and lines and texts for scale bar and dimensions, each on a layer of its own.
 
 use crate::drawing::{Drawing, short};
+use crate::record::{Document, Measurement};
+use crate::unit::LengthUnit;
 use std::fmt::Write;
 
+/// Layer of saved measurements.
+const MEASURED: &str = "MEASUREMENTS";
 /// Layer of overall dimensions, scale bar and title.
 const NOTES: &str = "DIMENSIONS";
 
@@ -33,6 +37,12 @@ impl Writer {
     fn number(&mut self, code: u32, x: f64) {
         // The shortest text that reads back as the same double; DXF wants a decimal point.
         self.pair(code, format_args!("{x:?}"));
+    }
+
+    fn point(&mut self, p: [f64; 3]) {
+        for (code, x) in [10, 20, 30].into_iter().zip(p) {
+            self.number(code, x);
+        }
     }
 
     fn next(&mut self) -> String {
@@ -64,18 +74,9 @@ impl Drawing {
     /// The drawing as DXF, or `None` where it has no line.
     pub fn to_dxf(&self) -> Option<String> {
         let (low, high) = self.bounds()?;
-        let mut w = Writer { text: String::new(), handle: 0x100 };
-        let mut body = Writer { text: String::new(), handle: 0x1000 };
-        self.entities(&mut body, low, high);
-        header(&mut w, low, high, body.handle + 1);
-        tables(&mut w, &[&self.layer_name(), NOTES]);
-        blocks(&mut w);
-        w.pairs(&[(0, "SECTION"), (2, "ENTITIES")]);
-        w.text.push_str(&body.text);
-        w.pair(0, "ENDSEC");
-        objects(&mut w);
-        w.pair(0, "EOF");
-        Some(w.text)
+        Some(file(&[&self.layer_name(), NOTES], [low[0], low[1], 0.0], [high[0], high[1], 0.0], |w| {
+            self.entities(w, low, high);
+        }))
     }
 
     /// Layer names have no spaces or signs here, and never the name of the layer for notes.
@@ -111,34 +112,93 @@ impl Drawing {
             segment(w, [x - mm, at], [x + mm, at]);
         }
         let size = [high[0] - low[0], high[1] - low[1]].map(|d| format!("{} m", short(d, 3)));
-        text(w, [f64::midpoint(low[0], high[0]), y - 5.0 * mm], 3.0 * mm, 0.0, &size[0]);
-        text(w, [x - 2.0 * mm, f64::midpoint(low[1], high[1])], 3.0 * mm, 90.0, &size[1]);
+        text(w, [f64::midpoint(low[0], high[0]), y - 5.0 * mm, 0.0], 3.0 * mm, 0.0, &size[0]);
+        text(w, [x - 2.0 * mm, f64::midpoint(low[1], high[1]), 0.0], 3.0 * mm, 90.0, &size[1]);
         let (bar, y) = (self.scale_bar(), y - 14.0 * mm);
         segment(w, [low[0], y], [low[0] + bar, y]);
         for k in [0.0, 0.5, 1.0] {
             segment(w, [low[0] + bar * k, y], [low[0] + bar * k, y + 2.0 * mm]);
         }
-        text(w, [low[0], y - 4.5 * mm], 3.0 * mm, 0.0, "0");
-        text(w, [low[0] + bar, y - 4.5 * mm], 3.0 * mm, 0.0, &format!("{} m", short(bar, 3)));
+        text(w, [low[0], y - 4.5 * mm, 0.0], 3.0 * mm, 0.0, "0");
+        text(w, [low[0] + bar, y - 4.5 * mm, 0.0], 3.0 * mm, 0.0, &format!("{} m", short(bar, 3)));
         let title = format!("{}   1:{}", self.title, short(self.scale, 3));
         for (i, words) in std::iter::once(&title).chain(&self.notes).enumerate() {
-            text(w, [low[0], y - (11.0 + 4.5 * i as f64) * mm], 3.0 * mm, 0.0, words);
+            text(w, [low[0], y - (11.0 + 4.5 * i as f64) * mm, 0.0], 3.0 * mm, 0.0, words);
         }
     }
 }
 
+impl Document {
+    /// The measurements as points and lines in space, world coordinates, each with its name and first value beside it.
+    pub fn to_dxf(&self) -> String {
+        let points = self.measurements.iter().flat_map(|m| &m.task.world);
+        let (low, high) = points.fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(a, b), p| {
+            (std::array::from_fn(|i| a[i].min(p[i])), std::array::from_fn(|i| b[i].max(p[i])))
+        });
+        let (low, high) = if low[0] <= high[0] { (low, high) } else { ([0.0; 3], [0.0; 3]) };
+        let size = (0..3).map(|i| high[i] - low[i]).fold(0.01, f64::max) * 0.02;
+        file(&[MEASURED, NOTES], low, high, |w| {
+            for m in &self.measurements {
+                measured(w, m, size);
+            }
+        })
+    }
+}
+
+/// One measurement: a point, or a line in space, and its label.
+fn measured(w: &mut Writer, m: &Measurement, size: f64) {
+    let points = &m.task.world;
+    let Some(first) = points.first() else { return };
+    if points.len() == 1 {
+        w.entity("POINT", "AcDbPoint", MEASURED);
+        w.point(*first);
+    } else {
+        let handle = w.next();
+        w.pairs(&[(0, "POLYLINE"), (5, &handle), (330, MODEL), (100, "AcDbEntity"), (8, MEASURED)]);
+        w.pairs(&[(100, "AcDb3dPolyline"), (66, "1"), (10, "0.0"), (20, "0.0"), (30, "0.0")]);
+        w.pair(70, if m.task.tool.is_closed() { 9 } else { 8 });
+        for p in points {
+            let vertex = w.next();
+            w.pairs(&[(0, "VERTEX"), (5, &vertex), (330, &handle), (100, "AcDbEntity"), (8, MEASURED)]);
+            w.pairs(&[(100, "AcDbVertex"), (100, "AcDb3dPolylineVertex")]);
+            w.point(*p);
+            w.pair(70, 32);
+        }
+        let end = w.next();
+        w.pairs(&[(0, "SEQEND"), (5, &end), (330, &handle), (100, "AcDbEntity"), (8, MEASURED)]);
+    }
+    let value = m.readings.first().map_or(String::new(), |r| r.text(LengthUnit::Metre));
+    text(w, *first, size, 0.0, format!("{} {value}", m.name).trim_end());
+}
+
+/// A whole file round entities.
+fn file(layers: &[&str], low: [f64; 3], high: [f64; 3], entities: impl FnOnce(&mut Writer)) -> String {
+    let mut w = Writer { text: String::new(), handle: 0x100 };
+    let mut body = Writer { text: String::new(), handle: 0x1000 };
+    entities(&mut body);
+    header(&mut w, low, high, body.handle + 1);
+    tables(&mut w, layers);
+    blocks(&mut w);
+    w.pairs(&[(0, "SECTION"), (2, "ENTITIES")]);
+    w.text.push_str(&body.text);
+    w.pair(0, "ENDSEC");
+    objects(&mut w);
+    w.pair(0, "EOF");
+    w.text
+}
+
 fn segment(w: &mut Writer, a: [f64; 2], b: [f64; 2]) {
     w.entity("LINE", "AcDbLine", NOTES);
-    for (code, x) in [(10, a[0]), (20, a[1]), (30, 0.0), (11, b[0]), (21, b[1]), (31, 0.0)] {
+    w.point([a[0], a[1], 0.0]);
+    for (code, x) in [(11, b[0]), (21, b[1]), (31, 0.0)] {
         w.number(code, x);
     }
 }
 
-fn text(w: &mut Writer, at: [f64; 2], height: f64, degrees: f64, words: &str) {
+fn text(w: &mut Writer, at: [f64; 3], height: f64, degrees: f64, words: &str) {
     w.entity("TEXT", "AcDbText", NOTES);
-    for (code, x) in [(10, at[0]), (20, at[1]), (30, 0.0), (40, height)] {
-        w.number(code, x);
-    }
+    w.point(at);
+    w.number(40, height);
     // A line break would end the value; signs beyond ASCII are written as \U+XXXX.
     let mut plain = String::new();
     for c in words.chars().filter(|c| !c.is_control()) {
@@ -156,16 +216,14 @@ fn text(w: &mut Writer, at: [f64; 2], height: f64, degrees: f64, words: &str) {
     w.pair(100, "AcDbText");
 }
 
-fn header(w: &mut Writer, low: [f64; 2], high: [f64; 2], seed: u32) {
+fn header(w: &mut Writer, low: [f64; 3], high: [f64; 3], seed: u32) {
     w.pairs(&[(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1024"), (9, "$DWGCODEPAGE"), (3, "ANSI_1252")]);
     w.pair(9, "$HANDSEED");
     w.pair(5, format_args!("{seed:X}"));
     w.pairs(&[(9, "$INSUNITS"), (70, "6"), (9, "$MEASUREMENT"), (70, "1")]);
     for (name, p) in [("$EXTMIN", low), ("$EXTMAX", high)] {
         w.pair(9, name);
-        for (code, x) in [(10, p[0]), (20, p[1]), (30, 0.0)] {
-            w.number(code, x);
-        }
+        w.point(p);
     }
     w.pairs(&[(0, "ENDSEC"), (0, "SECTION"), (2, "CLASSES"), (0, "ENDSEC")]);
 }
