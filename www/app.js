@@ -4,8 +4,9 @@ import { Api } from "./api.js";
 import * as chrome from "./chrome.js";
 import { Cube } from "./cube.js";
 import { DecodePool } from "./decode-pool.js";
+import { Display } from "./display.js";
 import * as format from "./format.js";
-import { apply, onChange, preferred, remember, t, use } from "./i18n.js";
+import { onChange, preferred, remember, t, use } from "./i18n.js";
 import * as embed from "./embed.js";
 import { Flight } from "./flight.js";
 import { Input } from "./input.js";
@@ -17,6 +18,7 @@ import { Notes, fetchPublished } from "./notes.js";
 import { whyNoGpu } from "./program.js";
 import { Saved } from "./saved.js";
 import { PictureDialog } from "./screenshot.js";
+import { Section } from "./section.js";
 import { Session } from "./session.js";
 import { Status } from "./status.js";
 import { Trouble } from "./trouble.js";
@@ -26,7 +28,6 @@ import { Walk } from "./walk.js";
 const $ = (id) => document.getElementById(id);
 const MEMORY = [64, 128, 256, 512, 1024, 2048];
 const DETAIL = [0.5, 1, 2, 4, 8];
-const MODE_NAMES = { colour: "modeColor", clay: "modeClay", normals: "modeNormals", level: "modeLevels", error: "modeError" };
 
 /** @param {{pack: import("./loader.js").Pack | null, head: Promise<Uint8Array>, program: Promise<object>, parameters: URLSearchParams}} parts */
 export async function start({ pack, head, program, parameters }) {
@@ -50,6 +51,9 @@ class Page {
     this.address = new Address(() => (this.session && !this.session.closed && this.api.isReady ? this.state() : null), (state) => this.restore(state));
     this.cube = new Cube((view) => this.standardView(view));
     this.pictures = new PictureDialog(() => ({ viewer: this.viewer, session: this.session, title: this.title }));
+    const pickPoints = (use) => this.#pickPoints(use);
+    this.look = new Display({ onChange: () => this.#displayed(), pickPoints });
+    this.section = new Section({ display: this.look, pickPoints });
     this.trouble.onShow = (kind) => this.api.emit("trouble", { kind });
     this.controls();
     if (parameters.has("embed")) embed.reduce(parameters.get("embed") === "bare");
@@ -62,7 +66,7 @@ class Page {
     const asked = (name) => (this.parameters.has(name) ? Number(this.parameters.get(name)) : NaN);
     const memory = asked("memory") > 0 ? asked("memory") : MEMORY[small ? 2 : 3];
     const detail = asked("error") > 0 ? asked("error") : 1;
-    return { memory, detail, mode: null, orthographic: false };
+    return { memory, detail, orthographic: false };
   }
 
   /** Head and program arrive in parallel; then the first picture, then everything else. */
@@ -117,7 +121,7 @@ class Page {
     this.notes?.closeForm();
     if (this.pack?.isLocal) this.pack.close();
     this.pack = new LocalPack(file);
-    this.session = this.module = this.info = this.usual = this.settings.mode = null;
+    this.session = this.module = this.info = this.usual = null;
     document.body.dataset.state = "loading";
     document.body.dataset.pack = "";
     for (const id of ["welcome", "trouble"]) $(id).hidden = true;
@@ -242,7 +246,10 @@ class Page {
     this.walk = new Walk({ viewer, session, flight: this.flight, onChange: () => this.#projected() });
     this.input = new Input(session, this.actions, this);
     this.notes.attach(viewer, session);
-    this.#modes();
+    const usual = this.look.attach(viewer, session, this.info);
+    if (!this.usual) this.usual = usual;
+    viewer.setMode(this.usual);
+    this.section.attach(viewer, session);
     this.settle();
     this.tool("orbit");
     this.#turning();
@@ -293,9 +300,7 @@ class Page {
     } catch (error) {
       chrome.notice(t("displayFailed", { why: error.message }), 10000);
     }
-    this.settings.mode = this.viewer.mode();
-    const chosen = document.querySelector(`input[name=mode][value="${CSS.escape(this.viewer.mode())}"]`);
-    if (chosen) chosen.checked = true;
+    this.#displayed();
     this.session.wake();
   }
 
@@ -379,6 +384,10 @@ class Page {
       chrome.notice(t("noteMissed"));
       return;
     }
+    if (this.points) {
+      this.#point(hit);
+      return;
+    }
     this.input.showPoint(null);
     this.notes.place([...hit].slice(0, 3));
   }
@@ -433,18 +442,14 @@ class Page {
 
   /** Hand all settings to the viewer. */
   settle() {
-    const { memory, detail, mode } = this.settings;
+    const { memory, detail } = this.settings;
     $("memory-value").textContent = format.bytes(memory * 1e6);
     $("detail-value").textContent = t("pixels", { n: format.pixels(detail) });
     if (!this.session || this.session.closed) return;
     this.viewer.setMemory(memory * 1e6, memory * 2e6);
     this.viewer.setTargetPixels(detail);
-    this.viewer.setDark(matchMedia("(prefers-color-scheme: dark)").matches);
-    if (mode) this.viewer.setMode(mode);
-    const [low, high] = this.module.Viewer.errorScale();
-    $("error-legend").hidden = this.viewer.mode() !== "error";
-    $("error-low").textContent = `≤ ${format.round(low)}`;
-    $("error-high").textContent = `≥ ${format.round(high)}`;
+    this.look.settle();
+    this.section.refresh();
     this.settings.orthographic = this.viewer.camera()[6] === 1;
     this.#showProjection();
     this.session.wake();
@@ -474,6 +479,7 @@ class Page {
     const camera = this.viewer.camera();
     this.cube.show(camera);
     this.notes.pins?.frame(stats);
+    this.section.frame();
     this.walk.frame(stats);
     this.address.later();
     this.api.emit("frame", stats);
@@ -516,26 +522,32 @@ class Page {
     $("facts").replaceChildren(factsList(this.info));
   }
 
-  #modes() {
-    const chosen = this.settings.mode ?? this.viewer.mode();
-    const names = this.module.Viewer.modes().filter((m) => m !== "colour" || this.info.pack.colors);
-    const selected = names.includes(chosen) ? chosen : (names[0] ?? chosen);
-    this.settings.mode = selected;
-    this.usual ??= selected;
-    $("modes").replaceChildren(
-      ...names.map((name) => {
-        const label = document.createElement("label");
-        label.className = "choice";
-        const input = Object.assign(document.createElement("input"), {
-          type: "radio", name: "mode", value: name, checked: name === selected,
-        });
-        const text = document.createElement("span");
-        text.dataset.text = MODE_NAMES[name] ?? name;
-        label.append(input, text);
-        return label;
-      }),
-    );
-    apply($("modes"));
+  /** Shading, light or section changed. */
+  #displayed() {
+    this.look.refresh();
+    this.section.refresh();
+    this.address.later();
+  }
+
+  /** Let the person press three places on the surface, then go on as before. */
+  #pickPoints(use) {
+    this.points = { use, found: [] };
+    this.tool("points");
+  }
+
+  #point(hit) {
+    this.points.found.push([...hit].slice(0, 3));
+    if (this.points.found.length < 3) {
+      chrome.hint(this.#hint("points"));
+      return;
+    }
+    const { use, found } = this.points;
+    this.tool("orbit");
+    use(found);
+  }
+
+  #hint(tool) {
+    return { walk: () => t("hintWalk"), note: () => t("hintNote"), points: () => t("hintPoints", { n: format.count(this.points.found.length + 1) }) }[tool]?.();
   }
 
   controls() {
@@ -613,12 +625,7 @@ class Page {
       this.settle();
     });
     $("display").addEventListener("change", (event) => {
-      if (event.target.name === "mode") {
-        this.settings.mode = event.target.value;
-        this.settle();
-      } else if (event.target.name === "projection") {
-        this.#parallel(event.target.value === "orthographic");
-      }
+      if (event.target.name === "projection") this.#parallel(event.target.value === "orthographic");
     });
     // The figures are written while they can be seen.
     $("tab-info").addEventListener("click", () => this.session?.wake());
@@ -649,9 +656,11 @@ class Page {
     this.input.showPoint(null);
     for (const other of ["orbit", "pan", "walk", "note"]) $(`tool-${other}`).setAttribute("aria-pressed", String(other === name));
     $("canvas").dataset.tool = name;
-    chrome.hint({ walk: t("hintWalk"), note: t("hintNote") }[name]);
+    chrome.hint(this.#hint(name));
     if (name === "walk") this.walk.enter();
-    if (name === "walk" || name === "note") $("canvas").focus({ preventScroll: true });
+    if (name === "points") this.points.found = [];
+    else if (this.points) this.points = null;
+    if (["walk", "note", "points"].includes(name)) $("canvas").focus({ preventScroll: true });
   }
 
   async share() {
@@ -672,6 +681,6 @@ class Page {
     this.saved?.show();
     this.notes?.show();
     this.walk?.show();
-    if (this.input) chrome.hint({ walk: t("hintWalk"), note: t("hintNote") }[this.input.tool]);
+    if (this.input) chrome.hint(this.#hint(this.input.tool));
   }
 }

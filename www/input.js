@@ -12,6 +12,9 @@ const SLACK = 6;
 /** CSS pixels that an arrow moves the crosshair by. */
 const KEY_POINT = 6;
 
+/** Tools that choose places on the surface. */
+const PLACING = new Set(["note", "points"]);
+
 export const VIEW_KEYS = { 1: "plan", 2: "north", 3: "east", 4: "south", 5: "west", 6: "iso", 7: "below" };
 
 export class Input {
@@ -130,7 +133,7 @@ export class Input {
     this.pointers.delete(event.pointerId);
     if (this.pointers.size === 0) this.canvas.classList.remove("moving");
     const isClick = pointer && event.type === "pointerup" && pointer.moved <= SLACK * this.session.ratio;
-    if (isClick && this.tool === "note" && pointer.button === 0) this.actions.place(pointer.x, pointer.y);
+    if (isClick && PLACING.has(this.tool) && pointer.button === 0) this.actions.place(pointer.x, pointer.y);
     else if (isClick && event.pointerType === "touch") this.tap(event, pointer);
     this.session.wake();
   }
@@ -151,7 +154,7 @@ export class Input {
   }
 
   pivot(x, y) {
-    if (this.tool === "note") return;
+    if (PLACING.has(this.tool)) return;
     if (this.walk.on) {
       this.walk.standAt(x, y);
       return;
@@ -217,9 +220,9 @@ export class Input {
     return Boolean(other);
   }
 
-  /** While a note is placed, arrows move a crosshair, Space and Enter choose what is under it. */
+  /** While a place is chosen, arrows move a crosshair, Space and Enter choose what is under it. */
   placing(event) {
-    if (this.tool !== "note") return false;
+    if (!PLACING.has(this.tool)) return false;
     const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
     const point = this.point ?? [this.canvas.width / 2, this.canvas.height / 2];
     if (step) {
