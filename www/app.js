@@ -240,6 +240,7 @@ class Page {
       },
     });
     const { session } = this;
+    viewer.whenLost().then(() => session.wake());
     this.input?.close();
     this.walk?.close();
     this.flight = new Flight({ viewer, session, onHistory: () => this.#viewButtons() });

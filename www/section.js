@@ -65,7 +65,7 @@ export class Section {
     on("box-remove", "change", (e) => this.display.change({ clipBox: { ...this.state.clipBox, removeInside: e.target.checked } }));
     on("box-reset", "click", () => this.display.change({ clipBox: this.#usualBox() }));
     on("clip-outline", "change", (e) => this.display.change({ outline: e.target.checked }));
-    for (const tab of document.querySelectorAll("[role=tab]")) tab.addEventListener("click", () => this.frame());
+    for (const tab of document.querySelectorAll("[role=tab]")) tab.addEventListener("click", () => setTimeout(() => this.frame())); // when the tab is shown
   }
 
   /** Through the middle of the model; from above at two thirds of the height, where walls are cut and floors are seen. */

@@ -42,7 +42,7 @@ async function fort(query, before) {
   return { ...opened, modules };
 }
 
-const MODES = ["colour", "clay", "normals", "level", "error"];
+const MODES = ["colour", "clay", "headlight", "raking", "curvature", "eye-dome", "normals", "height", "distance", "level", "error"];
 
 /** One picture per mode. */
 async function pictures(page) {

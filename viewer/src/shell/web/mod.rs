@@ -6,6 +6,7 @@
 //! `nogpu:` mean that nothing can be drawn here.
 
 mod display;
+mod loss;
 mod navigation;
 mod picture;
 mod stream;
@@ -18,12 +19,12 @@ use crate::gpu::target::view_of;
 use crate::options::RenderOptions;
 use crate::pick::{Hit, Scope, nearest};
 use crate::renderer::Renderer;
-use js_sys::{Object, Reflect};
+use js_sys::{Object, Promise, Reflect};
 use kilwa_pack::{GpuChunk, HEADER_BYTES, Metadata, PackError, ScalarChannel, parse_head};
 use kilwa_stream::{Budgets, DrawPatch, Event, Pace, Streamer, View};
+use loss::Loss;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use wasm_bindgen::prelude::{JsError, JsValue, wasm_bindgen};
 use web_sys::HtmlCanvasElement;
 
@@ -73,7 +74,7 @@ pub struct Viewer {
     gpu: Gpu,
     surface: wgpu::Surface<'static>,
     config: wgpu::SurfaceConfiguration,
-    lost: Arc<AtomicBool>,
+    lost: Arc<Loss>,
     renderer: Renderer,
     streamer: Streamer,
     decoded: BTreeMap<u32, GpuChunk>,
@@ -129,9 +130,9 @@ impl Viewer {
         }
         let format = config.format;
         surface.configure(&gpu.device, &config);
-        let lost = Arc::new(AtomicBool::new(false));
+        let lost = Arc::new(Loss::default());
         let flag = Arc::clone(&lost);
-        gpu.device.set_device_lost_callback(move |_, _| flag.store(true, Ordering::Relaxed));
+        gpu.device.set_device_lost_callback(move |_, _| flag.happened());
         let renderer = Renderer::new(gpu.device.clone(), gpu.queue.clone(), format, gpu.samples(format));
         // Chunks are small: sixteen are about a megabyte, which no frame feels, and a slow renderer needs fewer frames.
         let budgets = Budgets { uploads: 16, ..Budgets::default() };
@@ -167,6 +168,16 @@ impl Viewer {
     /// Name and kind of the graphics adapter.
     pub fn adapter(&self) -> String {
         self.gpu.describe()
+    }
+
+    /// Resolves when the graphics device is lost: at rest no frame would tell.
+    #[wasm_bindgen(js_name = whenLost)]
+    pub fn when_lost(&self) -> Promise {
+        let lost = Arc::clone(&self.lost);
+        wasm_bindgen_futures::future_to_promise(async move {
+            lost.wait().await;
+            Ok(JsValue::UNDEFINED)
+        })
     }
 
     /// The canvas has so many pixels now.

@@ -4,7 +4,6 @@ use super::{Viewer, set};
 use js_sys::{Array, Object, Uint8Array};
 use kilwa_pack::{GpuChunk, PatchRange};
 use kilwa_stream::{Budgets, Command, Event, FetchKind, Stats, Step};
-use std::sync::atomic::Ordering;
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 #[wasm_bindgen]
@@ -156,7 +155,7 @@ impl Viewer {
             ("targetReached", s.worst_pixel_error <= self.target_pixels),
             ("budgetLimited", s.budget_limited),
             ("settled", s.settled),
-            ("lost", self.lost.load(Ordering::Relaxed)),
+            ("lost", self.lost.has_happened()),
         ] {
             set(&o, name, &value.into())?;
         }

@@ -1,0 +1,230 @@
+// The panels Display and Section in Chromium, the recovery of a lost device, and levels that fade.
+
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+import { launch, open, packFolder, picture, pixels, serve, waitFor } from "./harness.mjs";
+
+let server;
+let browser;
+
+before(async () => {
+  server = await serve(await packFolder());
+  browser = await launch();
+});
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+});
+
+const fort = (options = {}, query = "?error=4") => open(browser, `${server.url}/m/fort${query}`, { size: [900, 600], ...options });
+const state = (page) => page.evaluate(() => JSON.parse(globalThis.kilwa.viewer.displayState()));
+const rest = async (page) => {
+  await page.waitForTimeout(60);
+  await waitFor(page, "settled");
+};
+
+test("each shading is chosen in the panel, has the controls that belong to it, and is kept by the address", async () => {
+  const { page, complaints, close } = await fort();
+  await page.locator("#tab-display").click();
+  const seen = new Set();
+  for (const mode of ["colour", "clay", "headlight", "raking", "curvature", "eye-dome", "normals", "height", "distance", "level", "error"]) {
+    await page.locator(`input[name=mode][value=${mode}]`).check();
+    await rest(page);
+    const { hash } = await picture(page);
+    // Height counts from the reference system, distance from the lowest point: the colours are the same until told otherwise.
+    if (mode !== "distance") assert.ok(!seen.has(hash), `${mode} looks like another shading`);
+    seen.add(hash);
+    const shown = await page.locator("#look > [data-modes]").evaluateAll((all) => all.filter((e) => !e.hidden).map((e) => e.dataset.modes));
+    assert.ok(shown.every((modes) => modes.split(" ").includes(mode)), `${mode}: ${shown}`);
+  }
+  assert.equal(await page.locator("input[name=mode][value=scalar]").count(), 0, "this scan has no scalars");
+
+  // The light: typed, dragged, by keyboard.
+  await page.locator("input[name=mode][value=raking]").check();
+  await page.locator("#azimuth").fill("90");
+  await page.locator("#elevation").fill("10");
+  assert.deepEqual((await state(page)).light, { azimuth: 90, elevation: 10 });
+  await rest(page);
+  const east = await picture(page);
+  await page.locator("#light-disc").focus();
+  await page.keyboard.press("Shift+ArrowRight");
+  assert.equal((await state(page)).light.azimuth, 105);
+  const disc = await page.locator("#light-disc").boundingBox();
+  await page.mouse.click(disc.x + disc.width * 0.2, disc.y + disc.height / 2);
+  const dragged = (await state(page)).light;
+  assert.ok(Math.abs(dragged.azimuth - 270) <= 3 && dragged.elevation > 10 && dragged.elevation < 50, JSON.stringify(dragged));
+  await rest(page);
+  assert.notEqual((await picture(page)).hash, east.hash);
+
+  // The scale: typed ends, and back to the whole model.
+  await page.locator("input[name=mode][value=height]").check();
+  await rest(page);
+  const whole = await picture(page);
+  await page.locator("#scale-high").fill("2");
+  await rest(page);
+  assert.notEqual((await picture(page)).hash, whole.hash);
+  await page.locator("#scale-reset").click();
+  await rest(page);
+  assert.equal((await picture(page)).hash, whole.hash);
+
+  // White is white, and the address opens the same picture.
+  await page.locator("#background").selectOption("white");
+  await rest(page);
+  const white = await pixels(page);
+  assert.deepEqual([...white.pixels.slice(0, 4)], [255, 255, 255, 255]);
+  await page.evaluate(() => globalThis.kilwa.address.now());
+  const url = page.url();
+  const before = await picture(page);
+  await page.goto("about:blank");
+  await page.goto(url);
+  await waitFor(page, "settled");
+  assert.equal((await picture(page)).hash, before.hash, "the address opens the same picture");
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("planes and boxes cut the model, by numbers, handles and keys; picks go through what is removed", async () => {
+  const { page, complaints, close } = await fort();
+  const whole = await picture(page);
+  await page.locator("#tab-section").click();
+  await page.locator("#clip-plane").check();
+  await rest(page);
+  const cut = await picture(page);
+  assert.notEqual(cut.hash, whole.hash);
+  const height = async () => (await state(page)).clipPlane.point[2];
+  await page.locator("#clip-position").fill("1.5");
+  assert.equal(await height(), 1.5);
+
+  // A handle, dragged up and by key.
+  const handle = page.locator(".handle").first();
+  const box = await handle.boundingBox();
+  const middle = [box.x + box.width / 2, box.y + box.height / 2];
+  await page.mouse.move(...middle);
+  await page.mouse.down();
+  await page.mouse.move(middle[0], middle[1] - 30, { steps: 3 });
+  await page.mouse.up();
+  const up = await height();
+  assert.ok(up > 1.6, `dragged up the plane is at ${up}`);
+  await handle.focus();
+  await page.keyboard.press("ArrowDown");
+  assert.ok((await height()) < up);
+  assert.equal(await handle.getAttribute("role"), "slider");
+
+  // Nothing that is picked lies above the plane.
+  const highest = () =>
+    page.evaluate(() => {
+      const { viewer, session } = globalThis.kilwa;
+      let most = -Infinity;
+      for (let x = 0; x < session.canvas.width; x += 16) {
+        for (let y = 0; y < session.canvas.height; y += 16) most = Math.max(most, viewer.pick(x, y)[2] ?? -Infinity);
+      }
+      return most;
+    });
+  await rest(page);
+  const top = await highest();
+  assert.ok(top <= (await height()) + 1e-6 && top > (await height()) - 2, `picked up to ${top}`);
+  await page.locator("#clip-flip").click();
+  assert.deepEqual((await state(page)).clipPlane.normal, [0, 0, -1]);
+  await page.locator("#clip-plane").uncheck();
+  await rest(page);
+  assert.equal((await picture(page)).hash, whole.hash, "without a cut the model is whole again");
+
+  await page.locator("#clip-box").check();
+  await page.locator("#box-size-x").fill("12");
+  assert.equal((await state(page)).clipBox.size[0], 12);
+  await rest(page);
+  const inside = await picture(page);
+  assert.ok(inside.share < whole.share * 0.8, "only the inside of the box is left");
+  await page.locator("#box-remove").check();
+  await rest(page);
+  assert.ok((await picture(page)).share > inside.share, "only the outside is left");
+  assert.equal(await page.locator(".handle:visible").count(), 6);
+  await page.locator("#tab-about").click();
+  await page.locator(".handle").first().waitFor({ state: "detached" }); // handles belong to the panel
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("a plane through three places is what distances count from", async () => {
+  const { page, complaints, close } = await fort();
+  await page.locator("#tab-display").click();
+  await page.locator("input[name=mode][value=distance]").check();
+  await page.locator("#plane-axis").selectOption("points");
+  const canvas = await page.locator("#canvas").boundingBox();
+  for (const [x, y] of [[0.45, 0.5], [0.55, 0.5], [0.5, 0.58]]) {
+    assert.match(await page.locator("#hint").textContent(), /of three/);
+    await page.mouse.click(canvas.x + canvas.width * x, canvas.y + canvas.height * y);
+  }
+  const { plane } = await state(page);
+  assert.ok(plane && Math.abs(Math.hypot(...plane.normal) - 1) < 1e-4, JSON.stringify(plane));
+  assert.equal(await page.locator("#plane-axis").inputValue(), "other");
+  assert.equal(await page.evaluate(() => globalThis.kilwa.input.tool), "orbit");
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("a lost device is replaced, and camera, shading and section are as they were", async () => {
+  const { page, close } = await fort({
+    before: (page) =>
+      page.addInitScript(() => {
+        globalThis.devices = [];
+        const { requestDevice } = GPUAdapter.prototype;
+        GPUAdapter.prototype.requestDevice = async function (...what) {
+          const device = await requestDevice.apply(this, what);
+          globalThis.devices.push(device);
+          return device;
+        };
+      }),
+  });
+  await page.evaluate(() => {
+    const { viewer, look } = globalThis.kilwa;
+    viewer.setCamera(new Float64Array([1, 0.4, 40, 1, 2, 3, 0]));
+    look.change({ mode: "raking", light: { azimuth: 100, elevation: 15 }, clipPlane: { normal: [0, 0, 1], point: [0, 0, 3] } });
+  });
+  await rest(page);
+  const before = { camera: await page.evaluate(() => [...globalThis.kilwa.viewer.camera()]), state: await state(page), picture: await picture(page) };
+  await page.evaluate(() => {
+    globalThis.old = globalThis.kilwa.session;
+    globalThis.devices.at(-1).destroy();
+    globalThis.old.wake();
+  });
+  await page.waitForFunction(() => globalThis.kilwa.session !== globalThis.old, null, { polling: 50 });
+  await waitFor(page, "settled");
+  assert.deepEqual(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()]), before.camera);
+  assert.deepEqual(await state(page), before.state);
+  assert.equal((await picture(page)).hash, before.picture.hash, "the same picture as before");
+  assert.equal(await page.locator("#clip-plane").isChecked(), true);
+  await close();
+});
+
+test("levels fade unless the system asks for little motion, and at rest the picture is the exact one", async () => {
+  const pictures = [];
+  for (const reducedMotion of ["no-preference", "reduce"]) {
+    const { page, complaints, close } = await fort({ reducedMotion });
+    await page.locator("#tab-display").click();
+    assert.equal(await page.locator("#fade").isChecked(), reducedMotion !== "reduce");
+    // A coarser picture and back: while it changes frames go on, then they stop.
+    const frames = await page.evaluate(async () => {
+      const { viewer, session } = globalThis.kilwa;
+      const settled = async () => {
+        const from = session.frames;
+        do await new Promise((resolve) => setTimeout(resolve, 30));
+        while (session.frames < from + 2 ? !session.stats.settled : session.stats.more || session.scheduled);
+      };
+      viewer.setTargetPixels(16);
+      session.wake();
+      await settled();
+      viewer.setTargetPixels(4);
+      session.wake();
+      await settled();
+      const at = session.frames;
+      await new Promise((resolve) => setTimeout(resolve, 400));
+      return session.frames - at;
+    });
+    assert.equal(frames, 0, "at rest nothing is drawn");
+    pictures.push((await picture(page)).hash);
+    assert.deepEqual(complaints, []);
+    await close();
+  }
+  assert.equal(pictures[0], pictures[1]);
+});
