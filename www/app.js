@@ -148,7 +148,8 @@ class Page {
       look: (note) => this.#lookAt(note),
       tool: (name) => this.tool(name),
       tell: (event, detail) => {
-        this.address.later();
+        if (event === "annotation") this.address.now();
+        else this.address.later();
         this.api.emit(event, detail);
       },
       shareAddress: () => this.share(),

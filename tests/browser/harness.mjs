@@ -17,7 +17,7 @@ export const ROOT = path.resolve(path.dirname(fileURLToPath(import.meta.url)), "
 const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
 /** Moves the chunks of a pack beyond any 32-bit offset: an example of kilwa-pack, built with the tests. */
 export const FAR = path.join(path.dirname(KILWA), "examples/far");
-const WWW = process.env.KILWA_WWW || path.join(ROOT, "www/dist");
+export const WWW = process.env.KILWA_WWW || path.join(ROOT, "www/dist");
 const TRIANGLES = 200_000;
 
 /** With these, WebGPU runs on SwiftShader and a screenshot shows the canvas too. */
@@ -128,7 +128,7 @@ export async function open(browser, url, { size = [800, 600], wait = "settled", 
   // Flights of the camera and fades take time and change nothing that is tested, but for the tests that ask for them.
   const context = await browser.newContext({ viewport: { width: size[0], height: size[1] }, reducedMotion: "reduce", ...options });
   const page = await context.newPage();
-  page.setDefaultTimeout(240_000); // software rendering on a busy machine
+  page.setDefaultTimeout(Number(process.env.KILWA_TIMEOUT) || 240_000); // software rendering on a busy machine
   const complaints = [];
   const packs = [];
   page.on("console", (message) => message.type() === "error" && complaints.push(message.text()));

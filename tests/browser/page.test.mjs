@@ -307,6 +307,8 @@ test("panels, views, help and hiding work by keyboard, in another language and f
   const { page, complaints, close } = await open(browser, fort("?error=8"));
   await page.locator("#tab-about").focus();
   await page.keyboard.press("ArrowRight");
+  assert.ok(await page.locator("#saved").isVisible());
+  await page.locator("#tab-display").click();
   assert.ok(await page.locator("#display").isVisible());
   const colour = await picture(page);
   await page.locator("input[name=mode][value=normals]").check();
@@ -343,7 +345,7 @@ test("a phone has the canvas first, large targets, and a sheet that opens", asyn
   const box = (selector) => page.locator(selector).boundingBox();
   const canvas = await box("#canvas");
   assert.ok(canvas.width === 390 && canvas.height > 560, JSON.stringify(canvas));
-  for (const selector of ["#tool-orbit", "#fit", "#views-open", "#zoom-in", "#zoom-out", "#hide", "#share", "#help-open", "#back"]) {
+  for (const selector of ["#tool-orbit", "#tool-walk", "#tool-note", "#fit", "#zoom-in", "#zoom-out", "#hide", "#share", "#help-open", "#back"]) {
     const b = await box(selector);
     assert.ok(b.width >= 44 && b.height >= 44, `${selector}: ${JSON.stringify(b)}`);
     assert.ok(b.x >= 0 && b.x + b.width <= 390, `${selector} is on the screen`);
@@ -370,12 +372,33 @@ test("axe-core finds nothing serious, in both themes, on the list, the viewer, i
     found.push(...(await serious(list.page, `list ${colorScheme}`)));
     await list.close();
     const { page, close } = await open(browser, fort("?error=8"), { colorScheme });
-    for (const tab of ["about", "display", "info"]) {
-      await page.locator(`#tab-${tab}`).click();
-      found.push(...(await serious(page, `${tab} ${colorScheme}`)));
+    for (const tab of await page.locator("[role=tab]").all()) {
+      await tab.click();
+      found.push(...(await serious(page, `${await tab.getAttribute("id")} ${colorScheme}`)));
     }
-    await page.locator("#help-open").click();
-    found.push(...(await serious(page, `help ${colorScheme}`)));
+    for (const [button, dialog] of [["#help-open", "#help"], ["#picture-open", "#picture"]]) {
+      await page.locator(button).click();
+      found.push(...(await serious(page, `${dialog} ${colorScheme}`)));
+      await page.locator(`${dialog} form[method=dialog] button`).click();
+    }
+    // Everything at once: a saved view, a note in its form, its card and pin, the pad for walking.
+    await page.locator("#tab-saved").click();
+    await page.locator("#view-save").click();
+    found.push(...(await serious(page, `saved view ${colorScheme}`)));
+    await page.evaluate(() => {
+      const { api, viewer, session } = globalThis.kilwa;
+      const place = [...viewer.pick(session.canvas.width / 2, session.canvas.height / 2)].slice(0, 3);
+      for (const title of ["One", "Two"]) api.addAnnotation({ place, title, text: "Text", link: "https://example.org/" });
+      api.openAnnotation("1");
+    });
+    await page.locator("#note-card").waitFor();
+    found.push(...(await serious(page, `note ${colorScheme}`)));
+    await page.locator("#note-edit").click();
+    found.push(...(await serious(page, `note form ${colorScheme}`)));
+    await page.locator("#note-form button[type=submit]").click();
+    await page.locator("#tool-walk").click();
+    await page.locator("#walk-pad").waitFor();
+    found.push(...(await serious(page, `walking ${colorScheme}`)));
     await close();
     proxy.mishap = () => ({ status: 404 });
     const lost = await open(browser, fort("", proxy.url), { colorScheme, wait: "trouble" });

@@ -1,0 +1,131 @@
+// For everyone: large targets under fingers, nothing lost at 200 % zoom, a way by keyboard that shows where it is,
+// and numbers and directions of the language.
+
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+import { launch, open, packFolder, serve } from "./harness.mjs";
+
+let server;
+let browser;
+
+before(async () => {
+  server = await serve(await packFolder());
+  browser = await launch();
+});
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+});
+
+const fort = (query = "?error=8") => `${server.url}/m/fort${query}`;
+
+/** Controls on screen that are smaller than 44 by 44, but for words inside text. The cube has buttons in the Views tab. */
+const small = (page) =>
+  page.evaluate(() =>
+    [...document.querySelectorAll("button, a.button, label.button, label.choice, [role=tab], select, input:not([type=radio], [type=checkbox], [type=file]), textarea")]
+      .filter((e) => e.checkVisibility({ visibilityProperty: true, opacityProperty: false }) && !e.closest(".cube, .pins, .hidden") && !e.matches(".hidden, .grip, .language select, input[type=range]"))
+      .map((e) => ({ e, b: e.getBoundingClientRect() }))
+      .filter(({ b }) => b.width > 0 && (b.width < 43.5 || b.height < 43.5))
+      .map(({ e, b }) => `${e.id || e.className || e.textContent}: ${b.width} × ${b.height}`),
+  );
+
+test("on a phone every control is at least 44 pixels wide and high, in every tab, form and dialog", async () => {
+  const { page, complaints, close } = await open(browser, fort(), { size: [390, 844], hasTouch: true, isMobile: true });
+  const found = [];
+  const look = async (where) => found.push(...(await small(page)).map((s) => `${where}: ${s}`));
+  for (const tab of await page.locator("[role=tab]").all()) {
+    await page.evaluate((id) => document.getElementById(id).click(), await tab.getAttribute("id"));
+    await page.waitForFunction(() => document.querySelector(".sheet").clientHeight > 200);
+    await look(await tab.getAttribute("id"));
+    assert.equal(await page.evaluate(() => document.documentElement.scrollWidth), 390);
+  }
+  await page.evaluate(() => {
+    const { api, viewer, session } = globalThis.kilwa;
+    const place = [...viewer.pick(session.canvas.width / 2, session.canvas.height / 2)].slice(0, 3);
+    api.addAnnotation({ place, title: "A note", text: "Text ".repeat(200), link: "https://example.org/" });
+    api.openAnnotation("1");
+  });
+  await look("card");
+  const card = await page.locator("#note-card").boundingBox();
+  const stage = await page.locator(".stage").boundingBox();
+  assert.ok(card.y >= stage.y && card.x >= 0 && card.x + card.width <= 390, "the card is on the picture");
+  await page.locator("#note-edit").tap();
+  await look("form");
+  await page.locator("#note-form button[type=submit]").click();
+  await page.locator("#note-close").click();
+  await page.locator("#tool-walk").tap();
+  await look("walking");
+  await page.locator("#walk-leave").tap();
+  await page.locator("#picture-open").tap();
+  await look("picture");
+  await page.locator("#picture form[method=dialog] button").tap();
+  await page.locator("#help-open").tap();
+  await look("help");
+  assert.deepEqual(found, []);
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("at 200 % zoom nothing is cut off sideways, and the model keeps its place", async () => {
+  // 1440 by 900 at 200 % is a page of 720 by 450 CSS pixels.
+  const { page, complaints, close } = await open(browser, fort(), { size: [720, 450], deviceScaleFactor: 2 });
+  const wide = () => page.evaluate(() => [document.documentElement.scrollWidth, document.documentElement.scrollHeight]);
+  assert.deepEqual(await wide(), [720, 450]);
+  for (const tab of await page.locator("[role=tab]").all()) {
+    await page.evaluate((id) => document.getElementById(id).click(), await tab.getAttribute("id"));
+    const sheet = await page.evaluate(() => [document.querySelector(".sheet").scrollWidth, document.querySelector(".sheet").clientWidth]);
+    assert.ok(sheet[0] <= sheet[1], `${await tab.getAttribute("id")} is ${sheet[0]} wide in ${sheet[1]}`);
+  }
+  const canvas = await page.locator("#canvas").boundingBox();
+  assert.ok(canvas.height >= 120 && canvas.width >= 400, JSON.stringify(canvas));
+  for (const [open, dialog] of [["#help-open", "#help"], ["#picture-open", "#picture"]]) {
+    await page.locator(open).click();
+    const box = await page.locator(dialog).boundingBox();
+    assert.ok(box.x >= 0 && box.x + box.width <= 720 && box.y >= 0 && box.y + box.height <= 450, `${dialog}: ${JSON.stringify(box)}`);
+    await page.keyboard.press("Escape");
+  }
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("Tab reaches every control and shows where it stands; Escape closes what is open", async () => {
+  const { page, complaints, close } = await open(browser, fort());
+  await page.locator("#tab-saved").click();
+  await page.evaluate(() => document.activeElement.blur());
+  const seen = [];
+  for (let i = 0; i < 60; i += 1) {
+    await page.keyboard.press("Tab");
+    const at = await page.evaluate(() => {
+      const e = document.activeElement;
+      const style = getComputedStyle(e);
+      return { id: e.id || e.dataset.view || e.name, isShown: e === document.body || style.outlineStyle !== "none" || e.matches(".hidden") };
+    });
+    assert.ok(at.isShown, `${at.id} has the focus and does not show it`);
+    if (at.id && seen.includes(at.id) && at.id === seen[0]) break;
+    seen.push(at.id);
+  }
+  for (const id of ["share", "picture-open", "download", "fullscreen", "help-open", "language", "panel-toggle", "canvas", "tool-orbit", "tool-pan", "tool-walk", "fit", "views-open", "zoom-in", "zoom-out", "tool-note", "hide", "plan", "tab-saved", "turning", "view-save"]) {
+    assert.ok(seen.includes(id), `Tab does not reach ${id}: ${seen}`);
+  }
+  await page.locator("#picture-open").click();
+  await page.keyboard.press("Escape");
+  assert.ok(await page.locator("#picture").isHidden());
+  assert.equal(await page.evaluate(() => document.activeElement.id), "picture-open", "the focus returns");
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("numbers and directions are those of the language", async () => {
+  const { page, complaints, close } = await open(browser, fort("?error=8&lang=fr"));
+  assert.match(await page.locator("#facts").innerText(), /\d{3}[\u202f\u00a0]\d{3}/, "thousands as in French");
+  await page.locator("#language").selectOption("ar");
+  await page.waitForFunction(() => document.documentElement.dir === "rtl");
+  const cube = await page.locator("#cube").boundingBox();
+  assert.ok(cube.x < 100, "the cube stands at the left");
+  const panel = await page.locator("#panel").boundingBox();
+  assert.ok(panel.x < 10, "and so does the panel");
+  const turn = await page.evaluate(() => document.getElementById("cube-turn").getBoundingClientRect().x);
+  assert.ok(Math.abs(turn - cube.x - cube.width / 2) < 60, "the cube turns in its place");
+  assert.deepEqual(complaints, []);
+  await close();
+});

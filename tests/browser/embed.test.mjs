@@ -1,0 +1,188 @@
+// The viewer elsewhere: as an element of another page, from a plain static host, and with a pack of this computer.
+
+import assert from "node:assert/strict";
+import { readFile, stat } from "node:fs/promises";
+import http from "node:http";
+import path from "node:path";
+import { after, before, test } from "node:test";
+import { WWW, launch, open, packFolder, picture, serve, waitFor } from "./harness.mjs";
+
+const TYPES = { ".html": "text/html; charset=utf-8", ".js": "text/javascript", ".css": "text/css", ".json": "application/json", ".wasm": "application/wasm", ".svg": "image/svg+xml" };
+let folder;
+let server;
+let hosts;
+let browser;
+
+/** A static host as simple as they come: whole files, no ranges. `extra` holds pages of its own; `meta` allows origins. */
+async function staticHost(extra = {}, meta = () => "") {
+  const host = http.createServer(async (request, response) => {
+    const { pathname } = new URL(request.url, "http://x");
+    const name = pathname.endsWith("/") ? `${pathname}index.html` : pathname;
+    const file = name === "/fort.kilwa" ? path.join(folder, "fort.kilwa") : path.join(WWW, path.normalize(name));
+    try {
+      let body = extra[name] ?? (await readFile(file));
+      if (name === "/index.html") body = String(body).replace("<title>", `${meta()}<title>`);
+      response.writeHead(200, { "content-type": TYPES[path.extname(name)] ?? "application/octet-stream", "access-control-allow-origin": "*", "cache-control": "no-store" });
+      response.end(body);
+    } catch {
+      response.writeHead(404);
+      response.end();
+    }
+  });
+  await new Promise((resolve) => host.listen(0, "127.0.0.1", resolve));
+  return { url: `http://127.0.0.1:${host.address().port}`, stop: () => (host.closeAllConnections(), new Promise((resolve) => host.close(resolve))) };
+}
+
+const HOST_PAGE = '<!doctype html><title>host</title><body><script type="module" src="/host.js"></script>';
+
+before(async () => {
+  folder = await packFolder();
+  server = await serve(folder);
+  const viewer = await staticHost({}, () => `<meta name="kilwa-origins" content="${hosts.friend?.url ?? ""}">`);
+  const page = { "/host.html": HOST_PAGE, "/host.js": `import "${viewer.url}/kilwa-viewer.js";` };
+  hosts = { viewer };
+  hosts.friend = await staticHost(page);
+  hosts.stranger = await staticHost(page);
+  browser = await launch();
+});
+after(async () => {
+  await browser?.close();
+  for (const host of Object.values(hosts ?? {})) await host.stop();
+  await server?.stop();
+});
+
+test("a static host that knows no ranges is enough for page and pack", async () => {
+  const { page, complaints, close } = await open(browser, `${hosts.viewer.url}/?pack=fort.kilwa&error=8`);
+  assert.ok((await picture(page)).share > 0.05);
+  assert.match(await page.locator("#notice").innerText(), /loaded at once/);
+  assert.ok(await page.locator("#back").isHidden(), "there is no list to go back to");
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("without a pack the page offers to open one: chosen or dropped in, nothing is sent, another one can follow", async () => {
+  const { page, complaints, close } = await open(browser, `${hosts.viewer.url}/?error=8`, { wait: null });
+  await page.locator("#welcome").waitFor();
+  const asked = [];
+  page.on("request", (request) => request.url().startsWith("http") && asked.push(`${request.method()} ${new URL(request.url()).pathname}`));
+  await page.locator("#open-file").setInputFiles(path.join(folder, "fort.kilwa"));
+  await waitFor(page, "settled");
+  const chosen = await picture(page);
+  assert.ok(chosen.share > 0.05);
+  const { requests, received, bytes } = await page.evaluate(() => {
+    const { requests, received, bytes } = globalThis.kilwa.pack;
+    return { requests, received, bytes };
+  });
+  assert.ok(requests > 1 && received < bytes, "parts of the file are read, not all of it");
+  assert.equal(bytes, (await stat(path.join(folder, "fort.kilwa"))).size);
+  assert.deepEqual(asked.filter((a) => !a.startsWith("GET /") || a.includes("kilwa-") || a.endsWith(".kilwa")), []);
+  // Another file in its place: damaged, empty, and the first again, dropped.
+  await page.locator("#open-file").setInputFiles({ name: "no.kilwa", mimeType: "", buffer: Buffer.alloc(5000, 65) });
+  await waitFor(page, "trouble");
+  assert.match(await page.locator("#trouble").innerText(), /damaged[^]*magic bytes/);
+  await page.locator("#open-file").setInputFiles({ name: "no.kilwa", mimeType: "", buffer: Buffer.alloc(0) });
+  await waitFor(page, "trouble");
+  const pack = (await readFile(path.join(folder, "fort.kilwa"))).toString("base64");
+  await page.evaluate(async (base64) => {
+    const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
+    const dataTransfer = new DataTransfer();
+    dataTransfer.items.add(new File([bytes], "dropped.kilwa"));
+    const fire = (type) => document.body.dispatchEvent(new DragEvent(type, { dataTransfer, bubbles: true, cancelable: true }));
+    fire("dragenter");
+    if (document.getElementById("drop").hidden) throw new Error("nothing says that a file can be let go");
+    fire("drop");
+  }, pack);
+  await waitFor(page, "settled");
+  assert.deepEqual(await picture(page), chosen);
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+/** A page of `host` with a viewer of another origin in it. */
+async function embed(host) {
+  const found = await open(browser, `${host.url}/host.html`, { wait: null });
+  await found.page.evaluate(async (viewer) => {
+    await customElements.whenDefined("kilwa-viewer");
+    const element = document.createElement("kilwa-viewer");
+    element.src = `${viewer}/fort.kilwa`;
+    element.style.height = "400px";
+    globalThis.heard = [];
+    for (const event of ["ready", "frame", "camera", "annotation", "annotations"]) element.on(event, () => globalThis.heard.push(event));
+    document.body.append(element);
+    globalThis.element = element;
+  }, hosts.viewer.url);
+  const frame = await (await found.page.locator("kilwa-viewer iframe").elementHandle()).contentFrame();
+  await frame.waitForFunction(() => globalThis.kilwa?.session?.stats?.settled, null, { polling: 50 });
+  return { ...found, frame };
+}
+
+test("<kilwa-viewer> of another origin answers a page that it is allowed to, with data and events", async () => {
+  const { page, frame, complaints, close } = await embed(hosts.friend);
+  const call = (name, ...args) => page.evaluate(([name, args]) => globalThis.element[name](...args), [name, args]);
+  assert.ok(await frame.locator(".rail").isVisible());
+  assert.ok(await frame.locator(".bar").isHidden());
+  assert.ok(await frame.locator(".panel").isHidden());
+  const stats = await call("stats");
+  assert.ok(stats.trianglesDrawn > 0 && stats.chunksResident > 0 && stats.requests > 0);
+  for (const name of ["chunksWanted", "chunksResident", "requestsInFlight", "trianglesDrawn", "bytesReceived", "requests", "worstPixelError", "targetReached"]) assert.ok(name in stats, name);
+  await call("view", "east");
+  const camera = await call("getCamera");
+  assert.ok(Math.abs(camera.azimuth - Math.PI / 2) < 1e-9 && camera.orthographic);
+  await call("setCamera", { azimuth: 1, orthographic: false });
+  assert.equal((await call("getCamera")).azimuth, 1);
+  await call("setMode", "normals");
+  assert.equal(await call("getMode"), "normals");
+  await call("view", "iso");
+  const hit = await page.evaluate(() => globalThis.element.pick(globalThis.element.clientWidth / 2, 200));
+  assert.equal(hit.place.length, 3);
+  const id = await call("addAnnotation", { place: hit.place, title: "From outside", text: "<b>text</b>" });
+  assert.ok(await call("openAnnotation", id));
+  assert.equal(await frame.locator("#note-title").innerText(), "From outside");
+  const png = await page.evaluate(async () => {
+    const blob = await globalThis.element.picture({ width: 320, height: 200 });
+    return { type: blob.type, size: blob.size };
+  });
+  assert.ok(png.type === "image/png" && png.size > 1000);
+  // Mistakes come back as errors; what is no call is refused.
+  await assert.rejects(call("setMode", "plaid"), /mode: one of/);
+  await assert.rejects(call("setCamera", { distance: -1 }), /camera/);
+  await assert.rejects(page.evaluate(() => globalThis.element.call("constructor")), /no such call/);
+  await assert.rejects(page.evaluate(() => globalThis.element.call("page")), /no such call/);
+  const heard = await page.evaluate(() => [...new Set(globalThis.heard)].sort());
+  assert.ok(["annotation", "annotations", "camera", "frame", "ready"].every((e) => heard.includes(e)), heard.join());
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("a page of an origin that nobody allowed sees the model and gets no answer", async () => {
+  const { page, frame, close } = await embed(hosts.stranger);
+  const answered = await page.evaluate(() => Promise.race([globalThis.element.stats().then(() => true), new Promise((resolve) => setTimeout(resolve, 1500, false))]));
+  assert.equal(answered, false);
+  assert.deepEqual(await page.evaluate(() => globalThis.heard), []);
+  assert.ok(await frame.locator("#canvas").isVisible());
+  await close();
+});
+
+test("messages that are no calls, from other windows or in other shapes, change nothing", async () => {
+  const { page, frame, complaints, close } = await embed(hosts.friend);
+  const before = await frame.evaluate(() => [...globalThis.kilwa.viewer.camera()]);
+  await page.evaluate(() => {
+    const inner = globalThis.element.shadowRoot.querySelector("iframe").contentWindow;
+    for (const message of [null, 1, "view", {}, { kilwa: 1, call: "view" }, { kilwa: 1, id: 1, call: "view", args: "plan" }, { kilwa: 2, id: 1, call: "fit" }, { kilwa: 1, id: 2, call: "__proto__", args: [] }]) inner.postMessage(message, "*");
+  });
+  // The frame itself is not its host.
+  await frame.evaluate(() => postMessage({ kilwa: 1, id: 9, call: "view", args: ["plan"] }, "*"));
+  await page.waitForTimeout(200);
+  assert.deepEqual(await frame.evaluate(() => [...globalThis.kilwa.viewer.camera()]), before);
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("the example page works", async () => {
+  const { page, complaints, close } = await open(browser, `${hosts.viewer.url}/examples/?pack=/fort.kilwa`, { wait: null });
+  await page.locator("#said", { hasText: "triangles" }).waitFor();
+  await page.locator("[data-view=plan]").click();
+  await page.waitForFunction(async () => Math.abs((await document.getElementById("model").getCamera()).elevation - Math.PI / 2) < 1e-6);
+  assert.deepEqual(complaints, []);
+  await close();
+});

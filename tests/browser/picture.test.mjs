@@ -1,0 +1,117 @@
+// Pictures saved from the page: of the canvas's size, larger than it, with and without scale bar and background.
+
+import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
+import { after, before, test } from "node:test";
+import { inflateSync } from "node:zlib";
+import { launch, open, packFolder, serve } from "./harness.mjs";
+
+let server;
+let browser;
+
+before(async () => {
+  server = await serve(await packFolder());
+  browser = await launch();
+});
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+});
+
+/** Width, height, channels and pixels of a PNG of 8 bits with filters none and up; checks the order of its chunks. */
+function decode(png) {
+  assert.equal(png.subarray(0, 8).toString("hex"), "89504e470d0a1a0a");
+  const chunks = [];
+  for (let at = 8; at < png.length; ) {
+    const length = png.readUInt32BE(at);
+    chunks.push({ type: png.toString("latin1", at + 4, at + 8), data: png.subarray(at + 8, at + 8 + length) });
+    at += 12 + length;
+  }
+  assert.equal(chunks[0].type, "IHDR");
+  assert.equal(chunks.at(-1).type, "IEND");
+  const head = chunks[0].data;
+  const [width, height] = [head.readUInt32BE(0), head.readUInt32BE(4)];
+  const channels = { 2: 3, 6: 4 }[head[9]];
+  const raw = inflateSync(Buffer.concat(chunks.filter((c) => c.type === "IDAT").map((c) => c.data)));
+  const line = width * channels;
+  assert.equal(raw.length, height * (line + 1));
+  const pixels = Buffer.alloc(height * line);
+  for (let y = 0; y < height; y += 1) {
+    const filter = raw[y * (line + 1)];
+    for (let i = 0; i < line; i += 1) {
+      const above = filter === 2 && y > 0 ? pixels[(y - 1) * line + i] : 0;
+      pixels[y * line + i] = raw[y * (line + 1) + 1 + i] + above;
+    }
+  }
+  return { width, height, channels, at: (x, y) => [...pixels.subarray((y * width + x) * channels, (y * width + x + 1) * channels)] };
+}
+
+async function save(page) {
+  const [download] = await Promise.all([page.waitForEvent("download"), page.locator("#picture-make").click()]);
+  assert.match(download.suggestedFilename(), /^fort\.png$/);
+  return decode(await readFile(await download.path()));
+}
+
+test("a picture of the canvas shows what the canvas shows; one twice as large shows the same, in tiles", async () => {
+  const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [700, 500] });
+  await page.locator("#canvas").focus();
+  await page.keyboard.press("p");
+  await page.locator("#picture-scale").uncheck();
+  const small = await save(page);
+  assert.ok(await page.locator("#picture").isHidden());
+  // Away from edges, which are smoothed alike but not on the same places.
+  const spots = [[0.5, 0.5], [0.5, 0.58], [0.1, 0.1], [0.9, 0.95]];
+  const canvas = await page.evaluate(async (spots) => {
+    const { width, height, pixels } = await globalThis.kilwa.viewer.readPixels();
+    const at = ([x, y]) => (Math.floor(y * height) * width + Math.floor(x * width)) * 4;
+    return { width, height, seen: spots.map((s) => [...pixels.slice(at(s), at(s) + 3)]) };
+  }, spots);
+  assert.deepEqual(spots.map(([x, y]) => small.at(Math.floor(x * small.width), Math.floor(y * small.height))), canvas.seen);
+  assert.equal(small.channels, 3);
+  const size = await page.evaluate(() => [globalThis.kilwa.session.canvas.width, globalThis.kilwa.session.canvas.height]);
+  assert.deepEqual([small.width, small.height], size);
+  assert.deepEqual([canvas.width, canvas.height], size);
+  await page.keyboard.press("p");
+  await page.locator("input[name=picture-size][value=double]").check();
+  const large = await save(page);
+  assert.deepEqual([large.width, large.height], size.map((v) => v * 2));
+  // Brightness averaged over cells is that of the small one: the same view, finer.
+  const mean = (picture, x0, y0, w, h) => {
+    let sum = 0;
+    for (let y = 0; y < h; y += 2) for (let x = 0; x < w; x += 2) sum += picture.at(x0 + x, y0 + y).slice(0, 3).reduce((a, b) => a + b);
+    return sum / (Math.ceil(w / 2) * Math.ceil(h / 2) * 3);
+  };
+  for (let i = 0; i < 5; i += 1) {
+    for (let j = 0; j < 5; j += 1) {
+      const [w, h] = [Math.floor(size[0] / 5), Math.floor(size[1] / 5)];
+      const [a, b] = [mean(small, i * w, j * h, w, h), mean(large, i * w * 2, j * h * 2, w * 2, h * 2)];
+      assert.ok(Math.abs(a - b) < 8, `cell ${i}, ${j}: ${a} and ${b}`);
+    }
+  }
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("a scale bar is drawn where it is wanted, the background is left out where it is not, and any size is made", async () => {
+  const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [700, 500] });
+  const display = await page.evaluate(() => globalThis.kilwa.viewer.displayState());
+  await page.locator("#picture-open").click();
+  await page.locator("input[name=picture-size][value=custom]").check();
+  await page.locator("#picture-width").fill("2500");
+  await page.locator("#picture-height").fill("1100");
+  await page.locator("#picture-clear").check();
+  const picture = await save(page);
+  assert.deepEqual([picture.width, picture.height, picture.channels], [2500, 1100, 4]);
+  assert.equal(picture.at(3, 3)[3], 0, "the background is clear");
+  assert.equal(picture.at(1250, 550)[3], 255, "the model is not");
+  assert.ok(picture.at(2500 - 40, 1100 - 40)[3] > 200, "the scale bar's plate stands in the corner");
+  assert.equal(await page.evaluate(() => globalThis.kilwa.viewer.displayState()), display, "the page's own picture is as before");
+  // Sizes that cannot be are refused in words.
+  await page.locator("#picture-open").click();
+  await page.locator("#picture-width").evaluate((input) => (input.max = "")); // past the browser's own check
+  await page.locator("#picture-width").fill("20000");
+  await page.locator("#picture-make").click();
+  assert.match(await page.locator("#picture-error").innerText(), /16,384/);
+  assert.deepEqual(complaints, []);
+  await close();
+});
