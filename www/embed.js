@@ -5,7 +5,8 @@
 // `<meta name="kilwa-origins" content="https://museum.example https://…">` (`*` for all). Every message is looked at for
 // its origin and its window; answers go to that origin only.
 //
-//   → {kilwa: 1, hello: 1}                     ← {kilwa: 1, event: "hello", detail: {version}} once the page listens
+//   ← {kilwa: 1, event: "listening"} once, when the page can be spoken to
+//   → {kilwa: 1, hello: 1}                     ← {kilwa: 1, event: "hello", detail: {version, ready}}
 //   → {kilwa: 1, id, call: "name", args: […]}  ← {kilwa: 1, id, result} or {kilwa: 1, id, error}
 //   → {kilwa: 1, listen: ["frame"]}            ← {kilwa: 1, event, detail}
 
@@ -39,6 +40,8 @@ export function serve(api, { origins = allowedOrigins(), host = parent } = {}) {
       send({ id, error: String(error?.message ?? error) });
     }
   });
+  // The page around may have spoken before this one listened. This says nothing but that it does now, so it may go to anyone.
+  host.postMessage({ kilwa: 1, event: "listening" }, "*");
   api.on("*", (detail, event) => listening.has(event) && send({ event, detail }));
 }
 

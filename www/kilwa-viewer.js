@@ -82,7 +82,6 @@ export class KilwaViewerElement extends HTMLElement {
     frame.title = this.getAttribute("aria-label") ?? this.title ?? "3D model";
     frame.allow = "fullscreen; clipboard-write";
     frame.src = page.href;
-    frame.addEventListener("load", () => this.#send({ hello: 1, listen: EVENTS }));
     this.#frame = frame;
     this.shadowRoot.replaceChildren(frame);
   }
@@ -93,10 +92,14 @@ export class KilwaViewerElement extends HTMLElement {
 
   #take({ data, origin, source }) {
     if (source !== this.#frame?.contentWindow || origin !== this.#origin || data?.kilwa !== 1) return;
+    if (data.event === "listening") {
+      this.#send({ hello: 1, listen: EVENTS });
+      return;
+    }
     if (data.event) {
       if (data.event === "hello") this.#hello.resolve();
       if (data.event === "hello" && data.detail?.ready) this.dispatchEvent(new CustomEvent("ready"));
-      else this.dispatchEvent(new CustomEvent(data.event, { detail: data.detail }));
+      else if (data.event !== "hello") this.dispatchEvent(new CustomEvent(data.event, { detail: data.detail }));
       return;
     }
     const call = this.#calls.get(data.id);
