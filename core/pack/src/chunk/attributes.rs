@@ -1,5 +1,5 @@
-//! Positions, colours, normals and scalars: predicted from vertices that are known, the residuals coded. FORMAT section
-//! 5.6. Encoder and decoder run the same code: the encoder's values are in the arrays, the decoder's are put there.
+//! Positions, colours, normals and scalars: predicted from vertices that are known, the residuals coded. FORMAT sections
+//! 5.6 to 5.9. Encoder and decoder run the same code: the encoder's values are in the arrays, the decoder's are put there.
 
 use super::border::Link;
 use super::number::{Grains, MAX_GRAIN, Residuals, Wide};

@@ -1,4 +1,4 @@
-//! Connectivity: a cut-border machine that grows over all patches of a chunk at once. FORMAT section 5.5. (Gumhold and
+//! Connectivity: a cut-border machine that grows over all patches of a chunk at once. FORMAT section 5.4. (Gumhold and
 //! Straßer, "Real time compression of triangle mesh connectivity", 1998; contexts by the triangles that a vertex has so
 //! far, after Touma and Gotsman, "Triangle mesh compression", 1998.)
 //!

@@ -1,4 +1,4 @@
-//! Models of numbers on top of the entropy coder. FORMAT section 5.4.
+//! Models of numbers on top of the entropy coder. FORMAT section 5.3.
 
 use super::range::{Bit, Coder, MAX_RAW_BITS};
 

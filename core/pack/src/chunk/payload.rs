@@ -1,5 +1,5 @@
-//! The bytes of a chunk. FORMAT section 5: `codec | patch table | length | coded part | padding`; in the coded part
-//! `connectivity | borders | positions | colours | normals | scalars`, all through one entropy coder.
+//! The bytes of a chunk. FORMAT section 5: `codec | patch table | length | body | padding`; in the body a coded
+//! stream and raw bits, read side by side: `connectivity | borders | positions | colours | normals | scalars`.
 
 use super::attributes;
 use super::border::{Connectivity, Limits, Link, Machine, Placed, Source, Unknown};

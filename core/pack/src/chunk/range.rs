@@ -1,4 +1,4 @@
-//! The entropy coder: an adaptive binary range coder. FORMAT section 5.3. (Martin, "Range encoding", 1979; binary and
+//! The entropy coder: an adaptive binary range coder. FORMAT section 5.2. (Martin, "Range encoding", 1979; binary and
 //! adaptive as in LZMA, with 64-bit intervals so that rounding costs nothing, and rates that begin fast and slow down.)
 //!
 //! A [`Bit`] is an adaptive probability. The stream is one binary fraction, most significant byte first; up to 8
