@@ -100,7 +100,10 @@ export class Display {
     const { state } = this;
     const mode = this.viewer.mode();
     const chosen = document.querySelector(`input[name=mode][value="${CSS.escape(mode)}"]`);
-    if (chosen) chosen.checked = true;
+    if (chosen && !chosen.checked) {
+      chosen.checked = true;
+      chosen.parentElement.scrollIntoView({ block: "nearest", inline: "nearest" });
+    }
     for (const part of $("look").querySelectorAll("[data-modes]")) part.hidden = !part.dataset.modes.split(" ").includes(mode);
     const light = { ...USUAL.light, ...state.light };
     put("azimuth", short(light.azimuth));
