@@ -1,6 +1,9 @@
 // The panels Display and Section in Chromium, the recovery of a lost device, and levels that fade.
 
 import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
+import { createRequire } from "node:module";
+import path from "node:path";
 import { after, before, test } from "node:test";
 import { launch, open, packFolder, picture, pixels, serve, waitFor } from "./harness.mjs";
 
@@ -227,4 +230,29 @@ test("levels fade unless the system asks for little motion, and at rest the pict
     await close();
   }
   assert.equal(pictures[0], pictures[1]);
+});
+
+test("axe-core finds nothing serious in either panel, whatever is chosen", async () => {
+  const axe = await readFile(path.join(path.dirname(createRequire(import.meta.url).resolve("axe-core")), "axe.min.js"), "utf8");
+  const found = [];
+  for (const colorScheme of ["light", "dark"]) {
+    const { page, close } = await fort({ colorScheme }, "?error=16");
+    await page.evaluate(axe);
+    const look = async (where) => {
+      const { violations } = await page.evaluate(() => globalThis.axe.run({ include: [["#panel"], ["#handles"]] }));
+      const serious = violations.filter((v) => ["serious", "critical"].includes(v.impact));
+      found.push(...serious.map((v) => `${where} ${colorScheme}: ${v.id}: ${v.nodes.map((n) => `${n.target} ${n.failureSummary}`).join("; ")}`));
+    };
+    await page.locator("#tab-display").click();
+    for (const mode of ["raking", "curvature", "distance", "error"]) {
+      await page.evaluate((mode) => globalThis.kilwa.look.change({ mode }), mode);
+      await look(mode);
+    }
+    await page.locator("#tab-section").click();
+    await page.locator("#clip-plane").check();
+    await page.locator("#clip-box").check();
+    await look("section");
+    await close();
+  }
+  assert.deepEqual(found, []);
 });
