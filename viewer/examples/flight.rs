@@ -1,13 +1,18 @@
 //! Figures of streaming and drawing for `cargo xtask bench view`.
 //!
-//! `flight sim PACK…`: the two views of design/peers.md (all of it; a place one metre wide) over simulated links: when the first
-//! picture and the target are there, what it cost, and the bytes of the chunks that are then shown.
+//! `flight sim PACK…`: the views of design/peers.md (all of it, obliquely and from the front; a place one metre wide) over simulated
+//! links: when the first picture and the target are there, what it cost, and that over the bytes of the chunks that are then shown.
+//!
+//! `flight render PACK WIDTH HEIGHT FRAMES`: a recorded flight (all of it, down to the surface, along it, back) drawn
+//! without a window: times of whole frames (deciding, reading, decoding, uploading, drawing, waiting for the GPU) and of drawing alone.
 
 use kilwa_pack::SliceSource;
 use kilwa_stream::sim::{Decoders, Flight, Link, PackStore, Simulator};
 use kilwa_stream::{Budgets, Stats, View};
-use kilwa_viewer::{Bounds, Camera, StandardView};
+use kilwa_viewer::shell::native::Session;
+use kilwa_viewer::{Bounds, Camera, Gpu, Prefer, RenderOptions, StandardView};
 use std::error::Error;
+use std::time::Instant;
 
 const SIZE: [u32; 2] = [1280, 720];
 
@@ -25,7 +30,10 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
             Ok(())
         }
-        _ => Err("usage: flight sim PACK...".into()),
+        Some((verb, [pack, width, height, frames])) if verb == "render" => {
+            render(pack, [width.parse()?, height.parse()?], frames.parse()?)
+        }
+        _ => Err("usage: flight sim PACK... | flight render PACK WIDTH HEIGHT FRAMES".into()),
     }
 }
 
@@ -82,5 +90,72 @@ fn simulate(pack: &str, error: f64) -> Result<(), Box<dyn Error>> {
             );
         }
     }
+    Ok(())
+}
+
+/// The camera of a flight, 0 to 1: from all of the model to its middle, along it, and away again.
+fn camera_at(t: f64, all: &Camera, bounds: &Bounds) -> Camera {
+    let ease = |x: f64| x * x * (3.0 - 2.0 * x);
+    let near = ease((t * 4.0).min(1.0).min((1.0 - t) * 4.0));
+    let along = ease(((t - 0.25) * 2.0).clamp(0.0, 1.0)) - 0.5;
+    let mut camera = *all;
+    camera.distance = all.distance * (0.06 / 1.0f64).powf(near);
+    camera.target[0] += along * 0.7 * (bounds.max[0] - bounds.min[0]) * near;
+    camera.azimuth += 0.6 * along;
+    camera
+}
+
+fn render(pack: &str, size: [u32; 2], frames: usize) -> Result<(), Box<dyn Error>> {
+    let gpu = pollster::block_on(Gpu::headless(Prefer::Hardware))?;
+    let budgets = Budgets { uploads: 64, ..Budgets::default() };
+    let mut session = Session::open(SliceSource(std::fs::read(pack)?), &gpu, budgets)?;
+    let bounds = session.bounds();
+    let mut all = Camera::standard(StandardView::South, &bounds, size);
+    all.orthographic = false;
+    all.elevation = 0.2;
+    let target = gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("flight"),
+        size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: kilwa_viewer::renderer::IMAGE_FORMAT,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+        view_formats: &[],
+    });
+    let target = target.create_view(&wgpu::TextureViewDescriptor::default());
+    let options = RenderOptions::default();
+    let (mut whole, mut draws, mut triangles) = (Vec::new(), Vec::new(), 0);
+    let mut last = Stats::default();
+    let begun = Instant::now();
+    for frame in 0..frames {
+        let started = Instant::now();
+        let view = session.view(&camera_at(frame as f64 / (frames - 1).max(1) as f64, &all, &bounds), size, 1.0);
+        let step = session.settle(&view)?;
+        let drawing = Instant::now();
+        session.renderer().draw(&view, &step.draw, &options, &target);
+        gpu.device.poll(wgpu::PollType::wait_indefinitely())?;
+        draws.push(drawing.elapsed().as_secs_f64() * 1e3);
+        whole.push(started.elapsed().as_secs_f64() * 1e3);
+        triangles += step.stats.triangles_drawn;
+        last = step.stats;
+    }
+    let seconds = begun.elapsed().as_secs_f64();
+    println!("Adapter: {}. {} x {} pixels, {frames} frames, 1 px.\n", gpu.describe(), size[0], size[1]);
+    println!("| ms | p50 | p95 | p99 |\n|---|---:|---:|---:|");
+    for (name, times) in [("frame", &mut whole), ("drawing", &mut draws)] {
+        times.sort_by(f64::total_cmp);
+        let at = |share: f64| times[((times.len() - 1) as f64 * share).round() as usize];
+        println!("| {name} | {:.2} | {:.2} | {:.2} |", at(0.5), at(0.95), at(0.99));
+    }
+    println!(
+        "\n{:.0} triangles a frame, {:.1} M triangles a second, {} requests, {:.2} MB loaded, {:.2} MB a second, {} chunks held at the end.\n",
+        triangles as f64 / frames as f64,
+        triangles as f64 / seconds / 1e6,
+        last.requests_made,
+        last.bytes_received as f64 / 1e6,
+        last.bytes_received as f64 / 1e6 / seconds,
+        last.chunks_resident,
+    );
     Ok(())
 }

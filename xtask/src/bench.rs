@@ -1,6 +1,6 @@
 //! `cargo xtask bench`: figures, never a gate.
 //!
-//! `bench codec` measures the chunk codec by part and level on packs of synthetic meshes, natively and in a worker of Chromium. `bench kernels` runs criterion on the crates that have benches. `bench build` makes synthetic meshes, builds their packs with
+//! `bench codec` measures the chunk codec by part and level on packs of synthetic meshes, natively and in a worker of Chromium. `bench view` measures streaming and drawing (view.rs). `bench kernels` runs criterion on the crates that have benches. `bench build` makes synthetic meshes, builds their packs with
 //! the release program and prints a table: time, triangles per CPU second, peak memory per input triangle, pack size. The
 //! table is added to `docs/bench/DATE-build.md` with the machine it ran on, so that figures are never compared across machines unseen.
 
@@ -32,6 +32,8 @@ enum What {
     Quality(Quality),
     /// Bytes by part and level, speed and vertex-cache use of the chunk codec, beside meshoptimizer's
     Codec(codec::Args),
+    /// Streaming and drawing: a recorded flight natively, the page in Chromium on three links
+    View(crate::view::Args),
     /// Run a program and write what it used to a file (used by `build`, in a process of its own)
     #[command(hide = true)]
     Measured { report: PathBuf, program: PathBuf, args: Vec<String> },
@@ -78,6 +80,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         What::Build(build) => bench_build(build),
         What::Quality(quality) => bench_quality(quality),
         What::Codec(codec) => codec::run(codec),
+        What::View(view) => crate::view::run(view),
         What::Measured { report, program, args } => measured(report, program, args),
     }
 }
@@ -257,7 +260,7 @@ fn measured(_report: &Path, _program: &Path, _args: &[String]) -> Result<()> {
 }
 
 /// Adds the table to today's file, with the commit and the machine.
-fn archive(root: &Path, what: &str, table: &str, profile: &str) -> Result<()> {
+pub(crate) fn archive(root: &Path, what: &str, table: &str, profile: &str) -> Result<()> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).context("the clock stands before 1970")?.as_secs();
     let (year, month, day) = civil_date(now / 86_400);
     let folder = root.join("docs/bench");

@@ -12,6 +12,7 @@ mod process;
 mod setup;
 mod tally;
 mod test;
+mod view;
 mod trust;
 mod web;
 

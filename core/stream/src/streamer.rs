@@ -85,6 +85,11 @@ impl Streamer {
         self.pinned = select::pinned(&self.nodes, &budgets, self.header.attributes.scalars);
     }
 
+    /// Change how many chunks a step uploads at most.
+    pub fn set_uploads(&mut self, uploads: usize) {
+        self.budgets.uploads = uploads;
+    }
+
     /// A directory entry, where its page is known.
     pub fn entry(&self, index: u32) -> Option<&DirectoryEntry> {
         self.nodes.get(index).map(|n| &n.entry)

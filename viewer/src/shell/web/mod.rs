@@ -94,6 +94,8 @@ pub struct Viewer {
     picture: Option<[u32; 2]>,
     target_pixels: f64,
     pace: Pace,
+    /// When the last frame was drawn, milliseconds.
+    frame_at: f64,
     draw: Vec<DrawPatch>,
 }
 
@@ -134,8 +136,7 @@ impl Viewer {
         let flag = Arc::clone(&lost);
         gpu.device.set_device_lost_callback(move |_, _| flag.happened());
         let renderer = Renderer::new(gpu.device.clone(), gpu.queue.clone(), format, gpu.samples(format));
-        // Chunks are small: sixteen are about a megabyte, which no frame feels, and a slow renderer needs fewer frames.
-        let budgets = Budgets { uploads: 16, ..Budgets::default() };
+        let budgets = Budgets { uploads: stream::UPLOADS, ..Budgets::default() };
         let streamer = Streamer::new(&parsed, head.len() as u64, budgets);
         let bounds = bounds(&parsed.metadata);
         let mut viewer = Self {
@@ -159,6 +160,7 @@ impl Viewer {
             picture: None,
             target_pixels: 1.0,
             pace: Pace::new(1.0),
+            frame_at: 0.0,
             draw: Vec::new(),
         };
         viewer.apply_display();

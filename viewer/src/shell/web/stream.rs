@@ -6,6 +6,9 @@ use kilwa_pack::{GpuChunk, PatchRange};
 use kilwa_stream::{Budgets, Command, Event, FetchKind, Stats, Step};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
+/// Chunks uploaded in a frame of a sixtieth of a second: sixteen are about a megabyte, which no frame feels.
+pub(super) const UPLOADS: usize = 16;
+
 #[wasm_bindgen]
 impl Viewer {
     /// GPU memory and main memory for chunks, in bytes.
@@ -84,6 +87,10 @@ impl Viewer {
         if self.picture.is_none() {
             view.target_pixels = self.pace.frame(now_ms, &view);
         }
+        // Where a frame takes long for other reasons, more uploads in it are not felt, and the model is there sooner.
+        let since = (now_ms - self.frame_at).clamp(1000.0 / 60.0, 8000.0 / 60.0);
+        self.frame_at = now_ms;
+        self.streamer.set_uploads((UPLOADS as f64 * since * 60.0 / 1000.0) as usize);
         let step = self.streamer.step(&view, now_ms, std::mem::take(&mut self.events));
         let commands = Array::new();
         for command in &step.commands {
