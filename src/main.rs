@@ -8,6 +8,7 @@ mod measure;
 mod progress;
 mod render;
 mod serve;
+mod sheet;
 mod source;
 mod synth;
 mod verify;

@@ -1,5 +1,6 @@
 //! `kilwa render`: a picture of a pack without a window, through the same streamer and renderer as the page.
 
+use crate::sheet::{self, SheetArgs};
 use crate::source::FileSource;
 use anyhow::{Context, bail};
 use kilwa_pack::Metadata;
@@ -31,6 +32,8 @@ pub(crate) struct Args {
     /// elevation and field_of_view in degrees; orthographic true or false.
     #[arg(long, value_name = "FILE")]
     camera: Option<PathBuf>,
+    #[command(flatten)]
+    sheet: SheetArgs,
     /// Width and height in pixels.
     #[arg(long, default_value = "1600x1200", value_parser = parse_size, value_name = "WxH")]
     size: [u32; 2],
@@ -138,6 +141,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let budgets = Budgets { cpu_bytes: bytes, gpu_bytes: bytes, uploads: 64, ..Budgets::default() };
     let in_pack = || format!("cannot draw {}", args.pack.display());
     let mut session = Session::open(source, &gpu, budgets).with_context(in_pack)?;
+    if args.sheet.is_wanted() {
+        return draw_sheet(args, session);
+    }
     let camera = match &args.camera {
         Some(path) => read_camera(path)?,
         None => Camera::standard(args.view, &session.bounds(), args.size),
@@ -149,6 +155,38 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     write_png(&args.output, &image, options.background == Background::Transparent)?;
     let legend = legend(&display, session.metadata(), &session.bounds());
     report(args, adapter, &camera, &stats, display, legend)
+}
+
+/// A drawing to scale: white paper unless told otherwise.
+fn draw_sheet(args: &Args, mut session: Session<FileSource>) -> anyhow::Result<()> {
+    let mut display = display(args)?;
+    if args.background.is_none() && args.display.is_none() {
+        "white".clone_into(&mut display.background);
+    }
+    let options = session.options(&display);
+    let identity = sheet::identity(FileSource::open(&args.pack)?).with_context(|| args.pack.display().to_string())?;
+    let subject = sheet::Subject {
+        session,
+        view: args.view,
+        options,
+        pixel_error: args.pixel_error,
+        output: &args.output,
+        identity,
+    };
+    let report = sheet::run(&args.sheet, subject)?;
+    let mut out = std::io::stdout().lock();
+    if args.json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
+    } else {
+        writeln!(out, "{}", report.text())?;
+    }
+    if !report.is_complete() {
+        eprintln!(
+            "kilwa: the drawing is coarser than asked for: the memory of {} MB is full (--memory gives more)",
+            args.memory
+        );
+    }
+    Ok(())
 }
 
 /// What the options say of how the model is shown.
@@ -309,7 +347,7 @@ fn write_png(path: &Path, image: &Image, alpha: bool) -> anyhow::Result<()> {
 }
 
 /// Temporary files are private; a picture is as readable as any other new file.
-fn share(path: &Path) -> anyhow::Result<()> {
+pub(crate) fn share(path: &Path) -> anyhow::Result<()> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;

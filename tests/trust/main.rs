@@ -7,6 +7,7 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+mod drawings;
 mod opinions;
 mod oracle;
 mod phantoms;

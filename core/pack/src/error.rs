@@ -2,6 +2,15 @@
 
 use thiserror::Error;
 
+/// What to do about a file of another major version.
+fn version_hint(major: u16) -> &'static str {
+    if major < crate::header::VERSION.0 {
+        "was a draft of before 1.0, which is not read any more: build the pack again"
+    } else {
+        "is newer than this program knows (1.x): install a newer kilwa"
+    }
+}
+
 /// Why a pack, or a part of one, was refused.
 #[derive(Debug, Error)]
 pub enum PackError {
@@ -9,7 +18,7 @@ pub enum PackError {
     #[error("not a Kilwa pack: the file does not begin with the magic bytes \"KILWAPCK\"")]
     Magic,
     /// A version of the format that this program does not know.
-    #[error("format version {major}.{minor} is newer than this program knows (0.1): install a newer kilwa")]
+    #[error("format version {major}.{minor} {}", version_hint(*major))]
     Version {
         /// Major version found.
         major: u16,

@@ -1,0 +1,315 @@
+//! Drawings to scale: `kilwa render --scale 1:50`. Plans and elevations as PNG, PDF or GeoTIFF of any size, in constant memory.
+//!
+//! `paper` says how large the sheet is, `layout` what stands on it (picture, frame, grid, scale bar, north arrow, title block) in
+//! millimetres; `picture` draws the model band by band, `paint` the marks on it, and `png`, `tiff` and `pdf` write bands as they come. One pixel is
+//! exactly `25.4 mm / dpi × scale`; the picture's middle is that of the model's box. The file gets its name when it is complete.
+
+mod layout;
+mod paint;
+mod paper;
+mod pdf;
+mod picture;
+mod png;
+mod tiff;
+
+use crate::render::share;
+use anyhow::{Context, bail};
+use kilwa_pack::{Reader, Source};
+use kilwa_viewer::shell::native::Session;
+use kilwa_viewer::{Bounds, Camera, RenderOptions, StandardView};
+use layout::{Frame, Layout};
+use paper::Paper;
+use serde::Serialize;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// A drawing to scale.
+#[derive(clap::Args)]
+pub(crate) struct SheetArgs {
+    /// A drawing to this scale, for example 1:50; the ending of the output says the format: .png, .pdf or .tif (GeoTIFF).
+    #[arg(long, value_name = "1:N", value_parser = parse_scale, conflicts_with_all = ["size", "camera"])]
+    scale: Option<f64>,
+    /// Dots per inch of the drawing.
+    #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(25..=2400), requires = "scale")]
+    dpi: u32,
+    /// Paper: A0 to A4, WIDTHxHEIGHT in millimetres, or fit (as large as the drawing). Without it, the smallest from A4 to A0 that holds it.
+    #[arg(long, value_parser = Paper::parse, requires = "scale")]
+    paper: Option<Paper>,
+    /// What the title block says; without it, the title of the pack.
+    #[arg(long, requires = "scale")]
+    title: Option<String>,
+    /// Nothing but the model on the sheet: no frame, grid, scale bar or title block.
+    #[arg(long, requires = "scale")]
+    bare: bool,
+}
+
+impl SheetArgs {
+    /// Whether a drawing is asked for.
+    pub(crate) fn is_wanted(&self) -> bool {
+        self.scale.is_some()
+    }
+}
+
+fn parse_scale(text: &str) -> Result<f64, String> {
+    let number = text.strip_prefix("1:").unwrap_or(text).parse::<f64>();
+    match number {
+        Ok(n) if n.is_finite() && (0.01..=1e6).contains(&n) => Ok(n),
+        _ => Err("a scale such as 1:50 is wanted".to_owned()),
+    }
+}
+
+/// What is drawn and how, from the other options of `kilwa render`.
+pub(crate) struct Subject<'a, S> {
+    pub(crate) session: Session<S>,
+    pub(crate) view: StandardView,
+    pub(crate) options: RenderOptions,
+    pub(crate) pixel_error: f64,
+    pub(crate) output: &'a Path,
+    /// What the pack is called: [`Reader::identity`].
+    pub(crate) identity: String,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+pub(crate) struct Report {
+    drawing: String,
+    size: [u32; 2],
+    paper_mm: [f64; 2],
+    scale: f64,
+    dpi: u32,
+    metres_per_pixel: f64,
+    /// World coordinates of the middle of the first pixel: along the drawing's x and y.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    first_pixel: Option<[f64; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    crs: Option<String>,
+    worst_error_metres: f64,
+    triangles: u64,
+    target_reached: bool,
+    files: Vec<String>,
+}
+
+/// The identity of a pack in a file.
+pub(crate) fn identity<S: Source>(source: S) -> anyhow::Result<String> {
+    Ok(Reader::open(source)?.identity())
+}
+
+/// Which way a view's right and up point in the world.
+pub(crate) fn axes(view: StandardView) -> Option<[[f64; 3]; 2]> {
+    let up = [0.0, 0.0, 1.0];
+    match view {
+        StandardView::Plan => Some([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+        StandardView::South => Some([[1.0, 0.0, 0.0], up]),
+        StandardView::North => Some([[-1.0, 0.0, 0.0], up]),
+        StandardView::East => Some([[0.0, 1.0, 0.0], up]),
+        StandardView::West => Some([[0.0, -1.0, 0.0], up]),
+        StandardView::Iso => None,
+    }
+}
+
+/// Draw the sheet.
+pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow::Result<Report> {
+    let scale = args.scale.context("a drawing needs --scale")?;
+    let Some(axes) = axes(s.view) else {
+        bail!("an oblique view has no scale; choose --view plan, north, east, south or west");
+    };
+    let format = Format::of(s.output)?;
+    let bounds = s.session.bounds();
+    let extent = axes.map(|axis| span(axis, &bounds));
+    let content = extent.map(|(low, high)| (high - low) * 1000.0 / scale);
+    let (paper, frame) = paper::choose(args.paper.as_ref(), content, args.bare, scale)?;
+    let metadata = s.session.metadata().clone();
+    let middle = extent.map(|(low, high)| f64::midpoint(low, high));
+    let sheet = Sheet { paper, frame, scale, dpi: args.dpi, middle };
+    let title = layout::Title {
+        name: args.title.clone().unwrap_or_else(|| metadata.title.clone()),
+        view: s.view,
+        crs: metadata.crs.clone(),
+        accuracy: metadata.capture_accuracy,
+        identity: s.identity.clone(),
+        spacing: metadata.median_edge,
+    };
+    let layout = if args.bare { Layout::default() } else { Layout::of(&sheet, &title) };
+    let size = sheet.pixels()?;
+    let camera = |centre: [f64; 2], rows: u32| camera(s.view, axes, centre, sheet.metres_per_pixel(), rows, &bounds);
+    let georeference = (s.view == StandardView::Plan).then(|| tiff::GeoReference {
+        metres_per_pixel: sheet.metres_per_pixel(),
+        corner: sheet.corner(),
+        epsg: metadata.crs.as_deref().and_then(|c| c.strip_prefix("EPSG:")).and_then(|c| c.parse().ok()),
+    });
+    // The page of a PDF has its lines and letters as such; pictures have them painted.
+    let painted = if format == Format::Pdf { Layout::default() } else { layout.clone() };
+    let written = s.output;
+    let mut out = Partial::new(written)?;
+    let how = (s.options, s.pixel_error);
+    let mut bands = picture::Bands::new(&mut s.session, &sheet, size, how, &camera, &painted);
+    let mut next = || bands.next();
+    match format {
+        Format::Png => png::write(out.file(), size, args.dpi, &mut next)?,
+        Format::Tiff => tiff::write(out.file(), size, args.dpi, georeference.as_ref(), &mut next)?,
+        Format::Pdf => pdf::write(out.file(), &sheet, size, &layout, &title.name, &mut next)?,
+    }
+    let figures = bands.figures();
+    out.persist(written)?;
+    let mut files = vec![written.display().to_string()];
+    if let Some(g) = georeference.as_ref().filter(|_| format == Format::Png) {
+        files.push(world_file(written, g)?);
+    }
+    Ok(Report {
+        drawing: written.display().to_string(),
+        size,
+        paper_mm: sheet.paper,
+        scale,
+        dpi: args.dpi,
+        metres_per_pixel: sheet.metres_per_pixel(),
+        first_pixel: georeference.as_ref().map(tiff::GeoReference::first_pixel),
+        crs: metadata.crs,
+        worst_error_metres: figures.worst_error_metres,
+        triangles: figures.triangles,
+        target_reached: figures.target_reached,
+        files,
+    })
+}
+
+impl Report {
+    /// The same for people.
+    pub(crate) fn text(&self) -> String {
+        format!(
+            "{}: 1:{} at {} dpi, {:.0} x {:.0} mm, {} x {} pixels of {:.6} m, surface within {:.4} m",
+            self.files.join(" and "),
+            self.scale,
+            self.dpi,
+            self.paper_mm[0],
+            self.paper_mm[1],
+            self.size[0],
+            self.size[1],
+            self.metres_per_pixel,
+            self.worst_error_metres
+        )
+    }
+
+    /// Whether every part is as fine as asked for.
+    pub(crate) fn is_complete(&self) -> bool {
+        self.target_reached
+    }
+}
+
+/// Kinds of files.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Png,
+    Pdf,
+    Tiff,
+}
+
+impl Format {
+    fn of(path: &Path) -> anyhow::Result<Self> {
+        let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+        match ending.as_deref() {
+            Some("png") => Ok(Self::Png),
+            Some("pdf") => Ok(Self::Pdf),
+            Some("tif" | "tiff") => Ok(Self::Tiff),
+            _ => bail!("{}: the ending says the format of a drawing, one of .png, .pdf, .tif", path.display()),
+        }
+    }
+}
+
+/// Gives the next whole rows from the top, three sRGB bytes per pixel; `None` after the last.
+type Next<'a> = &'a mut dyn FnMut() -> anyhow::Result<Option<Vec<u8>>>;
+
+/// Paper, scale and what lies in its middle.
+struct Sheet {
+    /// Width and height, mm.
+    paper: [f64; 2],
+    /// Where the picture is.
+    frame: Frame,
+    /// 50 for 1:50.
+    scale: f64,
+    dpi: u32,
+    /// World coordinates (along the drawing's axes) of the middle of the frame.
+    middle: [f64; 2],
+}
+
+/// Pixels of a drawing at most: 2^36 are a sheet of 22 m at 300 dpi.
+const MAX_PIXELS: u64 = 1 << 36;
+
+impl Sheet {
+    fn metres_per_pixel(&self) -> f64 {
+        0.0254 / f64::from(self.dpi) * self.scale
+    }
+
+    fn pixels_per_mm(&self) -> f64 {
+        f64::from(self.dpi) / 25.4
+    }
+
+    fn pixels(&self) -> anyhow::Result<[u32; 2]> {
+        let size = self.paper.map(|mm| (mm * self.pixels_per_mm()).round().max(1.0));
+        if size.iter().any(|x| *x > 1e6) || size[0] * size[1] > MAX_PIXELS as f64 {
+            bail!(
+                "{:.0} x {:.0} pixels are too many; choose a smaller scale, fewer dpi or other paper",
+                size[0],
+                size[1]
+            );
+        }
+        Ok(size.map(|x| x as u32))
+    }
+
+    /// World coordinates of the sheet's upper left corner.
+    fn corner(&self) -> [f64; 2] {
+        let per_mm = self.scale / 1000.0;
+        let centre = self.frame.middle();
+        [self.middle[0] - centre[0] * per_mm, self.middle[1] + centre[1] * per_mm]
+    }
+}
+
+/// Smallest and largest coordinate of a box along an axis.
+fn span(axis: [f64; 3], bounds: &Bounds) -> (f64, f64) {
+    let all = bounds.corners().map(|c| c[0] * axis[0] + c[1] * axis[1] + c[2] * axis[2]);
+    (all.iter().copied().fold(f64::INFINITY, f64::min), all.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+}
+
+/// The camera of a tile: its middle in the drawing's coordinates, its rows.
+fn camera(view: StandardView, axes: [[f64; 3]; 2], centre: [f64; 2], pixel: f64, rows: u32, bounds: &Bounds) -> Camera {
+    let mut camera = Camera::standard(view, bounds, [1, 1]);
+    let at = bounds.center();
+    let along = |axis: [f64; 3]| at[0] * axis[0] + at[1] * axis[1] + at[2] * axis[2];
+    let shift = [centre[0] - along(axes[0]), centre[1] - along(axes[1])];
+    camera.target = std::array::from_fn(|i| at[i] + axes[0][i] * shift[0] + axes[1][i] * shift[1]);
+    camera.distance *= f64::from(rows) * pixel * 0.5 / camera.half_height();
+    camera
+}
+
+/// The world file beside a picture: size of a pixel, and the middle of the first one.
+fn world_file(picture: &Path, g: &tiff::GeoReference) -> anyhow::Result<String> {
+    let path = picture.with_extension("pgw");
+    let [x, y] = g.first_pixel();
+    let text = format!("{:?}\n0.0\n0.0\n{:?}\n{x:?}\n{y:?}\n", g.metres_per_pixel, -g.metres_per_pixel);
+    let mut file = Partial::new(&path)?;
+    file.file().write_all(text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+    file.persist(&path)?;
+    Ok(path.display().to_string())
+}
+
+/// A file under a temporary name in the folder that it will be in.
+struct Partial(tempfile::NamedTempFile);
+
+impl Partial {
+    fn new(path: &Path) -> anyhow::Result<Self> {
+        let folder: PathBuf = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")).into();
+        let file = tempfile::Builder::new().prefix(".kilwa-").tempfile_in(&folder);
+        Ok(Self(file.with_context(|| format!("cannot write to {}", folder.display()))?))
+    }
+
+    fn file(&mut self) -> &mut std::fs::File {
+        self.0.as_file_mut()
+    }
+
+    fn persist(self, path: &Path) -> anyhow::Result<()> {
+        let failed = || format!("cannot write {}", path.display());
+        self.0.as_file().sync_all().with_context(failed)?;
+        let temporary = self.0.into_temp_path();
+        share(&temporary)?;
+        temporary.persist(path).with_context(failed)?;
+        Ok(())
+    }
+}
