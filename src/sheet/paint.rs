@@ -133,7 +133,7 @@ mod tests {
         };
         let mut whole = Band::new(300, 0, 160);
         whole.paint(&layout, 10.0);
-        assert!(whole.rgb.iter().any(|c| *c == 0) && whole.rgb.iter().any(|c| *c == 128));
+        assert!(whole.rgb.contains(&0) && whole.rgb.contains(&128));
         let mut parts = Vec::new();
         for top in (0..160).step_by(7) {
             let mut band = Band::new(300, top, 7.min(160 - top));
