@@ -10,13 +10,14 @@ use kilwa_geometry::LatticePoint;
 use kilwa_geometry::distance::{cross, dot, sub};
 use kilwa_geometry::lattice::MAX_COORDINATE;
 
+/// One fine triangle in so many tells how rough the surface is.
+const SAMPLE: usize = 4;
 /// Most zeros that the codec saves.
 const MOST: u32 = 15;
 
 impl Simplifier<'_> {
     /// Round the places that were made to multiples of a power of two, at most their [roughness](Self::roughness), each to
-    /// the corner of its cell that suits its quadric best of those that turn no
-    /// triangle over.
+    /// the corner of its cell that suits its quadric best of those that turn no triangle over.
     pub(super) fn settle(&mut self) {
         let grain = (libm::log2(self.roughness().max(1.0)) as u32).min(MOST);
         if grain == 0 {
@@ -31,10 +32,10 @@ impl Simplifier<'_> {
     }
 
     /// Root mean square distance, by area, of the points that were made from the planes of the fine triangles at what was
-    /// merged into them.
+    /// merged into them, by a sample.
     fn roughness(&mut self) -> f64 {
         let (mut sum, mut weight) = (0.0, 0.0);
-        for t in 0..self.alive.len() {
+        for t in (0..self.alive.len()).step_by(SAMPLE) {
             let corners = self.source.corners(t).map(|p| local(p, self.center));
             let n = cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]));
             let double_area = dot(n, n).sqrt();
