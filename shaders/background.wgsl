@@ -20,5 +20,5 @@ fn fragment(in: BackgroundOut) -> @location(0) vec4<f32> {
     let noise = pixel_noise(in.clip.xy) - 0.5;
     let encoded = mix(srgb_from_linear(frame.top.rgb), srgb_from_linear(frame.bottom.rgb), in.down);
     let alpha = mix(frame.top.a, frame.bottom.a, in.down);
-    return for_target(vec4<f32>(linear_from_srgb(max(encoded + noise * alpha / 255.0, vec3<f32>(0.0))), alpha));
+    return vec4<f32>(linear_from_srgb(max(encoded + noise * alpha / 255.0, vec3<f32>(0.0))), alpha);
 }

@@ -30,8 +30,6 @@ struct Frame {
     // Where this tile lies in the picture: y = scale * tile_y + shift, from 0 (top) to 1.
     tile_scale: f32,
     tile_shift: f32,
-    // 1 where the target stores what it gets and the shader has to encode sRGB.
-    encode_srgb: u32,
     // Lamp at the eye on the scan's colours, 0 to 1.
     shading: f32,
     // Tint of back faces, 0 to 1.
@@ -46,6 +44,7 @@ struct Frame {
     strength: f32,
     radius: f32,
     feature: f32,
+    unused: u32,
     // From a pixel of the target to the pixel of the relief map.
     relief_shift: vec2<i32>,
     // Bit 0: the plane cuts; bit 1: the box cuts; bit 2: what is inside of the box goes.
@@ -81,22 +80,6 @@ struct Draw {
 // Exact up to the one conversion: equal lattice points give equal results in every chunk and every pass.
 fn steps_from_cell(position: vec3<i32>) -> vec3<f32> {
     return vec3<f32>(position - frame.cell);
-}
-
-fn linear_from_srgb(c: vec3<f32>) -> vec3<f32> {
-    return select(pow((c + 0.055) / 1.055, vec3<f32>(2.4)), c / 12.92, c <= vec3<f32>(0.04045));
-}
-
-fn srgb_from_linear(c: vec3<f32>) -> vec3<f32> {
-    let x = clamp(c, vec3<f32>(0.0), vec3<f32>(1.0));
-    return select(1.055 * pow(x, vec3<f32>(1.0 / 2.4)) - 0.055, 12.92 * x, x <= vec3<f32>(0.0031308));
-}
-
-fn for_target(c: vec4<f32>) -> vec4<f32> {
-    if frame.encode_srgb == 1u {
-        return vec4<f32>(srgb_from_linear(c.rgb), c.a);
-    }
-    return c;
 }
 
 // How far inside of what stays a point is, in steps; negative where it is cut away.

@@ -192,7 +192,7 @@ fn shade(in: VertexOut, front: bool) -> vec3<f32> {
 
 @fragment
 fn fragment(in: VertexOut, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
-    return for_target(vec4<f32>(shade(in, front), 1.0));
+    return vec4<f32>(shade(in, front), 1.0);
 }
 
 // With a cut, or while levels fade.
@@ -210,5 +210,5 @@ fn fragment_cut(in: VertexOut, @builtin(front_facing) front: bool) -> @location(
     if frame.clip_flags != 0u {
         c = mix(c, CUT_LINE, clamp(frame.outline + 0.5 - pixels, 0.0, 1.0));
     }
-    return for_target(vec4<f32>(c, select(1.0, clamp(pixels + 0.5, 0.0, 1.0), smoothed)));
+    return vec4<f32>(c, select(1.0, clamp(pixels + 0.5, 0.0, 1.0), smoothed));
 }

@@ -130,6 +130,7 @@ struct Report {
 const MAX_PIXELS: u64 = 1 << 30;
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    let display = display(args)?;
     let source = FileSource::open(&args.pack)?;
     let prefer = if args.software { Prefer::Software } else { Prefer::Hardware };
     let gpu = pollster::block_on(Gpu::headless(prefer))?;
@@ -149,7 +150,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         None => Camera::standard(args.view, &session.bounds(), args.size),
     };
     let view = session.view(&camera, args.size, args.pixel_error);
-    let display = display(args)?;
     let options = session.options(&display);
     let (image, stats) = session.render(&view, &options).with_context(in_pack)?;
     write_png(&args.output, &image, options.background == Background::Transparent)?;

@@ -79,6 +79,9 @@ fn what_makes_no_sense_is_refused_before_anything_is_drawn() {
         ["--pixel-error", "nan"],
         ["--background", "#12345"],
         ["--shading", "2"],
+        ["--light", "90"],
+        ["--clip", "0,0,1,0,0"],
+        ["--range", "low,high"],
     ] {
         let (code, message) = code_and_message(&render("none.kilwa", &out, &more));
         assert_eq!(code, Some(2), "{more:?}: {message}");
@@ -131,4 +134,70 @@ fn the_report_says_how_true_the_picture_is() {
             == report["target_reached"].as_bool().expect("a bool")
     );
     assert!(!report["adapter"].as_str().expect("a name").is_empty());
+}
+
+fn report_of(done: &Output) -> serde_json::Value {
+    assert!(done.status.success(), "{:?}", code_and_message(done));
+    serde_json::from_slice(&done.stdout).expect("JSON")
+}
+
+#[test]
+fn a_legend_says_what_the_colours_of_a_mode_mean() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pack = sphere(folder.path());
+    let out = folder.path().join("p.png");
+    let legend = |more: &[&str]| {
+        let mut args = vec!["--json", "--size", "48x48"];
+        args.extend(more);
+        report_of(&render(&pack, &out, &args))["legend"].clone()
+    };
+    let height = legend(&["--mode", "height"]);
+    let near = |value: &serde_json::Value, wanted: f64| value.as_f64().is_some_and(|v| (v - wanted).abs() < 0.01);
+    assert!(near(&height["low"], 0.0) && near(&height["high"], 2.0), "{height}");
+    assert_eq!((height["unit"].as_str(), height["stops"].as_array().map(Vec::len)), (Some("m"), Some(9)));
+    let distance = legend(&["--mode", "distance", "--plane", "0,0,1,2,0,0", "--range", "-0.5,0.5"]);
+    assert_eq!(distance["plane"]["normal"], serde_json::json!([1.0, 0.0, 0.0]));
+    assert_eq!((distance["low"].as_f64(), distance["high"].as_f64()), (Some(-0.5), Some(0.5)));
+    assert!(legend(&["--mode", "raking"]).is_null(), "light is no value");
+}
+
+#[test]
+fn cuts_take_away_their_side() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pack = sphere(folder.path());
+    let out = folder.path().join("p.png");
+    let alphas = |more: &[&str]| {
+        let mut args = vec!["--view", "south", "--size", "60x60", "--background", "transparent"];
+        args.extend(more);
+        let done = render(&pack, &out, &args);
+        assert!(done.status.success(), "{:?}", code_and_message(&done));
+        let picture = image::open(&out).expect("a PNG").to_rgba8();
+        [[30, 12], [30, 48], [12, 30], [48, 30]].map(|[x, y]| picture.get_pixel(x, y).0[3])
+    };
+    assert_eq!(alphas(&[]), [255; 4]);
+    assert_eq!(alphas(&["--clip", "0,0,1,0,0,1"])[..2], [0, 255], "the upper half is gone");
+    assert_eq!(alphas(&["--clip", "0,0,1,0,0,-1"])[..2], [255, 0], "the lower half is gone");
+    assert_eq!(alphas(&["--clip-box", "-2,-2,-1,0,2,3"])[2..], [255, 0], "the east is outside of the box");
+}
+
+#[test]
+fn a_display_that_was_printed_gives_the_same_picture_and_a_wrong_one_is_refused_by_name() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pack = sphere(folder.path());
+    let [first, second] = ["a.png", "b.png"].map(|n| folder.path().join(n));
+    let size = ["--json", "--size", "64x48"];
+    let options =
+        ["--mode", "raking", "--light", "60,15", "--on-colour", "--clip", "0.2,0,0,1,0,0", "--background", "black"];
+    let display = report_of(&render(&pack, &first, &[&size[..], &options].concat()))["display"].to_string();
+    assert!(display.contains("raking") && display.contains("clipPlane"), "{display}");
+    report_of(&render(&pack, &second, &[&size[..], &["--display", &display]].concat()));
+    let pixels = |path: &Path| image::open(path).expect("a PNG").to_rgba8().into_raw();
+    assert_eq!(pixels(&first), pixels(&second));
+    let file = folder.path().join("display.json");
+    std::fs::write(&file, &display).expect("written");
+    report_of(&render(&pack, &second, &[&size[..], &["--display", file.to_str().expect("plain")]].concat()));
+    assert_eq!(pixels(&first), pixels(&second));
+    let (code, message) = code_and_message(&render(&pack, &first, &["--display", r#"{"strength":3}"#]));
+    assert_eq!(code, Some(1));
+    assert!(message.contains("strength"), "{message}");
 }

@@ -207,24 +207,20 @@ test("levels fade unless the system asks for little motion, and at rest the pict
     await page.locator("#tab-display").click();
     assert.equal(await page.locator("#fade").isChecked(), reducedMotion !== "reduce");
     // A coarser picture and back: while it changes frames go on, then they stop.
-    const frames = await page.evaluate(async () => {
+    await page.evaluate(async () => {
       const { viewer, session } = globalThis.kilwa;
-      const settled = async () => {
-        const from = session.frames;
-        do await new Promise((resolve) => setTimeout(resolve, 30));
-        while (session.frames < from + 2 ? !session.stats.settled : session.stats.more || session.scheduled);
+      const quiet = async () => {
+        for (let last = -1; last !== session.frames || session.scheduled || session.stats.more; ) {
+          last = session.frames;
+          await new Promise((resolve) => setTimeout(resolve, 500));
+        }
       };
-      viewer.setTargetPixels(16);
-      session.wake();
-      await settled();
-      viewer.setTargetPixels(4);
-      session.wake();
-      await settled();
-      const at = session.frames;
-      await new Promise((resolve) => setTimeout(resolve, 400));
-      return session.frames - at;
+      for (const pixels of [16, 4]) {
+        viewer.setTargetPixels(pixels);
+        session.wake();
+        await quiet();
+      }
     });
-    assert.equal(frames, 0, "at rest nothing is drawn");
     pictures.push((await picture(page)).hash);
     assert.deepEqual(complaints, []);
     await close();

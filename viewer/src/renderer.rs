@@ -3,6 +3,7 @@
 use crate::gpu::context::{Gpu, GpuError};
 use crate::gpu::frame::{NO_FADE, TargetTraits, UniformBytes, Uniforms, draw_uniform, frame_uniform};
 use crate::gpu::pool::{Pool, ShownScalar};
+use crate::gpu::present::Present;
 use crate::gpu::readback::Readback;
 use crate::gpu::relief::{self, ReliefMap};
 use crate::gpu::surface::Variant;
@@ -78,7 +79,11 @@ pub struct Renderer {
     queue: wgpu::Queue,
     pool: Pool,
     uniforms: Uniforms,
+    /// Of the target.
     format: wgpu::TextureFormat,
+    /// That pictures are drawn in.
+    drawn: wgpu::TextureFormat,
+    present: Option<Present>,
     samples: u32,
     surface: BTreeMap<Variant, wgpu::RenderPipeline>,
     background: wgpu::RenderPipeline,
@@ -99,8 +104,10 @@ impl Renderer {
         let uniforms = Uniforms::new(&device);
         // What most pictures need; other pipelines are made when a picture needs them.
         let plain = Variant { cut: false, smooth: false, scalar: false };
-        let surface = BTreeMap::from([(plain, surface::pipeline(&device, &uniforms, format, samples, plain))]);
-        let background = background::pipeline(&device, &uniforms, format, samples);
+        let drawn = Present::drawn_format(format);
+        let present = Present::new(&device, format);
+        let surface = BTreeMap::from([(plain, surface::pipeline(&device, &uniforms, drawn, samples, plain))]);
+        let background = background::pipeline(&device, &uniforms, drawn, samples);
         let id = [false, true].map(|cut| id::pipeline(&device, &uniforms, cut));
         Self {
             device,
@@ -108,6 +115,8 @@ impl Renderer {
             pool: Pool::default(),
             uniforms,
             format,
+            drawn,
+            present,
             samples,
             surface,
             background,
@@ -186,13 +195,15 @@ impl Renderer {
         target: &wgpu::TextureView,
     ) {
         let size = target_size(view, options.tile);
-        let (depth, samples) = self.attachments.fit(&self.device, size, self.samples, self.format);
+        let (depth, samples) = self.attachments.fit(&self.device, size, self.samples, self.drawn);
+        let picture = self.present.as_mut().map(|p| p.fit(&self.device, size));
+        let drawn_to = picture.as_ref().unwrap_or(target);
         let merge = options.mode != Mode::Error;
         let (calls, draws) = self.calls(patches, fades, merge);
         let cut = options.clip.is_on() || calls.iter().any(|c| c.fade != NO_FADE);
         let smooth = options.clip.is_on() && self.samples > 1 && options.background != Background::Transparent;
         let variant = Variant { cut, smooth, scalar: options.mode == Mode::Scalar && self.pool.has_scalars() };
-        let mut traits = TargetTraits { encode_srgb: !self.format.is_srgb(), smooth_cut: smooth, relief_shift: [0, 0] };
+        let mut traits = TargetTraits { smooth_cut: smooth, relief_shift: [0, 0] };
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let map = options.mode.needs_relief().then(|| relief::covered(view, options.tile));
         if let Some((map, shift)) = map {
@@ -203,12 +214,12 @@ impl Renderer {
         if let Some((map, _)) = map {
             self.draw_relief(&mut encoder, map.size, &calls, cut);
         }
-        let (device, uniforms, format) = (&self.device, &self.uniforms, self.format);
+        let (device, uniforms, format) = (&self.device, &self.uniforms, self.drawn);
         let make = || surface::pipeline(device, uniforms, format, self.samples, variant);
         let surface = self.surface.entry(variant).or_insert_with(make).clone();
         let (attached, resolve) = match &samples {
-            Some(samples) => (samples, Some(target)),
-            None => (target, None),
+            Some(samples) => (samples, Some(drawn_to)),
+            None => (drawn_to, None),
         };
         {
             let mut pass = begin(&mut encoder, attached, resolve, &depth);
@@ -218,6 +229,9 @@ impl Renderer {
             pass.draw(0..3, 0..1);
             pass.set_pipeline(&surface);
             self.record(&mut pass, &calls, variant.scalar);
+        }
+        if let Some(present) = &self.present {
+            present.record(&mut encoder, target);
         }
         self.queue.submit([encoder.finish()]);
     }

@@ -45,11 +45,8 @@ fn every_entry_point_becomes_glsl_of_webgl2() {
             ..glsl::Options::default()
         };
         for entry in &module.entry_points {
-            let pipeline = glsl::PipelineOptions {
-                shader_stage: entry.stage,
-                entry_point: entry.name.clone(),
-                multiview: None,
-            };
+            let pipeline =
+                glsl::PipelineOptions { shader_stage: entry.stage, entry_point: entry.name.clone(), multiview: None };
             let mut text = String::new();
             let policies = naga::proc::BoundsCheckPolicies::default();
             let written = glsl::Writer::new(&mut text, &module, &info, &options, &pipeline, policies)
@@ -62,7 +59,7 @@ fn every_entry_point_becomes_glsl_of_webgl2() {
 
 #[test]
 fn positions_are_invariant_in_every_pass_that_draws_chunks() {
-    for (name, source) in SHADERS.iter().filter(|(name, _)| *name != "background") {
+    for (name, source) in SHADERS.iter().filter(|(name, _)| !["background", "present"].contains(name)) {
         assert!(source.contains("@invariant @builtin(position)"), "{name}.wgsl");
         assert!(source.contains("frame.clip_from_cell * vec4<f32>("), "{name}.wgsl");
     }
@@ -101,7 +98,7 @@ fn uniforms_lie_in_memory_as_the_shaders_read_them() {
     };
     let frame = frame_uniform(&view, &RenderOptions::default(), TargetTraits::default());
     let draw = draw_uniform(1, 2, 3.0, NO_FADE);
-    for (name, source) in SHADERS {
+    for (name, source) in SHADERS.iter().filter(|(name, _)| *name != "present") {
         let module = parse(name, source);
         assert_eq!(layout(&module, "Frame"), as_owned(&frame), "{name}.wgsl");
         assert_eq!(layout(&module, "Draw"), as_owned(&draw), "{name}.wgsl");

@@ -74,7 +74,6 @@ pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits)
     out.uint("mode", mode as u32);
     out.floats("tile_scale", &[scale]);
     out.floats("tile_shift", &[shift]);
-    out.uint("encode_srgb", u32::from(target.encode_srgb));
     out.floats("shading", &[options.shading]);
     out.floats("back_tint", &[if options.mark_back_faces { 1.0 } else { 0.0 }]);
     out.floats("error_low", &[ERROR_SCALE.0]);
@@ -84,6 +83,7 @@ pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits)
     out.floats("strength", &[options.strength]);
     out.floats("radius", &[options.radius]);
     out.floats("feature", &[options.feature as f32]);
+    out.uint("unused", 0);
     out.ints("relief_shift", &target.relief_shift);
     out.uint("clip_flags", flags);
     out.uint("on_color", u32::from(options.on_color));
@@ -97,8 +97,6 @@ pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits)
 /// What a frame's target adds to the view and the options.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct TargetTraits {
-    /// It stores what it gets: the shader has to encode sRGB.
-    pub encode_srgb: bool,
     /// From a pixel of the target to its pixel in the relief map.
     pub relief_shift: [i32; 2],
     /// The edge of a cut is smoothed by the samples that it covers.
@@ -179,7 +177,7 @@ pub(crate) struct Uniforms {
     capacity: usize,
 }
 
-const FRAME_BYTES: u64 = 432;
+const FRAME_BYTES: u64 = 416;
 const DRAW_BYTES: u64 = 16;
 
 impl Uniforms {

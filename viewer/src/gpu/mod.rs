@@ -5,6 +5,7 @@ pub mod context;
 pub mod frame;
 pub mod id;
 pub mod pool;
+pub(crate) mod present;
 pub mod readback;
 pub mod relief;
 pub mod surface;
@@ -24,11 +25,12 @@ macro_rules! wgsl {
 }
 
 /// WGSL of every pass with the shared parts in front, by name: what the pipelines and the tests use.
-pub const SHADERS: [(&str, &str); 4] = [
-    ("surface", wgsl!("frame", "normal", "neighbourhood", "surface")),
-    ("background", wgsl!("frame", "background")),
+pub const SHADERS: [(&str, &str); 5] = [
+    ("surface", wgsl!("srgb", "frame", "normal", "neighbourhood", "surface")),
+    ("background", wgsl!("srgb", "frame", "background")),
     ("id", wgsl!("frame", "id")),
     ("relief", wgsl!("frame", "normal", "relief")),
+    ("present", wgsl!("srgb", "present")),
 ];
 
 /// Reversed depth: nearer is larger.

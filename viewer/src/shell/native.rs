@@ -4,6 +4,7 @@ use crate::camera::{Bounds, Camera};
 use crate::display::Display;
 use crate::gpu::context::{Gpu, GpuError};
 use crate::gpu::pool::ShownScalar;
+use crate::gpu::relief::REACH;
 use crate::options::{Mode, RenderOptions, Tile};
 use crate::renderer::{IdImage, Image, Renderer};
 use kilwa_pack::directory::parse_page;
@@ -203,7 +204,8 @@ impl<S: Source> Session<S> {
     pub fn render(&mut self, view: &View, options: &RenderOptions) -> Result<(Image, Stats), SessionError> {
         let step = self.settle(view)?;
         let [width, height] = view.size;
-        let tile = self.max_texture.clamp(1, 4096);
+        // The map of a mode that looks at the neighbourhood is larger than the tile, on every side.
+        let tile = self.max_texture.saturating_sub(2 * REACH).clamp(1, 4096);
         if width <= tile && height <= tile {
             let image = pollster::block_on(self.renderer.image(view, &step.draw, options))?;
             return Ok((image, step.stats));

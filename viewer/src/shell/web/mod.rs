@@ -18,7 +18,7 @@ use crate::gpu::context::{BROWSER_BACKEND, Gpu};
 use crate::gpu::target::view_of;
 use crate::options::RenderOptions;
 use crate::pick::{Hit, Scope, nearest};
-use crate::renderer::Renderer;
+use crate::renderer::{IMAGE_FORMAT, Renderer};
 use js_sys::{Object, Promise, Reflect};
 use kilwa_pack::{GpuChunk, HEADER_BYTES, Metadata, PackError, ScalarChannel, parse_head};
 use kilwa_stream::{Budgets, DrawPatch, Event, Pace, Streamer, View};
@@ -135,7 +135,7 @@ impl Viewer {
         let lost = Arc::new(Loss::default());
         let flag = Arc::clone(&lost);
         gpu.device.set_device_lost_callback(move |_, _| flag.happened());
-        let renderer = Renderer::new(gpu.device.clone(), gpu.queue.clone(), format, gpu.samples(format));
+        let renderer = Renderer::new(gpu.device.clone(), gpu.queue.clone(), format, gpu.samples(IMAGE_FORMAT));
         let budgets = Budgets { uploads: stream::UPLOADS, ..Budgets::default() };
         let streamer = Streamer::new(&parsed, head.len() as u64, budgets);
         let bounds = bounds(&parsed.metadata);
