@@ -270,6 +270,14 @@ impl Camera {
         }
     }
 
+    /// The picture has another size: what its shorter side showed at the target it goes on showing, so that a sheet that is
+    /// opened on a phone, or a telephone that is turned, does not make the model small.
+    pub fn resized(&mut self, from: [u32; 2], to: [u32; 2]) {
+        let shorter = |size: [u32; 2]| f64::from(size[0].min(size[1]).max(1));
+        let height = |size: [u32; 2]| f64::from(size[1].max(1));
+        self.distance *= height(to) / height(from) * shorter(from) / shorter(to);
+    }
+
     /// Keep the direction; show all of `bounds`, in the middle of the picture, with a small margin.
     pub fn fit(&mut self, bounds: &Bounds, size: [u32; 2]) {
         const MARGIN: f64 = 1.04;

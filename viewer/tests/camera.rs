@@ -181,3 +181,23 @@ fn the_pixel_of_a_point_is_the_one_whose_ray_meets_it() {
     let behind: [f64; 3] = std::array::from_fn(|i| camera.eye()[i] + camera.backward()[i]);
     assert!(camera.pixel(behind, SIZE).is_none());
 }
+
+#[test]
+fn a_picture_of_another_size_keeps_what_its_shorter_side_shows() {
+    let bounds = Bounds { min: [0.0; 3], max: [50.0, 50.0, 10.0] };
+    for view in [StandardView::Iso, StandardView::Plan] {
+        let phone = Camera::standard(view, &bounds, [390, 700]);
+        let per_pixel = |c: &Camera, size: [u32; 2]| 2.0 * c.half_height() / f64::from(size[1]);
+        let mut sheet = phone;
+        sheet.resized([390, 700], [390, 256]);
+        let (a, b) = (per_pixel(&phone, [390, 700]) * 390.0, per_pixel(&sheet, [390, 256]) * 256.0);
+        assert!((a / b - 1.0).abs() < 1e-12, "{a} {b}");
+        let mut back = sheet;
+        back.resized([390, 256], [390, 700]);
+        assert!((back.distance / phone.distance - 1.0).abs() < 1e-12);
+        let mut wide = Camera::standard(view, &bounds, [1440, 900]);
+        let before = wide.distance;
+        wide.resized([1440, 900], [1100, 900]);
+        assert_eq!(wide.distance, before, "a window that stays wider than high keeps its opening angle");
+    }
+}

@@ -185,7 +185,11 @@ impl Viewer {
     /// The canvas has so many pixels now.
     pub fn resize(&mut self, width: u32, height: u32) {
         let limit = self.gpu.device.limits().max_texture_dimension_2d;
+        let before = self.size();
         (self.config.width, self.config.height) = (width.clamp(1, limit), height.clamp(1, limit));
+        if before.iter().all(|x| *x > 1) {
+            self.camera.resized(before, self.size());
+        }
         self.surface.configure(&self.gpu.device, &self.config);
     }
 }
