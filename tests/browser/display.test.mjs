@@ -1,23 +1,49 @@
 // The panels Display and Section in Chromium, the recovery of a lost device, and levels that fade.
 
 import assert from "node:assert/strict";
-import { readFile } from "node:fs/promises";
+import { execFile } from "node:child_process";
+import { readFile, rm, writeFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
 import { after, before, test } from "node:test";
-import { launch, open, packFolder, picture, pixels, serve, waitFor } from "./harness.mjs";
+import { promisify } from "node:util";
+import { ROOT, launch, open, packFolder, picture, pixels, serve, waitFor } from "./harness.mjs";
+
+const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
 
 let server;
 let browser;
 
 before(async () => {
-  server = await serve(await packFolder());
+  const folder = await packFolder();
+  await measured(folder);
+  server = await serve(folder);
   browser = await launch();
 });
 after(async () => {
   await browser?.close();
   await server?.stop();
 });
+
+/** A pack of a flat square whose confidence grows to the east, and is not known beyond three quarters of it. */
+async function measured(folder) {
+  const n = 41;
+  const vertices = Array.from({ length: n * n }, (_, k) => {
+    const [i, j] = [k % n, Math.floor(k / n)];
+    return `${i / 10} ${j / 10} ${((i * 7 + j * 3) % 5) / 1000} 180 170 160 ${i > 30 ? "nan" : 10 + i}`;
+  });
+  const faces = [];
+  for (let j = 0; j + 1 < n; j += 1) {
+    for (let i = 0; i + 1 < n; i += 1) faces.push(`3 ${j * n + i} ${j * n + i + 1} ${(j + 1) * n + i + 1}`, `3 ${j * n + i} ${(j + 1) * n + i + 1} ${(j + 1) * n + i}`);
+  }
+  const names = ["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue", "float confidence"];
+  const header = ["ply", "format ascii 1.0", `element vertex ${vertices.length}`, ...names.map((p) => `property ${p}`)];
+  const mesh = path.join(folder, "measured.ply");
+  const lines = [...header, `element face ${faces.length}`, "property list uchar int vertex_indices", "end_header", ...vertices, ...faces];
+  await writeFile(mesh, `${lines.join("\n")}\n`);
+  await promisify(execFile)(KILWA, ["build", mesh, "-o", path.join(folder, "measured.kilwa")]);
+  await rm(mesh);
+}
 
 const fort = (options = {}, query = "?error=4") => open(browser, `${server.url}/m/fort${query}`, { size: [900, 600], ...options });
 const state = (page) => page.evaluate(() => JSON.parse(globalThis.kilwa.viewer.displayState()));
@@ -251,4 +277,24 @@ test("axe-core finds nothing serious in either panel, whatever is chosen", async
     await close();
   }
   assert.deepEqual(found, []);
+});
+
+test("values that the scan measured are shown on their scale, and grey where there are none", async () => {
+  const { page, complaints, close } = await open(browser, `${server.url}/m/measured`, { size: [900, 600] });
+  await page.evaluate(() => globalThis.kilwa.viewer.standardView("plan"));
+  await page.locator("#tab-display").click();
+  await page.locator("input[name=mode][value=scalar]").check();
+  await page.evaluate(() => globalThis.kilwa.look.change({ shading: 0, background: "black" }));
+  await rest(page);
+  assert.deepEqual([await page.locator("#scale-low").inputValue(), await page.locator("#scale-high").inputValue()], ["10", "40"]);
+  const { width, height, pixels: bytes } = await pixels(page);
+  const row = Array.from({ length: width }, (_, x) => [...bytes.slice(((height >> 1) * width + x) * 4, ((height >> 1) * width + x) * 4 + 3)]).filter((c) => c.some((v) => v > 0));
+  const near = (color, wanted) => color.every((v, i) => Math.abs(v - wanted[i]) <= 12);
+  const at = (share) => row[Math.min(row.length - 1, Math.round(share * row.length))];
+  // Viridis at its ends and in the middle of three quarters of the square; beyond there is nothing known.
+  assert.ok(near(at(0.005), [68, 1, 84]) && near(at(0.375), [33, 144, 141]) && near(at(0.745), [253, 231, 37]), JSON.stringify([at(0.005), at(0.375), at(0.745)]));
+  assert.ok(near(at(0.9), [128, 126, 122]), JSON.stringify(at(0.9)));
+  assert.equal(await page.locator("#channel").inputValue(), "confidence");
+  assert.deepEqual(complaints, []);
+  await close();
 });
