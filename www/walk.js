@@ -127,7 +127,9 @@ export class Walk {
   frame(stats) {
     if (!this.on || this.flight.goal || this.triangles === stats.trianglesDrawn) return;
     this.triangles = stats.trianglesDrawn;
-    this.#soon();
+    // A coarser or finer form of the same ground is no reason to move.
+    const [x, y, z] = this.viewer.eye();
+    if (Math.abs(z - this.height - this.viewer.groundBelow(x, y, z)) > 0.1 * this.height) this.#soon();
   }
 
   press(way) {
