@@ -298,3 +298,35 @@ test("values that the scan measured are shown on their scale, and grey where the
   assert.deepEqual(complaints, []);
   await close();
 });
+
+test("a page that gets no animation frames, as hidden ones get none, asks for nothing and draws nothing, and goes on when it is shown", async () => {
+  const { page, packs, complaints, close } = await fort({
+    before: (page) =>
+      page.addInitScript(() => {
+        const real = globalThis.requestAnimationFrame.bind(globalThis);
+        const held = [];
+        globalThis.hold = false;
+        globalThis.requestAnimationFrame = (callback) => (globalThis.hold ? held.push(callback) : real(callback));
+        globalThis.show = () => {
+          globalThis.hold = false;
+          for (const callback of held.splice(0)) real(callback);
+        };
+      }),
+  }, "?error=16");
+  await rest(page);
+  const before = packs.length;
+  const frames = await page.evaluate(() => {
+    globalThis.hold = true;
+    globalThis.kilwa.viewer.setTargetPixels(0.5);
+    globalThis.kilwa.session.wake();
+    return globalThis.kilwa.session.frames;
+  });
+  await page.waitForTimeout(1000);
+  assert.equal(await page.evaluate(() => globalThis.kilwa.session.frames), frames);
+  assert.equal(packs.length, before, "nothing is asked for");
+  await page.evaluate(() => globalThis.show());
+  await rest(page);
+  assert.ok(packs.length > before, "what is needed is asked for when the page is seen again");
+  assert.deepEqual(complaints, []);
+  await close();
+});
