@@ -66,29 +66,29 @@ export class Walk {
     const isInside = z - below < 3 * this.height;
     const { width, height } = this.session.canvas;
     const seen = isInside ? [] : this.viewer.pick(width / 2, height / 2);
-    const place = isInside ? [x, y, below] : seen.length > 0 ? this.#before([...seen].slice(0, 3)) : this.#under(camera);
+    const place = isInside ? [x, y, below] : seen.length > 0 ? this.#before([...seen].slice(0, 3), 2.5) : this.#under(camera);
     this.on = true;
     this.stand(place, { mark: false });
     this.onChange(true);
     this.show();
   }
 
-  /** A place on the ground as it is; of a wall, the ground some steps before it. */
-  #before([x, y, z]) {
+  /** The ground some eye heights before a place, so that one looks at it; with 0 on it, unless it is a wall. */
+  #before([x, y, z], steps) {
     const [azimuth] = this.viewer.camera();
     const back = (by) => {
       const [px, py] = [x + Math.sin(azimuth) * by * this.height, y + Math.cos(azimuth) * by * this.height];
       return [px, py, this.viewer.groundBelow(px, py, z + 0.5 * this.height)];
     };
     const isLevel = Math.abs(back(0.3)[2] - z) < 0.4 * this.height;
-    const place = isLevel ? [x, y, z] : back(3);
+    const place = steps === 0 && isLevel ? [x, y, z] : back(steps || 2.5);
     return Number.isFinite(place[2]) ? place : [x, y, z];
   }
 
   /** Go and stand on what a pixel shows. */
   standAt(x, y) {
     const place = this.viewer.pick(x, y);
-    if (place.length > 0) this.stand(this.#before([...place].slice(0, 3)));
+    if (place.length > 0) this.stand(this.#before([...place].slice(0, 3), 0));
   }
 
   /** The ground below what the view turns about, where nothing is in the middle of the picture. */
