@@ -549,7 +549,8 @@ class Page {
   }
 
   #hint(tool) {
-    return { walk: () => t("hintWalk"), note: () => t("hintNote"), points: () => t("hintPoints", { n: format.count(this.points.found.length + 1) }) }[tool]?.();
+    const touch = matchMedia("(pointer: coarse)").matches;
+    return { walk: () => t(touch ? "hintWalkTouch" : "hintWalk"), note: () => t(touch ? "hintNoteTouch" : "hintNote"), points: () => t("hintPoints", { n: format.count(this.points.found.length + 1) }) }[tool]?.();
   }
 
   controls() {
@@ -659,6 +660,7 @@ class Page {
     for (const other of ["orbit", "pan", "walk", "note"]) $(`tool-${other}`).setAttribute("aria-pressed", String(other === name));
     $("canvas").dataset.tool = name;
     chrome.hint(this.#hint(name));
+    if (name === "walk" || name === "note") chrome.peek();
     if (name === "walk") this.walk.enter();
     if (name === "points") this.points.found = [];
     else if (this.points) this.points = null;

@@ -15,6 +15,11 @@ export function openTab(name) {
   $(`tab-${name}`).click();
 }
 
+/** On a phone: the sheet goes down, so that the picture can be seen. */
+export function peek() {
+  if (isPhone()) sheet("peek");
+}
+
 /** Tabs as WAI-ARIA has them: one in the tab order, arrows move, the panel follows. */
 export function tabs() {
   const all = [...document.querySelectorAll("[role=tab]")];

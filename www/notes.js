@@ -5,7 +5,7 @@
 // are shown until the person changes something; from then on the person's copy is, and the published ones can be had back.
 
 import { MOST, annotationPage, findNote, parseAnnotations, safeLink, shortId } from "./annotations.js";
-import { notice, openTab } from "./chrome.js";
+import { notice, openTab, peek } from "./chrome.js";
 import { t } from "./i18n.js";
 import { EditList, moved } from "./list.js";
 import { Pins } from "./pins.js";
@@ -106,6 +106,7 @@ export class Notes {
 
   /** Look at a note and show its card. */
   open(note, { focus = false, fly = true } = {}) {
+    peek();
     if (fly) this.look(note);
     this.tour.show(note, { focus });
     this.pins?.current(note.id);
