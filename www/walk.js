@@ -66,7 +66,7 @@ export class Walk {
     const isInside = z - below < 3 * this.height;
     const { width, height } = this.session.canvas;
     const seen = isInside ? [] : this.viewer.pick(width / 2, height / 2);
-    const place = isInside ? [x, y, below] : seen.length > 0 ? this.#before([...seen].slice(0, 3), 2.5) : this.#under(camera);
+    const place = isInside ? [x, y, below] : seen.length > 0 ? this.#before([...seen].slice(0, 3), 4) : this.#under(camera);
     this.on = true;
     this.stand(place, { mark: false });
     this.onChange(true);
