@@ -1,5 +1,5 @@
 //! docs/FORMAT.md is enough to write a reader from: `tests/format/read_pack.py`, written from it in another language,
-//! decodes every chunk to the same numbers.
+//! decodes every chunk to the same numbers, and `verify_pack.py` beside it finds every rule of its section 9 kept.
 
 mod support;
 
@@ -71,7 +71,15 @@ fn a_reader_written_from_the_specification_decodes_every_chunk_alike() {
         let reader = Reader::open(SliceSource(std::fs::read(&pack).unwrap())).unwrap();
         assert_eq!(reader.header().attributes.scalars, u8::from(name == "field"));
         assert_eq!(String::from_utf8_lossy(&output.stdout), digests(&pack), "{name}");
+        keeps_every_rule(&pack);
     }
+}
+
+/// Section 9, by the verifier in the other language.
+fn keeps_every_rule(pack: &Path) {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/format/verify_pack.py");
+    let output = Command::new("python3").arg(&script).arg(pack).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
 /// One line per chunk, as read_pack.py prints them.
@@ -102,6 +110,7 @@ fn packs_of_every_version_since_1_0_decode_to_what_they_always_did() {
         if let Ok(output) = Command::new("python3").arg(&script).arg(&pack).output() {
             assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
             assert_eq!(String::from_utf8_lossy(&output.stdout), wanted, "{}", pack.display());
+            keeps_every_rule(&pack);
         }
     }
 }

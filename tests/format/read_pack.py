@@ -1,556 +1,628 @@
 #!/usr/bin/env python3
-"""A second reader of Kilwa packs, written from docs/FORMAT.md alone: standard library only, clear rather than fast.
+"""A second reader of Kilwa packs, written from docs/FORMAT.md alone, by somebody who had not seen the first.
 
 Usage: read_pack.py PACK        prints, per chunk, counts and a digest of its geometry, as tests/second_reader.rs expects.
 
-Hashes are not checked (the standard library has no BLAKE3).
+Plain Python 3, standard library only, clear rather than fast. It opens a pack, checks every checksum and all that a reader has to
+check, and decodes every chunk. What only a verifier checks (section 9) is verify_pack.py.
 """
 import hashlib
+import json
 import math
 import struct
 import sys
+from collections import Counter
 
-NONE = 0xFFFFFFFF
+sys.dont_write_bytecode = True
+from hashing import blake3  # noqa: E402
 
-
-class Bytes:
-    """A read position in bytes."""
-
-    def __init__(self, data):
-        self.data, self.at = data, 0
-
-    def take(self, n):
-        if self.at + n > len(self.data):
-            raise ValueError("too short")
-        self.at += n
-        return self.data[self.at - n : self.at]
-
-    def u8(self):
-        return self.take(1)[0]
-
-    def varint(self):
-        value = shift = 0
-        while True:
-            byte = self.u8()
-            value |= (byte & 127) << shift
-            shift += 7
-            if byte < 128:
-                return value
+NONE = 2**32 - 1
+CLIP = 2**22
 
 
-class Coder:
-    """Section 5.2."""
+class Refused(Exception):
+    """The pack, or one chunk of it, is unusable."""
+
+
+def need(good, message):
+    if not good:
+        raise Refused(message)
+
+
+# --- Sections 5.2 and 5.3: bits and numbers ---
+
+
+def varint(data, at):
+    value = shift = 0
+    while True:
+        need(at < len(data) and shift < 35, "a varint does not end")
+        value |= (data[at] & 127) << shift
+        at, shift = at + 1, shift + 7
+        if data[at - 1] < 128:
+            need(value < 2**32, "a varint has more than 32 bits")
+            return value, at
+
+
+def models(count):
+    return [[32768, 0] for _ in range(count)]
+
+
+class Bits:
+    """The coded stream and the raw bits of a chunk's body, side by side."""
 
     def __init__(self, coded, raw):
-        self.coded, self.at, self.missing = coded, 0, 0
-        self.range, self.code = (1 << 64) - 1, 0
-        self.code = self.word() << 32 | self.word()
-        self.raw_bits, self.raw_left = int.from_bytes(raw, "little"), 8 * len(raw)
-
-    def word(self):
-        four = self.coded[self.at : self.at + 4]
-        self.at += len(four)
-        self.missing += 4 - len(four)
-        return int.from_bytes(four + bytes(4 - len(four)), "big")
+        self.coded, self.length, self.at = coded + bytes(16), len(coded), 8
+        self.range, self.code = 2**64 - 1, int.from_bytes(self.coded[:8], "big")
+        self.bits, self.left = int.from_bytes(raw, "little"), 8 * len(raw)
 
     def raw(self, n):
-        value = self.raw_bits & ((1 << n) - 1)
-        self.raw_bits >>= n
-        self.raw_left -= n
+        need(n <= self.left, "the raw bits are too short")
+        value = self.bits & ((1 << n) - 1)
+        self.bits >>= n
+        self.left -= n
         return value
 
     def bit(self, model):
         zero, seen = model
         bound = (self.range >> 16) * zero
         rate = 131072 // (2 * seen + 3)
-        bit = int(self.code >= bound)
-        if bit:
-            self.code -= bound
-            self.range -= bound
-            model[0] = zero - (zero * rate >> 16)
-        else:
-            self.range = bound
+        if self.code < bound:
+            self.range, value = bound, 0
             model[0] = zero + ((65535 - zero) * rate >> 16)
+        else:
+            self.code -= bound
+            self.range, value = self.range - bound, 1
+            model[0] = zero - (zero * rate >> 16)
         model[1] = min(seen + 1, 126)
-        if self.range < 1 << 32:
+        if self.range < 2**32:
+            need(self.at + 4 <= self.length + 8, "the coded stream is too short")
             self.range <<= 32
-            self.code = self.code << 32 | self.word()
-        return bit
+            self.code = self.code << 32 | int.from_bytes(self.coded[self.at : self.at + 4], "big")
+            self.at += 4
+        return value
 
     def end(self):
-        assert self.missing <= 8 and self.at == len(self.coded)
-        assert 0 <= self.raw_left < 8 and self.raw_bits == 0
+        need(self.at >= self.length, "the coded stream is too long")
+        need(self.left < 8 and self.bits == 0, "the raw bits are too long")
 
+    def tree(self, nodes):
+        node = 1
+        while node < len(nodes):
+            node = 2 * node + self.bit(nodes[node])
+        return node - len(nodes)
 
-def models(*counts):
-    """A nested list of fresh models."""
-    if not counts:
-        return [32768, 0]
-    return [models(*counts[1:]) for _ in range(counts[0])]
-
-
-def tree(coder, nodes, n):
-    node = 1
-    for _ in range(n):
-        node = 2 * node + coder.bit(nodes[node])
-    return node - (1 << n)
-
-
-def rest(coder, upper, s):
-    if s == 0:
-        return 1
-    x, left = 2 + coder.bit(upper[s]), s - 1
-    while left > 0:
-        n = min(left, 16)
-        x, left = x << n | coder.raw(n), left - n
-    return x
+    def rest(self, upper, s):
+        if s == 0:
+            return 1
+        x, s = 2 + self.bit(upper[s]), s - 1
+        while s:
+            n = min(s, 16)
+            x, s = x << n | self.raw(n), s - n
+        return x
 
 
 class Number:
-    """Section 5.3; wide numbers have trees of 6 bits."""
+    """A number (depth 5) or a wide number (depth 6)."""
 
-    def __init__(self, bits=5):
-        self.bits, self.nodes, self.upper = bits, models(1 << bits), models(32)
+    def __init__(self, bits, depth=5):
+        self.bits, self.nodes, self.upper = bits, models(1 << depth), models(32)
 
-    def read(self, coder):
-        return rest(coder, self.upper, tree(coder, self.nodes, self.bits)) - 1
+    def read(self):
+        return self.bits.rest(self.upper, self.bits.tree(self.nodes)) - 1
 
-    def read_wide(self, coder):
-        s = min(tree(coder, self.nodes, self.bits), 32)
-        u = 0 if s == 0 else rest(coder, self.upper, s - 1)
-        return u >> 1 if u & 1 == 0 else -(u >> 1) - 1
+    def wide(self):
+        s = min(self.bits.tree(self.nodes), 32)
+        u = self.bits.rest(self.upper, s - 1) if s else 0
+        return -(u // 2) - 1 if u & 1 else u // 2
 
 
 class Residuals:
-    def __init__(self, depth, contexts):
-        self.depth, self.trees, self.upper = depth, models(contexts, 1 << depth), models(32)
+    def __init__(self, bits, depth, contexts):
+        self.bits, self.trees, self.upper = bits, [models(1 << depth) for _ in range(contexts)], models(32)
 
-    def read(self, coder, context):
-        s = tree(coder, self.trees[min(context, len(self.trees) - 1)], self.depth)
+    def read(self, context):
+        bits = self.bits
+        s = bits.tree(self.trees[min(context, len(self.trees) - 1)])
         if s == 0:
             return 0
         x, k = 1, 0
         if s > 1:
-            x, k = 2 + coder.bit(self.upper[s]), s - 2
+            x, k = 2 + bits.bit(self.upper[s]), s - 2
         if k > 15:
-            x, k = x << (k - 15) | coder.raw(k - 15), 15
-        t = coder.raw(k + 1)
-        magnitude = x << k | t >> 1
-        return -magnitude if t & 1 else magnitude
+            x, k = x << (k - 15) | bits.raw(k - 15), 15
+        t = bits.raw(k + 1)
+        size = x << k | t >> 1
+        return -size if t & 1 else size
 
 
 class Grains:
-    def __init__(self, coder):
-        self.trees = models(16, 16) if coder.raw(1) else None
-        self.known = []
+    """The grain of each vertex, as read; `links` say which vertex is beside it."""
 
-    def read(self, coder, beside):
-        near = self.known[beside] if beside is not None and beside < len(self.known) else 0
-        self.known.append(tree(coder, self.trees[near], 4) if self.trees else 0)
-        return self.known[-1]
+    def __init__(self, bits, links):
+        self.bits, self.links, self.of = bits, links, []
+        self.trees = [models(16) for _ in range(16)] if bits.raw(1) else None
+
+    def read(self, v):
+        link = self.links[v]
+        tree = self.of[link[0]] if link else 0
+        self.of.append(self.bits.tree(self.trees[tree]) if self.trees else 0)
+        return self.of[v]
 
 
 def rounded(x, grain):
-    return (x + ((1 << grain) >> 1)) >> grain
+    return (x + (1 << grain) // 2) >> grain
 
 
-def half_octaves(x):
-    x += 1
-    t = x.bit_length() - 1
-    return 2 * t + ((x << 1 >> t) & 1)
+def h(x):
+    t = (x + 1).bit_length() - 1
+    return 2 * t + ((x + 1) >> (t - 1) & 1 if t else 0)
 
 
-class Gate:
-    def __init__(self, start, apex, edge):
-        self.start, self.apex, self.edge = start, apex, edge
-        self.next = self.before = self
-        self.state = "open"
+def clamp(x, low, high):
+    return max(low, min(x, high))
 
 
-class Connectivity:
-    """Section 5.4. Links are lists: [] nothing, [v] near v, [(a, b, c)] or two of those."""
+# --- Section 5.4: connectivity ---
 
-    def __init__(self, coder, vertices, triangles, patches):
-        self.coder, self.vertices, self.patch_count = coder, vertices, patches
-        self.triangles, self.patch, self.links, self.gates, waiting = [], [], [], [], []
-        self.waiting = waiting
-        self.n, self.latest, self.other, self.gate_at = [], [], [], []
-        self.ops, self.along, self.fresh = models(400, 4), models(), models(3)
-        self.distance, self.back = Number(), Number()
-        self.same, self.guess = models(16), models()
+OPEN, DEAD, GLUED = range(3)
+
+
+class Surface:
+    """Grows the triangles of a chunk: `triangles` and `patch` in the order of decoding, `links` of the vertices, and the gates."""
+
+    def __init__(self, bits, patches, vertices, triangles):
+        self.bits, self.patches, self.limit = bits, patches, vertices
+        self.triangles, self.patch, self.links = [], [], []
+        self.start, self.next, self.before, self.apex, self.edge, self.state = [], [], [], [], [], []
+        self.gate, self.n, self.latest, self.other, stack = [], [], [], [], []
+        self.stack = stack
+        self.fresh, self.steps, self.along, self.same, self.guess = models(3), models(1600), [32768, 0], models(16), [32768, 0]
+        self.back, self.distance = Number(bits), Number(bits)
         while len(self.triangles) < triangles:
-            if not waiting:
+            if not stack:
                 self.seed()
                 continue
-            gate = waiting.pop()
-            while gate and gate.state == "open" and len(self.triangles) < triangles:
+            gate = stack.pop()
+            while gate is not None and self.state[gate] == OPEN and len(self.triangles) < triangles:
                 gate = self.step(gate)
-        for v in range(len(self.links), vertices):
-            self.links.append([v - 1] if v else [])
-        self.open = [g.edge for g in self.gates if g.state != "glued"]
+        while len(self.links) < vertices:
+            self.links.append((len(self.links) - 1,) if self.links else ())
 
-    def make(self, start, apex, edge):
-        gate = Gate(start, apex, edge)
-        self.gates.append(gate)
-        self.waiting.append(gate)
-        self.gate_at[start] = gate
-        return gate
-
-    @staticmethod
-    def join(g, h):
-        g.next, h.before = h, g
-
-    def new_vertex(self, link):
-        assert len(self.links) < self.vertices
+    def vertex(self, link):
+        v = len(self.links)
+        need(v < self.limit, "more vertices than the directory says")
         self.links.append(link)
-        self.n.append(0)
-        self.latest.append(None)
-        self.other.append(None)
-        self.gate_at.append(None)
-        return len(self.links) - 1
-
-    def known(self):
-        v = len(self.links) - 1 - self.back.read(self.coder)
-        assert v >= 0
+        for values, first in ((self.gate, None), (self.n, 0), (self.latest, None), (self.other, None)):
+            values.append(first)
         return v
 
-    def any_patch(self):
-        b = (self.patch_count - 1).bit_length()
-        high = self.coder.raw(max(b - 10, 0))
-        patch = high << min(b, 10) | self.coder.raw(min(b, 10))
-        assert patch < self.patch_count
+    def known(self):
+        v = len(self.links) - 1 - self.back.read()
+        need(v >= 0, "a vertex before the first")
+        return v
+
+    def any(self):
+        b = (self.patches - 1).bit_length()
+        low = min(b, 10)
+        high = self.bits.raw(b - low)
+        patch = high << low | self.bits.raw(low)
+        need(patch < self.patches, "a patch that the table does not have")
         return patch
 
-    def place(self, corners, patch):
+    def make(self, start, apex, edge):
+        g = len(self.start)
+        for values, value in ((self.start, start), (self.next, g), (self.before, g), (self.apex, apex), (self.edge, edge), (self.state, OPEN)):
+            values.append(value)
+        self.gate[start] = g
+        self.stack.append(g)
+        return g
+
+    def join(self, g, after):
+        self.next[g], self.before[after] = after, g
+
+    def pair(self, e, f, p, q):
+        v, w = max(p, q), min(p, q)
+        if v > e and v > f and v > w and len(self.links[v]) < 6:
+            self.links[v] = (self.links[v] if len(self.links[v]) == 3 else ()) + (e, f, w)
+
+    def count(self, corners, patch):
+        self.triangles.append(corners)
+        self.patch.append(patch)
         for v in corners:
             self.n[v] = min(self.n[v] + 1, 9)
             if self.latest[v] != patch:
                 self.other[v], self.latest[v] = self.latest[v], patch
-        self.triangles.append(corners)
-        self.patch.append(patch)
-        return len(self.triangles) - 1
-
-    def pair(self, e, f, p, q):
-        v, w = max(p, q), min(p, q)
-        if v > e and v > f and v > w:
-            link = self.links[v]
-            if not link or isinstance(link[0], int):
-                self.links[v] = [(e, f, w)]
-            elif len(link) == 1:
-                link.append((e, f, w))
 
     def seed(self):
-        corners, last = [], len(self.links) - 1
+        corners = []
         for k in range(3):
-            if not self.links or self.coder.bit(self.fresh[k]):
-                last = self.new_vertex([last] if last >= 0 else [])
+            if not self.links or self.bits.bit(self.fresh[k]):
+                near = corners[-1] if k else len(self.links) - 1
+                corners.append(self.vertex((near,) if near >= 0 else ()))
             else:
-                last = self.known()
-            corners.append(last)
-        t = self.place(corners, self.any_patch())
+                corners.append(self.known())
+        patch, edge = self.any(), 3 * len(self.triangles)
         p, q, r = corners
-        x, y, z = self.make(p, r, 3 * t), self.make(q, p, 3 * t + 1), self.make(r, q, 3 * t + 2)
-        self.join(x, y)
-        self.join(y, z)
-        self.join(z, x)
-
-    def read_op(self, g, a, b):
-        bit, h, l = self.coder.bit, g.next, g.before
-        right = h is not g and h.state == "open" and h.next is not g
-        left = l is not g and l.state == "open" and l.before is not g
-        asked = self.ops[(10 * self.n[a] + self.n[b]) * 4 + 2 * left + right]
-        if bit(asked[0]):
-            return "new", self.new_vertex([(a, b, g.apex)]), None
-        if right and bit(asked[1]):
-            return "right", h.next.start, None
-        if left and bit(asked[2]):
-            return "left", l.start, None
-        if bit(asked[3]):
-            return "border", None, None
-        if bit(self.along):
-            m = self.distance.read(self.coder)
-            assert m < 48
-            j = g.next if m % 2 == 0 else g
-            for _ in range(m // 2 + 1):
-                j = j.next if m % 2 == 0 else j.before
-            return "along", j.start, j
-        c = self.known()
-        j = self.gate_at[c]
-        return "known", c, j if j and j.state != "glued" else None
-
-    def read_patch(self, of_gate, a, b, c, new):
-        if self.patch_count == 1:
-            return 0
-        other, latest = self.other, self.latest
-        i = 0 if new else 3 if other[c] is not None else 1 if latest[c] == of_gate else 2
-        if self.coder.bit(self.same[8 * (other[a] is not None) + 4 * (other[b] is not None) + i]):
-            return of_gate
-        guesses = [other[v] if latest[v] == of_gate else latest[v] for v in (c, b, a)]
-        guesses = [p for p in guesses if p is not None]
-        if guesses and self.coder.bit(self.guess):
-            return guesses[0]
-        return self.any_patch()
+        gates = self.make(p, r, edge), self.make(q, p, edge + 1), self.make(r, q, edge + 2)
+        for k in range(3):
+            self.join(gates[k], gates[(k + 1) % 3])
+        self.count((p, q, r), patch)
 
     def step(self, g):
-        a, b, h, l = g.start, g.next.start, g.next, g.before
-        op, c, j = self.read_op(g, a, b)
-        if op == "border":
-            g.state = "dead"
+        bit, start, nxt, bef, state = self.bits.bit, self.start, self.next, self.before, self.state
+        after, ahead = nxt[g], bef[g]
+        a, b, top = start[g], start[after], self.apex[g]
+        right = after != g and state[after] == OPEN and nxt[after] != g
+        left = ahead != g and state[ahead] == OPEN and bef[ahead] != g
+        base = 4 * ((10 * self.n[a] + self.n[b]) * 4 + 2 * left + right)
+        j = i = None
+        new = False
+        if bit(self.steps[base]):
+            kind, c, new = "join", self.vertex((a, b, top)), True
+        elif right and bit(self.steps[base + 1]):
+            kind, c = "right", start[nxt[after]]
+        elif left and bit(self.steps[base + 2]):
+            kind, c = "left", start[ahead]
+        elif bit(self.steps[base + 3]):
+            state[g] = DEAD
             return None
-        t = self.place((b, a, c), self.read_patch(self.patch[g.edge // 3], a, b, c, op == "new"))
-        if op != "new":
-            self.pair(a, b, g.apex, c)
-        g.state = "glued"
-        if op == "right":
-            after = h.next
-            h.state = "glued"
-            self.pair(b, c, h.apex, a)
-            if after is l and l.state == "open":
-                l.state = "glued"
-                self.pair(c, a, l.apex, b)
-                return None
-            x = self.make(a, b, 3 * t + 1)
-            self.join(l, x)
-            self.join(x, after)
-            return x
-        if op == "left":
-            ahead = l.before
-            l.state = "glued"
-            self.pair(c, a, l.apex, b)
-            x = self.make(c, a, 3 * t + 2)
-            self.join(ahead, x)
-            self.join(x, h)
-            return None
-        x, y = self.make(a, b, 3 * t + 1), self.make(c, a, 3 * t + 2)
-        i = j.before if j else None
-        self.join(l, x)
-        self.join(y, h)
-        if j is None or j is g:
-            self.join(x, y)
+        elif bit(self.along):
+            m = self.distance.read()
+            need(m < 48, "a vertex too far along the border")
+            j, way = (g, bef) if m & 1 else (after, nxt)
+            for _ in range(m // 2 + 1):
+                j = way[j]
+            kind, c = "join", start[j]
         else:
-            self.join(i, y)
-            self.join(x, j)
+            kind, c = "join", self.known()
+            j = self.gate[c] if state[self.gate[c]] != GLUED else None
+        patch, t = self.choose(a, b, c, new, self.patch[self.edge[g] // 3]), len(self.triangles)
+        if not new:
+            self.pair(a, b, top, c)
+        state[g] = GLUED
+        if kind == "right":
+            far = nxt[after]
+            state[after] = GLUED
+            self.pair(b, c, self.apex[after], a)
+            if far == ahead and state[far] == OPEN:
+                state[far] = GLUED
+                self.pair(c, a, self.apex[far], b)
+                x = None
+            else:
+                x = self.make(a, b, 3 * t + 1)
+                self.join(ahead, x)
+                self.join(x, far)
+        elif kind == "left":
+            state[ahead] = GLUED
+            self.pair(c, a, self.apex[ahead], b)
+            y, far, x = self.make(c, a, 3 * t + 2), bef[ahead], None
+            self.join(far, y)
+            self.join(y, after)
+        else:
+            i = bef[j] if j is not None else None
+            x, y = self.make(a, b, 3 * t + 1), self.make(c, a, 3 * t + 2)
+            self.join(ahead, x)
+            self.join(y, after)
+            if j is None or j == g:
+                self.join(x, y)
+            else:
+                self.join(i, y)
+                self.join(x, j)
+        self.count((b, a, c), patch)
         return x
 
+    def choose(self, a, b, c, new, last):
+        if self.patches == 1:
+            return 0
+        latest, other = self.latest, self.other
+        i = 0 if new else 3 if other[c] is not None else 1 if latest[c] == last else 2
+        if self.bits.bit(self.same[8 * (other[a] is not None) + 4 * (other[b] is not None) + i]):
+            return last
+        guesses = [other[v] if latest[v] == last else latest[v] for v in (c, b, a)]
+        guess = next((g for g in guesses if g is not None), None)
+        return guess if guess is not None and self.bits.bit(self.guess) else self.any()
 
-def read_borders(coder, mesh, vertices):
-    """Section 5.5."""
-    edges = range(3 * len(mesh.triangles)) if coder.raw(1) else mesh.open
-    borders, marks, asked = [0] * len(mesh.triangles), [0] * vertices, models(9)
+
+# --- Sections 5.5 to 5.9: what the vertices and edges carry ---
+
+
+def read_borders(bits, surface):
+    """For each triangle in the order of decoding, a number whose bit k says that edge k is a border."""
+    met, nine, borders = {}, models(9), [0] * len(surface.triangles)
+    if bits.raw(1):
+        edges = range(3 * len(borders))
+    else:
+        edges = [e for e, state in zip(surface.edge, surface.state) if state != GLUED]
     for edge in edges:
         t, k = divmod(edge, 3)
-        v, w = mesh.triangles[t][k], mesh.triangles[t][(k + 1) % 3]
-        bit = coder.bit(asked[3 * marks[v] + marks[w]])
-        borders[t] |= bit << k
-        for end in (v, w):
-            marks[end] = 2 if bit else max(marks[end], 1)
+        v, w = surface.triangles[t][k], surface.triangles[t][(k + 1) % 3]
+        border = bits.bit(nine[3 * met.get(v, 0) + met.get(w, 0)])
+        borders[t] |= border << k
+        for u in (v, w):
+            met[u] = max(met.get(u, 0), 1 + border)
     return borders
 
 
-def beside(link):
-    """The two vertices beside a vertex."""
-    if not link:
-        return None, None
-    return (link[0], link[0]) if isinstance(link[0], int) else link[0][:2]
-
-
-def signed(x, bits=32):
-    x &= (1 << bits) - 1
-    return x - (1 << bits) if x >> (bits - 1) else x
-
-
-def read_weights(coder):
-    return [signed(coder.raw(8), 8) for _ in range(3)]
-
-
-def predict(values, link, weights):
-    """Section 5.6."""
-    if not link:
-        return [0, 0, 0]
-    if isinstance(link[0], int):
-        return list(values[link[0]])
+def predict(link, of, weights):
+    """The prediction of a vertex for each of three axes or channels; `of` are the values of the vertices before it."""
+    if len(link) < 2:
+        return of[link[0]] if link else (0, 0, 0)
     one, two, shared = weights
-    out = []
-    for k in range(3):
-        a, b, c = (values[v][k] for v in link[0])
-        if len(link) == 1:
+    result = []
+    for axis in range(3):
+        a, b, c = (of[v][axis] for v in link[:3])
+        if len(link) == 3:
             e, m, w = 2 * (a + b), 0, one
-            beyond = e - 4 * c
+            back = e - 4 * c
         else:
-            d, g, f = (values[v][k] for v in link[1])
-            e, m, w = a + b + d + g, 0, two
-            beyond = e - 2 * (c + f)
-            for value, vertex in ((b, link[0][1]), (a, link[0][0])):
-                if vertex in link[1][:2]:
-                    m = 8 * value - 2 * e
-        out.append((64 * e + w * beyond + shared * m + 128) >> 8)
-    return out
+            e, w = a + b + of[link[3]][axis] + of[link[4]][axis], two
+            back = e - 2 * (c + of[link[5]][axis])
+            m = 8 * a - 2 * e if link[0] in link[3:5] else 8 * b - 2 * e if link[1] in link[3:5] else 0
+        result.append((64 * e + w * back + shared * m + 128) >> 8)
+    return result
 
 
-def clamp(x, high):
-    return max(0, min(high, x))
+def read_weights(bits):
+    return [(raw ^ 128) - 128 for raw in (bits.raw(8), bits.raw(8), bits.raw(8))]
 
 
-def read_positions(coder, links):
-    weights, grains = read_weights(coder), Grains(coder)
-    depth = coder.raw(2) + 2
-    of_one, of_two = Residuals(depth, 48), Residuals(depth, 48)
-    values, sizes = [], []
-    for link in links:
-        guess = [clamp(x, (1 << 30) - 1) for x in predict(values, link, weights)]
-        near = beside(link)
-        a, b = (sizes[v] if v is not None and v < len(sizes) else (0, 0, 0) for v in near)
-        g = grains.read(coder, near[0])
-        residuals = of_two if len(link) == 2 else of_one
-        value, size = [], []
-        for k in range(3):
-            r = residuals.read(coder, half_octaves((a[k] + b[k]) >> g))
-            value.append((rounded(guess[k], g) + r) << g)
-            size.append(min(min(abs(r), 1 << 22) << g, 1 << 22))
-        values.append(value)
+def read_positions(bits, links):
+    weights, grains, depth = read_weights(bits), Grains(bits, links), bits.raw(2) + 2
+    double, other = Residuals(bits, depth, 48), Residuals(bits, depth, 48)
+    points, sizes = [], []
+    for v, link in enumerate(links):
+        guess, g = predict(link, points, weights), grains.read(v)
+        residuals, point, size = double if len(link) == 6 else other, [], []
+        for axis in range(3):
+            p = rounded(clamp(guess[axis], 0, 2**30 - 1), g)
+            beside = sizes[link[0]][axis] + sizes[link[min(1, len(link) - 1)]][axis] if link else 0
+            r = residuals.read(h(beside >> g))
+            point.append(p + r << g)
+            size.append(min(min(abs(r), CLIP) << g, CLIP))
+        need(0 <= min(point) and max(point) < 2**30, f"vertex {v} is off the lattice")
+        points.append(point)
         sizes.append(size)
-    return values
+    return points
 
 
-def read_colors(coder, links):
-    weights = read_weights(coder)
-    rg, bg, br = (coder.raw(7) - 64 for _ in range(3))
-    grains = Grains(coder)
-    depth = coder.raw(2) + 2
-    of_green, of_red, of_blue = (Residuals(depth, 1) for _ in range(3))
-    values = []
-    for link in links:
-        pr, pg, pb = (clamp(x, 255) for x in predict(values, link, weights))
-        g = min(grains.read(coder, beside(link)[0]), 7)
-        channel = lambda residuals, p: (rounded(p, g) + residuals.read(coder, 0)) << g & 255
-        green = channel(of_green, pg)
-        red = channel(of_red, clamp(pr + ((rg * (green - pg) + 8) >> 4), 255))
-        blue = channel(of_blue, clamp(pb + ((bg * (green - pg) + br * (red - pr) + 8) >> 4), 255))
-        values.append((red, green, blue))
-    return values
+def read_colors(bits, links):
+    weights = read_weights(bits)
+    rg, bg, br = (bits.raw(7) - 64 for _ in range(3))
+    grains, depth = Grains(bits, links), bits.raw(2) + 2
+    channels, colors = [Residuals(bits, depth, 1) for _ in range(3)], []
+    for v, link in enumerate(links):
+        pr, pg, pb = (clamp(p, 0, 255) for p in predict(link, colors, weights))
+        g = min(grains.read(v), 7)
+        green = rounded(pg, g) + channels[0].read(0) << g & 255
+        p = clamp(pr + (rg * (green - pg) + 8 >> 4), 0, 255)
+        red = rounded(p, g) + channels[1].read(0) << g & 255
+        p = clamp(pb + (bg * (green - pg) + br * (red - pr) + 8 >> 4), 0, 255)
+        blue = rounded(p, g) + channels[2].read(0) << g & 255
+        colors.append((red, green, blue))
+    return colors
 
 
-def read_normals(coder, mesh, positions, patches):
-    """Section 5.8."""
-    hints = [coder.raw(1) for _ in range(patches)]
-    kinds = [0] * len(positions)
-    for corners, patch in zip(mesh.triangles, mesh.patch):
+def signed(value, size):
+    return -size if value < 0 else size
+
+
+def octahedral(x, y, z):
+    """Sum of normals to two coordinates in -32767 to 32767."""
+    total = abs(x) + abs(y) + abs(z)
+    if total == 0 or not math.isfinite(total):
+        return 0, 0
+    x, y = x / total, y / total
+    if z < 0:
+        x, y = signed(x, 1 - abs(y)), signed(y, 1 - abs(x))
+    result = []
+    for value in (x, y):
+        size = min(abs(value), 1.0) * 32767
+        whole = math.floor(size)
+        result.append(int(signed(value, whole + (size - whole >= 0.5))))
+    return result
+
+
+def read_normals(bits, surface, points, patches):
+    hints = [bits.raw(1) for _ in range(patches)]
+    n = bits.raw(4) + 1
+    need(n >= 2, "normals of one bit")
+    grains, depth = Grains(bits, surface.links), 4 if n < 15 else 5
+    of_u, of_v, differs = Residuals(bits, depth, 24), Residuals(bits, depth, 24), [models(16) for _ in range(4)]
+    sums, kinds = [[0.0] * 3 for _ in points], [0] * len(points)
+    for corners, patch in zip(surface.triangles, surface.patch):
+        p, q, r = (points[v] for v in corners)
+        ux, uy, uz = (float(q[i] - p[i]) for i in range(3))
+        vx, vy, vz = (float(r[i] - p[i]) for i in range(3))
+        cross = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         for v in corners:
             kinds[v] |= hints[patch]
-    for edge in mesh.open:
-        t, k = divmod(edge, 3)
-        for v in (mesh.triangles[t][k], mesh.triangles[t][(k + 1) % 3]):
-            kinds[v] |= 2
-    n = coder.raw(4) + 1
-    levels = (1 << (n - 1)) - 1
-    grains = Grains(coder)
-    depth = 4 if n < 15 else 5
-    of_u, of_v = Residuals(depth, 24), Residuals(depth, 24)
-    differs, recent = models(4, 16), [0] * 4
-    sign = lambda x: (x > 0) - (x < 0)
-    normals = []
-    for guess, kind, link in zip(predicted_normals(positions, mesh.triangles), kinds, mesh.links):
-        g = grains.read(coder, beside(link)[0])
-        level = [x if n == 16 else sign(x) * ((2 * abs(x) * levels + 32767) // 65534) for x in guess]
-        context = half_octaves(recent[kind] >> g)
-        ru = rv = 0
-        if coder.bit(differs[kind][min(context, 15)]):
-            ru = of_u.read(coder, context)
-            rv = of_v.read(coder, half_octaves(2 * min(abs(ru), 1 << 22)))
-        s = min(min(abs(ru), 1 << 22) + min(abs(rv), 1 << 22), 1 << 22) << min(g, 8)
+            for i in range(3):
+                sums[v][i] += cross[i]
+    for edge, state in zip(surface.edge, surface.state):
+        if state != GLUED:
+            kinds[surface.triangles[edge // 3][edge % 3]] |= 2
+            kinds[surface.triangles[edge // 3][(edge + 1) % 3]] |= 2
+    top, recent, normals = (1 << n - 1) - 1, [0] * 4, []
+    for v, kind in enumerate(kinds):
+        g = grains.read(v)
+        predicted = [signed(c, (2 * abs(c) * top + 32767) // 65534) for c in octahedral(*sums[v])]
+        c, ru, rv = h(recent[kind] >> g), 0, 0
+        if bits.bit(differs[kind][min(c, 15)]):
+            ru = of_u.read(c)
+            rv = of_v.read(h(2 * min(abs(ru), CLIP)))
+        levels = [rounded(p, g) + r << g for p, r in zip(predicted, (ru, rv))]
+        need(all(-top - (n == 16) <= level <= top for level in levels), f"the normal of vertex {v} is out of range")
+        normals.append(levels if n == 16 else [signed(l, (65534 * abs(l) + top) // (2 * top)) for l in levels])
+        s = min(min(abs(ru), CLIP) + min(abs(rv), CLIP), CLIP) << min(g, 8)
         recent[kind] += s // 4 - recent[kind] // 4
-        level = [(rounded(x, g) + r) << g for x, r in zip(level, (ru, rv))]
-        normals.append(tuple(x if n == 16 else sign(x) * ((65534 * abs(x) + levels) // (2 * levels)) for x in level))
     return normals
 
 
-def octahedral(n):
-    total = abs(n[0]) + abs(n[1]) + abs(n[2])
-    if not (math.isfinite(total) and total > 0):
-        return 0, 0
-    x, y = n[0] / total, n[1] / total
-    if n[2] < 0:
-        sign = lambda v: 1.0 if v >= 0 else -1.0
-        x, y = (1 - abs(y)) * sign(x), (1 - abs(x)) * sign(y)
-    away = lambda v: int(math.copysign(math.floor(abs(v) + 0.5), v))
-    return tuple(away(max(-1.0, min(1.0, v)) * 32767.0) for v in (x, y))
+def read_scalars(bits, links):
+    numbers, keys = Number(bits, 6), []
+    for link in links:
+        mean = keys[link[0]] + keys[link[min(1, len(link) - 1)]] >> 1 if link else 0
+        keys.append((mean + numbers.wide() + 2**31) % 2**32 - 2**31)
+    return [(i if i >= 0 else ~i ^ 0x80000000) & NONE for i in keys]
 
 
-def predicted_normals(positions, triangles):
-    sums = [[0.0] * 3 for _ in positions]
-    for t in triangles:
-        p, q, r = (positions[v] for v in t)
-        u = [float(q[k]) - float(p[k]) for k in range(3)]
-        v = [float(r[k]) - float(p[k]) for k in range(3)]
-        n = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
-        for corner in t:
-            for k in range(3):
-                sums[corner][k] += n[k]
-    return [octahedral(n) for n in sums]
+class Chunk:
+    """patches [(triangles, diamond or None)], triangles, borders, points, colors (or None), normals (u, v), scalars by channel."""
+
+    def __init__(self, data, entry, colors, scalars):
+        need(data[0] == 1, f"an unknown codec, {data[0]}")
+        count, at = varint(data, 1)
+        need(count <= len(data) // 2, "more patches than bytes")
+        self.patches, total = [], 0
+        for _ in range(count):
+            size, at = varint(data, at)
+            diamond, at = varint(data, at)
+            self.patches.append((size, diamond - 1 if diamond else None))
+            total += size
+        need(total == entry.triangles, "the patches do not tile the triangles")
+        length, at = varint(data, at)
+        end = at + length
+        need(end <= len(data), "the body is longer than the chunk")
+        need(len(data) == max(end, -(-total // 64)) and not any(data[end:]), "bytes behind the body")
+        self.triangles, self.borders, self.points, self.normals = [], [], [], []
+        self.colors, self.scalars = [] if colors else None, [[] for _ in range(scalars)]
+        if total == 0:
+            need(length == 0 and entry.vertices == 0, "a body or vertices without triangles")
+            return
+        coded, at = varint(data[:end], at)
+        need(at + coded <= end, "the coded stream is longer than the body")
+        bits = Bits(data[at : at + coded], data[at + coded : end])
+        surface = Surface(bits, count, entry.vertices, total)
+        borders = read_borders(bits, surface)
+        self.points = read_positions(bits, surface.links)
+        if colors:
+            self.colors = read_colors(bits, surface.links)
+        self.normals = read_normals(bits, surface, self.points, count)
+        self.scalars = [read_scalars(bits, surface.links) for _ in range(scalars)]
+        bits.end()
+        order, sizes = sorted(range(total), key=surface.patch.__getitem__), Counter(surface.patch)
+        need(all(sizes[k] == size for k, (size, _) in enumerate(self.patches)), "a patch has another size than the table says")
+        self.triangles = [surface.triangles[t] for t in order]
+        self.borders = [borders[t] for t in order]
+
+    def by_patch(self):
+        """(diamond, first triangle, end) of each patch."""
+        at = 0
+        for size, diamond in self.patches:
+            yield diamond, at, at + size
+            at += size
 
 
-def decode(data, vertices, triangle_count, colors, scalars):
-    """One chunk: patches, triangles, borders, positions, colours, normals, scalars."""
-    c = Bytes(data)
-    assert c.u8() == 1
-    patches = [(c.varint(), (c.varint() - 1) & NONE) for _ in range(c.varint())]
-    body = Bytes(c.take(c.varint()))
-    if triangle_count == 0:
-        return patches, [], [], [], [], [], [[] for _ in range(scalars)]
-    coded = body.take(body.varint())
-    coder = Coder(coded, body.take(len(body.data) - body.at))
-    mesh = Connectivity(coder, vertices, triangle_count, len(patches))
-    borders = read_borders(coder, mesh, vertices)
-    positions = read_positions(coder, mesh.links)
-    rgb = read_colors(coder, mesh.links) if colors else []
-    normals = read_normals(coder, mesh, positions, len(patches))
-    channels = []
-    for _ in range(scalars):
-        number, ordered = Number(6), []
-        for link in mesh.links:
-            a, b = (ordered[v] if v is not None and v < len(ordered) else 0 for v in beside(link))
-            ordered.append(signed(((a + b) >> 1) + number.read_wide(coder)))
-        channels.append([x & NONE if x >= 0 else (~x ^ 0x80000000) & NONE for x in ordered])
-    coder.end()
-    order = sorted(range(triangle_count), key=lambda t: mesh.patch[t])
-    assert [mesh.patch.count(p) for p in range(len(patches))] == [count for count, _ in patches]
-    triangles, borders = [mesh.triangles[t] for t in order], [borders[t] for t in order]
-    return patches, triangles, borders, positions, rgb, normals, channels
+# --- Sections 2 to 4, 6 and 7: the file ---
+
+PAGE = 16384
+
+
+class Entry:
+    def __init__(self, data):
+        fields = struct.unpack("<QIIIffI4d6i4I16s8x", data)
+        self.offset, self.length, self.vertices, self.triangles, self.error, self.color_error, self.level = fields[:7]
+        self.centre, self.radius, self.low, self.high = fields[7:10], fields[10], fields[11:14], fields[14:17]
+        self.places, self.checksum = fields[17:21], fields[21]
+        self.parents = [p for p in self.places if p != NONE]
+
+
+class Pack:
+    """Header, metadata, directory and footer of the pack in the bytes `data`, all checked; `chunk(i)` decodes."""
+
+    def __init__(self, data):
+        self.data = data
+        need(data[:8] == b"KILWAPCK", "this is not a Kilwa pack")
+        need(len(data) >= 336, "the file is shorter than a header and a footer")
+        need(blake3(data[:224]) == data[224:256], "the header is damaged")
+        (major, minor, length, required, _, x, y, z, self.step_log2, self.cube_log2, size, self.meta_at, meta_length, count, meta_sum,
+         self.page0, self.page1, self.finest, self.triangles, self.vertices, self.colors, self.scalars) = struct.unpack_from(
+            "<HHIQQ3diIQQII16sQQQQQBB", data, 8)
+        self.version, self.origin, self.meta_end = (major, minor), (x, y, z), self.meta_at + meta_length
+        need(major == 1, f"version {major}.{minor}: this reader knows 1")
+        need(required == 0, f"required features that this reader does not know: {required:#x}")
+        need(length == 256 and size == len(data), f"the file has {len(data)} bytes, the header says {size}")
+        need(all(map(math.isfinite, self.origin)) and abs(self.step_log2) <= 1000 and 1 <= self.cube_log2 <= 30, "the lattice is unusable")
+        need(self.colors < 2 and self.scalars <= 16, "attributes that do not exist")
+        need(256 <= self.meta_at and 1 <= meta_length <= 65536 and self.meta_end <= size, "the metadata are not in the file")
+        meta = data[self.meta_at : self.meta_end]
+        need(blake3(meta)[:16] == meta_sum, "the metadata are damaged")
+        try:
+            self.metadata = json.loads(meta.decode("utf-8"))
+        except ValueError as fault:
+            raise Refused(f"the metadata are no JSON: {fault}") from fault
+        need(isinstance(self.metadata, dict) and isinstance(self.metadata.get("scalars"), list), "the metadata are incomplete")
+        said = self.metadata.get("lattice_step"), self.metadata.get("triangles"), len(self.metadata["scalars"])
+        need(said == (math.ldexp(1, self.step_log2), self.finest, self.scalars), "the metadata contradict the header")
+        need(1 <= count <= 127 * size // PAGE, "more entries than the file has room for")
+        self.entries, sums = [], b""
+        for number in range(-(-count // 127)):
+            at = self.page1 + PAGE * (number - 1) if number else self.page0
+            page = data[at : at + PAGE]
+            need(len(page) == PAGE and page[:4] == b"KPAG", f"page {number} is not where it should be")
+            need(blake3(page[:16] + bytes(16) + page[32:])[:16] == page[16:32], f"page {number} is damaged")
+            here = min(127, count - 127 * number)
+            need(struct.unpack_from("<II", page, 4) == (number, here), f"page {number} is another one")
+            self.entries += (Entry(page[128 * k : 128 * k + 128]) for k in range(1, here + 1))
+            sums += page[16:32]
+        for i, entry in enumerate(self.entries):
+            self.check_entry(i, entry)
+        footer = data[-80:]
+        need(footer[:16] == b"KILWAEND" + struct.pack("<Q", size), "there is no footer at the end")
+        need(footer[16:48] == data[224:256] and footer[48:] == blake3(sums), "the footer is of another pack")
+        self.identity = blake3(footer)[:16].hex()
+
+    def check_entry(self, i, entry):
+        room = entry.offset + entry.length <= len(self.data) - 80
+        need(1 <= entry.length <= 2**29 and room, f"chunk {i} is not in the file")
+        need(entry.triangles <= min(2**20, 64 * entry.length) and entry.vertices <= 3 * entry.triangles, f"entry {i} counts too many")
+        need(entry.error == math.inf if i == 0 else 0 <= entry.error < math.inf, f"the error of entry {i} is unusable")
+        need(entry.color_error >= 0 and all(map(math.isfinite, (*entry.centre, entry.radius))), f"entry {i} has unusable numbers")
+        need(entry.level <= 255 and (i > 0 or entry.level == 0), f"the level of entry {i} is unusable")
+        parents = entry.parents
+        need((len(parents) > 0) == (i > 0) and all(p < i for p in parents), f"the parents of entry {i} are unusable")
+        need(len(set(parents)) == len(parents), f"entry {i} has one parent twice")
+
+    def chunk(self, i):
+        entry = self.entries[i]
+        data = self.data[entry.offset : entry.offset + entry.length]
+        need(blake3(data)[:16] == entry.checksum, f"chunk {i} is damaged")
+        try:
+            chunk = Chunk(data, entry, self.colors, self.scalars)
+            for _, diamond in chunk.patches:
+                need(diamond is None or i < diamond < len(self.entries), "a diamond that is none")
+        except Refused as fault:
+            raise Refused(f"chunk {i}: {fault}") from fault
+        return chunk
+
+    def world(self, point):
+        return [o + math.ldexp(p, self.step_log2) for o, p in zip(self.origin, point)]
+
+
+# --- What tests/second_reader.rs compares ---
 
 
 def digest(chunk):
-    """SHA-256 over everything, in a fixed layout (little-endian)."""
-    patches, triangles, borders, positions, rgb, normals, channels = chunk
-    h = hashlib.sha256()
-    for patch in patches:
-        h.update(struct.pack("<2I", *patch))
-    for t, bits in zip(triangles, borders):
-        h.update(struct.pack("<3IB", *t, bits))
-    for p in positions:
-        h.update(struct.pack("<3i", *p))
-    for color in rgb:
-        h.update(bytes(color))
-    for n in normals:
-        h.update(struct.pack("<2h", *n))
-    for channel in channels:
-        h.update(struct.pack(f"<{len(channel)}I", *channel))
-    return h.hexdigest()
+    """SHA-256 over all that a chunk decodes to, for comparing readers."""
+    parts = [struct.pack("<II", size, NONE if diamond is None else diamond) for size, diamond in chunk.patches]
+    parts += (struct.pack("<3IB", *corners, border) for corners, border in zip(chunk.triangles, chunk.borders))
+    parts += (struct.pack("<3i", *point) for point in chunk.points)
+    parts += map(bytes, chunk.colors or ())
+    parts += (struct.pack("<2h", *normal) for normal in chunk.normals)
+    parts += (struct.pack("<I", value) for channel in chunk.scalars for value in channel)
+    return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
-def main():
-    with open(sys.argv[1], "rb") as f:
-        data = f.read()
-    assert data[:8] == b"KILWAPCK" and struct.unpack_from("<H", data, 8) == (1,)
-    assert struct.unpack_from("<Q", data, 64)[0] == len(data) and data[-80:-72] == b"KILWAEND"
-    (entries,) = struct.unpack_from("<I", data, 84)
-    first, others = struct.unpack_from("<2Q", data, 104)
-    colors, scalars = data[144], data[145]
-    for i in range(entries):
-        page, k = divmod(i, 127)
-        at = (first if page == 0 else others + (page - 1) * 16384) + 128 + 128 * k
-        offset, length, vertices, triangles = struct.unpack_from("<Q3I", data, at)
-        chunk = decode(data[offset : offset + length], vertices, triangles, colors, scalars)
-        print(i, vertices, triangles, digest(chunk))
+def main(path):
+    with open(path, "rb") as file:
+        pack = Pack(file.read())
+    for i in range(len(pack.entries)):
+        chunk = pack.chunk(i)
+        print(i, len(chunk.points), len(chunk.triangles), digest(chunk))
 
 
-main()
+if __name__ == "__main__":
+    try:
+        main(sys.argv[1])
+    except Refused as fault:
+        sys.exit(f"{sys.argv[1]}: {fault}")
