@@ -5,7 +5,7 @@
 // whole file is small, and refused with its size where it is not.
 
 /** What the first request asks for: header, metadata, the first directory page and the coarsest chunks. */
-export const HEAD_BYTES = 131072;
+export const HEAD_BYTES = 65536;
 /** A pack up to this size is taken whole from a server that does not know ranges. */
 export const WHOLE_LIMIT = 64 * 1024 * 1024;
 

@@ -37,7 +37,8 @@ export async function load(parameters) {
   const name = chosen === "webgl" ? "viewer-gl" : "viewer";
   const wasm = fetch(new URL(`${name}_bg.wasm`, import.meta.url));
   wasm.catch(() => {}); // The script may fail first; what awaits it says so.
-  const module = await import(`./${name}.js`);
+  const address = new URL(`${name}.js`, import.meta.url).href;
+  const module = await import(address);
   await module.default({ module_or_path: wasm });
   return module;
 }

@@ -1,7 +1,7 @@
 //! The built viewer page: every file of `www/dist` in memory, by its name relative to that folder.
 //!
-//! A file `NAME.gz` beside `NAME` is its compressed form and is sent where the client accepts gzip. Nothing else of the
-//! disk can be reached through it.
+//! Files `NAME.br` and `NAME.gz` beside `NAME` are its compressed forms, sent where the client accepts brotli or gzip. Nothing else
+//! of the disk can be reached through it.
 
 use include_dir::{Dir, include_dir};
 use std::collections::BTreeMap;
@@ -47,6 +47,7 @@ pub enum PageError {
 #[derive(Debug, Clone)]
 pub(crate) struct Asset {
     pub(crate) bytes: axum::body::Bytes,
+    pub(crate) brotli: Option<axum::body::Bytes>,
     pub(crate) gzip: Option<axum::body::Bytes>,
     pub(crate) content_type: &'static str,
     pub(crate) etag: String,
@@ -80,11 +81,12 @@ impl Page {
     /// A page of the files given, by relative name.
     pub fn from_files(raw: BTreeMap<String, Vec<u8>>) -> Self {
         let (mut packed, plain): (BTreeMap<_, _>, BTreeMap<_, _>) =
-            raw.into_iter().partition(|(name, _)| Path::new(name).extension().is_some_and(|e| e == "gz"));
+            raw.into_iter().partition(|(name, _)| Path::new(name).extension().is_some_and(|e| e == "gz" || e == "br"));
         let files = plain.into_iter().map(|(name, bytes)| {
-            let gzip = packed.remove(&format!("{name}.gz")).map(axum::body::Bytes::from);
+            let mut form = |end: &str| packed.remove(&format!("{name}.{end}")).map(axum::body::Bytes::from);
+            let (brotli, gzip) = (form("br"), form("gz"));
             let etag = format!("\"{}\"", &blake3::hash(&bytes).to_hex().as_str()[..32]);
-            let asset = Asset { gzip, content_type: content_type(&name), etag, bytes: bytes.into() };
+            let asset = Asset { brotli, gzip, content_type: content_type(&name), etag, bytes: bytes.into() };
             (name, asset)
         });
         Self { files: Arc::new(files.collect()) }

@@ -25,6 +25,9 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
 use axum::middleware::{Next, from_fn};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use std::io::Write;
 use std::sync::Arc;
 
 /// `style-src` and `img-src` beyond `'self'`: the page sets styles from scripts (which the policy allows) and shows
@@ -72,9 +75,28 @@ async fn manners(request: Request, next: Next) -> Response {
     response
 }
 
-async fn list(State(site): State<Site>) -> Response {
+/// A page of HTML, gzipped where the client takes it: it is what stands between a slow line and the first picture.
+fn page(html: String, headers: &HeaderMap) -> Response {
+    let accepted = headers.get(ACCEPT_ENCODING).and_then(|v| v.to_str().ok()).unwrap_or_default();
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+    let packed = if accepts("gzip", accepted) && encoder.write_all(html.as_bytes()).is_ok() {
+        encoder.finish().ok()
+    } else {
+        None
+    };
+    let vary = (VARY, "Accept-Encoding");
+    match packed {
+        Some(packed) => {
+            let kind = (CONTENT_TYPE, "text/html; charset=utf-8");
+            ([vary, kind, (CONTENT_ENCODING, "gzip")], packed).into_response()
+        }
+        None => ([vary], Html(html)).into_response(),
+    }
+}
+
+async fn list(State(site): State<Site>, headers: HeaderMap) -> Response {
     match models(&site).await {
-        Ok(models) => Html(html::list(&models)).into_response(),
+        Ok(models) => page(html::list(&models), &headers),
         Err(status) => status.into_response(),
     }
 }
@@ -95,10 +117,10 @@ async fn models(site: &Site) -> Result<Vec<Arc<Model>>, StatusCode> {
     blocking(move || catalogue.models()).await
 }
 
-async fn model(State(site): State<Site>, Path(slug): Path<String>) -> Response {
+async fn model(State(site): State<Site>, Path(slug): Path<String>, headers: HeaderMap) -> Response {
     let catalogue = Arc::clone(&site.catalogue);
     match blocking(move || catalogue.model(&slug)).await {
-        Ok(Some(model)) => Html(html::model(site.page.html(), &model)).into_response(),
+        Ok(Some(model)) => page(html::model(site.page.html(), &model), &headers),
         Ok(None) => lost(),
         Err(status) => status.into_response(),
     }
@@ -129,19 +151,24 @@ async fn asset(State(site): State<Site>, Path(file): Path<String>, headers: Head
 
 fn send(asset: &Asset, headers: &HeaderMap) -> Response {
     let text = |name: &HeaderName| headers.get(name).and_then(|v| v.to_str().ok()).unwrap_or_default();
-    let gzip = asset.gzip.as_ref().filter(|_| accepts_gzip(text(&ACCEPT_ENCODING)));
-    // Two representations, two tags.
-    let etag = if gzip.is_some() { asset.etag.replacen('"', "\"gz-", 1) } else { asset.etag.clone() };
+    let accepted = text(&ACCEPT_ENCODING);
+    let brotli = asset.brotli.as_ref().filter(|_| accepts("br", accepted)).map(|b| ("br", b));
+    let packed = brotli.or_else(|| asset.gzip.as_ref().filter(|_| accepts("gzip", accepted)).map(|b| ("gzip", b)));
+    // Each representation has a tag of its own.
+    let etag = match packed {
+        Some((coding, _)) => asset.etag.replacen('"', &format!("\"{coding}-"), 1),
+        None => asset.etag.clone(),
+    };
     let mut response = if lists(text(&IF_NONE_MATCH), &etag, true) {
         StatusCode::NOT_MODIFIED.into_response()
     } else {
-        Body::from(gzip.unwrap_or(&asset.bytes).clone()).into_response()
+        Body::from(packed.map_or(&asset.bytes, |(_, bytes)| bytes).clone()).into_response()
     };
     let h = response.headers_mut();
     h.insert(CONTENT_TYPE, HeaderValue::from_static(asset.content_type));
     h.insert(VARY, HeaderValue::from_static("Accept-Encoding"));
-    if gzip.is_some() {
-        h.insert(CONTENT_ENCODING, HeaderValue::from_static("gzip"));
+    if let Some((coding, _)) = packed {
+        h.insert(CONTENT_ENCODING, HeaderValue::from_static(coding));
     }
     if let Ok(v) = HeaderValue::from_str(&etag) {
         h.insert(ETAG, v);
@@ -149,12 +176,13 @@ fn send(asset: &Asset, headers: &HeaderMap) -> Response {
     response
 }
 
-fn accepts_gzip(value: &str) -> bool {
-    value.split(',').any(|coding| {
-        let mut parts = coding.split(';').map(str::trim);
+/// Whether a header `Accept-Encoding` allows a coding.
+fn accepts(coding: &str, value: &str) -> bool {
+    value.split(',').any(|item| {
+        let mut parts = item.split(';').map(str::trim);
         let name = parts.next().unwrap_or_default();
         let refused = parts.any(|p| matches!(p, "q=0" | "q=0.0" | "q=0.00" | "q=0.000"));
-        (name.eq_ignore_ascii_case("gzip") || name == "*") && !refused
+        (name.eq_ignore_ascii_case(coding) || name == "*") && !refused
     })
 }
 

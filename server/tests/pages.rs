@@ -146,6 +146,15 @@ async fn page_files_are_compressed_where_that_is_accepted() {
     assert_eq!(get(&app, "/viewer/viewer_bg.wasm").await.header("content-type"), "application/wasm");
     assert_eq!(get(&app, "/viewer/i18n/sw.json").await.status, 200);
     assert_eq!(get(&app, "/viewer/boot.js.gz").await.status, 404);
+    let both = ask(&app, "GET", "/viewer/i18n/sw.json", &[("accept-encoding", "gzip, br")]).await;
+    assert_eq!((both.text().as_str(), both.header("content-encoding")), ("(brotli)", "br"));
+    let one = ask(&app, "GET", "/viewer/i18n/sw.json", &[("accept-encoding", "gzip, br;q=0")]).await;
+    assert_eq!((one.text().as_str(), one.header("content-encoding")), ("(gzip)", "gzip"));
+    assert_ne!(both.header("etag"), one.header("etag"));
+    assert_eq!(get(&app, "/viewer/i18n/sw.json.br").await.status, 404);
+    let list = ask(&app, "GET", "/", &[("accept-encoding", "gzip")]).await;
+    assert_eq!((list.header("content-encoding"), list.header("vary")), ("gzip", "Accept-Encoding"));
+    assert_eq!(get(&app, "/").await.header("content-encoding"), "");
     assert_eq!(get(&app, "/healthz").await.text(), "ok\n");
 }
 

@@ -5,6 +5,7 @@
 //! failed (said above), 2 usage.
 
 mod bench;
+mod bundle;
 mod demo;
 mod fuzz;
 mod http;
@@ -12,8 +13,8 @@ mod process;
 mod setup;
 mod tally;
 mod test;
-mod view;
 mod trust;
+mod view;
 mod web;
 
 use clap::Parser;

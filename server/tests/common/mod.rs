@@ -10,7 +10,7 @@ use std::path::Path;
 use std::sync::Arc;
 use tower::ServiceExt as _;
 
-/// A page of three small files.
+/// A page of a few small files.
 pub(crate) fn page() -> Page {
     let html = "<!doctype html><html lang=\"en\"><head><base href=\"./\"><title>Kilwa</title></head>\
         <body data-pack=\"\" data-list=\"\"><h1><!--title--></h1><!--facts--></body></html>";
@@ -19,6 +19,8 @@ pub(crate) fn page() -> Page {
         ("boot.js", b"export {};".as_slice()),
         ("boot.js.gz", b"(gzip)".as_slice()),
         ("i18n/sw.json", b"{}".as_slice()),
+        ("i18n/sw.json.br", b"(brotli)".as_slice()),
+        ("i18n/sw.json.gz", b"(gzip)".as_slice()),
         ("viewer_bg.wasm", b"\0asm".as_slice()),
     ];
     Page::from_files(files.into_iter().map(|(n, b)| (n.to_owned(), b.to_vec())).collect())

@@ -1,0 +1,58 @@
+//! The page's modules as few and small files: esbuild from npm bundles and shrinks what is hand-written, and shrinks what
+//! wasm-bindgen wrote. A slow line pays for every file with a round trip and for every byte.
+//!
+//! Input: the page's files, hand-written modules among them at the top. Output: the same page with the entry scripts in their place, shared
+//! chunks beside them, and the chunks named in `index.html` so that they are fetched at once. Fails when esbuild does.
+
+use crate::process::{command, output};
+use anyhow::{Context, Result, bail};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+/// The line of `index.html` that chunks are named after.
+const AFTER: &str = "<link rel=\"modulepreload\" href=\"app.js\">";
+
+/// Bundle `page`, whose hand-written modules lie in `www`. `glue` are names of scripts that wasm-bindgen wrote.
+pub(crate) fn bundle(
+    page: &mut BTreeMap<String, Vec<u8>>,
+    www: &Path,
+    tools: &Path,
+    scratch: &Path,
+    glue: &[String],
+) -> Result<()> {
+    if scratch.exists() {
+        fs::remove_dir_all(scratch).with_context(|| format!("cannot empty {}", scratch.display()))?;
+    }
+    let (written, out) = (scratch.join("glue"), scratch.join("out"));
+    for folder in [&written, &out] {
+        fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    }
+    let mut node = command("node", &[])?;
+    node.arg(tools.join("bundle.mjs")).arg(www).arg(&out);
+    for name in glue {
+        let path = written.join(name);
+        let bytes = page.get(name).with_context(|| format!("the page has no {name}"))?;
+        fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
+        node.arg(path);
+    }
+    let chunks = output(&mut node).context("esbuild on the page's modules")?;
+
+    let is_module = |name: &String| !name.contains('/') && Path::new(name).extension().is_some_and(|e| e == "js");
+    page.retain(|name, _| !is_module(name));
+    for entry in fs::read_dir(&out).with_context(|| format!("cannot list {}", out.display()))? {
+        let path = entry.with_context(|| format!("cannot list {}", out.display()))?.path();
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        page.insert(name, fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?);
+    }
+    let html = page.get("index.html").and_then(|bytes| std::str::from_utf8(bytes).ok()).unwrap_or_default();
+    if !html.contains(AFTER) {
+        bail!("www/index.html has no line {AFTER}, after which the bundled chunks are named");
+    }
+    let named = chunks.lines().filter(|line| !line.is_empty());
+    let links = named.map(|chunk| format!("\n<link rel=\"modulepreload\" href=\"{chunk}\">"));
+    let lines: String = std::iter::once(AFTER.to_owned()).chain(links).collect();
+    let html = html.replacen(AFTER, &lines, 1).into_bytes();
+    page.insert("index.html".to_owned(), html);
+    Ok(())
+}
