@@ -4,8 +4,8 @@ import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import { hostile, launch, open, packFolder, picture, serve, stats, waitFor } from "./harness.mjs";
 
-/** All bytes over the wire before the first pixel, as gzipped by the server: nothing may be added unseen. */
-const FIRST_PIXEL_MAX = 600_000;
+/** All bytes over the wire before the first pixel, as the server packs them (issue 5): readers on slow links are the audience. */
+const FIRST_PIXEL_MAX = 380_000;
 let server;
 let proxy;
 let browser;
@@ -21,7 +21,7 @@ after(async () => {
   await server?.stop();
 });
 
-test("before the first pixel the pack costs one request of 128 KiB, asked for before the program has come", async () => {
+test("before the first pixel the pack costs one request of 64 KiB, asked for before the program has come", async () => {
   const events = [];
   const { page, close } = await open(browser, `${server.url}/m/fort`, {
     wait: "first",
