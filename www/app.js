@@ -56,6 +56,7 @@ class Page {
     this.section = new Section({ display: this.look, pickPoints });
     this.trouble.onShow = (kind) => this.api.emit("trouble", { kind });
     this.controls();
+    this.#contexts();
     if (parameters.has("embed")) embed.reduce(parameters.get("embed") === "bare");
     embed.serve(this.api);
     globalThis.kilwa = this; // the same objects for scripts and tests as for the page
@@ -494,16 +495,35 @@ class Page {
 
   /** The device is gone: the same page, head and camera on a new one, unless that keeps happening. */
   #rebuild() {
+    const state = this.#leaveDevice();
+    if (state) this.draw(state);
+  }
+
+  /** Gives up what the lost device held; what the page showed, or null where it keeps being lost. */
+  #leaveDevice() {
     const state = { ...this.state(), camera: this.viewer.camera(), pack: null };
     this.session.close();
     this.input.close();
     this.rebuilt += 1;
     if (this.rebuilt > 3) {
       this.trouble.show("noGpu", new Error("device lost"), { reason: "noGpuAdapter" });
-      return;
+      return null;
     }
     chrome.notice(t("gpuLost"));
-    this.draw(state);
+    return state;
+  }
+
+  /** WebGL 2 says so on the canvas, and gives the same canvas another context when it can: wgpu hears of neither. */
+  #contexts() {
+    let left = null;
+    $("canvas").addEventListener("webglcontextlost", (event) => {
+      event.preventDefault();
+      if (this.session && !this.session.closed) left = this.#leaveDevice();
+    });
+    $("canvas").addEventListener("webglcontextrestored", () => {
+      if (left) this.draw(left);
+      left = null;
+    });
   }
 
   #damaged(chunk, error) {

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
-import { launch, open, packFolder, pixels, serve, stats } from "./harness.mjs";
+import { launch, open, packFolder, pixels, serve, stats, waitFor } from "./harness.mjs";
 
 let server;
 let browser;
@@ -85,4 +85,22 @@ test("where no WebGPU adapter answers, WebGL 2 takes over by itself", async () =
     assert.deepEqual(complaints, []);
     await close();
   }
+});
+
+test("a lost context is replaced when the browser gives another, and the picture is as it was", async () => {
+  const { page, close } = await fort("&gpu=webgl");
+  await page.evaluate(() => globalThis.kilwa.viewer.setCamera(new Float64Array([1, 0.4, 40, 1, 2, 3, 0])));
+  await page.evaluate(() => globalThis.kilwa.session.wake());
+  await waitFor(page, "settled");
+  const wanted = await pixels(page);
+  await page.evaluate(() => {
+    globalThis.old = globalThis.kilwa.session;
+    const lose = document.getElementById("canvas").getContext("webgl2").getExtension("WEBGL_lose_context");
+    lose.loseContext();
+    setTimeout(() => lose.restoreContext(), 300);
+  });
+  await page.waitForFunction(() => globalThis.kilwa.session !== globalThis.old && globalThis.kilwa.session.drawn, null, { polling: 50 });
+  await waitFor(page, "settled");
+  assert.equal(difference(await pixels(page), wanted, 0), 0);
+  await close();
 });
