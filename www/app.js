@@ -15,7 +15,7 @@ import { isPassing } from "./loader.js";
 import { LocalPack, openers } from "./local-pack.js";
 import { factsList } from "./facts.js";
 import { Notes, fetchPublished } from "./notes.js";
-import { whyNoGpu } from "./program.js";
+import { otherProgram, whyNoGpu } from "./program.js";
 import { Saved } from "./saved.js";
 import { PictureDialog } from "./screenshot.js";
 import { Section } from "./section.js";
@@ -218,6 +218,12 @@ class Page {
       viewer = await this.module.Viewer.create(canvas, this.headBytes);
     } catch (error) {
       const isNoGpu = String(error.message).startsWith("nogpu:");
+      // A canvas that was asked for WebGPU gives no WebGL any more: the page begins again, once.
+      const other = isNoGpu && !reason ? otherProgram(location.href, this.parameters) : null;
+      if (other) {
+        location.replace(other);
+        return;
+      }
       this.trouble.show(isNoGpu ? "noGpu" : "broken", error, { reason: reason ?? "noGpuAdapter" });
       return;
     }

@@ -24,6 +24,14 @@ async function hasWebGpu() {
   return Boolean(adapter);
 }
 
+/** The address that opens the same page with WebGL 2, where WebGPU promised an adapter and gave no device; else null. */
+export function otherProgram(address, parameters) {
+  if (chosen !== "webgpu" || parameters.has("gpu") || !hasWebGl2()) return null;
+  const other = new URL(address);
+  other.searchParams.set("gpu", "webgl");
+  return other.href;
+}
+
 function hasWebGl2() {
   const context = document.createElement("canvas").getContext("webgl2");
   // Browsers allow few contexts: this one goes before the viewer's own comes.

@@ -104,3 +104,14 @@ test("a lost context is replaced when the browser gives another, and the picture
   assert.equal(difference(await pixels(page), wanted, 0), 0);
   await close();
 });
+
+test("an adapter that gives no device leads to WebGL 2", async () => {
+  const { page, close } = await fort("", (page) =>
+    page.addInitScript(() => {
+      GPUAdapter.prototype.requestDevice = () => Promise.reject(new Error("no device today"));
+    }),
+  );
+  assert.equal(new URL(page.url()).searchParams.get("gpu"), "webgl");
+  assert.ok((await stats(page)).patchesDrawn > 0);
+  await close();
+});
