@@ -7,7 +7,7 @@ import path from "node:path";
 import { after, before, test } from "node:test";
 import { hostile, launch, open, packFolder, picture, serve, stats, waitFor } from "./harness.mjs";
 
-const HEAD = "bytes=0-131071";
+const HEAD = "bytes=0-65535";
 let folder;
 let server;
 let proxy;
@@ -208,7 +208,7 @@ test("a model that is not there, or is no pack, is said with the next step", asy
     return text;
   };
   assert.match(await trouble(() => ({ status: 404 })), /not there/);
-  assert.match(await trouble(() => ({ body: () => Buffer.alloc(131072, 65) })), /damaged[^]*magic bytes/);
+  assert.match(await trouble(() => ({ body: () => Buffer.alloc(65536, 65) })), /damaged[^]*magic bytes/);
   const flipped = (body) => {
     const bad = Buffer.from(body);
     bad[300] ^= 4;
@@ -217,8 +217,8 @@ test("a model that is not there, or is no pack, is said with the next step", asy
   assert.match(await trouble(() => ({ body: flipped })), /damaged[^]*checksum/);
   // A copy that ends early: the server says so honestly, and the header knows better.
   const short = ({ range }) => ({
-    body: (b) => b.subarray(0, 100_000),
-    headers: { "content-range": `bytes ${range[0]}-99999/100000` },
+    body: (b) => b.subarray(0, 50_000),
+    headers: { "content-range": `bytes ${range[0]}-49999/50000` },
   });
   assert.match(await trouble(short), /damaged/);
   assert.match(await trouble(() => ({ whole: true, status: 200, announce: 3e9 })), /whole file of 3\.00\sGB/);
