@@ -5,6 +5,7 @@ mod extract;
 mod info;
 mod inputs;
 mod measure;
+mod new_file;
 mod progress;
 mod render;
 mod serve;

@@ -1,5 +1,6 @@
 //! `kilwa render`: a picture of a pack without a window, through the same streamer and renderer as the page.
 
+use crate::new_file::NewFile;
 use crate::sheet::{self, SheetArgs};
 use crate::source::FileSource;
 use anyhow::{Context, bail};
@@ -164,7 +165,7 @@ fn draw_sheet(args: &Args, mut session: Session<FileSource>) -> anyhow::Result<(
         "white".clone_into(&mut display.background);
     }
     let options = session.options(&display);
-    let identity = sheet::identity(FileSource::open(&args.pack)?).with_context(|| args.pack.display().to_string())?;
+    let identity = sheet::identity(&FileSource::open(&args.pack)?).with_context(|| args.pack.display().to_string())?;
     let subject = sheet::Subject {
         session,
         view: args.view,
@@ -328,9 +329,7 @@ fn read_camera(path: &Path) -> anyhow::Result<Camera> {
 /// Write under a temporary name in the same folder, then rename: no half picture under the final name.
 fn write_png(path: &Path, image: &Image, alpha: bool) -> anyhow::Result<()> {
     let failed = || format!("cannot write {}", path.display());
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut file =
-        tempfile::Builder::new().prefix(".kilwa-").suffix(".png").tempfile_in(folder).with_context(failed)?;
+    let mut file = NewFile::beside(path)?;
     let [width, height] = image.size;
     let (pixels, color) = if alpha {
         (image.clone().with_straight_alpha(true).pixels, image::ExtendedColorType::Rgba8)
@@ -338,23 +337,9 @@ fn write_png(path: &Path, image: &Image, alpha: bool) -> anyhow::Result<()> {
         let opaque = image.pixels.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
         (opaque, image::ExtendedColorType::Rgb8)
     };
-    let encoder = image::codecs::png::PngEncoder::new(std::io::BufWriter::new(file.as_file_mut()));
+    let encoder = image::codecs::png::PngEncoder::new(std::io::BufWriter::new(file.file()));
     image::ImageEncoder::write_image(encoder, &pixels, width, height, color).with_context(failed)?;
-    let temporary = file.into_temp_path();
-    share(&temporary)?;
-    temporary.persist(path).with_context(failed)?;
-    Ok(())
-}
-
-/// Temporary files are private; a picture is as readable as any other new file.
-pub(crate) fn share(path: &Path) -> anyhow::Result<()> {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o644))
-            .with_context(|| format!("cannot set the mode of {}", path.display()))?;
-    }
-    Ok(())
+    file.name(path, true)
 }
 
 fn parse_view(text: &str) -> Result<StandardView, String> {

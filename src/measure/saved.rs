@@ -3,6 +3,7 @@
 use super::place::{self, Place};
 use super::report::Report;
 use super::{Subject, cutting, whole};
+use crate::new_file::NewFile;
 use anyhow::Context;
 use kilwa_measure::{Document, Measurement, PackName, PointTool, Task, ToolName};
 use serde_json::json;
@@ -43,14 +44,9 @@ fn read(path: &Path) -> anyhow::Result<Document> {
 
 /// Replace or make a file at once: a reader never sees half of it.
 pub(super) fn write_whole(path: &Path, text: &str, replace: bool) -> anyhow::Result<()> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let cannot = || format!("cannot write {}", path.display());
-    let mut file = tempfile::Builder::new().prefix(".kilwa-").tempfile_in(folder).with_context(cannot)?;
-    file.write_all(text.as_bytes()).with_context(cannot)?;
-    file.as_file().sync_all().with_context(cannot)?;
-    let persisted = if replace { file.persist(path) } else { file.persist_noclobber(path) };
-    persisted.map_err(|e| e.error).with_context(cannot)?;
-    Ok(())
+    let mut file = NewFile::beside(path)?;
+    file.file().write_all(text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+    file.name(path, replace)
 }
 
 /// Add a measurement to a document, which is made where it is not there.

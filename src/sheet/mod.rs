@@ -12,16 +12,17 @@ mod picture;
 mod png;
 mod tiff;
 
-use crate::render::share;
+use crate::new_file::NewFile;
 use anyhow::{Context, bail};
-use kilwa_pack::{Reader, Source};
+use kilwa_pack::Source;
+use kilwa_pack::footer::{FOOTER_BYTES, Footer};
 use kilwa_viewer::shell::native::Session;
 use kilwa_viewer::{Bounds, Camera, RenderOptions, StandardView};
 use layout::{Frame, Layout};
 use paper::Paper;
 use serde::Serialize;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// A drawing to scale.
 #[derive(clap::Args)]
@@ -65,7 +66,7 @@ pub(crate) struct Subject<'a, S> {
     pub(crate) options: RenderOptions,
     pub(crate) pixel_error: f64,
     pub(crate) output: &'a Path,
-    /// What the pack is called: [`Reader::identity`].
+    /// What the pack is called: [`Footer::identity`].
     pub(crate) identity: String,
 }
 
@@ -89,9 +90,10 @@ pub(crate) struct Report {
     files: Vec<String>,
 }
 
-/// The identity of a pack in a file.
-pub(crate) fn identity<S: Source>(source: S) -> anyhow::Result<String> {
-    Ok(Reader::open(source)?.identity())
+/// The identity of a pack, from its last bytes.
+pub(crate) fn identity<S: Source>(source: &S) -> anyhow::Result<String> {
+    let at = source.len()?.saturating_sub(FOOTER_BYTES as u64);
+    Ok(Footer::parse(&source.read_at(at, FOOTER_BYTES)?)?.identity())
 }
 
 /// Which way a view's right and up point in the world.
@@ -140,7 +142,7 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
     // The page of a PDF has its lines and letters as such; pictures have them painted.
     let painted = if format == Format::Pdf { Layout::default() } else { layout.clone() };
     let written = s.output;
-    let mut out = Partial::new(written)?;
+    let mut out = NewFile::beside(written)?;
     let how = (s.options, s.pixel_error);
     let mut bands = picture::Bands::new(&mut s.session, &sheet, size, how, &camera, &painted);
     let mut next = || bands.next();
@@ -150,7 +152,7 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
         Format::Pdf => pdf::write(out.file(), &sheet, size, &layout, &title.name, &mut next)?,
     }
     let figures = bands.figures();
-    out.persist(written)?;
+    out.name(written, true)?;
     let mut files = vec![written.display().to_string()];
     if let Some(g) = georeference.as_ref().filter(|_| format == Format::Png) {
         files.push(world_file(written, g)?);
@@ -284,32 +286,8 @@ fn world_file(picture: &Path, g: &tiff::GeoReference) -> anyhow::Result<String> 
     let path = picture.with_extension("pgw");
     let [x, y] = g.first_pixel();
     let text = format!("{:?}\n0.0\n0.0\n{:?}\n{x:?}\n{y:?}\n", g.metres_per_pixel, -g.metres_per_pixel);
-    let mut file = Partial::new(&path)?;
+    let mut file = NewFile::beside(&path)?;
     file.file().write_all(text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
-    file.persist(&path)?;
+    file.name(&path, true)?;
     Ok(path.display().to_string())
-}
-
-/// A file under a temporary name in the folder that it will be in.
-struct Partial(tempfile::NamedTempFile);
-
-impl Partial {
-    fn new(path: &Path) -> anyhow::Result<Self> {
-        let folder: PathBuf = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")).into();
-        let file = tempfile::Builder::new().prefix(".kilwa-").tempfile_in(&folder);
-        Ok(Self(file.with_context(|| format!("cannot write to {}", folder.display()))?))
-    }
-
-    fn file(&mut self) -> &mut std::fs::File {
-        self.0.as_file_mut()
-    }
-
-    fn persist(self, path: &Path) -> anyhow::Result<()> {
-        let failed = || format!("cannot write {}", path.display());
-        self.0.as_file().sync_all().with_context(failed)?;
-        let temporary = self.0.into_temp_path();
-        share(&temporary)?;
-        temporary.persist(path).with_context(failed)?;
-        Ok(())
-    }
 }

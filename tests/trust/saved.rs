@@ -78,6 +78,12 @@ fn exports_open_in_other_programs() {
     assert!(
         fails(&["measure", text(&p.pack), "again", text(&path("json")), "-o", text(&path("csv"))]).contains("--force")
     );
+    #[cfg(unix)]
+    for end in ["json", "csv", "geojson", "dxf"] {
+        use std::os::unix::fs::PermissionsExt;
+        let mode = std::fs::metadata(path(end)).unwrap().permissions().mode();
+        assert_eq!(mode & 0o044, 0o044, "{end}: others may read it as any new file, mode {mode:o}");
+    }
     let map: Value = serde_json::from_slice(&std::fs::read(path("geojson")).unwrap()).unwrap();
     assert!(map["features"].as_array().unwrap().iter().any(|f| f["geometry"]["type"] == "Polygon"));
     let csv = std::fs::read_to_string(path("csv")).unwrap();

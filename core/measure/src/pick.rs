@@ -5,6 +5,7 @@
 //! corners come first in the order of lattice points counts, so that the answer does not depend on chunks or their order.
 
 use crate::plane::Plane;
+use kilwa_geometry::bvh::Bounds;
 use kilwa_geometry::distance::{Vec3, ray_triangle};
 use kilwa_geometry::{Aabb, LatticePoint};
 
@@ -28,20 +29,9 @@ impl Ray {
         if b.is_empty() {
             return None;
         }
-        let (mut near, mut far) = (0.0f64, f64::INFINITY);
-        for i in 0..3 {
-            let (low, high) = (f64::from(b.min[i]) - 0.5, f64::from(b.max[i]) + 0.5);
-            if self.direction[i] == 0.0 {
-                if self.origin[i] < low || self.origin[i] > high {
-                    return None;
-                }
-                continue;
-            }
-            let (x, y) = ((low - self.origin[i]) / self.direction[i], (high - self.origin[i]) / self.direction[i]);
-            near = near.max(x.min(y));
-            far = far.min(x.max(y));
-        }
-        (near <= far).then_some(near)
+        // A box without thickness is met too.
+        let grown = Bounds { min: b.min.map(|x| f64::from(x) - 0.5), max: b.max.map(|x| f64::from(x) + 0.5) };
+        grown.entry(self.origin, self.direction)
     }
 }
 
