@@ -75,6 +75,13 @@ impl Viewer {
         places.chunks_exact(3).map(|p| pixel(p).unwrap_or(nowhere)).flat_map(|([x, y], depth)| [x, y, depth]).collect()
     }
 
+    /// The ray through a pixel: its origin in world metres and a unit direction, six numbers. What is measured is what it meets on the
+    /// finest surface, whatever is on screen.
+    pub fn ray(&self, x: f64, y: f64) -> Vec<f64> {
+        let (origin, direction) = self.camera.ray([x, y], self.size());
+        [origin, direction].concat()
+    }
+
     /// Whether the surface on screen stands before a place. A place up to `slack` metres behind it counts as on it.
     #[wasm_bindgen(js_name = isHidden)]
     pub fn is_hidden(&self, x: f64, y: f64, z: f64, slack: f64) -> bool {
