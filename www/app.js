@@ -582,6 +582,8 @@ class Page {
   controls() {
     chrome.tabs();
     chrome.panel();
+    chrome.divider();
+    chrome.keys();
     chrome.tooltips();
     chrome.help();
     chrome.menu($("views-open"), $("views"), (item) => this.actions.view(item.dataset.view));

@@ -1,6 +1,7 @@
 // Everything round the picture that needs no model: tabs, the phone's sheet, popover, tooltips, dialogs, notices.
 
 import { t } from "./i18n.js";
+import { get, put } from "./store.js";
 
 const $ = (id) => document.getElementById(id);
 const isPhone = () => matchMedia("(max-width: 720px)").matches;
@@ -83,6 +84,69 @@ export function panel() {
     if (grip.dataset.pulled) return delete grip.dataset.pulled;
     return sheet(sizes[(sizes.indexOf($("panel").dataset.size) + 1) % 3]);
   });
+}
+
+const WIDE = { usual: 320, least: 280, step: 24 };
+
+/** The edge of the panel beside the picture: dragged, or moved by arrows; a double click makes it as usual. The browser keeps it. */
+export function divider() {
+  const edge = $("divider");
+  const most = () => Math.max(WIDE.least, Math.min(800, innerWidth - 400));
+  const held = (width) => Math.round(Math.max(WIDE.least, Math.min(most(), width)));
+  let width = Number(get("panel", WIDE.usual)) || WIDE.usual;
+  const show = () => {
+    if (width === WIDE.usual) document.body.style.removeProperty("--panel");
+    else document.body.style.setProperty("--panel", `${held(width)}px`);
+    for (const [name, value] of [["min", WIDE.least], ["max", most()], ["now", held(width)]]) edge.setAttribute(`aria-value${name}`, String(value));
+  };
+  const set = (value, { keep = true } = {}) => {
+    width = held(value);
+    show();
+    if (keep) put("panel", width === WIDE.usual ? null : width);
+  };
+  const isRtl = () => document.documentElement.dir === "rtl";
+  const at = (event) => (isRtl() ? event.clientX : innerWidth - event.clientX);
+  let grabbed = null;
+  edge.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    edge.setPointerCapture(event.pointerId);
+    edge.classList.add("moving");
+    grabbed = $("panel").offsetWidth - at(event);
+  });
+  edge.addEventListener("pointermove", (event) => grabbed !== null && set(at(event) + grabbed, { keep: false }));
+  for (const type of ["pointerup", "pointercancel"]) {
+    edge.addEventListener(type, () => {
+      if (grabbed === null) return;
+      grabbed = null;
+      edge.classList.remove("moving");
+      set(width);
+    });
+  }
+  edge.addEventListener("dblclick", () => set(WIDE.usual));
+  edge.addEventListener("keydown", (event) => {
+    const wider = isRtl() ? "ArrowRight" : "ArrowLeft";
+    const step = WIDE.step * (event.shiftKey ? 4 : 1);
+    if (event.key === "ArrowLeft" || event.key === "ArrowRight") set(held(width) + (event.key === wider ? step : -step));
+    else if (event.key === "Home") set(WIDE.least);
+    else if (event.key === "End") set(most());
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  });
+  addEventListener("resize", show);
+  show();
+}
+
+/** Keys of one letter, figure or sign, which some people press without meaning to (WCAG 2.1.4): on, or off. */
+export function keys() {
+  const box = $("keys-on");
+  box.checked = get("keys", true) !== false;
+  const show = () => (document.body.dataset.keys = box.checked ? "on" : "off");
+  box.addEventListener("change", () => {
+    put("keys", box.checked ? null : false);
+    show();
+  });
+  show();
 }
 
 /** A menu below a button: arrows move, Escape and a press elsewhere close. */

@@ -267,7 +267,9 @@ export class Input {
     return true;
   }
 
+  /** Keys of one sign; a person can switch them off (chrome.js). */
   shortcut(event) {
+    if (document.body.dataset.keys === "off") return false;
     if (VIEW_KEYS[event.key]) {
       this.actions.view(VIEW_KEYS[event.key]);
       return true;

@@ -129,3 +129,62 @@ test("numbers and directions are those of the language", async () => {
   assert.deepEqual(complaints, []);
   await close();
 });
+
+test("the details can be made wider by pointer and by keyboard, and stay so", async () => {
+  const { page, complaints, close } = await open(browser, fort(), { size: [1200, 700] });
+  const width = async () => (await page.locator("#panel").boundingBox()).width;
+  assert.equal(await width(), 320);
+  const edge = await page.locator("#divider").boundingBox();
+  await page.mouse.move(edge.x + edge.width / 2, 300);
+  await page.mouse.down();
+  await page.mouse.move(edge.x + edge.width / 2 - 100, 310, { steps: 4 });
+  await page.mouse.up();
+  assert.equal(await width(), 420);
+  await page.locator("#divider").focus();
+  await page.keyboard.press("ArrowLeft");
+  assert.equal(await width(), 444);
+  assert.equal(await page.locator("#divider").getAttribute("aria-valuenow"), "444");
+  await page.reload();
+  await page.waitForFunction(() => document.body.dataset.state === "ready");
+  assert.equal(await width(), 444);
+  // Never so wide that no picture is left, and never too narrow for what stands in it.
+  await page.locator("#divider").focus();
+  await page.keyboard.press("End");
+  assert.ok((await page.locator("#canvas").boundingBox()).width >= 400);
+  await page.keyboard.press("Home");
+  assert.equal(await width(), 280);
+  await page.locator("#divider").dblclick();
+  assert.equal(await width(), 320);
+  // From right to left the edge is at the other side of the panel.
+  await page.locator("#language").selectOption("ar");
+  await page.waitForFunction(() => document.documentElement.dir === "rtl");
+  await page.locator("#divider").focus();
+  await page.keyboard.press("ArrowRight");
+  assert.equal(await width(), 344);
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("keys of a single letter can be switched off, and stay off", async () => {
+  const { page, complaints, close } = await open(browser, fort());
+  await page.keyboard.press("?");
+  await page.locator("#keys-on").uncheck();
+  await page.keyboard.press("Escape");
+  await page.reload();
+  await page.waitForFunction(() => document.body.dataset.state === "ready");
+  await page.locator("#canvas").focus();
+  const before = await page.evaluate(() => [...globalThis.kilwa.viewer.camera()].join());
+  for (const key of ["?", "n", "h", "3", "w", "p", "+"]) await page.keyboard.press(key);
+  assert.equal(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()].join()), before);
+  assert.ok(await page.locator("#help").isHidden());
+  assert.equal(await page.locator("#tool-orbit").getAttribute("aria-pressed"), "true");
+  await page.keyboard.press("ArrowLeft");
+  assert.notEqual(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()].join()), before, "arrows are no letters");
+  await page.locator("#help-open").click();
+  await page.locator("#keys-on").check();
+  await page.keyboard.press("Escape");
+  await page.keyboard.press("?");
+  assert.ok(await page.locator("#help").isVisible());
+  assert.deepEqual(complaints, []);
+  await close();
+});

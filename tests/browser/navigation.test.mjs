@@ -17,6 +17,11 @@ after(async () => {
 });
 
 const fort = (query = "?error=8") => `${server.url}/m/fort${query}`;
+/** What touches the picture is tested with both programs. */
+const onBoth = (name, run) => {
+  test(name, () => run(""));
+  test(`${name} (WebGL 2)`, () => run("&gpu=webgl"));
+};
 const camera = (page) => page.evaluate(() => [...globalThis.kilwa.viewer.camera()]);
 const close = (a, b, within = 1e-6) => a.length === b.length && a.every((v, i) => Math.abs(v - b[i]) <= within * Math.max(1, Math.abs(b[i])));
 const rest = async (page) => {
@@ -44,8 +49,8 @@ test("turned freely the camera passes over the top, and the turntable sets it up
   await end();
 });
 
-test("walking keeps the eye at its height above the ground, goes where keys and pad say, and ends as it began", async () => {
-  const { page, complaints, close: end } = await open(browser, fort("?error=4"));
+onBoth("walking keeps the eye at its height above the ground, goes where keys and pad say, and ends as it began", async (gpu) => {
+  const { page, complaints, close: end } = await open(browser, fort(`?error=4${gpu}`));
   // Above the court, which is level.
   const state = () =>
     page.evaluate(() => {
@@ -123,8 +128,8 @@ test("walking keeps the eye at its height above the ground, goes where keys and 
   await end();
 });
 
-test("a walk never falls through the ground, wherever it leads", async () => {
-  const { page, complaints, close: end } = await open(browser, fort("?error=4"));
+onBoth("a walk never falls through the ground, wherever it leads", async (gpu) => {
+  const { page, complaints, close: end } = await open(browser, fort(`?error=4${gpu}`));
   await page.locator("#tool-walk").click();
   await rest(page);
   const lowest = await page.evaluate(() => {

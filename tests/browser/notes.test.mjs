@@ -19,6 +19,11 @@ after(async () => {
 });
 
 const fort = (query = "?error=8") => `${server.url}/m/fort${query}`;
+/** What touches the picture is tested with both programs. */
+const onBoth = (name, run) => {
+  test(name, () => run(""));
+  test(`${name} (WebGL 2)`, () => run("&gpu=webgl"));
+};
 const titles = (page) => page.locator("#notes-list .name").allInnerTexts();
 const json = (value) => ({ name: "notes.json", mimeType: "application/json", buffer: Buffer.from(typeof value === "string" ? value : JSON.stringify(value)) });
 const rest = async (page) => {
@@ -43,8 +48,8 @@ const annotation = (place, more = {}) => ({
   ...more,
 });
 
-test("a note is placed with a press, written, kept by the browser, and undone", async () => {
-  const { page, complaints, close } = await open(browser, fort());
+onBoth("a note is placed with a press, written, kept by the browser, and undone", async (gpu) => {
+  const { page, complaints, close } = await open(browser, fort(`?error=8${gpu}`));
   await page.locator("#tool-note").click();
   assert.match(await page.locator("#hint").innerText(), /surface/);
   const box = await page.locator("#canvas").boundingBox();
@@ -88,8 +93,8 @@ test("a note is placed with a press, written, kept by the browser, and undone", 
   await close();
 });
 
-test("a note is placed by keyboard alone", async () => {
-  const { page, complaints, close } = await open(browser, fort());
+onBoth("a note is placed by keyboard alone", async (gpu) => {
+  const { page, complaints, close } = await open(browser, fort(`?error=8${gpu}`));
   await page.locator("#canvas").focus();
   await page.keyboard.press("n");
   await page.keyboard.press("Shift+ArrowLeft");
@@ -105,8 +110,8 @@ test("a note is placed by keyboard alone", async () => {
   await close();
 });
 
-test("pins follow the camera, and fade where the model stands before them", async () => {
-  const { page, complaints, close } = await open(browser, fort("?error=4"));
+onBoth("pins follow the camera, and fade where the model stands before them", async (gpu) => {
+  const { page, complaints, close } = await open(browser, fort(`?error=4${gpu}`));
   const spots = await places(page);
   await page.locator("#tab-notes").click();
   await page.locator("#notes-import").setInputFiles(json([annotation(spots[0])]));
