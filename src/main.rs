@@ -7,6 +7,8 @@ mod inputs;
 mod measure;
 mod new_file;
 mod progress;
+#[cfg_attr(not(test), expect(dead_code, reason = "kilwa publish --redact-location calls it"))]
+mod redact;
 mod render;
 mod serve;
 mod sheet;

@@ -138,6 +138,8 @@ pub(super) struct Target {
     pub(super) metadata: Metadata,
     /// Certified error in metres.
     pub(super) error: f32,
+    /// GLB: the model stands at zero, and its place is told beside it.
+    pub(super) at_zero: bool,
 }
 
 impl Target {
@@ -154,7 +156,7 @@ impl Target {
         // Half a unit in the last place of a float is 2^-24 of the power of two below the number.
         let needs_double = largest * 2f64.powi(-24) > lattice.step() * 0.25;
         let (colors, metadata) = (header.attributes.colors, reader.metadata().clone());
-        Self { lattice, center, needs_double, colors, metadata, error: chosen.error }
+        Self { lattice, center, needs_double, colors, metadata, error: chosen.error, at_zero: false }
     }
 
     /// A position relative to [`Self::center`], in metres: exact within 2^24 steps of it.

@@ -45,7 +45,8 @@ impl Glb {
 
     fn json(&self, counts: Counts) -> Vec<u8> {
         let target = &self.target;
-        let [x, y, z] = target.lattice.world_from_lattice(target.center);
+        let place = target.lattice.world_from_lattice(target.center);
+        let [x, y, z] = if target.at_zero { [0.0; 3] } else { place };
         let (vertex_bytes, index_bytes) = (counts.vertices * self.stride(), counts.triangles * 12);
         let mut attributes = json!({"POSITION": 0, "NORMAL": 1});
         let mut accessors = vec![
@@ -61,7 +62,7 @@ impl Glb {
         }
         let file = json!({
             "asset": {"version": "2.0", "generator": format!("kilwa {}", env!("CARGO_PKG_VERSION"))},
-            "extras": {"certified_error_m": target.error, "crs": target.metadata.crs},
+            "extras": {"certified_error_m": target.error, "crs": target.metadata.crs, "world_from_local_m": [place[0] - x, place[1] - y, place[2] - z]},
             "scene": 0,
             "scenes": [{"nodes": [0]}],
             // Column by column: x stays, y becomes -z, z becomes y.
