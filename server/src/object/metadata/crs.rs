@@ -1,0 +1,119 @@
+//! Coordinate reference systems: how they may be written, and whether a model can lie in one.
+//!
+//! Known are the codes whose coordinates can be judged without a table of all systems: UTM on WGS 84 (EPSG:32601-32660, 32701-32760), Web Mercator, and
+//! geographic and geocentric ones that are named most. For all other EPSG codes only the form is checked; say so, and do not pretend.
+
+/// UTM on WGS 84: zone 1 to 60, and which half of the earth.
+fn utm(code: u32) -> Option<(u32, &'static str)> {
+    match code {
+        32_601..=32_660 => Some((code - 32_600, "N")),
+        32_701..=32_760 => Some((code - 32_700, "S")),
+        _ => None,
+    }
+}
+
+/// Codes in degrees: a mesh cannot be in them.
+const GEOGRAPHIC: [u32; 12] = [4326, 4979, 4258, 4269, 4267, 4230, 4171, 4283, 7844, 4210, 4148, 9057];
+
+/// A reference system in the form that packs have: `EPSG:32737`; `None` for `local`.
+///
+/// # Errors
+/// A sentence that says what is wanted.
+pub fn normalise(text: &str) -> Result<Option<String>, String> {
+    let text = text.trim();
+    let lower = text.to_lowercase();
+    if matches!(lower.as_str(), "local" | "none") {
+        return Ok(None);
+    }
+    let code = lower
+        .strip_prefix("epsg:")
+        .or_else(|| lower.strip_prefix("urn:ogc:def:crs:epsg::"))
+        .or_else(|| lower.strip_prefix("https://www.opengis.net/def/crs/epsg/0/"))
+        .or_else(|| lower.strip_prefix("http://www.opengis.net/def/crs/epsg/0/"))
+        .map(str::trim);
+    if let Some(code) = code {
+        return match code.parse::<u32>() {
+            Ok(n) if (1024..=32_767).contains(&n) => {
+                of_metres(n)?;
+                Ok(Some(format!("EPSG:{n}")))
+            }
+            _ => Err(format!(
+                "\"{text}\" is no EPSG code; they are numbers from 1024 to 32767, for example EPSG:32737 (https://epsg.org)"
+            )),
+        };
+    }
+    let is_wkt = ["projcrs[", "projcs[", "boundcrs[", "compoundcrs[", "compd_cs[", "engcrs[", "local_cs["]
+        .iter()
+        .any(|k| lower.starts_with(k));
+    if is_wkt {
+        return Ok(Some(text.to_owned()));
+    }
+    if lower.parse::<u32>().is_ok() {
+        return Err(format!("write \"EPSG:{lower}\""));
+    }
+    Err(format!(
+        "\"{text}\" is no reference system; write an EPSG code such as \"EPSG:32737\", well-known text, or \"local\""
+    ))
+}
+
+fn of_metres(code: u32) -> Result<(), String> {
+    if GEOGRAPHIC.contains(&code) {
+        return Err(format!(
+            "EPSG:{code} has degrees, and a mesh has metres: give the projected system that the survey is in, for example EPSG:32737 (UTM 37 S)"
+        ));
+    }
+    Ok(())
+}
+
+/// Whether a model with this box, metres, can lie in a system.
+///
+/// # Errors
+/// A sentence that says where it would lie.
+pub fn holds(crs: &str, min: [f64; 3], max: [f64; 3]) -> Result<(), String> {
+    let Some(code) = crs.strip_prefix("EPSG:").and_then(|c| c.parse::<u32>().ok()) else { return Ok(()) };
+    of_metres(code)?;
+    let Some((zone, half)) = utm(code) else { return Ok(()) };
+    let (east, north) = ((100_000.0, 900_000.0), (0.0, 10_000_000.0));
+    let inside = min[0] >= east.0 && max[0] <= east.1 && min[1] >= north.0 && max[1] <= north.1;
+    if inside {
+        return Ok(());
+    }
+    Err(format!(
+        "the model lies from x {:.1}, y {:.1} to x {:.1}, y {:.1} m, which is not in {crs} (UTM {zone} {half}: x from 100000 to 900000, y from 0 to 10000000); \
+         if its coordinates are local, build the pack without --crs and write \"local\"",
+        min[0], min[1], max[0], max[1]
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn systems_are_written_in_one_way() {
+        for given in
+            ["EPSG:32737", "epsg:32737", "urn:ogc:def:crs:EPSG::32737", "http://www.opengis.net/def/crs/EPSG/0/32737"]
+        {
+            assert_eq!(normalise(given), Ok(Some("EPSG:32737".to_owned())), "{given}");
+        }
+        assert_eq!(normalise("Local"), Ok(None));
+        assert!(normalise("PROJCRS[\"x\"]").unwrap().is_some());
+        for (bad, said) in [
+            ("32737", "write \"EPSG:32737\""),
+            ("EPSG:4326", "degrees"),
+            ("EPSG:99999", "no EPSG code"),
+            ("UTM 37S", "EPSG code such as"),
+        ] {
+            assert!(normalise(bad).unwrap_err().contains(said), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_model_cannot_lie_outside_of_its_zone() {
+        let at = |x: f64, y: f64| ([x, y, 0.0], [x + 50.0, y + 50.0, 5.0]);
+        let (min, max) = at(512_000.0, 9_007_000.0);
+        assert!(holds("EPSG:32737", min, max).is_ok() && holds("EPSG:2169", [0.0; 3], [1.0; 3]).is_ok());
+        let (min, max) = at(-20.0, -20.0);
+        assert!(holds("EPSG:32737", min, max).unwrap_err().contains("UTM 37 S"));
+    }
+}

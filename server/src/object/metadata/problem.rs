@@ -1,0 +1,58 @@
+//! What is wrong with a metadata file: line, field, what to do.
+
+use std::fmt;
+use thiserror::Error;
+
+/// One mistake.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Problem {
+    /// From 1; of the table where the mistake is that something is missing.
+    pub line: usize,
+    /// Which field, for example `rights.uri`; empty where the file is no TOML.
+    pub field: String,
+    /// What is wrong and what to do.
+    pub message: String,
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.field.is_empty() {
+            return write!(f, "line {}: {}", self.line, self.message);
+        }
+        write!(f, "line {}: {}: {}", self.line, self.field, self.message)
+    }
+}
+
+/// All mistakes of a file.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub struct Problems(pub Vec<Problem>);
+
+impl fmt::Display for Problems {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, problem) in self.0.iter().enumerate() {
+            write!(f, "{}{problem}", if i == 0 { "" } else { "\n  " })?;
+        }
+        Ok(())
+    }
+}
+
+/// The known name that is most like the one given, if one is alike.
+pub(crate) fn nearest<'a>(given: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let lower = given.to_lowercase();
+    let scored = known.map(|k| (strsim::damerau_levenshtein(&lower, &k.to_lowercase()), k));
+    let (distance, name) = scored.min()?;
+    (distance <= 1 + given.chars().count().max(name.len()) / 4).then_some(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::nearest;
+
+    #[test]
+    fn a_slip_of_the_finger_is_understood_and_another_word_is_not() {
+        let known = ["title", "description", "rights", "creators"];
+        assert_eq!(nearest("titel", known.into_iter()), Some("title"));
+        assert_eq!(nearest("Creator", known.into_iter()), Some("creators"));
+        assert_eq!(nearest("elephants", known.into_iter()), None);
+    }
+}

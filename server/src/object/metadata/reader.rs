@@ -1,0 +1,225 @@
+//! Tables of a TOML file with the line of everything, read field by field: what was not asked for at the end is unknown.
+//!
+//! Reading never fails at once: mistakes are collected, and a field that is wrong counts as absent.
+
+use super::problem::{Problem, nearest};
+use std::cell::RefCell;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// Longest text of one line, bytes.
+const LINE_MAX: usize = 1000;
+/// Longest text of several lines, bytes.
+const TEXT_MAX: usize = 50_000;
+/// Most entries of a list.
+const LIST_MAX: usize = 1000;
+
+/// The file, and what is wrong with it.
+pub(super) struct File<'a> {
+    text: &'a str,
+    problems: RefCell<Vec<Problem>>,
+}
+
+impl<'a> File<'a> {
+    pub(super) fn new(text: &'a str) -> Self {
+        Self { text, problems: RefCell::default() }
+    }
+
+    pub(super) fn line(&self, at: usize) -> usize {
+        self.text.bytes().take(at).filter(|b| *b == b'\n').count() + 1
+    }
+
+    pub(super) fn problem(&self, at: usize, field: &str, message: impl Into<String>) {
+        let problem = Problem { line: self.line(at), field: field.to_owned(), message: message.into() };
+        self.problems.borrow_mut().push(problem);
+    }
+
+    /// The problems, by line.
+    pub(super) fn into_problems(self) -> Vec<Problem> {
+        let mut problems = self.problems.into_inner();
+        problems.sort_by_key(|p| p.line);
+        problems
+    }
+}
+
+/// A value that was checked, with where it stands.
+pub(super) struct Found<T> {
+    pub(super) at: usize,
+    pub(super) value: T,
+}
+
+/// One table.
+pub(super) struct Table<'a, 'i> {
+    file: &'a File<'a>,
+    name: String,
+    at: usize,
+    entries: &'a DeTable<'i>,
+    known: RefCell<Vec<&'static str>>,
+}
+
+impl<'a, 'i> Table<'a, 'i> {
+    pub(super) fn new(file: &'a File<'a>, name: &str, at: usize, table: &'a DeTable<'i>) -> Self {
+        Self { file, name: name.to_owned(), at, entries: table, known: RefCell::default() }
+    }
+
+    /// The full name of a field.
+    pub(super) fn field(&self, key: &str) -> String {
+        if self.name.is_empty() { key.to_owned() } else { format!("{}.{key}", self.name) }
+    }
+
+    /// Say what is wrong with a field.
+    pub(super) fn wrong(&self, key: &str, at: usize, message: impl Into<String>) {
+        self.file.problem(at, &self.field(key), message);
+    }
+
+    /// Say that a field is wanted.
+    pub(super) fn missing(&self, key: &str, message: &str) {
+        let at = self.entry(key).map_or(self.at, |(at, _)| at);
+        self.wrong(key, at, message);
+    }
+
+    fn entry(&self, key: &str) -> Option<(usize, &'a Spanned<DeValue<'i>>)> {
+        let (k, value) = self.entries.iter().find(|(k, _)| k.get_ref().as_ref() == key)?;
+        Some((k.span().start, value))
+    }
+
+    fn get(&self, key: &'static str) -> Option<(usize, &'a Spanned<DeValue<'i>>)> {
+        self.known.borrow_mut().push(key);
+        self.entry(key)
+    }
+
+    /// A text of one line; one that is empty counts as absent.
+    pub(super) fn text(&self, key: &'static str) -> Option<Found<String>> {
+        let (at, value) = self.get(key)?;
+        self.as_text(key, at, value.get_ref(), false).map(|value| Found { at, value })
+    }
+
+    /// A text with line breaks.
+    pub(super) fn paragraphs(&self, key: &'static str) -> Option<String> {
+        let (at, value) = self.get(key)?;
+        self.as_text(key, at, value.get_ref(), true)
+    }
+
+    fn as_text(&self, key: &str, at: usize, value: &DeValue<'_>, is_long: bool) -> Option<String> {
+        let text = match value {
+            DeValue::String(text) => text.trim().replace("\r\n", "\n"),
+            // Dates may stand without quotation marks.
+            DeValue::Datetime(date) => date.to_string(),
+            other => {
+                self.wrong(key, at, format!("a text in quotation marks is wanted, not {}", kind(other)));
+                return None;
+            }
+        };
+        let most = if is_long { TEXT_MAX } else { LINE_MAX };
+        if text.len() > most {
+            self.wrong(key, at, format!("it is {} bytes long; {most} are possible", text.len()));
+            return None;
+        }
+        if let Some(c) = text.chars().find(|c| c.is_control() && !(is_long && matches!(c, '\n' | '\t'))) {
+            let what =
+                if c == '\n' { "a line break".to_owned() } else { format!("the control character U+{:04X}", c as u32) };
+            self.wrong(key, at, format!("{what} cannot be in it"));
+            return None;
+        }
+        Some(text).filter(|t| !t.is_empty())
+    }
+
+    /// A list of texts; one text counts as a list of one.
+    pub(super) fn texts(&self, key: &'static str) -> Vec<String> {
+        let Some((at, value)) = self.get(key) else { return Vec::new() };
+        let DeValue::Array(list) = value.get_ref() else {
+            return self.as_text(key, at, value.get_ref(), false).into_iter().collect();
+        };
+        if list.len() > LIST_MAX {
+            self.wrong(key, at, format!("{} entries; {LIST_MAX} are possible", list.len()));
+            return Vec::new();
+        }
+        list.iter().filter_map(|v| self.as_text(key, v.span().start, v.get_ref(), false)).collect()
+    }
+
+    /// A finite number.
+    pub(super) fn number(&self, key: &'static str) -> Option<Found<f64>> {
+        let (at, value) = self.get(key)?;
+        let number = match value.get_ref() {
+            DeValue::Integer(n) => i64::from_str_radix(&n.as_str().replace('_', ""), n.radix()).ok().map(|n| n as f64),
+            DeValue::Float(n) => n.as_str().replace('_', "").parse::<f64>().ok().filter(|n| n.is_finite()),
+            other => {
+                self.wrong(key, at, format!("a number without quotation marks is wanted, not {}", kind(other)));
+                return None;
+            }
+        };
+        if number.is_none() {
+            self.wrong(key, at, "this is no number that can be used");
+        }
+        number.map(|value| Found { at, value })
+    }
+
+    /// A table in this one.
+    pub(super) fn table(&self, key: &'static str) -> Option<Table<'a, 'i>> {
+        let (at, value) = self.get(key)?;
+        if let DeValue::Table(table) = value.get_ref() {
+            return Some(Table::new(self.file, &self.field(key), at, table));
+        }
+        self.wrong(key, at, format!("write [{}] on a line of its own, and its fields below", self.field(key)));
+        None
+    }
+
+    /// Tables of the same name, `[[creators]]`; one table counts as a list of one.
+    pub(super) fn tables(&self, key: &'static str) -> Vec<Table<'a, 'i>> {
+        let Some((at, value)) = self.get(key) else { return Vec::new() };
+        let name = self.field(key);
+        let wanted = |at| self.wrong(key, at, format!("write [[{name}]] on a line of its own, and its fields below"));
+        match value.get_ref() {
+            DeValue::Table(table) => vec![Table::new(self.file, &name, at, table)],
+            DeValue::Array(list) if list.len() > LIST_MAX => {
+                self.wrong(key, at, format!("{} entries; {LIST_MAX} are possible", list.len()));
+                Vec::new()
+            }
+            DeValue::Array(list) => {
+                let table = |v: &'a Spanned<DeValue<'i>>| {
+                    let DeValue::Table(table) = v.get_ref() else {
+                        wanted(v.span().start);
+                        return None;
+                    };
+                    Some(Table::new(self.file, &name, v.span().start, table))
+                };
+                list.iter().filter_map(table).collect()
+            }
+            _ => {
+                wanted(at);
+                Vec::new()
+            }
+        }
+    }
+
+    /// Everything was asked for: name what nobody knows.
+    pub(super) fn finish(self) {
+        let known = self.known.borrow();
+        for (key, _) in self.entries {
+            let name = key.get_ref().as_ref();
+            if known.contains(&name) {
+                continue;
+            }
+            let hint = match nearest(name, known.iter().copied()) {
+                Some(near) => format!("did you mean \"{near}\"?"),
+                None => format!("{} has {}", self.place(), known.join(", ")),
+            };
+            self.wrong(name, key.span().start, format!("no field is called so; {hint}"));
+        }
+    }
+
+    fn place(&self) -> String {
+        if self.name.is_empty() { "the file".to_owned() } else { format!("[{}]", self.name) }
+    }
+}
+
+fn kind(value: &DeValue<'_>) -> &'static str {
+    match value {
+        DeValue::String(_) => "a text",
+        DeValue::Integer(_) | DeValue::Float(_) => "a number",
+        DeValue::Boolean(_) => "true or false",
+        DeValue::Datetime(_) => "a date",
+        DeValue::Array(_) => "a list",
+        DeValue::Table(_) => "a table",
+    }
+}
