@@ -129,7 +129,7 @@ mod tests {
         let to = work.path().join("cell.kilwa");
         redact(&from, &to, Place::Cell(10_000.0), "A cave").expect("redacts");
         let m = open_pack(&to).expect("a sound pack").metadata().clone();
-        let middle = [0, 1].map(|k| (m.bounds_min[k] + m.bounds_max[k]) / 2.0);
+        let middle = [0, 1].map(|k| f64::midpoint(m.bounds_min[k], m.bounds_max[k]));
         assert!((middle[0] - 525_000.0).abs() < 0.01 && (middle[1] - 9_015_000.0).abs() < 0.01, "{middle:?}");
         assert_eq!((m.crs.as_deref(), m.bounds_min[2]), (Some("EPSG:32737"), 0.0));
         let said =

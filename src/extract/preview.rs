@@ -92,7 +92,7 @@ mod tests {
         let length = u32::from_le_bytes(bytes[12..16].try_into().expect("four")) as usize;
         let json: serde_json::Value = serde_json::from_slice(&bytes[20..20 + length]).expect("JSON");
         let matrix = &json["nodes"][0]["matrix"];
-        assert_eq!([&matrix[12], &matrix[13], &matrix[14]].map(|x| x.as_f64()), [Some(0.0); 3], "{matrix}");
+        assert_eq!([&matrix[12], &matrix[13], &matrix[14]].map(serde_json::Value::as_f64), [Some(0.0); 3], "{matrix}");
         let place = json["extras"]["world_from_local_m"][0].as_f64().expect("a number");
         assert!((place - 524_005.0).abs() < 1.0, "{place}");
     }
