@@ -180,7 +180,7 @@ fn escape(text: &str) -> String {
 }
 
 /// 1234567 as `1 234 567`, with narrow no-break spaces.
-fn grouped(n: u64) -> String {
+pub(crate) fn grouped(n: u64) -> String {
     let digits = n.to_string();
     let mut s = String::new();
     for (i, c) in digits.chars().enumerate() {
@@ -192,7 +192,7 @@ fn grouped(n: u64) -> String {
     s
 }
 
-fn size(bytes: u64) -> String {
+pub(crate) fn size(bytes: u64) -> String {
     let b = bytes as f64;
     match bytes {
         0..1_000 => format!("{bytes} bytes"),
@@ -215,7 +215,7 @@ fn scale_of(metres: f64) -> (f64, &'static str, usize) {
     }
 }
 
-fn length(v: f64) -> String {
+pub(crate) fn length(v: f64) -> String {
     if !v.is_finite() {
         return "unknown".to_owned();
     }
@@ -224,7 +224,7 @@ fn length(v: f64) -> String {
 }
 
 /// Width, depth and height in one unit.
-fn size_in_space(e: [f64; 3]) -> String {
+pub(crate) fn size_in_space(e: [f64; 3]) -> String {
     if e.iter().any(|v| !v.is_finite()) {
         return "unknown".to_owned();
     }

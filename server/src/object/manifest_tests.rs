@@ -1,6 +1,6 @@
 use super::*;
 
-fn sample() -> Manifest {
+pub(crate) fn sample() -> Manifest {
     let sha256 = "ab".repeat(32);
     let version = |n: u32| Version {
         version: n,

@@ -11,11 +11,15 @@
 //! manifest is under a checksum. [`metadata`] is what a person writes about a model. Nothing here draws: pictures are handed over.
 //! Inputs are files that people and other programs wrote: every refusal says what, where and what to do.
 
+pub mod bag;
 pub mod checksums;
 pub mod date;
+pub mod draft;
 pub mod layout;
 pub mod manifest;
 pub mod metadata;
+pub mod page;
+pub mod record;
 pub mod rights;
 
 pub use checksums::{Checksum, Checksums};
