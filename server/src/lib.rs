@@ -10,6 +10,7 @@
 
 mod catalogue;
 mod html;
+pub mod index;
 pub mod object;
 mod packs;
 mod page;

@@ -1,0 +1,215 @@
+//! The catalogue's index: full text and facets over the metadata of a folder of objects, in SQLite.
+//!
+//! The folder is the truth and the index is derived: it can be deleted at any time. [`Index::refresh`] compares every object's
+//! manifest (size and time) with what was read last, so that a warm start reads nothing but directory entries. What cannot be opened
+//! as an index of this form (damaged, of another version, half written) is made anew from the folder; where no file can be written the index
+//! is held in memory. An object that cannot be read is kept in a list with the reason, so that nothing vanishes silently.
+//!
+//! One file per part: `schema` (opening and tables), `entry` (what is known of an object), `refresh` (folder to index), `search`.
+
+mod entry;
+mod refresh;
+mod schema;
+mod search;
+
+pub use entry::{Entry, SizeClass};
+pub use refresh::{Changes, Refused};
+pub use search::{Count, Facet, FacetCounts, Found, PER_PAGE_MAX, Query, Sort};
+
+use rusqlite::Connection;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use thiserror::Error;
+
+/// Readers kept open.
+const READERS: usize = 4;
+
+/// Why the index gives no answer.
+#[derive(Debug, Error)]
+pub enum IndexError {
+    /// SQLite says no.
+    #[error("the index cannot be used: {0}")]
+    Database(#[from] rusqlite::Error),
+    /// The folder of the objects cannot be listed.
+    #[error("cannot list {path}: {source}")]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+}
+
+impl IndexError {
+    /// Whether the file is damaged, so that making it anew helps.
+    fn is_damage(&self) -> bool {
+        use rusqlite::ErrorCode::{DatabaseCorrupt, NotADatabase};
+        matches!(self, Self::Database(e) if matches!(e.sqlite_error_code(), Some(DatabaseCorrupt | NotADatabase)))
+    }
+}
+
+/// The index of one folder of objects.
+pub struct Index {
+    folder: PathBuf,
+    /// Where it is; `None` in memory.
+    file: Option<PathBuf>,
+    writer: Mutex<Connection>,
+    /// Idle connections that only read; searches do not wait for each other nor for a refresh.
+    readers: Mutex<Vec<Connection>>,
+    refreshed: Mutex<Option<Instant>>,
+}
+
+impl Index {
+    /// The index of `folder` in `file` (made, or made anew, where it is not a sound one), or in memory. Says in the log why it had to be
+    /// made anew or goes to memory. Reads nothing of the folder yet: [`Index::refresh`].
+    ///
+    /// # Errors
+    /// When not even an index in memory can be had.
+    pub fn open(folder: &Path, file: Option<&Path>) -> Result<Self, IndexError> {
+        let opened = file.and_then(|file| match schema::open(file) {
+            Ok(connection) => Some((connection, file.to_owned())),
+            Err(e) => {
+                tracing::warn!("the index {} cannot be used ({e}); it is kept in memory", file.display());
+                None
+            }
+        });
+        let (writer, file) = match opened {
+            Some((connection, file)) => (connection, Some(file)),
+            None => (schema::in_memory()?, None),
+        };
+        let (readers, refreshed) = (Mutex::default(), Mutex::default());
+        Ok(Self { folder: folder.to_owned(), file, writer: Mutex::new(writer), readers, refreshed })
+    }
+
+    /// The folder of the objects.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Where the index is kept; `None` in memory.
+    pub fn file(&self) -> Option<&Path> {
+        self.file.as_deref()
+    }
+
+    /// Bring the index up to the folder, unless that was done less than `age` ago or is being done.
+    ///
+    /// # Errors
+    /// As [`Index::refresh`].
+    pub fn refresh_if_older(&self, age: Duration) -> Result<(), IndexError> {
+        {
+            let mut refreshed = self.refreshed.lock().unwrap_or_else(PoisonError::into_inner);
+            if refreshed.is_some_and(|at| at.elapsed() < age) {
+                return Ok(());
+            }
+            // Whoever comes meanwhile gets what is known so far.
+            *refreshed = Some(Instant::now());
+        }
+        self.refresh().map(drop)
+    }
+
+    /// Forget everything and read the whole folder.
+    ///
+    /// # Errors
+    /// As [`Index::refresh`].
+    pub fn rebuild(&self) -> Result<Changes, IndexError> {
+        self.start_anew()?;
+        self.refresh_once()
+    }
+
+    /// Bring the index up to the folder: what is new, changed, gone. An index found damaged is made anew first.
+    ///
+    /// # Errors
+    /// When the folder cannot be listed, or the index not written.
+    pub fn refresh(&self) -> Result<Changes, IndexError> {
+        match self.refresh_once() {
+            Err(e) if e.is_damage() => {
+                tracing::warn!("{e}; it is made anew from {}", self.folder.display());
+                self.rebuild()
+            }
+            other => other,
+        }
+    }
+
+    fn refresh_once(&self) -> Result<Changes, IndexError> {
+        let changes = refresh::refresh(&mut self.lock(), &self.folder)?;
+        *self.refreshed.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
+        Ok(changes)
+    }
+
+    /// An empty index in place of the one that is there.
+    fn start_anew(&self) -> Result<(), IndexError> {
+        let mut writer = self.lock();
+        self.readers.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        // The connection lets go of the file before the file goes.
+        *writer = schema::in_memory()?;
+        if let Some(file) = &self.file {
+            schema::remove(file);
+            *writer = schema::open(file)?;
+        }
+        Ok(())
+    }
+
+    /// What answers a query.
+    ///
+    /// # Errors
+    /// When the index is damaged beyond being made anew.
+    pub fn search(&self, query: &Query) -> Result<Found, IndexError> {
+        self.reading(|c| search::search(c, query))
+    }
+
+    /// One object.
+    ///
+    /// # Errors
+    /// As [`Index::search`].
+    pub fn entry(&self, slug: &str) -> Result<Option<Entry>, IndexError> {
+        self.reading(|c| search::entry(c, slug))
+    }
+
+    /// All objects in the order of their slugs, withdrawn ones too, `limit` after the slug `after`: for sitemap and harvesters.
+    ///
+    /// # Errors
+    /// As [`Index::search`].
+    pub fn after(&self, after: &str, limit: u32) -> Result<Vec<Entry>, IndexError> {
+        self.reading(|c| search::after(c, after, limit))
+    }
+
+    /// What could not be read, and why.
+    ///
+    /// # Errors
+    /// As [`Index::search`].
+    pub fn refused(&self) -> Result<Vec<Refused>, IndexError> {
+        self.reading(search::refused)
+    }
+
+    /// Do something with a connection that only reads; where the index proves damaged, make it anew and do it again.
+    fn reading<T>(&self, what: impl Fn(&Connection) -> Result<T, IndexError>) -> Result<T, IndexError> {
+        match self.read_once(&what) {
+            Err(e) if e.is_damage() => {
+                tracing::warn!("{e}; it is made anew from {}", self.folder.display());
+                self.rebuild()?;
+                self.read_once(&what)
+            }
+            other => other,
+        }
+    }
+
+    fn read_once<T>(&self, what: impl Fn(&Connection) -> Result<T, IndexError>) -> Result<T, IndexError> {
+        let Some(file) = &self.file else { return what(&self.lock()) };
+        let idle = self.readers.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let reader = match idle {
+            Some(reader) => reader,
+            None => schema::reader(file)?,
+        };
+        let result = what(&reader);
+        let mut readers = self.readers.lock().unwrap_or_else(PoisonError::into_inner);
+        if result.is_ok() && readers.len() < READERS {
+            readers.push(reader);
+        }
+        result
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Connection> {
+        self.writer.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,252 @@
+//! Questions to the index.
+//!
+//! Words are joined by "and", each may be the beginning of a longer one; within a facet values are joined by "or", facets by "and". The counts of a
+//! facet are those of the other filters, so that a person sees what choosing another value would give. What people type is never
+//! taken as SQL or as FTS5's own language: values are bound, words are quoted.
+
+use super::refresh::Refused;
+use super::{Entry, IndexError};
+use rusqlite::types::Value;
+use rusqlite::{Connection, OptionalExtension, params_from_iter};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
+
+/// Most results of one page.
+pub const PER_PAGE_MAX: u32 = 100;
+/// Words of a query that count; what is longer is no search.
+const WORDS_MAX: usize = 16;
+/// Values counted per facet: the most frequent ones.
+const VALUES_MAX: usize = 30;
+
+/// What results can be narrowed by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Facet {
+    /// Country, two letters.
+    Country = 0,
+    /// What it is.
+    Kind = 1,
+    /// Period or culture.
+    Period = 2,
+    /// Short name of the licence.
+    Licence = 3,
+    /// [`super::SizeClass`].
+    Size = 4,
+    /// Keyword.
+    Subject = 5,
+}
+
+impl Facet {
+    /// All of them, in the order of the page.
+    pub const ALL: [Self; 6] = [Self::Country, Self::Kind, Self::Period, Self::Licence, Self::Size, Self::Subject];
+
+    /// Its name in addresses.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Country => "country",
+            Self::Kind => "kind",
+            Self::Period => "period",
+            Self::Licence => "licence",
+            Self::Size => "size",
+            Self::Subject => "subject",
+        }
+    }
+
+    /// The facet of a name.
+    pub fn of(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|f| f.name() == name)
+    }
+}
+
+/// Order of results.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Sort {
+    /// Best match first; by title where no word is asked for.
+    #[default]
+    Relevance,
+    /// By title.
+    Title,
+    /// Latest version first.
+    Newest,
+    /// Most triangles first.
+    Largest,
+}
+
+/// A question.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Query {
+    /// Words.
+    pub text: String,
+    /// Chosen values.
+    pub facets: BTreeMap<Facet, BTreeSet<String>>,
+    /// Order.
+    pub sort: Sort,
+    /// Page, from 0.
+    pub page: u32,
+    /// Results of a page, at most [`PER_PAGE_MAX`].
+    pub per_page: u32,
+}
+
+/// How many results have a value.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Count {
+    /// The value.
+    pub value: String,
+    /// How many.
+    pub count: u64,
+}
+
+/// The counts of one facet, most frequent first.
+pub type FacetCounts = BTreeMap<Facet, Vec<Count>>;
+
+/// An answer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// How many there are in all.
+    pub total: u64,
+    /// Those of the page.
+    pub entries: Vec<Entry>,
+    /// Counts by facet.
+    pub facets: FacetCounts,
+}
+
+/// Letters that have no accents to lose but are written with plain ones too; `unicode61` leaves them as they are.
+pub(super) fn folded(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            'ß' | 'ẞ' => out.push_str("ss"),
+            'Æ' | 'æ' => out.push_str("ae"),
+            'Œ' | 'œ' => out.push_str("oe"),
+            'Ø' | 'ø' => out.push('o'),
+            'Ł' | 'ł' => out.push('l'),
+            'ı' => out.push('i'),
+            // Arabic: letters that writers interchange, and marks that they leave out.
+            'أ' | 'إ' | 'آ' => out.push('ا'),
+            'ى' => out.push('ي'),
+            'ة' => out.push('ه'),
+            'ـ' | '\u{64b}'..='\u{652}' => {}
+            // No mark that somebody types is the language of FTS5.
+            '\0' => out.push(' '),
+            _ => out.push(c),
+        }
+    }
+    out
+}
+
+/// The words of a query for FTS5: each quoted, each the beginning of a word.
+fn words(text: &str) -> Option<String> {
+    let folded = folded(text);
+    let words: Vec<String> = folded
+        .split(|c: char| !c.is_alphanumeric())
+        .filter(|w| !w.is_empty())
+        .take(WORDS_MAX)
+        .map(|w| format!("\"{w}\"*"))
+        .collect();
+    (!words.is_empty()).then(|| words.join(" "))
+}
+
+/// The condition of a query, without the facet `but`, and its values.
+fn condition(query: &Query, but: Option<Facet>) -> (String, Vec<Value>) {
+    let mut sql = "object.shown = 1".to_owned();
+    let mut values = Vec::new();
+    if let Some(words) = words(&query.text) {
+        sql.push_str(" AND object.id IN (SELECT rowid FROM text WHERE text MATCH ?)");
+        values.push(Value::Text(words));
+    }
+    for (facet, chosen) in query.facets.iter().filter(|(f, chosen)| Some(**f) != but && !chosen.is_empty()) {
+        let marks = vec!["?"; chosen.len()].join(",");
+        let of = "SELECT has.object FROM value JOIN has ON has.value = value.id";
+        let _ =
+            write!(sql, " AND object.id IN ({of} WHERE value.facet = {} AND value.value IN ({marks}))", *facet as i64);
+        values.extend(chosen.iter().cloned().map(Value::Text));
+    }
+    (sql, values)
+}
+
+pub(super) fn search(connection: &Connection, query: &Query) -> Result<Found, IndexError> {
+    let (sql, values) = condition(query, None);
+    let total: i64 = connection
+        .prepare_cached(&format!("SELECT count(*) FROM object WHERE {sql}"))?
+        .query_row(params_from_iter(&values), |row| row.get(0))?;
+    let entries = page(connection, query, &sql, values)?;
+    let mut facets = counts(connection, query, None)?;
+    for facet in query.facets.iter().filter(|(_, chosen)| !chosen.is_empty()).map(|(facet, _)| *facet) {
+        facets.insert(facet, counts(connection, query, Some(facet))?.remove(&facet).unwrap_or_default());
+    }
+    Ok(Found { total: total.try_into().unwrap_or_default(), entries, facets })
+}
+
+fn page(connection: &Connection, query: &Query, sql: &str, mut values: Vec<Value>) -> Result<Vec<Entry>, IndexError> {
+    let words = words(&query.text).filter(|_| query.sort == Sort::Relevance);
+    let title = "object.title COLLATE NOCASE, object.slug";
+    let (from, order) = match (query.sort, words) {
+        (Sort::Relevance, Some(words)) => {
+            values.insert(0, Value::Text(words));
+            // A word in the title says more than one in the description.
+            let ranks = "(SELECT rowid AS id, bm25(text, 10.0, 5.0, 4.0, 3.0, 1.0) AS rank FROM text WHERE text MATCH ?) AS ranked";
+            (format!("{ranks} JOIN object ON object.id = ranked.id"), format!("ranked.rank, {title}"))
+        }
+        (Sort::Newest, _) => ("object".to_owned(), format!("object.published DESC, {title}")),
+        (Sort::Largest, _) => ("object".to_owned(), format!("object.triangles DESC, {title}")),
+        (Sort::Relevance | Sort::Title, _) => ("object".to_owned(), title.to_owned()),
+    };
+    let limit = query.per_page.clamp(1, PER_PAGE_MAX);
+    values.push(Value::Integer(limit.into()));
+    values.push(Value::Integer(i64::from(query.page) * i64::from(limit)));
+    let sql = format!("SELECT object.json FROM {from} WHERE {sql} ORDER BY {order} LIMIT ? OFFSET ?");
+    let mut statement = connection.prepare_cached(&sql)?;
+    let rows = statement.query_map(params_from_iter(&values), |row| row.get::<_, String>(0))?;
+    rows.map(|json| parse(&json?)).collect()
+}
+
+/// How many results each value has: of all facets under all filters, or of `of` without its own filter, as if each were chosen alone.
+fn counts(connection: &Connection, query: &Query, of: Option<Facet>) -> Result<FacetCounts, IndexError> {
+    let (sql, values) = condition(query, of);
+    let only = of.map(|f| format!("WHERE value.facet = {}", f as i64)).unwrap_or_default();
+    let sql = format!(
+        "WITH matched (id) AS MATERIALIZED (SELECT object.id FROM object WHERE {sql}), \
+         counted (id, n) AS (SELECT has.value, count(*) FROM matched CROSS JOIN has ON has.object = matched.id GROUP BY has.value) \
+         SELECT value.facet, value.value, counted.n FROM counted JOIN value ON value.id = counted.id {only} \
+         ORDER BY value.facet, counted.n DESC, value.value"
+    );
+    let mut statement = connection.prepare_cached(&sql)?;
+    let mut rows = statement.query(params_from_iter(&values))?;
+    let mut facets: FacetCounts = Facet::ALL.into_iter().map(|f| (f, Vec::new())).collect();
+    while let Some(row) = rows.next()? {
+        let (number, count): (i64, i64) = (row.get(0)?, row.get(2)?);
+        let Some(facet) = Facet::ALL.into_iter().find(|f| *f as i64 == number) else { continue };
+        let counts = facets.entry(facet).or_default();
+        if counts.len() < VALUES_MAX {
+            counts.push(Count { value: row.get(1)?, count: count.try_into().unwrap_or_default() });
+        }
+    }
+    Ok(facets)
+}
+
+pub(super) fn entry(connection: &Connection, slug: &str) -> Result<Option<Entry>, IndexError> {
+    let mut statement = connection.prepare_cached("SELECT json FROM object WHERE slug = ?1")?;
+    let json: Option<String> = statement.query_row([slug], |row| row.get(0)).optional()?;
+    json.map(|json| parse(&json)).transpose()
+}
+
+pub(super) fn after(connection: &Connection, after: &str, limit: u32) -> Result<Vec<Entry>, IndexError> {
+    let mut statement = connection.prepare_cached("SELECT json FROM object WHERE slug > ?1 ORDER BY slug LIMIT ?2")?;
+    let rows = statement.query_map(rusqlite::params![after, limit], |row| row.get::<_, String>(0))?;
+    rows.map(|json| parse(&json?)).collect()
+}
+
+pub(super) fn refused(connection: &Connection) -> Result<Vec<Refused>, IndexError> {
+    let mut statement = connection.prepare_cached("SELECT slug, why FROM refused ORDER BY slug")?;
+    let rows = statement.query_map([], |row| Ok(Refused { slug: row.get(0)?, why: row.get(1)? }))?;
+    Ok(rows.collect::<Result<_, _>>()?)
+}
+
+/// An entry as it was stored; one that does not read back is damage of the file.
+fn parse(json: &str) -> Result<Entry, IndexError> {
+    serde_json::from_str(json).map_err(|e| {
+        let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
+        rusqlite::Error::SqliteFailure(code, Some(format!("an entry is damaged: {e}"))).into()
+    })
+}
