@@ -2,7 +2,8 @@
 //
 // The first answer fixes the length and the ETag of the file. Every later answer is compared with them, and its length
 // with what was asked for; checksums (in the decoder) catch the rest. A server that ignores Range is put up with where the
-// whole file is small, and refused with its size where it is not.
+// whole file is small: it is read once, front to back, and parts are given out as they come; the coarse levels lie in front. Where it is
+// large it is refused with its size, which the file itself tells where the server does not (docs/FORMAT.md, section 3).
 
 /** What the first request asks for: header, metadata, the first directory page and the coarsest chunks. */
 export const HEAD_BYTES = 65536;
@@ -27,7 +28,10 @@ export class Pack {
     this.url = url;
     this.etag = null;
     this.bytes = null;
-    this.whole = null; // Uint8Array of all of it, where the server does not know ranges
+    this.whole = null; // Uint8Array for all of it, where the server does not know ranges
+    this.arrived = 0; // how much of `whole` is there
+    this.reading = null; // settles when the reading of `whole` ends
+    this.waiting = new Set(); // who waits for more of it
     this.requests = 0;
     this.received = 0;
     this.onProgress = () => {};
@@ -37,7 +41,14 @@ export class Pack {
   async head(length = HEAD_BYTES, signal = undefined) {
     const response = await this.#ask(0, length, signal);
     if (response.status === 200) {
-      return (await this.#takeWhole(response, signal)).subarray(0, Math.max(length, HEAD_BYTES));
+      await this.#openWhole(response, signal);
+      const end = Math.min(Math.max(length, HEAD_BYTES), this.bytes);
+      const told = setInterval(() => this.onProgress(this.arrived, end), 100);
+      try {
+        return await this.#part(0, end, signal);
+      } finally {
+        clearInterval(told);
+      }
     }
     const range = contentRange(response);
     if (!range || range.from !== 0 || range.total === null) {
@@ -55,7 +66,8 @@ export class Pack {
   async range(offset, length, signal, { fresh = false, onPart = () => {} } = {}) {
     if (this.whole) {
       if (offset + length > this.whole.length) throw new PackError("truncated", "beyond the end of the file");
-      return this.whole.slice(offset, offset + length);
+      if (!this.reading && this.arrived < offset + length) this.#reopenWhole();
+      return this.#part(offset, length, signal);
     }
     const response = await this.#ask(offset, length, signal, fresh);
     const etag = response.headers.get("etag");
@@ -104,22 +116,131 @@ export class Pack {
     throw new PackError("server", says);
   }
 
-  async #takeWhole(response, signal) {
+  /** The server sends everything: find out how much that is, and begin to read it. */
+  async #openWhole(response, signal) {
+    const reader = response.body?.getReader();
+    const limit = WHOLE_LIMIT;
+    const refuse = async (bytes) => {
+      await reader?.cancel().catch(() => {});
+      throw new PackError("noRange", "the server ignores Range", { bytes });
+    };
     const header = response.headers.get("content-length");
-    const length = header === null ? NaN : Number(header);
-    if (!(length <= WHOLE_LIMIT)) {
-      await discard(response);
-      throw new PackError("noRange", "the server ignores Range", { bytes: length });
-    }
-    // What arrives is counted after decompression, what is announced before: only an end before the end is an error.
-    const encoded = response.headers.has("content-encoding");
-    const bytes = await read(response, encoded ? null : length, (n) => this.onProgress(n, length), WHOLE_LIMIT);
+    // What is announced counts compressed bytes, what arrives does not.
+    const announced = header === null || response.headers.has("content-encoding") ? NaN : Number(header);
+    if (header !== null && Number(header) > limit) await refuse(Number(header));
+    const first = await readLeast(reader, LENGTH_END);
     signal?.throwIfAborted();
-    this.whole = bytes;
-    this.bytes = bytes.length;
+    const said = saidLength(first);
+    // Something that is no pack: enough of it to say so.
+    const bytes = said ?? (announced <= limit ? announced : first.length);
+    if (bytes > limit) await refuse(bytes);
+    if (announced < bytes) {
+      await reader.cancel().catch(() => {});
+      throw new PackError("truncated", `${announced} of ${bytes} bytes are announced`);
+    }
     this.etag = response.headers.get("etag");
-    return bytes;
+    this.bytes = bytes;
+    this.whole = new Uint8Array(bytes);
+    this.#readOn(this.#readAll(reader, first));
   }
+
+  /** The reading broke off: once more from the front. What was there stays. */
+  #reopenWhole() {
+    const again = async () => {
+      const response = await this.#ask(0, this.bytes, undefined);
+      const etag = response.headers.get("etag");
+      if (this.etag && etag && etag !== this.etag) {
+        await discard(response);
+        throw new PackError("changed", "the ETag of the file changed");
+      }
+      const reader = response.body.getReader();
+      const first = await readLeast(reader, LENGTH_END);
+      if ((saidLength(first) ?? this.bytes) !== this.bytes) {
+        await reader.cancel().catch(() => {});
+        throw new PackError("changed", "the length of the file changed");
+      }
+      await this.#readAll(reader, first);
+    };
+    this.#readOn(again());
+  }
+
+  /** Read to the end, beginning with what was read already; those who wait are told after every part. */
+  async #readAll(reader, first) {
+    let at = 0;
+    for (let part = first; ; ) {
+      const fits = part.subarray(0, this.whole.length - at);
+      this.whole.set(fits, at);
+      at += fits.length;
+      this.arrived = Math.max(this.arrived, at);
+      for (const look of [...this.waiting]) look(null);
+      if (at === this.whole.length) break;
+      const { done, value } = await reader.read();
+      if (done) throw new PackError("truncated", `${at} of ${this.whole.length} bytes came`);
+      part = value;
+    }
+    await reader.cancel().catch(() => {});
+  }
+
+  /** While a reading is under way; at its end those who still wait are told what is the matter. */
+  #readOn(reading) {
+    const ended = (failure) => {
+      this.reading = null;
+      for (const look of [...this.waiting]) look(failure);
+    };
+    this.reading = reading.then(
+      () => ended(new PackError("truncated", "the answer ended")),
+      (error) => ended(error instanceof PackError ? error : new PackError("truncated", String(error.message ?? error))),
+    );
+  }
+
+  /** A part of `whole`, as soon as it is there. */
+  #part(offset, length, signal) {
+    return new Promise((resolve, reject) => {
+      const end = (settle, value) => {
+        this.waiting.delete(look);
+        signal?.removeEventListener("abort", abort);
+        settle(value);
+      };
+      const abort = () => end(reject, signal.reason);
+      const look = (failure) => {
+        if (this.arrived >= offset + length) end(resolve, this.whole.slice(offset, offset + length));
+        else if (failure) end(reject, failure);
+      };
+      if (signal?.aborted) return abort();
+      signal?.addEventListener("abort", abort);
+      this.waiting.add(look);
+      look(this.reading ? null : new PackError("truncated", `${this.arrived} of ${this.bytes} bytes came`));
+    });
+  }
+}
+
+/** Where the file's own length ends in its header, and what it begins with: the same in every version of the format. */
+const LENGTH_END = 72;
+const MAGIC = "KILWAPCK";
+
+/** The length that a pack says it has; null where these bytes begin none. */
+function saidLength(first) {
+  if (first.length < LENGTH_END || String.fromCharCode(...first.subarray(0, 8)) !== MAGIC) return null;
+  return Number(new DataView(first.buffer, first.byteOffset).getBigUint64(64, true));
+}
+
+/** The first bytes of an answer: `least` of them and what came along, or all of a shorter one. */
+async function readLeast(reader, least) {
+  let bytes = new Uint8Array();
+  try {
+    while (reader && bytes.length < least) {
+      const { done, value } = await reader.read();
+      if (done) break;
+      const joined = new Uint8Array(bytes.length + value.length);
+      joined.set(bytes);
+      joined.set(value, bytes.length);
+      bytes = joined;
+    }
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw new PackError("truncated", String(error.message ?? error));
+  }
+  return bytes;
 }
 
 /** `bytes 0-9/100` as numbers; `total` is null where it is `*`; null where there is none. */
@@ -134,23 +255,18 @@ async function discard(response) {
   await response.body?.cancel().catch(() => {});
 }
 
-/** All bytes of an answer, at most `limit`; fewer or more than `length` is an error. */
-async function read(response, length, onProgress, limit = length) {
+/** All bytes of an answer; fewer or more than `length` is an error. */
+async function read(response, length, onProgress) {
   const reader = response.body.getReader();
-  let into = new Uint8Array(length ?? 65536);
+  const into = new Uint8Array(length);
   let at = 0;
   try {
     for (;;) {
       const { done, value } = await reader.read();
       if (done) break;
-      if (at + value.length > into.length) {
-        if (length !== null || at + value.length > limit) {
-          await reader.cancel().catch(() => {});
-          throw new PackError("truncated", "more bytes came than were asked for");
-        }
-        const larger = new Uint8Array(Math.max(into.length * 2, at + value.length));
-        larger.set(into);
-        into = larger;
+      if (at + value.length > length) {
+        await reader.cancel().catch(() => {});
+        throw new PackError("truncated", "more bytes came than were asked for");
       }
       into.set(value, at);
       at += value.length;
@@ -160,6 +276,6 @@ async function read(response, length, onProgress, limit = length) {
     if (error.name === "AbortError" || error instanceof PackError) throw error;
     throw new PackError("truncated", String(error.message ?? error));
   }
-  if (length !== null && at < length) throw new PackError("truncated", `${at} of ${length} bytes came`);
-  return length === null ? into.slice(0, at) : into;
+  if (at < length) throw new PackError("truncated", `${at} of ${length} bytes came`);
+  return into;
 }

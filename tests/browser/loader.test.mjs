@@ -65,14 +65,74 @@ test("a server that ignores Range gives a small file whole, and nothing more is 
   assert.equal(asked, 1);
 });
 
-test("a server that ignores Range and has a large file, or none of a known length, is refused", async () => {
+/** What begins as a pack of so many bytes does. */
+function packOf(length) {
+  const file = Buffer.alloc(300_000, FILE);
+  file.write("KILWAPCK");
+  file.writeBigUInt64LE(BigInt(length), 64);
+  return file;
+}
+
+test("a server that ignores Range and has a large file is refused with its size, which the file tells where the server does not", async () => {
   behave = (_, response) => {
     response.writeHead(200, { "content-length": WHOLE_LIMIT + 1 });
     response.write("x");
   };
   await assert.rejects(new Pack(url).head(), (e) => kind("noRange")(e) && e.bytes === WHOLE_LIMIT + 1);
-  behave = (_, response) => response.writeHead(200).write("x");
-  await assert.rejects(new Pack(url).head(), kind("noRange"));
+  let closed;
+  behave = (_, response) => {
+    closed = new Promise((resolve) => response.on("close", resolve));
+    response.writeHead(200).write(packOf(5_000_000_000).subarray(0, 1000));
+  };
+  await assert.rejects(new Pack(url).head(), (e) => kind("noRange")(e) && e.bytes === 5_000_000_000);
+  await closed; // nothing more of it is downloaded
+});
+
+test("a server that answers in pieces of no announced length is read once, and parts are given out as they come", async () => {
+  const file = packOf(300_000);
+  let asked = 0;
+  let rest;
+  behave = (_, response) => {
+    asked += 1;
+    response.writeHead(200).write(file.subarray(0, 50));
+    setTimeout(() => response.write(file.subarray(50, 100_000)), 10);
+    rest = () => response.end(file.subarray(100_000));
+  };
+  const pack = new Pack(url);
+  assert.deepEqual(Buffer.from(await pack.head()), file.subarray(0, HEAD_BYTES));
+  assert.equal(pack.bytes, 300_000);
+  assert.deepEqual(Buffer.from(await pack.range(70_000, 1000)), file.subarray(70_000, 71_000));
+  const late = pack.range(250_000, 50_000);
+  const controller = new AbortController();
+  const given_up = pack.range(250_000, 10, controller.signal);
+  controller.abort();
+  await assert.rejects(given_up, { name: "AbortError" });
+  rest();
+  assert.deepEqual(Buffer.from(await late), file.subarray(250_000));
+  assert.equal(asked, 1);
+});
+
+test("a whole file that breaks off is asked for again, and a page instead of a pack is not read on for ever", async () => {
+  const file = packOf(300_000);
+  behave = (_, response) => {
+    response.writeHead(200).write(file.subarray(0, 100_000));
+    setTimeout(() => response.destroy(), 30);
+  };
+  const pack = new Pack(url);
+  await pack.head();
+  await assert.rejects(pack.range(200_000, 10), (e) => kind("truncated")(e) && isPassing(e));
+  behave = (_, response) => response.writeHead(503).end();
+  await assert.rejects(pack.range(200_000, 10), (e) => isPassing(e));
+  behave = (_, response) => response.writeHead(200).end(packOf(300_001));
+  await assert.rejects(pack.range(200_000, 10), kind("changed"));
+  behave = (_, response) => response.writeHead(200).end(file);
+  assert.deepEqual(Buffer.from(await pack.range(200_000, 10)), file.subarray(200_000, 200_010));
+  behave = (_, response) => {
+    response.writeHead(200, { "content-type": "text/html" }).write("<!doctype html>".padEnd(1000, " "));
+  };
+  assert.equal(Buffer.from(await new Pack(url).head()).subarray(0, 9).toString(), "<!doctype");
+  behave = (_, response) => response.writeHead(200, { "content-length": 1000 }).end(packOf(300_000).subarray(0, 1000));
+  await assert.rejects(new Pack(url).head(), kind("truncated"));
 });
 
 test("a file that changes between two requests is noticed by tag and by length", async () => {
@@ -140,7 +200,7 @@ test("a connection that breaks while an answer is being thrown away does not hid
   globalThis.fetch = async () => ({
     status: 200,
     headers: new Headers({ "content-length": "3000000000" }),
-    body: { cancel: () => Promise.reject(new TypeError("network error")) },
+    body: { getReader: () => ({ cancel: () => Promise.reject(new TypeError("network error")) }) },
   });
   try {
     await assert.rejects(new Pack(url).head(), kind("noRange"));

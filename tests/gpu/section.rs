@@ -3,6 +3,7 @@
 use super::*;
 use kilwa_viewer::pick::{Scope, nearest};
 use kilwa_viewer::section::{Clip, ClipBox, HalfSpace, box_faces};
+use kilwa_viewer::shell::native::Session;
 
 const SIZE: [u32; 2] = [96, 72];
 
@@ -120,6 +121,32 @@ fn picks_go_through_what_is_cut_away() {
         }
     }
     assert!(hits > 100 && through > 10, "{hits} hits, {through} of them behind what was cut away");
+}
+
+#[test]
+fn what_is_cut_away_wholly_is_not_loaded_and_the_picture_is_the_same() {
+    let raw = mesh(Shape::Wall, &SynthOptions::new(60_000)).expect("a wall");
+    let world = World::build(raw, 200);
+    let lattice = world.reader.header().lattice;
+    let center = lattice.steps_from_world(world.bounds.center());
+    let radius = world.bounds.radius() / lattice.step();
+    let view = world.view(&Camera::standard(StandardView::Iso, &world.bounds, SIZE), SIZE);
+    let view = View { target_pixels: 0.05, ..view };
+    let open = || Session::open(SliceSource(world.bytes.clone()), &world.gpu, Budgets::default()).expect("opens");
+    let mut saved = 0;
+    for (name, clip) in cuts(center, radius) {
+        let options = RenderOptions { clip, ..RenderOptions::default() };
+        let (image, cut) = open().render(&view, &options).expect("renders");
+        let mut session = open();
+        let step = session.settle(&view).expect("settles");
+        let whole = pollster::block_on(session.renderer().image(&view, &step.draw, &options)).expect("reads back");
+        assert!(image.pixels == whole.pixels, "{name}: another picture");
+        assert!(cut.target_reached && cut.bytes_wanted <= step.stats.bytes_wanted, "{name}");
+        assert!(cut.triangles_drawn <= step.stats.triangles_drawn, "{name}");
+        println!("{name}: {} of {} bytes", cut.bytes_wanted, step.stats.bytes_wanted);
+        saved += u32::from(cut.bytes_wanted * 10 < step.stats.bytes_wanted * 9);
+    }
+    assert!(saved >= 3, "{saved} of six cuts save a tenth of the bytes");
 }
 
 #[test]

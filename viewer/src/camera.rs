@@ -5,7 +5,7 @@
 
 use kilwa_geometry::Lattice;
 use kilwa_geometry::distance::{Vec3, cross, dot, sub};
-use kilwa_stream::{Projection, View};
+use kilwa_stream::{Clip, Projection, View};
 
 /// A box in world metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -306,7 +306,7 @@ impl Camera {
         }
     }
 
-    /// The view in lattice steps for a picture of `size` pixels, to be refined to `target_pixels`. `bounds` is the
+    /// The view in lattice steps for a picture of `size` pixels, to be refined to `target_pixels`, with nothing cut away. `bounds` is the
     /// model's box: parallel projection shows all of its depth.
     pub fn view(&self, lattice: &Lattice, bounds: &Bounds, size: [u32; 2], target_pixels: f64) -> View {
         let step = lattice.step();
@@ -324,7 +324,8 @@ impl Camera {
             let tan_half_height = libm::tan(self.field_of_view * 0.5);
             (anchor, Projection::Perspective { tan_half_height }, (self.distance * 1e-3 / step).max(1.0), f64::INFINITY)
         };
-        View { eye, right: self.right(), up: self.up(), forward, anchor, projection, size, near, far, target_pixels }
+        let (right, up, clip) = (self.right(), self.up(), Clip::default());
+        View { eye, right, up, forward, anchor, projection, size, near, far, target_pixels, clip }
     }
 }
 

@@ -111,6 +111,7 @@ mod tests {
             near: 10.0,
             far: 0.0,
             target_pixels: 1.0,
+            clip: kilwa_stream::Clip::default(),
         }
     }
 

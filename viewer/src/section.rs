@@ -1,62 +1,9 @@
-//! What is cut away: a plane and a box. Exact in f64 for picks; the shaders get the same half-spaces relative to their cell.
+//! What is cut away: a plane and a box. Exact in f64 for streaming and picks; the shaders get the same half-spaces relative to their
+//! cell.
 
 use kilwa_geometry::distance::{Vec3, dot};
 
-/// A half-space: the side of a plane that stays. `normal · p <= offset` is kept.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HalfSpace {
-    /// Unit normal, towards what is taken away.
-    pub normal: Vec3,
-    /// `normal · p` on the plane.
-    pub offset: f64,
-}
-
-impl HalfSpace {
-    /// How far inside of what stays a point lies; negative where it is taken away.
-    pub fn depth(&self, point: Vec3) -> f64 {
-        self.offset - dot(self.normal, point)
-    }
-}
-
-/// A box of six half-spaces.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ClipBox {
-    /// Its faces, opposite ones side by side.
-    pub faces: [HalfSpace; 6],
-    /// Take the inside away instead of the outside.
-    pub remove_inside: bool,
-}
-
-/// What is cut away: what the plane or the box takes away.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Clip {
-    /// One plane.
-    pub plane: Option<HalfSpace>,
-    /// One box.
-    pub bounds: Option<ClipBox>,
-}
-
-impl Clip {
-    /// Whether anything is cut.
-    pub fn is_on(&self) -> bool {
-        self.plane.is_some() || self.bounds.is_some()
-    }
-
-    /// How far inside of what stays a point lies; negative where it is taken away, infinite where nothing is cut.
-    pub fn depth(&self, point: Vec3) -> f64 {
-        let plane = self.plane.map_or(f64::INFINITY, |p| p.depth(point));
-        let inside = self.bounds.map_or(f64::INFINITY, |b| {
-            let inside = b.faces.iter().map(|f| f.depth(point)).fold(f64::INFINITY, f64::min);
-            if b.remove_inside { -inside } else { inside }
-        });
-        plane.min(inside)
-    }
-
-    /// Whether a point stays.
-    pub fn keeps(&self, point: Vec3) -> bool {
-        self.depth(point) >= 0.0
-    }
-}
+pub use kilwa_stream::clip::{Clip, ClipBox, HalfSpace};
 
 /// The faces of a box round `center` of `size`, turned clockwise about the vertical by `turn` radians.
 pub fn box_faces(center: Vec3, size: Vec3, turn: f64) -> [HalfSpace; 6] {

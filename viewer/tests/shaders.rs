@@ -95,6 +95,7 @@ fn uniforms_lie_in_memory_as_the_shaders_read_them() {
         near: 1.0,
         far: 10.0,
         target_pixels: 1.0,
+        clip: kilwa_stream::Clip::default(),
     };
     let frame = frame_uniform(&view, &RenderOptions::default(), TargetTraits::default());
     let draw = draw_uniform(1, 2, 3.0, NO_FADE);

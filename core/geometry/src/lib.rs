@@ -11,6 +11,7 @@ pub mod bounds;
 pub mod bvh;
 pub mod diamond;
 pub mod distance;
+pub mod hilbert;
 pub mod lattice;
 pub mod mesh;
 pub mod normal;

@@ -56,6 +56,7 @@ impl Pose {
             near,
             far: f64::INFINITY,
             target_pixels: 1.0,
+            clip: kilwa_stream::Clip::default(),
         }
     }
 }

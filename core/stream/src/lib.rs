@@ -15,6 +15,7 @@
 //! A failed request, a damaged chunk or page is retried for as long as the streamer lives, with exponential backoff
 //! and deterministic jitter.
 
+pub mod clip;
 pub mod command;
 mod draw;
 mod fetch;
@@ -26,6 +27,7 @@ pub mod sim;
 pub mod streamer;
 pub mod view;
 
+pub use clip::Clip;
 pub use command::{Budgets, Command, DrawPatch, Event, FetchKind, HEAD_REQUEST, RequestId, Stats, Step};
 pub use pace::Pace;
 pub use streamer::Streamer;

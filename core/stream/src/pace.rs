@@ -153,6 +153,7 @@ mod tests {
             near: 1.0,
             far: f64::INFINITY,
             target_pixels: 1.0,
+            clip: crate::Clip::default(),
         }
     }
 

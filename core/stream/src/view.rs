@@ -1,5 +1,6 @@
 //! Where the camera is, in lattice steps, and how many pixels an error takes up there.
 
+use crate::clip::Clip;
 use kilwa_geometry::Sphere;
 use kilwa_geometry::distance::{Vec3, dot, sub};
 
@@ -44,6 +45,8 @@ pub struct View {
     pub far: f64,
     /// The pixel error to refine to.
     pub target_pixels: f64,
+    /// What is cut away: a ball that lies in it wholly cannot be seen, and is not loaded.
+    pub clip: Clip,
 }
 
 impl View {
@@ -58,14 +61,14 @@ impl View {
         [dot(d, self.right), dot(d, self.up), dot(d, self.forward)]
     }
 
-    /// Whether a ball may touch the view volume (never wrongly `false`).
+    /// Whether a ball may touch what is seen: the view volume, without what is cut away (never wrongly `false`).
     pub fn may_see(&self, sphere: &Sphere) -> bool {
         if sphere.radius < 0.0 {
             return false;
         }
         let [x, y, z] = self.in_view(sphere.center);
         let r = sphere.radius * (1.0 + 1e-9);
-        if z + r < self.near {
+        if z + r < self.near || self.clip.removes(sphere) {
             return false;
         }
         match self.projection {
@@ -116,8 +119,12 @@ impl View {
         (cos_axis * cos_ball - sin_axis * sin_ball).max(corner)
     }
 
-    /// [`View::pixel_error`], weighted down where the ball cannot be seen: what decides what is loaded first.
+    /// [`View::pixel_error`], weighted down where the ball cannot be seen, and 0 where it is cut away: what decides what is loaded
+    /// first, or at all.
     pub fn priority(&self, sphere: &Sphere, error: f64) -> f64 {
+        if self.clip.removes(sphere) {
+            return 0.0;
+        }
         self.pixel_error(sphere, error) * if self.may_see(sphere) { 1.0 } else { OFF_SCREEN_WEIGHT }
     }
 }

@@ -31,6 +31,7 @@ fn look(eye: [f64; 3], at: [f64; 3]) -> View {
         near: 1.0,
         far: f64::INFINITY,
         target_pixels: 3.0,
+        clip: kilwa_stream::Clip::default(),
     }
 }
 

@@ -2,8 +2,9 @@
 
 mod support;
 
-use kilwa_stream::{Budgets, Event, Step, Streamer, View};
+use kilwa_stream::{Budgets, Clip, Command, Event, Step, Streamer, View};
 use proptest::prelude::*;
+use std::collections::BTreeSet;
 use support::{Faults, Pack, Random, World, random_view};
 
 fn budgets() -> impl Strategy<Value = Budgets> {
@@ -103,6 +104,57 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// `World` checks that every cut is valid, with sections that come and go; here: what a section takes away costs nothing.
+    #[test]
+    fn what_is_cut_away_is_neither_loaded_nor_shown(seed in any::<u64>(), splits in 50usize..300) {
+        let pack = Pack::random(seed, splits);
+        let mut random = Random(seed);
+        let mut cut = random_view(&mut random);
+        while !cut.clip.is_on() {
+            cut = random_view(&mut random);
+        }
+        let whole = View { clip: Clip::default(), ..cut };
+        let (of_cut, of_whole) = (rest(&pack, &cut), rest(&pack, &whole));
+        prop_assert!(of_cut.0.stats.target_reached);
+        prop_assert!(of_cut.1 <= of_whole.1, "{} bytes with the section, {} without", of_cut.1, of_whole.1);
+        for &chunk in &of_cut.2 {
+            let entry = &pack.entries[chunk as usize];
+            prop_assert!(entry.level <= 1 || !cut.clip.removes(&entry.sphere), "chunk {} was loaded", chunk);
+        }
+        // Of what is left, both show the same patches.
+        let drawn: BTreeSet<(u32, u32)> = of_cut.0.draw.iter().map(|d| (d.chunk, d.patch)).collect();
+        for patch in of_whole.0.draw.iter().filter(|d| d.visible) {
+            let spheres = [patch.chunk, patch.diamond].map(|i| pack.entries.get(i as usize).map(|e| e.sphere));
+            let is_left = !spheres.iter().flatten().any(|s| cut.clip.removes(s));
+            prop_assert!(!is_left || drawn.contains(&(patch.chunk, patch.patch)), "{:?} is missing", patch);
+        }
+    }
+}
+
+/// Everything that a view loads over a quiet network: the last step, bytes, chunks.
+fn rest(pack: &Pack, view: &View) -> (Step, u64, Vec<u32>) {
+    let mut streamer = Streamer::new(&pack.head, pack.head_bytes, Budgets::default());
+    let mut world = World::new(pack, 1, Budgets::default(), Faults { fail: 0, garble: 0 });
+    let mut decoded = Vec::new();
+    for now in (0..).step_by(10) {
+        let events = world.due(now);
+        let step = streamer.step(view, now as f64, events);
+        world.take(now, &step, &streamer);
+        decoded.extend(step.commands.iter().filter_map(|c| match c {
+            Command::Decode { chunk, .. } => Some(*chunk),
+            _ => None,
+        }));
+        if step.stats.settled && step.commands.is_empty() && world.is_quiet() {
+            let bytes = decoded.iter().map(|&c| u64::from(pack.entries[c as usize].encoded_bytes)).sum();
+            return (step, bytes, decoded);
+        }
+    }
+    unreachable!("the loop ends when nothing moves");
+}
+
 #[test]
 fn events_that_nobody_asked_for_change_nothing() {
     let pack = Pack::random(3, 50);
@@ -146,7 +198,7 @@ fn the_pixel_error_covers_every_displacement_that_can_be_seen() {
     let mut random = Random(42);
     let mut seen = 0;
     for _ in 0..20_000 {
-        let view = random_view(&mut random);
+        let view = View { clip: Clip::default(), ..random_view(&mut random) };
         let kilwa_stream::Projection::Perspective { tan_half_height } = view.projection else { continue };
         let center: [f64; 3] = std::array::from_fn(|_| random.unit() * 4096.0);
         let sphere = kilwa_geometry::Sphere { center, radius: random.unit() * 500.0 };

@@ -197,11 +197,12 @@ impl<S: Source> Session<S> {
         self.decoded.get(&index)
     }
 
-    /// Load what the view needs and draw it; pictures larger than the GPU's textures are drawn in tiles.
+    /// Load what the view needs, less what the options cut away, and draw it; pictures larger than the GPU's textures are drawn in tiles.
     ///
     /// # Errors
     /// [`SessionError`].
     pub fn render(&mut self, view: &View, options: &RenderOptions) -> Result<(Image, Stats), SessionError> {
+        let view = &View { clip: options.clip, ..*view };
         let step = self.settle(view)?;
         let [width, height] = view.size;
         // The map of a mode that looks at the neighbourhood is larger than the tile, on every side.

@@ -90,5 +90,6 @@ fn between(a: &View, b: &View, t: f64) -> View {
         far: number(a.far, b.far),
         target_pixels: number(a.target_pixels, b.target_pixels),
         size: a.size,
+        clip: b.clip,
     }
 }

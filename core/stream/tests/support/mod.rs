@@ -1,10 +1,12 @@
 //! Random packs (directories only) and a network that is slow, loses, garbles and reorders.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+use kilwa_geometry::distance::dot;
 use kilwa_geometry::{Aabb, DiamondKey, Lattice, Sphere, Tetra};
 use kilwa_pack::{
     Attributes, DirectoryEntry, ENTRIES_PER_PAGE, Head, Header, Metadata, NO_DIAMOND, PatchRange, directory,
 };
+use kilwa_stream::clip::{Clip, ClipBox, HalfSpace};
 use kilwa_stream::sim::Store;
 use kilwa_stream::{Budgets, Command, Event, FetchKind, Projection, Step, Streamer, View};
 use std::collections::{BTreeMap, BTreeSet};
@@ -256,6 +258,30 @@ pub(crate) fn random_view(random: &mut Random) -> View {
         near: 1.0,
         far: side * 4.0,
         target_pixels: 0.5 + random.unit() * 30.0,
+        clip: random_clip(random),
+    }
+}
+
+/// Nothing cut away, or a plane, or a box kept or taken away.
+fn random_clip(random: &mut Random) -> Clip {
+    let side = f64::from(1 << CUBE_LOG2);
+    let (a, h) = (random.unit() * 6.3, random.unit() * 2.0 - 1.0);
+    let r = libm::sqrt(1.0 - h * h);
+    let (sin, cos) = libm::sincos(a);
+    let normal = [r * cos, r * sin, h];
+    let at: [f64; 3] = std::array::from_fn(|_| random.unit() * side);
+    let plane = HalfSpace { normal, offset: dot(normal, at) };
+    let half = side * 0.5 * random.unit();
+    let faces = std::array::from_fn(|k| {
+        let sign = if k % 2 == 0 { -1.0 } else { 1.0 };
+        let normal = std::array::from_fn(|i| if i == k / 2 { sign } else { 0.0 });
+        HalfSpace { normal, offset: sign * at[k / 2] + half }
+    });
+    match random.below(4) {
+        0 => Clip { plane: Some(plane), bounds: None },
+        1 => Clip { plane: None, bounds: Some(ClipBox { faces, remove_inside: false }) },
+        2 => Clip { plane: Some(plane), bounds: Some(ClipBox { faces, remove_inside: true }) },
+        _ => Clip::default(),
     }
 }
 

@@ -221,7 +221,8 @@ impl Viewer {
     }
 
     fn view_of_size(&self, size: [u32; 2]) -> View {
-        self.camera.view(&self.streamer.header().lattice, &self.bounds, size, self.target_pixels)
+        let view = self.camera.view(&self.streamer.header().lattice, &self.bounds, size, self.target_pixels);
+        View { clip: self.options.clip, ..view }
     }
 
     /// Draw the cut on the canvas; returns whether levels are fading, which takes more frames. A surface that is outdated is configured
