@@ -1,18 +1,19 @@
 //! `kilwa serve`.
 
 use anyhow::Context;
-use kilwa_server::{Catalogue, Limits, Page, Site, app, listen};
+use kilwa_server::{Audience, Catalogue, Limits, Page, Policy, Site, app, listen};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
-/// Serve packs and the viewer page.
+/// Serve archive objects, packs and the viewer page.
 ///
-/// Lists the packs of a folder as pages that anyone with the address can look at, and streams them to the browser.
+/// Lists the models of a folder as pages that anyone with the address can look at, and streams them to the browser.
 /// Stops at Ctrl-C or SIGTERM.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// A folder with packs (`*.kilwa`), or one pack.
+    /// A folder with archive objects (`kilwa publish`) and packs (`*.kilwa`), or one of either.
     #[arg(value_name = "DIR")]
     path: PathBuf,
     /// Address and port to listen on; 0.0.0.0 makes it reachable from other machines, port 0 takes a free one.
@@ -21,42 +22,171 @@ pub(crate) struct Args {
     /// Take the viewer page from this folder (a built www/dist) instead of the one in this program.
     #[arg(long, value_name = "DIR")]
     www: Option<PathBuf>,
-    /// Connections at once; further ones wait.
-    #[arg(long, default_value_t = 1024, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    connections: u32,
+    #[command(flatten)]
+    pages: PageArgs,
+    #[command(flatten)]
+    limits: LimitArgs,
+    #[command(flatten)]
+    reports: ReportArgs,
 }
 
+#[derive(clap::Args)]
+#[command(next_help_heading = "Other sites")]
+struct PageArgs {
+    /// Sites that may show the pages in a frame: origins, `self`, `none` or `*` (default: self).
+    #[arg(long, value_name = "ORIGIN", num_args = 1.., value_delimiter = ' ')]
+    frame_ancestors: Vec<String>,
+    /// Origins whose pages may talk to an embedded viewer, beside its own; `*` for all.
+    #[arg(long, value_name = "ORIGIN", num_args = 1.., value_delimiter = ' ')]
+    origins: Vec<String>,
+    /// Other hosts that the viewer may fetch packs from.
+    #[arg(long, value_name = "ORIGIN", num_args = 1.., value_delimiter = ' ')]
+    pack_origins: Vec<String>,
+}
+
+#[derive(clap::Args)]
+#[command(next_help_heading = "Limits")]
+struct LimitArgs {
+    /// Connections at once; for further ones idle ones are closed, or they wait.
+    #[arg(long, default_value_t = 4096, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    connections: u32,
+    /// Connections at once from one address (an IPv6 /64); 0 for no limit. Further ones are answered 503.
+    #[arg(long, default_value_t = 256, value_name = "N")]
+    connections_per_address: u32,
+    /// Seconds that running transfers get to finish when it is told to stop.
+    #[arg(long, default_value_t = 5, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(0..=3600))]
+    shutdown: u64,
+}
+
+#[derive(clap::Args)]
+#[command(next_help_heading = "Reports")]
+struct ReportArgs {
+    /// Form of the log on standard error; RUST_LOG sets what is in it.
+    #[arg(long, value_enum, default_value_t = LogForm::Text, value_name = "FORM")]
+    log: LogForm,
+    /// A line in the log for every request, without its query.
+    #[arg(long)]
+    access_log: bool,
+    /// Who gets /metrics.
+    #[arg(long, value_enum, default_value_t = MetricsFor::Local, value_name = "WHOM")]
+    metrics: MetricsFor,
+    /// A proxy of yours is before it: the client is who X-Forwarded-For names last, and connections per address are not limited.
+    #[arg(long)]
+    behind_proxy: bool,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum LogForm {
+    /// A line for people.
+    Text,
+    /// One JSON object a line.
+    Json,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum MetricsFor {
+    /// This computer, and nobody through a proxy.
+    Local,
+    /// Everyone.
+    All,
+    /// Nobody.
+    None,
+}
+
+/// Threads that read files: enough for disks that are slow, few enough that a crowd costs no memory.
+const READERS: usize = 64;
+
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
-    // A second subscriber (in a test that serves twice) is no reason to fail.
-    drop(tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).try_init());
+    log(&args.reports);
+    let p = &args.pages;
+    let policy = Policy::new(&p.frame_ancestors, &p.origins, &p.pack_origins)?;
     let page = Page::load(args.www.as_deref())?;
-    let catalogue = Arc::new(Catalogue::open(&args.path)?);
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().context("cannot start threads")?;
-    runtime.block_on(async {
-        let listener = match tokio::net::TcpListener::bind(args.listen).await {
-            Err(e) if e.kind() == std::io::ErrorKind::AddrInUse => anyhow::bail!(
-                "{} is in use by another program; stop it or give another port, for example --listen {}:0",
-                args.listen,
-                args.listen.ip()
-            ),
-            bound => bound.with_context(|| format!("cannot listen on {}", args.listen))?,
-        };
-        let address = listener.local_addr()?;
-        let models = catalogue.models();
-        for model in &models {
-            if let Err(why) = &model.summary {
-                eprintln!("{}: {why}", model.file_name);
-            }
+    let mut site = Site::new(Catalogue::open(&args.path)?, page).with_policy(policy);
+    site.behind_proxy = args.reports.behind_proxy;
+    site.metrics_for = match args.reports.metrics {
+        MetricsFor::Local => Audience::Local,
+        MetricsFor::All => Audience::All,
+        MetricsFor::None => Audience::None,
+    };
+    let limits = limits(args);
+    let mut builder = tokio::runtime::Builder::new_multi_thread();
+    let runtime = builder.enable_all().max_blocking_threads(READERS).build().context("cannot start threads")?;
+    let served = runtime.block_on(serve(args.listen, site, limits));
+    // A file that is being read for its hash is no reason to stay.
+    runtime.shutdown_timeout(Duration::from_millis(200));
+    served
+}
+
+async fn serve(address: SocketAddr, site: Site, limits: Limits) -> anyhow::Result<()> {
+    let listener = match tokio::net::TcpListener::bind(address).await {
+        Err(e) if e.kind() == std::io::ErrorKind::AddrInUse => anyhow::bail!(
+            "{address} is in use by another program; stop it or give another port, for example --listen {}:0",
+            address.ip()
+        ),
+        bound => bound.with_context(|| format!("cannot listen on {address}"))?,
+    };
+    let address = listener.local_addr()?;
+    let models = site.catalogue.models();
+    for model in &models {
+        if let Err(why) = &model.summary {
+            eprintln!("{}: {why}", model.file_name);
         }
-        println!("Serving {} at http://{address}/ (Ctrl-C stops)", count(models.len()));
-        if let [model] = models.as_slice() {
-            println!("  {}: http://{address}/m/{}", model.title(), model.slug);
-        }
-        let limits = Limits { connections: args.connections as usize, ..Limits::default() };
-        listen(listener, app(Site { catalogue, page }), limits, stop()).await?;
-        Ok(())
-    })
+    }
+    println!("Serving {} at http://{address}/ (Ctrl-C stops)", count(models.len()));
+    if let [model] = models.as_slice() {
+        println!("  {}: http://{address}{}", model.title(), model.page());
+    }
+    let metrics = Arc::clone(&site.metrics);
+    listen(listener, app(site), metrics, limits, stop()).await?;
+    Ok(())
+}
+
+fn log(args: &ReportArgs) {
+    let usual = if args.access_log { "warn,kilwa::access=info" } else { "warn" };
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| usual.into());
+    let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // A second subscriber (in a test that serves twice) is no reason to fail.
+    drop(match args.log {
+        LogForm::Text => subscriber.try_init(),
+        LogForm::Json => subscriber.json().flatten_event(true).try_init(),
+    });
+}
+
+/// What was asked for, or fewer connections where the system does not let a process have so many files.
+fn limits(args: &Args) -> Limits {
+    let LimitArgs { connections, connections_per_address, shutdown } = args.limits;
+    let per_address = if args.reports.behind_proxy { 0 } else { connections_per_address as usize };
+    let mut limits = Limits {
+        connections: connections as usize,
+        per_address,
+        shutdown: Duration::from_secs(shutdown),
+        ..Limits::default()
+    };
+    // A connection and the file that it sends, and some for the program itself.
+    let wanted = u64::from(connections) * 2 + 128;
+    if let Some(files) = files_at_most(wanted).filter(|files| *files < wanted) {
+        limits.connections = usize::try_from(files.saturating_sub(128) / 2).unwrap_or(usize::MAX).max(1);
+        tracing::warn!(
+            "the system allows {files} open files, so {} connections at once instead of {connections}; \
+             raise the limit to {wanted} (ulimit -n, or LimitNOFILE= of systemd)",
+            limits.connections
+        );
+    }
+    limits
+}
+
+/// Raise the limit of open files as far as needed and allowed; what it is then.
+#[cfg(unix)]
+fn files_at_most(wanted: u64) -> Option<u64> {
+    use nix::sys::resource::{Resource, getrlimit, setrlimit};
+    let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE).ok()?;
+    let raised = wanted.min(hard);
+    if soft < raised && setrlimit(Resource::RLIMIT_NOFILE, raised, hard).is_ok() { Some(raised) } else { Some(soft) }
+}
+
+#[cfg(not(unix))]
+fn files_at_most(_wanted: u64) -> Option<u64> {
+    None
 }
 
 fn count(models: usize) -> String {

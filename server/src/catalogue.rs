@@ -1,9 +1,13 @@
-//! What there is to serve: the packs of one folder (or one pack), by slug.
+//! What there is to serve: the packs and archive objects of one folder (or one of either), by slug.
 //!
 //! The folder is the truth. It is listed again when somebody looks at the list or asks for a slug that is not known, at
-//! most once a second; a pack whose size, time or identity changed is read anew. A file that cannot be read as a pack
-//! stays in the list with the reason, so that nothing vanishes silently.
+//! most once a second, and seldom enough that listing takes a small part of the time; what changed in size, time or identity is read anew.
+//! What cannot be read stays in the list with the reason, so that nothing vanishes silently.
 
+use crate::access::{Clock, Verdict, verdict};
+use crate::holding::Holding;
+use crate::object::layout::{MANIFEST, RESERVED};
+use crate::object::manifest::{Access, AccessState};
 use kilwa_pack::{HEADER_BYTES, Header, Metadata};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -16,6 +20,8 @@ use tokio::sync::OnceCell;
 
 /// The folder is not listed more often than this.
 const RELIST: Duration = Duration::from_secs(1);
+/// Nor for more than one part in so many of the time.
+const LISTING_SHARE: u32 = 20;
 
 /// Why a folder cannot be served.
 #[derive(Debug, Error)]
@@ -54,6 +60,10 @@ pub(crate) struct Identity {
 }
 
 impl Identity {
+    pub(crate) fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
     pub(crate) fn of(metadata: &std::fs::Metadata) -> Self {
         #[cfg(unix)]
         let file = {
@@ -66,28 +76,84 @@ impl Identity {
     }
 }
 
-/// One pack of the folder.
+/// One pack or object of the folder.
 #[derive(Debug)]
 pub struct Model {
     /// Its name in URLs: lower-case letters, digits and hyphens.
     pub slug: String,
-    /// File name without the folder.
+    /// Name of its file or folder, without the folder that it is in.
     pub file_name: String,
-    /// Bytes of the file.
+    /// Bytes of the pack.
     pub bytes: u64,
-    /// What it says of itself, or why it cannot be read.
+    /// What the pack says of itself, or why it cannot be read.
     pub summary: Result<Summary, String>,
     pub(crate) path: PathBuf,
     pub(crate) identity: Identity,
+    pub(crate) kind: Kind,
     hash: OnceCell<Arc<str>>,
+}
+
+/// What a model lies in.
+#[derive(Debug)]
+pub(crate) enum Kind {
+    /// A pack, with published notes beside it where there are any.
+    Pack { notes: Option<PathBuf> },
+    /// An archive object.
+    Object(Object),
+}
+
+/// What the list shows of an object.
+#[derive(Debug)]
+pub(crate) struct Object {
+    pub(crate) holding: Arc<Holding>,
+    pub(crate) title: String,
+    pub(crate) rights: Option<String>,
+    pub(crate) access: Option<Access>,
+    /// Address of the current pack inside the object.
+    pub(crate) pack: Option<String>,
+}
+
+impl Object {
+    /// Why it was withdrawn, if it was.
+    pub(crate) fn withdrawn(&self) -> Option<&str> {
+        let access = self.access.as_ref().filter(|access| access.state == AccessState::Withdrawn)?;
+        Some(access.reason.as_deref().unwrap_or_default())
+    }
 }
 
 impl Model {
     /// The title, or the file name where there is none.
     pub fn title(&self) -> &str {
-        match &self.summary {
-            Ok(s) if !s.metadata.title.trim().is_empty() => &s.metadata.title,
+        match (&self.kind, &self.summary) {
+            (Kind::Object(object), _) if !object.title.is_empty() => &object.title,
+            (_, Ok(s)) if !s.metadata.title.trim().is_empty() => &s.metadata.title,
             _ => &self.file_name,
+        }
+    }
+
+    /// Who may have it now.
+    pub(crate) fn verdict(&self, clock: &Clock) -> Verdict {
+        let access = self.object().and_then(|object| object.access.as_ref());
+        access.map_or(Verdict::Open, |access| verdict(access, clock))
+    }
+
+    pub(crate) fn object(&self) -> Option<&Object> {
+        match &self.kind {
+            Kind::Object(object) => Some(object),
+            Kind::Pack { .. } => None,
+        }
+    }
+
+    /// Address of its page, from the root of the site.
+    pub fn page(&self) -> String {
+        if self.object().is_some() { format!("/{}/", self.slug) } else { format!("/m/{}", self.slug) }
+    }
+
+    /// Address of its pack, where there is one.
+    pub(crate) fn pack(&self) -> Option<String> {
+        match &self.kind {
+            Kind::Object(object) => Some(format!("/{}/{}", self.slug, object.pack.as_deref()?)),
+            Kind::Pack { .. } => Some(format!("/packs/{}.kilwa", self.slug)),
         }
     }
 
@@ -121,27 +187,36 @@ fn hash_file(path: &Path, identity: Identity) -> std::io::Result<Arc<str>> {
     Ok(hasher.finalize().to_hex().as_str().into())
 }
 
-/// The packs by slug.
+/// The models by slug.
 pub struct Catalogue {
     root: PathBuf,
     single: bool,
     models: RwLock<BTreeMap<String, Arc<Model>>>,
-    listed: Mutex<Instant>,
+    listed: Mutex<Listed>,
+}
+
+/// When the folder was last listed, and how long that took.
+struct Listed {
+    at: Instant,
+    took: Duration,
 }
 
 impl Catalogue {
-    /// List a folder, or take one pack.
+    /// List a folder of packs and objects, or take one of either.
     ///
     /// # Errors
     /// [`CatalogueError`] when there is nothing readable of that name, or it is a file of another kind.
     pub fn open(path: &Path) -> Result<Self, CatalogueError> {
         let unreadable = |source| CatalogueError::Unreadable { path: path.to_owned(), source };
-        let single = !std::fs::metadata(path).map_err(unreadable)?.is_dir();
-        if single && !is_pack(path) {
+        let is_file = !std::fs::metadata(path).map_err(unreadable)?.is_dir();
+        if is_file && !is_pack(path) {
             return Err(CatalogueError::NotAPack { path: path.to_owned() });
         }
-        let catalogue =
-            Self { root: path.to_owned(), single, models: RwLock::default(), listed: Mutex::new(Instant::now()) };
+        // A name, for what is given as `.`; and a working directory that changes later changes nothing.
+        let root = path.canonicalize().map_err(unreadable)?;
+        let single = is_file || root.join(MANIFEST).is_file();
+        let listed = Mutex::new(Listed { at: Instant::now(), took: Duration::ZERO });
+        let catalogue = Self { root, single, models: RwLock::default(), listed };
         catalogue.list().map_err(unreadable)?;
         Ok(catalogue)
     }
@@ -150,6 +225,11 @@ impl Catalogue {
     pub fn models(&self) -> Vec<Arc<Model>> {
         self.relist();
         self.models.read().unwrap_or_else(PoisonError::into_inner).values().cloned().collect()
+    }
+
+    /// How many models there were when the folder was last listed.
+    pub(crate) fn count(&self) -> usize {
+        self.models.read().unwrap_or_else(PoisonError::into_inner).len()
     }
 
     /// The model of a slug. Blocks on the file system when the slug is not known.
@@ -161,50 +241,137 @@ impl Catalogue {
         })
     }
 
-    /// Read the folder now: a pack was seen to differ from what was listed.
+    /// Whether the folder can be read now.
+    ///
+    /// # Errors
+    /// The system's reason why not.
+    pub(crate) fn check(&self) -> std::io::Result<()> {
+        if self.root.is_dir() { std::fs::read_dir(&self.root).map(drop) } else { File::open(&self.root).map(drop) }
+    }
+
+    /// Read the folder now: something was seen to differ from what was listed.
     pub(crate) fn list(&self) -> std::io::Result<()> {
-        let mut files: Vec<PathBuf> = if self.single {
+        let began = Instant::now();
+        let mut paths: Vec<PathBuf> = if self.single {
             vec![self.root.clone()]
         } else {
-            std::fs::read_dir(&self.root)?
-                .filter_map(|e| e.ok().map(|e| e.path()))
-                .filter(|p| is_pack(p) && p.is_file())
-                .collect()
+            std::fs::read_dir(&self.root)?.filter_map(|e| e.ok().map(|e| e.path())).filter(|p| is_shown(p)).collect()
         };
-        files.sort();
+        paths.sort();
         let before = self.models.read().unwrap_or_else(PoisonError::into_inner).clone();
         let mut models = BTreeMap::new();
-        for path in files {
-            let Ok(metadata) = std::fs::metadata(&path) else { continue };
-            let identity = Identity::of(&metadata);
+        // Objects first: their slugs are the names of their folders, which other places cite.
+        let (objects, packs): (Vec<_>, Vec<_>) = paths.into_iter().partition(|p| !is_pack(p) || p.is_dir());
+        for path in objects {
+            let Ok(metadata) = std::fs::metadata(path.join(MANIFEST)) else { continue };
             let slug = free_slug(&path, &models);
-            let model = match before.get(&slug) {
-                Some(m) if m.path == path && m.identity == identity => Arc::clone(m),
-                _ => Arc::new(Model {
-                    file_name: path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
-                    bytes: metadata.len(),
-                    summary: summarise(&path),
-                    hash: OnceCell::new(),
-                    slug: slug.clone(),
-                    path,
-                    identity,
-                }),
-            };
+            let model =
+                listed_before(&before, &slug, &path, &metadata).unwrap_or_else(|| object_of(&path, &slug, &metadata));
+            models.insert(slug, model);
+        }
+        for path in packs {
+            let Ok(metadata) = std::fs::metadata(&path) else { continue };
+            let slug = free_slug(&path, &models);
+            let model =
+                listed_before(&before, &slug, &path, &metadata).unwrap_or_else(|| pack_of(&path, &slug, &metadata));
             models.insert(slug, model);
         }
         *self.models.write().unwrap_or_else(PoisonError::into_inner) = models;
+        *self.listed.lock().unwrap_or_else(PoisonError::into_inner) =
+            Listed { at: Instant::now(), took: began.elapsed() };
         Ok(())
     }
 
     fn relist(&self) {
-        let mut listed = self.listed.lock().unwrap_or_else(PoisonError::into_inner);
-        if listed.elapsed() >= RELIST {
-            if let Err(e) = self.list() {
-                tracing::warn!("cannot list {}: {e}", self.root.display());
+        let due = {
+            let mut listed = self.listed.lock().unwrap_or_else(PoisonError::into_inner);
+            let due = listed.at.elapsed() >= RELIST.max(listed.took * LISTING_SHARE);
+            if due {
+                // Others who ask meanwhile take what there is.
+                listed.at = Instant::now();
             }
-            *listed = Instant::now();
+            due
+        };
+        if due && let Err(e) = self.list() {
+            tracing::warn!("cannot list {}: {e}", self.root.display());
         }
     }
+}
+
+/// A pack, or a folder with a manifest; nothing hidden, such as what is being written.
+fn is_shown(path: &Path) -> bool {
+    let hidden = path.file_name().is_none_or(|n| n.to_string_lossy().starts_with('.'));
+    !hidden && (is_pack(path) && path.is_file() || path.join(MANIFEST).is_file())
+}
+
+/// The model as it was listed before, if nothing of it changed.
+fn listed_before(
+    before: &BTreeMap<String, Arc<Model>>,
+    slug: &str,
+    path: &Path,
+    metadata: &std::fs::Metadata,
+) -> Option<Arc<Model>> {
+    let model = before.get(slug)?;
+    let same_notes = match &model.kind {
+        Kind::Pack { notes } => *notes == notes_of(path),
+        Kind::Object(_) => true,
+    };
+    (same_notes && model.path == path && model.identity == Identity::of(metadata)).then(|| Arc::clone(model))
+}
+
+fn pack_of(path: &Path, slug: &str, metadata: &std::fs::Metadata) -> Arc<Model> {
+    Arc::new(Model {
+        file_name: name_of(path),
+        bytes: metadata.len(),
+        summary: summarise(path),
+        hash: OnceCell::new(),
+        slug: slug.to_owned(),
+        path: path.to_owned(),
+        identity: Identity::of(metadata),
+        kind: Kind::Pack { notes: notes_of(path) },
+    })
+}
+
+/// `NAME.annotations.json` beside `NAME.kilwa`.
+fn notes_of(pack: &Path) -> Option<PathBuf> {
+    let notes = pack.with_extension("annotations.json");
+    notes.is_file().then_some(notes)
+}
+
+fn object_of(path: &Path, slug: &str, metadata: &std::fs::Metadata) -> Arc<Model> {
+    let holding = Arc::new(Holding::new(path.to_owned()));
+    let mut object = Object { holding, title: String::new(), rights: None, access: None, pack: None };
+    let (mut bytes, mut summary) = (0, Err("it was withdrawn".to_owned()));
+    match object.holding.table() {
+        Err(e) => summary = Err(format!("cannot be read as an archive object: {e}; run kilwa verify on it")),
+        Ok(table) => {
+            let manifest = &table.manifest;
+            object.title.clone_from(&manifest.title);
+            object.rights = Some(manifest.rights.short.clone());
+            object.access = Some(manifest.access.clone());
+            if let Some(version) = manifest.current().filter(|_| object.withdrawn().is_none()) {
+                let (name, entry) = (&version.pack.url, table.get(&version.pack.url));
+                let missing = || format!("{name}, which its manifest names, is not there; run kilwa verify on it");
+                summary = entry.ok_or_else(missing).and_then(|entry| summarise(entry.path()));
+                bytes = version.pack.bytes;
+                object.pack = entry.map(|_| name.clone());
+            }
+        }
+    }
+    Arc::new(Model {
+        file_name: name_of(path),
+        bytes,
+        summary,
+        hash: OnceCell::new(),
+        slug: slug.to_owned(),
+        path: path.to_owned(),
+        identity: Identity::of(metadata),
+        kind: Kind::Object(object),
+    })
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
 fn is_pack(path: &Path) -> bool {
@@ -239,7 +406,8 @@ fn summarise(path: &Path) -> Result<Summary, String> {
 
 /// The file's stem in lower-case letters, digits and single hyphens, with a number where that is taken.
 fn free_slug(path: &Path, taken: &BTreeMap<String, Arc<Model>>) -> String {
-    let stem = path.file_stem().map(|s| s.to_string_lossy().to_lowercase()).unwrap_or_default();
+    let name = if is_pack(path) { path.file_stem() } else { path.file_name() };
+    let stem = name.map(|s| s.to_string_lossy().to_lowercase()).unwrap_or_default();
     let mut slug = String::new();
     for c in stem.chars() {
         if c.is_ascii_alphanumeric() {
@@ -252,7 +420,7 @@ fn free_slug(path: &Path, taken: &BTreeMap<String, Arc<Model>>) -> String {
         "" => "model",
         s => s,
     };
-    if !taken.contains_key(slug) {
+    if !taken.contains_key(slug) && !RESERVED.contains(&slug) {
         return slug.to_owned();
     }
     // One of the first taken.len() + 1 numbers is free.

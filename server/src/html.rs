@@ -3,7 +3,8 @@
 //! Everything from a pack is escaped. The pages work without JavaScript: the list is a list of links, and a model's
 //! page holds its facts and the download in plain HTML.
 
-use crate::catalogue::{Model, Summary};
+use crate::access::{Clock, Verdict};
+use crate::catalogue::{Kind, Model, Summary};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -15,7 +16,7 @@ const HEAD: &str = "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\
     <link rel=\"stylesheet\" href=\"/viewer/style.css\">\n";
 
 /// The list of models.
-pub(crate) fn list(models: &[Arc<Model>]) -> String {
+pub(crate) fn list(models: &[Arc<Model>], clock: &Clock) -> String {
     let mut s = String::from(HEAD);
     s.push_str("<title>Models - Kilwa</title>\n</head>\n<body class=\"list\">\n");
     s.push_str("<header class=\"site\"><a class=\"brand\" href=\"/\"><img src=\"/viewer/icons/kilwa.svg\" alt=\"\" width=\"28\" height=\"28\"> Kilwa</a></header>\n<main>\n<h1>Models</h1>\n");
@@ -36,7 +37,7 @@ pub(crate) fn list(models: &[Arc<Model>]) -> String {
             size(bytes)
         );
         for m in models {
-            card(&mut s, m);
+            card(&mut s, m, clock);
         }
         s.push_str("</ul>\n");
     }
@@ -44,12 +45,22 @@ pub(crate) fn list(models: &[Arc<Model>]) -> String {
     s
 }
 
-fn card(s: &mut String, m: &Model) {
-    let (title, slug) = (escape(m.title()), &m.slug);
+fn card(s: &mut String, m: &Model, clock: &Clock) {
+    let title = escape(m.title());
+    let verdict = m.verdict(clock);
+    if let Verdict::Gone(why) = &verdict {
+        let _ = writeln!(
+            s,
+            "<li class=\"card broken\">\n<h2><a href=\"{}\">{title}</a></h2>\n<p><strong>Withdrawn.</strong> {}</p>\n</li>",
+            m.page(),
+            escape(why)
+        );
+        return;
+    }
     match &m.summary {
         Ok(summary) => {
             let _ = write!(s, "<li class=\"card\">\n{}", extent(summary));
-            let _ = write!(s, "<h2><a href=\"/m/{slug}\">{title}</a></h2>\n{}", facts(m, summary));
+            let _ = write!(s, "<h2><a href=\"{}\">{title}</a></h2>\n{}", m.page(), facts(m, summary));
         }
         Err(why) => {
             let _ = write!(
@@ -59,11 +70,17 @@ fn card(s: &mut String, m: &Model) {
             );
         }
     }
-    let _ = writeln!(
-        s,
-        "<p class=\"actions\"><a href=\"/packs/{slug}.kilwa\" download>Download pack<span class=\"hidden\"> of {title}</span></a> <span>{}</span></p>\n</li>",
-        size(m.bytes)
-    );
+    if let Verdict::WithoutGeometry(why) = &verdict {
+        let _ = writeln!(s, "<p><strong>The model itself is not public.</strong> {}</p>", escape(why));
+    } else if let Some(pack) = m.pack() {
+        let _ = writeln!(
+            s,
+            "<p class=\"actions\"><a href=\"{}\" download>Download pack<span class=\"hidden\"> of {title}</span></a> <span>{}</span></p>",
+            escape(&pack),
+            size(m.bytes)
+        );
+    }
+    s.push_str("</li>\n");
 }
 
 fn facts(m: &Model, summary: &Summary) -> String {
@@ -78,7 +95,7 @@ fn facts(m: &Model, summary: &Summary) -> String {
     row("Finest spacing", &length(d.median_edge));
     row("File", &size(m.bytes));
     row("Reference system", &d.crs.as_deref().map_or_else(|| "local".to_owned(), escape));
-    row("Licence", "not stated");
+    row("Licence", &m.object().and_then(|o| o.rights.as_deref()).map_or_else(|| "not stated".to_owned(), escape));
     s.push_str("</dl>\n");
     s
 }
@@ -120,9 +137,15 @@ fn extent(summary: &Summary) -> String {
     )
 }
 
-/// The viewer page for one model: title, pack address and facts put into the built `index.html`.
-pub(crate) fn model(page: &str, m: &Model) -> String {
+/// The viewer page for one model: title, addresses of pack and published notes, and facts put into the built `index.html`.
+pub(crate) fn model(page: &str, m: &Model, notes: bool) -> String {
     let title = escape(m.title());
+    let pack = escape(&m.pack().unwrap_or_default());
+    let notes = match (&m.kind, notes) {
+        (_, false) => String::new(),
+        (Kind::Pack { .. }, true) => format!(" data-annotations=\"/packs/{}.annotations.json\"", m.slug),
+        (Kind::Object(_), true) => format!(" data-annotations=\"/{}/annotations.json\"", m.slug),
+    };
     let body = match &m.summary {
         Ok(summary) => facts(m, summary),
         Err(why) => format!("<p><strong>This file cannot be shown.</strong> {}</p>\n", escape(why)),
@@ -130,9 +153,27 @@ pub(crate) fn model(page: &str, m: &Model) -> String {
     page.replacen("<base href=\"./\">", "<base href=\"/viewer/\">", 1)
         .replacen("<title>Kilwa</title>", &format!("<title>{title} - Kilwa</title>"), 1)
         .replacen("<!--title-->", &title, 1)
-        .replacen("data-pack=\"\"", &format!("data-pack=\"/packs/{}.kilwa\"", m.slug), 1)
+        .replacen("data-pack=\"\"", &format!("data-pack=\"{pack}\"{notes}"), 1)
         .replacen("data-list=\"\"", "data-list=\"/\"", 1)
         .replacen("<!--facts-->", &body, 1)
+}
+
+/// An object's own landing page, with the way back to the list and the policy's part of the head.
+pub(crate) fn landing(page: &str, head: &str) -> String {
+    page.replacen("<head>", &format!("<head>\n{head}"), usize::from(!head.is_empty())).replacen(
+        "data-list=\"\"",
+        "data-list=\"/\"",
+        1,
+    )
+}
+
+/// What is left of something that was withdrawn and has no tombstone of its own.
+pub(crate) fn gone(title: &str, why: &str) -> String {
+    let (title, why) = (escape(title), escape(why));
+    format!(
+        "{HEAD}<title>{title} - withdrawn - Kilwa</title>\n</head>\n<body class=\"list\">\n<main>\n<h1>{title}</h1>\n\
+         <p class=\"lead\"><strong>This was withdrawn.</strong> {why}</p>\n<p><a href=\"/\">See all models</a>.</p>\n</main>\n</body>\n</html>\n"
+    )
 }
 
 /// The list for machines.
@@ -140,8 +181,13 @@ pub(crate) fn list_json(models: &[Arc<Model>]) -> Value {
     let one = |m: &Arc<Model>| {
         let mut v = json!({
             "slug": m.slug, "title": m.title(), "file": m.file_name, "bytes": m.bytes,
-            "page": format!("/m/{}", m.slug), "pack": format!("/packs/{}.kilwa", m.slug),
+            "page": m.page(), "pack": m.pack(),
         });
+        if let Some(object) = m.object() {
+            v["manifest"] = json!(format!("/{}/manifest.json", m.slug));
+            v["rights"] = json!(object.rights);
+            v["withdrawn"] = json!(object.withdrawn());
+        }
         match &m.summary {
             Ok(x) => {
                 v["triangles"] = json!(x.header.triangles);

@@ -1,24 +1,36 @@
-//! `kilwa serve`: a folder of packs over HTTP, with the viewer page.
+//! `kilwa serve`: a folder of archive objects and packs over HTTP, with the viewer page.
 //!
-//! [`app`] is the whole site as an axum router over a [`Site`] (packs of a [`Catalogue`], files of the [`Page`]);
+//! [`app`] is the whole site as an axum router over a [`Site`] (models of a [`Catalogue`], files of the [`Page`], a [`Policy`]);
 //! tests drive it with `oneshot`, without a socket. [`listen`] gives it a socket with the limits that axum's own loop
 //! lacks.
 //!
-//! Invariants: a URL never becomes a path (slugs and page files are looked up in a table made from what is really
+//! Invariants: a URL never becomes a path (slugs, an object's files and page files are looked up in tables made from what is really
 //! there); a pack is served byte for byte, never encoded, under an ETag that is the hash of its content; the page needs
 //! no inline script or style. Everything here would work from a plain static host too: the server adds no protocol.
 
+mod access;
 mod catalogue;
+mod connections;
+mod content;
+mod ending;
+mod holding;
 mod html;
 pub mod index;
+mod metrics;
 pub mod object;
+mod objects;
+mod observe;
 mod packs;
 mod page;
+mod policy;
 mod range;
 mod site;
 mod socket;
 
+pub use access::Clock;
 pub use catalogue::{Catalogue, CatalogueError, Model, Summary};
+pub use metrics::Metrics;
 pub use page::{Page, PageError};
-pub use site::{Site, app};
+pub use policy::{Policy, PolicyError};
+pub use site::{Audience, Site, app};
 pub use socket::{Limits, listen};

@@ -85,11 +85,26 @@ impl Page {
         let files = plain.into_iter().map(|(name, bytes)| {
             let mut form = |end: &str| packed.remove(&format!("{name}.{end}")).map(axum::body::Bytes::from);
             let (brotli, gzip) = (form("br"), form("gz"));
-            let etag = format!("\"{}\"", &blake3::hash(&bytes).to_hex().as_str()[..32]);
-            let asset = Asset { brotli, gzip, content_type: content_type(&name), etag, bytes: bytes.into() };
+            let asset = asset(&name, bytes, brotli, gzip);
             (name, asset)
         });
         Self { files: Arc::new(files.collect()) }
+    }
+
+    /// The same page with something put into the head of its `index.html`, first thing.
+    #[must_use]
+    pub fn with_head(self, head: &str) -> Self {
+        if head.is_empty() {
+            return self;
+        }
+        let mut files = (*self.files).clone();
+        if let Some(index) = files.get_mut("index.html") {
+            let html =
+                String::from_utf8_lossy(&index.bytes).replacen("<head>", &format!("<head>\n{head}"), 1).into_bytes();
+            // Its packed forms are of the other text.
+            *index = asset("index.html", html, None, None);
+        }
+        Self { files: Arc::new(files) }
     }
 
     fn missing(&self) -> Option<&'static str> {
@@ -114,6 +129,11 @@ impl Page {
     pub(crate) fn html(&self) -> &str {
         self.file("index.html").and_then(|a| std::str::from_utf8(&a.bytes).ok()).unwrap_or_default()
     }
+}
+
+fn asset(name: &str, bytes: Vec<u8>, brotli: Option<axum::body::Bytes>, gzip: Option<axum::body::Bytes>) -> Asset {
+    let etag = format!("\"{}\"", &blake3::hash(&bytes).to_hex().as_str()[..32]);
+    Asset { brotli, gzip, content_type: content_type(name), etag, bytes: bytes.into() }
 }
 
 fn collect(dir: &Dir<'_>, into: &mut BTreeMap<String, Vec<u8>>) {
@@ -155,7 +175,8 @@ fn read_folder(
     Ok(())
 }
 
-fn content_type(name: &str) -> &'static str {
+/// By the end of a name; what is not known is bytes.
+pub(crate) fn content_type(name: &str) -> &'static str {
     match name.rsplit('.').next().unwrap_or_default() {
         "html" => "text/html; charset=utf-8",
         "js" | "mjs" => "text/javascript; charset=utf-8",
@@ -165,7 +186,14 @@ fn content_type(name: &str) -> &'static str {
         "svg" => "image/svg+xml",
         "png" => "image/png",
         "webp" => "image/webp",
-        "txt" | "md" => "text/plain; charset=utf-8",
+        "jpg" | "jpeg" => "image/jpeg",
+        "tif" | "tiff" => "image/tiff",
+        "pdf" => "application/pdf",
+        "glb" => "model/gltf-binary",
+        "xml" => "application/xml",
+        "bib" => "application/x-bibtex; charset=utf-8",
+        "ris" => "application/x-research-info-systems; charset=utf-8",
+        "txt" | "md" | "sha256" => "text/plain; charset=utf-8",
         _ => "application/octet-stream",
     }
 }

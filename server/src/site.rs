@@ -3,26 +3,35 @@
 //! | URL | what |
 //! |---|---|
 //! | `/` | the list of models, readable without JavaScript |
-//! | `/m/<slug>` | one model: the viewer page, with its facts in the HTML |
+//! | `/<slug>/` | landing page of an archive object; its files are below ([`crate::objects`]) |
+//! | `/m/<slug>` | a pack that lies in the folder: the viewer page, with its facts in the HTML |
 //! | `/packs/<slug>.kilwa` | the pack ([`crate::packs`]) |
 //! | `/viewer/<file>` | the page's files |
 //! | `/models.json` | the list for machines |
-//! | `/healthz` | `ok` |
+//! | `/healthz`, `/metrics` | for those who keep the server |
 
-use crate::catalogue::{Catalogue, Model};
+use crate::access::Clock;
+use crate::catalogue::{Catalogue, Kind, Model};
+use crate::content::{share, text};
 use crate::html;
+use crate::metrics::Metrics;
+use crate::objects;
+use crate::observe::{Observer, observe};
 use crate::packs::{self, blocking};
 use crate::page::{Asset, Page};
+use crate::policy::Policy;
 use crate::range::lists;
+use crate::socket::Peer;
 use axum::Router;
-use axum::body::Body;
+use axum::body::{Body, HttpBody as _};
 use axum::extract::{Path, Request, State};
 use axum::http::header::{
-    ACCEPT_ENCODING, ACCESS_CONTROL_ALLOW_ORIGIN, ALLOW, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_SECURITY_POLICY,
-    CONTENT_TYPE, ETAG, IF_NONE_MATCH, REFERRER_POLICY, VARY, X_CONTENT_TYPE_OPTIONS,
+    ACCEPT_ENCODING, ACCESS_CONTROL_ALLOW_ORIGIN, ALLOW, CACHE_CONTROL, CONNECTION, CONTENT_ENCODING,
+    CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH, LOCATION, REFERRER_POLICY, VARY,
+    X_CONTENT_TYPE_OPTIONS,
 };
-use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
-use axum::middleware::{Next, from_fn};
+use axum::http::{Extensions, HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
+use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
 use flate2::Compression;
@@ -30,43 +39,98 @@ use flate2::write::GzEncoder;
 use std::io::Write;
 use std::sync::Arc;
 
-/// `style-src` and `img-src` beyond `'self'`: the page sets styles from scripts (which the policy allows) and shows
-/// pictures that it made itself; workers are files of the page. wasm needs `'wasm-unsafe-eval'`.
-const POLICY: &str = "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; \
-    img-src 'self' data: blob:; object-src 'none'; base-uri 'self'; form-action 'self'; frame-ancestors 'self'";
+/// Nothing here takes more than this of a request's body.
+const BODY_LIMIT: u64 = 64 * 1024;
+
+/// Who gets `/metrics`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Audience {
+    /// This computer only, and nobody through a proxy.
+    #[default]
+    Local,
+    /// Everyone.
+    All,
+    /// Nobody.
+    None,
+}
 
 /// What is served.
 #[derive(Clone)]
 pub struct Site {
-    /// The packs.
+    /// The packs and objects.
     pub catalogue: Arc<Catalogue>,
     /// The viewer page.
     pub page: Page,
+    /// Who may frame the pages and talk to them.
+    pub policy: Arc<Policy>,
+    /// Its figures.
+    pub metrics: Arc<Metrics>,
+    /// Who gets them.
+    pub metrics_for: Audience,
+    /// A proxy of ours stands before the server and names the client in `X-Forwarded-For`.
+    pub behind_proxy: bool,
+    /// What embargoes go by.
+    pub clock: Clock,
+}
+
+impl Site {
+    /// With the usual policy: nobody else may frame it, figures for this computer only, no proxy.
+    pub fn new(catalogue: Catalogue, page: Page) -> Self {
+        let (catalogue, metrics) = (Arc::new(catalogue), Arc::default());
+        Self {
+            catalogue,
+            page,
+            policy: Arc::default(),
+            metrics,
+            metrics_for: Audience::Local,
+            behind_proxy: false,
+            clock: Clock::default(),
+        }
+    }
+
+    /// With another policy, which the page's HTML carries too.
+    #[must_use]
+    pub fn with_policy(mut self, policy: Policy) -> Self {
+        self.page = self.page.with_head(&policy.meta());
+        self.policy = Arc::new(policy);
+        self
+    }
 }
 
 /// The whole site.
 pub fn app(site: Site) -> Router {
+    let observer = Observer { metrics: Arc::clone(&site.metrics), behind_proxy: site.behind_proxy };
+    let policy = HeaderValue::from_str(&site.policy.header()).ok();
     Router::new()
         .route("/", get(list))
         .route("/models.json", get(list_json))
         .route("/m/{slug}", get(model))
         .route("/packs/{file}", get(pack).options(preflight))
-        .route("/viewer/{*file}", get(asset))
-        .route("/healthz", get(|| async { "ok\n" }))
+        .route("/viewer/", get(viewer))
+        .route("/viewer/{*file}", get(asset).options(preflight))
+        .route("/healthz", get(health))
+        .route("/metrics", get(metrics))
+        .route("/{slug}", get(towards))
+        .route("/{slug}/", get(landing))
+        .route("/{slug}/{*file}", get(object).options(preflight))
         .fallback(|| async { lost() })
-        .layer(from_fn(manners))
+        .layer(from_fn_with_state(policy, manners))
+        .layer(from_fn_with_state(observer, observe))
         .with_state(site)
 }
 
-/// Headers that every answer carries.
-async fn manners(request: Request, next: Next) -> Response {
-    let mut response = next.run(request).await;
+/// Headers that every answer carries, and requests that nothing here takes.
+async fn manners(State(policy): State<Option<HeaderValue>>, request: Request, next: Next) -> Response {
+    let mut response = match request.body().size_hint().upper() {
+        Some(0..=BODY_LIMIT) => next.run(request).await,
+        // What is not read cannot be followed by another request.
+        _ => (StatusCode::PAYLOAD_TOO_LARGE, [(CONNECTION, "close")], "413 Payload Too Large\n").into_response(),
+    };
     let headers = response.headers_mut();
-    for (name, value) in [
-        (CONTENT_SECURITY_POLICY, POLICY),
-        (X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (REFERRER_POLICY, "strict-origin-when-cross-origin"),
-    ] {
+    if let Some(policy) = policy {
+        headers.insert(CONTENT_SECURITY_POLICY, policy);
+    }
+    for (name, value) in [(X_CONTENT_TYPE_OPTIONS, "nosniff"), (REFERRER_POLICY, "strict-origin-when-cross-origin")] {
         headers.insert(name, HeaderValue::from_static(value));
     }
     if !headers.contains_key(CACHE_CONTROL) {
@@ -77,7 +141,7 @@ async fn manners(request: Request, next: Next) -> Response {
 
 /// A page of HTML, gzipped where the client takes it: it is what stands between a slow line and the first picture.
 fn page(html: String, headers: &HeaderMap) -> Response {
-    let accepted = headers.get(ACCEPT_ENCODING).and_then(|v| v.to_str().ok()).unwrap_or_default();
+    let accepted = text(headers, &ACCEPT_ENCODING).unwrap_or_default();
     let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
     let packed = if accepts("gzip", accepted) && encoder.write_all(html.as_bytes()).is_ok() {
         encoder.finish().ok()
@@ -96,7 +160,7 @@ fn page(html: String, headers: &HeaderMap) -> Response {
 
 async fn list(State(site): State<Site>, headers: HeaderMap) -> Response {
     match models(&site).await {
-        Ok(models) => page(html::list(&models), &headers),
+        Ok(models) => page(html::list(&models, &site.clock), &headers),
         Err(status) => status.into_response(),
     }
 }
@@ -118,16 +182,93 @@ async fn models(site: &Site) -> Result<Vec<Arc<Model>>, StatusCode> {
 }
 
 async fn model(State(site): State<Site>, Path(slug): Path<String>, headers: HeaderMap) -> Response {
-    let catalogue = Arc::clone(&site.catalogue);
-    match blocking(move || catalogue.model(&slug)).await {
-        Ok(Some(model)) => page(html::model(site.page.html(), &model), &headers),
-        Ok(None) => lost(),
-        Err(status) => status.into_response(),
+    match find(&site, &slug).await {
+        Ok(model) if model.object().is_some() => to(&model.page()),
+        Ok(model) => page(html::model(site.page.html(), &model, has_notes(&model).await), &headers),
+        Err(status) => or_lost(status),
+    }
+}
+
+async fn find(site: &Site, slug: &str) -> Result<Arc<Model>, StatusCode> {
+    let (catalogue, slug) = (Arc::clone(&site.catalogue), slug.to_owned());
+    blocking(move || catalogue.model(&slug)).await?.ok_or(StatusCode::NOT_FOUND)
+}
+
+async fn has_notes(model: &Model) -> bool {
+    match &model.kind {
+        Kind::Pack { notes } => notes.is_some(),
+        Kind::Object(object) => objects::has_notes(&object.holding).await,
+    }
+}
+
+/// An object's address without its last slash: what its page names is relative to the address with it.
+async fn towards(State(site): State<Site>, Path(slug): Path<String>) -> Response {
+    match find(&site, &slug).await {
+        Ok(model) => to(&model.page()),
+        Err(status) => or_lost(status),
+    }
+}
+
+async fn landing(State(site): State<Site>, Path(slug): Path<String>, headers: HeaderMap) -> Response {
+    let model = match find(&site, &slug).await {
+        Ok(model) if model.object().is_none() => return to(&model.page()),
+        Ok(model) => model,
+        Err(status) => return or_lost(status),
+    };
+    match objects::landing(&model, &site.clock).await {
+        Ok((html, status)) => {
+            let html = match html {
+                Some(html) => html::landing(&html, &site.policy.meta()),
+                None => html::model(site.page.html(), &model, has_notes(&model).await),
+            };
+            let mut response = page(html, &headers);
+            *response.status_mut() = status;
+            response
+        }
+        Err(status) => or_lost(status),
+    }
+}
+
+async fn object(
+    State(site): State<Site>,
+    Path((slug, file)): Path<(String, String)>,
+    method: Method,
+    headers: HeaderMap,
+) -> Response {
+    match find(&site, &slug).await {
+        Ok(model) => objects::respond(&model, &file, &site.clock, &method, &headers).await,
+        Err(status) => or_lost(status),
     }
 }
 
 async fn pack(State(site): State<Site>, Path(file): Path<String>, method: Method, headers: HeaderMap) -> Response {
-    packs::answer(&site.catalogue, &file, &method, &headers).await
+    packs::respond(&site.catalogue, &file, &site.clock, &method, &headers).await
+}
+
+/// `ok`, or why the folder cannot be read.
+async fn health(State(site): State<Site>) -> Response {
+    let catalogue = Arc::clone(&site.catalogue);
+    match blocking(move || catalogue.check()).await {
+        Ok(Ok(())) => "ok\n".into_response(),
+        Ok(Err(e)) => {
+            tracing::warn!("the folder cannot be read: {e}");
+            (StatusCode::SERVICE_UNAVAILABLE, "the folder cannot be read\n").into_response()
+        }
+        Err(status) => status.into_response(),
+    }
+}
+
+async fn metrics(State(site): State<Site>, extensions: Extensions, headers: HeaderMap) -> Response {
+    let forwarded = ["x-forwarded-for", "forwarded", "x-real-ip", "via"].iter().any(|name| headers.contains_key(*name));
+    let local = extensions.get::<Peer>().is_none_or(|peer| peer.0.to_canonical().is_loopback()) && !forwarded;
+    match site.metrics_for {
+        Audience::None => lost(),
+        Audience::Local if !local => lost(),
+        Audience::Local | Audience::All => {
+            let kind = (CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8");
+            ([kind], site.metrics.to_text(site.catalogue.count())).into_response()
+        }
+    }
 }
 
 /// What a browser on another site asks before a request with a `Range` header.
@@ -145,13 +286,17 @@ async fn preflight() -> Response {
     (StatusCode::NO_CONTENT, headers).into_response()
 }
 
+/// The viewer without a model, and the page of `?pack=`.
+async fn viewer(State(site): State<Site>, headers: HeaderMap) -> Response {
+    site.page.file("index.html").map_or_else(lost, |asset| send(asset, &headers))
+}
+
 async fn asset(State(site): State<Site>, Path(file): Path<String>, headers: HeaderMap) -> Response {
     site.page.file(&file).map_or_else(lost, |asset| send(asset, &headers))
 }
 
 fn send(asset: &Asset, headers: &HeaderMap) -> Response {
-    let text = |name: &HeaderName| headers.get(name).and_then(|v| v.to_str().ok()).unwrap_or_default();
-    let accepted = text(&ACCEPT_ENCODING);
+    let accepted = text(headers, &ACCEPT_ENCODING).unwrap_or_default();
     let brotli = asset.brotli.as_ref().filter(|_| accepts("br", accepted)).map(|b| ("br", b));
     let packed = brotli.or_else(|| asset.gzip.as_ref().filter(|_| accepts("gzip", accepted)).map(|b| ("gzip", b)));
     // Each representation has a tag of its own.
@@ -159,7 +304,7 @@ fn send(asset: &Asset, headers: &HeaderMap) -> Response {
         Some((coding, _)) => asset.etag.replacen('"', &format!("\"{coding}-"), 1),
         None => asset.etag.clone(),
     };
-    let mut response = if lists(text(&IF_NONE_MATCH), &etag, true) {
+    let mut response = if lists(text(headers, &IF_NONE_MATCH).unwrap_or_default(), &etag, true) {
         StatusCode::NOT_MODIFIED.into_response()
     } else {
         Body::from(packed.map_or(&asset.bytes, |(_, bytes)| bytes).clone()).into_response()
@@ -173,6 +318,8 @@ fn send(asset: &Asset, headers: &HeaderMap) -> Response {
     if let Ok(v) = HeaderValue::from_str(&etag) {
         h.insert(ETAG, v);
     }
+    // A page of another site may load `<kilwa-viewer>` from here, which as a module needs leave.
+    share(&mut response);
     response
 }
 
@@ -184,6 +331,14 @@ fn accepts(coding: &str, value: &str) -> bool {
         let refused = parts.any(|p| matches!(p, "q=0" | "q=0.0" | "q=0.00" | "q=0.000"));
         (name.eq_ignore_ascii_case(coding) || name == "*") && !refused
     })
+}
+
+fn to(address: &str) -> Response {
+    (StatusCode::PERMANENT_REDIRECT, [(LOCATION, address)]).into_response()
+}
+
+fn or_lost(status: StatusCode) -> Response {
+    if status == StatusCode::NOT_FOUND { lost() } else { status.into_response() }
 }
 
 fn lost() -> Response {

@@ -2,78 +2,10 @@
 
 mod common;
 
-use common::{ask, get, page, site};
-use kilwa_geometry::{Aabb, Lattice, Sphere};
-use kilwa_pack::chunk::encode;
-use kilwa_pack::{Attributes, Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, PackWriter, PatchRange};
+use common::{ask, get, pack, page, site};
 use kilwa_server::{Catalogue, Page, Site, app};
 use std::fs::write;
 use std::path::Path;
-
-/// A true pack of one triangle.
-fn pack(title: &str) -> Vec<u8> {
-    let attributes = Attributes { colors: true, scalars: 0 };
-    let mut chunk = Chunk::default();
-    chunk.mesh.positions = vec![[0, 0, 0], [1000, 0, 0], [0, 800, 400]];
-    chunk.mesh.normals = vec![[0, 0]; 3];
-    chunk.mesh.colors = vec![[200, 190, 170]; 3];
-    chunk.mesh.triangles = vec![[0, 1, 2]];
-    chunk.mesh.borders = vec![7];
-    chunk.patches = vec![PatchRange { first: 0, count: 1, diamond: NO_DIAMOND }];
-    let encoded = encode(&chunk, attributes).unwrap();
-    let lattice = Lattice { origin: [0.0; 3], step_log2: -10 };
-    let step = lattice.step();
-    let bounds = Aabb::of(&chunk.mesh.positions);
-    let entry = DirectoryEntry {
-        offset: 0,
-        encoded_bytes: encoded.len() as u32,
-        vertices: 3,
-        triangles: 1,
-        level: 0,
-        error: f32::INFINITY,
-        color_error: 0.0,
-        sphere: Sphere { center: [500.0, 400.0, 200.0], radius: 900.0 },
-        bounds,
-        parents: [NO_DIAMOND; 4],
-        checksum: kilwa_pack::checksum(&encoded),
-    };
-    let header = Header {
-        lattice,
-        cube_log2: 10,
-        file_bytes: 0,
-        metadata: (0, 0),
-        metadata_checksum: [0; 16],
-        entry_count: 1,
-        first_page: 0,
-        other_pages: 0,
-        triangles: 1,
-        stored_triangles: 1,
-        stored_vertices: 3,
-        attributes,
-    };
-    let metadata = Metadata {
-        title: title.to_owned(),
-        source_units: "m".to_owned(),
-        source_up: "z".to_owned(),
-        crs: Some("EPSG:32737".to_owned()),
-        lattice_step: step,
-        bounds_min: [0.0; 3],
-        bounds_max: [1000.0 * step, 800.0 * step, 400.0 * step],
-        median_edge: 0.02,
-        triangles: 1,
-        vertices: 3,
-        border_edges: 3,
-        scalars: Vec::new(),
-        sources: Vec::new(),
-        tool: "test".to_owned(),
-        options: std::collections::BTreeMap::new(),
-        capture_accuracy: None,
-        repairs: std::collections::BTreeMap::new(),
-    };
-    let mut writer = PackWriter::begin(Vec::new(), header, &metadata, vec![entry]).unwrap();
-    writer.chunk(&encoded).unwrap();
-    writer.finish().unwrap()
-}
 
 #[tokio::test]
 async fn the_list_names_every_model_and_the_reason_of_every_broken_one() {
@@ -131,7 +63,7 @@ async fn a_model_added_to_the_folder_appears_and_a_single_pack_can_be_served() {
 #[tokio::test]
 async fn page_files_are_compressed_where_that_is_accepted() {
     let dir = tempfile::tempdir().unwrap();
-    let app = app(Site { catalogue: Catalogue::open(dir.path()).unwrap().into(), page: page() });
+    let app = app(Site::new(Catalogue::open(dir.path()).unwrap(), page()));
     let plain = get(&app, "/viewer/boot.js").await;
     let packed = ask(&app, "GET", "/viewer/boot.js", &[("accept-encoding", "br;q=1, gzip;q=0.5")]).await;
     assert_eq!((plain.text().as_str(), plain.header("content-encoding")), ("export {};", ""));

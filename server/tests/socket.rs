@@ -5,6 +5,7 @@ mod common;
 use common::{noise, site};
 use kilwa_server::{Limits, listen};
 use std::net::SocketAddr;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
@@ -27,7 +28,7 @@ async fn start(limits: Limits, size: usize) -> Running {
     let address = listener.local_addr().unwrap();
     let (stop, stopped) = oneshot::channel::<()>();
     let app = site(dir.path());
-    let done = tokio::spawn(listen(listener, app, limits, async {
+    let done = tokio::spawn(listen(listener, app, Arc::default(), limits, async {
         drop(stopped.await);
     }));
     Running { address, stop, done, bytes, _dir: dir }

@@ -46,8 +46,26 @@ pub const LICENCE: &str = "LICENSE.txt";
 pub const README: &str = "README.txt";
 /// Folder of the viewer's files.
 pub const VIEWER: &str = "viewer";
-/// Names that are no object, in a folder of objects.
-pub const RESERVED: [&str; 6] = ["assets", "viewer", "packs", "m", "index", "feed"];
+/// Names that are no object, in a folder of objects: of a static site, and first parts of addresses that `kilwa serve` answers itself.
+pub const RESERVED: [&str; 17] = [
+    "assets",
+    "viewer",
+    "packs",
+    "m",
+    "index",
+    "feed",
+    "feeds",
+    "healthz",
+    "metrics",
+    "models",
+    "search",
+    "map",
+    "oai",
+    "oembed",
+    "collections",
+    "sitemap",
+    "login",
+];
 
 /// Longest slug.
 const SLUG_MAX: usize = 64;

@@ -5,9 +5,15 @@
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::http::{HeaderMap, Request, StatusCode};
+use kilwa_geometry::{Aabb, Lattice, Sphere};
+use kilwa_pack::chunk::encode;
+use kilwa_pack::{Attributes, Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, PackWriter, PatchRange};
+use kilwa_server::object::checksums::{Checksums, sha256};
+use kilwa_server::object::manifest::{
+    Access, AccessState, FORM, Figures, FileEntry, Manifest, PackEntry, RightsEntry, Version,
+};
 use kilwa_server::{Catalogue, Page, Site, app};
 use std::path::Path;
-use std::sync::Arc;
 use tower::ServiceExt as _;
 
 /// A page of a few small files.
@@ -28,7 +34,7 @@ pub(crate) fn page() -> Page {
 
 /// The site over a folder or a file.
 pub(crate) fn site(path: &Path) -> Router {
-    app(Site { catalogue: Arc::new(Catalogue::open(path).expect("a readable folder")), page: page() })
+    app(Site::new(Catalogue::open(path).expect("a readable folder"), page()))
 }
 
 /// A reproducible file of no particular content.
@@ -75,4 +81,156 @@ pub(crate) async fn ask(app: &Router, method: &str, uri: &str, headers: &[(&str,
 /// GET without further headers.
 pub(crate) async fn get(app: &Router, uri: &str) -> Answer {
     ask(app, "GET", uri, &[]).await
+}
+
+/// A true pack of one triangle.
+pub(crate) fn pack(title: &str) -> Vec<u8> {
+    let attributes = Attributes { colors: true, scalars: 0 };
+    let mut chunk = Chunk::default();
+    chunk.mesh.positions = vec![[0, 0, 0], [1000, 0, 0], [0, 800, 400]];
+    chunk.mesh.normals = vec![[0, 0]; 3];
+    chunk.mesh.colors = vec![[200, 190, 170]; 3];
+    chunk.mesh.triangles = vec![[0, 1, 2]];
+    chunk.mesh.borders = vec![7];
+    chunk.patches = vec![PatchRange { first: 0, count: 1, diamond: NO_DIAMOND }];
+    let encoded = encode(&chunk, attributes).unwrap();
+    let lattice = Lattice { origin: [0.0; 3], step_log2: -10 };
+    let step = lattice.step();
+    let bounds = Aabb::of(&chunk.mesh.positions);
+    let entry = DirectoryEntry {
+        offset: 0,
+        encoded_bytes: encoded.len() as u32,
+        vertices: 3,
+        triangles: 1,
+        level: 0,
+        error: f32::INFINITY,
+        color_error: 0.0,
+        sphere: Sphere { center: [500.0, 400.0, 200.0], radius: 900.0 },
+        bounds,
+        parents: [NO_DIAMOND; 4],
+        checksum: kilwa_pack::checksum(&encoded),
+    };
+    let header = Header {
+        lattice,
+        cube_log2: 10,
+        file_bytes: 0,
+        metadata: (0, 0),
+        metadata_checksum: [0; 16],
+        entry_count: 1,
+        first_page: 0,
+        other_pages: 0,
+        triangles: 1,
+        stored_triangles: 1,
+        stored_vertices: 3,
+        attributes,
+    };
+    let metadata = Metadata {
+        title: title.to_owned(),
+        source_units: "m".to_owned(),
+        source_up: "z".to_owned(),
+        crs: Some("EPSG:32737".to_owned()),
+        lattice_step: step,
+        bounds_min: [0.0; 3],
+        bounds_max: [1000.0 * step, 800.0 * step, 400.0 * step],
+        median_edge: 0.02,
+        triangles: 1,
+        vertices: 3,
+        border_edges: 3,
+        scalars: Vec::new(),
+        sources: Vec::new(),
+        tool: "test".to_owned(),
+        options: std::collections::BTreeMap::new(),
+        capture_accuracy: None,
+        repairs: std::collections::BTreeMap::new(),
+    };
+    let mut writer = PackWriter::begin(Vec::new(), header, &metadata, vec![entry]).unwrap();
+    writer.chunk(&encoded).unwrap();
+    writer.finish().unwrap()
+}
+
+/// Everybody may have it.
+pub(crate) fn public() -> Access {
+    Access { state: AccessState::Public, until: None, reason: None, contact: None, withdrawn: None }
+}
+
+/// An archive object with a version for each pack, as `kilwa publish` lays it out.
+pub(crate) fn object(folder: &Path, slug: &str, packs: &[Vec<u8>], access: Access) -> Manifest {
+    let root = folder.join(slug);
+    let versions = (1..).zip(packs).map(|(number, pack)| version(&root, number, pack)).collect();
+    let page = format!(
+        "<!doctype html><html><head><title>{slug}</title></head><body data-list=\"\">landing of {slug}</body></html>"
+    );
+    let manifest = Manifest {
+        kilwa: FORM,
+        slug: slug.to_owned(),
+        title: format!("Title of {slug}"),
+        description: None,
+        language: "en".to_owned(),
+        place: None,
+        captured: None,
+        subjects: Vec::new(),
+        creators: Vec::new(),
+        url: None,
+        identifier: None,
+        rights: RightsEntry {
+            uri: "https://creativecommons.org/licenses/by/4.0/".to_owned(),
+            label: "Attribution 4.0 International".to_owned(),
+            short: "CC BY 4.0".to_owned(),
+            holder: None,
+        },
+        citation: "Somebody (2026)".to_owned(),
+        access,
+        current: packs.len() as u32,
+        versions,
+        page: FileEntry { url: "index.html".to_owned(), bytes: page.len() as u64, sha256: sha256(page.as_bytes()) },
+        tool: "test".to_owned(),
+    };
+    std::fs::write(root.join("index.html"), page).unwrap();
+    // Last, and at once, as publishing does it.
+    std::fs::write(root.join(".new"), manifest.to_bytes().unwrap()).unwrap();
+    std::fs::rename(root.join(".new"), root.join("manifest.json")).unwrap();
+    manifest
+}
+
+fn version(root: &Path, number: u32, pack: &[u8]) -> Version {
+    let folder = format!("v{number}");
+    std::fs::create_dir_all(root.join(&folder).join("metadata")).unwrap();
+    let name = format!("pack.{}.kilwa", sha256(pack));
+    let mut list = Checksums::default();
+    let files =
+        [(name.as_str(), pack), ("preview.glb", b"glTF"), ("poster.jpg", b"JPEG"), ("metadata/dc.xml", b"<dc/>")];
+    for (file, bytes) in files {
+        std::fs::write(root.join(&folder).join(file), bytes).unwrap();
+        list.add(file, sha256(bytes));
+    }
+    let text = list.to_text();
+    std::fs::write(root.join(&folder).join("checksums.sha256"), &text).unwrap();
+    Version {
+        version: number,
+        published: "2026-11-21".to_owned(),
+        note: "as it is".to_owned(),
+        pack: PackEntry {
+            url: format!("{folder}/{name}"),
+            bytes: pack.len() as u64,
+            sha256: sha256(pack),
+            identity: "0".repeat(32),
+        },
+        checksums: FileEntry {
+            url: format!("{folder}/checksums.sha256"),
+            bytes: text.len() as u64,
+            sha256: sha256(text.as_bytes()),
+        },
+        figures: Figures {
+            bounds: [[0.0; 3], [1.0; 3]],
+            crs: None,
+            units: "m".to_owned(),
+            source_units: "m".to_owned(),
+            triangles: 1,
+            vertices: 3,
+            spacing: 0.1,
+            accuracy: None,
+        },
+        folder,
+        location_redacted: false,
+    }
 }

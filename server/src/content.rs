@@ -1,0 +1,200 @@
+//! The answer for one file: whole or one range, under a strong tag, byte for byte.
+//!
+//! Inputs: an open [`Source`] (file, length, tag, how long it may be kept) and the request's method and headers. Invariants: what is
+//! sent is exactly `length` bytes of the file as it was opened, never encoded, because offsets in a pack are offsets on the wire; one
+//! response holds a buffer or two, whatever the file's size and however slow the reader. Failures: a file that turns out shorter than it
+//! was ends the connection before `Content-Length` is reached, which no client takes for the end.
+
+use crate::range::{Wanted, lists, parse};
+use axum::body::{Body, Bytes};
+use axum::http::header::{
+    ACCEPT_RANGES, ACCESS_CONTROL_ALLOW_ORIGIN, ACCESS_CONTROL_EXPOSE_HEADERS, CACHE_CONTROL, CONTENT_LENGTH,
+    CONTENT_RANGE, CONTENT_TYPE, ETAG, IF_MATCH, IF_NONE_MATCH, IF_RANGE, RANGE,
+};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, Response, StatusCode};
+use http_body::{Frame, SizeHint};
+use std::fs::File;
+use std::io;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll, ready};
+use tokio::task::JoinHandle;
+
+/// Bytes read at a time for one response: with the connection limit this bounds memory.
+const BUFFER: usize = 16 * 1024;
+pub(crate) const CROSS_ORIGIN_RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
+/// `Cache-Control` of an address whose content never changes.
+pub(crate) const FOR_EVER: &str = "public, max-age=31536000, immutable";
+/// `Cache-Control` of what is asked about each time.
+pub(crate) const ASK_AGAIN: &str = "no-cache";
+
+/// An open file and what is known of it.
+pub(crate) struct Source {
+    pub(crate) file: File,
+    pub(crate) bytes: u64,
+    /// Hash of the content, without quotes.
+    pub(crate) hash: Arc<str>,
+    pub(crate) content_type: &'static str,
+    pub(crate) cache: &'static str,
+}
+
+/// Answer a GET or HEAD.
+pub(crate) fn answer(source: Source, method: &Method, headers: &HeaderMap) -> Response<Body> {
+    let etag = format!("\"{}\"", source.hash);
+    let cache = source.cache;
+    let mut response = if let Some(status) = condition(&etag, headers) {
+        plain(status)
+    } else {
+        // A validator that is not exactly ours, a date included, means: send everything.
+        let current = text(headers, &IF_RANGE).is_none_or(|v| v.trim() == etag);
+        let mut ranges = headers.get_all(RANGE).iter();
+        let wanted = match (ranges.next().and_then(|v| v.to_str().ok()), ranges.next()) {
+            (Some(range), None) if method == Method::GET && current => parse(range, source.bytes),
+            _ => Wanted::Whole,
+        };
+        send(source, wanted, method == Method::HEAD)
+    };
+    insert(&mut response, CACHE_CONTROL, cache);
+    insert(&mut response, ACCEPT_RANGES, "bytes");
+    insert(&mut response, ETAG, &etag);
+    response
+}
+
+/// What a script of another site may do with the answer: read it, and the headers that ranges need.
+pub(crate) fn share(response: &mut Response<Body>) {
+    insert(response, ACCESS_CONTROL_ALLOW_ORIGIN, "*");
+    insert(response, ACCESS_CONTROL_EXPOSE_HEADERS, "ETag, Content-Range, Content-Length, Accept-Ranges");
+    insert(response, CROSS_ORIGIN_RESOURCE_POLICY, "cross-origin");
+}
+
+/// 412 or 304, where the request's conditions say so (RFC 9110 section 13.2.2).
+pub(crate) fn condition(etag: &str, headers: &HeaderMap) -> Option<StatusCode> {
+    // A list may be spread over several lines.
+    let any = |name: HeaderName, weak| {
+        let mut lines = headers.get_all(name).iter().filter_map(|v| v.to_str().ok()).peekable();
+        lines.peek().is_some().then(|| lines.any(|line| lists(line, etag, weak)))
+    };
+    if any(IF_MATCH, false) == Some(false) {
+        Some(StatusCode::PRECONDITION_FAILED)
+    } else if any(IF_NONE_MATCH, true) == Some(true) {
+        Some(StatusCode::NOT_MODIFIED)
+    } else {
+        None
+    }
+}
+
+/// A header as text, where it is there once or the first of several.
+pub(crate) fn text<'h>(headers: &'h HeaderMap, name: &HeaderName) -> Option<&'h str> {
+    headers.get(name).and_then(|v| v.to_str().ok())
+}
+
+fn send(source: Source, wanted: Wanted, head: bool) -> Response<Body> {
+    let (status, start, length) = match wanted {
+        Wanted::Whole => (StatusCode::OK, 0, source.bytes),
+        Wanted::Part { start, end } => (StatusCode::PARTIAL_CONTENT, start, end - start + 1),
+        Wanted::Unsatisfiable => {
+            let mut r = plain(StatusCode::RANGE_NOT_SATISFIABLE);
+            insert(&mut r, CONTENT_RANGE, &format!("bytes */{}", source.bytes));
+            return r;
+        }
+    };
+    let (bytes, kind) = (source.bytes, source.content_type);
+    let body = if head {
+        Body::empty()
+    } else {
+        Body::new(Part { file: Arc::new(source.file), start, left: length, reading: None })
+    };
+    let mut r = Response::new(body);
+    *r.status_mut() = status;
+    insert(&mut r, CONTENT_TYPE, kind);
+    insert(&mut r, CONTENT_LENGTH, &length.to_string());
+    if status == StatusCode::PARTIAL_CONTENT {
+        insert(&mut r, CONTENT_RANGE, &format!("bytes {start}-{}/{bytes}", start + length - 1));
+    }
+    r
+}
+
+pub(crate) fn insert(r: &mut Response<Body>, name: HeaderName, value: &str) {
+    if let Ok(v) = HeaderValue::from_str(value) {
+        r.headers_mut().insert(name, v);
+    }
+}
+
+/// A status with its own words as the body, empty for 304.
+pub(crate) fn plain(status: StatusCode) -> Response<Body> {
+    let body = match status {
+        StatusCode::NOT_MODIFIED => Body::empty(),
+        _ => Body::from(format!("{status}\n")),
+    };
+    let mut r = Response::new(body);
+    *r.status_mut() = status;
+    if status != StatusCode::NOT_MODIFIED {
+        insert(&mut r, CONTENT_TYPE, "text/plain; charset=utf-8");
+    }
+    r
+}
+
+/// A stretch of a file as a response body, read a buffer at a time, and only when the one before has gone.
+struct Part {
+    file: Arc<File>,
+    start: u64,
+    left: u64,
+    reading: Option<JoinHandle<io::Result<Bytes>>>,
+}
+
+impl http_body::Body for Part {
+    type Data = Bytes;
+    type Error = io::Error;
+
+    fn poll_frame(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<io::Result<Frame<Bytes>>>> {
+        if self.left == 0 {
+            return Poll::Ready(None);
+        }
+        let (start, length) = (self.start, usize::try_from(self.left).map_or(BUFFER, |n| n.min(BUFFER)));
+        let file = Arc::clone(&self.file);
+        let reading =
+            self.reading.get_or_insert_with(|| tokio::task::spawn_blocking(move || read(&file, start, length)));
+        let read = ready!(Pin::new(reading).poll(cx));
+        self.reading = None;
+        let bytes = read.map_err(io::Error::other).flatten()?;
+        self.start += bytes.len() as u64;
+        self.left -= bytes.len() as u64;
+        Poll::Ready(Some(Ok(Frame::data(bytes))))
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.left == 0
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        SizeHint::with_exact(self.left)
+    }
+}
+
+fn read(file: &File, mut at: u64, length: usize) -> io::Result<Bytes> {
+    let mut buffer = vec![0; length];
+    let mut rest = buffer.as_mut_slice();
+    while !rest.is_empty() {
+        let n = match read_at(file, rest, at) {
+            Ok(0) => {
+                return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the file became shorter while it was sent"));
+            }
+            Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
+            read => read?,
+        };
+        at += n as u64;
+        rest = rest.get_mut(n..).unwrap_or_default();
+    }
+    Ok(buffer.into())
+}
+
+/// Reading at a place moves no position that several responses could share.
+#[cfg(unix)]
+fn read_at(file: &File, buffer: &mut [u8], at: u64) -> io::Result<usize> {
+    std::os::unix::fs::FileExt::read_at(file, buffer, at)
+}
+
+#[cfg(windows)]
+fn read_at(file: &File, buffer: &mut [u8], at: u64) -> io::Result<usize> {
+    std::os::windows::fs::FileExt::seek_read(file, buffer, at)
+}

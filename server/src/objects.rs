@@ -1,0 +1,192 @@
+//! `/<slug>/…`: the files of an archive object, found in its table ([`crate::holding`]).
+//!
+//! | address | answer |
+//! |---|---|
+//! | `/<slug>/` | its landing page, `no-cache` |
+//! | `/<slug>/manifest.json`, other files of the root | as they are now, tag from their content, `no-cache` |
+//! | `/<slug>/v1/…` | a file of a version: tag its SHA-256, ranges, `immutable` |
+//! | geometry under an embargo or restricted | 403 with the reason ([`crate::access`]) |
+//! | anything of what was withdrawn | 410, with the landing page as its tombstone |
+
+use crate::access::{Clock, Verdict, is_geometry, verdict};
+use crate::catalogue::Model;
+use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, condition, insert, plain, share};
+use crate::holding::{Entry, Holding, SMALL, Table};
+use crate::html;
+use crate::object::layout::{MANIFEST, PAGE};
+use crate::packs::blocking;
+use crate::page::content_type;
+use axum::body::Body;
+use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH, CONTENT_TYPE, ETAG};
+use axum::http::{HeaderMap, Method, Response, StatusCode};
+use std::io::{self, Read};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Published notes, in the root: they may change, so they are in no version.
+pub(crate) const NOTES: &str = "annotations.json";
+
+/// Answer a GET or HEAD for a file of an object.
+pub(crate) async fn respond(
+    model: &Model,
+    name: &str,
+    clock: &Clock,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Response<Body> {
+    let Some(object) = model.object() else { return plain(StatusCode::NOT_FOUND) };
+    let found = match table(&object.holding).await {
+        Ok(table) => match verdict(&table.manifest.access, clock) {
+            Verdict::Gone(why) => Ok(gone(&table, name, &why).await),
+            Verdict::WithoutGeometry(why) if is_geometry(name) => Ok(withheld(&why)),
+            _ if name.contains('/') => file(&object.holding, &table, name, method, headers).await,
+            _ => small(&object.holding, name, method, headers).await,
+        },
+        Err(status) => Err(status),
+    };
+    let mut response = found.unwrap_or_else(plain);
+    share(&mut response);
+    response
+}
+
+/// The landing page of an object, or `None` where it has none, and its status: 410 for a tombstone.
+pub(crate) async fn landing(model: &Model, clock: &Clock) -> Result<(Option<String>, StatusCode), StatusCode> {
+    let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
+    let table = table(&object.holding).await?;
+    let html = read_entry(&table, PAGE).await.map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    Ok(match verdict(&table.manifest.access, clock) {
+        Verdict::Gone(why) => (Some(html.unwrap_or_else(|| html::gone(&table.manifest.title, &why))), StatusCode::GONE),
+        _ => (html, StatusCode::OK),
+    })
+}
+
+/// Whether the object publishes notes.
+pub(crate) async fn has_notes(holding: &Arc<Holding>) -> bool {
+    table(holding).await.is_ok_and(|table| table.get(NOTES).is_some())
+}
+
+/// The pack of the current version.
+pub(crate) async fn current_pack(holding: &Arc<Holding>, clock: &Clock) -> Result<Source, StatusCode> {
+    let table = table(holding).await?;
+    match verdict(&table.manifest.access, clock) {
+        Verdict::Open => {}
+        Verdict::WithoutGeometry(_) => return Err(StatusCode::FORBIDDEN),
+        Verdict::Gone(_) => return Err(StatusCode::GONE),
+    }
+    let version = table.manifest.current().ok_or(StatusCode::NOT_FOUND)?;
+    source(holding, &table, &version.pack.url).await
+}
+
+async fn table(holding: &Arc<Holding>) -> Result<Arc<Table>, StatusCode> {
+    let holding = Arc::clone(holding);
+    blocking(move || {
+        holding.table().map_err(|e| {
+            tracing::warn!("{}: {e}", holding.folder().display());
+            // Not found: the folder, or its manifest, has been taken away.
+            let gone = e.kind() == io::ErrorKind::NotFound;
+            if gone { StatusCode::NOT_FOUND } else { StatusCode::SERVICE_UNAVAILABLE }
+        })
+    })
+    .await?
+}
+
+/// A file of a version.
+async fn file(
+    holding: &Arc<Holding>,
+    table: &Arc<Table>,
+    name: &str,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Result<Response<Body>, StatusCode> {
+    match table.get(name) {
+        Some(entry) if entry.sha256.is_none() => {
+            let bytes = read_entry(table, name).await.ok_or(StatusCode::NOT_FOUND)?;
+            Ok(whole(bytes, content_type(name), method, headers))
+        }
+        _ => Ok(answer(source(holding, table, name).await?, method, headers)),
+    }
+}
+
+/// Open a file that has a checksum; once more after looking again, where it is not what was listed.
+async fn source(holding: &Arc<Holding>, table: &Arc<Table>, name: &str) -> Result<Source, StatusCode> {
+    let open = |entry: Entry| {
+        blocking(move || {
+            let opened = entry.open().inspect_err(|e| tracing::warn!("{}: {e}", entry.path().display())).ok()?;
+            Some((opened, entry.sha256?))
+        })
+    };
+    let mut found = open(table.get(name).ok_or(StatusCode::NOT_FOUND)?.clone()).await?;
+    if found.is_none() {
+        holding.forget();
+        let again = self::table(holding).await?;
+        found = open(again.get(name).ok_or(StatusCode::NOT_FOUND)?.clone()).await?;
+    }
+    let ((file, bytes), hash) = found.ok_or(StatusCode::SERVICE_UNAVAILABLE)?;
+    Ok(Source { file, bytes, hash, content_type: content_type(name), cache: FOR_EVER })
+}
+
+/// A file of the root, as it is now.
+pub(crate) async fn small(
+    holding: &Arc<Holding>,
+    name: &str,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Result<Response<Body>, StatusCode> {
+    let table = table(holding).await?;
+    let bytes = read_entry(&table, name).await.ok_or(StatusCode::NOT_FOUND)?;
+    Ok(whole(bytes, content_type(name), method, headers))
+}
+
+async fn read_entry(table: &Arc<Table>, name: &str) -> Option<Vec<u8>> {
+    let entry = table.get(name)?.clone();
+    let read = move || entry.read().inspect_err(|e| tracing::warn!("{}: {e}", entry.path().display())).ok();
+    blocking(read).await.ok().flatten()
+}
+
+/// All of a file of moderate length.
+pub(crate) fn read_small(path: &Path) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    std::fs::File::open(path)?.take(SMALL + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > SMALL {
+        return Err(io::Error::other(format!("longer than {SMALL} bytes")));
+    }
+    Ok(bytes)
+}
+
+/// Bytes in memory under the hash of their content; asked about each time.
+pub(crate) fn whole(bytes: Vec<u8>, kind: &str, method: &Method, headers: &HeaderMap) -> Response<Body> {
+    let etag = format!("\"{}\"", blake3::hash(&bytes).to_hex());
+    let mut response = if let Some(status) = condition(&etag, headers) {
+        plain(status)
+    } else {
+        let length = bytes.len();
+        let mut r = Response::new(if method == Method::HEAD { Body::empty() } else { Body::from(bytes) });
+        insert(&mut r, CONTENT_TYPE, kind);
+        insert(&mut r, CONTENT_LENGTH, &length.to_string());
+        r
+    };
+    insert(&mut response, ETAG, &etag);
+    insert(&mut response, CACHE_CONTROL, ASK_AGAIN);
+    response
+}
+
+/// 403: why the geometry cannot be had.
+fn withheld(why: &str) -> Response<Body> {
+    let mut r = Response::new(Body::from(format!("403 Forbidden: the model itself is not public. {why}\n")));
+    *r.status_mut() = StatusCode::FORBIDDEN;
+    insert(&mut r, CONTENT_TYPE, "text/plain; charset=utf-8");
+    r
+}
+
+/// 410: the manifest for programs that ask for it, the landing page, which is the tombstone, for everything else.
+async fn gone(table: &Arc<Table>, name: &str, why: &str) -> Response<Body> {
+    let wanted = if name == MANIFEST { MANIFEST } else { PAGE };
+    let bytes = read_entry(table, wanted).await;
+    let kind = content_type(if bytes.is_some() { wanted } else { PAGE });
+    let tombstone = || html::gone(&table.manifest.title, why).into_bytes();
+    let mut r = Response::new(Body::from(bytes.unwrap_or_else(tombstone)));
+    *r.status_mut() = StatusCode::GONE;
+    insert(&mut r, CONTENT_TYPE, kind);
+    insert(&mut r, CACHE_CONTROL, ASK_AGAIN);
+    r
+}

@@ -1,0 +1,289 @@
+//! Archive objects over HTTP: exactly what was published, what is new at once, nothing of what is not public.
+
+mod common;
+
+use common::{ask, get, noise, object, pack, page, public, site};
+use kilwa_server::object::checksums::sha256;
+use kilwa_server::object::manifest::{Access, AccessState};
+use kilwa_server::{Catalogue, Clock, Policy, Site, app};
+use std::fs::write;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+/// Longer than the server trusts what it saw.
+const NOTICED: Duration = Duration::from_millis(1100);
+
+#[tokio::test]
+async fn an_object_is_served_file_by_file_under_its_checksums() {
+    let dir = tempfile::tempdir().unwrap();
+    let bytes = pack("Fort");
+    let manifest = object(dir.path(), "fort", std::slice::from_ref(&bytes), public());
+    let app = site(dir.path());
+    let a = get(&app, "/fort/").await;
+    assert_eq!((a.status.as_u16(), a.header("cache-control")), (200, "no-cache"));
+    assert!(a.text().contains("landing of fort") && a.text().contains("data-list=\"/\""), "{}", a.text());
+    assert!(a.header("content-security-policy").contains("frame-ancestors 'self'"));
+    let pack_url = format!("/fort/{}", manifest.versions[0].pack.url);
+    let a = ask(&app, "GET", &pack_url, &[("accept-encoding", "gzip, br")]).await;
+    assert_eq!((a.status.as_u16(), &a.body[..]), (200, &bytes[..]));
+    assert_eq!(a.header("etag"), format!("\"{}\"", sha256(&bytes)));
+    assert!(a.header("cache-control").contains("immutable") && !a.headers.contains_key("content-encoding"));
+    assert_eq!(a.header("access-control-allow-origin"), "*");
+    assert_eq!(a.header("cross-origin-resource-policy"), "cross-origin");
+    let a = ask(&app, "GET", &pack_url, &[("range", "bytes=4-9"), ("if-range", a.header("etag"))]).await;
+    assert_eq!((a.status.as_u16(), &a.body[..]), (206, &bytes[4..10]));
+    for (file, kind, body) in [
+        ("v1/metadata/dc.xml", "application/xml", &b"<dc/>"[..]),
+        ("v1/poster.jpg", "image/jpeg", b"JPEG"),
+        ("v1/preview.glb", "model/gltf-binary", b"glTF"),
+    ] {
+        let a = get(&app, &format!("/fort/{file}")).await;
+        assert_eq!((a.status.as_u16(), a.header("content-type"), &a.body[..]), (200, kind, body), "{file}");
+        assert_eq!(a.header("etag"), format!("\"{}\"", sha256(body)), "{file}");
+    }
+    let list = get(&app, "/fort/v1/checksums.sha256").await;
+    assert_eq!(sha256(&list.body), manifest.versions[0].checksums.sha256);
+    let a = get(&app, "/fort/manifest.json").await;
+    assert_eq!((a.header("cache-control"), &a.body[..]), ("no-cache", &manifest.to_bytes().unwrap()[..]));
+    let again = ask(&app, "GET", "/fort/manifest.json", &[("if-none-match", a.header("etag"))]).await;
+    assert_eq!(again.status, 304);
+    assert_eq!(get(&app, "/packs/fort.kilwa").await.body, bytes);
+    let alone = site(&dir.path().join("fort"));
+    assert_eq!(get(&alone, "/fort/").await.status, 200, "an object can be served by itself");
+}
+
+#[tokio::test]
+async fn addresses_lead_to_the_page_of_a_model_of_either_kind() {
+    let dir = tempfile::tempdir().unwrap();
+    object(dir.path(), "fort", &[pack("Fort")], public());
+    write(dir.path().join("wall.kilwa"), pack("Wall")).unwrap();
+    let app = site(dir.path());
+    for (from, to) in [("/fort", "/fort/"), ("/m/fort", "/fort/"), ("/wall", "/m/wall"), ("/wall/", "/m/wall")] {
+        let a = get(&app, from).await;
+        assert_eq!((a.status.as_u16(), a.header("location")), (308, to), "{from}");
+    }
+    let list = get(&app, "/").await.text();
+    assert!(list.contains("href=\"/fort/\"") && list.contains("href=\"/m/wall\""), "{list}");
+    assert!(list.contains("Title of fort") && list.contains("CC BY 4.0"));
+}
+
+#[tokio::test]
+async fn only_what_was_published_is_served() {
+    let dir = tempfile::tempdir().unwrap();
+    let manifest = object(dir.path(), "fort", &[pack("Fort")], public());
+    let fort = dir.path().join("fort");
+    write(dir.path().join("secret.txt"), "secret").unwrap();
+    write(fort.join(".hidden"), "secret").unwrap();
+    write(fort.join("v1/notes-to-self.txt"), "secret").unwrap();
+    std::fs::create_dir_all(fort.join("v2")).unwrap();
+    write(fort.join("v2/unfinished.txt"), "secret").unwrap();
+    std::fs::create_dir(fort.join("sub")).unwrap();
+    write(fort.join("sub/a.txt"), "secret").unwrap();
+    #[cfg(unix)]
+    for link in ["v1/link.txt", "link.txt"] {
+        std::os::unix::fs::symlink(dir.path().join("secret.txt"), fort.join(link)).unwrap();
+    }
+    let app = site(dir.path());
+    for name in [
+        ".hidden",
+        "v1/notes-to-self.txt",
+        "v2/unfinished.txt",
+        "sub/a.txt",
+        "v1/link.txt",
+        "link.txt",
+        "v1",
+        "v1/",
+        "v1/metadata",
+        "v1/metadata/",
+        "v1//poster.jpg",
+        "V1/poster.jpg",
+        "../secret.txt",
+        "v1/../../secret.txt",
+        "v1/%2e%2e/%2e%2e/secret.txt",
+        "v1%2fposter.jpg%00",
+    ] {
+        let a = get(&app, &format!("/fort/{name}")).await;
+        assert_eq!(a.status, 404, "{name}");
+        assert!(!a.text().contains("secret"), "{name}");
+    }
+    // A list of checksums that is not the manifest's answers for nothing.
+    write(fort.join("v1/checksums.sha256"), "").unwrap();
+    let app = site(dir.path());
+    assert_eq!(get(&app, &format!("/fort/{}", manifest.versions[0].pack.url)).await.status, 404);
+    assert!(get(&app, "/").await.text().contains("kilwa verify"));
+}
+
+#[tokio::test]
+async fn new_and_changed_objects_are_noticed_without_a_restart() {
+    let dir = tempfile::tempdir().unwrap();
+    let app = site(dir.path());
+    assert_eq!(get(&app, "/fort/").await.status, 404);
+    let (one, two) = (pack("One"), pack("Two"));
+    let first = object(dir.path(), "fort", std::slice::from_ref(&one), public());
+    tokio::time::sleep(NOTICED).await;
+    assert_eq!(get(&app, "/fort/").await.status, 200);
+    assert_eq!(get(&app, "/fort/annotations.json").await.status, 404);
+    write(dir.path().join("fort/annotations.json"), "{}").unwrap();
+    let second = object(dir.path(), "fort", &[one.clone(), two.clone()], public());
+    tokio::time::sleep(NOTICED).await;
+    assert_eq!(get(&app, "/fort/manifest.json").await.body, second.to_bytes().unwrap());
+    assert_eq!(get(&app, "/fort/annotations.json").await.text(), "{}");
+    assert_eq!(get(&app, &format!("/fort/{}", second.versions[1].pack.url)).await.body, two);
+    assert_eq!(get(&app, &format!("/fort/{}", first.versions[0].pack.url)).await.body, one, "the old one stays");
+    assert_eq!(get(&app, "/packs/fort.kilwa").await.body, two);
+    let json = get(&app, "/models.json").await.text();
+    assert!(json.contains(&second.versions[1].pack.url), "{json}");
+    std::fs::remove_dir_all(dir.path().join("fort")).unwrap();
+    tokio::time::sleep(NOTICED).await;
+    assert_eq!(get(&app, "/fort/").await.status, 404);
+    assert_eq!(get(&app, "/fort/manifest.json").await.status, 404);
+}
+
+#[tokio::test]
+async fn what_is_withdrawn_answers_410_with_its_tombstone() {
+    let dir = tempfile::tempdir().unwrap();
+    let withdrawn = Access {
+        state: AccessState::Withdrawn,
+        reason: Some("The family <asked>.".to_owned()),
+        withdrawn: Some("2026-11-01".to_owned()),
+        ..public()
+    };
+    let manifest = object(dir.path(), "fort", &[pack("Fort")], withdrawn);
+    let app = site(dir.path());
+    let pack_url = format!("/fort/{}", manifest.versions[0].pack.url);
+    for url in ["/fort/", &pack_url, "/fort/v1/poster.jpg", "/fort/v1/nothing", "/packs/fort.kilwa"] {
+        let a = ask(&app, "GET", url, &[("range", "bytes=0-3")]).await;
+        assert_eq!(a.status, 410, "{url}");
+        assert!(url.starts_with("/packs/") || a.text().contains("landing of fort"), "{url}");
+    }
+    let a = get(&app, "/fort/manifest.json").await;
+    assert_eq!((a.status.as_u16(), &a.body[..]), (410, &manifest.to_bytes().unwrap()[..]));
+    std::fs::remove_file(dir.path().join("fort/index.html")).unwrap();
+    tokio::time::sleep(NOTICED).await;
+    let a = get(&app, "/fort/").await;
+    assert_eq!(a.status, 410);
+    assert!(a.text().contains("The family &lt;asked&gt;."), "{}", a.text());
+    let list = get(&app, "/").await.text();
+    assert!(list.contains("Withdrawn") && !list.contains("Download"), "{list}");
+}
+
+#[tokio::test]
+async fn an_embargo_ends_at_midnight_utc_while_serving() {
+    let dir = tempfile::tempdir().unwrap();
+    let embargo = Access { state: AccessState::Embargo, until: Some("2026-11-22".to_owned()), ..public() };
+    let manifest = object(dir.path(), "fort", &[pack("Fort")], embargo);
+    let now = Arc::new(AtomicU64::new(0));
+    let mut site = Site::new(Catalogue::open(dir.path()).unwrap(), page());
+    let hand = Arc::clone(&now);
+    site.clock = Clock::new(move || hand.load(Ordering::Relaxed));
+    let app = app(site);
+    let midnight = 1_795_305_600;
+    for (second, status) in [(midnight - 1, 403), (midnight, 200), (midnight + 1, 200), (midnight - 1, 403)] {
+        now.store(second, Ordering::Relaxed);
+        for url in [
+            format!("/fort/{}", manifest.versions[0].pack.url),
+            "/fort/v1/preview.glb".to_owned(),
+            "/packs/fort.kilwa".to_owned(),
+        ] {
+            assert_eq!(get(&app, &url).await.status, status, "{url} at {second}");
+        }
+        for url in ["/fort/", "/fort/manifest.json", "/fort/v1/poster.jpg", "/fort/v1/metadata/dc.xml"] {
+            assert_eq!(get(&app, url).await.status, 200, "{url} at {second}");
+        }
+        assert_eq!(get(&app, "/").await.text().contains("from 2026-11-22 on"), status == 403);
+    }
+}
+
+#[tokio::test]
+async fn restricted_models_keep_their_geometry_and_say_why() {
+    let dir = tempfile::tempdir().unwrap();
+    let restricted = Access { state: AccessState::Restricted, reason: Some("Rock art.".to_owned()), ..public() };
+    let manifest = object(dir.path(), "fort", &[pack("Fort")], restricted);
+    let app = site(dir.path());
+    let a = ask(&app, "GET", &format!("/fort/{}", manifest.versions[0].pack.url), &[("range", "bytes=0-9")]).await;
+    assert_eq!(a.status, 403);
+    assert!(a.text().contains("Rock art."));
+    assert_eq!(get(&app, "/fort/v1/poster.jpg").await.status, 200);
+    let list = get(&app, "/").await.text();
+    assert!(list.contains("Rock art.") && !list.contains("Download pack"), "{list}");
+}
+
+#[tokio::test]
+async fn a_damaged_object_is_named_with_its_reason_and_the_others_go_on() {
+    let dir = tempfile::tempdir().unwrap();
+    object(dir.path(), "good", &[pack("Good")], public());
+    for (name, manifest) in [("newer", "{\"kilwa\": 2}"), ("broken", "{"), ("empty", "")] {
+        std::fs::create_dir(dir.path().join(name)).unwrap();
+        write(dir.path().join(name).join("manifest.json"), manifest).unwrap();
+    }
+    object(dir.path(), "cut", &[pack("Cut")], public());
+    std::fs::remove_dir_all(dir.path().join("cut/v1")).unwrap();
+    let app = site(dir.path());
+    let list = get(&app, "/").await.text();
+    assert!(list.contains("newer kilwa") && list.matches("cannot be shown").count() == 4, "{list}");
+    assert_eq!(get(&app, "/good/").await.status, 200);
+    assert_eq!(get(&app, "/newer/").await.status, 503);
+    assert_eq!(get(&app, "/cut/v1/poster.jpg").await.status, 404);
+    // A file that was overwritten in place is not what its checksum says, and is not sent under it.
+    assert_eq!(get(&app, "/good/v1/metadata/dc.xml").await.status, 200);
+    write(dir.path().join("good/v1/metadata/dc.xml"), "<other/>").unwrap();
+    assert_eq!(get(&app, "/good/v1/metadata/dc.xml").await.status, 503);
+    assert_eq!(get(&app, "/good/v1/poster.jpg").await.status, 200);
+}
+
+#[tokio::test]
+async fn published_notes_lie_where_the_page_looks_for_them() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path().join("fort.kilwa"), pack("Fort")).unwrap();
+    write(dir.path().join("wall.kilwa"), pack("Wall")).unwrap();
+    write(dir.path().join("fort.annotations.json"), "{\"type\":\"AnnotationPage\"}").unwrap();
+    let app = site(dir.path());
+    assert!(get(&app, "/m/fort").await.text().contains("data-annotations=\"/packs/fort.annotations.json\""));
+    assert!(!get(&app, "/m/wall").await.text().contains("data-annotations"));
+    let a = get(&app, "/packs/fort.annotations.json").await;
+    assert_eq!((a.status.as_u16(), a.header("content-type")), (200, "application/json"));
+    assert_eq!(a.header("cache-control"), "no-cache");
+    assert_eq!(get(&app, "/packs/wall.annotations.json").await.status, 404);
+    assert_eq!(get(&app, "/packs/none.annotations.json").await.status, 404);
+}
+
+#[tokio::test]
+async fn other_sites_may_frame_and_talk_as_far_as_they_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    object(dir.path(), "fort", &[pack("Fort")], public());
+    write(dir.path().join("wall.kilwa"), pack("Wall")).unwrap();
+    let museum = || vec!["https://museum.example".to_owned()];
+    let policy = Policy::new(&museum(), &museum(), &[]).unwrap();
+    let app = app(Site::new(Catalogue::open(dir.path()).unwrap(), page()).with_policy(policy));
+    let meta = "<meta name=\"kilwa-origins\" content=\"https://museum.example\">";
+    for url in ["/m/wall", "/fort/", "/viewer/", "/viewer/index.html"] {
+        let a = get(&app, url).await;
+        assert_eq!(a.status, 200, "{url}");
+        assert_eq!(a.text().matches(meta).count(), 1, "{url}: {}", a.text());
+        assert!(a.header("content-security-policy").ends_with("frame-ancestors https://museum.example"), "{url}");
+    }
+    let module = get(&app, "/viewer/boot.js").await;
+    assert_eq!(module.header("access-control-allow-origin"), "*", "modules of another site need it");
+}
+
+#[tokio::test]
+async fn requests_have_names_and_bodies_that_nothing_takes_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path().join("fort.kilwa"), noise(10, 1)).unwrap();
+    let app = site(dir.path());
+    assert_eq!(
+        ask(&app, "GET", "/", &[("x-request-id", "my-own-name-1")]).await.header("x-request-id"),
+        "my-own-name-1"
+    );
+    let own = get(&app, "/packs/fort.kilwa").await.header("x-request-id").to_owned();
+    assert!(own.len() > 10);
+    let text = get(&app, "/metrics").await.text();
+    assert!(text.contains("kilwa_answers_total{route=\"pack\",status=\"200\"} 1"), "{text}");
+    assert!(text.contains("kilwa_models 1"));
+    let through_a_proxy = ask(&app, "GET", "/metrics", &[("x-forwarded-for", "203.0.113.9")]).await;
+    assert_eq!(through_a_proxy.status, 404);
+    assert_eq!(get(&app, "/healthz").await.text(), "ok\n");
+    std::fs::remove_dir_all(dir.path()).unwrap();
+    assert_eq!(get(&app, "/healthz").await.status, 503);
+}
