@@ -1,26 +1,22 @@
 //! `kilwa measure`: values from the finest surface, each with its standard uncertainty.
 //!
-//! One file per part: `place` (points on the surface), `sweep` (all of the surface, or what a box test passes), `whole` (sums over
-//! the surface), `cutting` (sections, profiles, contours), `output` (files), `report` (what is printed). The geometry is `kilwa_measure`'s,
-//! the same that the page uses.
+//! One file per part: `place` (the points that are meant), `sweep` (the finest surface of a file), `output` and `saved` (files), `report` (what is
+//! printed). What is measured and how is `kilwa_measure`'s, the same for the page: here arguments become a [`Task`].
 
-mod cutting;
 mod output;
 mod place;
 mod report;
 mod saved;
 mod sweep;
-mod whole;
 
-use crate::source::{FileSource, open_pack};
+use crate::source::open_pack;
 use clap::Subcommand;
 use kilwa_geometry::distance::Vec3;
-use kilwa_measure::{LengthUnit, Plane, PointTool, Space, Task, ToolName, Uncertainty};
-use kilwa_pack::Reader;
-use place::{Given, Place, along_rays, places, positions};
-use report::Report;
+use kilwa_measure::{LengthUnit, Outcome, Place, Plane, Space, Task, ToolName, Uncertainty};
+use place::{Given, places, positions};
 use serde_json::json;
 use std::path::PathBuf;
+use sweep::FileLeaves;
 
 /// Measure on the finest surface.
 ///
@@ -177,112 +173,120 @@ fn unit(symbol: &str) -> Result<LengthUnit, String> {
 }
 
 /// A pack with what every tool needs of it.
-pub(super) struct Subject {
-    pub(super) pack: Reader<FileSource>,
-    pub(super) space: Space,
+struct Subject {
+    leaves: FileLeaves,
+    space: Space,
     /// Of one coordinate of one point.
-    pub(super) point: Uncertainty,
+    point: Uncertainty,
     /// What values are printed in.
-    pub(super) unit: LengthUnit,
+    unit: LengthUnit,
     given: Given,
 }
 
 impl Subject {
     fn places(&self, numbers: &[f64]) -> anyhow::Result<Vec<Place>> {
-        let positions = positions(numbers)?;
-        match self.given {
-            Given::Rays => along_rays(&self.pack, &positions),
-            given => places(&self.pack, &positions, given == Given::Exact),
-        }
+        pollster::block_on(places(&self.leaves, numbers, self.given))
     }
 
-    /// The whole model's box, local metres.
-    fn bounds(&self) -> (Vec3, Vec3) {
-        let m = self.pack.metadata();
-        (self.space.local_from_world(m.bounds_min), self.space.local_from_world(m.bounds_max))
+    /// Measure.
+    fn measure(&self, task: &Task) -> anyhow::Result<Outcome> {
+        Ok(pollster::block_on(kilwa_measure::measure(&self.leaves, task))?)
     }
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let pack = open_pack(&args.pack)?;
-    let space = Space::new(pack.header().lattice);
-    let point = Uncertainty::finest(space.step(), pack.metadata().capture_accuracy);
+    let leaves = FileLeaves { pack: open_pack(&args.pack)? };
+    let kilwa_measure::job::Subject { space, point, .. } = kilwa_measure::job::Subject::new(&leaves);
     let given = match (args.exact, args.rays) {
         (true, _) => Given::Exact,
         (_, true) => Given::Rays,
         _ => Given::Near,
     };
-    let subject = Subject { pack, space, point, unit: args.unit, given };
+    let subject = Subject { leaves, space, point, unit: args.unit, given };
     if let Tool::Again(again) = &args.tool {
         anyhow::ensure!(args.save.is_none(), "--save belongs to one measurement, not to a document of them");
         let all_same = saved::again(&subject, again, args.json)?;
         anyhow::ensure!(all_same, "not everything measures the same as when it was saved");
         return Ok(());
     }
-    let report = measure(&subject, &args.tool)?;
+    let outcome = measure(&subject, &args.tool)?;
     if let Some(to) = &args.save {
-        saved::save(&subject, &report, to, args.name.as_deref())?;
+        saved::save(&subject, &outcome, to, args.name.as_deref())?;
     }
-    report.print(&subject, args.json)
+    report::print(outcome, &subject, args.json)
 }
 
-fn measure(s: &Subject, tool: &Tool) -> anyhow::Result<Report> {
+fn measure(s: &Subject, tool: &Tool) -> anyhow::Result<Outcome> {
+    let bare = |name| Task::on_points(name, Vec::new(), &s.space);
     match tool {
-        Tool::Coordinate(points) => on_points(s, ToolName::Coordinate, PointTool::Coordinate, &points.at),
-        Tool::Distance { points, closed: true, .. } => {
-            on_points(s, ToolName::Perimeter, PointTool::Perimeter, &points.at)
+        Tool::Coordinate(points) => on_places(s, bare(ToolName::Coordinate), &points.at),
+        Tool::Distance { points, closed: true, .. } => on_places(s, bare(ToolName::Perimeter), &points.at),
+        Tool::Distance { points, along: true, .. } => on_places(s, bare(ToolName::Along), &points.at),
+        Tool::Distance { points, .. } => on_places(s, bare(ToolName::Distance), &points.at),
+        Tool::Angle { points, planes: false } => on_places(s, bare(ToolName::Angle), &points.at),
+        Tool::Angle { points, planes: true } => on_places(s, bare(ToolName::PlaneAngle), &points.at),
+        Tool::Height(points) => on_places(s, bare(ToolName::Height), &points.at),
+        Tool::Circle(points) => on_places(s, bare(ToolName::Circle), &points.at),
+        Tool::Area { at, reach } => {
+            anyhow::ensure!(!at.is_empty() || reach.is_none(), "--reach belongs to a polygon; give its corners");
+            on_places(s, Task { reach: *reach, ..bare(ToolName::Area) }, at)
         }
-        Tool::Distance { points, along, .. } => {
-            let mut report = on_points(s, ToolName::Distance, PointTool::Distance, &points.at)?;
-            if *along {
-                report.task_mut().tool = ToolName::Along;
-                cutting::along(s, &s.places(&points.at)?, &mut report)?;
-            }
-            Ok(report)
-        }
-        Tool::Angle { points, planes: false } => on_points(s, ToolName::Angle, PointTool::Angle, &points.at),
-        Tool::Angle { points, planes: true } => on_points(s, ToolName::PlaneAngle, PointTool::PlaneAngle, &points.at),
-        Tool::Height(points) => on_points(s, ToolName::Height, PointTool::Height, &points.at),
-        Tool::Circle(points) => on_points(s, ToolName::Circle, PointTool::Circle, &points.at),
-        Tool::Area { at, reach } if at.is_empty() => {
-            anyhow::ensure!(reach.is_none(), "--reach belongs to a polygon; give its corners");
-            whole::area(s)
-        }
-        Tool::Area { at, reach } => whole::polygon_area(s, &s.places(at)?, *reach),
         Tool::Volume { at, against, reach } if at.is_empty() => {
             let alone = reach.is_none() && against.plane(s)?.is_none();
             anyhow::ensure!(alone, "a plane and --reach belong to a polygon; give its corners");
-            whole::volume(s)
+            s.measure(&bare(ToolName::Volume))
         }
-        Tool::Volume { at, against, reach } => whole::cut_fill(s, &s.places(at)?, against.plane(s)?, *reach),
-        Tool::Deviation { at, from, reach } => whole::deviation(s, &s.places(at)?, from.plane(s)?, *reach),
+        Tool::Volume { at, against, reach } => {
+            on_places(s, Task { plane: against.plane(s)?, reach: *reach, ..bare(ToolName::CutFill) }, at)
+        }
+        Tool::Deviation { at, from, reach } => {
+            let plane = from.plane(s)?;
+            if at.is_empty() {
+                let hint = "from which plane? Give --plane, --x, --y or --z, or a polygon";
+                anyhow::ensure!(plane.is_some(), hint);
+                anyhow::ensure!(reach.is_none(), "--reach belongs to a polygon; give its corners");
+            }
+            on_places(s, Task { plane, reach: *reach, ..bare(ToolName::Deviation) }, at)
+        }
         Tool::Section { plane, output } => {
             let plane = plane.plane(s)?;
-            let plane = plane.ok_or_else(|| anyhow::anyhow!("which plane? Give --plane, --x, --y or --z"))?;
-            cutting::section(s, plane, output)
+            anyhow::ensure!(plane.is_some(), "which plane? Give --plane, --x, --y or --z");
+            to_file(s, &Task { plane, ..bare(ToolName::Section) }, output)
         }
         Tool::Profile { points, output } => {
-            let line = positions(&points.at)?;
-            let local: Vec<Vec3> = line.iter().map(|p| s.space.local_from_world(*p)).collect();
-            cutting::profile(s, &local, output)
+            let line = positions(&points.at)?.into_iter().map(|p| s.space.local_from_world(p)).collect();
+            to_file(s, &Task::on_points(ToolName::Profile, line, &s.space), output)
         }
-        Tool::Contours { interval, output } => cutting::contours(s, *interval, output),
+        Tool::Contours { interval, output } => {
+            to_file(s, &Task { interval: Some(*interval), ..bare(ToolName::Contours) }, output)
+        }
         Tool::Again(_) => anyhow::bail!("a document is measured as a whole"),
     }
 }
 
-fn on_points(s: &Subject, name: ToolName, tool: PointTool, numbers: &[f64]) -> anyhow::Result<Report> {
+/// A task on the places that numbers mean.
+fn on_places(s: &Subject, task: Task, numbers: &[f64]) -> anyhow::Result<Outcome> {
     let places = s.places(numbers)?;
-    let local: Vec<Vec3> = places.iter().map(|p| p.local).collect();
-    let readings = tool.measure(&local, &s.space, &s.point)?;
-    let mut report = Report::new(Task::on_points(name, local, &s.space), readings);
+    let points = Task::on_points(task.tool, places.iter().map(|p| p.local).collect(), &s.space);
+    let mut outcome = s.measure(&Task { local: points.local, world: points.world, ..task })?;
+    if places.is_empty() {
+        return Ok(outcome);
+    }
     if s.given == Given::Near
         && let [only] = &places[..]
     {
-        report.remark(format!("{:.4} m from the given position", only.away));
+        outcome.remark(format!("{:.4} m from the given position", only.away));
     }
-    report.add("points", json!(places));
-    Ok(report)
+    outcome.add("points", json!(places));
+    Ok(outcome)
+}
+
+/// A task whose lines may go to a file.
+fn to_file(s: &Subject, task: &Task, output: &output::OutputArgs) -> anyhow::Result<Outcome> {
+    output.check()?;
+    let mut outcome = s.measure(task)?;
+    output.write(s, &mut outcome)?;
+    Ok(outcome)
 }
 
 impl PlaneArgs {

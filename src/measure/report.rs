@@ -1,96 +1,48 @@
 //! What a measurement prints: readings with their uncertainty, for people or as JSON with every digit.
 
 use super::Subject;
-use super::sweep::Read;
-use kilwa_measure::{Reading, Task};
-use serde_json::{Map, Value, json};
+use kilwa_measure::{Leaves, Outcome};
+use serde_json::{Value, json};
 use std::io::Write;
 
-/// A measurement.
-pub(super) struct Report {
-    task: Task,
-    readings: Vec<Reading>,
-    details: Map<String, Value>,
-    /// Sentences below the readings.
-    remarks: Vec<String>,
-}
-
-impl Report {
-    pub(super) fn new(task: Task, readings: Vec<Reading>) -> Self {
-        Self { task, readings, details: Map::new(), remarks: Vec::new() }
+/// Print it.
+pub(super) fn print(mut outcome: Outcome, s: &Subject, as_json: bool) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    let index = s.leaves.index();
+    if as_json {
+        if let Some(read) = outcome.read {
+            outcome.add("read", json!(read));
+        }
+        outcome.add("tool", json!(outcome.task.tool));
+        outcome.add("readings", json!(outcome.readings));
+        outcome.add("uncertainty", json!(s.point));
+        outcome.add("pack", json!({ "title": index.metadata().title, "identity": index.identity() }));
+        let printed: Vec<Value> =
+            outcome.printed(s.unit).iter().map(|(name, text)| json!({ "name": name, "text": text })).collect();
+        outcome.add("printed", json!(printed));
+        serde_json::to_writer_pretty(&mut out, &Value::Object(outcome.details))?;
+        writeln!(out)?;
+        return Ok(());
     }
-
-    /// What was measured.
-    pub(super) fn task(&self) -> &Task {
-        &self.task
+    let width = outcome.readings.iter().map(|r| r.name.chars().count()).max().unwrap_or(0);
+    for (name, text) in outcome.printed(s.unit) {
+        writeln!(out, "{name:width$} {text}")?;
     }
-
-    /// The same, to say more of it.
-    pub(super) fn task_mut(&mut self) -> &mut Task {
-        &mut self.task
+    for words in &outcome.remarks {
+        writeln!(out, "{words}")?;
     }
-
-    /// What came out.
-    pub(super) fn readings(&self) -> &[Reading] {
-        &self.readings
-    }
-
-    /// A further reading.
-    pub(super) fn reading(&mut self, reading: Reading) {
-        self.readings.push(reading);
-    }
-
-    /// A field of the JSON.
-    pub(super) fn add(&mut self, name: &str, value: Value) {
-        self.details.insert(name.to_owned(), value);
-    }
-
-    /// A sentence for people.
-    pub(super) fn remark(&mut self, words: String) {
-        self.remarks.push(words);
-    }
-
-    /// What was read of the pack.
-    pub(super) fn read(&mut self, read: &Read) {
-        self.add("read", json!(read));
+    if let Some(read) = outcome.read {
         let share = 100.0 * read.bytes as f64 / read.of_bytes.max(1) as f64;
-        self.remark(format!(
-            "read {} of {} chunks, {} bytes ({share:.1} % of the pack)",
-            read.chunks,
-            read.of_chunks,
-            crate::info::grouped(read.bytes)
-        ));
+        let bytes = crate::info::grouped(read.bytes);
+        writeln!(out, "read {} of {} chunks, {bytes} bytes ({share:.1} % of the pack)", read.chunks, read.of_chunks)?;
     }
-
-    /// Print it.
-    pub(super) fn print(mut self, s: &Subject, as_json: bool) -> anyhow::Result<()> {
-        let mut out = std::io::stdout().lock();
-        if as_json {
-            self.add("tool", json!(self.task.tool));
-            self.add("readings", json!(self.readings));
-            self.add("uncertainty", json!(s.point));
-            self.add("pack", json!({ "title": s.pack.metadata().title, "identity": s.pack.identity() }));
-            serde_json::to_writer_pretty(&mut out, &Value::Object(self.details))?;
-            writeln!(out)?;
-            return Ok(());
-        }
-        let width = self.readings.iter().map(|r| r.name.chars().count()).max().unwrap_or(0);
-        for r in &self.readings {
-            writeln!(out, "{:width$} {}", r.name, r.text(s.unit))?;
-        }
-        for words in &self.remarks {
-            writeln!(out, "{words}")?;
-        }
-        let lattice = s.point.lattice;
-        match s.point.capture {
-            Some(c) => {
-                writeln!(out, "standard uncertainty of a coordinate: lattice {lattice:.3e} m and capture {c} m")?;
-            }
-            None => writeln!(
-                out,
-                "standard uncertainty of a coordinate: lattice {lattice:.3e} m only; the accuracy of the capture is unknown"
-            )?,
-        }
-        Ok(())
+    let lattice = s.point.lattice;
+    match s.point.capture {
+        Some(c) => writeln!(out, "standard uncertainty of a coordinate: lattice {lattice:.3e} m and capture {c} m")?,
+        None => writeln!(
+            out,
+            "standard uncertainty of a coordinate: lattice {lattice:.3e} m only; the accuracy of the capture is unknown"
+        )?,
     }
+    Ok(())
 }

@@ -1,11 +1,10 @@
 //! Saved measurements: adding to a document, measuring all of a document again, writing it in other formats.
 
-use super::place::{self, Place};
-use super::report::Report;
-use super::{Subject, cutting, whole};
+use super::Subject;
 use crate::new_file::NewFile;
 use anyhow::Context;
-use kilwa_measure::{Document, Measurement, PackName, PointTool, Task, ToolName};
+use kilwa_measure::job::pack_name;
+use kilwa_measure::{Document, Leaves, Measurement, Outcome};
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -26,17 +25,6 @@ pub(crate) struct AgainArgs {
     cite: bool,
 }
 
-/// What the pack is called in a document.
-fn pack_name(s: &Subject) -> PackName {
-    let metadata = s.pack.metadata();
-    PackName {
-        identity: s.pack.identity(),
-        title: metadata.title.clone(),
-        lattice: s.pack.header().lattice,
-        crs: metadata.crs.clone(),
-    }
-}
-
 fn read(path: &Path) -> anyhow::Result<Document> {
     let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     Document::parse(&bytes).with_context(|| path.display().to_string())
@@ -50,8 +38,8 @@ pub(super) fn write_whole(path: &Path, text: &str, replace: bool) -> anyhow::Res
 }
 
 /// Add a measurement to a document, which is made where it is not there.
-pub(super) fn save(s: &Subject, report: &Report, to: &Path, name: Option<&str>) -> anyhow::Result<()> {
-    let pack = pack_name(s);
+pub(super) fn save(s: &Subject, outcome: &Outcome, to: &Path, name: Option<&str>) -> anyhow::Result<()> {
+    let pack = pack_name(s.leaves.index());
     let mut document = if to.exists() { read(to)? } else { Document::new(pack.clone()) };
     anyhow::ensure!(
         document.pack.identity == pack.identity,
@@ -60,12 +48,12 @@ pub(super) fn save(s: &Subject, report: &Report, to: &Path, name: Option<&str>) 
         document.pack.title,
         document.pack.identity
     );
-    let task = report.task().clone();
+    let task = outcome.task.clone();
     let default = format!("{} {}", task.tool.name(), document.measurements.len() + 1);
     document.measurements.push(Measurement {
         name: name.map_or(default, str::to_owned),
         task,
-        readings: report.readings().to_vec(),
+        readings: outcome.readings.clone(),
         uncertainty: s.point,
         color: None,
         hidden: false,
@@ -83,21 +71,21 @@ pub(super) fn again(s: &Subject, args: &AgainArgs, as_json: bool) -> anyhow::Res
         anyhow::ensure!(args.force || !path.exists(), "{} exists; --force replaces it", path.display());
         write_whole(path, &text, args.force)?;
     }
-    let here = pack_name(s);
+    let here = pack_name(s.leaves.index());
     let same_pack = document.pack.identity == here.identity;
     let mut out = std::io::stdout().lock();
     let (mut rows, mut differing) = (Vec::new(), 0);
     for m in &document.measurements {
-        let task = on_this_lattice(&m.task, &document.pack, s);
-        let now = measure(s, &task).map_err(|e| format!("{e:#}"));
-        let same = now.as_ref().is_ok_and(|r| r.readings() == m.readings);
+        let task = m.task.on_lattice(&document.pack.lattice, &here.lattice);
+        let now = s.measure(&task).map_err(|e| format!("{e:#}"));
+        let same = now.as_ref().is_ok_and(|r| r.readings == m.readings);
         differing += usize::from(!same);
         rows.push(json!({
             "name": m.name,
             "tool": m.task.tool,
             "same": same,
             "saved": m.readings,
-            "now": now.as_ref().ok().map(Report::readings),
+            "now": now.as_ref().ok().map(|n| &n.readings),
             "refused": now.as_ref().err(),
         }));
         if as_json {
@@ -106,7 +94,7 @@ pub(super) fn again(s: &Subject, args: &AgainArgs, as_json: bool) -> anyhow::Res
         writeln!(out, "{} ({}): {}", m.name, m.task.tool.name(), if same { "the same" } else { "DIFFERENT" })?;
         for (i, r) in m.readings.iter().enumerate() {
             let text = r.text(s.unit);
-            match now.as_ref().ok().and_then(|n| n.readings().get(i)).filter(|_| !same) {
+            match now.as_ref().ok().and_then(|n| n.readings.get(i)).filter(|_| !same) {
                 Some(other) => writeln!(out, "  {:24} {text}, now {}", r.name, other.text(s.unit))?,
                 None => writeln!(out, "  {:24} {text}", r.name)?,
             }
@@ -133,61 +121,6 @@ pub(super) fn again(s: &Subject, args: &AgainArgs, as_json: bool) -> anyhow::Res
         writeln!(out, "{differing} of {} measurements differ.", document.measurements.len())?;
     }
     Ok(differing == 0)
-}
-
-/// The task with points counted from this pack's lattice origin, where the document's is another.
-fn on_this_lattice(task: &Task, saved: &PackName, s: &Subject) -> Task {
-    let here = s.pack.header().lattice;
-    if saved.lattice.origin == here.origin {
-        return task.clone();
-    }
-    let shift: [f64; 3] = std::array::from_fn(|i| saved.lattice.origin[i] - here.origin[i]);
-    let moved = |p: [f64; 3]| std::array::from_fn(|i| p[i] + shift[i]);
-    let mut task = task.clone();
-    task.local.iter_mut().for_each(|p| *p = moved(*p));
-    if let Some(plane) = &mut task.plane {
-        plane.point = moved(plane.point);
-    }
-    task
-}
-
-/// One task again.
-fn measure(s: &Subject, task: &Task) -> anyhow::Result<Report> {
-    let on_points = |tool: PointTool| -> anyhow::Result<Report> {
-        Ok(Report::new(task.clone(), tool.measure(&task.local, &s.space, &s.point)?))
-    };
-    // Which way the surface faces is looked up where the points are; the points stay.
-    let places = || -> anyhow::Result<Vec<Place>> {
-        task.local.iter().map(|p| place::facing_at(&s.pack, &s.space, *p)).collect()
-    };
-    match task.tool {
-        ToolName::Coordinate => on_points(PointTool::Coordinate),
-        ToolName::Distance => on_points(PointTool::Distance),
-        ToolName::Perimeter => on_points(PointTool::Perimeter),
-        ToolName::Along => {
-            let mut report = on_points(PointTool::Distance)?;
-            cutting::along(s, &places()?, &mut report)?;
-            Ok(report)
-        }
-        ToolName::Angle => on_points(PointTool::Angle),
-        ToolName::PlaneAngle => on_points(PointTool::PlaneAngle),
-        ToolName::Height => on_points(PointTool::Height),
-        ToolName::Circle => on_points(PointTool::Circle),
-        ToolName::Area if task.local.is_empty() => whole::area(s),
-        ToolName::Area => whole::polygon_area(s, &places()?, task.reach),
-        ToolName::Volume => whole::volume(s),
-        ToolName::CutFill => whole::cut_fill(s, &places()?, task.plane, task.reach),
-        ToolName::Deviation => whole::deviation(s, &places()?, task.plane, task.reach),
-        ToolName::Section => {
-            let plane = task.plane.context("the saved section has no plane")?;
-            cutting::section(s, plane, &super::output::OutputArgs::none())
-        }
-        ToolName::Profile => cutting::profile(s, &task.local, &super::output::OutputArgs::none()),
-        ToolName::Contours => {
-            let interval = task.interval.context("the saved contours have no interval")?;
-            cutting::contours(s, interval, &super::output::OutputArgs::none())
-        }
-    }
 }
 
 fn export(document: &Document, path: &Path) -> anyhow::Result<String> {

@@ -6,7 +6,7 @@
 
 use crate::camera::Bounds;
 use crate::options::{Background, Light, Mode, RenderOptions, Scale};
-use crate::section::{Clip, ClipBox, HalfSpace, box_faces};
+use crate::section::{Clip, ClipState, half_space};
 use kilwa_geometry::Lattice;
 use kilwa_geometry::distance::{Vec3, dot};
 use serde::{Deserialize, Serialize};
@@ -47,31 +47,7 @@ impl Default for LightAngles {
     }
 }
 
-/// A plane in world metres. The normal need not have length 1.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Plane {
-    /// Its normal.
-    pub normal: Vec3,
-    /// A point on it, metres.
-    pub point: Vec3,
-}
-
-/// A box in world metres.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "camelCase")]
-pub struct SectionBox {
-    /// Its middle.
-    pub center: Vec3,
-    /// Width, depth and height.
-    pub size: Vec3,
-    /// Degrees that it is turned, clockwise seen from above.
-    #[serde(default, skip_serializing_if = "is_default")]
-    pub turn: f64,
-    /// Take away the inside instead of the outside.
-    #[serde(default, skip_serializing_if = "is_default")]
-    pub remove_inside: bool,
-}
+pub use kilwa_measure::clip::{WorldBox as SectionBox, WorldPlane as Plane};
 
 /// How the model is shown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -218,10 +194,10 @@ impl Display {
         need(rising(self.range), "range", "two metres, the first smaller than the second")?;
         need(rising(self.channel_range), "channelRange", "two numbers, the first smaller than the second")?;
         let rule = "a normal that is not zero and a point, in metres";
-        need(self.plane.is_none_or(|p| p.is_sane()), "plane", rule)?;
-        need(self.clip_plane.is_none_or(|p| p.is_sane()), "clipPlane", rule)?;
+        need(self.plane.as_ref().is_none_or(is_plane), "plane", rule)?;
+        need(self.clip_plane.as_ref().is_none_or(is_plane), "clipPlane", rule)?;
         let rule = "a center and a size greater than 0, in metres, and a turn in degrees";
-        need(self.clip_box.is_none_or(|b| b.is_sane()), "clipBox", rule)
+        need(self.clip_box.as_ref().is_none_or(is_box), "clipBox", rule)
     }
 
     /// The mode.
@@ -302,12 +278,7 @@ impl Display {
 
     /// The cut, in lattice steps.
     pub fn clip(&self, lattice: &Lattice) -> Clip {
-        let step = lattice.step();
-        let bounds = self.clip_box.map(|b| ClipBox {
-            faces: box_faces(lattice.steps_from_world(b.center), b.size.map(|x| x / step), b.turn.to_radians()),
-            remove_inside: b.remove_inside,
-        });
-        Clip { plane: self.clip_plane.map(|p| half_space(&p, lattice)), bounds }
+        ClipState { clip_plane: self.clip_plane, clip_box: self.clip_box }.in_steps(lattice)
     }
 
     /// Number of the channel that the mode `scalar` shows, of these names.
@@ -318,28 +289,19 @@ impl Display {
     }
 }
 
-impl Plane {
-    fn is_sane(&self) -> bool {
-        let length = dot(self.normal, self.normal);
-        length.is_finite() && length > 1e-18 && self.point.iter().all(|x| x.abs() <= FAR)
-    }
+fn is_plane(plane: &Plane) -> bool {
+    let length = dot(plane.normal, plane.normal);
+    length.is_finite() && length > 1e-18 && plane.point.iter().all(|x| x.abs() <= FAR)
 }
 
-impl SectionBox {
-    fn is_sane(&self) -> bool {
-        let sizes = self.size.iter().all(|x| *x > 0.0 && *x <= FAR);
-        sizes && self.center.iter().all(|x| x.abs() <= FAR) && self.turn.is_finite()
-    }
+fn is_box(b: &SectionBox) -> bool {
+    let sizes = b.size.iter().all(|x| *x > 0.0 && *x <= FAR);
+    sizes && b.center.iter().all(|x| x.abs() <= FAR) && b.turn.is_finite()
 }
 
 fn unit(v: Vec3) -> Vec3 {
     let length = libm::sqrt(dot(v, v));
     v.map(|x| x / length)
-}
-
-fn half_space(plane: &Plane, lattice: &Lattice) -> HalfSpace {
-    let normal = unit(plane.normal);
-    HalfSpace { normal, offset: dot(normal, lattice.steps_from_world(plane.point)) }
 }
 
 /// A background by name.

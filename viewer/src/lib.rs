@@ -18,13 +18,13 @@ pub mod gpu;
 pub mod options;
 pub mod pick;
 pub mod renderer;
-pub mod section;
 pub mod shell;
 pub mod walk;
 
 pub use camera::{Bounds, Camera, StandardView};
 pub use display::Display;
 pub use gpu::context::{Gpu, GpuError, Prefer};
+pub use kilwa_measure::clip as section;
 pub use kilwa_stream::{Projection, View};
 pub use options::{Background, Mode, RenderOptions, Tile};
 pub use renderer::{IdImage, Image, Renderer};

@@ -6,6 +6,8 @@
 use crate::section::Clip;
 use kilwa_geometry::Aabb;
 use kilwa_geometry::distance::{Vec3, ray_triangle};
+use kilwa_measure::Ray;
+use kilwa_measure::interval::{Provisional, provisional, stretch};
 use kilwa_pack::GpuChunk;
 use kilwa_pack::vertex_layout::VERTEX_BYTES;
 use kilwa_stream::DrawPatch;
@@ -69,6 +71,45 @@ pub fn nearest<'a>(
     best
 }
 
+/// Where along a ray the pick on the finest surface can lie, from the drawn cut of what `clip` leaves: see [`kilwa_measure::interval`]. A
+/// finest triangle that the ray meets ends the search: nothing behind it counts. `step` is the lattice step in metres.
+pub fn interval<'a>(
+    ray: &Ray,
+    patches: &[DrawPatch],
+    clip: &Clip,
+    step: f64,
+    chunk: impl Fn(u32) -> Option<(&'a GpuChunk, Aabb)>,
+) -> Provisional {
+    let mut stretches = Vec::new();
+    let mut first = f64::INFINITY;
+    for patch in patches {
+        let Some((mesh, bounds)) = chunk(patch.chunk) else { continue };
+        let error = f64::from(patch.error) / step;
+        let reach = error.ceil().clamp(0.0, 1e9) as i32;
+        let grown =
+            Aabb { min: bounds.min.map(|x| x.saturating_sub(reach)), max: bounds.max.map(|x| x.saturating_add(reach)) };
+        if bounds.is_empty() || !meets(ray.origin, ray.direction, &grown, first) {
+            continue;
+        }
+        let from = patch.first as usize * 3;
+        let triangles = mesh.indices.get(from..from + patch.count as usize * 3).unwrap_or_default();
+        for t in triangles.chunks_exact(3).filter_map(|t| corners(mesh, t)) {
+            stretches.extend(stretch(ray, t, error));
+            if error == 0.0
+                && let Some(at) = ray_triangle(ray.origin, ray.direction, t)
+                && clip.keeps(ray.at(at))
+            {
+                first = first.min(at);
+            }
+        }
+    }
+    let kept = clip.stretches(ray);
+    let within = |(from, to): (f64, f64)| {
+        kept.iter().map(move |(a, b)| (from.max(*a), to.min(*b).min(first))).filter(|(from, to)| from <= to)
+    };
+    provisional(stretches.into_iter().flat_map(within))
+}
+
 fn corners(mesh: &GpuChunk, triangle: &[u32]) -> Option<[Vec3; 3]> {
     let corner = |v: u32| {
         let at = v as usize * VERTEX_BYTES;
@@ -115,6 +156,28 @@ mod tests {
         chunk.mesh.triangles = vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
         chunk.patches = vec![PatchRange { first: 0, count: 4, diamond: NO_DIAMOND }];
         interleave(&chunk)
+    }
+
+    #[test]
+    fn the_interval_holds_the_pick_and_ends_at_the_first_finest_triangle() {
+        let mesh = squares();
+        let bounds = Aabb { min: [0, 10, 0], max: [8, 20, 8] };
+        let ray = Ray { origin: [4.0, 0.0, 5.0], direction: [0.0, 2.0, 0.0] };
+        let find = |errors: [f32; 2], clip: &Clip| {
+            let patches = [
+                DrawPatch { error: errors[0], ..patch(0, 2, true) },
+                DrawPatch { error: errors[1], ..patch(2, 2, true) },
+            ];
+            interval(&ray, &patches, clip, 0.5, |_| Some((&mesh, bounds)))
+        };
+        // 0.5 m are one step and so half a multiple of the direction.
+        let Provisional::Several(all) = find([0.5, 0.5], &Clip::default()) else { panic!("two surfaces") };
+        assert!((all[0].0 - 4.5).abs() < 1e-6 && (all[0].1 - 5.5).abs() < 1e-6 && all.len() == 2, "{all:?}");
+        let Provisional::Between { from, to } = find([0.0, 0.5], &Clip::default()) else { panic!("one surface") };
+        assert!(from <= 5.0 && to >= 5.0 && to - from < 1e-6, "{from} {to}");
+        let cut = Clip { plane: Some(HalfSpace { normal: [0.0, -1.0, 0.0], offset: -15.0 }), bounds: None };
+        let Provisional::Between { from, to } = find([0.0, 0.5], &cut) else { panic!("one surface stays") };
+        assert!(from < 10.0 && to > 10.0 && from > 9.0, "{from} {to}");
     }
 
     fn patch(first: u32, count: u32, visible: bool) -> DrawPatch {

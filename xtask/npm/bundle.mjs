@@ -6,7 +6,7 @@ import { readFile, writeFile } from "node:fs/promises";
 import { basename, join } from "node:path";
 
 const [, , www, out, ...glue] = process.argv;
-const entries = ["boot.js", "app.js", "list.js", "kilwa-viewer.js", "decode-worker.js"];
+const entries = ["boot.js", "app.js", "list.js", "kilwa-viewer.js", "decode-worker.js", "measure/worker.js"];
 const result = await build({
   entryPoints: entries.map((name) => join(www, name)),
   outdir: out,
@@ -17,7 +17,7 @@ const result = await build({
   minify: true,
   charset: "utf8",
   chunkNames: "chunk-[hash]",
-  external: ["./decode.js"],
+  external: ["./decode.js", "../measure.js"],
   metafile: true,
   logLevel: "warning",
 });

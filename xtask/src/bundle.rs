@@ -13,6 +13,24 @@ use std::path::Path;
 /// The line of `index.html` that chunks are named after.
 const AFTER: &str = "<link rel=\"modulepreload\" href=\"app.js\">";
 
+/// Folders of the page whose scripts are modules of it.
+const FOLDERS: [&str; 1] = ["measure"];
+
+/// Every file of a folder and of those in it.
+fn add(page: &mut BTreeMap<String, Vec<u8>>, folder: &Path, prefix: &str) -> Result<()> {
+    for entry in fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))? {
+        let path = entry.with_context(|| format!("cannot list {}", folder.display()))?.path();
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        if path.is_dir() {
+            add(page, &path, &format!("{prefix}{name}/"))?;
+        } else {
+            let bytes = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            page.insert(format!("{prefix}{name}"), bytes);
+        }
+    }
+    Ok(())
+}
+
 /// Bundle `page`, whose hand-written modules lie in `www`. `glue` are names of scripts that wasm-bindgen wrote.
 pub(crate) fn bundle(
     page: &mut BTreeMap<String, Vec<u8>>,
@@ -38,13 +56,13 @@ pub(crate) fn bundle(
     }
     let chunks = output(&mut node).context("esbuild on the page's modules")?;
 
-    let is_module = |name: &String| !name.contains('/') && Path::new(name).extension().is_some_and(|e| e == "js");
+    // Modules at the top and in the folders of tools; examples are for people and stay as they are.
+    let is_module = |name: &String| {
+        Path::new(name).extension().is_some_and(|e| e == "js")
+            && (!name.contains('/') || FOLDERS.iter().any(|f| name.strip_prefix(f).is_some_and(|n| n.starts_with('/'))))
+    };
     page.retain(|name, _| !is_module(name));
-    for entry in fs::read_dir(&out).with_context(|| format!("cannot list {}", out.display()))? {
-        let path = entry.with_context(|| format!("cannot list {}", out.display()))?.path();
-        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        page.insert(name, fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?);
-    }
+    add(page, &out, "")?;
     let html = page.get("index.html").and_then(|bytes| std::str::from_utf8(bytes).ok()).unwrap_or_default();
     if !html.contains(AFTER) {
         bail!("www/index.html has no line {AFTER}, after which the bundled chunks are named");

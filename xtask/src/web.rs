@@ -1,6 +1,6 @@
 //! `cargo xtask web`: the page, ready to be served by any static host, in `www/dist`.
 //!
-//! Input: the crates `kilwa-viewer` (twice: with WebGPU, and with WebGL 2 for browsers without it) and `kilwa-decode`, and the
+//! Input: the crates `kilwa-viewer` (twice: with WebGPU, and with WebGL 2 for browsers without it) and `kilwa-decode`, `kilwa-measure-web`, and the
 //! static files of `www/`. Steps: cargo for wasm32 with the profile `web` (in `target/web` and `target/web-gl`, so that neither a
 //! native build waits for it nor one variant replaces the other), wasm-bindgen as a library of exactly the version that the
 //! crates link, wasm-opt from npm's binaryen, a copy of the static files, a `.gz` beside everything that compresses.
@@ -36,8 +36,8 @@ struct Build {
 const BUILDS: [Build; 2] = [
     Build {
         target: "target/web",
-        args: &["--package", "kilwa-viewer", "--package", "kilwa-decode"],
-        modules: &[("kilwa_viewer", "viewer"), ("kilwa_decode", "decode")],
+        args: &["--package", "kilwa-viewer", "--package", "kilwa-decode", "--package", "kilwa-measure-web"],
+        modules: &[("kilwa_viewer", "viewer"), ("kilwa_decode", "decode"), ("kilwa_measure_web", "measure")],
     },
     Build {
         target: "target/web-gl",
@@ -63,6 +63,8 @@ const WASM_OPT: [&str; 9] = [
 const VIEWER_GZ_MAX: u64 = 350_000;
 /// The same of the build with WebGL 2, which carries a shader compiler.
 const VIEWER_GL_GZ_MAX: u64 = 1_200_000;
+/// Budget of measuring, which is loaded when a tool is first used.
+const MEASURE_GZ_MAX: u64 = 300_000;
 /// Budget of everything else that the page loads, gzipped bytes.
 const PAGE_GZ_MAX: u64 = 120_000;
 
@@ -268,7 +270,8 @@ fn check_sizes(page: &Page) -> Result<()> {
     let gzipped =
         |name: &str| page.get(&format!("{name}.gz")).or_else(|| page.get(name)).map_or(0, |bytes| bytes.len() as u64);
     println!("{:>10} {:>10}  file", "bytes", "gzipped");
-    let (mut viewer, mut viewer_gl, mut decode, mut rest, mut glue, mut language) = (0, 0, 0, 0, 0, 0);
+    let (mut viewer, mut viewer_gl, mut decode, mut measure) = (0, 0, 0, 0);
+    let (mut rest, mut glue, mut language) = (0, 0, 0);
     for (name, bytes) in page.iter().filter(|(name, _)| !has_extension(name, "gz") && !has_extension(name, "br")) {
         let size = gzipped(name);
         println!("{:>10} {size:>10}  {name}", bytes.len());
@@ -276,6 +279,7 @@ fn check_sizes(page: &Page) -> Result<()> {
             "viewer_bg.wasm" => viewer = size,
             "viewer-gl_bg.wasm" => viewer_gl = size,
             "decode_bg.wasm" => decode = size,
+            "measure_bg.wasm" => measure = size,
             // A visitor loads one of the two, and one language.
             "viewer.js" | "viewer-gl.js" => glue = size.max(glue),
             name if name.starts_with("i18n/") => language = size.max(language),
@@ -286,7 +290,7 @@ fn check_sizes(page: &Page) -> Result<()> {
     }
     rest += glue + language;
     println!(
-        "web: viewer wasm {viewer} of {VIEWER_GZ_MAX}, with WebGL 2 {viewer_gl} of {VIEWER_GL_GZ_MAX}, decoder wasm {decode}, page without wasm {rest} of {PAGE_GZ_MAX} bytes gzipped"
+        "web: viewer wasm {viewer} of {VIEWER_GZ_MAX}, with WebGL 2 {viewer_gl} of {VIEWER_GL_GZ_MAX}, decoder wasm {decode}, measuring wasm {measure} of {MEASURE_GZ_MAX}, page without wasm {rest} of {PAGE_GZ_MAX} bytes gzipped"
     );
     if viewer > VIEWER_GZ_MAX {
         bail!(
@@ -296,6 +300,11 @@ fn check_sizes(page: &Page) -> Result<()> {
     if viewer_gl > VIEWER_GL_GZ_MAX {
         bail!(
             "the viewer's wasm with WebGL 2 is {viewer_gl} bytes gzipped; at most {VIEWER_GL_GZ_MAX} are allowed (VIEWER_GL_GZ_MAX in xtask/src/web.rs)"
+        );
+    }
+    if measure > MEASURE_GZ_MAX {
+        bail!(
+            "the measuring wasm is {measure} bytes gzipped; at most {MEASURE_GZ_MAX} are allowed (MEASURE_GZ_MAX in xtask/src/web.rs)"
         );
     }
     if rest > PAGE_GZ_MAX {

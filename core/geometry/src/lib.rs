@@ -9,6 +9,7 @@
 
 pub mod bounds;
 pub mod bvh;
+pub mod clip;
 pub mod diamond;
 pub mod distance;
 pub mod hilbert;

@@ -4,6 +4,7 @@
 //! triangles. Everything in lattice steps and `f64`. Where triangles are met at the very same place (along a shared edge), the one whose
 //! corners come first in the order of lattice points counts, so that the answer does not depend on chunks or their order.
 
+use crate::clip::Clip;
 use crate::plane::Plane;
 use kilwa_geometry::bvh::Bounds;
 use kilwa_geometry::distance::{Vec3, ray_triangle};
@@ -62,13 +63,19 @@ pub struct Picked {
 pub struct Picker {
     ray: Ray,
     clips: Vec<Plane>,
+    clip: Clip,
     best: Option<Picked>,
 }
 
 impl Picker {
     /// Along `ray`; only what lies on the side of every plane of `clips` that its normal points to, or on it, counts. Lattice steps.
     pub fn new(ray: Ray, clips: Vec<Plane>) -> Self {
-        Self { ray, clips, best: None }
+        Self { ray, clips, clip: Clip::default(), best: None }
+    }
+
+    /// Along `ray`; only what `clip` leaves counts. Lattice steps.
+    pub fn clipped(ray: Ray, clip: Clip) -> Self {
+        Self { ray, clips: Vec::new(), clip, best: None }
     }
 
     /// The boxes that the ray enters, with where it does, nearest first.
@@ -96,7 +103,7 @@ impl Picker {
         };
         let better = self.best.is_none_or(|b| t < b.t || (t == b.t && first(corners) < first(b.corners)));
         let point = self.ray.at(t);
-        if better && self.clips.iter().all(|c| c.distance(point) >= 0.0) {
+        if better && self.clip.keeps(point) && self.clips.iter().all(|c| c.distance(point) >= 0.0) {
             self.best = Some(Picked { t, point, corners });
         }
     }

@@ -99,6 +99,22 @@ impl Task {
         let world = local.iter().map(|p| space.world_from_local(*p)).collect();
         Self { tool, local, world, plane: None, reach: None, interval: None }
     }
+
+    /// The same task with points counted from the origin of the lattice `to` instead of that of `from`.
+    #[must_use]
+    pub fn on_lattice(&self, from: &Lattice, to: &Lattice) -> Self {
+        let mut task = self.clone();
+        if from.origin == to.origin {
+            return task;
+        }
+        let shift: Vec3 = std::array::from_fn(|i| from.origin[i] - to.origin[i]);
+        let moved = |p: Vec3| std::array::from_fn(|i| p[i] + shift[i]);
+        task.local.iter_mut().for_each(|p| *p = moved(*p));
+        if let Some(plane) = &mut task.plane {
+            plane.point = moved(plane.point);
+        }
+        task
+    }
 }
 
 /// One saved measurement.

@@ -61,6 +61,39 @@ pub enum Refusal {
     /// Not a number.
     #[error("a coordinate is not a finite number")]
     NotFinite,
+    /// Not a ray.
+    #[error("a ray needs a finite origin and a direction that is not zero")]
+    NoRay,
+    /// A tool that needs a plane and got none.
+    #[error("{tool} needs a plane; choose one")]
+    NoPlane {
+        /// The tool.
+        tool: &'static str,
+    },
+    /// Only points are known, and the tool needs the surface.
+    #[error("there is no number before the finest surface is there")]
+    Waits,
+    /// How far a polygon counts the surface.
+    #[error("the reach must be a positive length in metres; {metres} is given")]
+    Reach {
+        /// What was given.
+        metres: f64,
+    },
+    /// Contours that are none or too many.
+    #[error(
+        "an interval of {metres} m is not possible: it must be positive and give at most {most} contours between {low} \
+         and {high} m"
+    )]
+    Interval {
+        /// What was given.
+        metres: f64,
+        /// Most contours.
+        most: usize,
+        /// The lowest point, world height.
+        low: f64,
+        /// The highest.
+        high: f64,
+    },
 }
 
 /// All coordinates finite.

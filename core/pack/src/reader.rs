@@ -1,9 +1,8 @@
 //! Reading a pack from anything that gives bytes by range.
 
 use crate::chunk::Declared;
-use crate::directory::{page_checksum, parse_page};
 use crate::footer::{FOOTER_BYTES, Footer};
-use crate::header::hash_of;
+use crate::index::{Index, Pages};
 use crate::{Chunk, DirectoryEntry, HEADER_BYTES, Header, Metadata, PAGE_BYTES, PackError};
 
 /// Bytes by range: a file, a memory slice, an HTTP object.
@@ -50,10 +49,7 @@ impl<B: AsRef<[u8]>> Source for SliceSource<B> {
 /// An open pack: header, metadata and the whole directory, chunks on demand.
 pub struct Reader<S> {
     source: S,
-    header: Header,
-    metadata: Metadata,
-    entries: Vec<DirectoryEntry>,
-    footer: Footer,
+    index: Index,
 }
 
 impl<S: Source> Reader<S> {
@@ -77,39 +73,35 @@ impl<S: Source> Reader<S> {
         }
         let (at, length) = header.metadata;
         let metadata = Metadata::parse(&read(&source, "metadata", at, u64::from(length))?, &header)?;
-        let (entries, directory_hash) = read_directory(&source, &header)?;
-        check_ranges(&header, &entries, 0)?;
-        check_totals(&header, &entries)?;
-        check_tree(&entries)?;
+        let pages = read_directory(&source, &header)?;
         let at = there.saturating_sub(FOOTER_BYTES as u64);
         let footer = Footer::parse(&read(&source, "footer", at, FOOTER_BYTES as u64)?)?;
-        if footer.file_bytes != there || footer.header_hash != hash_of(&header_bytes) {
-            return Err(PackError::invalid("footer", "it belongs to another pack"));
-        }
-        if footer.directory_hash != directory_hash {
-            return Err(PackError::invalid("footer", "the directory is not the one that was written with it"));
-        }
-        Ok(Self { source, header, metadata, entries, footer })
+        Ok(Self { source, index: Index::new(&header_bytes, header, metadata, pages, footer)? })
+    }
+
+    /// Everything but the chunks.
+    pub fn index(&self) -> &Index {
+        &self.index
     }
 
     /// The header.
     pub fn header(&self) -> &Header {
-        &self.header
+        self.index.header()
     }
 
     /// The metadata.
     pub fn metadata(&self) -> &Metadata {
-        &self.metadata
+        self.index.metadata()
     }
 
     /// What the pack is called where others refer to it: [`Footer::identity`].
     pub fn identity(&self) -> String {
-        self.footer.identity()
+        self.index.identity()
     }
 
     /// All directory entries; entry 0 is the root.
     pub fn entries(&self) -> &[DirectoryEntry] {
-        &self.entries
+        self.index.entries()
     }
 
     /// The source it reads from.
@@ -123,11 +115,11 @@ impl<S: Source> Reader<S> {
     /// [`PackError`] naming the chunk.
     pub fn chunk(&self, index: u32) -> Result<Chunk, PackError> {
         let what = format!("chunk {index}");
-        let Some(entry) = self.entries.get(index as usize) else {
-            return Err(PackError::invalid(what, format!("the pack has {} chunks", self.entries.len())));
+        let Some(entry) = self.entries().get(index as usize) else {
+            return Err(PackError::invalid(what, format!("the pack has {} chunks", self.entries().len())));
         };
         let bytes = read(&self.source, &what, entry.offset, u64::from(entry.encoded_bytes))?;
-        decode_checked(&bytes, index, entry, &self.header)
+        decode_checked(&bytes, index, entry, self.header())
     }
 }
 
@@ -172,19 +164,15 @@ fn read<S: Source>(source: &S, what: &str, offset: u64, length: u64) -> Result<V
     Ok(bytes)
 }
 
-/// All pages, and the hash of their checksums.
-fn read_directory<S: Source>(source: &S, header: &Header) -> Result<(Vec<DirectoryEntry>, [u8; 32]), PackError> {
+/// All pages.
+fn read_directory<S: Source>(source: &S, header: &Header) -> Result<Pages, PackError> {
     // The header was checked: all pages lie inside the file, so that memory is bounded by the file's length.
-    let mut entries = Vec::new();
-    let mut sums = Vec::new();
+    let mut pages = Pages::default();
     for page in 0..header.page_count() {
         let (offset, length) = header.page_range(page);
-        let bytes = read(source, &format!("directory page {page}"), offset, length)?;
-        entries.extend(parse_page(&bytes, page, header.entry_count)?);
-        sums.push(page_checksum(&bytes));
+        pages.add(&read(source, &format!("directory page {page}"), offset, length)?, header)?;
     }
-    let hash = crate::writer::directory_hash(sums.into_iter());
-    Ok((entries, hash))
+    Ok(pages)
 }
 
 /// Chunks lie inside the file, in order, without overlap; `first` is the index of the first of `entries`.
@@ -201,7 +189,7 @@ pub(crate) fn check_ranges(header: &Header, entries: &[DirectoryEntry], first: u
     Ok(())
 }
 
-fn check_totals(header: &Header, entries: &[DirectoryEntry]) -> Result<(), PackError> {
+pub(crate) fn check_totals(header: &Header, entries: &[DirectoryEntry]) -> Result<(), PackError> {
     let triangles: u64 = entries.iter().map(|e| u64::from(e.triangles)).sum();
     let vertices: u64 = entries.iter().map(|e| u64::from(e.vertices)).sum();
     if triangles != header.stored_triangles || vertices != header.stored_vertices {

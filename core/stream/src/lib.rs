@@ -15,7 +15,6 @@
 //! A failed request, a damaged chunk or page is retried for as long as the streamer lives, with exponential backoff
 //! and deterministic jitter.
 
-pub mod clip;
 pub mod command;
 mod draw;
 mod fetch;
@@ -27,8 +26,8 @@ pub mod sim;
 pub mod streamer;
 pub mod view;
 
-pub use clip::Clip;
 pub use command::{Budgets, Command, DrawPatch, Event, FetchKind, HEAD_REQUEST, RequestId, Stats, Step};
+pub use kilwa_geometry::clip::{self, Clip};
 pub use pace::Pace;
 pub use streamer::Streamer;
 pub use view::{Projection, View};

@@ -1,7 +1,7 @@
 //! Where the camera is, in lattice steps, and how many pixels an error takes up there.
 
-use crate::clip::Clip;
 use kilwa_geometry::Sphere;
+use kilwa_geometry::clip::Clip;
 use kilwa_geometry::distance::{Vec3, dot, sub};
 
 /// Weight of what lies outside the view: loaded ten times coarser, so that a turn of the head meets something.

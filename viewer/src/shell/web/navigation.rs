@@ -2,10 +2,12 @@
 
 use super::Viewer;
 use crate::camera::{Camera, DEFAULT_FIELD_OF_VIEW, StandardView};
-use crate::pick::{Scope, nearest};
+use crate::pick::{Scope, interval, nearest};
 use crate::section::Clip;
 use crate::walk;
 use kilwa_geometry::distance::{Vec3, dot, sub};
+use kilwa_measure::Ray;
+use kilwa_measure::interval::Provisional;
 use wasm_bindgen::prelude::wasm_bindgen;
 
 #[wasm_bindgen]
@@ -170,6 +172,44 @@ impl Viewer {
     #[wasm_bindgen(js_name = metresPerPixel)]
     pub fn metres_per_pixel(&self) -> f64 {
         2.0 * self.camera.half_height() / f64::from(self.config.height.max(1))
+    }
+
+    /// The ray of a pixel: origin x, y, z and direction, world coordinates.
+    pub fn ray(&self, x: f64, y: f64) -> Vec<f64> {
+        let (origin, direction) = self.camera.ray([x, y], self.size());
+        [origin, direction].concat()
+    }
+
+    /// Where a ray (origin and direction, world coordinates) can meet the finest surface, as far as what is drawn tells. JSON:
+    /// `low` and `high` (metres along the ray from its origin, null where there are several stretches or none), `stretches` (their number),
+    /// `local` and `world` (where the ray meets what is drawn; else the middle of the first stretch), `error` (certified, metres; half the
+    /// stretch where nothing drawn is met). Empty where the ray passes everything that may be there.
+    pub fn provisional(&self, ray: &[f64]) -> String {
+        let &[x, y, z, u, v, w] = ray else { return String::new() };
+        let lattice = &self.streamer.header().lattice;
+        let ray = Ray { origin: lattice.steps_from_world([x, y, z]), direction: [u, v, w] };
+        let chunk = |chunk| Some((self.decoded.get(&chunk)?, self.streamer.entry(chunk)?.bounds));
+        let clip = &self.options.clip;
+        let (between, count) = match interval(&ray, &self.draw, clip, lattice.step(), chunk) {
+            Provisional::Nothing => return String::new(),
+            Provisional::Between { from, to } => (Some((from, to)), 1),
+            Provisional::Several(all) => (None, all.len()),
+        };
+        let metres = libm::sqrt(dot(ray.direction, ray.direction)) * lattice.step();
+        let hit = nearest(ray.origin, ray.direction, &self.draw, Scope::Whole, clip, chunk);
+        let at = hit.map(|h| h.along).or(between.map(|(from, to)| f64::midpoint(from, to)));
+        let error = hit.map(|h| f64::from(h.error)).or(between.map(|(from, to)| (to - from) * 0.5 * metres));
+        let local = at.map(|at| ray.at(at).map(|x| x * lattice.step()));
+        let world = local.map(|p| [0, 1, 2].map(|i| p[i] + lattice.origin[i]));
+        serde_json::json!({
+            "low": between.map(|b| b.0 * metres),
+            "high": between.map(|b| b.1 * metres),
+            "stretches": count,
+            "local": local,
+            "world": world,
+            "error": error,
+        })
+        .to_string()
     }
 
     /// What is under a pixel: x, y, z and the certified error there, metres; empty where there is nothing.

@@ -1,7 +1,7 @@
 //! What is cut away: a plane and a box, in lattice steps. Exact in f64; what is cut away wholly is neither loaded nor drawn.
 
-use kilwa_geometry::Sphere;
-use kilwa_geometry::distance::{Vec3, dot};
+use crate::Sphere;
+use crate::distance::{Vec3, dot};
 
 /// A half-space: the side of a plane that stays. `normal · p <= offset` is kept.
 #[derive(Debug, Clone, Copy, PartialEq)]

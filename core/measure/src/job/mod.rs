@@ -1,0 +1,173 @@
+//! One measurement as a whole: from a [`Task`] to readings, on the finest surface of a pack. The page and `kilwa measure` call [`measure`] and
+//! differ only in where the chunks come from ([`Leaves`]), so that they print the same digits.
+//!
+//! `whole` sums over the surface, `cutting` cuts it with planes. Nothing is kept of the surface: memory is that of the sums, or of the lines.
+
+mod cutting;
+mod whole;
+
+use crate::lines::Lines;
+use crate::place::{Place, facing_at};
+use crate::plane::Plane;
+use crate::quantity::Uncertainty;
+use crate::record::{PackName, Task, ToolName};
+use crate::refusal::Refusal;
+use crate::space::Space;
+use crate::tools::PointTool;
+use crate::unit::{LengthUnit, Reading};
+use crate::{Failure, Leaves, Read};
+use kilwa_geometry::distance::Vec3;
+use kilwa_pack::Index;
+use serde_json::{Map, Value, json};
+
+/// What a measurement gives.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// What was measured.
+    pub task: Task,
+    /// The values.
+    pub readings: Vec<Reading>,
+    /// What else is known, by name, for machines.
+    pub details: Map<String, Value>,
+    /// What else is known, in sentences.
+    pub remarks: Vec<String>,
+    /// Lines that were cut.
+    pub lines: Option<Lines>,
+    /// What was read for it; points alone need nothing.
+    pub read: Option<Read>,
+}
+
+impl Outcome {
+    /// Readings alone.
+    pub fn new(task: Task, readings: Vec<Reading>) -> Self {
+        Self { task, readings, details: Map::new(), remarks: Vec::new(), lines: None, read: None }
+    }
+
+    /// A further value.
+    pub fn add(&mut self, name: &str, value: Value) {
+        self.details.insert(name.to_owned(), value);
+    }
+
+    /// A further sentence.
+    pub fn remark(&mut self, words: String) {
+        self.remarks.push(words);
+    }
+
+    fn has_read(&mut self, read: Read) {
+        self.read = Some(self.read.map_or(read, |before| before.and(read)));
+    }
+
+    /// The readings as they are printed: name, and value with uncertainty and unit.
+    pub fn printed(&self, unit: LengthUnit) -> Vec<(&str, String)> {
+        self.readings.iter().map(|r| (r.name.as_str(), r.text(unit))).collect()
+    }
+}
+
+/// A surface with what every tool needs to know of it.
+#[derive(Debug, Clone, Copy)]
+pub struct Subject<'a, L> {
+    /// The surface.
+    pub leaves: &'a L,
+    /// Its space.
+    pub space: Space,
+    /// Uncertainty of one coordinate of one point.
+    pub point: Uncertainty,
+}
+
+impl<'a, L: Leaves> Subject<'a, L> {
+    /// The finest surface of a pack.
+    pub fn new(leaves: &'a L) -> Self {
+        let index = leaves.index();
+        let space = Space::new(index.header().lattice);
+        Self { leaves, space, point: Uncertainty::finest(space.step(), index.metadata().capture_accuracy) }
+    }
+
+    /// The whole model's box, local metres.
+    fn bounds(&self) -> (Vec3, Vec3) {
+        let m = self.leaves.index().metadata();
+        (self.space.local_from_world(m.bounds_min), self.space.local_from_world(m.bounds_max))
+    }
+
+    /// A plane in world coordinates.
+    fn plane_json(&self, plane: &Plane) -> Value {
+        json!({ "point": self.space.world_from_local(plane.point), "normal": plane.normal })
+    }
+
+    /// The points of a task with the way that the surface faces there; the points stay.
+    async fn places(&self, task: &Task) -> Result<Vec<Place>, Failure> {
+        let mut places = Vec::with_capacity(task.local.len());
+        for p in &task.local {
+            places.push(facing_at(self.leaves, *p).await?);
+        }
+        Ok(places)
+    }
+}
+
+/// What a pack is called in a document of measurements.
+pub fn pack_name(index: &Index) -> PackName {
+    PackName {
+        identity: index.identity(),
+        title: index.metadata().title.clone(),
+        lattice: index.header().lattice,
+        crs: index.metadata().crs.clone(),
+    }
+}
+
+/// Measure.
+///
+/// # Errors
+/// A [`Refusal`] where there is no meaningful number, or what kept chunks from being read.
+pub async fn measure<L: Leaves>(leaves: &L, task: &Task) -> Result<Outcome, Failure> {
+    let s = Subject::new(leaves);
+    match task.tool {
+        ToolName::Coordinate => on_points(&s, task, PointTool::Coordinate),
+        ToolName::Distance => on_points(&s, task, PointTool::Distance),
+        ToolName::Perimeter => on_points(&s, task, PointTool::Perimeter),
+        ToolName::Along => cutting::along(&s, task).await,
+        ToolName::Angle => on_points(&s, task, PointTool::Angle),
+        ToolName::PlaneAngle => on_points(&s, task, PointTool::PlaneAngle),
+        ToolName::Height => on_points(&s, task, PointTool::Height),
+        ToolName::Circle => on_points(&s, task, PointTool::Circle),
+        ToolName::Area if task.local.is_empty() => whole::area(&s, task).await,
+        ToolName::Area => whole::polygon_area(&s, task).await,
+        ToolName::Volume => whole::volume(&s, task).await,
+        ToolName::CutFill => whole::cut_fill(&s, task).await,
+        ToolName::Deviation => whole::deviation(&s, task).await,
+        ToolName::Section => {
+            let plane = task.plane.ok_or(Refusal::NoPlane { tool: "a section" })?;
+            cutting::section(&s, task, sound(plane)?).await
+        }
+        ToolName::Profile => cutting::profile(&s, task).await,
+        ToolName::Contours => cutting::contours(&s, task).await,
+    }
+}
+
+/// The readings of a tool that needs points only, also of points that are known no better than `point` says.
+///
+/// # Errors
+/// [`Refusal`], also for a tool that needs the surface.
+pub fn of_points(task: &Task, space: &Space, point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+    let tool = match task.tool {
+        ToolName::Coordinate => PointTool::Coordinate,
+        ToolName::Distance | ToolName::Along => PointTool::Distance,
+        ToolName::Perimeter => PointTool::Perimeter,
+        ToolName::Angle => PointTool::Angle,
+        ToolName::PlaneAngle => PointTool::PlaneAngle,
+        ToolName::Height => PointTool::Height,
+        ToolName::Circle => PointTool::Circle,
+        ToolName::Area if !task.local.is_empty() => PointTool::PolygonArea,
+        _ => return Err(Refusal::Waits),
+    };
+    tool.measure(&task.local, space, point)
+}
+
+fn on_points<L: Leaves>(s: &Subject<'_, L>, task: &Task, tool: PointTool) -> Result<Outcome, Failure> {
+    Ok(Outcome::new(task.clone(), tool.measure(&task.local, &s.space, &s.point)?))
+}
+
+/// A plane that a person or a file gave: its normal of unit length.
+fn sound(plane: Plane) -> Result<Plane, Refusal> {
+    let unit = (crate::vector::norm(plane.normal) - 1.0).abs() < 1e-12;
+    crate::refusal::finite(&[plane.point, plane.normal])?;
+    if unit { Ok(plane) } else { Plane::new(plane.point, plane.normal) }
+}

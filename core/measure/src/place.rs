@@ -1,0 +1,118 @@
+//! Points of the finest surface: where a ray meets it first, what is nearest to a position, and which way the surface faces there.
+
+use crate::clip::Clip;
+use crate::leaves::{Failure, Leaves, finest, may_hold_leaves};
+use crate::pick::{Picker, Ray};
+use crate::refusal::Refusal;
+use crate::space::Space;
+use crate::surface::Surface;
+use kilwa_geometry::Aabb;
+use kilwa_geometry::distance::{Vec3, cross, dot, sub};
+use serde::Serialize;
+
+/// Chunks that are fetched before it is known whether they are needed.
+const AHEAD: usize = 4;
+
+/// A point of the finest surface.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Place {
+    /// World coordinates, metres.
+    pub world: Vec3,
+    /// Local metres.
+    #[serde(skip)]
+    pub local: Vec3,
+    /// How far it is from the position given, metres.
+    pub away: f64,
+    /// Unit normal of the triangle there; zero for one without area.
+    pub normal: Vec3,
+}
+
+/// Where a ray (world coordinates) meets the finest surface first, of what `clip` (lattice steps) leaves.
+///
+/// # Errors
+/// [`Refusal::NoRay`], [`Refusal::Misses`], or what kept the chunks from being read.
+pub async fn cast<L: Leaves>(leaves: &L, origin: Vec3, direction: Vec3, clip: &Clip) -> Result<Place, Failure> {
+    let space = Space::new(leaves.index().header().lattice);
+    if !origin.iter().chain(&direction).all(|x| x.is_finite()) || direction == [0.0; 3] {
+        return Err(Refusal::NoRay.into());
+    }
+    let ray = Ray { origin: space.steps_from_local(space.local_from_world(origin)), direction };
+    let mut picker = Picker::clipped(ray, *clip);
+    let entries = (0u32..).zip(leaves.index().entries()).filter(|(_, e)| may_hold_leaves(e));
+    let order = picker.order(entries.map(|(i, e)| (i, &e.bounds)));
+    for (at, (enters, i)) in order.iter().enumerate() {
+        if !picker.wants(*enters) {
+            break;
+        }
+        let next = order.iter().skip(at).take(AHEAD).filter(|o| picker.wants(o.0));
+        leaves.ahead(&next.map(|o| o.1).collect::<Vec<u32>>());
+        finest(&leaves.chunk(*i).await?).for_each(|t| picker.add(t));
+    }
+    let picked = picker.picked().ok_or_else(|| Refusal::Misses {
+        what: "the ray",
+        hint: "check its origin and direction, which are world coordinates".to_owned(),
+    })?;
+    let local = space.local_from_steps(picked.point);
+    let normal = unit_normal(picked.corners.map(|c| c.map(f64::from)));
+    Ok(Place { world: space.world_from_local(local), local, away: 0.0, normal })
+}
+
+/// A point in local metres as it is, with the direction that the surface nearest to it faces.
+///
+/// # Errors
+/// As for [`nearest`].
+pub async fn facing_at<L: Leaves>(leaves: &L, local: Vec3) -> Result<Place, Failure> {
+    let found = nearest(leaves, local).await?;
+    let world = Space::new(leaves.index().header().lattice).world_from_local(local);
+    Ok(Place { world, local, away: 0.0, normal: found.normal })
+}
+
+/// The point of the surface nearest to a position in local metres. Chunks are read nearest first and only while they can still hold a nearer
+/// point.
+///
+/// # Errors
+/// A [`Refusal`] where the position is not finite or the pack has no surface, or what kept the chunks from being read.
+pub async fn nearest<L: Leaves>(leaves: &L, local: Vec3) -> Result<Place, Failure> {
+    crate::refusal::finite(&[local])?;
+    let space = Space::new(leaves.index().header().lattice);
+    let p = space.steps_from_local(local);
+    let entries = (0u32..).zip(leaves.index().entries()).filter(|(_, e)| may_hold_leaves(e));
+    let mut order: Vec<(f64, u32)> = entries.map(|(i, e)| (box_distance(p, &e.bounds), i)).collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let mut best: Option<(f64, Vec3, Vec3)> = None;
+    for (at, &(lower, i)) in order.iter().enumerate() {
+        if best.is_some_and(|b| lower > b.0) {
+            break;
+        }
+        let likely = order.iter().skip(at).take(AHEAD).filter(|o| o.0 <= best.map_or(lower, |b| b.0));
+        leaves.ahead(&likely.map(|o| o.1).collect::<Vec<u32>>());
+        let chunk = leaves.chunk(i).await?;
+        let surface = Surface::new(finest(&chunk).map(|t| t.map(|c| c.map(f64::from))).collect());
+        if let Some((q, t)) = surface.nearest(p) {
+            let d = libm::sqrt(dot(sub(p, q), sub(p, q)));
+            if best.is_none_or(|b| d < b.0) {
+                let normal = surface.triangles().get(t as usize).map_or([0.0; 3], |t| unit_normal(*t));
+                best = Some((d, q, normal));
+            }
+        }
+    }
+    let (d, q, normal) =
+        best.ok_or_else(|| Refusal::Misses { what: "the position", hint: "the pack holds no triangle".to_owned() })?;
+    let local = space.local_from_steps(q);
+    Ok(Place { world: space.world_from_local(local), local, away: d * space.step(), normal })
+}
+
+fn unit_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
+    let n = cross(sub(b, a), sub(c, a));
+    let size = libm::sqrt(dot(n, n));
+    if size > 0.0 { n.map(|x| x / size) } else { [0.0; 3] }
+}
+
+/// From a point to a box, lattice steps.
+pub(crate) fn box_distance(p: Vec3, b: &Aabb) -> f64 {
+    if b.is_empty() {
+        return f64::INFINITY;
+    }
+    let apart = |i: usize| (f64::from(b.min[i]) - p[i]).max(p[i] - f64::from(b.max[i])).max(0.0);
+    libm::sqrt((0..3).map(|i| apart(i) * apart(i)).sum())
+}

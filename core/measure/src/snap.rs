@@ -1,0 +1,137 @@
+//! Snapping: from a picked point to the vertex, crease or border of the finest surface that is nearest to it.
+//!
+//! A crease is an edge whose two triangles are bent by more than [`CREASE`]; a border is an edge of one triangle. Every triangle that
+//! reaches into the ball round the point is looked at, of whatever chunk, so that an edge between two chunks is no border.
+
+use crate::clip::Clip;
+use crate::leaves::{Failure, Leaves, finest, may_hold_leaves};
+use crate::place::box_distance;
+use crate::space::Space;
+use crate::vector::{lerp, unit};
+use kilwa_geometry::LatticePoint;
+use kilwa_geometry::distance::{Vec3, cross, dot, point_triangle_squared, sub};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// Cosine of the angle between normals from which on an edge is a crease: 30 degrees.
+pub const CREASE: f64 = 0.866_025_403_784_438_6;
+
+/// What to snap to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Snap {
+    /// Nothing: the point stays.
+    #[default]
+    None,
+    /// Corners of triangles.
+    Vertex,
+    /// Edges where the surface is bent.
+    Crease,
+    /// Edges where the surface ends.
+    Border,
+}
+
+/// The nearest of these within so many metres of a point (local metres); `None` where there is none. Of equals the one first in the order of
+/// lattice points.
+///
+/// # Errors
+/// What kept the chunks from being read.
+pub async fn snap<L: Leaves>(
+    leaves: &L,
+    local: Vec3,
+    to: Snap,
+    within: f64,
+    clip: &Clip,
+) -> Result<Option<Vec3>, Failure> {
+    if to == Snap::None || !(within > 0.0) {
+        return Ok(None);
+    }
+    let space = Space::new(leaves.index().header().lattice);
+    let (p, reach) = (space.steps_from_local(local), within / space.step());
+    let near: Vec<u32> = (0u32..)
+        .zip(leaves.index().entries())
+        .filter(|(_, e)| may_hold_leaves(e) && box_distance(p, &e.bounds) <= reach)
+        .map(|(i, _)| i)
+        .collect();
+    leaves.ahead(&near);
+    let mut triangles = Vec::new();
+    for i in near {
+        let chunk = leaves.chunk(i).await?;
+        triangles.extend(finest(&chunk).filter(|t| within_reach(p, t, reach)));
+    }
+    let mut best: Option<(f64, Vec3)> = None;
+    for q in candidates(&triangles, p, to) {
+        let d = dot(sub(p, q), sub(p, q));
+        if d <= reach * reach && clip.keeps(q) && best.is_none_or(|b| d < b.0) {
+            best = Some((d, q));
+        }
+    }
+    Ok(best.map(|b| space.local_from_steps(b.1)))
+}
+
+fn within_reach(p: Vec3, t: &[LatticePoint; 3], reach: f64) -> bool {
+    point_triangle_squared(p, t.map(|c| c.map(f64::from))) <= reach * reach
+}
+
+/// The points that count, in an order that does not depend on that of the triangles.
+fn candidates(triangles: &[[LatticePoint; 3]], p: Vec3, to: Snap) -> Vec<Vec3> {
+    if to == Snap::Vertex {
+        let mut corners: Vec<LatticePoint> = triangles.iter().flatten().copied().collect();
+        corners.sort_unstable();
+        corners.dedup();
+        return corners.into_iter().map(|c| c.map(f64::from)).collect();
+    }
+    let mut edges: BTreeMap<[LatticePoint; 2], Vec<Option<Vec3>>> = BTreeMap::new();
+    for t in triangles {
+        let [a, b, c] = t.map(|c| c.map(f64::from));
+        let normal = unit(cross(sub(b, a), sub(c, a)));
+        for i in 0..3 {
+            let (a, b) = (t[i], t[(i + 1) % 3]);
+            edges.entry([a.min(b), a.max(b)]).or_default().push(normal);
+        }
+    }
+    let counts = |normals: &[Option<Vec3>]| match (to, normals) {
+        (Snap::Border, [_]) => true,
+        (Snap::Crease, [Some(m), Some(n)]) => dot(*m, *n) < CREASE,
+        _ => false,
+    };
+    let sharp = edges.iter().filter(|(_, normals)| counts(normals));
+    sharp.map(|([a, b], _)| closest(p, a.map(f64::from), b.map(f64::from))).collect()
+}
+
+/// The point of a stretch nearest to `p`.
+fn closest(p: Vec3, a: Vec3, b: Vec3) -> Vec3 {
+    let along = sub(b, a);
+    let square = dot(along, along);
+    let t = if square > 0.0 { (dot(sub(p, a), along) / square).clamp(0.0, 1.0) } else { 0.0 };
+    lerp(a, b, t)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A step of a stair: a floor and a wall, sharing an edge at y = 100, x from 0 to 200.
+    const STEP: [[LatticePoint; 3]; 4] = [
+        [[0, 0, 0], [200, 0, 0], [200, 100, 0]],
+        [[0, 0, 0], [200, 100, 0], [0, 100, 0]],
+        [[0, 100, 0], [200, 100, 0], [200, 100, 100]],
+        [[0, 100, 0], [200, 100, 100], [0, 100, 100]],
+    ];
+
+    #[test]
+    fn creases_are_where_the_surface_is_bent_and_borders_where_it_ends() {
+        let p = [50.0, 95.0, 0.0];
+        assert_eq!(candidates(&STEP, p, Snap::Crease), [[50.0, 100.0, 0.0]]);
+        let borders = candidates(&STEP, p, Snap::Border);
+        assert_eq!(borders.len(), 6, "{borders:?}");
+        assert!(borders.contains(&[0.0, 95.0, 0.0]) && !borders.contains(&[50.0, 100.0, 0.0]));
+        assert_eq!(candidates(&STEP, p, Snap::Vertex).len(), 6);
+        assert_eq!(candidates(&STEP[..2], p, Snap::Crease), Vec::<Vec3>::new(), "a flat diagonal is no crease");
+    }
+
+    #[test]
+    fn a_triangle_outside_the_ball_is_not_looked_at() {
+        assert!(within_reach([50.0, 95.0, 0.0], &STEP[2], 5.0) && !within_reach([50.0, 94.0, 0.0], &STEP[2], 5.0));
+    }
+}

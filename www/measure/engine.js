@@ -1,0 +1,234 @@
+// Measuring, as the page sees it: questions go to a worker (measure/worker.js, wasm), bytes are fetched here through the page's own loader.
+//
+// const engine = await Engine.open({ pack, head, viewer });
+//   pack    loader.js Pack or LocalPack; head  its first bytes; viewer  a function that gives the wasm Viewer in force, for provisional values
+// engine.pack        { identity, title, crs, lattice: { origin, step_log2 }, step, capture, bytes, triangles, borders }
+// engine.pick({ origin, direction }, { clip, snap, within, provisional, progress, signal })
+//   → { local, world, normal, ray, snapped, fetched }, or null where the ray meets nothing
+//   clip         the viewer's display state (an object); only clipPlane and clipBox count. Left out: that of the viewer.
+//   snap         "none" | "vertex" | "crease" | "border", within so many metres (usually ten edges)
+//   provisional  hears at once { local, world, low, high, stretches, error }: low and high are metres along the ray (null where there are several
+//                stretches: no number then), error is the certified error of what is drawn there; or null where nothing can be met
+// engine.measure(task, { unit, level, progress, signal })
+//   → { readings, printed: [{ name, text }], parts: [{ what: "lattice" | "level" | "capture", value: metres | null }], uncertainty, remarks, details, task,
+//       lines?: [{ closed, flat, world, elevation? }], title?, layer?, read?: { chunks, bytes, of_chunks, of_bytes }, fetched, provisional }
+//     or { refusal: "sentence" }.  `printed` are the very digits of `kilwa measure`.
+//   level        how far the points may still be from the finest surface, metres: then the answer is provisional, from the points alone
+// engine.shown(readings, unit)            → printed: the same readings in another unit
+// engine.cite(measurement, { unit, lang }) → one sentence
+// engine.write(what, format, { scale })   → text; what: a document (json, csv, geojson, dxf) or an answer with lines (those and svg)
+// engine.read(text)                       → document, with `same`: false where it is of another pack; its points are counted from this pack's origin
+// engine.close()
+//
+// Progress: { done, all } bytes, all is 0 where nobody knows; { waiting: seconds } while the connection is gone. A signal that is aborted rejects with
+// an AbortError; a pack that changed or cannot be read with a sentence. Questions asked last are fetched for first.
+
+import { isPassing } from "../loader.js";
+
+/** Requests on their way at a time. */
+const IN_FLIGHT = 6;
+
+const aborted = () => new DOMException("the question was taken back", "AbortError");
+
+export class Engine {
+  /** Open a pack for measuring: fetches its footer at once and its directory while nobody waits for it. */
+  static async open({ pack, head, viewer = () => null }) {
+    const engine = new Engine(pack, viewer);
+    try {
+      await engine.#open(head);
+    } catch (error) {
+      engine.close();
+      throw error;
+    }
+    return engine;
+  }
+
+  #calls = 0;
+  #open_ = new Map(); // call → { resolve, reject, progress, controller }
+  #queue = []; // { need, call, offset, length, fresh }
+  #running = 0;
+  #ready = null;
+
+  constructor(source, viewer) {
+    this.source = source;
+    this.viewer = viewer;
+    this.fetched = 0;
+    this.worker = new Worker(new URL("measure/worker.js", import.meta.url), { type: "module" });
+    this.worker.onmessage = ({ data }) => this.#said(data);
+    this.worker.onerror = (event) => this.#lost(event.message || "the measuring worker did not start");
+  }
+
+  async #open(head) {
+    // The worker gets a copy: the page keeps its own.
+    const [at, length, footerAt, footerLength] = await this.#call("ranges", [head]);
+    const hold = new AbortController();
+    const get = (offset, bytes) => this.#bytes({ offset, length: bytes }, hold.signal, () => {});
+    this.hold = hold;
+    const footer = await get(footerAt, footerLength);
+    const identity = await this.#call("identity", [footer]);
+    this.#ready = (async () => {
+      const pages = length > 0 ? await get(at, length) : new Uint8Array();
+      return this.#call("open", [head, pages, footer]);
+    })();
+    this.pack = { ...(await this.#ready), identity };
+  }
+
+  /** Where a ray meets the finest surface first. */
+  async pick({ origin, direction }, { clip, snap = "none", within, provisional, progress, signal } = {}) {
+    signal?.throwIfAborted();
+    const viewer = this.viewer();
+    if (provisional && viewer) {
+      const said = viewer.provisional(new Float64Array([...origin, ...direction]));
+      provisional(said ? JSON.parse(said) : null);
+    }
+    const state = clip ?? (viewer ? JSON.parse(viewer.displayState()) : {});
+    const { clipPlane, clipBox } = state ?? {};
+    const asked = { origin: [...origin], direction: [...direction], clip: { clipPlane, clipBox }, snap, within };
+    return this.#call("pick", [asked], { progress, signal });
+  }
+
+  /** Measure a task of a document. */
+  async measure(task, { unit = "m", level, progress, signal } = {}) {
+    signal?.throwIfAborted();
+    return this.#call("measure", [{ task, unit, level }], { progress, signal });
+  }
+
+  shown(readings, unit) {
+    return this.#call("shown", [readings, unit]);
+  }
+
+  cite(measurement) {
+    return this.#call("cite", [measurement]);
+  }
+
+  write(what, format, { scale = 50 } = {}) {
+    return this.#call("write", [what, format, scale]);
+  }
+
+  read(text) {
+    return this.#call("read", [text]);
+  }
+
+  close() {
+    this.closed = true;
+    this.hold?.abort();
+    this.worker.terminate();
+    for (const [, entry] of this.#open_) {
+      entry.controller.abort();
+      entry.reject(aborted());
+    }
+    this.#open_.clear();
+    this.#queue = [];
+  }
+
+  #call(method, args, { progress = () => {}, signal } = {}) {
+    if (this.closed) return Promise.reject(aborted());
+    const call = (this.#calls += 1);
+    return new Promise((resolve, reject) => {
+      const controller = new AbortController();
+      const cancel = () => {
+        this.worker.postMessage({ cancel: call });
+        this.#end(call);
+        reject(aborted());
+      };
+      signal?.addEventListener("abort", cancel, { once: true });
+      const done = (then) => (value) => {
+        signal?.removeEventListener("abort", cancel);
+        then(value);
+      };
+      this.#open_.set(call, { resolve: done(resolve), reject: done(reject), progress, controller });
+      this.worker.postMessage({ call, method, args });
+    });
+  }
+
+  #end(call) {
+    const entry = this.#open_.get(call);
+    this.#open_.delete(call);
+    this.#queue = this.#queue.filter((n) => n.call !== call);
+    entry?.controller.abort();
+    return entry;
+  }
+
+  #said(data) {
+    if (data.need) {
+      this.#queue.push(data);
+      this.#next();
+      return;
+    }
+    if ("all" in data) {
+      this.#open_.get(data.call)?.progress({ done: data.done, all: data.all });
+      return;
+    }
+    const entry = this.#end(data.call);
+    const error = data.error && (entry?.failure ?? new Error(data.error));
+    if (data.broken) this.#lost(data.error);
+    if (error) entry?.reject(error);
+    else entry?.resolve(data.result);
+  }
+
+  /** A worker that ended takes every question with it. */
+  #lost(message) {
+    this.closed = true;
+    this.worker.terminate();
+    for (const call of [...this.#open_.keys()]) this.#end(call)?.reject(new Error(message));
+  }
+
+  /** The newest question first, its needs in order. */
+  #next() {
+    while (this.#running < IN_FLIGHT && this.#queue.length > 0) {
+      const newest = Math.max(...this.#queue.map((n) => n.call));
+      const [need] = this.#queue.splice(this.#queue.findIndex((n) => n.call === newest), 1);
+      this.#fetch(need);
+    }
+  }
+
+  async #fetch(need) {
+    const entry = this.#open_.get(need.call);
+    if (!entry) return;
+    this.#running += 1;
+    try {
+      const bytes = await this.#bytes(need, entry.controller.signal, entry.progress);
+      this.worker.postMessage({ got: need.need, bytes }, [bytes.buffer]);
+    } catch (error) {
+      if (error.name !== "AbortError") entry.failure = error;
+      this.worker.postMessage({ got: need.need, error: String(error.message ?? error) });
+    } finally {
+      this.#running -= 1;
+      this.#next();
+    }
+  }
+
+  /** Bytes of the pack; what passes is waited for as long as somebody wants them. */
+  async #bytes({ offset, length, fresh = false }, signal, progress) {
+    for (let attempt = 0; ; attempt += 1) {
+      try {
+        const bytes = await this.source.range(offset, length, signal, { fresh });
+        this.fetched += bytes.length;
+        // A view of something larger would take all of it along.
+        return bytes.byteLength === bytes.buffer.byteLength ? bytes : bytes.slice();
+      } catch (error) {
+        signal.throwIfAborted();
+        if (!isPassing(error)) throw error;
+        const seconds = Math.min(30, 2 ** attempt) * (0.75 + Math.random() / 2);
+        progress({ waiting: seconds });
+        await pause(seconds, signal);
+      }
+    }
+  }
+}
+
+/** Some seconds, or until the connection is back. */
+function pause(seconds, signal) {
+  return new Promise((resolve, reject) => {
+    const end = () => {
+      clearTimeout(timer);
+      removeEventListener("online", end);
+      signal.removeEventListener("abort", end);
+      if (signal.aborted) reject(aborted());
+      else resolve();
+    };
+    const timer = setTimeout(end, seconds * 1000);
+    addEventListener("online", end);
+    signal.addEventListener("abort", end);
+  });
+}
