@@ -2,7 +2,7 @@
 // for (`need`) and come (`got`). Messages: see engine.js.
 import init, { Engine, identity, ranges } from "../measure.js";
 
-const ready = init();
+const ready = init({ module_or_path: new URL("../measure_bg.wasm", import.meta.url) });
 let engine;
 let broken; // what a trap said: the instance is of no use after it
 let needs = 0;

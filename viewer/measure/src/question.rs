@@ -86,8 +86,9 @@ impl Question {
     ///
     /// # Errors
     /// What kept the chunks from being read.
-    pub async fn answer<L: Leaves>(&self, leaves: &L) -> Result<Value, Failure> {
+    pub async fn answer<L: Leaves>(mut self, leaves: &L) -> Result<Value, Failure> {
         let s = Subject::new(leaves);
+        self.task.world = self.task.local.iter().map(|p| s.space.world_from_local(*p)).collect();
         if let Some(level) = self.level.filter(|x| *x > 0.0) {
             let point = Uncertainty { level, ..s.point };
             return Ok(match of_points(&self.task, &s.space, &point) {

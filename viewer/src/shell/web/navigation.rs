@@ -174,12 +174,6 @@ impl Viewer {
         2.0 * self.camera.half_height() / f64::from(self.config.height.max(1))
     }
 
-    /// The ray of a pixel: origin x, y, z and direction, world coordinates.
-    pub fn ray(&self, x: f64, y: f64) -> Vec<f64> {
-        let (origin, direction) = self.camera.ray([x, y], self.size());
-        [origin, direction].concat()
-    }
-
     /// Where a ray (origin and direction, world coordinates) can meet the finest surface, as far as what is drawn tells. JSON:
     /// `low` and `high` (metres along the ray from its origin, null where there are several stretches or none), `stretches` (their number),
     /// `local` and `world` (where the ray meets what is drawn; else the middle of the first stretch), `error` (certified, metres; half the
