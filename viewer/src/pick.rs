@@ -103,7 +103,7 @@ pub fn interval<'a>(
             }
         }
     }
-    let kept = clip.stretches(ray);
+    let kept = kilwa_measure::clip::stretches(clip, ray);
     let within = |(from, to): (f64, f64)| {
         kept.iter().map(move |(a, b)| (from.max(*a), to.min(*b).min(first))).filter(|(from, to)| from <= to)
     };

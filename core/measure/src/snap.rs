@@ -43,7 +43,7 @@ pub async fn snap<L: Leaves>(
     within: f64,
     clip: &Clip,
 ) -> Result<Option<Vec3>, Failure> {
-    if to == Snap::None || !(within > 0.0) {
+    if to == Snap::None || within.is_nan() || within <= 0.0 {
         return Ok(None);
     }
     let space = Space::new(leaves.index().header().lattice);

@@ -174,7 +174,9 @@ impl<F: Fetch> Leaves for Remote<'_, F> {
     }
 
     fn ahead(&self, chunks: &[u32]) {
-        chunks.iter().for_each(|chunk| self.send(*chunk));
+        for chunk in chunks {
+            self.send(*chunk);
+        }
     }
 
     async fn sweep<A: Send>(
