@@ -11,7 +11,6 @@ mod glb;
 mod obj;
 mod output;
 mod ply;
-#[cfg_attr(not(test), expect(dead_code, reason = "kilwa publish calls it"))]
 pub(crate) mod preview;
 mod region;
 mod stl;

@@ -5,9 +5,10 @@ mod extract;
 mod info;
 mod inputs;
 mod measure;
+mod metadata;
 mod new_file;
 mod progress;
-#[cfg_attr(not(test), expect(dead_code, reason = "kilwa publish --redact-location calls it"))]
+mod publish;
 mod redact;
 mod render;
 mod serve;
@@ -36,6 +37,8 @@ enum Verb {
     Extract(extract::Args),
     Render(render::Args),
     Measure(measure::Args),
+    Publish(Box<publish::Args>),
+    Metadata(metadata::Args),
     Serve(serve::Args),
 }
 
@@ -48,6 +51,8 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Verb::Extract(a) => extract::run(&a),
         Verb::Render(a) => render::run(&a),
         Verb::Measure(a) => measure::run(&a),
+        Verb::Publish(a) => publish::run(&a),
+        Verb::Metadata(a) => metadata::run(&a),
         Verb::Serve(a) => serve::run(&a),
     }
 }

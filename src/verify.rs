@@ -1,7 +1,6 @@
 //! `kilwa verify`: read every byte of a pack and check every promise that it makes.
 
 use crate::source::FileSource;
-use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use kilwa_pack::verify::Totals;
 use kilwa_pack::{PackError, Reader};
@@ -48,11 +47,25 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         return Ok(said?);
     }
     // Damage is what counts, even where nobody listens to the report.
+    Err(named(&args.pack, &damaged))
+}
+
+/// Check a pack that something is going to be made of.
+///
+/// # Errors
+/// When it is damaged, naming the parts, or cannot be read.
+pub(crate) fn sound(pack: &Path) -> anyhow::Result<()> {
+    let (_, damaged) = check(pack)?;
+    if damaged.is_empty() { Ok(()) } else { Err(named(pack, &damaged)) }
+}
+
+/// The damaged parts, the first ones by name.
+fn named(pack: &Path, damaged: &[String]) -> anyhow::Error {
     let mut message = damaged.iter().take(NAMED).cloned().collect::<Vec<_>>().join("\n  ");
     if damaged.len() > NAMED {
         let _ = write!(message, "\n  and {} more damaged parts", damaged.len() - NAMED);
     }
-    Err(anyhow::anyhow!(message)).with_context(|| args.pack.display().to_string())
+    anyhow::anyhow!(message).context(pack.display().to_string())
 }
 
 /// What was found sound.

@@ -302,7 +302,9 @@ class Page {
   };
 
   get title() {
-    return this.info?.metadata.title.trim() || this.pack?.name || document.title;
+    // What was published under a title has it; a file of this computer has its own.
+    const published = this.pack?.isLocal ? "" : document.body.dataset.title;
+    return published || this.info?.metadata.title.trim() || this.pack?.name || document.title;
   }
 
   // What the address, saved views and notes hold.

@@ -36,7 +36,7 @@ export function factsList({ metadata: m, pack }) {
     [t("grid"), length(m.lattice_step)],
     [t("crs"), m.crs ?? t("crsLocal")],
     [t("accuracy"), m.capture_accuracy === undefined ? t("accuracyUnknown") : bound(m.capture_accuracy)],
-    [t("licence"), t("licenceUnknown")],
+    [t("licence"), document.querySelector("link[rel=license]")?.title || t("licenceUnknown")],
     [t("file"), bytes(pack.bytes)],
     [t("tool"), m.tool],
   ];

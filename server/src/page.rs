@@ -125,8 +125,21 @@ impl Page {
         self.files.get(name)
     }
 
+    /// Every file by name, with its bytes; compressed forms under their own names (`NAME.gz`, `NAME.br`). Sorted.
+    pub fn files(&self) -> impl Iterator<Item = (String, &[u8])> {
+        self.files.iter().flat_map(|(name, asset)| {
+            let forms = [("", Some(&asset.bytes)), (".br", asset.brotli.as_ref()), (".gz", asset.gzip.as_ref())];
+            forms.into_iter().filter_map(move |(end, bytes)| bytes.map(|b| (format!("{name}{end}"), &b[..])))
+        })
+    }
+
+    /// Bytes of all of them.
+    pub fn bytes(&self) -> u64 {
+        self.files().map(|(_, bytes)| bytes.len() as u64).sum()
+    }
+
     /// The HTML of the viewer, empty where there is none.
-    pub(crate) fn html(&self) -> &str {
+    pub fn html(&self) -> &str {
         self.file("index.html").and_then(|a| std::str::from_utf8(&a.bytes).ok()).unwrap_or_default()
     }
 }

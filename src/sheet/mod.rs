@@ -45,6 +45,27 @@ pub(crate) struct SheetArgs {
 }
 
 impl SheetArgs {
+    /// A drawing of a view that fills a sheet of A4 as well as a usual scale does, at 150 dpi; `None` where no scale is small enough.
+    pub(crate) fn fitting(view: StandardView, bounds: &Bounds, title: &str) -> Option<Self> {
+        const SCALES: [f64; 20] = [
+            0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 25.0, 50.0, 100.0, 200.0, 250.0, 500.0, 1000.0, 2000.0, 5000.0,
+            10_000.0, 50_000.0, 100_000.0,
+        ];
+        let paper = Paper::parse("A4").ok()?;
+        let size = axes(view)?.map(|axis| {
+            let (low, high) = span(axis, bounds);
+            (high - low) * 1000.0
+        });
+        let fits = |scale: &f64| paper::choose(Some(&paper), size.map(|mm| mm / scale), false, *scale).is_ok();
+        let scale = SCALES.into_iter().find(fits)?;
+        Some(Self { scale: Some(scale), dpi: 150, paper: Some(paper), title: Some(title.to_owned()), bare: false })
+    }
+
+    /// `1:50`.
+    pub(crate) fn scale_text(&self) -> String {
+        self.scale.map(|s| format!("1:{s}")).unwrap_or_default()
+    }
+
     /// Whether a drawing is asked for.
     pub(crate) fn is_wanted(&self) -> bool {
         self.scale.is_some()

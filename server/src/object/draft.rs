@@ -151,13 +151,23 @@ impl<'a> Draft<'a> {
         Ok((bytes, sum))
     }
 
-    /// Give a file in [`Self::folder`] that was not taken yet another name.
+    /// As [`Self::adopt`], under another name, which is made of its SHA-256.
     ///
     /// # Errors
     /// [`DraftError::Disk`].
-    pub fn rename(&self, from: &str, to: &str) -> Result<(), DraftError> {
-        let (from, to) = (self.folder().join(from), self.folder().join(to));
-        fs::rename(&from, &to).map_err(disk("rename", &from))
+    pub fn adopt_named(
+        &mut self,
+        path: &str,
+        name: impl FnOnce(&str) -> String,
+    ) -> Result<(u64, Checksum), DraftError> {
+        let (bytes, sum) = self.adopt(path)?;
+        let name = name(&sum);
+        let (from, to) = (self.folder().join(path), self.folder().join(&name));
+        fs::rename(&from, &to).map_err(disk("rename", &from))?;
+        if let Some(last) = self.files.last_mut() {
+            last.0 = name;
+        }
+        Ok((bytes, sum))
     }
 
     fn prepare(&self, path: &str) -> Result<PathBuf, DraftError> {

@@ -13,8 +13,7 @@ fn publish(shelf: &Path, version: u32, steps: Steps<'_>) -> Result<PathBuf, Draf
     draft.write("a.txt", format!("a of {version}").as_bytes())?;
     draft.write("metadata/b.txt", format!("b of {version}").as_bytes())?;
     fs::write(draft.folder().join("by-others.part"), "pack").unwrap();
-    draft.rename("by-others.part", "by-others.txt")?;
-    draft.adopt("by-others.txt")?;
+    draft.adopt_named("by-others.part", |sum| format!("by-others.{}.txt", &sum[..4]))?;
     draft.finish(format!("page of {version}").as_bytes(), |checksums, page| {
         let mut m = sample();
         m.versions.truncate(version as usize);

@@ -21,6 +21,8 @@ pub mod metadata;
 pub mod page;
 pub mod record;
 pub mod rights;
+pub mod site;
+pub mod withdraw;
 
 pub use checksums::{Checksum, Checksums};
 pub use layout::Slug;

@@ -1,0 +1,192 @@
+//! `kilwa metadata`: the file that `kilwa publish` reads, begun and checked.
+
+use crate::new_file::NewFile;
+use crate::source::open_pack;
+use anyhow::{Context, bail};
+use kilwa_server::object::Metadata;
+use kilwa_server::object::metadata::template::{self, Known};
+use kilwa_server::object::rights::{self, Rights};
+use std::io::{BufRead, IsTerminal, Write};
+use std::path::PathBuf;
+
+/// Begin or check the metadata file of a model.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// Write a commented metadata file; on a terminal, ask for what it needs first.
+    Init {
+        /// A pack, for title, units, reference system and counts.
+        pack: Option<PathBuf>,
+        /// The file; without it, standard output.
+        #[arg(short, long, value_name = "FILE")]
+        output: Option<PathBuf>,
+        /// Ask nothing.
+        #[arg(long)]
+        quiet: bool,
+    },
+    /// Check a metadata file: every mistake with its line.
+    Check {
+        /// The file.
+        file: PathBuf,
+    },
+}
+
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    match &args.what {
+        What::Init { pack, output, quiet } => init(pack.as_ref(), output.as_ref(), *quiet),
+        What::Check { file } => {
+            let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
+            match Metadata::parse(&text) {
+                Ok(m) => {
+                    Ok(writeln!(std::io::stdout(), "{}: right. \"{}\", {}", file.display(), m.title, m.rights.uri)?)
+                }
+                Err(problems) => bail!("{} cannot be used:\n  {problems}", file.display()),
+            }
+        }
+    }
+}
+
+fn init(pack: Option<&PathBuf>, output: Option<&PathBuf>, quiet: bool) -> anyhow::Result<()> {
+    if let Some(path) = output.filter(|p| p.exists()) {
+        bail!("{} is there already; give another name, or move it away", path.display());
+    }
+    let mut known = match pack {
+        Some(path) => of_pack(open_pack(path)?.metadata()),
+        None => Known::default(),
+    };
+    let (input, errors) = (std::io::stdin(), std::io::stderr());
+    if !quiet && input.is_terminal() && errors.is_terminal() {
+        ask(&mut known, &mut input.lock(), &mut errors.lock())?;
+    }
+    let text = template::write(&known);
+    let Some(path) = output else { return Ok(std::io::stdout().write_all(text.as_bytes())?) };
+    let mut file = NewFile::beside(path)?;
+    file.file().write_all(text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+    file.name(path, false)?;
+    eprintln!(
+        "{} is written: look through it, then kilwa publish PACK --to DIR --metadata {}",
+        path.display(),
+        path.display()
+    );
+    Ok(())
+}
+
+fn of_pack(m: &kilwa_pack::Metadata) -> Known {
+    Known {
+        title: Some(m.title.clone()).filter(|t| !t.trim().is_empty()),
+        units: Some(m.source_units.clone()),
+        crs: Some(m.crs.clone().unwrap_or_else(|| "local".to_owned())),
+        accuracy: m.capture_accuracy,
+        counts: Some((m.triangles, m.vertices)),
+        ..Known::default()
+    }
+}
+
+/// Ask for what is needed and for what is mostly known; an empty answer takes what is proposed, or nothing.
+fn ask(known: &mut Known, input: &mut impl BufRead, out: &mut impl Write) -> anyhow::Result<()> {
+    writeln!(
+        out,
+        "Some questions; Enter takes what stands in brackets, or leaves it open. Everything can be changed in the file."
+    )?;
+    let any = |text: &str| Ok(text.to_owned());
+    question("Title", &mut known.title, any, input, out)?;
+    let uri = |text: &str| Rights::parse(text).map(|r| r.uri);
+    writeln!(out, "Rights: {}", rights::CHOICES)?;
+    question("Rights", &mut known.rights, uri, input, out)?;
+    question("Who holds the rights", &mut known.holder, any, input, out)?;
+    loop {
+        let mut name = None;
+        let ask = if known.creators.is_empty() { "Made by (Family, Given; or an organisation)" } else { "And by" };
+        question(ask, &mut name, any, input, out)?;
+        let Some(name) = name else { break };
+        // People have a comma between family name and given name.
+        let is_organisation = !name.contains(',');
+        known.creators.push((name, is_organisation));
+    }
+    question("What it shows, in a sentence", &mut known.description, any, input, out)?;
+    question("Published by", &mut known.publisher, any, input, out)?;
+    question("Place", &mut known.place, any, input, out)?;
+    let country = |text: &str| {
+        let right = text.len() == 2 && text.bytes().all(|b| b.is_ascii_alphabetic());
+        if right { Ok(text.to_uppercase()) } else { Err("two letters are wanted, for example TZ".to_owned()) }
+    };
+    question("Country (two letters)", &mut known.country, country, input, out)?;
+    let date = |text: &str| {
+        let right = kilwa_server::object::date::is_date_or_span(text);
+        if right { Ok(text.to_owned()) } else { Err("for example 2009, 2009-07 or 2009-07/2009-08".to_owned()) }
+    };
+    question("Captured (2009-07, or a span 2009-07/2009-08)", &mut known.captured, date, input, out)?;
+    question("How (for example terrestrial laser scanning)", &mut known.method, any, input, out)?;
+    let units = |text: &str| {
+        let all = ["m", "dm", "cm", "mm", "km", "ft", "us-ft", "in"];
+        if all.contains(&text) { Ok(text.to_owned()) } else { Err(format!("one of {}", all.join(", "))) }
+    };
+    question("Units of the mesh that was scanned", &mut known.units, units, input, out)
+}
+
+/// One question, until the answer can be used.
+fn question(
+    text: &str,
+    value: &mut Option<String>,
+    check: impl Fn(&str) -> Result<String, String>,
+    input: &mut impl BufRead,
+    out: &mut impl Write,
+) -> anyhow::Result<()> {
+    loop {
+        match value.as_deref() {
+            Some(proposed) => write!(out, "{text} [{proposed}]: ")?,
+            None => write!(out, "{text}: ")?,
+        }
+        out.flush()?;
+        let mut line = String::new();
+        if input.read_line(&mut line)? == 0 {
+            writeln!(out)?;
+            return Ok(());
+        }
+        let answer: String = line.chars().filter(|c| !c.is_control()).collect();
+        let answer = answer.trim();
+        if answer.is_empty() {
+            return Ok(());
+        }
+        match check(answer) {
+            Ok(right) => {
+                *value = Some(right);
+                return Ok(());
+            }
+            Err(said) => writeln!(out, "  {said}")?,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn answers_fill_the_file_and_wrong_ones_are_asked_again() {
+        let answers = "\nsecret\nCC BY 4.0\nMuseum\nRüther, Heinz\nZamani Project\n\nA fort.\n\nKilwa\nTanzania\nTZ\n2009-7\n2009-07\nscan\nmiles\nmm\n";
+        let mut known = Known { title: Some("Fort".to_owned()), ..Known::default() };
+        let mut shown = Vec::new();
+        ask(&mut known, &mut answers.as_bytes(), &mut shown).unwrap();
+        let m = Metadata::parse(&template::write(&known)).unwrap();
+        assert_eq!((m.title.as_str(), m.model.units.as_str()), ("Fort", "mm"));
+        assert_eq!(m.rights.uri, "https://creativecommons.org/licenses/by/4.0/");
+        assert_eq!(m.creators.len(), 2);
+        assert_eq!(m.place.unwrap().country.as_deref(), Some("TZ"));
+        assert_eq!(m.capture.unwrap().date.as_deref(), Some("2009-07"));
+        let shown = String::from_utf8(shown).unwrap();
+        assert!(shown.contains("Title [Fort]: ") && shown.contains("no known statement of rights"), "{shown}");
+    }
+
+    #[test]
+    fn the_end_of_the_input_ends_the_questions() {
+        let mut known = Known::default();
+        ask(&mut known, &mut "".as_bytes(), &mut Vec::new()).unwrap();
+        assert_eq!(known, Known::default());
+    }
+}

@@ -1,0 +1,151 @@
+//! `kilwa publish`: a pack and its metadata become an archive object.
+//!
+//! `plan` reads and checks everything and changes nothing; `pictures` draws; `write` puts the object on disk through
+//! `kilwa_server::object::draft`; `mapping` shows where each field goes; `withdraw` leaves a tombstone.
+
+mod mapping;
+mod pictures;
+mod plan;
+mod withdraw;
+mod write;
+
+use anyhow::{Context, bail};
+use kilwa_server::object::date::{day_of, is_day};
+use serde::Serialize;
+use std::io::Write as _;
+use std::path::PathBuf;
+
+/// Publish a pack as an archive object: a folder with the viewer, metadata, pictures, citations and checksums.
+///
+/// DIR/NAME/ is made, or gets another version. Nothing is written before everything was checked; what is published never
+/// changes. `kilwa metadata init` writes the metadata file to begin with.
+#[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
+pub(crate) struct Args {
+    /// The pack.
+    #[arg(required_unless_present = "withdraw")]
+    pack: Option<PathBuf>,
+    /// The folder that holds the objects; made where it is not there.
+    #[arg(long, value_name = "DIR")]
+    to: PathBuf,
+    /// What is known about the model, a TOML file.
+    #[arg(long, value_name = "FILE", required_unless_present = "withdraw")]
+    metadata: Option<PathBuf>,
+    /// What is new in this version; needed for every version after the first.
+    #[arg(long, value_name = "TEXT")]
+    version_note: Option<String>,
+    /// Day of publication, in place of the metadata's, of SOURCE_DATE_EPOCH and of today.
+    #[arg(long, value_name = "YYYY-MM-DD", value_parser = parse_day)]
+    date: Option<String>,
+    /// Also wrap the object as a BagIt bag, DIR/NAME.bag, for deposit.
+    #[arg(long)]
+    bag: bool,
+    /// Take the place on earth out of everything that is written; with a number, leave in which cell of a grid of so many metres it lies.
+    #[arg(long, value_name = "METRES", num_args = 0..=1, require_equals = true, default_missing_value = "nowhere", value_parser = parse_place)]
+    redact_location: Option<crate::redact::Place>,
+    /// Check everything and show which field goes where; write nothing.
+    #[arg(long)]
+    dry_run: bool,
+    /// Also write the pages of the whole folder: catalogue, feeds, sitemap.
+    #[arg(long)]
+    site: bool,
+    /// Withdraw an object instead: its files go to --keep, a page that says so is left.
+    #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "bag", "redact_location", "dry_run"])]
+    withdraw: Option<String>,
+    /// Why it is withdrawn; everybody can read it.
+    #[arg(long, value_name = "TEXT", requires = "withdraw")]
+    reason: Option<String>,
+    /// Where the files of a withdrawn object go: a folder outside of DIR.
+    #[arg(long, value_name = "FOLDER", requires = "withdraw")]
+    keep: Option<PathBuf>,
+    /// Take the viewer page from this folder (a built www/dist) instead of the one in this program.
+    #[arg(long, value_name = "DIR")]
+    www: Option<PathBuf>,
+    /// Draw with a software renderer even where there is a graphics card.
+    #[arg(long)]
+    software: bool,
+    /// Report as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+fn parse_day(text: &str) -> Result<String, String> {
+    if is_day(text) { Ok(text.to_owned()) } else { Err("a day such as 2026-11-21 is wanted".to_owned()) }
+}
+
+fn parse_place(text: &str) -> Result<crate::redact::Place, String> {
+    if text == "nowhere" {
+        return Ok(crate::redact::Place::Nowhere);
+    }
+    match text.parse::<f64>() {
+        Ok(cell) if cell.is_finite() && cell > 0.0 => Ok(crate::redact::Place::Cell(cell)),
+        _ => Err("metres are wanted, for example --redact-location=10000, or nothing".to_owned()),
+    }
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Report {
+    object: String,
+    slug: String,
+    version: u32,
+    published: String,
+    files: usize,
+    bytes: u64,
+    pack: kilwa_server::object::PackEntry,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bag: Option<String>,
+    /// What could not be made, and why.
+    left_out: Vec<String>,
+    /// What would make the object better.
+    advice: Vec<String>,
+}
+
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    if args.to.to_str().is_some_and(|t| t.starts_with("http://") || t.starts_with("https://")) {
+        bail!(
+            "--to takes a folder; copy the object to the server afterwards, for example with rsync, index.html and manifest.json last"
+        );
+    }
+    if let Some(slug) = &args.withdraw {
+        return withdraw::run(args, slug);
+    }
+    let plan = plan::Plan::new(args)?;
+    let mut out = std::io::stdout().lock();
+    if args.dry_run {
+        let said = if args.json { format!("{:#}", mapping::json(&plan)) } else { mapping::text(&plan) };
+        return Ok(writeln!(out, "{said}")?);
+    }
+    let report = write::run(args, &plan)?;
+    if args.json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
+        return Ok(());
+    }
+    writeln!(
+        out,
+        "{}: version {} published, {} files, {}",
+        report.object,
+        report.version,
+        report.files,
+        plan::human(report.bytes)
+    )?;
+    for line in &report.left_out {
+        writeln!(out, "  left out: {line}")?;
+    }
+    for line in &report.advice {
+        writeln!(out, "  better with: {line}")?;
+    }
+    Ok(())
+}
+
+/// Today in UTC, or the day of SOURCE_DATE_EPOCH where that is set: the same inputs give the same bytes then.
+fn today() -> anyhow::Result<String> {
+    if let Some(text) = std::env::var_os("SOURCE_DATE_EPOCH") {
+        let seconds = text.to_str().and_then(|t| t.parse::<u64>().ok());
+        return Ok(day_of(
+            seconds.context("SOURCE_DATE_EPOCH is set and is no number of seconds; correct it or unset it")?,
+        ));
+    }
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    Ok(day_of(now.context("the clock of this computer is before 1970; set it, or give --date")?.as_secs()))
+}
