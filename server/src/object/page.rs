@@ -69,7 +69,7 @@ fn head(p: &Publication) -> String {
         link("cite-as", id, "");
     }
     s.push_str(
-        "<noscript><link rel=\"stylesheet\" href=\"plain.css\"></noscript>\n<script src=\"plain.js\"></script>\n",
+        "<noscript><link rel=\"stylesheet\" href=\"plain/plain.css\"></noscript>\n<script src=\"plain/plain.js\"></script>\n",
     );
     let mut meta = |key: &str, name: &str, content: &str| {
         let _ = writeln!(s, "<meta {key}=\"{name}\" content=\"{}\">", escape(content));

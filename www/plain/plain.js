@@ -2,6 +2,6 @@
 if (location.protocol === "file:") {
   const sheet = document.createElement("link");
   sheet.rel = "stylesheet";
-  sheet.href = "plain.css";
+  sheet.href = "plain/plain.css";
   document.head.append(sheet);
 }
