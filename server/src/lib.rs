@@ -8,7 +8,7 @@
 //! there); a pack is served byte for byte, never encoded, under an ETag that is the hash of its content; the page needs
 //! no inline script or style. Everything here would work from a plain static host too: the server adds no protocol.
 
-mod access;
+pub mod access;
 mod catalogue;
 mod connections;
 mod content;

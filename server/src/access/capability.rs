@@ -1,0 +1,173 @@
+//! Capabilities: what a request for bytes of a closed pack carries instead of a password.
+//!
+//! `k1.<until>.<who>.<signature>`: until when (seconds since 1970), for whom, and a keyed BLAKE3 hash over both and the pack's SHA-256. One
+//! opens one pack for [`LIFE`]; the page asks for the next before it ends, or on 401, and a view in progress loses nothing. A
+//! session, after signing in, is the same over no pack. The server keeps nothing: a restart with the same key forgets nobody.
+
+use super::secret::Key;
+use thiserror::Error;
+
+/// How long a capability opens its pack, seconds.
+pub const LIFE: u64 = 600;
+/// How long a session lasts, seconds.
+pub const SESSION: u64 = 12 * 3600;
+/// Longest that is looked at, bytes.
+const LONGEST: usize = 256;
+
+/// Why one does not open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum Refusal {
+    /// It did once.
+    #[error("it has ended; ask for another")]
+    Ended,
+    /// It never did, or is for something else.
+    #[error("it is not for this")]
+    Wrong,
+}
+
+/// Makes and checks them.
+#[derive(Debug, Clone)]
+pub struct Capabilities {
+    key: Key,
+}
+
+impl Capabilities {
+    pub(super) fn new(key: Key) -> Self {
+        Self { key }
+    }
+
+    /// A capability for `who` for the pack with this SHA-256, from `now` on.
+    pub fn for_pack(&self, pack: &str, who: &str, now: u64) -> String {
+        self.make("pack", pack, who, now.saturating_add(LIFE))
+    }
+
+    /// For whom one opens the pack at `now`.
+    ///
+    /// # Errors
+    /// [`Refusal`].
+    pub fn of_pack(&self, capability: &str, pack: &str, now: u64) -> Result<String, Refusal> {
+        self.check("pack", capability, pack, now, LIFE)
+    }
+
+    /// A session for `who`; `stamp` is [`super::User::stamp`], so that a changed password ends it.
+    pub fn session(&self, who: &str, stamp: &str, now: u64) -> String {
+        self.make("session", stamp, who, now.saturating_add(SESSION))
+    }
+
+    /// Who is signed in, where `stamp_of` gives the present stamp of a name.
+    ///
+    /// # Errors
+    /// [`Refusal`].
+    pub fn of_session(
+        &self,
+        session: &str,
+        stamp_of: impl Fn(&str) -> Option<String>,
+        now: u64,
+    ) -> Result<String, Refusal> {
+        let who = parts(session).ok_or(Refusal::Wrong)?.1;
+        let stamp = stamp_of(who).ok_or(Refusal::Wrong)?;
+        self.check("session", session, &stamp, now, SESSION)
+    }
+
+    fn make(&self, purpose: &str, subject: &str, who: &str, until: u64) -> String {
+        let signature = self.key.sign(purpose, &message(subject, who, until));
+        format!("k1.{until}.{who}.{}", signature.to_hex())
+    }
+
+    fn check(&self, purpose: &str, given: &str, subject: &str, now: u64, life: u64) -> Result<String, Refusal> {
+        let (until, who, signature) = parts(given).ok_or(Refusal::Wrong)?;
+        // Equality of `blake3::Hash` takes the same time wherever they differ.
+        if self.key.sign(purpose, &message(subject, who, until)) != signature {
+            return Err(Refusal::Wrong);
+        }
+        // A clock that was set back does not make old ones live longer than they were given.
+        if now >= until || until - now > life {
+            return Err(Refusal::Ended);
+        }
+        Ok(who.to_owned())
+    }
+}
+
+/// Lengths first, so that no two different things sign alike.
+fn message(subject: &str, who: &str, until: u64) -> String {
+    format!("{}:{subject}{}:{who}{until}", subject.len(), who.len())
+}
+
+fn parts(text: &str) -> Option<(u64, &str, blake3::Hash)> {
+    if text.len() > LONGEST {
+        return None;
+    }
+    let rest = text.strip_prefix("k1.")?;
+    let (until, rest) = rest.split_once('.')?;
+    // Names may have dots.
+    let (who, signature) = rest.rsplit_once('.')?;
+    // One way of writing each, so that there are no two of the same.
+    let is_plain = until.bytes().all(|b| b.is_ascii_digit()) && (until == "0" || !until.starts_with('0'));
+    let is_lower = signature.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b));
+    let until = until.parse().ok().filter(|_| is_plain && is_lower)?;
+    Some((until, who, blake3::Hash::from_hex(signature).ok()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const NOW: u64 = 1_800_000_000;
+
+    fn capabilities() -> Capabilities {
+        Capabilities::new(Key([7; 32]))
+    }
+
+    #[test]
+    fn one_opens_its_pack_for_its_time_and_no_other() {
+        let c = capabilities();
+        let (pack, other) = ("ab".repeat(32), "cd".repeat(32));
+        let given = c.for_pack(&pack, "amina.h", NOW);
+        assert_eq!(c.of_pack(&given, &pack, NOW), Ok("amina.h".to_owned()));
+        assert_eq!(c.of_pack(&given, &pack, NOW + LIFE - 1), Ok("amina.h".to_owned()));
+        assert_eq!(c.of_pack(&given, &pack, NOW + LIFE), Err(Refusal::Ended));
+        assert_eq!(c.of_pack(&given, &pack, NOW - 10), Err(Refusal::Ended), "the clock was set back");
+        assert_eq!(c.of_pack(&given, &other, NOW), Err(Refusal::Wrong));
+        assert_eq!(Capabilities::new(Key([8; 32])).of_pack(&given, &pack, NOW), Err(Refusal::Wrong));
+        assert_eq!(c.of_session(&given, |_| Some(pack.clone()), NOW), Err(Refusal::Wrong), "it is no session");
+    }
+
+    #[test]
+    fn a_session_ends_with_the_password_it_was_begun_with() {
+        let c = capabilities();
+        let session = c.session("amina", "stamp", NOW);
+        let now_is = |stamp: Option<&str>| c.of_session(&session, |_| stamp.map(str::to_owned), NOW + 60);
+        assert_eq!(now_is(Some("stamp")), Ok("amina".to_owned()));
+        assert_eq!(now_is(Some("another")), Err(Refusal::Wrong));
+        assert_eq!(now_is(None), Err(Refusal::Wrong), "the user is gone");
+        assert_eq!(c.of_session(&session, |_| Some("stamp".to_owned()), NOW + SESSION), Err(Refusal::Ended));
+    }
+
+    #[test]
+    fn no_change_of_one_byte_still_opens() {
+        let c = capabilities();
+        let pack = "ab".repeat(32);
+        let given = c.for_pack(&pack, "amina", NOW).into_bytes();
+        for at in 0..given.len() {
+            for to in [b'0', b'9', b'a', b'F', b'.', b' ', b'-', 0] {
+                let mut changed = given.clone();
+                changed[at] = to;
+                if changed != given {
+                    let text = String::from_utf8(changed).expect("ASCII");
+                    assert!(c.of_pack(&text, &pack, NOW).is_err(), "{text}");
+                }
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn nothing_else_opens_and_nothing_panics(text in ".{0,300}", until in any::<u64>(), who in "[a-z.]{0,9}") {
+            let c = capabilities();
+            prop_assert!(c.of_pack(&text, "", NOW).is_err());
+            let forged = format!("k1.{until}.{who}.{}", "0".repeat(64));
+            prop_assert!(c.of_pack(&forged, "", NOW).is_err());
+        }
+    }
+}
