@@ -1,5 +1,6 @@
 //! `kilwa`: build, check, render, measure and serve multiresolution packs of scanned sites. One file per verb.
 
+mod access;
 mod build;
 mod extract;
 mod info;
@@ -40,6 +41,7 @@ enum Verb {
     Publish(Box<publish::Args>),
     Metadata(metadata::Args),
     Serve(serve::Args),
+    Access(access::Args),
 }
 
 fn run(cli: Cli) -> anyhow::Result<()> {
@@ -54,6 +56,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Verb::Publish(a) => publish::run(&a),
         Verb::Metadata(a) => metadata::run(&a),
         Verb::Serve(a) => serve::run(&a),
+        Verb::Access(a) => access::run(&a),
     }
 }
 

@@ -1,0 +1,208 @@
+//! `kilwa access`: who may see what is not public, and who may publish.
+//!
+//! Changes one file of accounts ([`kilwa_server::access::accounts`]), which `kilwa serve --access` reads and reads again when it changes.
+//! A password is asked for without being shown, or taken from the first line of stdin; never from the command line, where other users
+//! of the machine could read it. A token is printed once, alone on stdout.
+
+use anyhow::Context;
+use clap::Subcommand;
+use kilwa_server::access::{Accounts, Grant, Purpose};
+use serde_json::json;
+use std::io::{BufRead, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Say who may see what is not public, and who may publish.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Subcommand)]
+enum What {
+    /// Make a file of accounts with nobody in it; keep it outside of every folder that is served.
+    Init {
+        /// The file, for example /etc/kilwa/access.json.
+        file: PathBuf,
+    },
+    /// Add a user, or change a user's password and what the user may see.
+    User {
+        /// The file.
+        file: PathBuf,
+        /// Name: a-z, 0-9 and . _ - @.
+        name: String,
+        /// May see this object (its name in the address); can be given several times, and replaces what was granted before.
+        #[arg(long, value_name = "SLUG", conflicts_with = "all")]
+        object: Vec<String>,
+        /// May see everything that is not withdrawn.
+        #[arg(long)]
+        all: bool,
+        /// Set no password: leave the one there is, or, for a new user, have tokens only.
+        #[arg(long)]
+        no_password: bool,
+    },
+    /// Take a user away, with all tokens.
+    Remove {
+        /// The file.
+        file: PathBuf,
+        /// Name.
+        name: String,
+    },
+    /// Make a token for a program that acts for a user, and print it, this once.
+    Token {
+        /// The file.
+        file: PathBuf,
+        /// Name of the user.
+        name: String,
+        /// What it is for: view, publish.
+        #[arg(long = "for", value_name = "PURPOSE", value_parser = purpose, default_value = "view")]
+        purpose: Purpose,
+        /// How many days it works.
+        #[arg(long, default_value_t = 365, value_parser = clap::value_parser!(u32).range(1..=3660))]
+        days: u32,
+    },
+    /// Take a token away.
+    Revoke {
+        /// The file.
+        file: PathBuf,
+        /// Its name, as `kilwa access list` shows it.
+        token: String,
+    },
+    /// Show users, what they may see, and their tokens; no secrets.
+    List {
+        /// The file.
+        file: PathBuf,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+fn purpose(text: &str) -> Result<Purpose, String> {
+    match text {
+        "view" => Ok(Purpose::View),
+        "publish" => Ok(Purpose::Publish),
+        _ => Err("view or publish is wanted".to_owned()),
+    }
+}
+
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    match &args.what {
+        What::Init { file } => init(file),
+        What::User { file, name, object, all, no_password } => {
+            let grant = if *all { Grant::All } else { Grant::Objects(object.clone()) };
+            set_user(file, name, &grant, !no_password)
+        }
+        What::Remove { file, name } => change(file, |a| {
+            a.remove_user(name)?;
+            Ok(format!("{name} is gone, with all tokens."))
+        }),
+        What::Token { file, name, purpose, days } => token(file, name, *purpose, *days),
+        What::Revoke { file, token } => change(file, |a| {
+            a.revoke(token)?;
+            Ok(format!("The token {token} no longer works."))
+        }),
+        What::List { file, json } => list(file, *json),
+    }
+}
+
+fn init(file: &Path) -> anyhow::Result<()> {
+    if file.exists() {
+        anyhow::bail!("{} exists already; it is left as it is", file.display());
+    }
+    Accounts::new()?.write(file, true)?;
+    writeln!(std::io::stdout(), "{}: nobody yet; add users with `kilwa access user`.", file.display())?;
+    Ok(())
+}
+
+fn set_user(file: &Path, name: &str, grant: &Grant, ask: bool) -> anyhow::Result<()> {
+    let known = Accounts::read(file)?.user(name).is_some();
+    let password = if ask { Some(password(name)?) } else { None };
+    change(file, |a| {
+        a.set_user(name, grant, password.as_deref())?;
+        let sees = match grant {
+            Grant::All => "everything that is not withdrawn".to_owned(),
+            Grant::Objects(slugs) if slugs.is_empty() => "what is public".to_owned(),
+            Grant::Objects(slugs) => format!("what is public and {}", slugs.join(", ")),
+        };
+        Ok(format!("{name} is {} and may see {sees}.", if known { "changed" } else { "added" }))
+    })
+}
+
+/// Asked for twice on a terminal, else the first line of stdin.
+fn password(name: &str) -> anyhow::Result<String> {
+    let stdin = std::io::stdin();
+    if !stdin.is_terminal() {
+        let mut line = String::new();
+        stdin.lock().read_line(&mut line).context("cannot read the password from stdin")?;
+        let password = line.trim_end_matches(['\n', '\r']).to_owned();
+        anyhow::ensure!(!password.is_empty(), "no password came on stdin; give --no-password where none is wanted");
+        return Ok(password);
+    }
+    let terminal = console::Term::stderr();
+    let ask = |what: &str| -> anyhow::Result<String> {
+        terminal.write_str(what)?;
+        Ok(terminal.read_secure_line()?)
+    };
+    let first = ask(&format!("Password for {name}: "))?;
+    anyhow::ensure!(first == ask("Once more: ")?, "the two were not the same; nothing is changed");
+    Ok(first)
+}
+
+fn token(file: &Path, name: &str, purpose: Purpose, days: u32) -> anyhow::Result<()> {
+    let mut accounts = Accounts::read(file)?;
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
+    let token = accounts.add_token(name, purpose, days, now)?;
+    accounts.write(file, false)?;
+    eprintln!("This token works {days} days for {name} and is not shown again:");
+    writeln!(std::io::stdout(), "{token}")?;
+    Ok(())
+}
+
+/// Read, change, write; says what `how` says.
+fn change(file: &Path, how: impl FnOnce(&mut Accounts) -> anyhow::Result<String>) -> anyhow::Result<()> {
+    let mut accounts = Accounts::read(file)?;
+    let said = how(&mut accounts)?;
+    accounts.write(file, false)?;
+    writeln!(std::io::stdout(), "{said}")?;
+    Ok(())
+}
+
+fn list(file: &Path, as_json: bool) -> anyhow::Result<()> {
+    let accounts = Accounts::read(file)?;
+    let mut out = std::io::stdout();
+    if as_json {
+        let users = accounts.users().iter().map(|u| {
+            let grants = match u.grant() {
+                Grant::All => json!("all"),
+                Grant::Objects(slugs) => json!(slugs),
+            };
+            let tokens: Vec<_> = u
+                .tokens
+                .iter()
+                .map(|t| json!({"id": t.id, "for": t.purpose, "made": t.made, "until": t.until}))
+                .collect();
+            json!({"name": u.name, "password": u.has_password(), "sees": grants, "tokens": tokens})
+        });
+        writeln!(out, "{}", serde_json::to_string_pretty(&json!({ "users": users.collect::<Vec<_>>() }))?)?;
+        return Ok(());
+    }
+    if accounts.users().is_empty() {
+        writeln!(out, "Nobody yet; add users with `kilwa access user`.")?;
+    }
+    for user in accounts.users() {
+        let sees = match user.grant() {
+            Grant::All => "everything that is not withdrawn".to_owned(),
+            Grant::Objects(slugs) if slugs.is_empty() => "what is public".to_owned(),
+            Grant::Objects(slugs) => slugs.join(", "),
+        };
+        let signs = if user.has_password() { "" } else { "; no password" };
+        writeln!(out, "{}: sees {sees}{signs}", user.name)?;
+        for t in &user.tokens {
+            let purpose = if t.purpose == Purpose::View { "view" } else { "publish" };
+            writeln!(out, "  token {} for {purpose}, made {}, works until {}", t.id, t.made, t.until)?;
+        }
+    }
+    Ok(())
+}

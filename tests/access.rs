@@ -1,0 +1,87 @@
+//! `kilwa access`: accounts are made and changed, and no secret is shown but a new token, once.
+
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+fn kilwa(args: &[&str], input: &str) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_kilwa"))
+        .args(args)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("starts");
+    // A program that asks for nothing may be gone already.
+    child.stdin.take().expect("piped").write_all(input.as_bytes()).ok();
+    child.wait_with_output().expect("ends")
+}
+
+fn done(args: &[&str], input: &str) -> String {
+    let output = kilwa(args, input);
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("UTF-8")
+}
+
+fn refused(args: &[&str], input: &str) -> String {
+    let output = kilwa(args, input);
+    assert_eq!(output.status.code(), Some(1), "{args:?}");
+    String::from_utf8(output.stderr).expect("UTF-8")
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("UTF-8")
+}
+
+#[test]
+fn users_and_tokens_are_added_listed_and_taken_away() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("access.json");
+    let file = text(&path);
+    done(&["access", "init", file], "");
+    assert!(done(&["access", "list", file], "").contains("Nobody yet"));
+    let said =
+        done(&["access", "user", file, "amina", "--object", "gereza", "--object", "husuni"], "a long sentence\n");
+    assert!(said.contains("amina is added") && said.contains("gereza, husuni"), "{said}");
+    done(&["access", "user", file, "robot", "--all", "--no-password"], "");
+    let token = done(&["access", "token", file, "robot", "--for", "publish", "--days", "30"], "");
+    assert!(token.starts_with("kilwa-") && token.trim().len() == 70, "{token}");
+
+    let listed = done(&["access", "list", file], "");
+    assert!(listed.contains("amina: sees gereza, husuni") && listed.contains("for publish"), "{listed}");
+    let json: serde_json::Value = serde_json::from_str(&done(&["access", "list", file, "--json"], "")).expect("JSON");
+    let id = json["users"][1]["tokens"][0]["id"].as_str().expect("a name");
+    for shown in [&listed, &json.to_string(), &std::fs::read_to_string(&path).expect("reads")] {
+        assert!(!shown.contains(token.trim()) && !shown.contains("long sentence"), "{shown}");
+    }
+    assert!(!listed.contains("argon2") && !json.to_string().contains("argon2"));
+
+    assert!(done(&["access", "revoke", file, id], "").contains("no longer works"));
+    assert!(done(&["access", "remove", file, "amina"], "").contains("gone"));
+    assert_eq!(done(&["access", "list", file], "").trim(), "robot: sees everything that is not withdrawn; no password");
+}
+
+#[test]
+fn what_cannot_be_done_is_said_and_changes_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("access.json");
+    let file = text(&path);
+    assert!(refused(&["access", "list", file], "").contains("access.json"));
+    done(&["access", "init", file], "");
+    let before = std::fs::read(&path).expect("reads");
+    for (args, input, why) in [
+        (vec!["access", "init", file], "", "exists already"),
+        (vec!["access", "user", file, "amina"], "short\n", "8 characters"),
+        (vec!["access", "user", file, "amina"], "", "no password came"),
+        (vec!["access", "user", file, "Not A Name", "--no-password"], "", "cannot be a name"),
+        (vec!["access", "user", file, "amina", "--no-password", "--object", "../etc"], "", "for example"),
+        (vec!["access", "token", file, "nobody"], "", "nobody yet"),
+        (vec!["access", "revoke", file, "123"], "", "no token 123"),
+    ] {
+        let said = refused(&args, input);
+        assert!(said.contains(why), "{args:?}: {said}");
+        assert_eq!(std::fs::read(&path).expect("reads"), before, "{args:?}");
+    }
+    std::fs::write(&path, "{ half").expect("writes");
+    assert!(refused(&["access", "user", file, "amina", "--no-password"], "").contains("kilwa access init"));
+}
