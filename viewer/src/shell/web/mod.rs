@@ -63,6 +63,7 @@ pub fn pack_info(bytes: &[u8]) -> Result<String, JsError> {
             "storedTriangles": h.stored_triangles,
             "colors": h.attributes.colors,
             "scalars": h.attributes.scalars,
+            "lattice": h.lattice,
         },
     });
     Ok(info.to_string())
