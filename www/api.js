@@ -8,7 +8,7 @@ const VIEWS = ["plan", "north", "east", "south", "west", "iso", "below"];
 /** What another document may call by message. */
 export const CALLS = new Set([
   "stats", "info", "getCamera", "setCamera", "getMode", "setMode", "modes", "pick", "view", "fit", "home", "back", "forward", "setTool",
-  "annotations", "addAnnotation", "openAnnotation", "closeAnnotation", "showAnnotations", "state", "setState", "link", "picture", "setLanguage",
+  "annotations", "addAnnotation", "openAnnotation", "closeAnnotation", "showAnnotations", "measurements", "addMeasurement", "removeMeasurement", "state", "setState", "link", "picture", "setLanguage",
 ]);
 
 export class Api {
@@ -87,7 +87,9 @@ export class Api {
   pick(x, y) {
     const { ratio } = this.page.session;
     const hit = this.#viewer.pick(x * ratio, y * ratio);
-    return hit.length > 0 ? { place: [...hit].slice(0, 3), error: hit[3] } : null;
+    if (hit.length === 0) return null;
+    const ray = [...this.#viewer.ray(x * ratio, y * ratio)];
+    return { place: [...hit].slice(0, 3), error: hit[3], ray: { origin: ray.slice(0, 3), direction: ray.slice(3) } };
   }
 
   view(name) {
@@ -137,13 +139,35 @@ export class Api {
     this.page.notes.setShown(Boolean(shown));
   }
 
+  /** The measurements, with what each gave. */
+  async measurements() {
+    const tools = await this.page.measuring.load();
+    return tools.items.map((item) => tools.plain(item));
+  }
+
+  /**
+   * Measure. `tool` and, as it needs them, `points` (places in metres, taken as they are), `rays` (as `pick` gives them; what counts is where they meet the
+   * finest surface), `plane`, `interval`, `reach`. Resolves when the value is final, or refused with a sentence.
+   */
+  async addMeasurement(measurement) {
+    return (await this.page.measuring.load()).addPlain(measurement);
+  }
+
+  /** Take one away; false where there is none of that id. */
+  async removeMeasurement(id) {
+    const tools = await this.page.measuring.load();
+    const item = tools.items.find((i) => i.id === id);
+    if (item) tools.remove(item);
+    return Boolean(item);
+  }
+
   /** All that the address holds. */
   state() {
     return this.page.state();
   }
 
   setState(state) {
-    return this.page.restore({ camera: null, display: null, notes: true, annotation: null, pack: null, ...state });
+    return this.page.restore({ camera: null, display: null, notes: true, annotation: null, measurements: null, pack: null, ...state });
   }
 
   /** The address of this very view. */
@@ -164,7 +188,8 @@ export class Api {
   }
 
   /**
-   * Events: `ready`, `frame` (stats), `camera` (at rest), `annotation` (opened or closed), `annotations` (changed), `trouble`.
+   * Events: `ready`, `frame` (stats), `camera` (at rest), `annotation` (opened or closed), `annotations` (changed), `measurement` (one is
+   * final), `measurements` (their list changed), `trouble`.
    * @returns {() => void} stops it
    */
   on(event, listener) {

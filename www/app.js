@@ -13,7 +13,10 @@ import { Input } from "./input.js";
 import { Address, HASH_DIGITS, readState } from "./link.js";
 import { isPassing } from "./loader.js";
 import { LocalPack, openers } from "./local-pack.js";
+import { Loupe } from "./loupe.js";
+import { Measuring } from "./measuring.js";
 import { factsList } from "./facts.js";
+import { readJson } from "./store.js";
 import { Notes, fetchPublished } from "./notes.js";
 import { otherProgram, whyNoGpu } from "./program.js";
 import { Saved } from "./saved.js";
@@ -54,6 +57,7 @@ class Page {
     const pickPoints = (use) => this.#pickPoints(use);
     this.look = new Display({ onChange: () => this.#displayed(), pickPoints });
     this.section = new Section({ display: this.look, pickPoints });
+    this.measuring = new Measuring(this);
     this.trouble.onShow = (kind) => this.api.emit("trouble", { kind });
     this.controls();
     this.#contexts();
@@ -132,6 +136,7 @@ class Page {
     this.walk?.close();
     this.notes?.tour.close();
     this.notes?.closeForm();
+    this.measuring.close();
     if (this.pack?.isLocal) this.pack.close();
     this.pack = new LocalPack(file);
     this.session = this.module = this.info = this.usual = null;
@@ -267,6 +272,7 @@ class Page {
     this.walk = new Walk({ viewer, session, flight: this.flight, onChange: () => this.#projected() });
     this.input = new Input(session, this.actions, this);
     this.notes.attach(viewer, session);
+    this.loupe = new Loupe(session);
     const usual = this.look.attach(viewer, session, this.info);
     if (!this.usual) this.usual = usual;
     viewer.setMode(this.usual);
@@ -276,6 +282,7 @@ class Page {
     this.#turning();
     this.#viewButtons();
     if (state.display) this.setDisplay(state.display);
+    this.measuring.attach(viewer, session, state.measurements);
     this.notes.setShown(state.notes);
     if (state.annotation) this.notes.openNamed(state.annotation, { fly: !state.camera });
     if (state.pack && !this.info.pack.hash.startsWith(state.pack.slice(0, HASH_DIGITS))) {
@@ -284,8 +291,16 @@ class Page {
   }
 
   actions = {
-    hover: (x, y) => this.status.hover(this.viewer, x, y),
+    hover: (x, y) => {
+      this.status.hover(this.viewer, x, y);
+      if (this.input.tool === "measure") this.measuring.hover(x, y);
+    },
     leave: () => this.status.leave(),
+    aim: (at) => {
+      this.loupe.show(at);
+      if (at) this.actions.hover(...at);
+    },
+    step: (key) => this.measuring.key(key),
     fit: () => this.fit(),
     view: (name) => this.standardView(name),
     hide: () => chrome.toggleChrome(),
@@ -294,7 +309,7 @@ class Page {
     parallel: () => this.#parallel(!this.settings.orthographic),
     free: () => this.#turning(!this.input.isFree),
     tool: (name) => this.tool(name),
-    place: (x, y) => this.#place(x, y),
+    place: (x, y, how) => this.#place(x, y, how),
     save: () => this.#save(),
     picture: () => this.session && !this.session.closed && this.pictures.open(),
     back: () => this.flight.back(),
@@ -329,7 +344,7 @@ class Page {
 
   state() {
     const { viewer, notes, info } = this;
-    return { camera: [...(this.flight.goal ?? viewer.camera())], display: this.display(), notes: notes.shown, annotation: notes.openId, pack: info.pack.hash };
+    return { camera: [...(this.flight.goal ?? viewer.camera())], display: this.display(), notes: notes.shown, annotation: notes.openId, measurements: this.measuring.address, pack: info.pack.hash };
   }
 
   /** A state of the address: after Back and Forward, from a link, from a script. */
@@ -394,6 +409,15 @@ class Page {
     if (display) this.setDisplay(display);
   }
 
+  /** A part of the model, `across` metres wide, from where it is looked at now. */
+  lookAtRegion(middle, across) {
+    this.#fly((v) => {
+      const c = [...v.camera()];
+      const shown = v.metresPerPixel() * Math.min(this.session.canvas.width, this.session.canvas.height);
+      v.setCamera(new Float64Array([c[0], c[1], (c[2] * Math.max(across * 1.6, 1e-3)) / shown, ...middle, ...c.slice(6)]));
+    }, { isJump: true });
+  }
+
   #save() {
     if (!this.session || this.session.closed) return;
     const view = this.saved.add();
@@ -401,7 +425,11 @@ class Page {
     this.saved.list.edit(view.id);
   }
 
-  #place(x, y) {
+  #place(x, y, how) {
+    if (this.input.tool === "measure") {
+      this.measuring.place(x, y, how);
+      return;
+    }
     const hit = this.viewer.pick(x, y);
     if (hit.length === 0) {
       chrome.notice(t("noteMissed"));
@@ -502,6 +530,8 @@ class Page {
     const camera = this.viewer.camera();
     this.cube.show(camera);
     this.notes.pins?.frame(stats);
+    this.measuring.frame(stats);
+    this.loupe.frame();
     this.section.frame();
     this.walk.frame(stats);
     this.address.later();
@@ -590,7 +620,7 @@ class Page {
 
   #hint(tool) {
     const touch = matchMedia("(pointer: coarse)").matches;
-    return { walk: () => t(touch ? "hintWalkTouch" : "hintWalk"), note: () => t(touch ? "hintNoteTouch" : "hintNote"), points: () => t("hintPoints", { n: format.count(this.points.found.length + 1) }) }[tool]?.();
+    return { walk: () => t(touch ? "hintWalkTouch" : "hintWalk"), note: () => t(touch ? "hintNoteTouch" : "hintNote"), measure: () => this.measuring.hint, points: () => t("hintPoints", { n: format.count(this.points.found.length + 1) }) }[tool]?.();
   }
 
   controls() {
@@ -613,7 +643,7 @@ class Page {
     click("fullscreen", () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen()));
     click("trouble-retry", () => location.reload());
     for (const tool of ["orbit", "pan"]) click(`tool-${tool}`, () => this.tool(tool));
-    for (const tool of ["walk", "note"]) click(`tool-${tool}`, () => this.tool(this.input?.tool === tool ? "orbit" : tool));
+    for (const tool of ["walk", "note", "measure"]) click(`tool-${tool}`, () => this.tool(this.input?.tool === tool ? "orbit" : tool));
     click("walk-leave", () => this.tool("orbit"));
     for (const button of $("grid-views").querySelectorAll("[data-view]")) button.addEventListener("click", () => this.standardView(button.dataset.view));
     click("view-back", () => this.flight?.back());
@@ -639,7 +669,7 @@ class Page {
     });
     $("saved").addEventListener("change", (event) => event.target.name === "turning" && this.#turning(event.target.value === "free"));
     addEventListener("keydown", (event) => this.#editKey(event));
-    openers({ input: $("open-file"), drop: $("drop"), open: (file) => this.openFile(file) });
+    openers({ input: $("open-file"), drop: $("drop"), open: (file) => (/\.json(ld)?$/i.test(file.name) ? this.#document(file) : this.openFile(file)) });
     const list = document.body.dataset.list;
     for (const id of ["back", "trouble-back"]) {
       $(id).hidden = !list;
@@ -677,6 +707,19 @@ class Page {
     this.settle();
   }
 
+  /** A document that was dropped: it says itself what it holds. */
+  async #document(file) {
+    if (!this.info) return;
+    try {
+      const json = await readJson(file, 64e6);
+      if (json?.kilwa === "measurements") await (await this.measuring.load()).files.read(file);
+      else if (json?.type === "KilwaViews") await this.saved.import(file);
+      else await this.notes.import(file);
+    } catch (error) {
+      chrome.notice(t("importFailed", { why: error.message }), 12000);
+    }
+  }
+
   async setLanguage(language) {
     await use(language);
     $("language").value = document.documentElement.lang;
@@ -688,32 +731,35 @@ class Page {
     const key = event.key.toLowerCase();
     if (key !== "z" && key !== "y") return;
     const isRedo = key === "y" || event.shiftKey;
-    const done = isRedo ? this.undo.redo() : this.undo.undo();
+    const done = this.measuring.undo(isRedo) || (isRedo ? this.undo.redo() : this.undo.undo());
     event.preventDefault();
     if (done) this.#say(t(isRedo ? "redo" : "undo"));
   }
 
-  /** What the left button, one finger and the keys do: orbit, pan, walk, note. */
-  tool(name) {
+  /** What the left button, one finger and the keys do: orbit, pan, walk, note, measure (with which tool). */
+  tool(name, which = null) {
     if (!this.session || this.session.closed) return;
     if (name !== "walk") this.walk.leave();
+    if (name !== "measure") this.measuring.leave();
     this.input.tool = name;
     this.input.showPoint(null);
-    for (const other of ["orbit", "pan", "walk", "note"]) $(`tool-${other}`).setAttribute("aria-pressed", String(other === name));
+    for (const other of ["orbit", "pan", "walk", "note", "measure"]) $(`tool-${other}`).setAttribute("aria-pressed", String(other === name));
     $("canvas").dataset.tool = name;
     chrome.hint(this.#hint(name));
     if (name === "walk" || name === "note") chrome.peek();
     if (name === "walk") this.walk.enter();
     if (name === "points") this.points.found = [];
     else if (this.points) this.points = null;
-    if (["walk", "note", "points"].includes(name)) $("canvas").focus({ preventScroll: true });
+    if (["walk", "note", "points", "measure"].includes(name)) $("canvas").focus({ preventScroll: true });
+    if (name === "measure") this.measuring.start(which);
   }
 
   async share() {
     this.address.now();
     try {
       await navigator.clipboard.writeText(location.href);
-      chrome.notice(t("shared"), 2500);
+      if (this.measuring.tools?.isLong) chrome.notice(t("measureLinkLong"), 12000, { label: t("exportFile"), run: () => this.measuring.tools.files.save("json") });
+      else chrome.notice(t("shared"), 2500);
     } catch {
       chrome.notice(t("shareFailed"));
     }
@@ -727,6 +773,7 @@ class Page {
     this.saved?.show();
     this.notes?.show();
     this.walk?.show();
+    this.measuring.translate();
     if (this.input) chrome.hint(this.#hint(this.input.tool));
   }
 }

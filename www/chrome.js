@@ -86,7 +86,7 @@ export function panel() {
   });
 }
 
-const WIDE = { usual: 320, least: 280, step: 24 };
+const WIDE = { usual: 360, least: 280, step: 24 };
 
 /** The edge of the panel beside the picture: dragged, or moved by arrows; a double click makes it as usual. The browser keeps it. */
 export function divider() {
@@ -286,6 +286,10 @@ export function help() {
   fill("help-walk", [
     [t("toolWalk"), "W"], [t("walkForward"), "W ↑"], [t("walkBack"), "S ↓"], [t("walkSides"), "A D"], [t("turn"), "← →"], [t("walkRun"), t("shiftKey", { key: "" }).trim()],
     [t("eyeChange"), "Q E"], [t("walkLeave"), "Esc"],
+  ]);
+  fill("help-measure", [
+    [t("toolMeasure"), "M"], [t("notePoint"), t("arrows")], [t("measurePick"), t("spaceKey")], [t("measureFinish"), "Enter"], [t("measureBack"), t("backspaceKey")],
+    [t("measureSnap"), t("shiftKey", { key: "" }).trim()], [t("cancel"), "Esc"],
   ]);
   fill("help-notes", [
     [t("toolNote"), "N"], [t("notePoint"), t("arrows")], [t("noteChoose"), t("spaceKey")], [t("cancel"), "Esc"], [t("undo"), "Ctrl Z"], [t("redo"), t("shiftKey", { key: "Ctrl Z" })],

@@ -9,7 +9,10 @@ export function setLocale(language, rightToLeft = false) {
 }
 
 /** A figure with its unit keeps its order inside text from right to left. */
-const isolate = (text) => (isolates ? `\u2066${text}\u2069` : text);
+export const isolate = (text) => (isolates ? `\u2066${text}\u2069` : text);
+
+/** What stands before the decimals. */
+export const separator = () => new Intl.NumberFormat(locale).formatToParts(0.5).find((p) => p.type === "decimal").value;
 
 const fixed = (value, digits) =>
   new Intl.NumberFormat(locale, { minimumFractionDigits: digits, maximumFractionDigits: digits }).format(value);

@@ -13,7 +13,9 @@ const SLACK = 6;
 const KEY_POINT = 6;
 
 /** Tools that choose places on the surface. */
-const PLACING = new Set(["note", "points"]);
+const PLACING = new Set(["note", "points", "measure"]);
+/** Milliseconds that a finger rests before it aims instead of turning the model. */
+const LONG_PRESS = 350;
 
 export const VIEW_KEYS = { 1: "plan", 2: "north", 3: "east", 4: "south", 5: "west", 6: "iso", 7: "below" };
 
@@ -21,7 +23,7 @@ export class Input {
   /**
    * @param {import("./session.js").Session} session
    * @param {object} actions what keys and pointers ask for: `hover(x, y)`, `leave()`, `fit()`, `view(name)`, `hide()`,
-   *   `help()`, `pivot(found)`, `parallel()`, `place(x, y)`, `tool(name)`, `free()`, `save()`, `picture()`, `back()`, `forward()`
+   *   `help()`, `pivot(found)`, `parallel()`, `place(x, y, {snap})`, `aim([x, y] | null)`, `step(key)` (a key while a place is chosen), `tool(name)`, `free()`, `save()`, `picture()`, `back()`, `forward()`
    * @param {{flight: import("./flight.js").Flight, walk: import("./walk.js").Walk}} movers
    */
   constructor(session, actions, { flight, walk }) {
@@ -71,8 +73,27 @@ export class Input {
     this.showPoint(null);
     const [x, y] = this.at(event);
     const pans = event.button !== 0 || event.shiftKey || event.ctrlKey || event.metaKey || this.tool === "pan";
+    this.endAim();
     this.pointers.set(event.pointerId, { x, y, pans, moved: 0, button: event.button });
     this.actions.leave();
+    if (event.pointerType === "touch" && this.pointers.size === 1 && PLACING.has(this.tool)) {
+      this.press = setTimeout(() => this.aim(this.pointers.get(event.pointerId)), LONG_PRESS);
+    }
+  }
+
+  /** A finger that rested aims: it moves the place that will be chosen, and a loupe shows it. */
+  aim(pointer) {
+    if (!pointer || this.pointers.size !== 1 || pointer.moved > SLACK * this.session.ratio) return;
+    pointer.aims = true;
+    this.actions.aim([pointer.x, pointer.y]);
+  }
+
+  endAim() {
+    clearTimeout(this.press);
+    for (const pointer of this.pointers.values()) {
+      if (pointer.aims) this.actions.aim(null);
+      pointer.aims = false;
+    }
   }
 
   move(event) {
@@ -87,7 +108,9 @@ export class Input {
     const [dx, dy] = [x - pointer.x, y - pointer.y];
     pointer.x = x;
     pointer.y = y;
-    if (this.pointers.size === 1) {
+    if (pointer.aims) {
+      this.actions.aim([x, y]);
+    } else if (this.pointers.size === 1) {
       if (pointer.pans) this.viewer.pan(dx, dy);
       else this.turn(dx, dy);
     } else if (this.pointers.size === 2) {
@@ -130,10 +153,12 @@ export class Input {
 
   up(event) {
     const pointer = this.pointers.get(event.pointerId);
+    const aimed = pointer?.aims ?? false;
+    this.endAim();
     this.pointers.delete(event.pointerId);
     if (this.pointers.size === 0) this.canvas.classList.remove("moving");
-    const isClick = pointer && event.type === "pointerup" && pointer.moved <= SLACK * this.session.ratio;
-    if (isClick && PLACING.has(this.tool) && pointer.button === 0) this.actions.place(pointer.x, pointer.y);
+    const isClick = pointer && event.type === "pointerup" && (aimed || pointer.moved <= SLACK * this.session.ratio);
+    if (isClick && PLACING.has(this.tool) && pointer.button === 0) this.actions.place(pointer.x, pointer.y, { snap: event.shiftKey });
     else if (isClick && event.pointerType === "touch") this.tap(event, pointer);
     this.session.wake();
   }
@@ -225,13 +250,14 @@ export class Input {
     if (!PLACING.has(this.tool)) return false;
     const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
     const point = this.point ?? [this.canvas.width / 2, this.canvas.height / 2];
+    if (this.tool === "measure" && this.actions.step(event.key)) return true;
     if (step) {
       const by = KEY_POINT * this.session.ratio * (event.shiftKey ? 8 : 1);
       const held = (v, most) => Math.min(most - 1, Math.max(0, v));
       this.showPoint([held(point[0] + step[0] * by, this.canvas.width), held(point[1] + step[1] * by, this.canvas.height)]);
       this.actions.hover(...this.point);
     } else if (event.key === " " || event.key === "Enter") {
-      if (this.point) this.actions.place(...this.point);
+      if (this.point) this.actions.place(...this.point, { snap: event.shiftKey, isKey: true });
       else this.showPoint(point);
     } else if (event.key === "Escape") {
       this.actions.tool("orbit");
@@ -283,6 +309,7 @@ export class Input {
       b: () => this.actions.save(),
       f: () => this.actions.fit(),
       h: () => this.actions.hide(),
+      m: () => this.actions.tool("measure"),
       n: () => this.actions.tool("note"),
       o: () => this.actions.parallel(),
       p: () => this.actions.picture(),

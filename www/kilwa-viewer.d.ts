@@ -68,6 +68,60 @@ export interface Hit {
   place: Vector;
   /** Certified error of the surface there. */
   error: number;
+  /** What was looked along: measurements are made where it meets the finest surface. */
+  ray: Ray;
+}
+
+export interface Ray {
+  origin: Vector;
+  direction: Vector;
+}
+
+export type MeasureToolName =
+  | "coordinate" | "distance" | "polyline" | "along" | "perimeter" | "angle" | "plane-angle" | "height" | "circle" | "area" | "area-whole" | "volume" | "cut-fill"
+  | "deviation" | "section" | "section-upright" | "section-level" | "section-points" | "section-clip" | "profile" | "contours";
+
+export interface Reading {
+  /** English and stable: `straight`, `horizontal`, `surface`, `volume` … */
+  name: string;
+  dimension: "length" | "area" | "volume" | "angle" | "ratio";
+  /** Metres, square or cubic metres, radians. */
+  value: number;
+  /** Standard uncertainty, in the same unit. */
+  uncertainty: number;
+}
+
+export interface Measurement {
+  id: string;
+  name: string;
+  /** As in files: paths are `distance`, sections of every kind `section`. */
+  tool: string;
+  /** Its values count when it is `final`. */
+  state: "picking" | "measuring" | "final" | "refused" | "missed" | "failed";
+  points: Vector[];
+  readings: Reading[];
+  /** Why there is no value. */
+  refusal: string | null;
+  color: string;
+  hidden: boolean;
+  note: string;
+}
+
+export interface NewMeasurement {
+  tool: MeasureToolName;
+  /** Places, taken as they are. */
+  points?: Vector[];
+  /** Rays, as `pick` gives them; their places are where they meet the finest surface. */
+  rays?: Ray[];
+  plane?: { point: Vector; normal: Vector };
+  /** From contour to contour. */
+  interval?: number;
+  /** How far from its plane a polygon counts the surface. */
+  reach?: number;
+  name?: string;
+  note?: string;
+  /** `#rrggbb` */
+  color?: string;
 }
 
 export interface Annotation {
@@ -87,6 +141,7 @@ export interface State {
   display: Record<string, unknown> | null;
   notes: boolean;
   annotation: string | null;
+  measurements: string | null;
   pack: string;
 }
 
@@ -105,6 +160,10 @@ export interface Events {
   camera: Camera;
   annotation: { id: string | null };
   annotations: { count: number };
+  /** One became final. */
+  measurement: Measurement;
+  /** Their list changed. */
+  measurements: { count: number };
   trouble: { kind: string };
 }
 
@@ -129,6 +188,9 @@ export interface KilwaMethods {
   openAnnotation(id: string): boolean;
   closeAnnotation(): void;
   showAnnotations(shown: boolean): void;
+  measurements(): Promise<Measurement[]>;
+  addMeasurement(measurement: NewMeasurement): Promise<Measurement>;
+  removeMeasurement(id: string): Promise<boolean>;
   state(): State;
   setState(state: Partial<State>): void;
   link(): string;

@@ -11,9 +11,9 @@
 const HERE = new URL("./", import.meta.url);
 const CALLS = [
   "stats", "info", "getCamera", "setCamera", "getMode", "setMode", "modes", "pick", "view", "fit", "home", "back", "forward", "setTool", "annotations",
-  "addAnnotation", "openAnnotation", "closeAnnotation", "showAnnotations", "state", "setState", "link", "picture", "setLanguage",
+  "addAnnotation", "openAnnotation", "closeAnnotation", "showAnnotations", "measurements", "addMeasurement", "removeMeasurement", "state", "setState", "link", "picture", "setLanguage",
 ];
-const EVENTS = ["ready", "frame", "camera", "annotation", "annotations", "trouble"];
+const EVENTS = ["ready", "frame", "camera", "annotation", "annotations", "measurement", "measurements", "trouble"];
 
 export class KilwaViewerElement extends HTMLElement {
   static observedAttributes = ["src", "annotations", "lang", "viewer", "controls"];

@@ -4,6 +4,7 @@
 //   display=   shading, light and section, as `displayState()` of the viewer gives them; left out where nothing was chosen
 //   notes=off  pins are hidden
 //   annotation=ID  the note that is open
+//   measurements=  measurements that are shown (measure/address.js)
 //   pack=      the first 12 digits of the pack's hash, so that a link to another model is noticed
 //
 // What changes by and by (a drag) replaces the address; a deliberate jump (a standard view, a saved view, a note)
@@ -14,9 +15,9 @@ export const HASH_DIGITS = 12;
 const REST = [0, 0.7];
 const LONGEST = 20_000;
 
-/** @returns {{camera: Float64Array | null, display: object | null, notes: boolean, annotation: string | null, pack: string | null}} */
+/** @returns {{camera: Float64Array | null, display: object | null, notes: boolean, annotation: string | null, measurements: string | null, pack: string | null}} */
 export function readState(hash) {
-  const state = { camera: null, display: null, notes: true, annotation: null, pack: null };
+  const state = { camera: null, display: null, notes: true, annotation: null, measurements: null, pack: null };
   if (hash.length > LONGEST) return state;
   for (const part of hash.replace(/^#/, "").split("&")) {
     const [name, value] = [part.slice(0, part.indexOf("=")), part.slice(part.indexOf("=") + 1)];
@@ -24,6 +25,7 @@ export function readState(hash) {
     else if (name === "display") state.display = decoded(value, (text) => JSON.parse(text));
     else if (name === "notes") state.notes = value !== "off";
     else if (name === "annotation") state.annotation = decoded(value, (text) => text);
+    else if (name === "measurements") state.measurements = value || null;
     else if (name === "pack" && /^[0-9a-f]{12,64}$/.test(value)) state.pack = value;
   }
   return state;
@@ -44,13 +46,14 @@ function decoded(value, read) {
 }
 
 /** The part of an address behind the `#`. */
-export function writeState({ camera, display, notes = true, annotation, pack }) {
+export function writeState({ camera, display, notes = true, annotation, measurements, pack }) {
   const short = [...camera].map((v) => Number(v.toPrecision(9)));
   while (short.length > 7 && Math.abs(short.at(-1) - REST[short.length - 8]) < 1e-6) short.pop();
   const parts = [`view=${short.join(",")}`];
   if (display && Object.keys(display).length > 0) parts.push(`display=${encodeURIComponent(JSON.stringify(display))}`);
   if (!notes) parts.push("notes=off");
   if (annotation) parts.push(`annotation=${encodeURIComponent(annotation)}`);
+  if (measurements) parts.push(`measurements=${measurements}`);
   if (pack) parts.push(`pack=${pack.slice(0, HASH_DIGITS)}`);
   return `#${parts.join("&")}`;
 }

@@ -104,7 +104,7 @@ test("Tab reaches every control and shows where it stands; Escape closes what is
     if (at.id && seen.includes(at.id) && at.id === seen[0]) break;
     seen.push(at.id);
   }
-  for (const id of ["share", "picture-open", "download", "fullscreen", "help-open", "language", "panel-toggle", "canvas", "tool-orbit", "tool-pan", "tool-walk", "fit", "views-open", "zoom-in", "zoom-out", "tool-note", "hide", "plan", "tab-saved", "turning", "view-save"]) {
+  for (const id of ["share", "picture-open", "download", "fullscreen", "help-open", "language", "panel-toggle", "canvas", "tool-orbit", "tool-pan", "tool-walk", "fit", "views-open", "zoom-in", "zoom-out", "tool-measure", "tool-note", "hide", "plan", "tab-saved", "turning", "view-save"]) {
     assert.ok(seen.includes(id), `Tab does not reach ${id}: ${seen}`);
   }
   await page.locator("#picture-open").click();
@@ -133,20 +133,20 @@ test("numbers and directions are those of the language", async () => {
 test("the details can be made wider by pointer and by keyboard, and stay so", async () => {
   const { page, complaints, close } = await open(browser, fort(), { size: [1200, 700] });
   const width = async () => (await page.locator("#panel").boundingBox()).width;
-  assert.equal(await width(), 320);
+  assert.equal(await width(), 360);
   const edge = await page.locator("#divider").boundingBox();
   await page.mouse.move(edge.x + edge.width / 2, 300);
   await page.mouse.down();
   await page.mouse.move(edge.x + edge.width / 2 - 100, 310, { steps: 4 });
   await page.mouse.up();
-  assert.equal(await width(), 420);
+  assert.equal(await width(), 460);
   await page.locator("#divider").focus();
   await page.keyboard.press("ArrowLeft");
-  assert.equal(await width(), 444);
-  assert.equal(await page.locator("#divider").getAttribute("aria-valuenow"), "444");
+  assert.equal(await width(), 484);
+  assert.equal(await page.locator("#divider").getAttribute("aria-valuenow"), "484");
   await page.reload();
   await page.waitForFunction(() => document.body.dataset.state === "ready");
-  assert.equal(await width(), 444);
+  assert.equal(await width(), 484);
   // Never so wide that no picture is left, and never too narrow for what stands in it.
   await page.locator("#divider").focus();
   await page.keyboard.press("End");
@@ -154,13 +154,13 @@ test("the details can be made wider by pointer and by keyboard, and stay so", as
   await page.keyboard.press("Home");
   assert.equal(await width(), 280);
   await page.locator("#divider").dblclick();
-  assert.equal(await width(), 320);
+  assert.equal(await width(), 360);
   // From right to left the edge is at the other side of the panel.
   await page.locator("#language").selectOption("ar");
   await page.waitForFunction(() => document.documentElement.dir === "rtl");
   await page.locator("#divider").focus();
   await page.keyboard.press("ArrowRight");
-  assert.equal(await width(), 344);
+  assert.equal(await width(), 384);
   assert.deepEqual(complaints, []);
   await close();
 });

@@ -14,7 +14,7 @@ import { promisify } from "node:util";
 import { chromium } from "playwright-core";
 
 export const ROOT = path.resolve(path.dirname(fileURLToPath(import.meta.url)), "../..");
-const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
+export const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
 /** Moves the chunks of a pack beyond any 32-bit offset: an example of kilwa-pack, built with the tests. */
 export const FAR = path.join(path.dirname(KILWA), "examples/far");
 export const WWW = process.env.KILWA_WWW || path.join(ROOT, "www/dist");

@@ -345,7 +345,7 @@ test("a phone has the canvas first, large targets, and a sheet that opens", asyn
   const box = (selector) => page.locator(selector).boundingBox();
   const canvas = await box("#canvas");
   assert.ok(canvas.width === 390 && canvas.height > 560, JSON.stringify(canvas));
-  for (const selector of ["#tool-orbit", "#tool-walk", "#tool-note", "#fit", "#zoom-in", "#zoom-out", "#hide", "#share", "#help-open", "#back"]) {
+  for (const selector of ["#tool-orbit", "#tool-walk", "#tool-measure", "#fit", "#zoom-in", "#zoom-out", "#hide", "#share", "#help-open", "#back"]) {
     const b = await box(selector);
     assert.ok(b.width >= 44 && b.height >= 44, `${selector}: ${JSON.stringify(b)}`);
     assert.ok(b.x >= 0 && b.x + b.width <= 390, `${selector} is on the screen`);

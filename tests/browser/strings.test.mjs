@@ -15,6 +15,7 @@ async function strings(language) {
 
 async function sources() {
   const names = (await readdir(WWW)).filter((n) => n.endsWith(".js") || n === "index.html");
+  names.push(...(await readdir(path.join(WWW, "measure"))).filter((n) => n.endsWith(".js")).map((n) => `measure/${n}`));
   return (await Promise.all(names.map((n) => readFile(path.join(WWW, n), "utf8")))).join("\n");
 }
 
@@ -39,6 +40,9 @@ test("every key that the page names has a string", async () => {
     ...text.matchAll(/data-(?:text|label|aria)="(\w+)"/g),
     ...text.matchAll(/\bt\("(\w+)"/g),
     ...text.matchAll(/"(noGpu\w+|mode[A-Z]\w+)"/g),
+    // Of measuring: what elements are made with, and tables of strings.
+    ...text.matchAll(/\bkey: "([a-z]\w+)"/g),
+    ...text.matchAll(/"(m[A-Z]\w+|r[A-Z]\w+|snap[A-Z]\w+|step[A-Z]\w+|group[A-Z]\w+|refuse[A-Z]\w+|part[A-Z]\w+|file[A-Z]\w+)"/g),
   ].map((m) => m[1]);
   const missing = named.filter((key) => !(key in english) && key !== "noGpu");
   assert.deepEqual(missing, []);

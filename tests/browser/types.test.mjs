@@ -23,6 +23,12 @@ export async function use(api: KilwaApi): Promise<string> {
   await element.setCamera({ azimuth: camera.azimuth + 1 }, { ease: true });
   const hit = await element.pick(1, 2);
   if (hit) await element.addAnnotation({ place: hit.place, title: "Gate" });
+  if (hit) {
+    const { readings } = await element.addMeasurement({ tool: "distance", rays: [hit.ray, hit.ray] });
+    readings[0]?.value.toFixed();
+  }
+  // @ts-expect-error there is no such tool
+  await element.addMeasurement({ tool: "weight" });
   element.on("camera", (moved) => moved.target[2].toFixed());
   api.on("annotation", ({ id }) => id?.length);
   const blob: Blob = await api.picture({ width: 3840, height: 2160 });

@@ -1,0 +1,317 @@
+// Measurements over the picture: lines and points on a canvas of their own, values as labels, and handles at the points of the one that is chosen.
+// They follow the camera with every frame. What the model hides is dimmed; that is found out piece by piece in what time is left, so that
+// no picture waits for it.
+
+import { t } from "../i18n.js";
+import { h } from "./dom.js";
+
+const $ = (id) => document.getElementById(id);
+/** A straight line between two points is looked at in so many pieces. */
+const PIECES = 12;
+/** Pieces of a long line. */
+const MOST_PIECES = 240;
+/** Milliseconds of a frame for finding out what is hidden. */
+const PATIENCE = 4;
+/** Part of its distance that a place may lie behind the surface shown and still be on it. */
+const SLACK = 0.004;
+
+/**
+ * What is drawn for one measurement:
+ * `{ id, color, dashed, closed, paths: number[][][], dots: number[][], label: string[], anchor: number[] | null, chosen, straight }`; places are world metres.
+ */
+export class Marks {
+  /**
+   * @param {object} on `open(id)` a label was pressed; `drag(id, index, x, y)` a handle is dragged, to a pixel; `drop(id, index, x, y)` it was let go;
+   *   `take(id, index)` it was chosen by keyboard
+   */
+  constructor(on) {
+    this.on = on;
+    this.shapes = [];
+    this.labels = new Map();
+    this.handles = [];
+    this.seen = "";
+    this.queue = [];
+    this.version = 0;
+  }
+
+  attach(viewer, session) {
+    Object.assign(this, { viewer, session });
+    this.seen = "";
+  }
+
+  close() {
+    clearTimeout(this.timer);
+    this.set([]);
+    $("mark-labels").replaceChildren();
+    this.labels.clear();
+  }
+
+  set(shapes) {
+    const had = new Map(this.shapes.map((s) => [s.source.id, s]));
+    this.shapes = shapes.map((source) => {
+      const old = had.get(source.id);
+      const same = old && isSame(old.source, source);
+      const made = same ? { pieces: old.pieces, places: old.places, dotsHidden: old.dotsHidden } : pieces(source);
+      return { ...made, source, dotsHidden: source.dots.map((_, k) => (same ? (old.dotsHidden[k] ?? false) : false)), isHidden: old?.isHidden ?? false };
+    });
+    this.#labels();
+    this.#handles();
+    this.version += 1;
+    this.draw();
+  }
+
+  /** After each frame of the viewer. */
+  frame(stats) {
+    this.error = Number.isFinite(stats.worstErrorMetres) ? stats.worstErrorMetres : 0;
+    this.draw(stats.trianglesDrawn);
+  }
+
+  draw(picture = this.picture) {
+    if (!this.viewer || this.session.closed) return;
+    this.picture = picture;
+    const { width, height } = this.session.canvas;
+    const seen = `${[...this.viewer.camera()].join()} ${width} ${height} ${picture} ${this.version}`;
+    if (seen === this.seen) return;
+    this.seen = seen;
+    for (const shape of this.shapes) this.#project(shape);
+    this.#paint();
+    this.#place();
+    this.queue = this.shapes.flatMap((shape) => [
+      ...shape.pieces.map((piece) => () => (piece.hidden = this.#isHidden(shape.places, piece.middle))),
+      ...shape.source.dots.map((dot, k) => () => (shape.dotsHidden[k] = this.#isHidden(dot, 0))),
+      ...(shape.source.anchor ? [() => (shape.isHidden = this.#isHidden(shape.source.anchor, 0))] : []),
+    ]);
+    this.#look();
+  }
+
+  #isHidden(places, at) {
+    const [x, y, z] = [places[at * 3], places[at * 3 + 1], places[at * 3 + 2]];
+    const [, , depth] = this.viewer.project(new Float64Array([x, y, z]));
+    return this.viewer.isHidden(x, y, z, 2 * (this.error ?? 0) + SLACK * Math.abs(depth));
+  }
+
+  /** What is hidden, a little at a time. */
+  #look() {
+    clearTimeout(this.timer);
+    if (this.session.closed || this.queue.length === 0) return;
+    const until = performance.now() + PATIENCE;
+    while (this.queue.length > 0 && performance.now() < until) this.queue.shift()();
+    if (this.queue.length > 0) {
+      this.timer = setTimeout(() => this.#look(), 16);
+      return;
+    }
+    this.#paint();
+    this.#place();
+  }
+
+  #project(shape) {
+    const { source } = shape;
+    const dots = source.dots.flat();
+    const anchor = source.anchor ?? [];
+    const pixels = this.viewer.project(new Float64Array([...shape.places, ...dots, ...anchor]));
+    const [a, b] = [shape.places.length, shape.places.length + dots.length];
+    Object.assign(shape, { at: pixels.subarray(0, a), dotsAt: pixels.subarray(a, b), anchorAt: anchor.length > 0 ? pixels.subarray(b, b + 3) : null });
+  }
+
+  #paint() {
+    const canvas = $("marks");
+    const { width, height } = this.session.canvas;
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    const context = canvas.getContext("2d");
+    const { ratio } = this.session;
+    context.clearRect(0, 0, width, height);
+    context.lineJoin = context.lineCap = "round";
+    for (const shape of this.shapes) {
+      const { source, pieces: all, at } = shape;
+      const wide = (source.chosen ? 3 : 2) * ratio;
+      if (source.closed && source.dots.length > 2) this.#fill(context, shape);
+      for (const hidden of [true, false]) {
+        context.globalAlpha = hidden ? 0.35 : 1;
+        for (const isCasing of [true, false]) {
+          context.strokeStyle = isCasing ? "rgb(255 255 255 / 85%)" : source.color;
+          context.lineWidth = isCasing ? wide + 2.5 * ratio : wide;
+          context.setLineDash(source.dashed && !isCasing ? [7 * ratio, 6 * ratio] : []);
+          context.beginPath();
+          let joined = -1;
+          for (const piece of all) {
+            if (piece.hidden !== hidden) continue;
+            for (let k = piece.from; k < piece.to; k += 1) {
+              const [x, y, u, v] = [at[k * 3], at[k * 3 + 1], at[k * 3 + 3], at[k * 3 + 4]];
+              if (![x, y, u, v].every(Number.isFinite)) continue;
+              if (joined !== k) context.moveTo(x, y);
+              context.lineTo(u, v);
+              joined = k + 1;
+            }
+          }
+          context.stroke();
+        }
+      }
+      context.setLineDash([]);
+      this.#dots(context, shape);
+    }
+    context.globalAlpha = 1;
+  }
+
+  #fill(context, { source, dotsAt }) {
+    const corners = source.dots.map((_, k) => [dotsAt[k * 3], dotsAt[k * 3 + 1]]);
+    if (!corners.flat().every(Number.isFinite)) return;
+    context.beginPath();
+    for (const [x, y] of corners) context.lineTo(x, y);
+    context.closePath();
+    context.globalAlpha = 0.18;
+    context.fillStyle = source.color;
+    context.fill();
+  }
+
+  #dots(context, { source, dotsAt, dotsHidden }) {
+    const { ratio } = this.session;
+    for (const [k] of source.dots.entries()) {
+      const [x, y] = [dotsAt[k * 3], dotsAt[k * 3 + 1]];
+      if (!Number.isFinite(x)) continue;
+      context.globalAlpha = dotsHidden[k] ? 0.35 : 1;
+      context.beginPath();
+      context.arc(x, y, (source.chosen ? 5 : 4) * ratio, 0, 7);
+      context.fillStyle = source.dashed ? "#fff" : source.color;
+      context.strokeStyle = source.dashed ? source.color : "#fff";
+      context.lineWidth = 2 * ratio;
+      context.fill();
+      context.stroke();
+    }
+  }
+
+  // Labels and handles.
+
+  #labels() {
+    const wanted = new Set();
+    for (const { source } of this.shapes) {
+      if (!source.anchor || source.label.length === 0) continue;
+      wanted.add(source.id);
+      let label = this.labels.get(source.id);
+      if (!label) {
+        // The same stands in the table, which the keyboard reaches.
+        label = h("button", { type: "button", className: "mark-label", tabindex: "-1", onclick: () => this.on.open(source.id) });
+        this.labels.set(source.id, label);
+        $("mark-labels").append(label);
+      }
+      if (label.dataset.lines !== source.label.join("\n")) {
+        label.replaceChildren(...source.label.map((line) => h("span", { text: line, dir: "auto" })));
+        label.dataset.lines = source.label.join("\n");
+        label.setAttribute("aria-label", `${source.name}: ${source.label.join(", ")}`);
+      }
+      label.style.setProperty("--mark", source.color);
+      label.classList.toggle("dashed", source.dashed);
+      label.classList.toggle("chosen", source.chosen);
+    }
+    for (const [id, label] of this.labels) {
+      if (wanted.has(id)) continue;
+      label.remove();
+      this.labels.delete(id);
+    }
+  }
+
+  #handles() {
+    const chosen = this.shapes.find(({ source }) => source.chosen && source.canMove);
+    const wanted = chosen ? chosen.source.dots.map((_, index) => ({ shape: chosen, index })) : [];
+    while (this.handles.length > wanted.length) this.handles.pop().button.remove();
+    for (const [k, { shape, index }] of wanted.entries()) {
+      const handle = (this.handles[k] ??= this.#handle());
+      Object.assign(handle, { shape, index });
+      handle.button.setAttribute("aria-label", t("measurePoint", { number: index + 1, name: shape.source.name }));
+      handle.button.style.setProperty("--mark", shape.source.color);
+    }
+  }
+
+  #handle() {
+    const button = h("button", { type: "button", className: "mark-point" });
+    const handle = { button, shape: null, index: 0 };
+    const at = (event) => {
+      const box = this.session.canvas.getBoundingClientRect();
+      return [(event.clientX - box.left) * this.session.ratio, (event.clientY - box.top) * this.session.ratio];
+    };
+    let from = null;
+    button.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0) return;
+      button.setPointerCapture(event.pointerId);
+      from = { x: event.clientX, y: event.clientY, id: handle.shape.source.id, index: handle.index, moved: false };
+      event.stopPropagation();
+    });
+    button.addEventListener("pointermove", (event) => {
+      if (!from) return;
+      from.moved ||= Math.hypot(event.clientX - from.x, event.clientY - from.y) > 4;
+      if (from.moved) this.on.drag(from.id, from.index, ...at(event), event.pointerType === "touch");
+    });
+    button.addEventListener("pointerup", (event) => {
+      const { id, index, moved } = from ?? {};
+      from = null;
+      if (moved) this.on.drop(id, index, ...at(event), event.shiftKey);
+    });
+    button.addEventListener("pointercancel", () => {
+      if (from?.moved) this.on.drop(from.id, from.index, null, null);
+      from = null;
+    });
+    // By keyboard (and a reader's press) the point is taken up, and the crosshair chooses its new place.
+    button.addEventListener("click", (event) => event.detail === 0 && this.on.take(handle.shape.source.id, handle.index));
+    $("mark-labels").append(button);
+    return handle;
+  }
+
+  #place() {
+    const { ratio, canvas } = this.session;
+    const put = (element, x, y, isOn) => {
+      element.hidden = !isOn;
+      if (isOn) element.style.transform = `translate(${(x / ratio).toFixed(1)}px, ${(y / ratio).toFixed(1)}px)`;
+    };
+    const isOn = (x, y) => Number.isFinite(x) && x > -20 && y > -20 && x < canvas.width + 20 && y < canvas.height + 20;
+    const taken = [];
+    for (const shape of this.shapes) {
+      const label = this.labels.get(shape.source.id);
+      if (!label) continue;
+      const [x, y] = shape.anchorAt ?? [NaN, NaN];
+      // Labels that would lie on each other move upwards.
+      let top = y;
+      const lines = shape.source.label.length;
+      const tall = (12 + 18 * lines) * ratio;
+      for (let k = 0; k < 6 && taken.some((o) => Math.abs(o.x - x) < 150 * ratio && Math.abs(o.y - top) < (o.tall + tall) / 2); k += 1) top -= 30 * ratio;
+      if (isOn(x, y)) taken.push({ x, y: top, tall });
+      put(label, x, top, isOn(x, y));
+      label.classList.toggle("behind", shape.isHidden && !shape.source.chosen);
+    }
+    for (const { button, shape, index } of this.handles) {
+      const [x, y] = [shape.dotsAt?.[index * 3], shape.dotsAt?.[index * 3 + 1]];
+      put(button, x, y, isOn(x, y));
+    }
+  }
+}
+
+/** Whether the lines are those that they were; long ones are the same only as objects. */
+function isSame(a, b) {
+  if (a.paths.length !== b.paths.length || a.closed !== b.closed) return false;
+  return a.paths.every((path, k) => path === b.paths[k] || (path.length < 64 && JSON.stringify(path) === JSON.stringify(b.paths[k])));
+}
+
+/** The lines of a shape as places one behind the other, and pieces of them that are hidden or not. */
+function pieces({ paths, closed, straight }) {
+  const places = [];
+  const all = [];
+  for (const path of paths) {
+    const points = closed && path.length > 2 ? [...path, path[0]] : path;
+    const start = places.length / 3;
+    if (straight) {
+      points.forEach((p, k) => {
+        if (k === 0) return places.push(...p);
+        const before = points[k - 1];
+        for (let n = 1; n <= PIECES; n += 1) places.push(...before.map((v, i) => v + ((p[i] - v) * n) / PIECES));
+        return undefined;
+      });
+    } else {
+      for (const p of points) places.push(...p);
+    }
+    const count = places.length / 3 - start;
+    const each = straight ? 1 : Math.max(1, Math.ceil(count / MOST_PIECES));
+    for (let from = start; from < start + count - 1; from += each) {
+      const to = Math.min(from + each, start + count - 1);
+      all.push({ from, to, middle: (from + to) >> 1, hidden: false });
+    }
+  }
+  return { places, pieces: all, dotsHidden: [] };
+}

@@ -1,0 +1,116 @@
+// Values for people: the digits that `kilwa measure` prints (core/measure, quantity.rs and unit.rs), in the unit that the person chose. What
+// is stored are metres and radians, always.
+
+import { isolate, separator } from "../format.js";
+import { t } from "../i18n.js";
+
+/** Units of length; one of it is `numerator / denominator` metres, both exact. */
+const METRES = { m: [1, 1], cm: [1, 100], mm: [1, 1000], km: [1000, 1], ft: [3048, 10_000], ftUS: [1200, 3937], in: [254, 10_000] };
+export const UNITS = Object.keys(METRES);
+const DEGREES = 57.29577951308232;
+const POWERS = { length: 1, area: 2, volume: 3 };
+
+/** What a reading is called. */
+const NAMES = {
+  "straight": "rStraight", "horizontal": "rHorizontal", "vertical": "rVertical", "ends": "rEnds", "perimeter": "rPerimeter", "along the surface": "rAlong",
+  "angle": "rAngle", "first slope": "rSlope1", "second slope": "rSlope2", "height": "rHeight", "fitted plane": "rFitted", "plan": "rPlan",
+  "out of plane": "rOut", "surface": "rSurface", "radius": "rRadius", "diameter": "rDiameter", "circumference": "rCircumference", "residual": "rResidual",
+  "volume": "rVolume", "cut": "rCut", "fill": "rFill", "net": "rNet", "base": "rBase", "above the plane": "rAbove", "below the plane": "rBelow",
+  "length": "rLength", "area of the material": "rMaterial", "way in plan": "rWay", "length on the surface": "rOnSurface", "lowest": "rLowest",
+  "highest": "rHighest", "length of all": "rAll", "mean": "rMean", "root mean square": "rRms", "standard deviation": "rDeviation", "area": "rArea",
+};
+
+export const readingName = (name) => (NAMES[name] ? t(NAMES[name]) : name);
+
+/** Exactly so many decimals, ties to even, as Rust prints them; JavaScript alone would round ties away from zero. */
+export function fixed(value, digits) {
+  if (Object.is(value, -0)) return `-${(0).toFixed(digits)}`;
+  const near = value.toFixed(digits);
+  const exact = Math.abs(value) < 1e21 ? value.toFixed(100) : near;
+  const rest = exact.slice(exact.indexOf(".") + 1 + digits);
+  if (!/^50*$/.test(rest)) return near;
+  const whole = exact.slice(0, exact.length - rest.length).replace(/\.$/, "");
+  return /[02468]$/.test(whole) ? whole : near;
+}
+
+const decimals = (uncertainty) => (uncertainty > 0 ? Math.min(12, Math.max(0, 1 - Math.floor(Math.log10(uncertainty)))) : 6);
+
+/** A stored reading in a unit: value, uncertainty and symbol. */
+export function shown({ value, uncertainty, dimension }, unit) {
+  if (dimension === "angle") return { value: value * DEGREES, uncertainty: uncertainty * DEGREES, symbol: "°" };
+  if (dimension === "ratio") return { value: value * 100, uncertainty: uncertainty * 100, symbol: "%" };
+  const [numerator, denominator] = METRES[unit];
+  const power = POWERS[dimension] ?? 1;
+  const each = (x) => {
+    for (let k = 0; k < power; k += 1) x = (x * denominator) / numerator;
+    return x;
+  };
+  const raised = ["", "", "²", "³"][power];
+  const symbol = power === 1 ? unit : unit === "ftUS" ? `ft${raised}US` : `${unit}${raised}`;
+  return { value: each(value), uncertainty: each(uncertainty), symbol };
+}
+
+/** As `kilwa measure` prints it. */
+export function text(reading, unit) {
+  const { value, uncertainty, symbol } = shown(reading, unit);
+  if (uncertainty === 0) return `${fixed(value, 6)} ${symbol}`;
+  const digits = decimals(uncertainty);
+  return `${fixed(value, digits)} ± ${fixed(uncertainty, digits)} ${symbol}`;
+}
+
+const local = (digits) => digits.replace(".", separator()).replace("-", "−");
+
+/** The same digits to be read at a glance: an uncertainty below a centimetre in millimetres. */
+export function short(reading, unit) {
+  const { value, uncertainty, symbol } = shown(reading, unit);
+  const digits = uncertainty === 0 ? 6 : decimals(uncertainty);
+  const number = local(fixed(value, digits));
+  if (uncertainty === 0) return isolate(`${number} ${symbol}`);
+  const spread = local(fixed(uncertainty, digits));
+  if (dimensionIsLength(reading) && ["m", "cm", "km"].includes(unit) && reading.uncertainty < 0.01) {
+    const mm = reading.uncertainty * 1000;
+    return isolate(`${number} ${symbol} ± ${local(fixed(mm, decimals(mm)))} mm`);
+  }
+  const sign = symbol === "°" ? "°" : ` ${symbol}`;
+  return isolate(`${number} ± ${spread}${sign}`);
+}
+
+const dimensionIsLength = ({ dimension }) => dimension === "length";
+
+/** What is not final: a length that lies within `half` of `value`, both in metres. */
+export function about(value, half, unit) {
+  const { value: v, uncertainty: u, symbol } = shown({ value, uncertainty: half, dimension: "length" }, unit);
+  const digits = u > 0 ? Math.min(9, Math.max(0, -Math.floor(Math.log10(u)))) : 3;
+  const metric = ["m", "cm", "km"].includes(unit) && half < 1;
+  const [spread, name] = metric ? (half < 0.1 ? [half * 1000, "mm"] : [half * 100, "cm"]) : [u, symbol];
+  const one = spread > 0 ? Math.min(9, Math.max(0, -Math.floor(Math.log10(spread)))) : 0;
+  return isolate(`≈ ${local(v.toFixed(digits))} ${symbol} ± ${local(spread.toFixed(one))} ${name}`);
+}
+
+/** Readings that stand for a measurement where there is room for few. */
+const MAIN = {
+  coordinate: ["x", "y", "z"], distance: ["straight"], perimeter: ["perimeter"], along: ["along the surface"], angle: ["angle"], "plane-angle": ["angle"],
+  height: ["height"], circle: ["diameter"], area: ["surface", "fitted plane", "plan"], volume: ["volume"],
+  "cut-fill": ["cut", "fill", "net", "above the plane", "below the plane"], section: ["length", "area of the material"], profile: ["length on the surface"],
+  contours: ["length of all"], deviation: ["root mean square", "lowest", "highest"],
+};
+
+export function mainReadings(tool, readings) {
+  const found = (MAIN[tool] ?? []).map((name) => readings.find((r) => r.name === name)).filter(Boolean);
+  return found.length > 0 ? found : readings.slice(0, 1);
+}
+
+/** The lines of a label. Where all of them are equally uncertain, it is said once. */
+export function mainLines(tool, readings, unit) {
+  const found = mainReadings(tool, readings);
+  if (found.length === 1) return [short(found[0], unit)];
+  const [first] = found;
+  const alike = found.length > 2 && found.every((r) => r.uncertainty === first.uncertainty && r.dimension === first.dimension);
+  if (!alike) return found.map((r) => `${readingName(r.name)} ${short(r, unit)}`);
+  const [, spread] = short(first, unit).split(" ± ");
+  const each = found.map((r) => {
+    const { value, symbol } = shown(r, unit);
+    return `${readingName(r.name)} ${isolate(`${local(fixed(value, decimals(shown(r, unit).uncertainty)))} ${symbol}`)}`;
+  });
+  return [...each, isolate(`± ${spread}`.replace("\u2069", ""))];
+}
