@@ -222,6 +222,7 @@ export class Measure {
     const had = task.isFinal ? task.readings : null;
     try {
       for (const point of task.points) if (!point.done) point.pick(this.engine, { clip: null, snap: "none", onChange: () => this.refresh() });
+      this.#guess(task, signal);
       const all = await Promise.all(task.points.map((p) => p.done));
       if (all.includes(false)) {
         task.state = "missed";
@@ -254,6 +255,21 @@ export class Measure {
         this.refresh();
         this.#tell(task);
       }
+    }
+  }
+
+  /** What the places as they are known now give, while the finest surface is on its way. */
+  async #guess(task, signal) {
+    try {
+      const engine = await this.engine;
+      const rough = task.rough();
+      if (!rough || task.points.every((p) => p.isFinal)) return;
+      const found = await engine.measure(rough.task, { level: rough.level, signal });
+      if (found.refusal || task.isFinal) return;
+      task.guess = found.readings;
+      this.refresh();
+    } catch {
+      // It is a guess: what is final says what is wrong.
     }
   }
 
@@ -567,6 +583,7 @@ export class Measure {
         return [];
       default: {
         const { provisional } = task;
+        if (task.guess.length > 0) return mainLines(task.tool, task.guess, this.unit).map((line, k, all) => (k === all.length - 1 ? t("refining", { value: `≈ ${line}` }) : `≈ ${line}`));
         return [provisional ? t("refining", { value: about(provisional.value, provisional.half, this.unit) }) : t("refiningNoValue")];
       }
     }

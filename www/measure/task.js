@@ -23,6 +23,7 @@ export class Point {
     const provisional = (p) => {
       if (this.isFinal || !p) return;
       if (p.world) this.world = p.world;
+      this.rough = p.local ?? null;
       // Several stretches of the ray: no number can be said.
       this.half = Number.isFinite(p.low) && Number.isFinite(p.high) ? Math.max(0, (p.high - p.low) / 2) : null;
       onChange();
@@ -56,6 +57,7 @@ export class Task {
     this.refusal = null;
     this.read = null;
     this.abort = null;
+    this.guess = []; // readings that are not final
   }
 
   get isFinal() {
@@ -92,6 +94,14 @@ export class Task {
     const points = this.points.map((p, k) => (k === index ? point : p));
     const follows = this.by !== null || (this.tool === "section" && this.points.length > 0);
     return new Task({ kind: this.kind, points, plane: follows ? null : this.plane, reach: this.reach, interval: this.interval, by: this.by });
+  }
+
+  /** The task with the places as they are known now, and how far they may be off, metres; null where a place has no number yet. */
+  rough() {
+    const { points } = this;
+    const isOnPoints = ["angle", "plane-angle", "height", "circle", "area"].includes(this.tool) && points.length > 0;
+    if (!isOnPoints || points.some((p) => p.half === null || !(p.local ?? p.rough))) return null;
+    return { task: { ...this.record(), local: points.map((p) => p.local ?? p.rough) }, level: Math.max(...points.map((p) => p.half)) };
   }
 
   /** A length that is known while the points are provisional: value and how far it may be off, metres; null where there is none. */
