@@ -118,19 +118,12 @@ class Page {
   }
 
   /** What measures (measure/engine.js), loaded when it is first asked for. */
-  engine() {
-    this.measuring ??= import("./measure/engine.js").then(({ Engine }) =>
-      Engine.open({ pack: this.pack, head: this.headBytes, viewer: () => (this.session && !this.session.closed ? this.viewer : null) }),
-    );
-    // What failed is tried again when it is asked for again.
-    this.measuring.catch(() => (this.measuring = null));
-    return this.measuring;
+  async engine() {
+    return (await this.measuring.load()).engine;
   }
 
   /** A pack of this computer, in place of what is open. */
   async openFile(file) {
-    this.measuring?.then((engine) => engine.close(), () => {});
-    this.measuring = null;
     this.session?.close();
     this.input?.close();
     this.walk?.close();

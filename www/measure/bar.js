@@ -36,6 +36,8 @@ export class Bar {
     const isOn = Boolean(moving) || (Boolean(draft) && kind.most > 0);
     $("measure-bar").hidden = !isOn;
     if (!isOn) return;
+    // Below the hint, which may need two lines.
+    $("measure-bar").style.setProperty("--below", `${$("hint").offsetTop + $("hint").offsetHeight + 8}px`);
     this.snap.setAttribute("aria-pressed", String(snap !== "none"));
     this.snap.setAttribute("aria-label", `${t("measureSnap")}: ${t(SNAPS[snap])}`);
     this.back.disabled = !draft || draft.points.length === 0;

@@ -326,7 +326,6 @@ export class Measure {
     }
     this.kind = toolOf(name ?? this.kind.id) ?? this.kind;
     this.#begin();
-    hint(this.hint());
     if (this.kind.most === 0) this.#finish();
     this.panel.showTools();
   }
@@ -340,8 +339,7 @@ export class Measure {
   #begin() {
     this.draft = { points: [], undone: [] };
     this.cursor = null;
-    this.bar.show();
-    this.refresh();
+    this.#step();
   }
 
   leave() {
@@ -483,7 +481,6 @@ export class Measure {
     }
     // The tool stays until it is left.
     this.#begin();
-    hint(this.hint());
   }
 
   /** The place under the pointer: the line from the last point goes there. */
