@@ -300,11 +300,12 @@ test("by keyboard alone: a distance is measured, one of its points moved, its ro
   await keys("Escape");
   const first = await bits(page);
   assert.equal((await list(page))[0].state, "final");
+  const was = await page.evaluate(() => globalThis.kilwa.measuring.tools.items[0].task.points[0].world.join());
   await page.locator(".mark-point").first().focus();
   await keys("Enter");
   assert.match(await page.locator("#hint").innerText(), /new place/);
   await keys("ArrowUp", "ArrowUp", "Space");
-  await page.waitForFunction((was) => globalThis.kilwa.measuring.tools.items[0].task.readings.length > 0 && globalThis.kilwa.measuring.tools.items[0].task.readings[0].value !== was, (await list(page))[0].readings[0]?.value ?? 0);
+  await page.waitForFunction((was) => globalThis.kilwa.measuring.tools.items[0].task.points[0].world.join() !== was, was);
   await done(page);
   assert.notDeepEqual((await bits(page))[0].local, first[0].local);
   await page.evaluate(() => globalThis.kilwa.api.addMeasurement({ tool: "coordinate", points: [[0, 0, 1]], name: "Second" }));

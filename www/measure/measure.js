@@ -130,7 +130,8 @@ export class Measure {
       this.saidNotKept = true;
       notice(t("notKept"));
     }
-    this.page.address.later();
+    // At once: a reload would find what the address still said.
+    this.page.address.now();
   }
 
   /** Another list, as an edit that can be taken back. */
