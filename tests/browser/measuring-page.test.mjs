@@ -248,6 +248,7 @@ test("a file reads back to the last bit, here and by kilwa measure, and one of a
   const foreign = JSON.parse(words);
   foreign.pack.identity = foreign.pack.identity.replace(/^./, (c) => (c === "0" ? "1" : "0"));
   foreign.pack.title = "Husuni Kubwa";
+  for (const one of foreign.measurements) one.name += ", before";
   const give = (value) => page.locator("#measure-import").setInputFiles({ name: "x.json", mimeType: "application/json", buffer: Buffer.from(value) });
   await give(JSON.stringify(foreign));
   await page.locator("#notice", { hasText: "another model: “Husuni Kubwa”" }).waitFor();
