@@ -28,6 +28,9 @@ function list(rows) {
 /** The facts of a pack (`packInfo` of the viewer). */
 export function factsList({ metadata: m, pack }) {
   const size = m.bounds_max.map((v, i) => v - m.bounds_min[i]);
+  // What was published with a model may know more than the pack does.
+  const published = Number(document.body.dataset.accuracy) || undefined;
+  const accuracy = m.capture_accuracy ?? published;
   const rows = [
     [t("triangles"), count(pack.triangles)],
     [t("vertices"), count(m.vertices)],
@@ -35,7 +38,7 @@ export function factsList({ metadata: m, pack }) {
     [t("spacing"), length(m.median_edge)],
     [t("grid"), length(m.lattice_step)],
     [t("crs"), m.crs ?? t("crsLocal")],
-    [t("accuracy"), m.capture_accuracy === undefined ? t("accuracyUnknown") : bound(m.capture_accuracy)],
+    [t("accuracy"), accuracy === undefined ? t("accuracyUnknown") : bound(accuracy)],
     [t("licence"), document.querySelector("link[rel=license]")?.title || t("licenceUnknown")],
     [t("file"), bytes(pack.bytes)],
     [t("tool"), m.tool],

@@ -9,7 +9,7 @@ use image::{ExtendedColorType, ImageEncoder, RgbImage};
 use kilwa_server::object::layout::{DRAWINGS, POSTER, THUMBNAILS};
 use kilwa_stream::Budgets;
 use kilwa_viewer::shell::native::Session;
-use kilwa_viewer::{Camera, Display, Gpu, Prefer, StandardView};
+use kilwa_viewer::{Bounds, Camera, Display, Gpu, Prefer, StandardView};
 use std::path::Path;
 
 /// Pixels of the poster: what cards of other sites show.
@@ -81,7 +81,7 @@ fn posters(pack: &Path, folder: &Path, gpu: &Gpu, drawn: &mut Drawn) -> anyhow::
     let mut session = session(pack, gpu)?;
     let display = Display { background: "light".to_owned(), ..Display::default() };
     let options = session.options(&display);
-    let view = session.view(&Camera::standard(StandardView::Iso, &session.bounds(), SIZE), SIZE, 1.0);
+    let view = session.view(&filling(&session.bounds()), SIZE, 1.0);
     let (picture, _) = session.render(&view, &options)?;
     let pixels = picture.pixels.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
     let poster = RgbImage::from_raw(SIZE[0], SIZE[1], pixels).context("the picture has another size")?;
@@ -91,6 +91,29 @@ fn posters(pack: &Path, folder: &Path, gpu: &Gpu, drawn: &mut Drawn) -> anyhow::
         jpeg(&small, folder, name, drawn)?;
     }
     Ok(())
+}
+
+/// The oblique view, as near as the model's box lets it be without leaving the picture.
+fn filling(bounds: &Bounds) -> Camera {
+    let mut camera = Camera::standard(StandardView::Iso, bounds, SIZE);
+    let (right, up, backward) = (camera.right(), camera.up(), camera.backward());
+    let tangent = camera.half_height() / camera.distance;
+    let aspect = f64::from(SIZE[0]) / f64::from(SIZE[1]);
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let from_target = bounds.corners().map(|c| std::array::from_fn::<f64, 3, _>(|k| c[k] - camera.target[k]));
+    let fits = |distance: f64| {
+        from_target.iter().all(|&c| {
+            let depth = (distance - dot(c, backward)) * tangent * 0.96;
+            depth > 0.0 && dot(c, up).abs() <= depth && dot(c, right).abs() <= depth * aspect
+        })
+    };
+    for _ in 0..50 {
+        if !fits(camera.distance * 0.98) {
+            break;
+        }
+        camera.distance *= 0.98;
+    }
+    camera
 }
 
 fn jpeg(picture: &RgbImage, folder: &Path, name: &str, drawn: &mut Drawn) -> anyhow::Result<()> {

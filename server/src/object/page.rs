@@ -17,6 +17,9 @@ use std::fmt::Write as _;
 /// From the version's `viewer/` to the object.
 const UP: &str = "../../";
 
+/// Without scripts, and from a disk, where the viewer cannot start.
+const PLAIN: &str = "<noscript><link rel=\"stylesheet\" href=\"plain/plain.css\"></noscript>\n<script src=\"plain/plain.js\"></script>\n";
+
 /// What else the page shows.
 #[derive(Debug, Clone, Default)]
 pub struct Surroundings {
@@ -42,6 +45,8 @@ pub fn landing(viewer: &str, p: &Publication, around: &Surroundings) -> String {
         .replacen("data-list=\"\"", &format!("data-list=\"{}\"", escape(&list)), 1)
         .replacen("<!--facts-->", &facts(p), 1)
         .replacen("<!--about-->", &about(p, around), 1)
+        // After the page's own style, which it overrules.
+        .replacen("</head>", &format!("{PLAIN}</head>"), 1)
         .replacen("</body>", &format!("{}</body>", article(p, around)), 1)
 }
 
@@ -68,9 +73,6 @@ fn head(p: &Publication) -> String {
     if let Some(id) = m.identifier.as_ref().filter(|i| i.starts_with("http")) {
         link("cite-as", id, "");
     }
-    s.push_str(
-        "<noscript><link rel=\"stylesheet\" href=\"plain/plain.css\"></noscript>\n<script src=\"plain/plain.js\"></script>\n",
-    );
     let mut meta = |key: &str, name: &str, content: &str| {
         let _ = writeln!(s, "<meta {key}=\"{name}\" content=\"{}\">", escape(content));
     };
@@ -175,7 +177,9 @@ fn downloads(p: &Publication, around: &Surroundings) -> String {
     let pack = p.pack.url.rsplit('/').next().unwrap_or_default();
     item(pack, "Kilwa pack", &size(p.pack.bytes));
     if let Some(preview) = p.preview {
-        item(PREVIEW, "GLB", &format!("{}, ±{}", size(preview.bytes), length(preview.error)));
+        let detail =
+            if preview.error > 0.0 { format!("±{}", length(preview.error)) } else { "full detail".to_owned() };
+        item(PREVIEW, "GLB", &format!("{}, {detail}", size(preview.bytes)));
     }
     for (path, what) in &around.drawings {
         item(path, &escape(what), "PNG");

@@ -67,11 +67,12 @@ fn files(s: &mut String, p: &Publication) {
     let _ =
         write!(s, "WHAT IS IN THIS FOLDER\n\n  {pack}\n      The model: the whole mesh, and coarser forms of it.\n");
     if let Some(preview) = p.preview {
-        let _ = write!(
-            s,
-            "  {PREVIEW}\n      A coarser form of {} triangles (within {:.4} m) that most 3D programs open.\n",
-            preview.triangles, preview.error
-        );
+        let what = if preview.error > 0.0 {
+            format!("A coarser form of {} triangles (within {:.4} m)", preview.triangles, preview.error)
+        } else {
+            "The whole mesh".to_owned()
+        };
+        let _ = write!(s, "  {PREVIEW}\n      {what} as glTF 2.0, which most 3D programs open.\n");
     }
     let _ = write!(
         s,
@@ -94,7 +95,7 @@ fn without_kilwa(s: &mut String, p: &Publication) {
         "\nHOW TO GET THE MESH OUT\n\n\
          1. With the program kilwa:   kilwa extract {short} -o mesh.ply\n   \
             (also .obj, .stl, .glb). This gives the whole mesh: every triangle of the survey, its colours.\n\
-         2. Without it: {PREVIEW}, where it is here, is an ordinary glTF 2.0 file, coarser than the pack.\n\
+         2. Without it: {PREVIEW}, where it is here, is an ordinary glTF 2.0 file (y up, in metres, the model at zero).\n\
          3. With nothing but this: the pack is a single file, all integers little-endian, in this order.\n   \
             a. Header, 256 bytes: it begins with the letters KILWAPCK. Origin and step of a lattice stand in it: every\n      \
                position is origin + step * integer, in metres, z up.\n   \
