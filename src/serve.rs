@@ -53,6 +53,12 @@ struct LimitArgs {
     /// Connections at once from one address (an IPv6 /64); 0 for no limit. Further ones are answered 503.
     #[arg(long, default_value_t = 256, value_name = "N")]
     connections_per_address: u32,
+    /// Seconds within which the headers of a request must be there; also the longest pause between two of one connection.
+    #[arg(long, default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=3600))]
+    header_timeout: u64,
+    /// Seconds after which an answer that the client takes nothing of is dropped.
+    #[arg(long, default_value_t = 30, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=3600))]
+    write_timeout: u64,
     /// Seconds that running transfers get to finish when it is told to stop.
     #[arg(long, default_value_t = 5, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(0..=3600))]
     shutdown: u64,
@@ -129,7 +135,7 @@ async fn serve(address: SocketAddr, site: Site, limits: Limits) -> anyhow::Resul
     let models = site.catalogue.models();
     for model in &models {
         if let Err(why) = &model.summary {
-            eprintln!("{}: {why}", model.file_name);
+            tracing::warn!("{}: {why}", model.file_name);
         }
     }
     println!("Serving {} at http://{address}/ (Ctrl-C stops)", count(models.len()));
@@ -154,11 +160,13 @@ fn log(args: &ReportArgs) {
 
 /// What was asked for, or fewer connections where the system does not let a process have so many files.
 fn limits(args: &Args) -> Limits {
-    let LimitArgs { connections, connections_per_address, shutdown } = args.limits;
+    let LimitArgs { connections, connections_per_address, header_timeout, write_timeout, shutdown } = args.limits;
     let per_address = if args.reports.behind_proxy { 0 } else { connections_per_address as usize };
     let mut limits = Limits {
         connections: connections as usize,
         per_address,
+        headers: Duration::from_secs(header_timeout),
+        stall: Duration::from_secs(write_timeout),
         shutdown: Duration::from_secs(shutdown),
         ..Limits::default()
     };

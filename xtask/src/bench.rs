@@ -259,7 +259,7 @@ fn measured(_report: &Path, _program: &Path, _args: &[String]) -> Result<()> {
     )
 }
 
-/// Adds the table to today's file, with the commit and the machine.
+/// Adds the table to today's file, with the commit and the machine. `what` is a bench, or `soak`, which is a test.
 pub(crate) fn archive(root: &Path, what: &str, table: &str, profile: &str) -> Result<()> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).context("the clock stands before 1970")?.as_secs();
     let (year, month, day) = civil_date(now / 86_400);
@@ -268,7 +268,8 @@ pub(crate) fn archive(root: &Path, what: &str, table: &str, profile: &str) -> Re
     let file = folder.join(format!("{year:04}-{month:02}-{day:02}-{what}.md"));
     let mut text = String::new();
     if !file.exists() {
-        writeln!(text, "# bench {what}, {year:04}-{month:02}-{day:02}\n\nWritten by `cargo xtask bench {what}`.")?;
+        let task = if what == "soak" { "test" } else { "bench" };
+        writeln!(text, "# {task} {what}, {year:04}-{month:02}-{day:02}\n\nWritten by `cargo xtask {task} {what}`.")?;
     }
     let commit =
         output(&mut command("git", &["describe", "--always", "--dirty"])?).unwrap_or_else(|_| "unknown".into());

@@ -11,6 +11,7 @@ mod fuzz;
 mod http;
 mod process;
 mod setup;
+mod soak;
 mod tally;
 mod test;
 mod trust;

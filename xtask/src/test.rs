@@ -8,7 +8,7 @@
 
 use crate::process::{cargo, command, kilwa, on_path, run as run_command, watch};
 use crate::tally::{Tally, is_noise};
-use crate::{demo, fuzz, setup, trust, web};
+use crate::{demo, fuzz, setup, soak, trust, web};
 use anyhow::{Result, bail};
 use std::path::PathBuf;
 use std::process::Command;
@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 /// Run all checks and tests: format, lints, the page, Rust, the browser.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// One suite with a report of its own: trust, the promises of measuring with bound and measured error
+    /// One suite with a report of its own
     suite: Option<Suite>,
     /// Run only the stages whose name contains this text
     #[arg(long, value_name = "TEXT", conflicts_with = "suite")]
@@ -29,6 +29,8 @@ pub(crate) struct Args {
 enum Suite {
     /// Measuring: each claim with its bound and the error measured
     Trust,
+    /// Serving: thousands of slow and hundreds of busy clients, each claim with its bound and what was measured
+    Soak,
 }
 
 /// Crates that have to build for wasm32: the page's own and every pure crate below them.
@@ -65,8 +67,10 @@ const STAGES: [Stage; 10] = [
 ];
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    if let Some(Suite::Trust) = args.suite {
-        return trust::run();
+    match args.suite {
+        Some(Suite::Trust) => return trust::run(),
+        Some(Suite::Soak) => return soak::run(),
+        None => {}
     }
     let wanted = |name: &str| args.only.as_deref().is_none_or(|text| name.contains(text));
     let mut rows = Vec::new();

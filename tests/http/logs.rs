@@ -1,0 +1,55 @@
+//! The log: a line for each request, with its name, and nothing that has to stay secret.
+
+use crate::client::Client;
+use crate::noise;
+use crate::process::Server;
+use serde_json::Value;
+use std::time::Duration;
+
+#[tokio::test]
+async fn the_access_log_names_requests_and_keeps_secrets() {
+    let server = Server::start(&[("fort", &noise(5000, 1))], &["--access-log", "--log", "json"]);
+    let mut client = Client::connect(server.address).await.unwrap();
+    let secrets = "Authorization: Bearer hunter2\r\nCookie: session=hunter2\r\nReferer: http://x/?token=hunter2\r\n";
+    let range = format!("Range: bytes=0-99\r\n{secrets}");
+    let answer = client.get("/packs/fort.kilwa?token=hunter2", &range).await.unwrap();
+    assert_eq!(answer.status, 206);
+    let id = answer.header("x-request-id").to_owned();
+    client.get("/nothing%0a%1b[31mFAKE", "X-Request-Id: <b>bad name</b>\r\n").await.unwrap();
+    client.get("/healthz", "X-Request-Id: 0123456789abcdef\r\n").await.unwrap();
+    for _ in 0..50 {
+        if server.log().lines().count() >= 3 {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    let log = server.log();
+    assert!(!log.contains("hunter2"), "{log}");
+    let lines: Vec<Value> = log.lines().map(|line| serde_json::from_str(line).expect(line)).collect();
+    let line = lines.iter().find(|line| line["id"] == id.as_str()).unwrap_or_else(|| panic!("{id}: {log}"));
+    assert_eq!(line["path"], "/packs/fort.kilwa");
+    assert_eq!((line["status"].as_u64(), line["bytes"].as_u64()), (Some(206), Some(100)));
+    assert_eq!((line["client"].as_str(), line["method"].as_str()), (Some("127.0.0.1"), Some("GET")));
+    assert_eq!(line["cut"], false);
+    assert!(line["ms"].as_f64().is_some() && line["timestamp"].as_str().is_some());
+    assert!(lines.iter().any(|line| line["path"] == "/nothing%0a%1b[31mFAKE"), "{log}");
+    assert!(lines.iter().any(|line| line["id"] == "0123456789abcdef") && !log.contains("bad name"), "{log}");
+}
+
+#[tokio::test]
+async fn behind_a_proxy_the_client_is_who_the_proxy_names() {
+    let options = ["--access-log", "--log", "json", "--behind-proxy"];
+    let server = Server::start(&[("fort", &noise(10, 1))], &options);
+    let mut client = Client::connect(server.address).await.unwrap();
+    client.get("/healthz", "X-Forwarded-For: 198.51.100.1, 203.0.113.9\r\n").await.unwrap();
+    assert_eq!(client.get("/metrics", "X-Forwarded-For: 203.0.113.9\r\n").await.unwrap().status, 404);
+    assert_eq!(client.get("/metrics", "").await.unwrap().status, 200);
+    for _ in 0..50 {
+        if server.log().lines().count() >= 3 {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    let log = server.log();
+    assert!(log.contains("\"client\":\"203.0.113.9\"") && !log.contains("198.51.100.1"), "{log}");
+}

@@ -1,0 +1,108 @@
+//! `kilwa serve` over a temporary folder, until it is dropped.
+
+use std::io::{BufRead as _, BufReader};
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// The files that a built page must have; their content does not matter here.
+const PAGE: [&str; 8] = [
+    "index.html",
+    "boot.js",
+    "viewer.js",
+    "viewer_bg.wasm",
+    "viewer-gl.js",
+    "viewer-gl_bg.wasm",
+    "decode.js",
+    "decode_bg.wasm",
+];
+
+pub(crate) struct Server {
+    child: Child,
+    pub(crate) address: SocketAddr,
+    dir: tempfile::TempDir,
+}
+
+impl Server {
+    /// Serve these packs, with these options.
+    pub(crate) fn start(packs: &[(&str, &[u8])], options: &[&str]) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let (folder, www) = (dir.path().join("models"), dir.path().join("www"));
+        std::fs::create_dir(&folder).unwrap();
+        std::fs::create_dir(&www).unwrap();
+        for name in PAGE {
+            std::fs::write(www.join(name), "x").unwrap();
+        }
+        for (name, bytes) in packs {
+            std::fs::write(folder.join(format!("{name}.kilwa")), bytes).unwrap();
+        }
+        let log = std::fs::File::create(dir.path().join("log")).unwrap();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_kilwa"))
+            .arg("serve")
+            .arg(&folder)
+            .args(["--listen", "127.0.0.1:0", "--www"])
+            .arg(&www)
+            .args(options)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(log)
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
+        let address = line.split("http://").nth(1).and_then(|rest| rest.split('/').next());
+        let address = address.unwrap_or_else(|| panic!("no address: {line}")).parse().unwrap();
+        Self { child, address, dir }
+    }
+
+    pub(crate) fn folder(&self) -> PathBuf {
+        self.dir.path().join("models")
+    }
+
+    /// A place for files of the test.
+    pub(crate) fn scratch(&self) -> &Path {
+        self.dir.path()
+    }
+
+    pub(crate) fn log(&self) -> String {
+        std::fs::read_to_string(self.dir.path().join("log")).unwrap()
+    }
+
+    /// Resident memory, bytes; `None` where the system does not tell.
+    pub(crate) fn memory(&self) -> Option<f64> {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).ok()?;
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+        Some(line.split_whitespace().next()?.parse::<f64>().ok()? * 1024.0)
+    }
+
+    /// Open file descriptors.
+    pub(crate) fn files(&self) -> Option<usize> {
+        Some(std::fs::read_dir(format!("/proc/{}/fd", self.child.id())).ok()?.count())
+    }
+
+    /// As a service manager asks it to stop.
+    pub(crate) fn terminate(&self) {
+        let told = Command::new("kill").arg("-TERM").arg(self.child.id().to_string()).status().unwrap();
+        assert!(told.success());
+    }
+
+    /// How it ended, and how long that took; a minute at most.
+    pub(crate) fn ended(&mut self) -> (ExitStatus, Duration) {
+        let began = Instant::now();
+        while began.elapsed() < Duration::from_secs(60) {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                return (status, began.elapsed());
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        panic!("kilwa serve did not end within a minute of being told to");
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}

@@ -1,0 +1,188 @@
+//! Ranges and conditions: a table of what is asked and what has to come, and random ranges against the file.
+
+use crate::client::Client;
+use crate::process::Server;
+use crate::{Dice, claim_none, full, noise};
+
+const LENGTH: usize = 1000;
+const URL: &str = "/packs/fort.kilwa";
+
+/// What has to come.
+#[derive(Clone, Copy)]
+enum Wanted {
+    /// 200 and all of it.
+    Whole,
+    /// 206 and the bytes from first to last.
+    Part(usize, usize),
+    /// 416.
+    Beyond,
+    /// Another status, without the file.
+    Status(u16),
+}
+use Wanted::{Beyond, Part, Status, Whole};
+
+/// `Range` and what it means in a file of [`LENGTH`] bytes.
+const RANGES: [(&str, Wanted); 49] = [
+    ("bytes=0-0", Part(0, 0)),
+    ("bytes=0-1", Part(0, 1)),
+    ("bytes=1-1", Part(1, 1)),
+    ("bytes=0-499", Part(0, 499)),
+    ("bytes=500-999", Part(500, 999)),
+    ("bytes=0-998", Part(0, 998)),
+    ("bytes=0-999", Part(0, 999)),
+    ("bytes=0-1000", Part(0, 999)),
+    ("bytes=0-4294967296", Part(0, 999)),
+    ("bytes=0-18446744073709551615", Part(0, 999)),
+    ("bytes=0-18446744073709551616", Part(0, 999)),
+    ("bytes=998-99999999999999999999999999999999", Part(998, 999)),
+    ("bytes=999-999", Part(999, 999)),
+    ("bytes=999-1000", Part(999, 999)),
+    ("bytes=0-", Part(0, 999)),
+    ("bytes=1-", Part(1, 999)),
+    ("bytes=999-", Part(999, 999)),
+    ("bytes=-1", Part(999, 999)),
+    ("bytes=-999", Part(1, 999)),
+    ("bytes=-1000", Part(0, 999)),
+    ("bytes=-1001", Part(0, 999)),
+    ("bytes=-99999999999999999999999", Part(0, 999)),
+    ("bytes=00000-00009", Part(0, 9)),
+    ("bytes= 3-4", Part(3, 4)),
+    ("Bytes=3-4", Part(3, 4)),
+    ("BYTES=3-4", Part(3, 4)),
+    ("bytes=1000-", Beyond),
+    ("bytes=1000-1000", Beyond),
+    ("bytes=1001-2000", Beyond),
+    ("bytes=4294967296-", Beyond),
+    ("bytes=99999999999999999999-", Beyond),
+    ("bytes=-0", Beyond),
+    ("bytes=", Whole),
+    ("bytes=-", Whole),
+    ("bytes=--1", Whole),
+    ("bytes=5-3", Whole),
+    ("bytes=a-b", Whole),
+    ("bytes=1-b", Whole),
+    ("bytes=0x0-0x9", Whole),
+    ("bytes=+1-2", Whole),
+    ("bytes=1.5-2", Whole),
+    ("bytes=0-1,5-6", Whole),
+    ("bytes=0-,0-", Whole),
+    ("bytes=0-0,-1", Whole),
+    ("bytes 0-1", Whole),
+    ("0-1", Whole),
+    ("items=0-1", Whole),
+    ("seconds=0-1", Whole),
+    ("bytes=\u{661}-\u{662}", Whole),
+];
+
+/// Method, header lines (`TAG` stands for the file's tag) and what has to come.
+const CONDITIONS: [(&str, &str, Wanted); 27] = [
+    ("GET", "", Whole),
+    ("HEAD", "", Status(200)),
+    ("HEAD", "Range: bytes=0-9\r\n", Status(200)),
+    ("HEAD", "If-None-Match: TAG\r\n", Status(304)),
+    ("GET", "If-None-Match: TAG\r\n", Status(304)),
+    ("GET", "If-None-Match: W/TAG\r\n", Status(304)),
+    ("GET", "If-None-Match: \"a\", TAG\r\n", Status(304)),
+    ("GET", "If-None-Match: \"a\"\r\nIf-None-Match: TAG\r\n", Status(304)),
+    ("GET", "If-None-Match: *\r\n", Status(304)),
+    ("GET", "If-None-Match: \"a\"\r\n", Whole),
+    ("GET", "If-None-Match: TAG\r\nRange: bytes=0-9\r\n", Status(304)),
+    ("GET", "If-None-Match: \"a\"\r\nRange: bytes=0-9\r\n", Part(0, 9)),
+    ("GET", "If-Match: TAG\r\nRange: bytes=0-9\r\n", Part(0, 9)),
+    ("GET", "If-Match: *\r\nRange: bytes=0-9\r\n", Part(0, 9)),
+    ("GET", "If-Match: W/TAG\r\n", Status(412)),
+    ("GET", "If-Match: \"a\"\r\nRange: bytes=0-9\r\n", Status(412)),
+    ("GET", "If-Range: TAG\r\nRange: bytes=0-9\r\n", Part(0, 9)),
+    ("GET", "If-Range: TAG\r\nRange: bytes=1000-\r\n", Beyond),
+    ("GET", "If-Range: TAG\r\n", Whole),
+    ("GET", "If-Range: W/TAG\r\nRange: bytes=0-9\r\n", Whole),
+    ("GET", "If-Range: \"a\"\r\nRange: bytes=0-9\r\n", Whole),
+    ("GET", "If-Range: \"a\"\r\nRange: bytes=1000-\r\n", Whole),
+    ("GET", "If-Range: Sat, 21 Nov 2026 00:00:00 GMT\r\nRange: bytes=0-9\r\n", Whole),
+    ("GET", "Range: bytes=0-9\r\nRange: bytes=10-19\r\n", Whole),
+    ("GET", "Accept-Encoding: gzip, br\r\nRange: bytes=0-9\r\n", Part(0, 9)),
+    ("POST", "Content-Length: 0\r\n", Status(405)),
+    ("DELETE", "", Status(405)),
+];
+
+#[tokio::test]
+async fn every_row_of_the_table_is_answered_exactly() {
+    let bytes = noise(LENGTH, 3);
+    let server = Server::start(&[("fort", &bytes)], &[]);
+    let mut client = Client::connect(server.address).await.unwrap();
+    let tag = client.ask("HEAD", URL, "").await.unwrap().header("etag").to_owned();
+    assert!(tag.starts_with('"') && tag.len() == 66, "strong, and a hash: {tag}");
+    let ranges = RANGES.iter().map(|(range, wanted)| ("GET", format!("Range: {range}\r\n"), *wanted));
+    let conditions = CONDITIONS.iter().map(|(method, lines, wanted)| (*method, lines.replace("TAG", &tag), *wanted));
+    let rows: Vec<_> = ranges.chain(conditions).collect();
+    let mut wrong = Vec::new();
+    for (method, lines, wanted) in &rows {
+        let a = client.ask(method, URL, lines).await.unwrap();
+        let (status, body, range) = match *wanted {
+            Whole => (200, &bytes[..], String::new()),
+            Part(from, to) => (206, &bytes[from..=to], format!("bytes {from}-{to}/{LENGTH}")),
+            Beyond => (416, &b"416 Range Not Satisfiable\n"[..], format!("bytes */{LENGTH}")),
+            Status(status) => (status, &a.body[..], String::new()),
+        };
+        let sound = a.status == status
+            && a.body == body
+            && a.header("content-range") == range
+            && a.header("content-encoding").is_empty()
+            && (status == 405 || a.header("etag") == tag && a.header("accept-ranges") == "bytes")
+            && (*method != "HEAD" || status != 200 || a.header("content-length") == LENGTH.to_string());
+        if !sound {
+            wrong.push(format!("{method} {lines:?}: {}", a.head));
+        }
+    }
+    assert!(rows.len() >= 60, "{}", rows.len());
+    claim_none("range table: answers that are not exact", rows.len(), &wrong);
+}
+
+/// One random request of each form that the RFC has, and the bytes that it means.
+fn random(dice: &mut Dice, length: u64) -> (String, std::ops::Range<usize>) {
+    let from = dice.below(length);
+    let some = dice.below(length - from).min(dice.below(200_000));
+    let range = |a: u64, b: u64| a as usize..b as usize;
+    match dice.below(10) {
+        0 => {
+            let last = dice.below(100_000) + 1;
+            (format!("bytes=-{last}"), range(length - last.min(length), length))
+        }
+        1 => {
+            let from = length - dice.below(100_000.min(length)) - 1;
+            (format!("bytes={from}-"), range(from, length))
+        }
+        2 => (format!("bytes={from}-{from}"), range(from, from + 1)),
+        _ => (format!("bytes={from}-{}", from + some), range(from, from + some + 1)),
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn random_ranges_are_the_bytes_of_the_file() {
+    const CLIENTS: u64 = 8;
+    let each = if full() { 12_500 } else { 250 };
+    let bytes: &'static [u8] = Vec::leak(noise(20_000_003, 11));
+    let server = Server::start(&[("fort", bytes)], &[]);
+    let clients = (0..CLIENTS).map(|seed| {
+        let address = server.address;
+        tokio::spawn(async move {
+            let mut client = Client::connect(address).await.unwrap();
+            let mut dice = Dice(seed + 1);
+            let mut wrong = Vec::new();
+            for _ in 0..each {
+                let (value, wanted) = random(&mut dice, bytes.len() as u64);
+                let a = client.get(URL, &format!("Range: {value}\r\n")).await.unwrap();
+                let place = format!("bytes {}-{}/{}", wanted.start, wanted.end - 1, bytes.len());
+                if a.status != 206 || a.header("content-range") != place || a.body != bytes[wanted] {
+                    wrong.push(format!("{value}: {}", a.head));
+                }
+            }
+            wrong
+        })
+    });
+    let mut wrong = Vec::new();
+    for client in clients.collect::<Vec<_>>() {
+        wrong.extend(client.await.unwrap());
+    }
+    claim_none("random ranges that are not the bytes of the file", (CLIENTS * each) as usize, &wrong);
+}

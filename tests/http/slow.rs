@@ -1,0 +1,191 @@
+//! Clients that hold connections: requests that come a byte at a time, answers that are taken a little at a time.
+
+use crate::client::{Client, loopback};
+use crate::process::Server;
+use crate::{claim, claim_none, claim_when_quiet, full, noise, quantile};
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+
+const URL: &str = "/packs/fort.kilwa";
+
+/// Milliseconds of each of many ranges of 64 KiB, asked for by four people for a while.
+async fn well_behaved(server: SocketAddr, ranges: usize) -> Vec<f64> {
+    let people = (0..4).map(|person| {
+        tokio::spawn(async move {
+            let mut times = Vec::new();
+            let mut client = Client::connect_from(loopback(5000 + person), server, None).await.unwrap();
+            for k in 0..ranges / 4 {
+                let from = (k * 65_536) % 8_000_000;
+                let began = Instant::now();
+                let range = format!("Range: bytes={from}-{}\r\n", from + 65_535);
+                let answer = client.get(URL, &range).await.unwrap();
+                times.push(began.elapsed().as_secs_f64() * 1e3);
+                assert_eq!((answer.status, answer.body.len()), (206, 65_536));
+                tokio::time::sleep(Duration::from_millis(5)).await;
+            }
+            times
+        })
+    });
+    let mut all = Vec::new();
+    for person in people.collect::<Vec<_>>() {
+        all.extend(person.await.unwrap());
+    }
+    all
+}
+
+/// One who sends a byte of a request every `pause`, and begins again when the connection is closed, until told to stop: how long each of
+/// its connections was held, seconds.
+async fn creeping(
+    server: SocketAddr,
+    number: usize,
+    pause: Duration,
+    stop: Arc<AtomicBool>,
+    open: Arc<AtomicUsize>,
+) -> Vec<f64> {
+    let mut held = Vec::new();
+    while !stop.load(Ordering::Relaxed) {
+        let Ok(mut client) = Client::connect_from(loopback(number / 100), server, None).await else { break };
+        open.fetch_add(1, Ordering::Relaxed);
+        let began = Instant::now();
+        let (mut read, mut write) = client.stream.split();
+        let mut request = b"GET / HTTP/1.1\r\nHost: x\r\nX-Slow: ".iter().chain(std::iter::repeat(&b'a'));
+        let mut answer = [0; 256];
+        loop {
+            let byte = [*request.next().unwrap()];
+            if write.write_all(&byte).await.is_err() {
+                break;
+            }
+            // A few words before it is closed, or nothing yet, is no end.
+            if let Ok(Ok(0) | Err(_)) = tokio::time::timeout(pause, read.read(&mut answer)).await {
+                break;
+            }
+        }
+        open.fetch_sub(1, Ordering::Relaxed);
+        held.push(began.elapsed().as_secs_f64());
+    }
+    held
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn requests_that_never_end_are_closed_and_others_do_not_notice() {
+    let (sockets, limit, pause) = if full() { (2000, "10", 5000) } else { (200, "1", 300) };
+    let bytes = noise(9_000_000, 5);
+    let server = Server::start(&[("fort", &bytes)], &["--header-timeout", limit]);
+    let ranges = if full() { 6000 } else { 80 };
+    well_behaved(server.address, 80).await;
+    let before = well_behaved(server.address, ranges).await;
+    let (stop, open) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicUsize::new(0)));
+    let pause = Duration::from_millis(pause);
+    let crowd: Vec<_> = (0..sockets)
+        .map(|number| tokio::spawn(creeping(server.address, number, pause, Arc::clone(&stop), Arc::clone(&open))))
+        .collect();
+    let patience = Instant::now();
+    while open.load(Ordering::Relaxed) < sockets && patience.elapsed() < Duration::from_secs(10) {
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    let at_once = open.load(Ordering::Relaxed);
+    let during = well_behaved(server.address, ranges * 2).await;
+    stop.store(true, Ordering::Relaxed);
+    let mut held = Vec::new();
+    for one in crowd {
+        held.extend(one.await.unwrap());
+    }
+    let after = well_behaved(server.address, ranges).await;
+    let baseline = [before, after].concat();
+    assert!(held.len() >= sockets, "each was closed by the server: {}", held.len());
+    let (quiet, busy) = (quantile(&baseline, 0.99), quantile(&during, 0.99));
+    println!(
+        "{at_once} creeping connections at once, {} in all; 99th percentile of 64 KiB: {quiet:.2} ms without, {busy:.2} ms with",
+        held.len()
+    );
+    claim_when_quiet(
+        "a creeping request holds its connection at most",
+        "s",
+        15.0,
+        held.iter().copied().fold(0.0, f64::max),
+    );
+    claim_when_quiet(
+        "99th percentile of the others beside 2,000 creeping requests, of that without",
+        "times",
+        2.0,
+        busy / quiet,
+    );
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn slow_readers_cost_little_memory() {
+    let readers = if full() { 1000 } else { 100 };
+    let bytes = noise(48 << 20, 7);
+    let server = Server::start(&[("fort", &bytes)], &[]);
+    let Some(_) = server.memory() else {
+        println!("skipped: memory of slow readers, which this system does not tell");
+        return;
+    };
+    // What the first requests cost in any case: the hash, threads that read.
+    let mut first = Client::connect(server.address).await.unwrap();
+    assert!(first.get(URL, "").await.unwrap().body == bytes);
+    well_behaved(server.address, 200).await;
+    let before = server.memory().unwrap();
+    let mut held = Vec::new();
+    for number in 0..readers {
+        let mut client = Client::connect_from(loopback(number / 100), server.address, Some(4096)).await.unwrap();
+        client.stream.write_all(format!("GET {URL} HTTP/1.1\r\nHost: x\r\n\r\n").as_bytes()).await.unwrap();
+        held.push(client);
+    }
+    let (mut most, mut bytes_read, mut buffer) = (0.0_f64, 0, vec![0; 1024]);
+    for _ in 0..if full() { 40 } else { 6 } {
+        tokio::time::sleep(Duration::from_millis(250)).await;
+        for client in &mut held {
+            bytes_read += client.stream.read(&mut buffer).await.unwrap();
+        }
+        most = most.max(server.memory().unwrap());
+    }
+    assert!(bytes_read > 0);
+    claim_when_quiet(
+        &format!("memory for {readers} slow readers of 48 MiB each"),
+        "MiB",
+        64.0,
+        (most - before) / 1_048_576.0,
+    );
+    // Who does not read slowly still gets all of it.
+    let mut other = Client::connect_from(loopback(6000), server.address, None).await.unwrap();
+    assert!(other.get(URL, "").await.unwrap().body == bytes);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_reader_that_takes_nothing_is_dropped() {
+    let bytes = noise(24 << 20, 9);
+    let server = Server::start(&[("fort", &bytes)], &["--write-timeout", "1"]);
+    let readers = 20;
+    let mut stuck = Vec::new();
+    for number in 0..readers {
+        let mut client = Client::connect_from(loopback(number), server.address, Some(4096)).await.unwrap();
+        client.stream.write_all(format!("GET {URL} HTTP/1.1\r\nHost: x\r\n\r\n").as_bytes()).await.unwrap();
+        stuck.push(client);
+    }
+    let mut monitor = Client::connect(server.address).await.unwrap();
+    let mut dropped = 0;
+    for _ in 0..200 {
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        let figures = String::from_utf8(monitor.get("/metrics", "").await.unwrap().body).unwrap();
+        let line = figures.lines().find_map(|l| l.strip_prefix("kilwa_slow_readers_total ")).unwrap();
+        dropped = line.parse().unwrap();
+        if dropped >= readers {
+            break;
+        }
+    }
+    let late: Vec<String> = (dropped..readers).map(|n| format!("reader {n}")).collect();
+    claim_none("readers that take nothing and are still served", readers, &late);
+    let mut whole = Vec::new();
+    for mut client in stuck {
+        let mut all = Vec::new();
+        drop(client.stream.read_to_end(&mut all).await);
+        if all.len() >= bytes.len() {
+            whole.push(format!("{} bytes", all.len()));
+        }
+    }
+    claim("answers to them that were not cut", "of 20", 0.0, whole.len() as f64);
+}
