@@ -24,6 +24,7 @@ use sweep::FileLeaves;
 /// the point of the surface nearest to each.
 #[derive(clap::Args)]
 #[command(allow_negative_numbers = true)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(crate) struct Args {
     /// The pack.
     pack: PathBuf,
@@ -44,9 +45,15 @@ pub(crate) struct Args {
     /// Add the measurement to this document (.json), which is made where it is not there.
     #[arg(long, global = true, value_name = "FILE")]
     save: Option<PathBuf>,
-    /// What the saved measurement is called.
-    #[arg(long, global = true, requires = "save")]
+    /// What the measurement is called where it is saved or cited.
+    #[arg(long, global = true)]
     name: Option<String>,
+    /// Print a sentence to cite.
+    #[arg(long, global = true, conflicts_with = "json")]
+    cite: bool,
+    /// When it was measured, for the document and the citation.
+    #[arg(long, global = true, value_name = "YYYY-MM-DD")]
+    date: Option<String>,
 }
 
 /// Numbers of positions.
@@ -205,31 +212,36 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let subject = Subject { leaves, space, point, unit: args.unit, given };
     if let Tool::Again(again) = &args.tool {
         anyhow::ensure!(args.save.is_none(), "--save belongs to one measurement, not to a document of them");
-        let all_same = saved::again(&subject, again, args.json)?;
+        let all_same = saved::again(&subject, again, args)?;
         anyhow::ensure!(all_same, "not everything measures the same as when it was saved");
         return Ok(());
     }
     let outcome = measure(&subject, &args.tool)?;
     if let Some(to) = &args.save {
-        saved::save(&subject, &outcome, to, args.name.as_deref())?;
+        saved::save(&subject, &outcome, to, args)?;
     }
-    report::print(outcome, &subject, args.json)
+    let cited = args.cite.then(|| saved::measurement(&subject, &outcome, args, outcome.task.tool.name().to_owned()));
+    report::print(outcome, &subject, args.json)?;
+    if let Some(cited) = cited {
+        println!("{}", saved::citation(&subject, &cited));
+    }
+    Ok(())
 }
 
 fn measure(s: &Subject, tool: &Tool) -> anyhow::Result<Outcome> {
     let bare = |name| Task::on_points(name, Vec::new(), &s.space);
     match tool {
-        Tool::Coordinate(points) => on_places(s, bare(ToolName::Coordinate), &points.at),
-        Tool::Distance { points, closed: true, .. } => on_places(s, bare(ToolName::Perimeter), &points.at),
-        Tool::Distance { points, along: true, .. } => on_places(s, bare(ToolName::Along), &points.at),
-        Tool::Distance { points, .. } => on_places(s, bare(ToolName::Distance), &points.at),
-        Tool::Angle { points, planes: false } => on_places(s, bare(ToolName::Angle), &points.at),
-        Tool::Angle { points, planes: true } => on_places(s, bare(ToolName::PlaneAngle), &points.at),
-        Tool::Height(points) => on_places(s, bare(ToolName::Height), &points.at),
-        Tool::Circle(points) => on_places(s, bare(ToolName::Circle), &points.at),
+        Tool::Coordinate(points) => on_places(s, &bare(ToolName::Coordinate), &points.at),
+        Tool::Distance { points, closed: true, .. } => on_places(s, &bare(ToolName::Perimeter), &points.at),
+        Tool::Distance { points, along: true, .. } => on_places(s, &bare(ToolName::Along), &points.at),
+        Tool::Distance { points, .. } => on_places(s, &bare(ToolName::Distance), &points.at),
+        Tool::Angle { points, planes: false } => on_places(s, &bare(ToolName::Angle), &points.at),
+        Tool::Angle { points, planes: true } => on_places(s, &bare(ToolName::PlaneAngle), &points.at),
+        Tool::Height(points) => on_places(s, &bare(ToolName::Height), &points.at),
+        Tool::Circle(points) => on_places(s, &bare(ToolName::Circle), &points.at),
         Tool::Area { at, reach } => {
             anyhow::ensure!(!at.is_empty() || reach.is_none(), "--reach belongs to a polygon; give its corners");
-            on_places(s, Task { reach: *reach, ..bare(ToolName::Area) }, at)
+            on_places(s, &Task { reach: *reach, ..bare(ToolName::Area) }, at)
         }
         Tool::Volume { at, against, reach } if at.is_empty() => {
             let alone = reach.is_none() && against.plane(s)?.is_none();
@@ -237,7 +249,7 @@ fn measure(s: &Subject, tool: &Tool) -> anyhow::Result<Outcome> {
             s.measure(&bare(ToolName::Volume))
         }
         Tool::Volume { at, against, reach } => {
-            on_places(s, Task { plane: against.plane(s)?, reach: *reach, ..bare(ToolName::CutFill) }, at)
+            on_places(s, &Task { plane: against.plane(s)?, reach: *reach, ..bare(ToolName::CutFill) }, at)
         }
         Tool::Deviation { at, from, reach } => {
             let plane = from.plane(s)?;
@@ -246,7 +258,7 @@ fn measure(s: &Subject, tool: &Tool) -> anyhow::Result<Outcome> {
                 anyhow::ensure!(plane.is_some(), hint);
                 anyhow::ensure!(reach.is_none(), "--reach belongs to a polygon; give its corners");
             }
-            on_places(s, Task { plane, reach: *reach, ..bare(ToolName::Deviation) }, at)
+            on_places(s, &Task { plane, reach: *reach, ..bare(ToolName::Deviation) }, at)
         }
         Tool::Section { plane, output } => {
             let plane = plane.plane(s)?;
@@ -265,10 +277,10 @@ fn measure(s: &Subject, tool: &Tool) -> anyhow::Result<Outcome> {
 }
 
 /// A task on the places that numbers mean.
-fn on_places(s: &Subject, task: Task, numbers: &[f64]) -> anyhow::Result<Outcome> {
+fn on_places(s: &Subject, task: &Task, numbers: &[f64]) -> anyhow::Result<Outcome> {
     let places = s.places(numbers)?;
     let points = Task::on_points(task.tool, places.iter().map(|p| p.local).collect(), &s.space);
-    let mut outcome = s.measure(&Task { local: points.local, world: points.world, ..task })?;
+    let mut outcome = s.measure(&Task { local: points.local, world: points.world, ..task.clone() })?;
     if places.is_empty() {
         return Ok(outcome);
     }

@@ -1,6 +1,6 @@
 //! Saved measurements: adding to a document, measuring all of a document again, writing it in other formats.
 
-use super::Subject;
+use super::{Args, Subject};
 use crate::new_file::NewFile;
 use anyhow::Context;
 use kilwa_measure::job::pack_name;
@@ -8,6 +8,9 @@ use kilwa_measure::{Document, Leaves, Measurement, Outcome};
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+
+/// What is named as the instrument.
+const PROGRAM: &str = concat!("Kilwa ", env!("CARGO_PKG_VERSION"));
 
 /// A document and what to do with it.
 #[derive(clap::Args)]
@@ -20,9 +23,6 @@ pub(crate) struct AgainArgs {
     /// Replace an existing file.
     #[arg(long)]
     force: bool,
-    /// Print a sentence to cite for each measurement.
-    #[arg(long)]
-    cite: bool,
 }
 
 fn read(path: &Path) -> anyhow::Result<Document> {
@@ -37,8 +37,27 @@ pub(super) fn write_whole(path: &Path, text: &str, replace: bool) -> anyhow::Res
     file.name(path, replace)
 }
 
+/// What came out, as it is saved and cited; `default` is its name where none is given.
+pub(super) fn measurement(s: &Subject, outcome: &Outcome, args: &Args, default: String) -> Measurement {
+    Measurement {
+        name: args.name.clone().unwrap_or(default),
+        task: outcome.task.clone(),
+        readings: outcome.readings.clone(),
+        uncertainty: s.point,
+        color: None,
+        hidden: false,
+        note: String::new(),
+        date: args.date.clone(),
+    }
+}
+
+/// One sentence that cites it.
+pub(super) fn citation(s: &Subject, measurement: &Measurement) -> String {
+    measurement.citation(&pack_name(s.leaves.index()), PROGRAM, s.unit)
+}
+
 /// Add a measurement to a document, which is made where it is not there.
-pub(super) fn save(s: &Subject, outcome: &Outcome, to: &Path, name: Option<&str>) -> anyhow::Result<()> {
+pub(super) fn save(s: &Subject, outcome: &Outcome, to: &Path, args: &Args) -> anyhow::Result<()> {
     let pack = pack_name(s.leaves.index());
     let mut document = if to.exists() { read(to)? } else { Document::new(pack.clone()) };
     anyhow::ensure!(
@@ -48,22 +67,14 @@ pub(super) fn save(s: &Subject, outcome: &Outcome, to: &Path, name: Option<&str>
         document.pack.title,
         document.pack.identity
     );
-    let task = outcome.task.clone();
-    let default = format!("{} {}", task.tool.name(), document.measurements.len() + 1);
-    document.measurements.push(Measurement {
-        name: name.map_or(default, str::to_owned),
-        task,
-        readings: outcome.readings.clone(),
-        uncertainty: s.point,
-        color: None,
-        hidden: false,
-        note: String::new(),
-    });
+    let default = format!("{} {}", outcome.task.tool.name(), document.measurements.len() + 1);
+    document.measurements.push(measurement(s, outcome, args, default));
     write_whole(to, &document.to_json(), true)
 }
 
 /// Measure everything of a document again. True where all values are the same to the last bit.
-pub(super) fn again(s: &Subject, args: &AgainArgs, as_json: bool) -> anyhow::Result<bool> {
+pub(super) fn again(s: &Subject, again: &AgainArgs, all: &Args) -> anyhow::Result<bool> {
+    let (args, as_json) = (again, all.json);
     let document = read(&args.file)?;
     let ending = args.output.as_deref().map(|path| (path, export(&document, path)));
     if let Some((path, text)) = ending {
@@ -102,13 +113,13 @@ pub(super) fn again(s: &Subject, args: &AgainArgs, as_json: bool) -> anyhow::Res
         if let Err(why) = &now {
             writeln!(out, "  {why}")?;
         }
-        if args.cite {
-            writeln!(out, "  {}", m.citation(&document.pack, concat!("Kilwa ", env!("CARGO_PKG_VERSION"))))?;
+        if all.cite {
+            writeln!(out, "  {}", m.citation(&document.pack, PROGRAM, s.unit))?;
         }
     }
     if as_json {
-        let all = json!({ "pack": here, "saved_pack": document.pack, "same_pack": same_pack, "measurements": rows });
-        serde_json::to_writer_pretty(&mut out, &all)?;
+        let whole = json!({ "pack": here, "saved_pack": document.pack, "same_pack": same_pack, "measurements": rows });
+        serde_json::to_writer_pretty(&mut out, &whole)?;
         writeln!(out)?;
     } else if !same_pack {
         writeln!(

@@ -6,7 +6,7 @@
 use crate::source::FileSource;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use kilwa_geometry::{Aabb, LatticePoint};
-use kilwa_measure::leaves::{part, wanted};
+use kilwa_measure::leaves::part;
 use kilwa_measure::{Failure, Leaves, Read};
 use kilwa_pack::{Chunk, Index, PackError, Reader, Source};
 use rayon::prelude::*;
@@ -39,7 +39,7 @@ impl Leaves for FileLeaves {
         add: impl Fn(&mut A, [LatticePoint; 3]) + Sync,
         mut join: impl FnMut(A),
     ) -> Result<Read, Failure> {
-        let wanted = wanted(self.index(), meets);
+        let wanted = self.wanted(meets);
         let read = Read::of(self.index(), &wanted);
         let bar = bar(wanted.len(), read.bytes);
         for batch in wanted.chunks(BATCH) {

@@ -10,6 +10,7 @@ mod support;
 mod drawings;
 mod opinions;
 mod oracle;
+mod page;
 mod phantoms;
 mod provisional;
 mod rays;

@@ -8,7 +8,7 @@ use serde_json::Value;
 use std::path::Path;
 
 /// Every tool once, saved to one document.
-fn save_all(p: &Phantom, to: &Path) -> usize {
+pub(crate) fn save_all(p: &Phantom, to: &Path) -> usize {
     let side: [P; 4] = [[0.2, 0.0, 0.2], [0.8, 0.0, 0.2], [0.8, 0.0, 0.8], [0.2, 0.0, 0.8]];
     let top: [P; 4] = [[0.2, 0.2, 1.0], [0.8, 0.2, 1.0], [0.8, 0.8, 1.0], [0.2, 0.8, 1.0]];
     let six = [side[0], side[1], side[2], top[0], top[1], top[2]];

@@ -4,7 +4,7 @@
 //   pack    loader.js Pack or LocalPack; head  its first bytes; viewer  a function that gives the wasm Viewer in force, for provisional values
 // engine.pack        { identity, title, crs, lattice: { origin, step_log2 }, step, capture, bytes, triangles, borders }
 // engine.pick({ origin, direction }, { clip, snap, within, provisional, progress, signal })
-//   → { local, world, normal, ray, snapped, fetched }, or null where the ray meets nothing
+//   → { local, world, normal, ray, snapped: "vertex" | "crease" | "border" | null, fetched }, or null where the ray meets nothing
 //   clip         the viewer's display state (an object); only clipPlane and clipBox count. Left out: that of the viewer.
 //   snap         "none" | "vertex" | "crease" | "border", within so many metres (usually ten edges)
 //   provisional  hears at once { local, world, low, high, stretches, error }: low and high are metres along the ray (null where there are several
@@ -15,7 +15,7 @@
 //     or { refusal: "sentence" }.  `printed` are the very digits of `kilwa measure`.
 //   level        how far the points may still be from the finest surface, metres: then the answer is provisional, from the points alone
 // engine.shown(readings, unit)            → printed: the same readings in another unit
-// engine.cite(measurement, { unit, lang }) → one sentence
+// engine.cite(measurement, { unit })      → one English sentence, that of `kilwa measure --cite`; cite.js says it in the language of the page
 // engine.write(what, format, { scale })   → text; what: a document (json, csv, geojson, dxf) or an answer with lines (those and svg)
 // engine.read(text)                       → document, with `same`: false where it is of another pack; its points are counted from this pack's origin
 // engine.close()
@@ -84,21 +84,28 @@ export class Engine {
     const state = clip ?? (viewer ? JSON.parse(viewer.displayState()) : {});
     const { clipPlane, clipBox } = state ?? {};
     const asked = { origin: [...origin], direction: [...direction], clip: { clipPlane, clipBox }, snap, within };
+    this.#leafless(viewer);
     return this.#call("pick", [asked], { progress, signal });
   }
 
   /** Measure a task of a document. */
   async measure(task, { unit = "m", level, progress, signal } = {}) {
     signal?.throwIfAborted();
+    if (!(level > 0)) this.#leafless(this.viewer());
     return this.#call("measure", [{ task, unit, level }], { progress, signal });
+  }
+
+  /** What the viewer has decoded need not be fetched to find that it holds nothing of the finest surface. */
+  #leafless(viewer) {
+    if (viewer) this.#call("leafless", [viewer.leafless()]).catch(() => {}); // what comes after says it
   }
 
   shown(readings, unit) {
     return this.#call("shown", [readings, unit]);
   }
 
-  cite(measurement) {
-    return this.#call("cite", [measurement]);
+  cite(measurement, { unit = "m" } = {}) {
+    return this.#call("cite", [measurement, unit]);
   }
 
   write(what, format, { scale = 50 } = {}) {

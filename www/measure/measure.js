@@ -11,6 +11,7 @@ import { moved } from "../list.js";
 import { get, put, unique } from "../store.js";
 import { LONGEST, read as readAddress, write as writeAddress } from "./address.js";
 import { Bar } from "./bar.js";
+import { citation } from "./cite.js";
 import { Engine } from "./engine.js";
 import { Files } from "./files.js";
 import { Marks } from "./marks.js";
@@ -644,7 +645,7 @@ export class Measure {
 
   async cite(item) {
     try {
-      const sentence = await (await this.engine).cite(this.files.measurement(item), { lang: document.documentElement.lang, unit: this.unit });
+      const sentence = await citation(await this.engine, this.files.measurement(item), { kind: item.task.kind, lang: document.documentElement.lang, unit: this.unit });
       this.panel.cited(item.id, sentence);
       await this.copy(sentence, "measureCited");
     } catch (error) {

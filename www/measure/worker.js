@@ -34,12 +34,14 @@ const methods = {
     engine = new Engine(head, pages, footer);
     return JSON.parse(engine.pack());
   },
+  /** What the viewer knows: chunks without anything of the finest surface. */
+  leafless: (_, chunks) => engine.areLeafless(chunks),
   pick: async (call, asked) => JSON.parse(await engine.pick(JSON.stringify(asked), ...ways(call))),
   measure: async (call, asked) => JSON.parse(await engine.measure(JSON.stringify(asked), ...ways(call))),
   write: (_, what, format, scale) => engine.write(JSON.stringify(what), format, scale),
   read: (_, text) => JSON.parse(engine.read(text)),
   shown: (_, readings, unit) => JSON.parse(engine.shown(JSON.stringify(readings), unit)),
-  cite: (_, measurement) => engine.cite(JSON.stringify(measurement)),
+  cite: (_, measurement, unit) => engine.cite(JSON.stringify(measurement), unit),
 };
 
 function got({ got: need, bytes, error }) {

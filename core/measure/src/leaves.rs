@@ -63,6 +63,17 @@ pub trait Leaves {
     /// Everything but the chunks.
     fn index(&self) -> &Index;
 
+    /// Whether a chunk may hold a part of the finest surface, as far as is known without reading it; never wrongly `false`.
+    fn may_hold_leaves(&self, index: u32) -> bool {
+        self.index().entries().get(index as usize).is_some_and(|e| !e.bounds.is_empty())
+    }
+
+    /// The chunks that may hold a part of the finest surface and whose box passes, in order.
+    fn wanted(&self, meets: impl Fn(&Aabb) -> bool) -> Vec<u32> {
+        let entries = (0u32..).zip(self.index().entries());
+        entries.filter(|(i, e)| self.may_hold_leaves(*i) && meets(&e.bounds)).map(|(i, _)| i).collect()
+    }
+
     /// One chunk, checked and decoded.
     fn chunk(&self, index: u32) -> impl Future<Output = Result<Chunk, Failure>>;
 
@@ -78,16 +89,6 @@ pub trait Leaves {
         add: impl Fn(&mut A, [LatticePoint; 3]) + Sync,
         join: impl FnMut(A),
     ) -> impl Future<Output = Result<Read, Failure>>;
-}
-
-/// The chunks whose box passes, in order.
-pub fn wanted(index: &Index, meets: impl Fn(&Aabb) -> bool) -> Vec<u32> {
-    (0u32..).zip(index.entries()).filter(|(_, e)| may_hold_leaves(e) && meets(&e.bounds)).map(|(i, _)| i).collect()
-}
-
-/// Whether a chunk may hold a part of the finest surface, as far as the directory tells.
-pub fn may_hold_leaves(entry: &DirectoryEntry) -> bool {
-    !entry.bounds.is_empty()
 }
 
 /// The finest triangles of a chunk.

@@ -1,7 +1,7 @@
 //! Points of the finest surface: where a ray meets it first, what is nearest to a position, and which way the surface faces there.
 
 use crate::clip::Clip;
-use crate::leaves::{Failure, Leaves, finest, may_hold_leaves};
+use crate::leaves::{Failure, Leaves, finest};
 use crate::pick::{Picker, Ray};
 use crate::refusal::Refusal;
 use crate::space::Space;
@@ -38,7 +38,7 @@ pub async fn cast<L: Leaves>(leaves: &L, origin: Vec3, direction: Vec3, clip: &C
     }
     let ray = Ray { origin: space.steps_from_local(space.local_from_world(origin)), direction };
     let mut picker = Picker::clipped(ray, *clip);
-    let entries = (0u32..).zip(leaves.index().entries()).filter(|(_, e)| may_hold_leaves(e));
+    let entries = (0u32..).zip(leaves.index().entries()).filter(|(i, _)| leaves.may_hold_leaves(*i));
     let order = picker.order(entries.map(|(i, e)| (i, &e.bounds)));
     for (at, (enters, i)) in order.iter().enumerate() {
         if !picker.wants(*enters) {
@@ -76,7 +76,7 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: Vec3) -> Result<Place, Failur
     crate::refusal::finite(&[local])?;
     let space = Space::new(leaves.index().header().lattice);
     let p = space.steps_from_local(local);
-    let entries = (0u32..).zip(leaves.index().entries()).filter(|(_, e)| may_hold_leaves(e));
+    let entries = (0u32..).zip(leaves.index().entries()).filter(|(i, _)| leaves.may_hold_leaves(*i));
     let mut order: Vec<(f64, u32)> = entries.map(|(i, e)| (box_distance(p, &e.bounds), i)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut best: Option<(f64, Vec3, Vec3)> = None;

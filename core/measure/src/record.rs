@@ -138,6 +138,9 @@ pub struct Measurement {
     /// What a person wrote about it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub note: String,
+    /// When it was measured, as the person wrote it: `2026-11-21`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub date: Option<String>,
 }
 
 /// Which pack was measured.
@@ -258,16 +261,16 @@ impl Document {
 }
 
 impl Measurement {
-    /// One sentence that cites this measurement.
-    pub fn citation(&self, pack: &PackName, tool: &str) -> String {
-        let values: Vec<String> =
-            self.readings.iter().map(|r| format!("{} {}", r.name, r.text(LengthUnit::Metre))).collect();
+    /// One sentence that cites this measurement: what, how much with its uncertainty, of which model in which version, when and with what.
+    pub fn citation(&self, pack: &PackName, tool: &str, unit: LengthUnit) -> String {
+        let values: Vec<String> = self.readings.iter().map(|r| format!("{} {}", r.name, r.text(unit))).collect();
         let capture = match self.uncertainty.capture {
             Some(c) => format!("capture accuracy {} m", short(c, 6)),
             None => "capture accuracy unknown".to_owned(),
         };
+        let date = self.date.as_deref().map_or(String::new(), |d| format!(" on {d}"));
         format!(
-            "{} ({}): {}. Measured on the finest surface of “{}” (pack {}) with {tool}; {capture}.",
+            "{} ({}): {}. Measured{date} on the finest surface of “{}” (pack {}) with {tool}; {capture}.",
             self.name,
             self.task.tool.name(),
             values.join(", "),
@@ -331,6 +334,7 @@ mod tests {
             color: Some("#c08030".into()),
             hidden: true,
             note: "مسجد\nsecond line".into(),
+            date: Some("2026-11-21".into()),
         });
         d
     }
@@ -374,7 +378,8 @@ mod tests {
         let map: serde_json::Value = serde_json::from_str(&d.to_geojson()).unwrap();
         assert_eq!(map["crs"]["properties"]["name"], "urn:ogc:def:crs:EPSG::32737");
         assert_eq!(map["features"][0]["geometry"]["type"], "LineString");
-        let cited = d.measurements[0].citation(&d.pack, "Kilwa 0.1.0");
+        let cited = d.measurements[0].citation(&d.pack, "Kilwa 0.1.0", LengthUnit::Metre);
+        assert!(cited.contains("Measured on 2026-11-21 on the finest surface"), "{cited}");
         assert!(cited.contains("straight 1.50 ± 0.25 m") && cited.contains("pack 0123456789abcdef"), "{cited}");
     }
 }

@@ -4,20 +4,20 @@
 //! reaches into the ball round the point is looked at, of whatever chunk, so that an edge between two chunks is no border.
 
 use crate::clip::Clip;
-use crate::leaves::{Failure, Leaves, finest, may_hold_leaves};
+use crate::leaves::{Failure, Leaves, finest};
 use crate::place::box_distance;
 use crate::space::Space;
 use crate::vector::{lerp, unit};
 use kilwa_geometry::LatticePoint;
 use kilwa_geometry::distance::{Vec3, cross, dot, point_triangle_squared, sub};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Cosine of the angle between normals from which on an edge is a crease: 30 degrees.
 pub const CREASE: f64 = 0.866_025_403_784_438_6;
 
 /// What to snap to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Snap {
     /// Nothing: the point stays.
@@ -48,11 +48,7 @@ pub async fn snap<L: Leaves>(
     }
     let space = Space::new(leaves.index().header().lattice);
     let (p, reach) = (space.steps_from_local(local), within / space.step());
-    let near: Vec<u32> = (0u32..)
-        .zip(leaves.index().entries())
-        .filter(|(_, e)| may_hold_leaves(e) && box_distance(p, &e.bounds) <= reach)
-        .map(|(i, _)| i)
-        .collect();
+    let near = leaves.wanted(|b| box_distance(p, b) <= reach);
     leaves.ahead(&near);
     let mut triangles = Vec::new();
     for i in near {

@@ -95,6 +95,12 @@ impl Engine {
         question::pack(&self.index).to_string()
     }
 
+    /// These chunks hold nothing of the finest surface: the viewer has decoded them. They are not fetched for measuring.
+    #[wasm_bindgen(js_name = areLeafless)]
+    pub fn are_leafless(&self, chunks: &[u32]) {
+        self.store.borrow_mut().are_leafless(chunks.iter().copied());
+    }
+
     /// Bytes of chunks that are kept.
     pub fn held(&self) -> f64 {
         self.store.borrow().held() as f64
@@ -150,12 +156,12 @@ impl Engine {
         question::shown(readings, unit).map(|v| v.to_string()).map_err(|e| sentence(&e))
     }
 
-    /// One sentence that cites a measurement.
+    /// One English sentence that cites a measurement, lengths in this unit.
     ///
     /// # Errors
     /// A sentence of another kind.
-    pub fn cite(&self, measurement: &str) -> Result<String, JsError> {
-        question::cite(&self.index, measurement).map_err(|e| sentence(&e))
+    pub fn cite(&self, measurement: &str, unit: &str) -> Result<String, JsError> {
+        question::cite(&self.index, measurement, unit).map_err(|e| sentence(&e))
     }
 }
 

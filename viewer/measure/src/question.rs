@@ -12,6 +12,9 @@ use kilwa_pack::Index;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+/// What is named as the instrument.
+pub const PROGRAM: &str = concat!("Kilwa ", env!("CARGO_PKG_VERSION"));
+
 /// A final pick.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
@@ -52,6 +55,7 @@ pub fn pack(index: &Index) -> Value {
         "bytes": index.header().file_bytes,
         "triangles": m.triangles,
         "borders": m.border_edges,
+        "program": PROGRAM,
     })
 }
 
@@ -76,7 +80,7 @@ impl Pick {
             "world": s.space.world_from_local(local),
             "normal": found.normal,
             "ray": { "origin": self.origin, "direction": self.direction },
-            "snapped": snapped.is_some(),
+            "snapped": snapped.map(|_| self.snap),
         }))
     }
 }
@@ -197,7 +201,7 @@ pub fn read(index: &Index, text: &str) -> Result<Value, String> {
 ///
 /// # Errors
 /// A sentence where it is none.
-pub fn cite(index: &Index, measurement: &str) -> Result<String, String> {
+pub fn cite(index: &Index, measurement: &str, unit: &str) -> Result<String, String> {
     let measurement: Measurement = serde_json::from_str(measurement).map_err(|e| e.to_string())?;
-    Ok(measurement.citation(&pack_name(index), concat!("Kilwa ", env!("CARGO_PKG_VERSION"))))
+    Ok(measurement.citation(&pack_name(index), PROGRAM, length_unit(unit)?))
 }

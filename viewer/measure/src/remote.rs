@@ -6,12 +6,12 @@
 //! they count as damaged.
 
 use kilwa_geometry::{Aabb, LatticePoint};
-use kilwa_measure::leaves::{part, wanted};
+use kilwa_measure::leaves::{finest, part};
 use kilwa_measure::{Failure, Leaves, Read};
 use kilwa_pack::reader::decode_checked;
 use kilwa_pack::{Chunk, DirectoryEntry, Index, PackError};
 use std::cell::{Cell, RefCell};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::future::Future;
 use std::rc::Rc;
 
@@ -34,15 +34,21 @@ pub trait Fetch {
     fn tell(&self, done: u64, all: u64);
 }
 
-/// Encoded chunks, the one used longest ago dropped first.
+/// Encoded chunks, the one used longest ago dropped first; and which chunks hold nothing of the finest surface, where that is known.
 #[derive(Debug, Default)]
 pub struct Store {
+    leafless: BTreeSet<u32>,
     chunks: BTreeMap<u32, (u64, Rc<[u8]>)>,
     held: usize,
     clock: u64,
 }
 
 impl Store {
+    /// These chunks hold nothing of the finest surface: whoever says so has decoded them.
+    pub fn are_leafless(&mut self, chunks: impl IntoIterator<Item = u32>) {
+        self.leafless.extend(chunks);
+    }
+
     fn get(&mut self, chunk: u32) -> Option<Rc<[u8]>> {
         self.clock += 1;
         let (used, bytes) = self.chunks.get_mut(&chunk)?;
@@ -168,9 +174,18 @@ impl<F: Fetch> Leaves for Remote<'_, F> {
         self.index
     }
 
+    fn may_hold_leaves(&self, index: u32) -> bool {
+        let is_there = self.index.entries().get(index as usize).is_some_and(|e| !e.bounds.is_empty());
+        is_there && !self.store.borrow().leafless.contains(&index)
+    }
+
     async fn chunk(&self, index: u32) -> Result<Chunk, Failure> {
         let bytes = self.bytes(index).await?;
-        Ok(decode_checked(&bytes, index, self.entry(index)?, self.index.header())?)
+        let chunk = decode_checked(&bytes, index, self.entry(index)?, self.index.header())?;
+        if finest(&chunk).next().is_none() {
+            self.store.borrow_mut().are_leafless([index]);
+        }
+        Ok(chunk)
     }
 
     fn ahead(&self, chunks: &[u32]) {
@@ -186,7 +201,7 @@ impl<F: Fetch> Leaves for Remote<'_, F> {
         add: impl Fn(&mut A, [LatticePoint; 3]) + Sync,
         mut join: impl FnMut(A),
     ) -> Result<Read, Failure> {
-        let wanted = wanted(self.index, meets);
+        let wanted = self.wanted(meets);
         let read = Read::of(self.index, &wanted);
         // What will not fit would only push out what is kept.
         let keep = read.bytes <= STORE_BYTES as u64 / 2;
@@ -216,8 +231,9 @@ impl<F: Fetch> Leaves for Remote<'_, F> {
                     let bytes = all.get(from..from + entry.encoded_bytes as usize).unwrap_or_default();
                     self.sound(chunk, bytes.into()).await?
                 };
-                if let Some(a) = part(&bytes, chunk, entry, self.index.header(), &empty, &add)? {
-                    join(a);
+                match part(&bytes, chunk, entry, self.index.header(), &empty, &add)? {
+                    Some(a) => join(a),
+                    None => self.store.borrow_mut().are_leafless([chunk]),
                 }
                 if keep && !run.is_kept {
                     self.store.borrow_mut().put(chunk, bytes);

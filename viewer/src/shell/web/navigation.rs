@@ -8,6 +8,7 @@ use crate::walk;
 use kilwa_geometry::distance::{Vec3, dot, sub};
 use kilwa_measure::Ray;
 use kilwa_measure::interval::Provisional;
+use kilwa_pack::{GpuChunk, NO_DIAMOND};
 use wasm_bindgen::prelude::wasm_bindgen;
 
 #[wasm_bindgen]
@@ -204,6 +205,12 @@ impl Viewer {
             "error": error,
         })
         .to_string()
+    }
+
+    /// Chunks that are here and hold nothing of the finest surface: what measures need not fetch them.
+    pub fn leafless(&self) -> Vec<u32> {
+        let is_leafless = |c: &GpuChunk| c.patches.iter().all(|p| p.diamond != NO_DIAMOND);
+        self.decoded.iter().filter(|(_, c)| is_leafless(c)).map(|(i, _)| *i).collect()
     }
 
     /// What is under a pixel: x, y, z and the certified error there, metres; empty where there is nothing.
