@@ -1,9 +1,9 @@
 //! `cargo xtask test trust`: the trust suite of measuring, its claims as one table.
 //!
-//! The tests (tests/trust) print a line `trust | claim | bound | measured` for each claim and fail where it does not hold. Fails when a test
-//! does, or when none ran.
+//! The tests (tests/trust, and tests/browser/measure.test.mjs for the page in a browser) print a line `trust | claim | bound | measured` for each claim
+//! and fail where it does not hold. Fails when a test does, or when none ran. Where the page is not built (`cargo xtask web`) its part is skipped, and says so.
 
-use crate::process::{cargo, watch};
+use crate::process::{cargo, command, root, run as run_command, watch};
 use crate::setup;
 use crate::tally::Tally;
 use anyhow::{Result, bail};
@@ -26,6 +26,7 @@ pub(crate) fn run() -> Result<()> {
         claims.extend(claim);
         !is_claim
     })?;
+    let is_success = is_success & in_browser(&mut tally, &mut claims)?;
     claims.sort();
     let width = |k: usize| claims.iter().map(|c: &[String; 3]| c[k].chars().count()).max().unwrap_or(0);
     let (first, second) = (width(0).max(5), width(1).max(5));
@@ -45,6 +46,27 @@ pub(crate) fn run() -> Result<()> {
         bail!("a claim of the trust suite does not hold, or none was tested; see above");
     }
     Ok(())
+}
+
+/// The claims about the page; true where all of them hold.
+fn in_browser(tally: &mut Tally, claims: &mut Vec<[String; 3]>) -> Result<bool> {
+    if !root()?.join("www/dist/measure_bg.wasm").is_file() {
+        let line = "skipped: the page in a browser: www/dist is not there, run `cargo xtask web`";
+        println!("{line}");
+        tally.read(line);
+        return Ok(true);
+    }
+    run_command(&mut cargo(&["build", "--locked", "--package", "kilwa"])?)?;
+    let folder = setup::npm_packages("tests/browser")?;
+    let mut node = command("node", &["--test", "measure.test.mjs"])?;
+    node.current_dir(folder).env("CHROMIUM", setup::chromium()?);
+    watch(&mut node, |line| {
+        tally.read(line);
+        let claim = line.find("trust | ").and_then(|at| row(&line[at..]));
+        let is_claim = claim.is_some();
+        claims.extend(claim);
+        !is_claim
+    })
 }
 
 /// Claim, bound and measured value of a line of the suite.
