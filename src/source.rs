@@ -18,13 +18,21 @@ impl FileSource {
     /// # Errors
     /// When it cannot be opened, or is a folder.
     pub(crate) fn open(path: &Path) -> anyhow::Result<Self> {
-        let file = File::open(path).with_context(|| format!("cannot open {}", path.display()))?;
-        let kind = file.metadata().with_context(|| format!("cannot read {}", path.display()))?;
+        let source = Self::new(path).with_context(|| format!("cannot open {}", path.display()))?;
+        let kind = source.file.metadata().with_context(|| format!("cannot read {}", path.display()))?;
         if kind.is_dir() {
             anyhow::bail!("{} is a folder; give the .kilwa file in it", path.display());
         }
+        Ok(source)
+    }
+
+    /// The same, with the system's own error.
+    ///
+    /// # Errors
+    /// When it cannot be opened.
+    pub(crate) fn new(path: &Path) -> std::io::Result<Self> {
         Ok(Self {
-            file,
+            file: File::open(path)?,
             #[cfg(not(unix))]
             cursor: std::sync::Mutex::new(()),
         })

@@ -1,150 +1,333 @@
-//! `kilwa verify`: read every byte of a pack and check every promise that it makes.
+//! `kilwa verify`: every byte of packs and archive objects, and every promise that they make; on a disk or at an address.
+//!
+//! What is to be checked is a pack, an object (a folder with `manifest.json`), a bag with one in it, or a folder of those. Each is a unit:
+//! checked by itself, reported when it is done, remembered in the state file. Memory is bounded by the largest directory of a pack and the
+//! longest list of checksums, whatever the size of the files.
+
+mod links;
+mod object;
+mod pack;
+mod place;
+mod progress;
+mod report;
+mod state;
+mod web;
 
 use crate::source::FileSource;
+use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
-use kilwa_pack::verify::Totals;
-use kilwa_pack::{PackError, Reader};
-use rayon::prelude::*;
+use kilwa_server::object::layout::{MANIFEST, PAGE, is_object};
+use object::Check;
+use place::{Folder, Place};
+use progress::Progress;
+use report::{Kind, Report, many};
+use state::{State, Unit, now};
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use web::Web;
 
-/// Check every byte of a pack: checksums, every chunk decoded, every count, bound and error.
+/// Check every byte of packs and archive objects: checksums, chunks, records, links, versions.
 ///
-/// Exits with 1 and names the damaged part when something is wrong.
+/// TARGET is a pack, an archive object, a folder of packs and objects, or the address (http or https) of one. Exits with 1 and names every
+/// damaged, missing or unknown file when something is wrong. For a nightly job: --state remembers what was checked when.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The pack to check.
-    pack: PathBuf,
+    /// What to check: a pack, a folder, or an address.
+    target: String,
     /// Report as JSON.
     #[arg(long)]
     json: bool,
+    /// Remember in this file what was checked when.
+    #[arg(long, value_name = "FILE")]
+    state: Option<PathBuf>,
+    /// Go on with the run that was stopped.
+    #[arg(long, requires = "state")]
+    resume: bool,
+    /// Leave out what was checked and sound less than so many days ago, and has not changed since.
+    #[arg(long, value_name = "DAYS", requires = "state", value_parser = clap::value_parser!(u64).range(1..=36_500))]
+    older_than: Option<u64>,
 }
 
-/// Chunks decoded at a time: bounds memory, and keeps all threads busy.
-const BATCH: usize = 64;
-/// Damaged parts named before the rest is only counted.
+/// Problems on the line that says that there are some.
 const NAMED: usize = 10;
+/// Longest list of objects at an address.
+const LIST_MAX: u64 = 16 << 20;
+
+/// What is checked, in order.
+enum What {
+    Object,
+    Bag,
+    Pack,
+}
+
+/// A unit: where it is (a path from the place), what it is.
+struct Item {
+    path: String,
+    what: What,
+}
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let (checked, damaged) = check(&args.pack)?;
-    let mut out = std::io::stdout();
-    let mut said = Ok(());
-    if args.json {
-        said = writeln!(out, "{}", serde_json::to_string_pretty(&report(&args.pack, checked.as_ref(), &damaged))?);
+    let (place, items) =
+        if web::is_address(&args.target) { at_address(&args.target)? } else { in_folder(&args.target)? };
+    let mut state = match &args.state {
+        Some(path) => State::open(path, &canonical(&args.target), args.resume, args.older_than)?,
+        None => State::default(),
+    };
+    let progress = Progress::new();
+    let mut report = Report { target: args.target.clone(), ..Report::default() };
+    for item in &items {
+        expect(place.as_ref(), item, &progress);
     }
-    if damaged.is_empty() {
-        if let Some(Checked { totals, bytes }) = checked.filter(|_| !args.json) {
-            said = writeln!(
-                out,
-                "{}: sound. {bytes} bytes, {} chunks, {} triangles ({} stored) checked.",
-                args.pack.display(),
-                totals.chunks,
-                totals.finest_triangles,
-                totals.stored_triangles
-            );
+    for item in &items {
+        let before = report.count();
+        let name = if item.path.is_empty() { args.target.clone() } else { item.path.clone() };
+        progress.at(&name);
+        let Some(unit) = check(place.as_ref(), item, &mut report, &mut state, &progress)? else {
+            report.skipped += 1;
+            continue;
+        };
+        report.objects += 1;
+        report.sound_objects += u64::from(unit.problems == 0);
+        if !args.json && items.len() > 1 && unit.problems > 0 {
+            let text = format!("{name}: {}\n{}", many(unit.problems, "problem"), report.problems_from(before));
+            let mut said = Ok(());
+            progress.above(|| said = std::io::stdout().write_all(text.as_bytes()));
+            said?;
         }
+        state.done(unit)?;
+    }
+    progress.clear();
+    state.finish()?;
+    say(args, &items, &report)
+}
+
+/// The report, and whether all is well.
+fn say(args: &Args, items: &[Item], report: &Report) -> anyhow::Result<()> {
+    let single = matches!(items, [Item { what: What::Pack, .. }]);
+    let mut out = std::io::stdout();
+    let said = if args.json {
+        let value = if single { of_pack(report) } else { report.to_json() };
+        writeln!(out, "{}", serde_json::to_string_pretty(&value)?)
+    } else {
+        for note in &report.notes {
+            eprintln!("kilwa: {note}");
+        }
+        match &report.pack {
+            Some(pack) if single => writeln!(out, "{}: {}", args.target, pack.summary()),
+            _ if report.count() == 0 || items.len() > 1 => writeln!(out, "{}: {}", args.target, report.summary()),
+            _ => Ok(()),
+        }
+    };
+    if report.count() == 0 {
         return Ok(said?);
     }
     // Damage is what counts, even where nobody listens to the report.
-    Err(named(&args.pack, &damaged))
+    if items.len() > 1 {
+        let bad = report.objects - report.sound_objects;
+        bail!("{}: {} in {} of {}", args.target, many(report.count(), "problem"), bad, many(report.objects, "object"));
+    }
+    let line = |p: &report::Problem| if single { p.what.clone() } else { format!("{}: {}", p.file, p.what) };
+    let mut message =
+        report.problems.iter().take(if single { NAMED } else { usize::MAX }).map(line).collect::<Vec<_>>().join("\n  ");
+    let left = report.count() - (message.lines().count() as u64).min(report.count());
+    if left > 0 {
+        let _ = write!(message, "\n  and {left} more damaged parts");
+    }
+    Err(anyhow::anyhow!(message)).with_context(|| args.target.clone())
 }
 
 /// Check a pack that something is going to be made of.
 ///
 /// # Errors
 /// When it is damaged, naming the parts, or cannot be read.
-pub(crate) fn sound(pack: &Path) -> anyhow::Result<()> {
-    let (_, damaged) = check(pack)?;
-    if damaged.is_empty() { Ok(()) } else { Err(named(pack, &damaged)) }
-}
-
-/// The damaged parts, the first ones by name.
-fn named(pack: &Path, damaged: &[String]) -> anyhow::Error {
-    let mut message = damaged.iter().take(NAMED).cloned().collect::<Vec<_>>().join("\n  ");
-    if damaged.len() > NAMED {
-        let _ = write!(message, "\n  and {} more damaged parts", damaged.len() - NAMED);
+pub(crate) fn sound(path: &Path) -> anyhow::Result<()> {
+    let source = FileSource::open(path)?;
+    let progress = Progress::new();
+    progress.at("checking the pack");
+    let checked = pack::check(&source, &progress).with_context(|| path.display().to_string())?;
+    progress.clear();
+    if checked.damaged.is_empty() {
+        return Ok(());
     }
-    anyhow::anyhow!(message).context(pack.display().to_string())
-}
-
-/// What was found sound.
-struct Checked {
-    totals: Totals,
-    bytes: u64,
-}
-
-/// Check a pack; the damaged parts in words. Fails only where the file cannot be read at all.
-fn check(path: &Path) -> anyhow::Result<(Option<Checked>, Vec<String>)> {
-    let reader = match Reader::open(FileSource::open(path)?) {
-        Ok(reader) => reader,
-        Err(e) => return Ok((None, vec![e.to_string()])),
-    };
-    let mut damaged = Vec::new();
-    damaged.extend(kilwa_pack::verify::directory(reader.entries()).err().map(|e| e.to_string()));
-    damaged.extend(check_gaps(&reader)?);
-    let bar = progress_bar(reader.entries().len() as u64, "verifying");
-    let mut totals = Totals::default();
-    let indices: Vec<u32> = (0u32..).take(reader.entries().len()).collect();
-    for batch in indices.chunks(BATCH) {
-        let results: Vec<Result<Totals, PackError>> =
-            batch.par_iter().map(|&i| kilwa_pack::verify::chunk(i, &reader.chunk(i)?, reader.entries())).collect();
-        for result in results {
-            match result {
-                Ok(part) => totals = totals.plus(part),
-                Err(e) => damaged.push(e.to_string()),
-            }
-        }
-        bar.inc(batch.len() as u64);
+    let mut message = checked.damaged.iter().take(NAMED).cloned().collect::<Vec<_>>().join("\n  ");
+    let left = checked.damaged.len().saturating_sub(NAMED) as u64 + checked.more;
+    if left > 0 {
+        let _ = write!(message, "\n  and {left} more damaged parts");
     }
-    bar.finish_and_clear();
-    if damaged.is_empty() {
-        damaged.extend(totals.agree(reader.header(), reader.metadata()).err().map(|e| e.to_string()));
-    }
-    let bytes = reader.header().file_bytes;
-    Ok((Some(Checked { totals, bytes }), damaged))
+    Err(anyhow::anyhow!(message).context(path.display().to_string()))
 }
 
-/// Bytes between the parts of the file: only zeros before page 0, nothing anywhere else.
-fn check_gaps(reader: &Reader<FileSource>) -> anyhow::Result<Option<String>> {
-    use kilwa_pack::{PAGE_BYTES, Source, footer::FOOTER_BYTES};
-    let header = reader.header();
-    let page = PAGE_BYTES as u64;
-    let (metadata, length) = header.metadata;
-    let mut parts: Vec<(u64, u64)> = reader.entries().iter().map(|e| (e.offset, u64::from(e.encoded_bytes))).collect();
-    parts.push((header.other_pages, page * u64::from(header.page_count() - 1)));
-    parts.push((header.file_bytes - FOOTER_BYTES as u64, FOOTER_BYTES as u64));
-    parts.sort_unstable();
-    let mut end = header.first_page + page;
-    for (offset, bytes) in parts {
-        if offset != end {
-            return Ok(Some(format!("the bytes from {end} to {offset} belong to no part of the pack, or to two")));
-        }
-        end = offset + bytes;
-    }
-    let from = metadata + u64::from(length);
-    let gap = header.first_page.checked_sub(from).filter(|gap| *gap < 16);
-    let Some(gap) = gap else {
-        return Ok(Some("directory page 0 does not follow the metadata".to_owned()));
-    };
-    let padding = reader.source().read_at(from, gap as usize)?;
-    Ok(padding.iter().any(|&b| b != 0).then(|| "the padding before directory page 0 is not zero".to_owned()))
-}
-
-fn report(path: &Path, checked: Option<&Checked>, damaged: &[String]) -> serde_json::Value {
-    let mut value = serde_json::json!({
-        "file": path.display().to_string(),
-        "sound": damaged.is_empty(),
-        "damaged": damaged,
-    });
-    if let (Some(c), Some(map)) = (checked, value.as_object_mut()) {
-        map.insert("bytes".to_owned(), c.bytes.into());
-        map.insert("chunks".to_owned(), c.totals.chunks.into());
-        map.insert("triangles".to_owned(), c.totals.finest_triangles.into());
-        map.insert("stored_triangles".to_owned(), c.totals.stored_triangles.into());
-        map.insert("border_edges".to_owned(), c.totals.finest_borders.into());
+/// The report of a single pack, as JSON.
+fn of_pack(report: &Report) -> serde_json::Value {
+    let damaged: Vec<&str> = report.problems.iter().map(|p| p.what.as_str()).collect();
+    let mut value = serde_json::json!({ "file": report.target, "sound": damaged.is_empty(), "damaged": damaged });
+    if let (Some(pack), Some(map)) = (&report.pack, value.as_object_mut()) {
+        map.insert("bytes".to_owned(), pack.bytes.into());
+        map.insert("chunks".to_owned(), pack.chunks.into());
+        map.insert("triangles".to_owned(), pack.triangles.into());
+        map.insert("stored_triangles".to_owned(), pack.stored_triangles.into());
+        map.insert("border_edges".to_owned(), pack.border_edges.into());
+        map.insert("sha256".to_owned(), pack.sha256.clone().into());
     }
     value
+}
+
+/// What a target is called in a state file, from wherever it is checked.
+fn canonical(target: &str) -> String {
+    if web::is_address(target) {
+        return target.to_owned();
+    }
+    Path::new(target).canonicalize().map_or_else(|_| target.to_owned(), |path| path.display().to_string())
+}
+
+/// What there is below a path of this computer.
+fn in_folder(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
+    let path = Path::new(target);
+    let kind = std::fs::metadata(path).with_context(|| format!("cannot open {target}"))?;
+    if !kind.is_dir() {
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        return Ok((Box::new(Folder(folder.to_owned())), vec![Item { path: name, what: What::Pack }]));
+    }
+    let place = Box::new(Folder(path.to_owned()));
+    if let Some(what) = kind_of(path) {
+        return Ok((place, vec![Item { path: String::new(), what }]));
+    }
+    let mut items = Vec::new();
+    for entry in std::fs::read_dir(path).with_context(|| format!("cannot read {target}"))? {
+        let entry = entry.with_context(|| format!("cannot read {target}"))?;
+        let path = entry.file_name().to_string_lossy().into_owned();
+        if path.starts_with('.') {
+            continue;
+        }
+        let what = if entry.path().is_dir() {
+            kind_of(&entry.path())
+        } else {
+            entry.path().extension().is_some_and(|e| e == "kilwa").then_some(What::Pack)
+        };
+        items.extend(what.map(|what| Item { path, what }));
+    }
+    if items.is_empty() {
+        bail!("{target} is no archive object (it has no {MANIFEST}), and there is no object and no pack in it");
+    }
+    items.sort_by(|a, b| a.path.cmp(&b.path));
+    Ok((place, items))
+}
+
+/// What a folder is. One with version folders and no manifest was an object.
+fn kind_of(folder: &Path) -> Option<What> {
+    if folder.join("bagit.txt").is_file() {
+        return Some(What::Bag);
+    }
+    (is_object(folder) || folder.join("v1").is_dir()).then_some(What::Object)
+}
+
+/// What there is at an address.
+fn at_address(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
+    let (web, name) = Web::split(target);
+    if name.ends_with(".kilwa") {
+        return Ok((Box::new(web), vec![Item { path: name, what: What::Pack }]));
+    }
+    let is_object = |place: &dyn Place| place.open(MANIFEST).map(|found| found.is_some());
+    if is_object(&web).with_context(|| web.name(MANIFEST))? {
+        return Ok((Box::new(web), vec![Item { path: String::new(), what: What::Object }]));
+    }
+    // The list of a site links to its objects.
+    let mut items = Vec::new();
+    let page = web.read(PAGE, LIST_MAX).and_then(|page| if page.is_some() { Ok(page) } else { web.read("", LIST_MAX) });
+    let page = page.with_context(|| web.name(PAGE))?.unwrap_or_default();
+    let mut seen = std::collections::BTreeSet::new();
+    for link in links::of_html(&String::from_utf8_lossy(&page)) {
+        let Some(path) = links::target(&link, "", Some(&web.name(""))) else { continue };
+        let path = path.strip_suffix(PAGE).unwrap_or(&path).trim_end_matches('/').to_owned();
+        if path.is_empty() || !seen.insert(path.clone()) {
+            continue;
+        }
+        if path.ends_with(".kilwa") {
+            items.push(Item { path, what: What::Pack });
+        } else if !path.contains('.') && is_object(web.below(&path).as_ref()).with_context(|| web.name(&path))? {
+            items.push(Item { path, what: What::Object });
+        }
+    }
+    if items.is_empty() {
+        bail!("there is no object at {target} (no {MANIFEST}), and no page that links to objects or packs");
+    }
+    items.sort_by(|a, b| a.path.cmp(&b.path));
+    Ok((Box::new(web), items))
+}
+
+/// Tell the bar how much there is to read.
+fn expect(place: &dyn Place, item: &Item, progress: &Progress) {
+    let bytes = match item.what {
+        What::Pack => place.open(&item.path).ok().flatten().and_then(|f| f.len().ok()),
+        _ => match place.list(&item.path) {
+            Ok(Some(files)) => Some(files.iter().map(|(_, bytes)| bytes).sum()),
+            _ => {
+                let manifest = place.below(&item.path).read(MANIFEST, LIST_MAX).ok().flatten();
+                let manifest = manifest.and_then(|m| kilwa_server::object::Manifest::parse(&m).ok());
+                manifest.map(|m| m.versions.iter().map(|v| v.pack.bytes).sum())
+            }
+        },
+    };
+    progress.expect(bytes.unwrap_or(0));
+}
+
+/// One unit; `None` where it was checked before.
+fn check(
+    place: &dyn Place,
+    item: &Item,
+    report: &mut Report,
+    state: &mut State,
+    progress: &Progress,
+) -> anyhow::Result<Option<Unit>> {
+    let before = report.count();
+    let mut unit = Unit { unit: item.path.clone(), ..Unit::default() };
+    match item.what {
+        What::Object => {
+            let below = if item.path.is_empty() { None } else { Some(place.below(&item.path)) };
+            let place = below.as_deref().unwrap_or(place);
+            return Check { place, name: &item.path, report, state, progress }.object();
+        }
+        What::Bag => {
+            let below = if item.path.is_empty() { None } else { Some(place.below(&item.path)) };
+            let place = below.as_deref().unwrap_or(place);
+            if state.is_done(&item.path, "") {
+                return Ok(None);
+            }
+            bag(&mut Check { place, name: &item.path, report, state, progress })?;
+        }
+        What::Pack => {
+            if state.is_done(&item.path, "") {
+                return Ok(None);
+            }
+            let mut check = Check { place, name: "", report, state, progress };
+            if let Some(found) = check.pack(&item.path, None)? {
+                check.report.pack = Some(report::PackFigures::of(&found));
+            }
+        }
+    }
+    unit.problems = report.count() - before;
+    unit.at = now();
+    Ok(Some(unit))
+}
+
+/// A bag (RFC 8493): its two lists, and the object in it.
+fn bag(check: &mut Check<'_>) -> anyhow::Result<()> {
+    let lists = ["manifest-sha256.txt", "tagmanifest-sha256.txt"];
+    let mut known = check.files_of(lists[1], "", false)?;
+    known.extend(check.files_of(lists[0], "", false)?);
+    known.insert(lists[1].to_owned());
+    check.unknown("", &known, lists[0]);
+    let payload = check.place.below("data");
+    if !matches!(payload.open(MANIFEST), Ok(Some(_))) {
+        check.add(&format!("data/{MANIFEST}"), Kind::Missing, "there is no object in this bag");
+        return Ok(());
+    }
+    let name = if check.name.is_empty() { "data".to_owned() } else { format!("{}/data", check.name) };
+    let Check { report, state, progress, .. } = check;
+    Check { place: payload.as_ref(), name: &name, report, state, progress }.object()?;
+    Ok(())
 }
 
 /// A progress bar on standard error, shown only where that is a terminal.

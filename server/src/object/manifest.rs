@@ -1,9 +1,10 @@
 //! `manifest.json`: what an object is, small, replaced last; what `kilwa serve` and `kilwa verify` begin with.
 //!
 //! Read strictly: another major version, a version folder that is named twice or not in order, a path that leaves the folder, numbers that
-//! are not finite are refused with the field. Lengths in metres in the pack's reference system, z up. URLs are relative to the manifest.
+//! are not finite are refused with the field. Its last property is a seal, the SHA-256 of the text without it: the manifest is the one file
+//! that no list of checksums can hold. A reader may pass over it; `kilwa verify` does not. Lengths in metres in the pack's reference system, z up. URLs are relative to the manifest.
 
-use super::checksums::{Checksum, is_sha256};
+use super::checksums::{Checksum, is_sha256, sha256};
 use super::date::is_day;
 use super::layout::{Slug, pack_name, safe, version_folder};
 use serde::{Deserialize, Serialize};
@@ -31,6 +32,45 @@ pub enum ManifestError {
         /// What is wrong.
         why: String,
     },
+}
+
+/// How a manifest ends without its seal, what stands before the seal's digits, and what after them.
+const END: &[u8] = b"\n}\n";
+const SEAL: &[u8] = b",\n  \"seal\": \"";
+const AFTER: &[u8] = b"\"\n}\n";
+
+/// Whether a manifest is as it was written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Seal {
+    /// Its seal is that of its text.
+    Whole,
+    /// It was changed after it was written.
+    Broken,
+    /// It has none.
+    None,
+}
+
+/// Check the seal of a manifest's text.
+pub fn seal_of(bytes: &[u8]) -> Seal {
+    match unsealed(bytes) {
+        Some((text, seal)) if sha256(&text).as_bytes() == seal => Seal::Whole,
+        Some(_) => Seal::Broken,
+        // A seal that is not where it was written was moved or damaged.
+        None if bytes.windows(6).any(|w| w == b"\"seal\"") => Seal::Broken,
+        None => Seal::None,
+    }
+}
+
+/// The text with its seal.
+fn sealed(text: Vec<u8>) -> Vec<u8> {
+    let Some(body) = text.strip_suffix(END) else { return text };
+    [body, SEAL, sha256(&text).as_bytes(), AFTER].concat()
+}
+
+/// The text without its seal, and the seal's digits.
+fn unsealed(bytes: &[u8]) -> Option<(Vec<u8>, &[u8])> {
+    let (body, seal) = bytes.strip_suffix(AFTER)?.split_last_chunk::<64>()?;
+    Some(([body.strip_suffix(SEAL)?, END].concat(), seal))
 }
 
 /// Who may see an object. An embargo ends by itself: compare [`Access::until`] with today in UTC.
@@ -210,6 +250,8 @@ impl Manifest {
     /// # Errors
     /// [`ManifestError`] with the field.
     pub fn parse(bytes: &[u8]) -> Result<Self, ManifestError> {
+        let unsealed = unsealed(bytes);
+        let bytes = unsealed.as_ref().map_or(bytes, |(text, _)| text.as_slice());
         let value: serde_json::Value = serde_json::from_slice(bytes).map_err(|e| ManifestError::Form(e.to_string()))?;
         match value.get("kilwa").and_then(serde_json::Value::as_u64) {
             Some(form) if form == u64::from(FORM) => {}
@@ -230,7 +272,7 @@ impl Manifest {
         self.check()?;
         let mut bytes = serde_json::to_vec_pretty(self).map_err(|e| ManifestError::Form(e.to_string()))?;
         bytes.push(b'\n');
-        Ok(bytes)
+        Ok(sealed(bytes))
     }
 
     /// The version that is shown.

@@ -73,3 +73,17 @@ fn what_cannot_be_is_refused_with_its_field() {
     assert!(refuse(&|v| v["surprise"] = 1.into()).contains("surprise"));
     assert!(Manifest::parse(b"{").is_err() && Manifest::parse(b"[]").is_err() && Manifest::parse(b"").is_err());
 }
+
+#[test]
+fn a_byte_that_is_changed_breaks_the_seal() {
+    let bytes = sample().to_bytes().unwrap();
+    assert_eq!(seal_of(&bytes), Seal::Whole);
+    for at in 0..bytes.len() {
+        let mut changed = bytes.clone();
+        changed[at] ^= 1;
+        assert_ne!(seal_of(&changed), Seal::Whole, "byte {at}");
+    }
+    // One without a seal is read, as earlier ones are.
+    let text = unsealed(&bytes).unwrap().0;
+    assert_eq!((seal_of(&text), Manifest::parse(&text)), (Seal::None, Ok(sample())));
+}

@@ -1,0 +1,501 @@
+//! An archive object: everything that `kilwa publish` promises of it.
+//!
+//! Manifest and its seal; the landing page; each version's list of checksums, every file on it, every chunk of its pack; files that nobody
+//! lists; records that must be there and agree with the manifest; links; and, where it was checked before, that no version of then is
+//! gone or changed. Problems are collected; nothing ends the check of the rest.
+
+use super::links;
+use super::pack;
+use super::place::{Bytes, Place};
+use super::progress::Progress;
+use super::report::{Kind, Report};
+use super::state::{State, Unit, now};
+use kilwa_server::object::checksums::{Checksums, sha256};
+use kilwa_server::object::draft::HIDDEN;
+use kilwa_server::object::layout::{
+    CHECKSUMS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, LICENCE, LINKSET, MANIFEST, METADATA, PAGE,
+    PARADATA, POSTER, README, version_of,
+};
+use kilwa_server::object::manifest::{FileEntry, MANIFEST_MAX, Seal, seal_of};
+use kilwa_server::object::{AccessState, Manifest, Metadata, Version};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Longest list of checksums, landing page or record that is read into memory.
+const LIST_MAX: u64 = 64 << 20;
+/// What every version has.
+const REQUIRED: [&str; 13] = [
+    DUBLIN_CORE,
+    DATACITE,
+    EDM,
+    PARADATA,
+    METADATA,
+    IIIF,
+    LINKSET,
+    CRATE,
+    CITATIONS[0],
+    CITATIONS[1],
+    CITATIONS[2],
+    LICENCE,
+    README,
+];
+/// Records with links.
+const LINKING: [&str; 3] = [LINKSET, CRATE, IIIF];
+
+/// What the check of one unit needs.
+pub(crate) struct Check<'a> {
+    /// Where its files are.
+    pub(crate) place: &'a dyn Place,
+    /// Its name in reports and in the state: `""` for what was to be checked itself.
+    pub(crate) name: &'a str,
+    /// What was found.
+    pub(crate) report: &'a mut Report,
+    /// What is known from before.
+    pub(crate) state: &'a mut State,
+    /// The bar.
+    pub(crate) progress: &'a Progress,
+}
+
+impl Check<'_> {
+    /// A path in the unit as reports call it.
+    pub(crate) fn path(&self, path: &str) -> String {
+        match (self.name, path) {
+            ("", "") => self.place.name(""),
+            ("", path) => path.to_owned(),
+            (name, "") => name.to_owned(),
+            (name, path) => format!("{name}/{path}"),
+        }
+    }
+
+    pub(crate) fn add(&mut self, path: &str, kind: Kind, what: impl Into<String>) {
+        let path = self.path(path);
+        self.report.add(path, kind, what);
+    }
+
+    /// A file that must be there.
+    fn open(&mut self, path: &str, listed_in: &str) -> Option<Bytes> {
+        match self.place.open(path) {
+            Ok(Some(file)) => return Some(file),
+            Ok(None) => self.add(path, Kind::Missing, format!("it is not there; {listed_in} lists it")),
+            Err(e) => self.add(path, Kind::Unreadable, format!("it cannot be read: {e}")),
+        }
+        None
+    }
+
+    /// All of a small file that must be there.
+    pub(crate) fn read(&mut self, path: &str, listed_in: &str) -> Option<Vec<u8>> {
+        match self.place.read(path, LIST_MAX) {
+            Ok(Some(bytes)) => {
+                self.report.files += 1;
+                self.report.bytes += bytes.len() as u64;
+                return Some(bytes);
+            }
+            Ok(None) => self.add(path, Kind::Missing, format!("it is not there; {listed_in} lists it")),
+            Err(e) => self.add(path, Kind::Unreadable, format!("it cannot be read: {e}")),
+        }
+        None
+    }
+
+    /// A small file with the bytes that an entry of the manifest promises.
+    fn entry(&mut self, entry: &FileEntry) -> Option<Vec<u8>> {
+        let bytes = self.read(&entry.url, MANIFEST)?;
+        let found = sha256(&bytes);
+        if found == entry.sha256 && bytes.len() as u64 == entry.bytes {
+            return Some(bytes);
+        }
+        self.add(
+            &entry.url,
+            Kind::Damaged,
+            differs(&found, bytes.len() as u64, &entry.sha256, Some(entry.bytes), MANIFEST),
+        );
+        None
+    }
+
+    /// Any file with the checksum that a list promises.
+    ///
+    /// # Errors
+    /// When the state cannot be written.
+    pub(crate) fn listed(&mut self, path: &str, expected: &str, list: &str) -> anyhow::Result<()> {
+        let Some(file) = self.open(path, list) else { return Ok(()) };
+        let of_state = self.path(path);
+        match file.len() {
+            Ok(bytes) if self.state.has(&of_state, bytes, expected) => {
+                self.progress.bytes(bytes);
+                return Ok(());
+            }
+            _ => {}
+        }
+        self.progress.at(path.rsplit('/').next().unwrap_or_default());
+        match pack::sha256(file.as_ref(), self.progress) {
+            Ok((bytes, found)) => {
+                self.report.files += 1;
+                self.report.bytes += bytes;
+                if found == expected {
+                    return self.state.file(&of_state, bytes, expected);
+                }
+                self.add(path, Kind::Damaged, differs(&found, bytes, expected, None, list));
+            }
+            Err(e) => self.add(path, Kind::Unreadable, format!("it cannot be read: {e}")),
+        }
+        Ok(())
+    }
+
+    /// A pack, by its chunks and by its checksum; what is known of it, where it is sound.
+    ///
+    /// # Errors
+    /// When the state cannot be written.
+    pub(crate) fn pack(&mut self, path: &str, expected: Option<(&str, &str)>) -> anyhow::Result<Option<pack::Checked>> {
+        let list = expected.map_or(MANIFEST, |(_, list)| list);
+        let Some(file) = self.open(path, list) else { return Ok(None) };
+        let of_state = self.path(path);
+        if let (Some((sum, _)), Ok(bytes)) = (expected, file.len())
+            && self.state.has(&of_state, bytes, sum)
+        {
+            self.progress.bytes(bytes);
+            return Ok(None);
+        }
+        self.progress.at(path.rsplit('/').next().unwrap_or_default());
+        let checked = match pack::check(file.as_ref(), self.progress) {
+            Ok(checked) => checked,
+            Err(e) => {
+                self.add(path, Kind::Unreadable, format!("it cannot be read: {e}"));
+                return Ok(None);
+            }
+        };
+        self.report.files += 1;
+        self.report.packs += 1;
+        self.report.bytes += checked.bytes;
+        self.report.chunks += checked.totals.map_or(0, |t| t.chunks);
+        let mut sound = checked.damaged.is_empty();
+        for what in &checked.damaged {
+            self.add(path, Kind::Damaged, what.clone());
+        }
+        if checked.more > 0 {
+            self.add(path, Kind::Damaged, format!("{} more damaged parts", checked.more));
+        }
+        if let Some((sum, list)) = expected
+            && let Some(found) = checked.sha256.as_deref().filter(|found| *found != sum)
+        {
+            self.add(path, Kind::Damaged, differs(found, checked.bytes, sum, None, list));
+            sound = false;
+        }
+        if let Some(sum) = checked.sha256.as_deref().filter(|_| sound) {
+            self.state.file(&of_state, checked.bytes, sum)?;
+        }
+        Ok(sound.then_some(checked))
+    }
+
+    /// All of an object; its unit for the state. `None` where it was checked before and is left out.
+    ///
+    /// # Errors
+    /// When the state cannot be written.
+    pub(crate) fn object(&mut self) -> anyhow::Result<Option<Unit>> {
+        let before = self.report.count();
+        let mut unit = Unit { unit: self.name.to_owned(), ..Unit::default() };
+        let known = self.state.unit(self.name).cloned().unwrap_or_default();
+        let bytes = match self.place.read(MANIFEST, MANIFEST_MAX) {
+            Ok(Some(bytes)) => bytes,
+            Ok(None) => {
+                self.add(
+                    MANIFEST,
+                    Kind::Missing,
+                    "it is not there: without it nothing says what belongs to the object",
+                );
+                return Ok(Some(self.close(unit, before)));
+            }
+            Err(e) => {
+                self.add(MANIFEST, Kind::Unreadable, format!("it cannot be read: {e}"));
+                return Ok(Some(self.close(unit, before)));
+            }
+        };
+        unit.manifest = sha256(&bytes);
+        if self.state.is_done(self.name, &unit.manifest) {
+            return Ok(None);
+        }
+        self.report.files += 1;
+        self.report.bytes += bytes.len() as u64;
+        match seal_of(&bytes) {
+            Seal::Whole => {}
+            Seal::None => {
+                let name = self.path(MANIFEST);
+                self.report.notes.push(format!("{name} has no seal: it was written by hand or by an earlier kilwa, so a change in it may not be noticed"));
+            }
+            Seal::Broken => self.add(
+                MANIFEST,
+                Kind::Damaged,
+                "its seal does not match: it was damaged, or changed by hand. Take it from a copy, or publish a version with `kilwa publish`",
+            ),
+        }
+        match Manifest::parse(&bytes) {
+            Ok(manifest) => {
+                unit.versions = manifest.versions.iter().map(|v| (v.version, v.checksums.sha256.clone())).collect();
+                self.history(&known, &unit.versions);
+                self.contents(&manifest)?;
+            }
+            Err(e) => {
+                self.add(MANIFEST, Kind::Damaged, e.to_string());
+                // What was published before is not forgotten.
+                unit.versions.clone_from(&known.versions);
+                self.without_manifest()?;
+            }
+        }
+        Ok(Some(self.close(unit, before)))
+    }
+
+    fn close(&mut self, mut unit: Unit, before: u64) -> Unit {
+        unit.problems = self.report.count() - before;
+        unit.at = now();
+        unit
+    }
+
+    /// Versions are only added: those of the last check are there and the same.
+    fn history(&mut self, known: &Unit, now: &BTreeMap<u32, String>) {
+        for (version, sum) in &known.versions {
+            let at = format!("v{version}");
+            match now.get(version) {
+                None => self.add(
+                    &at,
+                    Kind::History,
+                    "this version was there at an earlier check, and the manifest does not name it any more",
+                ),
+                Some(other) if other != sum => {
+                    self.add(
+                        &at,
+                        Kind::History,
+                        "this version is another one than at an earlier check; versions never change",
+                    );
+                }
+                Some(_) => {}
+            }
+        }
+    }
+
+    fn contents(&mut self, manifest: &Manifest) -> anyhow::Result<()> {
+        let page = self.entry(&manifest.page);
+        let mut there: BTreeSet<String> = [MANIFEST, PAGE].map(str::to_owned).into();
+        let mut complete = true;
+        let mut records = Vec::new();
+        for version in &manifest.versions {
+            if manifest.access.state == AccessState::Withdrawn && self.is_gone(version) {
+                let name = self.path(&version.folder);
+                self.report.notes.push(format!("{name} is withdrawn and not there"));
+                continue;
+            }
+            complete &= self.version(manifest, version, &mut there, &mut records)?;
+        }
+        self.extra(&there);
+        if complete {
+            let home = manifest.url.as_deref();
+            let page = page.map(|bytes| links::of_html(&String::from_utf8_lossy(&bytes)));
+            self.links(PAGE, page.unwrap_or_default(), &there, home);
+            for (path, links) in records {
+                self.links(&path, links, &there, home);
+            }
+        }
+        Ok(())
+    }
+
+    fn is_gone(&self, version: &Version) -> bool {
+        matches!(self.place.open(&version.checksums.url), Ok(None))
+    }
+
+    /// One version; whether its list could be read. Adds its files to `there`, and the links of its records.
+    fn version(
+        &mut self,
+        manifest: &Manifest,
+        version: &Version,
+        there: &mut BTreeSet<String>,
+        records: &mut Vec<(String, Vec<String>)>,
+    ) -> anyhow::Result<bool> {
+        let folder = &version.folder;
+        there.insert(version.checksums.url.clone());
+        let Some(text) = self.entry(&version.checksums) else { return Ok(false) };
+        let list = match Checksums::parse(&String::from_utf8_lossy(&text)) {
+            Ok(list) => list,
+            Err(e) => {
+                self.add(&version.checksums.url, Kind::Damaged, e.to_string());
+                return Ok(false);
+            }
+        };
+        let in_folder = |path: &str| format!("{folder}/{path}");
+        for path in REQUIRED.iter().chain([&POSTER]).filter(|path| list.get(path).is_none()) {
+            let what = "every version has it, and its list of checksums does not name it: the version is incomplete";
+            self.add(&in_folder(path), Kind::Incomplete, what);
+        }
+        let pack = version.pack.url.strip_prefix(&format!("{folder}/")).unwrap_or_default();
+        if list.get(pack) != Some(&version.pack.sha256) {
+            let what = format!("{CHECKSUMS} does not list it with the checksum that {MANIFEST} has");
+            self.add(&version.pack.url, Kind::Incomplete, what);
+        }
+        let name = in_folder(CHECKSUMS);
+        for (path, sum) in list.iter() {
+            there.insert(in_folder(path));
+            if path == pack {
+                if let Some(checked) = self.pack(&in_folder(path), Some((sum, &name)))? {
+                    self.figures(version, &checked);
+                }
+            } else {
+                self.listed(&in_folder(path), sum, &name)?;
+            }
+        }
+        for path in LINKING.iter().filter(|path| list.get(path).is_some()) {
+            if let Some(value) = self.record(&in_folder(path)) {
+                records.push((in_folder(path), links::of_json(&value)));
+            }
+        }
+        self.agrees(manifest, version, &list);
+        Ok(true)
+    }
+
+    /// A record as JSON. Damage is named where its checksum is compared.
+    fn record(&mut self, path: &str) -> Option<serde_json::Value> {
+        let bytes = self.place.read(path, LIST_MAX).ok()??;
+        match serde_json::from_slice(&bytes) {
+            Ok(value) => Some(value),
+            Err(e) => {
+                self.add(path, Kind::Incomplete, format!("it is no JSON: {e}"));
+                None
+            }
+        }
+    }
+
+    /// The manifest's numbers are the pack's.
+    fn figures(&mut self, version: &Version, checked: &pack::Checked) {
+        let path = version.pack.url.clone();
+        let mut differ = |what: &str, of_pack: &str, of_manifest: &str| {
+            if of_pack != of_manifest {
+                let said = format!("its {what} is {of_pack}; {MANIFEST} says {of_manifest}");
+                self.add(&path, Kind::Incomplete, said);
+            }
+        };
+        differ("identity", checked.identity.as_deref().unwrap_or_default(), &version.pack.identity);
+        differ("length", &checked.bytes.to_string(), &version.pack.bytes.to_string());
+        let triangles = checked.totals.map_or(0, |t| t.finest_triangles);
+        differ("number of triangles", &triangles.to_string(), &version.figures.triangles.to_string());
+    }
+
+    /// The metadata can be read, and the manifest of the current version says the same.
+    fn agrees(&mut self, manifest: &Manifest, version: &Version, list: &Checksums) {
+        let path = format!("{}/{METADATA}", version.folder);
+        if list.get(METADATA).is_none() {
+            return;
+        }
+        let Some(value) = self.record(&path) else { return };
+        match serde_json::from_value::<Metadata>(value) {
+            Ok(metadata) if version.version == manifest.current && metadata.title != manifest.title => {
+                self.add(&path, Kind::Incomplete, format!("its title is not the one of {MANIFEST}"));
+            }
+            Ok(_) => {}
+            Err(e) => self.add(&path, Kind::Incomplete, format!("it is no metadata of an object: {e}")),
+        }
+    }
+
+    /// Files that nobody lists.
+    fn extra(&mut self, there: &BTreeSet<String>) {
+        let files = match self.place.list("") {
+            Ok(Some(files)) => files,
+            Ok(None) => return,
+            Err(e) => {
+                self.add("", Kind::Unreadable, format!("its files cannot be listed: {e}"));
+                return;
+            }
+        };
+        for (path, _) in files.iter().filter(|(path, _)| !there.contains(path)) {
+            if path.split('/').any(|part| part.starts_with(HIDDEN)) {
+                let path = self.path(path);
+                let note = "was left by a publication that was cut off; the next one takes it away";
+                self.report.notes.push(format!("{path} {note}"));
+                continue;
+            }
+            let of_version = path.split_once('/').and_then(|(folder, _)| version_of(folder)).is_some();
+            let by = if of_version {
+                format!("its version's {CHECKSUMS} does not list it")
+            } else {
+                format!("{MANIFEST} does not name it")
+            };
+            self.add(path, Kind::Extra, format!("nobody knows this file: {by}"));
+        }
+    }
+
+    /// Links that stay in the object lead to a file of it.
+    fn links(&mut self, from: &str, links: Vec<String>, there: &BTreeSet<String>, home: Option<&str>) {
+        let folder = from.rfind('/').and_then(|at| from.get(..=at)).unwrap_or_default().to_owned();
+        let mut seen = BTreeSet::new();
+        for link in links {
+            let Some(path) = links::target(&link, &folder, home).filter(|path| seen.insert(path.clone())) else {
+                continue;
+            };
+            let leads = match path.strip_suffix('/') {
+                Some("") => there.contains(PAGE),
+                Some(folder) => there.range(format!("{folder}/")..).next().is_some_and(|p| p.starts_with(&path)),
+                None => there.contains(&path),
+            };
+            if !leads {
+                self.add(from, Kind::Link, format!("it links to {path}, which is not there"));
+            }
+        }
+    }
+
+    /// The manifest says nothing: what the version folders say of themselves is checked all the same.
+    fn without_manifest(&mut self) -> anyhow::Result<()> {
+        let Ok(Some(files)) = self.place.list("") else { return Ok(()) };
+        let lists = files.iter().filter(|(path, _)| {
+            path.split_once('/').is_some_and(|(folder, name)| version_of(folder).is_some() && name == CHECKSUMS)
+        });
+        for (path, _) in lists {
+            let folder = path.strip_suffix(CHECKSUMS).unwrap_or_default();
+            let mut known = self.files_of(path, folder, true)?;
+            known.insert(path.clone());
+            self.unknown(folder.trim_end_matches('/'), &known, path);
+        }
+        Ok(())
+    }
+
+    /// Every file of a list of checksums, below `folder` (with its chunks, where they are to be `decoded`); the paths on it.
+    ///
+    /// # Errors
+    /// When the state cannot be written.
+    pub(crate) fn files_of(
+        &mut self,
+        list_path: &str,
+        folder: &str,
+        decoded: bool,
+    ) -> anyhow::Result<BTreeSet<String>> {
+        let Some(text) = self.read(list_path, "a bag or version") else { return Ok(BTreeSet::new()) };
+        let list = match Checksums::parse(&String::from_utf8_lossy(&text)) {
+            Ok(list) => list,
+            Err(e) => {
+                self.add(list_path, Kind::Damaged, e.to_string());
+                return Ok(BTreeSet::new());
+            }
+        };
+        let mut paths = BTreeSet::new();
+        for (path, sum) in list.iter() {
+            let at = format!("{folder}{path}");
+            if decoded && path.ends_with(".kilwa") {
+                self.pack(&at, Some((sum, list_path)))?;
+            } else {
+                self.listed(&at, sum, list_path)?;
+            }
+            paths.insert(at);
+        }
+        Ok(paths)
+    }
+
+    /// Name the files below a folder that are not among those that are known.
+    pub(crate) fn unknown(&mut self, folder: &str, known: &BTreeSet<String>, list: &str) {
+        let Ok(Some(files)) = self.place.list(folder) else { return };
+        for (path, _) in files.iter().filter(|(path, _)| !known.contains(path)) {
+            self.add(path, Kind::Extra, format!("nobody knows this file: {list} does not list it"));
+        }
+    }
+}
+
+fn differs(found: &str, bytes: u64, expected: &str, length: Option<u64>, list: &str) -> String {
+    let lengths = match length {
+        Some(expected) if expected != bytes => format!("; it has {bytes} bytes instead of {expected}"),
+        _ => String::new(),
+    };
+    format!(
+        "it is not what was published: its SHA-256 is {found}, {list} says {expected}{lengths}. Take it from a copy"
+    )
+}

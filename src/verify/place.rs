@@ -1,0 +1,92 @@
+//! Where an object lies: a folder, or an address ([`super::web`]). Paths are relative to it, with `/`.
+
+use crate::source::FileSource;
+use kilwa_pack::Source;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A file by position, from any thread.
+pub(crate) type Bytes = Box<dyn Source + Send + Sync>;
+
+/// Where the files of an object, or of a folder of objects, are.
+pub(crate) trait Place {
+    /// What to call it, or a file in it.
+    fn name(&self, path: &str) -> String;
+
+    /// A file; `None` where there is none. Fails where it cannot be told or opened.
+    ///
+    /// # Errors
+    /// What the system or the server says.
+    fn open(&self, path: &str) -> io::Result<Option<Bytes>>;
+
+    /// Every file below a folder (`""` for all), with its length, sorted; `None` where files cannot be listed.
+    ///
+    /// # Errors
+    /// What the system says.
+    fn list(&self, folder: &str) -> io::Result<Option<Vec<(String, u64)>>>;
+
+    /// The same place, as seen from a folder in it.
+    fn below(&self, folder: &str) -> Box<dyn Place>;
+
+    /// All of a small file; `None` where there is none.
+    ///
+    /// # Errors
+    /// What the system says, and where it is longer than `limit`.
+    fn read(&self, path: &str, limit: u64) -> io::Result<Option<Vec<u8>>> {
+        let Some(file) = self.open(path)? else { return Ok(None) };
+        let length = file.len()?;
+        let count = usize::try_from(length).ok().filter(|_| length <= limit);
+        let Some(count) = count else {
+            return Err(io::Error::other(format!("it has {length} bytes; at most {limit} are possible")));
+        };
+        file.read_at(0, count).map(Some)
+    }
+}
+
+/// A folder of this computer.
+pub(crate) struct Folder(pub(crate) PathBuf);
+
+impl Place for Folder {
+    fn name(&self, path: &str) -> String {
+        if path.is_empty() { self.0.display().to_string() } else { self.0.join(path).display().to_string() }
+    }
+
+    fn open(&self, path: &str) -> io::Result<Option<Bytes>> {
+        match FileSource::new(&self.0.join(path)) {
+            Ok(source) => Ok(Some(Box::new(source))),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(e) => Err(e),
+        }
+    }
+
+    fn list(&self, folder: &str) -> io::Result<Option<Vec<(String, u64)>>> {
+        let mut all = Vec::new();
+        let from = self.0.join(folder);
+        if from.is_dir() {
+            walk(&from, folder, &mut all)?;
+        }
+        all.sort();
+        Ok(Some(all))
+    }
+
+    fn below(&self, folder: &str) -> Box<dyn Place> {
+        Box::new(Self(self.0.join(folder)))
+    }
+}
+
+/// Files below a folder. Links are named, not followed: what they point to is not part of the object.
+fn walk(folder: &Path, prefix: &str, into: &mut Vec<(String, u64)>) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let path = if prefix.is_empty() { name } else { format!("{prefix}/{name}") };
+        let kind = entry.file_type()?;
+        if kind.is_dir() {
+            walk(&entry.path(), &path, into)?;
+        } else {
+            into.push((path, entry.metadata()?.len()));
+        }
+    }
+    Ok(())
+}

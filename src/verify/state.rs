@@ -1,0 +1,263 @@
+//! What was checked when, so that a nightly job goes on where it was stopped and reads again only what is due.
+//!
+//! A text file, one JSON object a line, only ever appended to: a run begins, a file was read, a unit (object, bag or single pack) is done,
+//! the run is done. A line that a power cut tore off is passed over. A new run writes the file anew with the last line of each unit.
+
+use anyhow::{Context, bail};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{self, File, OpenOptions};
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// One line. Times are seconds since 1970, UTC.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(tag = "kilwa-verify", rename_all = "lowercase")]
+enum Line {
+    Run { target: String, at: u64 },
+    File { path: String, bytes: u64, sha256: String, at: u64 },
+    Unit(Unit),
+    Done { at: u64 },
+}
+
+/// What is known of an object, bag or pack that was checked.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Unit {
+    /// Its name.
+    pub(crate) unit: String,
+    /// When it was done.
+    pub(crate) at: u64,
+    /// How much was wrong.
+    pub(crate) problems: u64,
+    /// SHA-256 of its manifest, of an object.
+    #[serde(default)]
+    pub(crate) manifest: String,
+    /// SHA-256 of the list of checksums of each version: these never change.
+    #[serde(default)]
+    pub(crate) versions: BTreeMap<u32, String>,
+}
+
+/// What is remembered; in memory only without a file.
+#[derive(Default)]
+pub(crate) struct State {
+    file: Option<(PathBuf, File)>,
+    units: BTreeMap<String, Unit>,
+    /// Files of the unit under way that were found sound: bytes and SHA-256.
+    files: BTreeMap<String, (u64, String)>,
+    /// Units that are done in the run that is gone on with.
+    resumed: BTreeSet<String>,
+    /// Units checked since then, and sound, are left out.
+    fresh_since: Option<u64>,
+}
+
+/// Now, seconds since 1970.
+pub(crate) fn now() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())
+}
+
+impl State {
+    /// Open a state file, or begin it. With `resume` a run that was stopped is gone on with; `days`: what was found sound so many days ago or
+    /// later is left out.
+    ///
+    /// # Errors
+    /// When it cannot be read or written, is another kind of file, or belongs to another target.
+    pub(crate) fn open(path: &Path, target: &str, resume: bool, days: Option<u64>) -> anyhow::Result<Self> {
+        let known = Known::read(path, target)?;
+        let at = now();
+        let resumed = known.is_running && resume;
+        let mut state = Self {
+            file: None,
+            units: known.units,
+            files: if resumed { known.files } else { BTreeMap::new() },
+            resumed: if resumed { known.done } else { BTreeSet::new() },
+            fresh_since: days.map(|d| at.saturating_sub(d.saturating_mul(86_400))),
+        };
+        if !resumed {
+            state.begin(path, target, at).with_context(|| format!("cannot write the state {}", path.display()))?;
+        }
+        let file = OpenOptions::new().append(true).open(path);
+        let mut file = file.with_context(|| format!("cannot write the state {}", path.display()))?;
+        if known.is_torn && resumed {
+            file.write_all(b"\n").with_context(|| format!("cannot write the state {}", path.display()))?;
+        }
+        state.file = Some((path.to_owned(), file));
+        Ok(state)
+    }
+
+    /// The file of a new run, with what is known from earlier ones.
+    fn begin(&self, path: &Path, target: &str, at: u64) -> anyhow::Result<()> {
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let mut file = tempfile::NamedTempFile::new_in(folder)?;
+        for unit in self.units.values() {
+            writeln!(file, "{}", serde_json::to_string(&Line::Unit(unit.clone()))?)?;
+        }
+        writeln!(file, "{}", serde_json::to_string(&Line::Run { target: target.to_owned(), at })?)?;
+        file.as_file().sync_all()?;
+        file.persist(path)?;
+        Ok(())
+    }
+
+    /// What is known of a unit from before.
+    pub(crate) fn unit(&self, name: &str) -> Option<&Unit> {
+        self.units.get(name)
+    }
+
+    /// Whether a unit needs no look: checked in the run that is gone on with, or lately, found sound, with this manifest.
+    pub(crate) fn is_done(&self, name: &str, manifest: &str) -> bool {
+        let unit = self.units.get(name).filter(|u| u.problems == 0 && u.manifest == manifest);
+        unit.is_some_and(|u| self.resumed.contains(name) || self.fresh_since.is_some_and(|since| u.at >= since))
+    }
+
+    /// Whether a file of the unit under way was found to have these bytes before the run was stopped.
+    pub(crate) fn has(&self, path: &str, bytes: u64, sha256: &str) -> bool {
+        self.files.get(path).is_some_and(|(b, s)| *b == bytes && s == sha256)
+    }
+
+    /// A file was read and is sound.
+    ///
+    /// # Errors
+    /// When it cannot be written down.
+    pub(crate) fn file(&mut self, path: &str, bytes: u64, sha256: &str) -> anyhow::Result<()> {
+        let line = Line::File { path: path.to_owned(), bytes, sha256: sha256.to_owned(), at: now() };
+        self.write(&line)
+    }
+
+    /// A unit is done.
+    ///
+    /// # Errors
+    /// When it cannot be written down.
+    pub(crate) fn done(&mut self, unit: Unit) -> anyhow::Result<()> {
+        self.files.clear();
+        self.write(&Line::Unit(unit.clone()))?;
+        self.units.insert(unit.unit.clone(), unit);
+        Ok(())
+    }
+
+    /// All is done.
+    ///
+    /// # Errors
+    /// When it cannot be written down.
+    pub(crate) fn finish(&mut self) -> anyhow::Result<()> {
+        self.write(&Line::Done { at: now() })?;
+        if let Some((path, file)) = &self.file {
+            file.sync_all().with_context(|| format!("cannot write the state {}", path.display()))?;
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, line: &Line) -> anyhow::Result<()> {
+        let Some((path, file)) = &mut self.file else { return Ok(()) };
+        let mut text = serde_json::to_string(line)?;
+        text.push('\n');
+        // One write a line: a second process that reads sees whole lines.
+        file.write_all(text.as_bytes()).with_context(|| format!("cannot write the state {}", path.display()))
+    }
+}
+
+/// What a state file says.
+#[derive(Default)]
+struct Known {
+    units: BTreeMap<String, Unit>,
+    files: BTreeMap<String, (u64, String)>,
+    /// Units that are done in the last run.
+    done: BTreeSet<String>,
+    /// The last run did not end.
+    is_running: bool,
+    is_torn: bool,
+}
+
+impl Known {
+    fn read(path: &Path, target: &str) -> anyhow::Result<Self> {
+        let text = match fs::read(path) {
+            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(Self::default()),
+            other => other.with_context(|| format!("cannot read the state {}", path.display()))?,
+        };
+        let mut known = Self { is_torn: !text.is_empty() && !text.ends_with(b"\n"), ..Self::default() };
+        let mut understood = text.is_empty();
+        let mut of = None;
+        for line in text.split(|&b| b == b'\n').filter(|line| !line.is_empty()) {
+            let Ok(line) = serde_json::from_slice::<Line>(line) else { continue };
+            understood = true;
+            match line {
+                Line::Run { target, .. } => {
+                    (known.is_running, of) = (true, Some(target));
+                    known.files.clear();
+                    known.done.clear();
+                }
+                Line::File { path, bytes, sha256, .. } => {
+                    known.files.insert(path, (bytes, sha256));
+                }
+                Line::Unit(unit) => {
+                    known.files.clear();
+                    known.done.insert(unit.unit.clone());
+                    known.units.insert(unit.unit.clone(), unit);
+                }
+                Line::Done { .. } => known.is_running = false,
+            }
+        }
+        if !understood {
+            bail!("{} is no state of kilwa verify; give another name with --state", path.display());
+        }
+        if let Some(of) = of.filter(|of| of != target) {
+            bail!("{} belongs to {of}, not to {target}; give a state file of its own with --state", path.display());
+        }
+        Ok(known)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn unit(name: &str, at: u64, problems: u64) -> Unit {
+        Unit { unit: name.to_owned(), at, problems, manifest: "m".to_owned(), versions: BTreeMap::new() }
+    }
+
+    #[test]
+    fn a_run_that_was_stopped_is_gone_on_with_and_a_torn_line_is_passed_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("state");
+        let mut state = State::open(&path, "here", true, None).unwrap();
+        state.done(unit("a", now(), 0)).unwrap();
+        state.done(unit("b", now(), 2)).unwrap();
+        state.file("c/x", 5, "55").unwrap();
+        drop(state);
+        let mut text = fs::read(&path).unwrap();
+        text.extend(b"{\"kilwa-verify\":\"fi");
+        fs::write(&path, text).unwrap();
+        let mut state = State::open(&path, "here", true, None).unwrap();
+        assert!(state.is_done("a", "m") && !state.is_done("a", "other") && !state.is_done("b", "m"));
+        assert!(state.has("c/x", 5, "55") && !state.has("c/x", 5, "56"));
+        state.done(unit("c", now(), 0)).unwrap();
+        state.finish().unwrap();
+        let state = State::open(&path, "here", true, None).unwrap();
+        assert!(!state.is_done("a", "m") && !state.has("c/x", 5, "55"), "a run that was done is not gone on with");
+        assert!(state.unit("c").is_some());
+    }
+
+    #[test]
+    fn what_was_checked_lately_is_left_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("state");
+        let mut state = State::open(&path, "here", false, None).unwrap();
+        state.done(unit("old", now() - 10 * 86_400, 0)).unwrap();
+        state.done(unit("new", now() - 86_400, 0)).unwrap();
+        state.finish().unwrap();
+        let state = State::open(&path, "here", false, Some(7)).unwrap();
+        assert!(state.is_done("new", "m") && !state.is_done("old", "m"));
+    }
+
+    #[test]
+    fn files_of_others_are_not_overwritten() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("thesis.txt");
+        fs::write(&path, "years of work\n").unwrap();
+        assert!(State::open(&path, "here", false, None).is_err());
+        assert_eq!(fs::read(&path).unwrap(), b"years of work\n");
+        let path = folder.path().join("state");
+        drop(State::open(&path, "here", false, None).unwrap());
+        let other = State::open(&path, "there", false, None).err().unwrap().to_string();
+        assert!(other.contains("belongs to here"), "{other}");
+    }
+}

@@ -1,0 +1,452 @@
+//! `kilwa verify` on archive objects, folders of them and addresses: a changed byte of any file is found and named, so is what is missing
+//! or too much; a nightly job goes on where it was stopped.
+
+mod support;
+
+use kilwa_pack::{Reader, SliceSource};
+use kilwa_server::object::Metadata;
+use kilwa_server::object::checksums::sha256;
+use kilwa_server::object::draft::Draft;
+use kilwa_server::object::layout::{self, Slug, pack_name, version_folder};
+use kilwa_server::object::manifest::{Access, AccessState, FORM, Figures, Manifest, PackEntry, RightsEntry, Version};
+use kilwa_server::object::page::{Surroundings, landing};
+use kilwa_server::object::record::{Publication, records, ro_crate};
+use kilwa_server::object::rights::Rights;
+use std::collections::BTreeSet;
+use std::fs;
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use support::{built_once, fails, kilwa, succeeds, text};
+
+const METADATA: &str = "title = \"Gereza\"\ndescription = \"A fort.\"\n[rights]\nuri = \"CC BY 4.0\"\n[[creators]]\nname = \"Held, C.\"\n[model]\nunits = \"m\"\n";
+const VIEWER: &str = "<!doctype html><html><head><base href=\"./\"><title>Kilwa</title><script src=\"boot.js\"></script></head>\
+    <body data-pack=\"\" data-list=\"\"><!--title--><!--facts--><!--about--></body></html>";
+
+fn pack() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("verify_objects");
+    let write = |input: &Path| drop(succeeds(&["synth", "wall", "--triangles", "3000", "-o", text(input), "--force"]));
+    built_once(&folder, "wall", write, &[])
+}
+
+fn publication(slug: &str, number: u32, bytes: &[u8]) -> Publication {
+    let reader = Reader::open(SliceSource(bytes)).unwrap();
+    let m = reader.metadata();
+    let metadata = Metadata::parse(METADATA).unwrap();
+    let sha256 = sha256(bytes);
+    Publication {
+        rights: Rights::parse(&metadata.rights.uri).unwrap(),
+        metadata,
+        slug: Slug::new(slug).unwrap(),
+        version: number,
+        published: format!("2026-11-{:02}", 20 + number),
+        first_published: "2026-11-21".to_owned(),
+        note: format!("Version {number}"),
+        pack: PackEntry {
+            url: format!("{}/{}", version_folder(number), pack_name(&sha256)),
+            bytes: bytes.len() as u64,
+            sha256,
+            identity: reader.identity(),
+        },
+        figures: Figures {
+            bounds: [m.bounds_min, m.bounds_max],
+            crs: None,
+            units: "m".to_owned(),
+            source_units: "m".to_owned(),
+            triangles: m.triangles,
+            vertices: m.vertices,
+            spacing: m.median_edge,
+            accuracy: None,
+        },
+        of_pack: m.clone(),
+        location_redacted: false,
+        preview: None,
+        tool: "kilwa".to_owned(),
+    }
+}
+
+/// Publish a version on a shelf; the object.
+fn publish(shelf: &Path, slug: &str, number: u32) -> PathBuf {
+    let bytes = fs::read(pack()).unwrap();
+    let p = publication(slug, number, &bytes);
+    let mut draft = Draft::begin(shelf, &p.slug, number, &|_| Ok(())).unwrap();
+    draft.write(p.pack.url.split_once('/').unwrap().1, &bytes).unwrap();
+    for (path, content) in records(&p) {
+        draft.write(path, &content).unwrap();
+    }
+    let others =
+        [layout::POSTER, "viewer/boot.js", "viewer/plain.css", "viewer/plain.js", "poster-600.jpg", "poster-300.jpg"];
+    for path in others {
+        draft.write(path, path.as_bytes()).unwrap();
+    }
+    let list = ro_crate(&p, draft.files());
+    draft.write(layout::CRATE, &list).unwrap();
+    let object = shelf.join(slug);
+    let earlier =
+        fs::read(object.join(layout::MANIFEST)).ok().map(|b| Manifest::parse(&b).unwrap().versions).unwrap_or_default();
+    let page = landing(VIEWER, &p, &Surroundings { earlier: earlier.clone(), ..Surroundings::default() });
+    let made = draft.finish(page.as_bytes(), |checksums, page| {
+        let mut versions = earlier;
+        versions.push(Version {
+            version: number,
+            folder: version_folder(number),
+            published: p.published.clone(),
+            note: p.note.clone(),
+            pack: p.pack.clone(),
+            checksums,
+            figures: p.figures.clone(),
+            location_redacted: false,
+        });
+        Manifest {
+            kilwa: FORM,
+            slug: slug.to_owned(),
+            title: p.metadata.title.clone(),
+            description: None,
+            language: "en".to_owned(),
+            place: None,
+            captured: None,
+            subjects: Vec::new(),
+            creators: vec!["Held, C.".to_owned()],
+            url: None,
+            identifier: None,
+            rights: RightsEntry { uri: "u".to_owned(), label: "l".to_owned(), short: "s".to_owned(), holder: None },
+            citation: "Gereza.".to_owned(),
+            access: Access { state: AccessState::Public, until: None, reason: None, contact: None, withdrawn: None },
+            current: number,
+            versions,
+            page,
+            tool: "kilwa".to_owned(),
+        }
+    });
+    made.unwrap()
+}
+
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let mut all = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() { all.extend(files(&path)) } else { all.push(path) }
+    }
+    all.sort();
+    all
+}
+
+/// The report of a run that finds something.
+fn report(args: &[&str], code: i32) -> serde_json::Value {
+    let output = kilwa(&[&["verify"], args, &["--json"]].concat());
+    assert_eq!(output.status.code(), Some(code), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// The files with problems, and their kinds.
+fn problems(report: &serde_json::Value) -> BTreeSet<(String, String)> {
+    let of = |p: &serde_json::Value, key: &str| p[key].as_str().unwrap().to_owned();
+    report["problems"].as_array().unwrap().iter().map(|p| (of(p, "file"), of(p, "kind"))).collect()
+}
+
+#[test]
+fn a_changed_byte_of_any_file_is_found_and_named() {
+    let shelf = tempfile::tempdir().unwrap();
+    publish(shelf.path(), "fort", 1);
+    let object = publish(shelf.path(), "fort", 2);
+    let sound = report(&[text(&object)], 0);
+    assert_eq!((&sound["sound"], &sound["notes"]), (&true.into(), &serde_json::json!([])), "{sound}");
+    let all = files(&object);
+    assert_eq!(sound["files"], all.len(), "every file was read");
+    for path in &all {
+        let good = fs::read(path).unwrap();
+        // At the ends and in the middle.
+        for at in BTreeSet::from([0, good.len() / 2, good.len() - 1]) {
+            let mut bytes = good.clone();
+            bytes[at] ^= 4;
+            fs::write(path, &bytes).unwrap();
+            let name = text(path.strip_prefix(&object).unwrap()).to_owned();
+            let found = problems(&report(&[text(&object)], 1));
+            let is_named = found.iter().any(|(file, kind)| *file == name && kind == "damaged");
+            assert!(is_named, "byte {at} of {name}: {found:?}");
+        }
+        fs::write(path, &good).unwrap();
+    }
+    // Another time of writing alone is no problem, nor other rights.
+    let file = fs::File::options().write(true).open(&all[3]).unwrap();
+    file.set_modified(std::time::SystemTime::UNIX_EPOCH).unwrap();
+    assert!(succeeds(&["verify", text(&object)]).contains("1 of 1 object sound"));
+}
+
+#[test]
+fn what_is_missing_or_too_much_is_named_and_all_of_it() {
+    let shelf = tempfile::tempdir().unwrap();
+    publish(shelf.path(), "fort", 1);
+    let object = publish(shelf.path(), "fort", 2);
+    for path in files(&object) {
+        let (name, good) = (text(path.strip_prefix(&object).unwrap()).to_owned(), fs::read(&path).unwrap());
+        fs::remove_file(&path).unwrap();
+        let found = problems(&report(&[text(&object)], 1));
+        assert!(found.contains(&(name.clone(), "missing".to_owned())), "{name}: {found:?}");
+        fs::write(&path, good).unwrap();
+    }
+    let manifest = Manifest::parse(&fs::read(object.join("manifest.json")).unwrap()).unwrap();
+    let pack = object.join(&manifest.versions[0].pack.url);
+    let bytes = fs::read(&pack).unwrap();
+    fs::write(&pack, &bytes[..bytes.len() - 500]).unwrap();
+    fs::write(object.join("notes.txt"), "mine").unwrap();
+    fs::write(object.join("v2/metadata/thumbs.db"), "").unwrap();
+    fs::create_dir(object.join("v3")).unwrap();
+    fs::write(object.join("v3/x"), "").unwrap();
+    fs::write(object.join(".kilwa-abc"), "").unwrap();
+    let found = report(&[text(&object)], 1);
+    let expected = [
+        (manifest.versions[0].pack.url.as_str(), "damaged"),
+        ("notes.txt", "extra"),
+        ("v2/metadata/thumbs.db", "extra"),
+        ("v3/x", "extra"),
+    ];
+    assert_eq!(problems(&found), expected.map(|(f, k)| (f.to_owned(), k.to_owned())).into());
+    let cut = found["problems"].to_string();
+    assert!(cut.contains("truncated") && cut.contains("SHA-256"), "{cut}");
+    assert!(found["notes"][0].as_str().unwrap().contains(".kilwa-abc"));
+    let said = fails(&["verify", text(&object)]);
+    assert!(["notes.txt", "thumbs.db", "v3/x", "truncated"].iter().all(|part| said.contains(part)), "{said}");
+}
+
+#[test]
+fn records_that_do_not_agree_and_links_that_lead_nowhere_are_named() {
+    let shelf = tempfile::tempdir().unwrap();
+    let object = publish(shelf.path(), "fort", 1);
+    // As somebody would who writes checksums anew after a change.
+    let redo = |change: &dyn Fn(&Path)| {
+        let copy = tempfile::tempdir().unwrap();
+        let to = copy.path().join("fort");
+        for path in files(&object) {
+            let target = to.join(path.strip_prefix(&object).unwrap());
+            fs::create_dir_all(target.parent().unwrap()).unwrap();
+            fs::copy(path, target).unwrap();
+        }
+        change(&to);
+        let mut list = kilwa_server::object::Checksums::default();
+        for path in files(&to.join("v1")).iter().filter(|p| !p.ends_with("checksums.sha256")) {
+            list.add(text(path.strip_prefix(to.join("v1")).unwrap()), sha256(&fs::read(path).unwrap()));
+        }
+        let mut manifest = Manifest::parse(&fs::read(to.join("manifest.json")).unwrap()).unwrap();
+        fs::write(to.join("v1/checksums.sha256"), list.to_text()).unwrap();
+        let entry = &mut manifest.versions[0].checksums;
+        (entry.bytes, entry.sha256) = (list.to_text().len() as u64, sha256(list.to_text().as_bytes()));
+        let page = fs::read(to.join("index.html")).unwrap();
+        (manifest.page.bytes, manifest.page.sha256) = (page.len() as u64, sha256(&page));
+        fs::write(to.join("manifest.json"), manifest.to_bytes().unwrap()).unwrap();
+        let output = kilwa(&["verify", text(&to), "--json"]);
+        problems(&serde_json::from_slice(&output.stdout).unwrap())
+    };
+    assert_eq!(redo(&|_| {}), BTreeSet::new());
+    let one = |file: &str, kind: &str| BTreeSet::from([(file.to_owned(), kind.to_owned())]);
+    let without = redo(&|o| fs::remove_file(o.join("v1/metadata/edm.xml")).unwrap());
+    assert!(without.is_superset(&one("v1/metadata/edm.xml", "incomplete")), "{without:?}");
+    assert!(without.contains(&("v1/linkset.json".to_owned(), "link".to_owned())), "{without:?}");
+    let title = redo(&|o| {
+        let path = o.join("v1/metadata/metadata.json");
+        fs::write(&path, fs::read_to_string(&path).unwrap().replace("Gereza", "Other")).unwrap();
+    });
+    assert_eq!(title, one("v1/metadata/metadata.json", "incomplete"));
+    let page = redo(&|o| {
+        let path = o.join("index.html");
+        fs::write(&path, fs::read_to_string(&path).unwrap().replace("</body>", "<a href=\"gone.html\">x</a></body>"))
+            .unwrap();
+    });
+    assert_eq!(page, one("index.html", "link"));
+    let broken = redo(&|o| fs::write(o.join("v1/linkset.json"), "{").unwrap());
+    assert_eq!(broken, one("v1/linkset.json", "incomplete"));
+}
+
+#[test]
+fn a_folder_is_checked_unit_by_unit_and_a_night_goes_on_where_it_was_stopped() {
+    let shelf = tempfile::tempdir().unwrap();
+    let state = shelf.path().join("state");
+    for slug in ["a", "b", "c"] {
+        publish(shelf.path(), slug, 1);
+    }
+    fs::copy(pack(), shelf.path().join("single.kilwa")).unwrap();
+    fs::write(shelf.path().join("index.html"), "the list").unwrap();
+    let shelf_name = text(shelf.path()).to_owned();
+    let run = |more: &[&str], code| report(&[&[shelf_name.as_str(), "--state", text(&state)], more].concat(), code);
+    assert_eq!(run(&[], 0)["objects"], 4);
+    let poster = shelf.path().join("b/v1/poster.jpg");
+    fs::write(&poster, "other").unwrap();
+    let found = run(&[], 1);
+    assert_eq!((&found["objects"], &found["sound_objects"]), (&4.into(), &3.into()));
+    assert_eq!(problems(&found), BTreeSet::from([("b/v1/poster.jpg".to_owned(), "damaged".to_owned())]));
+    // Only what had a problem is due.
+    let found = run(&["--older-than", "7"], 1);
+    assert_eq!((&found["objects"], &found["skipped"]), (&1.into(), &3.into()));
+    fs::write(&poster, "poster.jpg").unwrap();
+    assert_eq!(run(&["--older-than", "7"], 0)["objects"], 1);
+    // A new version is looked at, however lately the object was.
+    publish(shelf.path(), "a", 2);
+    assert_eq!(run(&["--older-than", "7"], 0)["objects"], 1);
+    // Stopped in the middle of b: a and half of b are not read again.
+    run(&[], 0);
+    let lines = fs::read_to_string(&state).unwrap();
+    let stop = lines.lines().position(|l| l.contains("b/v1/linkset.json")).unwrap();
+    let kept: Vec<&str> = lines.lines().take(stop + 1).collect();
+    fs::write(&state, kept.join("\n")).unwrap();
+    let read = run(&["--resume"], 0);
+    assert_eq!((&read["objects"], &read["skipped"]), (&3.into(), &1.into()));
+    let whole = run(&[], 0);
+    assert!(read["bytes"].as_u64().unwrap() < whole["bytes"].as_u64().unwrap());
+    // A version that was there and is gone, or another one under its number.
+    fs::remove_dir_all(shelf.path().join("a")).unwrap();
+    publish(shelf.path(), "a", 1);
+    let found = problems(&run(&[], 1));
+    assert_eq!(found, BTreeSet::from([("a/v2".to_owned(), "history".to_owned())]));
+    let said = fails(&["verify", &shelf_name]);
+    assert!(said.is_empty() || said.contains("problem"), "{said}");
+}
+
+#[test]
+fn a_bag_is_checked_by_its_lists_and_by_its_object() {
+    let shelf = tempfile::tempdir().unwrap();
+    publish(shelf.path(), "fort", 1);
+    let info = kilwa_server::object::bag::BagInfo {
+        organization: None,
+        identifier: "x".to_owned(),
+        description: "x".to_owned(),
+        date: "2026-11-21".to_owned(),
+        tool: "kilwa".to_owned(),
+    };
+    let bag = kilwa_server::object::bag::wrap(shelf.path(), &Slug::new("fort").unwrap(), &info, &|_| Ok(())).unwrap();
+    assert_eq!(report(&[text(&bag)], 0)["sound"], true);
+    for name in ["bag-info.txt", "bagit.txt", "manifest-sha256.txt", "data/manifest.json"] {
+        let path = bag.join(name);
+        let good = fs::read(&path).unwrap();
+        fs::remove_file(&path).unwrap(); // Linked files are those of the object.
+        let mut bytes = good.clone();
+        bytes[2] ^= 1;
+        fs::write(&path, bytes).unwrap();
+        let found = problems(&report(&[text(&bag)], 1));
+        assert!(found.iter().any(|(file, _)| file == name), "{name}: {found:?}");
+        fs::write(&path, good).unwrap();
+    }
+    fs::write(bag.join("data/extra"), "").unwrap();
+    assert!(problems(&report(&[text(&bag)], 1)).contains(&("data/extra".to_owned(), "extra".to_owned())));
+}
+
+/// A server of a folder that misbehaves as it is told: how many requests came, and its address.
+fn server(folder: &Path, behave: fn(usize, &str) -> Behaviour) -> (Arc<AtomicUsize>, String) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = format!("http://{}/", listener.local_addr().unwrap());
+    let count = Arc::new(AtomicUsize::new(0));
+    let (folder, counter) = (folder.to_owned(), Arc::clone(&count));
+    std::thread::spawn(move || {
+        for stream in listener.incoming().flatten() {
+            let number = counter.fetch_add(1, Ordering::SeqCst);
+            drop(answer(stream, &folder, number, behave));
+        }
+    });
+    (count, address)
+}
+
+#[derive(PartialEq)]
+enum Behaviour {
+    Good,
+    IgnoresRange,
+    Fails,
+    BreaksOff,
+    Redirects,
+}
+
+fn answer(
+    mut stream: TcpStream,
+    folder: &Path,
+    number: usize,
+    behave: fn(usize, &str) -> Behaviour,
+) -> std::io::Result<()> {
+    let mut request = Vec::new();
+    let mut byte = [0];
+    while !request.ends_with(b"\r\n\r\n") && stream.read(&mut byte)? == 1 {
+        request.push(byte[0]);
+    }
+    let request = String::from_utf8_lossy(&request).into_owned();
+    let path = request.split(' ').nth(1).unwrap_or("/").trim_start_matches('/').to_owned();
+    let behaviour = behave(number, &path);
+    let head = |status: &str, more: &str, n: usize| {
+        format!("HTTP/1.1 {status}\r\nConnection: close\r\nContent-Length: {n}\r\n{more}\r\n")
+    };
+    let file = if path.is_empty() { folder.join("index.html") } else { folder.join(&path) };
+    let Ok(body) = fs::read(file) else { return stream.write_all(head("404 Not Found", "", 0).as_bytes()) };
+    let range = request.lines().find_map(|l| l.to_ascii_lowercase().strip_prefix("range: bytes=").map(str::to_owned));
+    let range =
+        range.and_then(|r| r.split_once('-').map(|(a, b)| (a.parse::<usize>().unwrap(), b.parse::<usize>().unwrap())));
+    match (behaviour, range) {
+        (Behaviour::Fails, _) => stream.write_all(head("503 Service Unavailable", "", 0).as_bytes()),
+        (Behaviour::Redirects, _) => {
+            stream.write_all(head("302 Found", &format!("Location: /{path}\r\n"), 0).as_bytes())
+        }
+        (Behaviour::IgnoresRange, _) | (_, None) => {
+            stream.write_all(head("200 OK", "", body.len()).as_bytes())?;
+            stream.write_all(&body)
+        }
+        (behaviour, Some((from, to))) => {
+            let part = &body[from.min(body.len())..(to + 1).min(body.len())];
+            let more = format!("Content-Range: bytes {from}-{}/{}\r\n", from + part.len() - 1, body.len());
+            stream.write_all(head("206 Partial Content", &more, part.len()).as_bytes())?;
+            stream.write_all(if behaviour == Behaviour::BreaksOff { &part[..part.len() / 2] } else { part })
+        }
+    }
+}
+
+#[test]
+fn an_address_is_checked_as_a_folder_is() {
+    let shelf = tempfile::tempdir().unwrap();
+    let object = publish(shelf.path(), "fort", 1);
+    publish(shelf.path(), "mosque", 1);
+    fs::write(
+        shelf.path().join("index.html"),
+        "<a href=\"fort/\">f</a><a href=\"mosque/index.html\">m</a><a href=\"about\">x</a>",
+    )
+    .unwrap();
+    let (_, good) = server(shelf.path(), |_, _| Behaviour::Good);
+    let (_, plain) = server(shelf.path(), |_, _| Behaviour::IgnoresRange);
+    let (_, poor) = server(shelf.path(), |n, _| match n % 7 {
+        2 => Behaviour::Fails,
+        5 => Behaviour::BreaksOff,
+        _ => Behaviour::Good,
+    });
+    let here = report(&[text(&object)], 0);
+    for address in [&good, &plain] {
+        let there = report(&[&format!("{address}fort/")], 0);
+        assert_eq!((&there["files"], &there["bytes"]), (&here["files"], &here["bytes"]), "{address}");
+        assert_eq!(report(&[address], 0)["objects"], 2, "{address}");
+    }
+    assert_eq!(report(&[&format!("{poor}fort/manifest.json")], 0)["sound"], true);
+    let manifest = Manifest::parse(&fs::read(object.join("manifest.json")).unwrap()).unwrap();
+    let url = &manifest.versions[0].pack.url;
+    assert!(succeeds(&["verify", &format!("{good}fort/{url}")]).contains("sound"));
+    // Damage is found from afar.
+    let path = object.join(url);
+    let mut bytes = fs::read(&path).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&path, bytes).unwrap();
+    fs::remove_file(object.join("v1/README.txt")).unwrap();
+    for address in [&good, &plain] {
+        let found = problems(&report(&[&format!("{address}fort")], 1));
+        let expected = [(url.clone(), "damaged".to_owned()), ("v1/README.txt".to_owned(), "missing".to_owned())];
+        assert_eq!(found, expected.into(), "{address}");
+    }
+}
+
+#[test]
+fn an_address_that_cannot_be_asked_is_refused_with_the_reason() {
+    let shelf = tempfile::tempdir().unwrap();
+    publish(shelf.path(), "fort", 1);
+    let (count, circle) = server(shelf.path(), |_, _| Behaviour::Redirects);
+    assert!(fails(&["verify", &format!("{circle}fort/")]).contains("redirect"));
+    assert!(count.load(Ordering::SeqCst) < 10, "redirects are bounded");
+    let (_, good) = server(shelf.path(), |_, _| Behaviour::Good);
+    assert!(fails(&["verify", &format!("{good}nothing/")]).contains("no object"));
+    let empty = tempfile::tempdir().unwrap();
+    assert!(fails(&["verify", text(empty.path())]).contains("no archive object"));
+    assert_eq!(kilwa(&["verify", text(empty.path()), "--resume"]).status.code(), Some(2));
+    assert_eq!(kilwa(&["verify", text(empty.path()), "--state", "x", "--older-than", "0"]).status.code(), Some(2));
+}
