@@ -76,8 +76,14 @@ fn publish(shelf: &Path, slug: &str, number: u32) -> PathBuf {
     for (path, content) in records(&p) {
         draft.write(path, &content).unwrap();
     }
-    let others =
-        [layout::POSTER, "viewer/boot.js", "viewer/plain.css", "viewer/plain.js", "poster-600.jpg", "poster-300.jpg"];
+    let others = [
+        layout::POSTER,
+        "viewer/boot.js",
+        "viewer/plain/plain.css",
+        "viewer/plain/plain.js",
+        "poster-600.jpg",
+        "poster-300.jpg",
+    ];
     for path in others {
         draft.write(path, path.as_bytes()).unwrap();
     }
@@ -299,8 +305,8 @@ fn a_folder_is_checked_unit_by_unit_and_a_night_goes_on_where_it_was_stopped() {
     publish(shelf.path(), "a", 1);
     let found = problems(&run(&[], 1));
     assert_eq!(found, BTreeSet::from([("a/v2".to_owned(), "history".to_owned())]));
-    let said = fails(&["verify", &shelf_name]);
-    assert!(said.is_empty() || said.contains("problem"), "{said}");
+    // Without a memory nothing tells of it.
+    succeeds(&["verify", &shelf_name]);
 }
 
 #[test]

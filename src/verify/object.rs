@@ -18,7 +18,7 @@ use kilwa_server::object::layout::{
 };
 use kilwa_server::object::manifest::{FileEntry, MANIFEST_MAX, Seal, seal_of};
 use kilwa_server::object::{AccessState, Manifest, Metadata, Version};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 /// Longest list of checksums, landing page or record that is read into memory.
 const LIST_MAX: u64 = 64 << 20;
@@ -248,10 +248,10 @@ impl Check<'_> {
     }
 
     /// Versions are only added: those of the last check are there and the same.
-    fn history(&mut self, known: &Unit, now: &BTreeMap<u32, String>) {
+    fn history(&mut self, known: &Unit, now: &[(u32, String)]) {
         for (version, sum) in &known.versions {
             let at = format!("v{version}");
-            match now.get(version) {
+            match now.iter().find(|(number, _)| number == version).map(|(_, sum)| sum) {
                 None => self.add(
                     &at,
                     Kind::History,

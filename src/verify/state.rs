@@ -33,9 +33,9 @@ pub(crate) struct Unit {
     /// SHA-256 of its manifest, of an object.
     #[serde(default)]
     pub(crate) manifest: String,
-    /// SHA-256 of the list of checksums of each version: these never change.
+    /// Number of each version, and the SHA-256 of its list of checksums: these never change.
     #[serde(default)]
-    pub(crate) versions: BTreeMap<u32, String>,
+    pub(crate) versions: Vec<(u32, String)>,
 }
 
 /// What is remembered; in memory only without a file.
@@ -211,7 +211,7 @@ mod tests {
     use super::*;
 
     fn unit(name: &str, at: u64, problems: u64) -> Unit {
-        Unit { unit: name.to_owned(), at, problems, manifest: "m".to_owned(), versions: BTreeMap::new() }
+        Unit { unit: name.to_owned(), at, problems, manifest: "m".to_owned(), versions: vec![(1, "s".to_owned())] }
     }
 
     #[test]
@@ -233,7 +233,7 @@ mod tests {
         state.finish().unwrap();
         let state = State::open(&path, "here", true, None).unwrap();
         assert!(!state.is_done("a", "m") && !state.has("c/x", 5, "55"), "a run that was done is not gone on with");
-        assert!(state.unit("c").is_some());
+        assert_eq!(state.unit("c").unwrap().versions, [(1, "s".to_owned())]);
     }
 
     #[test]
