@@ -32,7 +32,7 @@ export class Panel {
     const toolButton = (tool) =>
       h("button", { type: "button", className: "tool", data: { tool: tool.id }, "aria-pressed": "false", onclick: () => this.#use(tool) }, icon(tool.id), h("span", { key: tool.key }));
     const often = TOOLS.filter((tool) => tool.often);
-    this.more = h("details", { className: "more-tools", ontoggle: () => this.showTools() },
+    this.more = h("details", { className: "more-tools" },
       h("summary", {}, icon("more"), h("span", { key: "measureMore" }), (this.inUse = h("strong"))),
       ...GROUPS.map(([key, ids]) => h("section", {}, h("h3", { key }), h("div", { className: "tools" }, ...ids.map((id) => toolButton(toolOf(id)))))),
     );
@@ -64,13 +64,14 @@ export class Panel {
     this.clear = h("button", { type: "button", className: "button outlined", key: "measureDeleteAll", onclick: () => measure.removeAll() });
     $("measure").replaceChildren(
       h("div", { className: "tools often" }, ...often.map(toolButton)), this.more,
-      h("label", { className: "field" }, h("span", { key: "contoursEvery" }), this.every), this.planeRow, this.heightRow,
+      this.planeRow, this.heightRow,
       h("label", { className: "field" }, h("span", { key: "measureSnap" }), this.snap), h("label", { className: "field" }, h("span", { key: "measureUnit" }), this.unit),
       h("h2", { key: "measurements" }), this.none, this.table, this.long,
       h("p", { className: "actions" }, this.undo, this.redo, this.clear),
       h("p", { className: "actions" }, this.format, this.save, h("label", { className: "button outlined", for: "measure-import" }, h("span", { key: "importFile" })), file),
     );
-    this.everyRow = this.every.parentElement;
+    // Beside the tool that it is for.
+    this.more.lastElementChild.append(h("label", { className: "field" }, h("span", { key: "contoursEvery" }), this.every));
     this.showTools();
     this.show();
   }
@@ -102,7 +103,6 @@ export class Panel {
     const isIn = (id) => Boolean(draft) && kind.id === id;
     this.planeRow.hidden = !(isIn("cut-fill") || isIn("deviation"));
     this.heightRow.hidden = this.planeRow.hidden || this.planeBy.value !== "height";
-    this.everyRow.hidden = !this.more.open && !this.everyUsed;
   }
 
   /** What cut and fill and deviation count from. */
@@ -112,7 +112,6 @@ export class Panel {
   }
 
   interval() {
-    this.everyUsed = true;
     return Number(this.every.value);
   }
 
