@@ -16,7 +16,12 @@ async function strings(language) {
 async function sources() {
   const names = (await readdir(WWW)).filter((n) => n.endsWith(".js") || n === "index.html");
   names.push(...(await readdir(path.join(WWW, "measure"))).filter((n) => n.endsWith(".js")).map((n) => `measure/${n}`));
-  return (await Promise.all(names.map((n) => readFile(path.join(WWW, n), "utf8")))).join("\n");
+  const own = await Promise.all(names.map((n) => readFile(path.join(WWW, n), "utf8")));
+  // The server writes some elements itself; they name their strings in the same way.
+  const server = path.join(WWW, "../server/src");
+  const written = (await readdir(server, { recursive: true })).filter((n) => n.endsWith(".rs"));
+  const rust = await Promise.all(written.map((n) => readFile(path.join(server, n), "utf8")));
+  return [...own, ...rust.filter((text) => text.includes("data-text")).map((text) => text.replaceAll('\\"', '"'))].join("\n");
 }
 
 test("all languages have the same keys, none of them empty, with the same places to fill in", async () => {
