@@ -1,8 +1,8 @@
 //! `cargo xtask demo`: from sources to a fort in the browser. Builds the page and the program, makes a synthetic fort, builds
-//! and verifies its pack, serves it on this machine and prints the address.
+//! and verifies its pack, publishes it as an archive object, serves that on this machine and prints the address.
 //!
-//! Output: the folder `demo/` (ignored by git). The pack of an earlier run is kept while program and size are the same.
-//! `--check` fetches the page and the head of the pack once over HTTP, then ends; CI uses it with a small fort.
+//! Output: the folder `demo/` (ignored by git), with the objects in `demo/site`. What an earlier run made is kept while program and size are
+//! the same. `--check` fetches the page and the head of the pack once over HTTP, then ends; CI uses it with a small fort.
 
 use crate::process::{command, compile_kilwa, root, run as run_command};
 use crate::{http, web};
@@ -38,6 +38,8 @@ const START_WITHIN: Duration = Duration::from_secs(30);
 const PORTS: u16 = 20;
 /// First request of a viewer (FORMAT section 2: header, directory page 0 and the coarsest chunks lie in it).
 const HEAD_BYTES: u64 = 128 << 10;
+/// Metadata of the fort.
+const METADATA: &str = include_str!("demo.toml");
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let mut times = Vec::new();
@@ -46,11 +48,12 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let folder = root()?.join("demo");
     let pack = make_pack(&mut times, &kilwa, &folder, args.triangles)?;
     timed(&mut times, "verify", || run_kilwa(&kilwa, &["verify"], &[&pack]))?;
+    let site = timed(&mut times, "publish", || publish(&kilwa, &folder, &pack))?;
 
     let address = free_address(args.port)?;
     let served = Instant::now();
-    let mut server = Server::start(&kilwa, &folder, address)?;
-    check(address, &pack)?;
+    let mut server = Server::start(&kilwa, &site, address)?;
+    check(address, &site, &pack)?;
     times.push(("serve", served.elapsed()));
 
     println!("\nseconds  step");
@@ -61,7 +64,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         println!("\nThe page and the head of the pack came over HTTP from http://{address}/");
         return Ok(());
     }
-    println!("\nThe fort is at  http://{address}/m/fort  (Ctrl-C ends)");
+    println!("\nThe fort is at  http://{address}/fort/  (Ctrl-C ends)");
     server.wait()
 }
 
@@ -73,9 +76,10 @@ pub(crate) fn check_small(kilwa: &Path, triangles: u64) -> Result<()> {
     let folder = root()?.join("target/demo-check");
     let pack = make_pack(&mut Vec::new(), kilwa, &folder, triangles)?;
     run_kilwa(kilwa, &["verify"], &[&pack])?;
+    let site = publish(kilwa, &folder, &pack)?;
     let address = free_address(8080)?;
-    let server = Server::start(kilwa, &folder, address)?;
-    check(address, &pack)?;
+    let server = Server::start(kilwa, &site, address)?;
+    check(address, &site, &pack)?;
     drop(server);
     fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))
 }
@@ -99,6 +103,7 @@ fn make_pack(
     for file in [&stamp, &mesh, &pack] {
         remove(file)?;
     }
+    remove_all(&folder.join("site"))?;
     let count = triangles.to_string();
     timed(times, "synth", || run_kilwa(kilwa, &["synth", "fort", "--triangles", &count, "-o"], &[&mesh]))?;
     timed(times, "build", || run_kilwa(kilwa, &["build", "-o"], &[&pack, &mesh]))?;
@@ -108,10 +113,32 @@ fn make_pack(
     Ok(pack)
 }
 
+/// The archive object of the pack, in the folder that is served; kept where it is complete.
+fn publish(kilwa: &Path, folder: &Path, pack: &Path) -> Result<PathBuf> {
+    let (site, metadata) = (folder.join("site"), folder.join("fort.toml"));
+    // Replaced last when a version is published: without it there is no object.
+    if site.join("fort/manifest.json").is_file() {
+        println!("demo: {} of the last run is kept", site.join("fort").display());
+        return Ok(site);
+    }
+    fs::write(&metadata, METADATA).with_context(|| format!("cannot write {}", metadata.display()))?;
+    run_kilwa(kilwa, &["publish"], &[pack, "--to".as_ref(), &site, "--metadata".as_ref(), &metadata])?;
+    Ok(site)
+}
+
 fn remove(file: &Path) -> Result<()> {
-    match fs::remove_file(file) {
+    gone(fs::remove_file(file), file)
+}
+
+fn remove_all(folder: &Path) -> Result<()> {
+    gone(fs::remove_dir_all(folder), folder)
+}
+
+/// What was not there is gone too.
+fn gone(removed: std::io::Result<()>, what: &Path) -> Result<()> {
+    match removed {
         Err(error) if error.kind() != ErrorKind::NotFound => {
-            Err(error).with_context(|| format!("cannot remove {}", file.display()))
+            Err(error).with_context(|| format!("cannot remove {}", what.display()))
         }
         _ => Ok(()),
     }
@@ -146,17 +173,17 @@ fn free_address(port: u16) -> Result<SocketAddr> {
     bail!("ports {port} to {} are all taken; choose another with --port", port.saturating_add(PORTS))
 }
 
-/// What a visitor's browser asks for first: the list, the model's page, its code, and the head of the pack by range.
-fn check(address: SocketAddr, pack: &Path) -> Result<()> {
-    for (path, expected) in [("/", &b"<html"[..]), ("/m/fort", b"<canvas"), ("/viewer/viewer_bg.wasm", b"\0asm")] {
+/// What a visitor's browser asks for first: the list, the object's page, its code, and the head of the pack by range.
+fn check(address: SocketAddr, site: &Path, pack: &Path) -> Result<()> {
+    for (path, expected) in [("/", &b"<html"[..]), ("/fort/", b"<canvas"), ("/viewer/viewer_bg.wasm", b"\0asm")] {
         let answer = http::get(address, path, None, 16 << 20)?;
         if answer.status != 200 || !answer.body.windows(expected.len()).any(|window| window == expected) {
             let expected = String::from_utf8_lossy(expected);
             bail!("http://{address}{path}: status {}, {} bytes without {expected:?}", answer.status, answer.body.len());
         }
     }
-    let path = "/packs/fort.kilwa";
-    let head = http::get(address, path, Some((0, HEAD_BYTES - 1)), 1 << 20)?;
+    let path = format!("/fort/v1/{}", published_pack(&site.join("fort/v1"))?);
+    let head = http::get(address, &path, Some((0, HEAD_BYTES - 1)), 1 << 20)?;
     let on_disk = fs::read(pack).with_context(|| format!("cannot read {}", pack.display()))?;
     let expected = &on_disk[..on_disk.len().min(usize::try_from(HEAD_BYTES)?)];
     if head.status != 206 || head.body != expected {
@@ -168,6 +195,14 @@ fn check(address: SocketAddr, pack: &Path) -> Result<()> {
         );
     }
     Ok(())
+}
+
+/// The name of the pack in a version's folder.
+fn published_pack(version: &Path) -> Result<String> {
+    let names = fs::read_dir(version).with_context(|| format!("cannot list {}", version.display()))?;
+    let mut names = names.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    let pack = names.find(|name| Path::new(name).extension().is_some_and(|e| e == "kilwa"));
+    pack.with_context(|| format!("{} has no pack", version.display()))
 }
 
 /// `kilwa serve` as a child that never outlives this task.
