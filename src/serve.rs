@@ -1,6 +1,7 @@
 //! `kilwa serve`.
 
 use anyhow::Context;
+use kilwa_server::index::Index;
 use kilwa_server::{Audience, Catalogue, Limits, Page, Policy, Site, app, listen};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -25,6 +26,8 @@ pub(crate) struct Args {
     #[command(flatten)]
     pages: PageArgs,
     #[command(flatten)]
+    catalogue: CatalogueArgs,
+    #[command(flatten)]
     limits: LimitArgs,
     #[command(flatten)]
     reports: ReportArgs,
@@ -42,6 +45,20 @@ struct PageArgs {
     /// Other hosts that the viewer may fetch packs from.
     #[arg(long, value_name = "ORIGIN", num_args = 1.., value_delimiter = ' ')]
     pack_origins: Vec<String>,
+}
+
+#[derive(clap::Args)]
+#[command(next_help_heading = "Catalogue")]
+struct CatalogueArgs {
+    /// Where to keep the index of the catalogue, which is made from the folder and can be deleted at any time (default: in memory).
+    #[arg(long, value_name = "FILE")]
+    index: Option<PathBuf>,
+    /// Address of the site for the world, such as https://museum.example (default: as each request names it).
+    #[arg(long, value_name = "URL")]
+    url: Option<String>,
+    /// Address for mail about harvesting (default: webmaster at the site).
+    #[arg(long, value_name = "ADDRESS")]
+    contact: Option<String>,
 }
 
 #[derive(clap::Args)]
@@ -108,6 +125,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let policy = Policy::new(&p.frame_ancestors, &p.origins, &p.pack_origins)?;
     let page = Page::load(args.www.as_deref())?;
     let mut site = Site::new(Catalogue::open(&args.path)?, page).with_policy(policy);
+    site.index = index(&site, args.catalogue.index.as_deref())?;
+    site.url = args.catalogue.url.as_deref().map(site_url).transpose()?;
+    site.contact.clone_from(&args.catalogue.contact);
     site.behind_proxy = args.reports.behind_proxy;
     site.metrics_for = match args.reports.metrics {
         MetricsFor::Local => Audience::Local,
@@ -121,6 +141,28 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     // A file that is being read for its hash is no reason to stay.
     runtime.shutdown_timeout(Duration::from_millis(200));
     served
+}
+
+/// The index of the folder, brought up to it.
+fn index(site: &Site, file: Option<&std::path::Path>) -> anyhow::Result<Option<Arc<Index>>> {
+    let Some(folder) = site.catalogue.folder() else { return Ok(None) };
+    let index = Index::open(folder, file)?;
+    if let Err(e) = index.refresh() {
+        tracing::warn!("the catalogue cannot be searched: {e}");
+    }
+    Ok(Some(Arc::new(index)))
+}
+
+/// An address that others can be told.
+fn site_url(url: &str) -> anyhow::Result<String> {
+    let rest = url.strip_prefix("https://").or_else(|| url.strip_prefix("http://"));
+    let is_plain =
+        |rest: &str| !rest.is_empty() && rest.bytes().all(|b| b.is_ascii_alphanumeric() || b"-._~:/[]".contains(&b));
+    anyhow::ensure!(
+        rest.is_some_and(is_plain),
+        "--url {url} is no address of a site; give it like https://museum.example"
+    );
+    Ok(url.trim_end_matches('/').to_owned())
 }
 
 async fn serve(address: SocketAddr, site: Site, limits: Limits) -> anyhow::Result<()> {

@@ -5,7 +5,7 @@
 //! What cannot be read stays in the list with the reason, so that nothing vanishes silently.
 
 use crate::access::{Clock, Verdict, verdict};
-use crate::holding::Holding;
+use crate::holding::{Holding, Tables};
 use crate::object::layout::{MANIFEST, RESERVED};
 use crate::object::manifest::{Access, AccessState};
 use kilwa_pack::{HEADER_BYTES, Header, Metadata};
@@ -45,10 +45,16 @@ pub enum CatalogueError {
 /// What the list and the landing page show of a pack.
 #[derive(Debug, Clone)]
 pub struct Summary {
-    /// The header.
-    pub header: Header,
-    /// The metadata block.
-    pub metadata: Metadata,
+    /// Its title, empty where it has none.
+    pub title: String,
+    /// Triangles of the finest level.
+    pub triangles: u64,
+    /// Smallest and largest corner, metres.
+    pub bounds: [[f64; 3]; 2],
+    /// Median edge of the finest level, metres.
+    pub spacing: f64,
+    /// Reference system; without it, local.
+    pub crs: Option<String>,
 }
 
 /// Which version of a file was looked at; a change means reading it again.
@@ -126,7 +132,7 @@ impl Model {
     pub fn title(&self) -> &str {
         match (&self.kind, &self.summary) {
             (Kind::Object(object), _) if !object.title.is_empty() => &object.title,
-            (_, Ok(s)) if !s.metadata.title.trim().is_empty() => &s.metadata.title,
+            (_, Ok(s)) if !s.title.trim().is_empty() => &s.title,
             _ => &self.file_name,
         }
     }
@@ -193,6 +199,7 @@ pub struct Catalogue {
     single: bool,
     models: RwLock<BTreeMap<String, Arc<Model>>>,
     listed: Mutex<Listed>,
+    tables: Arc<Tables>,
 }
 
 /// When the folder was last listed, and how long that took.
@@ -216,7 +223,7 @@ impl Catalogue {
         let root = path.canonicalize().map_err(unreadable)?;
         let single = is_file || root.join(MANIFEST).is_file();
         let listed = Mutex::new(Listed { at: Instant::now(), took: Duration::ZERO });
-        let catalogue = Self { root, single, models: RwLock::default(), listed };
+        let catalogue = Self { root, single, models: RwLock::default(), listed, tables: Arc::default() };
         catalogue.list().map_err(unreadable)?;
         Ok(catalogue)
     }
@@ -225,6 +232,11 @@ impl Catalogue {
     pub fn models(&self) -> Vec<Arc<Model>> {
         self.relist();
         self.models.read().unwrap_or_else(PoisonError::into_inner).values().cloned().collect()
+    }
+
+    /// The folder, where it may hold many models.
+    pub fn folder(&self) -> Option<&Path> {
+        (!self.single).then_some(self.root.as_path())
     }
 
     /// How many models there were when the folder was last listed.
@@ -265,8 +277,8 @@ impl Catalogue {
         for path in objects {
             let Ok(metadata) = std::fs::metadata(path.join(MANIFEST)) else { continue };
             let slug = free_slug(&path, &models);
-            let model =
-                listed_before(&before, &slug, &path, &metadata).unwrap_or_else(|| object_of(&path, &slug, &metadata));
+            let model = listed_before(&before, &slug, &path, &metadata)
+                .unwrap_or_else(|| object_of(&path, &slug, &metadata, &self.tables));
             models.insert(slug, model);
         }
         for path in packs {
@@ -338,24 +350,36 @@ fn notes_of(pack: &Path) -> Option<PathBuf> {
     notes.is_file().then_some(notes)
 }
 
-fn object_of(path: &Path, slug: &str, metadata: &std::fs::Metadata) -> Arc<Model> {
-    let holding = Arc::new(Holding::new(path.to_owned()));
+/// From its manifest alone: a folder of ten thousand objects is listed without looking into each.
+fn object_of(path: &Path, slug: &str, metadata: &std::fs::Metadata, tables: &Arc<Tables>) -> Arc<Model> {
+    let holding = Holding::new(path.to_owned(), Arc::clone(tables));
     let mut object = Object { holding, title: String::new(), rights: None, access: None, pack: None };
     let (mut bytes, mut summary) = (0, Err("it was withdrawn".to_owned()));
-    match object.holding.table() {
+    match object.holding.manifest() {
         Err(e) => summary = Err(format!("cannot be read as an archive object: {e}; run kilwa verify on it")),
-        Ok(table) => {
-            let manifest = &table.manifest;
-            object.title.clone_from(&manifest.title);
+        Ok(manifest) => {
             object.rights = Some(manifest.rights.short.clone());
             object.access = Some(manifest.access.clone());
             if let Some(version) = manifest.current().filter(|_| object.withdrawn().is_none()) {
-                let (name, entry) = (&version.pack.url, table.get(&version.pack.url));
-                let missing = || format!("{name}, which its manifest names, is not there; run kilwa verify on it");
-                summary = entry.ok_or_else(missing).and_then(|entry| summarise(entry.path()));
+                let name = &version.pack.url;
+                // The name comes from a manifest, whose reader lets through no path that leaves the object.
+                let length = std::fs::metadata(path.join(name)).map(|m| m.len()).ok();
+                if length == Some(version.pack.bytes) {
+                    object.pack = Some(name.clone());
+                    summary = Ok(Summary {
+                        title: manifest.title.clone(),
+                        triangles: version.figures.triangles,
+                        bounds: version.figures.bounds,
+                        spacing: version.figures.spacing,
+                        crs: version.figures.crs.clone(),
+                    });
+                } else {
+                    let what = if length.is_some() { "has another length" } else { "is not there" };
+                    summary = Err(format!("{name}, which its manifest names, {what}; run kilwa verify on it"));
+                }
                 bytes = version.pack.bytes;
-                object.pack = entry.map(|_| name.clone());
             }
+            object.title = manifest.title;
         }
     }
     Arc::new(Model {
@@ -401,7 +425,13 @@ fn summarise(path: &Path) -> Result<Summary, String> {
     let (offset, length) = header.metadata;
     let bytes = read(&mut file, offset, length as usize).map_err(|e| format!("cannot read the metadata: {e}"))?;
     let metadata = Metadata::parse(&bytes, &header).map_err(|e| e.to_string())?;
-    Ok(Summary { header, metadata })
+    Ok(Summary {
+        title: metadata.title,
+        triangles: header.triangles,
+        bounds: [metadata.bounds_min, metadata.bounds_max],
+        spacing: metadata.median_edge,
+        crs: metadata.crs,
+    })
 }
 
 /// The file's stem in lower-case letters, digits and single hyphens, with a number where that is taken.

@@ -11,11 +11,11 @@ use crate::object::checksums::{sha256, sha256_of};
 use crate::object::layout::{CHECKSUMS, MANIFEST, version_of};
 use crate::object::manifest::Version;
 use crate::object::{Checksums, Manifest};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 /// Files of the root, which are read whole for each request, are at most this long.
@@ -27,6 +27,8 @@ const CHECKED: u64 = 64 << 20;
 const DEPTH: usize = 6;
 /// A version with more files than this is no work of `kilwa publish`; further ones are left out, and that is logged.
 const MOST_FILES: usize = 20_000;
+/// Tables of so many objects are held.
+const HELD: usize = 256;
 /// The table is compared with the folder at most this often.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
@@ -91,16 +93,37 @@ impl Table {
     }
 }
 
+/// Tables that are held: the most recent ones, so that an archive of any size costs no more memory than a few hundred objects.
+#[derive(Debug, Default)]
+pub(crate) struct Tables {
+    recent: Mutex<VecDeque<Weak<Holding>>>,
+}
+
+impl Tables {
+    /// One more; those that are too many are forgotten.
+    fn keep(&self, holding: &Arc<Holding>) {
+        let mut recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
+        recent.push_back(Arc::downgrade(holding));
+        let surplus = recent.len().saturating_sub(HELD);
+        let old: Vec<_> = recent.drain(..surplus).collect();
+        drop(recent);
+        for holding in old.iter().filter_map(Weak::upgrade) {
+            holding.forget();
+        }
+    }
+}
+
 /// One object's folder.
 #[derive(Debug)]
 pub(crate) struct Holding {
     folder: PathBuf,
     current: Mutex<Option<(Arc<Table>, Instant)>>,
+    tables: Arc<Tables>,
 }
 
 impl Holding {
-    pub(crate) fn new(folder: PathBuf) -> Self {
-        Self { folder, current: Mutex::new(None) }
+    pub(crate) fn new(folder: PathBuf, tables: Arc<Tables>) -> Arc<Self> {
+        Arc::new(Self { folder, current: Mutex::new(None), tables })
     }
 
     pub(crate) fn folder(&self) -> &Path {
@@ -112,11 +135,17 @@ impl Holding {
         *self.current.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
+    /// The manifest as it is now, without looking at anything else.
+    pub(crate) fn manifest(&self) -> io::Result<Manifest> {
+        let bytes = crate::objects::read_small(&self.folder.join(MANIFEST))?;
+        Manifest::parse(&bytes).map_err(io::Error::other)
+    }
+
     /// The table, made anew when the root of the folder is not what it was. Blocks on the file system.
     ///
     /// # Errors
     /// When there is no manifest that can be read.
-    pub(crate) fn table(&self) -> io::Result<Arc<Table>> {
+    pub(crate) fn table(self: &Arc<Self>) -> io::Result<Arc<Table>> {
         let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((table, looked)) = current.as_mut() {
             if looked.elapsed() < LOOK_AGAIN {
@@ -127,9 +156,14 @@ impl Holding {
                 return Ok(Arc::clone(table));
             }
         }
+        let is_new = current.is_none();
         *current = None;
         let table = Arc::new(self.read()?);
         *current = Some((Arc::clone(&table), Instant::now()));
+        drop(current);
+        if is_new {
+            self.tables.keep(self);
+        }
         Ok(table)
     }
 

@@ -20,7 +20,7 @@ pub(crate) fn list(models: &[Arc<Model>], clock: &Clock) -> String {
     let mut s = String::from(HEAD);
     s.push_str("<title>Models - Kilwa</title>\n</head>\n<body class=\"list\">\n");
     s.push_str("<header class=\"site\"><a class=\"brand\" href=\"/\"><img src=\"/viewer/icons/kilwa.svg\" alt=\"\" width=\"28\" height=\"28\"> Kilwa</a></header>\n<main>\n<h1>Models</h1>\n");
-    let triangles: u64 = models.iter().filter_map(|m| m.summary.as_ref().ok()).map(|x| x.header.triangles).sum();
+    let triangles: u64 = models.iter().filter_map(|m| m.summary.as_ref().ok()).map(|x| x.triangles).sum();
     let bytes: u64 = models.iter().map(|m| m.bytes).sum();
     if models.is_empty() {
         s.push_str(
@@ -43,6 +43,14 @@ pub(crate) fn list(models: &[Arc<Model>], clock: &Clock) -> String {
     }
     s.push_str("</main>\n</body>\n</html>\n");
     s
+}
+
+/// Cards of models, without the list around them.
+pub(crate) fn cards(models: &[Arc<Model>], clock: &Clock) -> String {
+    models.iter().fold(String::new(), |mut s, m| {
+        card(&mut s, m, clock);
+        s
+    })
 }
 
 fn card(s: &mut String, m: &Model, clock: &Clock) {
@@ -84,24 +92,23 @@ fn card(s: &mut String, m: &Model, clock: &Clock) {
 }
 
 fn facts(m: &Model, summary: &Summary) -> String {
-    let (h, d) = (&summary.header, &summary.metadata);
     let e = dimensions(summary);
     let mut s = String::from("<dl class=\"facts\">\n");
     let mut row = |name: &str, value: &str| {
         let _ = writeln!(s, "<div><dt>{name}</dt><dd>{value}</dd></div>");
     };
-    row("Triangles", &grouped(h.triangles));
+    row("Triangles", &grouped(summary.triangles));
     row("Extent", &size_in_space(e));
-    row("Finest spacing", &length(d.median_edge));
+    row("Finest spacing", &length(summary.spacing));
     row("File", &size(m.bytes));
-    row("Reference system", &d.crs.as_deref().map_or_else(|| "local".to_owned(), escape));
+    row("Reference system", &summary.crs.as_deref().map_or_else(|| "local".to_owned(), escape));
     row("Licence", &m.object().and_then(|o| o.rights.as_deref()).map_or_else(|| "not stated".to_owned(), escape));
     s.push_str("</dl>\n");
     s
 }
 
 fn dimensions(summary: &Summary) -> [f64; 3] {
-    let (a, b) = (summary.metadata.bounds_min, summary.metadata.bounds_max);
+    let [a, b] = summary.bounds;
     [0, 1, 2].map(|i: usize| (b[i] - a[i]).abs())
 }
 
@@ -158,13 +165,17 @@ pub(crate) fn model(page: &str, m: &Model, notes: bool) -> String {
         .replacen("<!--facts-->", &body, 1)
 }
 
-/// An object's own landing page, with the way back to the list and the policy's part of the head.
-pub(crate) fn landing(page: &str, head: &str) -> String {
-    page.replacen("<head>", &format!("<head>\n{head}"), usize::from(!head.is_empty())).replacen(
-        "data-list=\"\"",
-        "data-list=\"/\"",
-        1,
-    )
+/// An object's own landing page, with the way back to the list, the address of its published notes where there are any, and the policy's
+/// part of the head.
+pub(crate) fn landing(page: &str, head: &str, notes: Option<&str>) -> String {
+    let notes = notes.map(|address| format!("data-annotations=\"{}\" data-pack=", escape(address)));
+    let page = page.replacen("<head>", &format!("<head>\n{head}"), usize::from(!head.is_empty()));
+    let page = match notes {
+        Some(notes) if !page.contains("data-annotations=") => page.replacen("data-pack=", &notes, 1),
+        _ => page,
+    };
+    // Published without a list of its own; whatever it was published with, here this list is the one.
+    page.replacen("data-list=\"\"", "data-list=\"/\"", 1)
 }
 
 /// What is left of something that was withdrawn and has no tombstone of its own.
@@ -190,10 +201,10 @@ pub(crate) fn list_json(models: &[Arc<Model>]) -> Value {
         }
         match &m.summary {
             Ok(x) => {
-                v["triangles"] = json!(x.header.triangles);
-                v["bounds_min"] = json!(x.metadata.bounds_min);
-                v["bounds_max"] = json!(x.metadata.bounds_max);
-                v["crs"] = json!(x.metadata.crs);
+                v["triangles"] = json!(x.triangles);
+                v["bounds_min"] = json!(x.bounds[0]);
+                v["bounds_max"] = json!(x.bounds[1]);
+                v["crs"] = json!(x.crs);
             }
             Err(why) => v["error"] = json!(why),
         }

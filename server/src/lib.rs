@@ -23,6 +23,7 @@ mod observe;
 mod packs;
 mod page;
 mod policy;
+mod portal;
 mod range;
 mod site;
 mod socket;

@@ -49,14 +49,20 @@ pub(crate) async fn respond(
     response
 }
 
-/// The landing page of an object, or `None` where it has none, and its status: 410 for a tombstone.
-pub(crate) async fn landing(model: &Model, clock: &Clock) -> Result<(Option<String>, StatusCode), StatusCode> {
+/// The landing page of an object, or `None` where it has none; its status, 410 for a tombstone; and its table.
+pub(crate) async fn landing(
+    model: &Model,
+    clock: &Clock,
+) -> Result<(Option<String>, StatusCode, Arc<Table>), StatusCode> {
     let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
     let table = table(&object.holding).await?;
     let html = read_entry(&table, PAGE).await.map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
     Ok(match verdict(&table.manifest.access, clock) {
-        Verdict::Gone(why) => (Some(html.unwrap_or_else(|| html::gone(&table.manifest.title, &why))), StatusCode::GONE),
-        _ => (html, StatusCode::OK),
+        Verdict::Gone(why) => {
+            let html = html.unwrap_or_else(|| html::gone(&table.manifest.title, &why));
+            (Some(html), StatusCode::GONE, table)
+        }
+        _ => (html, StatusCode::OK, table),
     })
 }
 

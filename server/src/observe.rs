@@ -90,7 +90,10 @@ fn route(path: &str) -> &'static str {
         ("m", Some(_)) | (_, Some("")) => "page",
         ("packs", Some(_)) => "pack",
         ("viewer", Some(_)) => "viewer",
-        ("healthz" | "metrics" | "models.json", None) => "machine",
+        (
+            "healthz" | "metrics" | "models.json" | "oai" | "oembed" | "feed.xml" | "sitemap.xml" | "robots.txt",
+            None,
+        ) => "machine",
         (_, Some(_)) if has_end(path, ".kilwa") => "pack",
         (_, Some(_)) => "object",
         (_, None) => "other",

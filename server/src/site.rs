@@ -2,7 +2,8 @@
 //!
 //! | URL | what |
 //! |---|---|
-//! | `/` | the list of models, readable without JavaScript |
+//! | `/` | the catalogue ([`crate::portal`]), or the list of packs; readable without JavaScript |
+//! | `/oai`, `/oembed`, `/feed.xml`, `/sitemap.xml`, `/robots.txt` | the catalogue for other systems |
 //! | `/<slug>/` | landing page of an archive object; its files are below ([`crate::objects`]) |
 //! | `/m/<slug>` | a pack that lies in the folder: the viewer page, with its facts in the HTML |
 //! | `/packs/<slug>.kilwa` | the pack ([`crate::packs`]) |
@@ -14,20 +15,22 @@ use crate::access::Clock;
 use crate::catalogue::{Catalogue, Kind, Model};
 use crate::content::{share, text};
 use crate::html;
+use crate::index::Index;
 use crate::metrics::Metrics;
 use crate::objects;
 use crate::observe::{Observer, observe};
 use crate::packs::{self, blocking};
 use crate::page::{Asset, Page};
 use crate::policy::Policy;
+use crate::portal::{base, routes, signposting};
 use crate::range::lists;
 use crate::socket::Peer;
 use axum::Router;
 use axum::body::{Body, HttpBody as _};
-use axum::extract::{Path, Request, State};
+use axum::extract::{Path, RawQuery, Request, State};
 use axum::http::header::{
     ACCEPT_ENCODING, ACCESS_CONTROL_ALLOW_ORIGIN, ALLOW, CACHE_CONTROL, CONNECTION, CONTENT_ENCODING,
-    CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH, LOCATION, REFERRER_POLICY, VARY,
+    CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH, LINK, LOCATION, REFERRER_POLICY, VARY,
     X_CONTENT_TYPE_OPTIONS,
 };
 use axum::http::{Extensions, HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
@@ -71,6 +74,12 @@ pub struct Site {
     pub behind_proxy: bool,
     /// What embargoes go by.
     pub clock: Clock,
+    /// The index of the objects, for the catalogue.
+    pub index: Option<Arc<Index>>,
+    /// Where the site is for the world, `https://museum.example`; without it, as each request names it.
+    pub url: Option<String>,
+    /// Whom harvesters may write to.
+    pub contact: Option<String>,
 }
 
 impl Site {
@@ -85,6 +94,9 @@ impl Site {
             metrics_for: Audience::Local,
             behind_proxy: false,
             clock: Clock::default(),
+            index: None,
+            url: None,
+            contact: None,
         }
     }
 
@@ -108,6 +120,11 @@ pub fn app(site: Site) -> Router {
         .route("/packs/{file}", get(pack).options(preflight))
         .route("/viewer/", get(viewer))
         .route("/viewer/{*file}", get(asset).options(preflight))
+        .route("/oai", get(routes::harvest).post(routes::harvest))
+        .route("/oembed", get(routes::embed))
+        .route("/feed.xml", get(routes::feed))
+        .route("/sitemap.xml", get(routes::sitemap))
+        .route("/robots.txt", get(routes::robots))
         .route("/healthz", get(health))
         .route("/metrics", get(metrics))
         .route("/{slug}", get(towards))
@@ -140,7 +157,7 @@ async fn manners(State(policy): State<Option<HeaderValue>>, request: Request, ne
 }
 
 /// A page of HTML, gzipped where the client takes it: it is what stands between a slow line and the first picture.
-fn page(html: String, headers: &HeaderMap) -> Response {
+pub(crate) fn page(html: String, headers: &HeaderMap) -> Response {
     let accepted = text(headers, &ACCEPT_ENCODING).unwrap_or_default();
     let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
     let packed = if accepts("gzip", accepted) && encoder.write_all(html.as_bytes()).is_ok() {
@@ -158,9 +175,14 @@ fn page(html: String, headers: &HeaderMap) -> Response {
     }
 }
 
-async fn list(State(site): State<Site>, headers: HeaderMap) -> Response {
+async fn list(State(site): State<Site>, RawQuery(query): RawQuery, headers: HeaderMap) -> Response {
     match models(&site).await {
-        Ok(models) => page(html::list(&models, &site.clock), &headers),
+        Ok(models) => match &site.index {
+            Some(index) if models.iter().any(|m| m.object().is_some()) => {
+                routes::list(&site, index, query, &headers).await
+            }
+            _ => page(html::list(&models, &site.clock), &headers),
+        },
         Err(status) => status.into_response(),
     }
 }
@@ -215,18 +237,25 @@ async fn landing(State(site): State<Site>, Path(slug): Path<String>, headers: He
         Ok(model) => model,
         Err(status) => return or_lost(status),
     };
-    match objects::landing(&model, &site.clock).await {
-        Ok((html, status)) => {
-            let html = match html {
-                Some(html) => html::landing(&html, &site.policy.meta()),
-                None => html::model(site.page.html(), &model, has_notes(&model).await),
-            };
-            let mut response = page(html, &headers);
-            *response.status_mut() = status;
-            response
+    let (html, status, table) = match objects::landing(&model, &site.clock).await {
+        Ok(landing) => landing,
+        Err(status) => return or_lost(status),
+    };
+    let notes = table.get(objects::NOTES).map(|_| format!("/{slug}/{}", objects::NOTES));
+    let html = match html {
+        Some(html) => html::landing(&html, &site.policy.meta(), notes.as_deref()),
+        None => html::model(site.page.html(), &model, notes.is_some()),
+    };
+    let mut response = page(html, &headers);
+    *response.status_mut() = status;
+    if status == StatusCode::OK {
+        let base = base(site.url.as_deref(), &headers, site.behind_proxy);
+        let links = signposting::links(&base, &table.manifest, |name| table.get(name).is_some());
+        if let Ok(links) = HeaderValue::from_str(&links) {
+            response.headers_mut().insert(LINK, links);
         }
-        Err(status) => or_lost(status),
     }
+    response
 }
 
 async fn object(

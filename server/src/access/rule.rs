@@ -32,8 +32,16 @@ impl Clock {
         Self(Arc::new(seconds))
     }
 
-    fn day(&self) -> String {
+    /// Today, UTC, `YYYY-MM-DD`.
+    pub(crate) fn day(&self) -> String {
         day_of((self.0)())
+    }
+
+    /// Now, UTC, `YYYY-MM-DDThh:mm:ssZ`.
+    pub(crate) fn instant(&self) -> String {
+        let seconds = (self.0)();
+        let (h, m, s) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
+        format!("{}T{h:02}:{m:02}:{s:02}Z", day_of(seconds))
     }
 }
 

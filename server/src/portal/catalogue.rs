@@ -1,0 +1,348 @@
+//! The catalogue's page: search, facets, order, pages of cards. Plain HTML: the form and the links do all of it, with or without scripts.
+//!
+//! Its state is its address: `?q=…&country=…&kind=…&sort=newest&page=2&lang=sw`.
+
+use super::encoded;
+use super::language::Language;
+use crate::html::{grouped, size};
+use crate::index::{Entry, Facet, Found, Query, Sort};
+use crate::object::AccessState;
+use crate::object::layout::THUMBNAILS;
+use crate::object::record::xml::escape;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+
+/// Cards of a page.
+const PER_PAGE: u32 = 24;
+/// Names of orders in addresses, and their texts.
+const SORTS: [(&str, &str, Sort); 4] = [
+    ("relevance", "relevance", Sort::Relevance),
+    ("title", "byTitle", Sort::Title),
+    ("newest", "newest", Sort::Newest),
+    ("largest", "largest", Sort::Largest),
+];
+/// Longest question that is read.
+const TEXT_MAX: usize = 300;
+
+/// Read the address.
+pub(crate) fn query(pairs: &[(String, String)]) -> Query {
+    let get = |name: &str| pairs.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str());
+    let mut facets: BTreeMap<Facet, BTreeSet<String>> = BTreeMap::new();
+    for (name, value) in pairs.iter().filter(|(_, value)| !value.is_empty()) {
+        if let Some(facet) = Facet::of(name) {
+            facets.entry(facet).or_default().insert(value.clone());
+        }
+    }
+    let sort = get("sort").and_then(|name| SORTS.iter().find(|(n, ..)| *n == name)).map(|(.., sort)| *sort);
+    let page = get("page").and_then(|n| n.parse::<u32>().ok()).unwrap_or(1);
+    Query {
+        text: get("q").unwrap_or_default().trim().chars().take(TEXT_MAX).collect(),
+        facets,
+        sort: sort.unwrap_or_default(),
+        page: page.clamp(1, 1_000_000) - 1,
+        per_page: PER_PAGE,
+    }
+}
+
+/// The address of a query, with another page.
+fn address(query: &Query, page: u32, lang: Option<&str>) -> String {
+    let mut parts = Vec::new();
+    if !query.text.is_empty() {
+        parts.push(format!("q={}", encoded(&query.text)));
+    }
+    for (facet, values) in &query.facets {
+        parts.extend(values.iter().map(|value| format!("{}={}", facet.name(), encoded(value))));
+    }
+    if let Some((name, ..)) = SORTS.iter().find(|(.., sort)| *sort == query.sort && *sort != Sort::Relevance) {
+        parts.push(format!("sort={name}"));
+    }
+    if page > 0 {
+        parts.push(format!("page={}", page + 1));
+    }
+    parts.extend(lang.map(|lang| format!("lang={}", encoded(lang))));
+    if parts.is_empty() { "/".to_owned() } else { format!("/?{}", parts.join("&")) }
+}
+
+/// What else the page is made of.
+pub(crate) struct Around<'a> {
+    pub(crate) language: &'static Language,
+    /// The language that the address names, which its links keep.
+    pub(crate) lang: Option<&'a str>,
+    /// Today, UTC: embargoes that have ended are not spoken of.
+    pub(crate) today: &'a str,
+    /// Cards of what is not in the index: packs without metadata, and what cannot be read.
+    pub(crate) others: &'a str,
+}
+
+/// The page.
+pub(crate) fn page(query: &Query, found: &Found, around: &Around<'_>) -> String {
+    let l = around.language;
+    let mut s = head(l, around, &|code| address(query, query.page, Some(code)));
+    let _ = writeln!(s, "<h1>{}</h1>", l.t("title"));
+    search_form(&mut s, query, around);
+    let _ = writeln!(s, "<div class=\"portal-body\">\n<section class=\"results\" aria-label=\"{}\">", l.t("title"));
+    let _ = writeln!(
+        s,
+        "<p class=\"lead\" role=\"status\">{} <a class=\"jump\" href=\"#filters\">{}</a></p>",
+        l.with("results", &[("count", &grouped(found.total))]),
+        l.t("filters")
+    );
+    chosen(&mut s, query, around);
+    if found.entries.is_empty() {
+        let _ = writeln!(
+            s,
+            "<p><strong>{}</strong> {} <a href=\"{}\">{}</a></p>",
+            l.t("none"),
+            l.t("noneNext"),
+            home(around),
+            l.t("all")
+        );
+    } else {
+        s.push_str("<ul class=\"cards\">\n");
+        for entry in &found.entries {
+            card(&mut s, entry, around);
+        }
+        s.push_str("</ul>\n");
+        pages(&mut s, query, found.total, around);
+    }
+    if !around.others.is_empty() && query.text.is_empty() && query.facets.is_empty() && query.page == 0 {
+        let _ = writeln!(s, "<h2 class=\"others\">{}</h2>\n<ul class=\"cards\">\n{}</ul>", l.t("packs"), around.others);
+    }
+    s.push_str("</section>\n");
+    facets(&mut s, query, found, around);
+    let _ = writeln!(
+        s,
+        "</div>\n<p class=\"lead feed\"><a href=\"/feed.xml\">{}</a></p>\n</main>\n</body>\n</html>",
+        l.t("feed")
+    );
+    s
+}
+
+/// The page while the index gives no answer.
+pub(crate) fn failed(around: &Around<'_>) -> String {
+    let l = around.language;
+    let mut s = head(l, around, &|code| format!("/?lang={code}"));
+    let _ = writeln!(
+        s,
+        "<h1>{}</h1>\n<p class=\"lead\"><strong>{}</strong> {}</p>\n<ul class=\"cards\">\n{}</ul>\n</main>\n</body>\n</html>",
+        l.t("title"),
+        l.t("failed"),
+        l.t("failedNext"),
+        around.others
+    );
+    s
+}
+
+fn home(around: &Around<'_>) -> String {
+    escape(&address(&Query::default(), 0, around.lang))
+}
+
+fn head(l: &'static Language, around: &Around<'_>, other: &dyn Fn(&str) -> String) -> String {
+    let mut s = format!(
+        "<!doctype html>\n<html lang=\"{}\" dir=\"{}\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta name=\"color-scheme\" content=\"light dark\">\n\
+         <title>{}</title>\n<link rel=\"icon\" href=\"/viewer/icons/kilwa.svg\" type=\"image/svg+xml\">\n\
+         <link rel=\"stylesheet\" href=\"/viewer/style.css\">\n\
+         <link rel=\"alternate\" type=\"application/atom+xml\" href=\"/feed.xml\" title=\"{}\">\n</head>\n<body class=\"list portal\">\n\
+         <header class=\"site\"><a class=\"brand\" href=\"{}\"><img src=\"/viewer/icons/kilwa.svg\" alt=\"\" width=\"28\" height=\"28\"> Kilwa</a>\n\
+         <nav class=\"languages\" aria-label=\"{}\">",
+        l.code,
+        l.t("dir"),
+        l.t("title"),
+        l.t("feed"),
+        home(around),
+        l.t("language")
+    );
+    for one in Language::all() {
+        let current = if one.code == l.code { " aria-current=\"true\"" } else { "" };
+        let _ = write!(
+            s,
+            "<a href=\"{}\" lang=\"{code}\" hreflang=\"{code}\"{current}>{}</a> ",
+            escape(&other(one.code)),
+            one.t("name"),
+            code = one.code
+        );
+    }
+    s.push_str("</nav></header>\n<main>\n");
+    s
+}
+
+fn search_form(s: &mut String, query: &Query, around: &Around<'_>) {
+    let l = around.language;
+    let _ = write!(
+        s,
+        "<form id=\"search\" class=\"search\" role=\"search\" action=\"/\" method=\"get\">\n\
+         <label class=\"hidden\" for=\"q\">{label}</label>\
+         <input id=\"q\" name=\"q\" type=\"search\" value=\"{}\" placeholder=\"{label}\" maxlength=\"{TEXT_MAX}\" dir=\"auto\" autocomplete=\"off\">\n\
+         <label class=\"hidden\" for=\"sort\">{}</label><select id=\"sort\" name=\"sort\">",
+        escape(&query.text),
+        l.t("sort"),
+        label = l.t("searchLabel"),
+    );
+    for (name, text, sort) in SORTS {
+        let selected = if sort == query.sort { " selected" } else { "" };
+        let _ = write!(s, "<option value=\"{name}\"{selected}>{}</option>", l.t(text));
+    }
+    let _ = writeln!(s, "</select>\n<button class=\"button main\">{}</button>", l.t("search"));
+    if let Some(lang) = around.lang {
+        let _ = writeln!(s, "<input type=\"hidden\" name=\"lang\" value=\"{}\">", escape(lang));
+    }
+    s.push_str("</form>\n");
+}
+
+/// The text of a facet's value.
+fn named(l: &'static Language, facet: Facet, value: &str) -> String {
+    if facet == Facet::Size { l.t(value).to_owned() } else { escape(value) }
+}
+
+/// What is chosen, each with a link that takes it away.
+fn chosen(s: &mut String, query: &Query, around: &Around<'_>) {
+    let l = around.language;
+    if query.facets.is_empty() {
+        return;
+    }
+    let _ = write!(s, "<ul class=\"chosen\" aria-label=\"{}\">", l.t("chosen"));
+    for (facet, values) in &query.facets {
+        for value in values {
+            let mut without = query.clone();
+            if let Some(values) = without.facets.get_mut(facet) {
+                values.remove(value);
+            }
+            without.facets.retain(|_, values| !values.is_empty());
+            let _ = write!(
+                s,
+                "<li><a class=\"button\" href=\"{}\"><span dir=\"auto\">{}</span> <span aria-hidden=\"true\">×</span><span class=\"hidden\">{}</span></a></li>",
+                escape(&address(&without, 0, around.lang)),
+                named(l, *facet, value),
+                l.t("remove")
+            );
+        }
+    }
+    let all = Query { text: query.text.clone(), sort: query.sort, ..Query::default() };
+    let _ = writeln!(
+        s,
+        "<li><a class=\"button\" href=\"{}\">{}</a></li></ul>",
+        escape(&address(&all, 0, around.lang)),
+        l.t("clear")
+    );
+}
+
+fn facets(s: &mut String, query: &Query, found: &Found, around: &Around<'_>) {
+    let l = around.language;
+    let _ = writeln!(s, "<aside class=\"filters\" id=\"filters\" aria-label=\"{}\">", l.t("filters"));
+    for facet in Facet::ALL {
+        let counts = found.facets.get(&facet).map(Vec::as_slice).unwrap_or_default();
+        let picked = query.facets.get(&facet);
+        // What is chosen stays to be taken away, also where nothing has it.
+        let missing = picked.into_iter().flatten().filter(|value| !counts.iter().any(|c| c.value == **value));
+        let rows: Vec<(&str, u64)> = counts
+            .iter()
+            .map(|c| (c.value.as_str(), c.count))
+            .chain(missing.map(|value| (value.as_str(), 0)))
+            .collect();
+        if rows.is_empty() {
+            continue;
+        }
+        let _ = writeln!(s, "<fieldset><legend>{}</legend>", l.t(facet.name()));
+        for (value, count) in rows {
+            let checked = if picked.is_some_and(|p| p.contains(value)) { " checked" } else { "" };
+            let _ = writeln!(
+                s,
+                "<label><input type=\"checkbox\" form=\"search\" name=\"{}\" value=\"{}\"{checked}> <span dir=\"auto\">{}</span> <span class=\"quiet\">{}</span></label>",
+                facet.name(),
+                escape(value),
+                named(l, facet, value),
+                grouped(count)
+            );
+        }
+        s.push_str("</fieldset>\n");
+    }
+    let _ = writeln!(s, "<button class=\"button main\" form=\"search\">{}</button>\n</aside>", l.t("apply"));
+}
+
+fn card(s: &mut String, entry: &Entry, around: &Around<'_>) {
+    let l = around.language;
+    let slug = escape(&entry.slug);
+    let place = entry.place.as_ref().and_then(|p| p.name.as_deref());
+    let line: Vec<String> = [place, entry.captured.as_deref()]
+        .into_iter()
+        .flatten()
+        .map(|text| format!("<bdi>{}</bdi>", escape(text)))
+        .collect();
+    let [(wide, width), (small, small_width)] = THUMBNAILS;
+    let folder = format!("/{slug}/v{}", entry.version);
+    let _ = write!(
+        s,
+        "<li class=\"card\">\n<img class=\"poster\" src=\"{folder}/{small}\" srcset=\"{folder}/{small} {small_width}w, {folder}/{wide} {width}w\" \
+         sizes=\"(max-width: 720px) 100vw, 360px\" alt=\"\" width=\"{width}\" height=\"{}\" loading=\"lazy\">\n\
+         <h2 lang=\"{lang}\" dir=\"auto\"><a href=\"/{slug}/\">{}</a></h2>\n<p class=\"quiet\">{}</p>\n<dl class=\"facts\">\n",
+        width * 630 / 1200,
+        escape(&entry.title),
+        line.join(" · "),
+        lang = escape(&entry.language),
+    );
+    let mut row = |name: &str, value: &str| {
+        let _ = writeln!(s, "<div><dt>{}</dt><dd>{}</dd></div>", l.t(name), escape(value));
+    };
+    row("triangles", &grouped(entry.triangles));
+    row("file", &size(entry.pack_bytes));
+    row("licence", &entry.rights.short);
+    s.push_str("</dl>\n");
+    let until = entry.access.until.as_deref().unwrap_or("9999-12-31");
+    match entry.access.state {
+        AccessState::Embargo if until > around.today => {
+            let _ = writeln!(
+                s,
+                "<p class=\"state\"><strong>{}</strong></p>",
+                l.with("embargo", &[("day", &escape(until))])
+            );
+        }
+        AccessState::Restricted => {
+            let _ = writeln!(s, "<p class=\"state\"><strong>{}</strong></p>", l.t("restricted"));
+        }
+        _ => {}
+    }
+    s.push_str("</li>\n");
+}
+
+fn pages(s: &mut String, query: &Query, total: u64, around: &Around<'_>) {
+    let l = around.language;
+    let pages = u32::try_from(total.div_ceil(u64::from(PER_PAGE))).unwrap_or(u32::MAX);
+    if pages < 2 {
+        return;
+    }
+    let _ = write!(s, "<nav class=\"pages\" aria-label=\"{}\">", l.t("pages"));
+    let mut to = |page: u32, rel: &str, text: &str| {
+        let _ = write!(
+            s,
+            "<a class=\"button\" rel=\"{rel}\" href=\"{}\">{text}</a> ",
+            escape(&address(query, page, around.lang))
+        );
+    };
+    if query.page > 0 {
+        to(query.page.min(pages) - 1, "prev", l.t("previous"));
+    }
+    if query.page + 1 < pages {
+        to(query.page + 1, "next", l.t("next"));
+    }
+    let numbers = [("page", &*(query.page + 1).to_string()), ("pages", &*pages.to_string())];
+    let _ = writeln!(s, "<span class=\"quiet\">{}</span></nav>", l.with("page", &numbers));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::portal::pairs;
+
+    #[test]
+    fn an_address_is_a_query_and_back() {
+        for text in ["", "q=fort%20x&country=TZ&kind=fort&kind=wall&sort=newest&page=3", "q=%22%3E&subject=a%26b"] {
+            let asked = query(&pairs(text));
+            let again = address(&asked, asked.page, None);
+            assert_eq!(query(&pairs(again.trim_start_matches(['/', '?']))), asked, "{again}");
+        }
+        let odd = query(&pairs("page=0&sort=x&nothing=y&country=&q=%20a%20"));
+        assert_eq!((odd.page, odd.sort, odd.facets.len(), odd.text.as_str()), (0, Sort::Relevance, 0, "a"));
+        assert_eq!(address(&Query::default(), 0, Some("sw")), "/?lang=sw");
+    }
+}

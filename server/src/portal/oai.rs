@@ -1,0 +1,296 @@
+//! `/oai`: the Open Archives Initiative Protocol for Metadata Harvesting, version 2.0, with the format `oai_dc`.
+//!
+//! Records are the `metadata/dc.xml` that publishing wrote; an item's identifier is `oai:HOST:SLUG`, its datestamp the day of its current
+//! version; what was withdrawn is a deleted record. Lists have pages of 100; a resumption token is the state itself (no state is kept
+//! here), so it lasts. Errors of the protocol are answered 200 with their code, as it wants.
+
+use super::pairs;
+use crate::index::Entry;
+use crate::object::AccessState;
+use crate::object::date::is_day;
+use crate::object::record::xml::escape;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+/// Records of one page.
+pub(crate) const PAGE: u32 = 100;
+
+/// What the protocol asks of the archive.
+pub(crate) trait Source {
+    /// Objects by slug, after one, at most so many.
+    fn after(&self, slug: &str, limit: u32) -> Result<Vec<Entry>, String>;
+    /// One object.
+    fn entry(&self, slug: &str) -> Result<Option<Entry>, String>;
+    /// Its `dc.xml`, while it is public at all.
+    fn dublin_core(&self, slug: &str) -> Option<String>;
+    /// Address of its page.
+    fn page(&self, slug: &str) -> String;
+}
+
+/// Where and when the question was asked.
+pub(crate) struct Asked<'a> {
+    /// The address of this interface.
+    pub(crate) url: String,
+    /// Host of the site, for identifiers.
+    pub(crate) host: String,
+    /// Now, `YYYY-MM-DDThh:mm:ssZ`.
+    pub(crate) now: String,
+    /// Whom to write to.
+    pub(crate) contact: &'a str,
+}
+
+/// An error of the protocol: its code and a sentence.
+type Problem = (&'static str, String);
+
+/// Answer a query; an error is one of the archive, not of the protocol.
+pub(crate) fn answer(source: &dyn Source, asked: &Asked<'_>, query: &str) -> Result<String, String> {
+    let mut arguments = BTreeMap::new();
+    let mut repeated = false;
+    for (name, value) in pairs(query) {
+        repeated |= arguments.insert(name, value).is_some();
+    }
+    let get = |name: &str| arguments.get(name).map(String::as_str);
+    let verb = get("verb").unwrap_or_default();
+    let allowed: &[&str] = match verb {
+        "Identify" => &[],
+        "ListMetadataFormats" => &["identifier"],
+        "ListSets" => &["resumptionToken"],
+        "GetRecord" => &["identifier", "metadataPrefix"],
+        "ListIdentifiers" | "ListRecords" => &["from", "until", "set", "metadataPrefix", "resumptionToken"],
+        _ => {
+            return Ok(failed(
+                asked,
+                &arguments,
+                &("badVerb", "the verb is missing, or none of OAI-PMH 2.0".to_owned()),
+            ));
+        }
+    };
+    let unknown = arguments.keys().find(|name| *name != "verb" && !allowed.contains(&name.as_str()));
+    if repeated || unknown.is_some() {
+        let why = unknown
+            .map_or_else(|| "an argument is repeated".to_owned(), |name| format!("{verb} has no argument {name}"));
+        return Ok(failed(asked, &arguments, &("badArgument", why)));
+    }
+    let body = match verb {
+        "Identify" => Ok(identify(source, asked)?),
+        "ListMetadataFormats" => formats(source, asked, get("identifier"))?,
+        "ListSets" => Err(("noSetHierarchy", "this archive has no sets".to_owned())),
+        "GetRecord" => one(source, asked, get("identifier"), get("metadataPrefix"))?,
+        _ => list(source, asked, &arguments, verb == "ListRecords")?,
+    };
+    Ok(match body {
+        Ok(body) => envelope(asked, &arguments, &format!("<{verb}>\n{body}</{verb}>\n")),
+        Err(problem) => failed(asked, &arguments, &problem),
+    })
+}
+
+fn envelope(asked: &Asked<'_>, arguments: &BTreeMap<String, String>, body: &str) -> String {
+    let attributes: String =
+        arguments.iter().fold(String::new(), |all, (name, value)| all + &format!(" {name}=\"{}\"", escape(value)));
+    format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<OAI-PMH xmlns=\"http://www.openarchives.org/OAI/2.0/\" \
+         xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\" \
+         xsi:schemaLocation=\"http://www.openarchives.org/OAI/2.0/ http://www.openarchives.org/OAI/2.0/OAI-PMH.xsd\">\n\
+         <responseDate>{}</responseDate>\n<request{attributes}>{}</request>\n{body}</OAI-PMH>\n",
+        asked.now,
+        escape(&asked.url)
+    )
+}
+
+fn failed(asked: &Asked<'_>, arguments: &BTreeMap<String, String>, (code, why): &Problem) -> String {
+    // With these two errors the request is given without its arguments.
+    let none = BTreeMap::new();
+    let arguments = if matches!(*code, "badVerb" | "badArgument") { &none } else { arguments };
+    envelope(asked, arguments, &format!("<error code=\"{code}\">{}</error>\n", escape(why)))
+}
+
+fn identify(source: &dyn Source, asked: &Asked<'_>) -> Result<String, String> {
+    // The first of all datestamps; walking all is cheap beside being asked once in a while.
+    let (mut earliest, mut slug) = (String::from("9999-12-31"), String::new());
+    loop {
+        let page = source.after(&slug, PAGE)?;
+        let Some(last) = page.last() else { break };
+        slug.clone_from(&last.slug);
+        for entry in &page {
+            earliest = earliest.min(entry.published[0].clone());
+        }
+    }
+    if earliest == "9999-12-31" {
+        earliest = asked.now.chars().take(10).collect();
+    }
+    Ok(format!(
+        "<repositoryName>Kilwa at {host}</repositoryName>\n<baseURL>{url}</baseURL>\n<protocolVersion>2.0</protocolVersion>\n\
+         <adminEmail>{contact}</adminEmail>\n<earliestDatestamp>{earliest}</earliestDatestamp>\n<deletedRecord>persistent</deletedRecord>\n\
+         <granularity>YYYY-MM-DD</granularity>\n",
+        host = escape(&asked.host),
+        url = escape(&asked.url),
+        contact = escape(asked.contact),
+    ))
+}
+
+fn slug_of<'i>(asked: &Asked<'_>, identifier: &'i str) -> Option<&'i str> {
+    identifier.strip_prefix("oai:")?.strip_prefix(asked.host.as_str())?.strip_prefix(':')
+}
+
+fn found(source: &dyn Source, asked: &Asked<'_>, identifier: &str) -> Result<Result<Entry, Problem>, String> {
+    let entry = match slug_of(asked, identifier) {
+        Some(slug) => source.entry(slug)?,
+        None => None,
+    };
+    Ok(entry.ok_or_else(|| ("idDoesNotExist", format!("there is nothing called {identifier} here"))))
+}
+
+fn formats(
+    source: &dyn Source,
+    asked: &Asked<'_>,
+    identifier: Option<&str>,
+) -> Result<Result<String, Problem>, String> {
+    if let Some(identifier) = identifier
+        && let Err(problem) = found(source, asked, identifier)?
+    {
+        return Ok(Err(problem));
+    }
+    Ok(Ok("<metadataFormat>\n<metadataPrefix>oai_dc</metadataPrefix>\n<schema>http://www.openarchives.org/OAI/2.0/oai_dc.xsd</schema>\n\
+           <metadataNamespace>http://www.openarchives.org/OAI/2.0/oai_dc/</metadataNamespace>\n</metadataFormat>\n"
+        .to_owned()))
+}
+
+fn is_known_format(prefix: Option<&str>) -> Result<(), Problem> {
+    match prefix {
+        Some("oai_dc") => Ok(()),
+        Some(other) => Err(("cannotDisseminateFormat", format!("records are in oai_dc, not in {other}"))),
+        None => Err(("badArgument", "metadataPrefix is missing".to_owned())),
+    }
+}
+
+fn one(
+    source: &dyn Source,
+    asked: &Asked<'_>,
+    identifier: Option<&str>,
+    prefix: Option<&str>,
+) -> Result<Result<String, Problem>, String> {
+    let Some(identifier) = identifier else { return Ok(Err(("badArgument", "identifier is missing".to_owned()))) };
+    if let Err(problem) = is_known_format(prefix) {
+        return Ok(Err(problem));
+    }
+    Ok(found(source, asked, identifier)?.map(|entry| record(source, asked, &entry)))
+}
+
+fn header(asked: &Asked<'_>, entry: &Entry) -> String {
+    let deleted = if entry.access.state == AccessState::Withdrawn { " status=\"deleted\"" } else { "" };
+    format!(
+        "<header{deleted}>\n<identifier>oai:{}:{}</identifier>\n<datestamp>{}</datestamp>\n</header>\n",
+        escape(&asked.host),
+        escape(&entry.slug),
+        escape(stamp(entry))
+    )
+}
+
+/// The day it last changed: of its withdrawal, or of its current version.
+fn stamp(entry: &Entry) -> &str {
+    entry.access.withdrawn.as_deref().unwrap_or(&entry.published[1])
+}
+
+fn record(source: &dyn Source, asked: &Asked<'_>, entry: &Entry) -> String {
+    let mut s = format!("<record>\n{}", header(asked, entry));
+    if entry.access.state != AccessState::Withdrawn {
+        let dc = source.dublin_core(&entry.slug).unwrap_or_else(|| least(source, entry));
+        let dc = dc.trim_start_matches('\u{feff}');
+        // The declaration stands once, at the beginning of the answer.
+        let body = dc.strip_prefix("<?xml").and_then(|rest| rest.split_once("?>")).map_or(dc, |(_, body)| body);
+        let _ = writeln!(s, "<metadata>\n{}\n</metadata>", body.trim());
+    }
+    s.push_str("</record>\n");
+    s
+}
+
+/// A record from what the index knows, for an object whose own cannot be read.
+fn least(source: &dyn Source, entry: &Entry) -> String {
+    format!(
+        "<oai_dc:dc xmlns:oai_dc=\"http://www.openarchives.org/OAI/2.0/oai_dc/\" xmlns:dc=\"http://purl.org/dc/elements/1.1/\">\n\
+         <dc:title>{}</dc:title>\n<dc:identifier>{}</dc:identifier>\n<dc:rights>{}</dc:rights>\n</oai_dc:dc>",
+        escape(&entry.title),
+        escape(&source.page(&entry.slug)),
+        escape(&entry.rights.uri)
+    )
+}
+
+/// What a list is of, also as its resumption token: `from,until,slug`.
+struct Selection {
+    from: String,
+    until: String,
+    after: String,
+}
+
+impl Selection {
+    fn of(arguments: &BTreeMap<String, String>) -> Result<Self, Problem> {
+        let get = |name: &str| arguments.get(name).map(String::as_str);
+        if let Some(token) = get("resumptionToken") {
+            let parts: Vec<&str> = token.split(',').collect();
+            return match parts[..] {
+                [from, until, after]
+                    if arguments.len() == 2 && [from, until].iter().all(|d| d.is_empty() || is_day(d)) =>
+                {
+                    Ok(Self { from: from.to_owned(), until: until.to_owned(), after: after.to_owned() })
+                }
+                _ => Err(("badResumptionToken", "this resumption token is none of ours".to_owned())),
+            };
+        }
+        is_known_format(get("metadataPrefix"))?;
+        if get("set").is_some() {
+            return Err(("noSetHierarchy", "this archive has no sets".to_owned()));
+        }
+        let day = |name: &str| match get(name) {
+            None => Ok(String::new()),
+            Some(day) if is_day(day) => Ok(day.to_owned()),
+            Some(other) => Err(("badArgument", format!("{name} is a day such as 2026-11-21, not {other}"))),
+        };
+        let (from, until) = (day("from")?, day("until")?);
+        if !from.is_empty() && !until.is_empty() && from > until {
+            return Err(("badArgument", "from is after until".to_owned()));
+        }
+        Ok(Self { from, until, after: String::new() })
+    }
+
+    fn has(&self, entry: &Entry) -> bool {
+        let day = stamp(entry);
+        (self.from.is_empty() || *self.from <= *day) && (self.until.is_empty() || *day <= *self.until)
+    }
+}
+
+fn list(
+    source: &dyn Source,
+    asked: &Asked<'_>,
+    arguments: &BTreeMap<String, String>,
+    whole: bool,
+) -> Result<Result<String, Problem>, String> {
+    let selection = match Selection::of(arguments) {
+        Ok(selection) => selection,
+        Err(problem) => return Ok(Err(problem)),
+    };
+    let (mut entries, mut after) = (Vec::new(), selection.after.clone());
+    // One more than a page, to know whether there is another.
+    while entries.len() <= PAGE as usize {
+        let page = source.after(&after, PAGE)?;
+        let Some(last) = page.last() else { break };
+        after.clone_from(&last.slug);
+        entries.extend(page.into_iter().filter(|entry| selection.has(entry)));
+    }
+    if entries.is_empty() {
+        return Ok(Err(("noRecordsMatch", "there is nothing from these days".to_owned())));
+    }
+    let more = entries.len() > PAGE as usize;
+    entries.truncate(PAGE as usize);
+    let mut s = String::new();
+    for entry in &entries {
+        s.push_str(&if whole { record(source, asked, entry) } else { header(asked, entry) });
+    }
+    let last = entries.last().map(|entry| entry.slug.as_str()).unwrap_or_default();
+    if more {
+        let _ =
+            writeln!(s, "<resumptionToken>{},{},{}</resumptionToken>", selection.from, selection.until, escape(last));
+    } else if !selection.after.is_empty() {
+        s.push_str("<resumptionToken/>\n");
+    }
+    Ok(Ok(s))
+}

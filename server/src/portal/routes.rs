@@ -1,0 +1,214 @@
+//! The portal's routes: they bring index, objects and pages together.
+
+use super::catalogue::{self, Around};
+use super::language::Language;
+use super::{base, feeds, oai, oembed, pairs};
+use crate::catalogue::Model;
+use crate::content::{plain, text};
+use crate::html;
+use crate::index::{Entry, Index, IndexError, Query, Sort};
+use crate::object::layout::DUBLIN_CORE;
+use crate::packs::blocking;
+use crate::site::{Site, page};
+use axum::body::Body;
+use axum::extract::{RawQuery, State};
+use axum::http::header::{ACCEPT_LANGUAGE, ACCESS_CONTROL_ALLOW_ORIGIN, CONTENT_TYPE, RETRY_AFTER, VARY};
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::response::{IntoResponse as _, Response};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// The folder is compared with the index at most this often.
+const FRESH: Duration = Duration::from_secs(1);
+/// A reader waits for that at most this long; what is new is then there for the next.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+/// A form must be there within this, and no longer than this.
+const FORM: Duration = Duration::from_secs(10);
+const FORM_BYTES: usize = 16 * 1024;
+
+const XML: &str = "application/xml; charset=utf-8";
+
+/// Bring the index up to the folder, and ask it.
+async fn ask<T: Send + 'static>(
+    index: &Arc<Index>,
+    what: impl FnOnce(&Index) -> Result<T, IndexError> + Send + 'static,
+) -> Result<T, StatusCode> {
+    let refreshed = Arc::clone(index);
+    let refresh = blocking(move || {
+        let began = Instant::now();
+        if let Err(e) = refreshed.refresh_if_older(FRESH) {
+            tracing::warn!("the index is not brought up to the folder: {e}");
+        }
+        began.elapsed()
+    });
+    // Given up here, it still goes on.
+    drop(tokio::time::timeout(PATIENCE, refresh).await);
+    let index = Arc::clone(index);
+    blocking(move || what(&index)).await?.map_err(|e| {
+        tracing::error!("{e}");
+        StatusCode::SERVICE_UNAVAILABLE
+    })
+}
+
+/// `/`
+pub(crate) async fn list(site: &Site, index: &Arc<Index>, query: Option<String>, headers: &HeaderMap) -> Response {
+    let pairs = pairs(query.as_deref().unwrap_or_default());
+    let lang = pairs.iter().find(|(name, _)| name == "lang").map(|(_, value)| value.as_str());
+    let language = Language::choose(lang, text(headers, &ACCEPT_LANGUAGE).unwrap_or_default());
+    let asked = catalogue::query(&pairs);
+    let others = others(site).await;
+    let today = site.clock.day();
+    let around = Around { language, lang, today: &today, others: &others };
+    let question = asked.clone();
+    let mut response = match ask(index, move |index| index.search(&question)).await {
+        Ok(found) => page(catalogue::page(&asked, &found, &around), headers),
+        Err(status) => {
+            let mut response = page(catalogue::failed(&around), headers);
+            *response.status_mut() = status;
+            response.headers_mut().insert(RETRY_AFTER, HeaderValue::from_static("60"));
+            response
+        }
+    };
+    response.headers_mut().insert(VARY, HeaderValue::from_static("Accept-Encoding, Accept-Language"));
+    response
+}
+
+/// Cards of packs without metadata, and of objects that cannot be read.
+async fn others(site: &Site) -> String {
+    let (catalogue, clock) = (Arc::clone(&site.catalogue), site.clock.clone());
+    let cards = blocking(move || {
+        let is_other = |m: &Arc<Model>| m.object().is_none_or(|object| object.access.is_none());
+        let others: Vec<_> = catalogue.models().into_iter().filter(is_other).take(500).collect();
+        html::cards(&others, &clock)
+    });
+    cards.await.unwrap_or_default()
+}
+
+fn site_base(site: &Site, headers: &HeaderMap) -> String {
+    base(site.url.as_deref(), headers, site.behind_proxy)
+}
+
+fn document(kind: &'static str, body: String) -> Response {
+    ([(CONTENT_TYPE, kind), (ACCESS_CONTROL_ALLOW_ORIGIN, "*")], body).into_response()
+}
+
+/// `/feed.xml`
+pub(crate) async fn feed(State(site): State<Site>, headers: HeaderMap) -> Response {
+    let Some(index) = &site.index else { return plain(StatusCode::NOT_FOUND) };
+    let newest = Query { sort: Sort::Newest, per_page: feeds::NEWEST, ..Query::default() };
+    match ask(index, move |index| index.search(&newest)).await {
+        Ok(found) => {
+            document("application/atom+xml; charset=utf-8", feeds::atom(&site_base(&site, &headers), &found.entries))
+        }
+        Err(status) => plain(status),
+    }
+}
+
+/// `/sitemap.xml`
+pub(crate) async fn sitemap(State(site): State<Site>, headers: HeaderMap) -> Response {
+    let Some(index) = &site.index else { return plain(StatusCode::NOT_FOUND) };
+    let all = |index: &Index| {
+        let mut all: Vec<Entry> = Vec::new();
+        while all.len() < feeds::SITEMAP_MAX {
+            let page = index.after(all.last().map(|e| e.slug.as_str()).unwrap_or_default(), 1000)?;
+            if page.is_empty() {
+                break;
+            }
+            all.extend(page);
+        }
+        Ok(all)
+    };
+    match ask(index, all).await {
+        Ok(entries) => document(XML, feeds::sitemap(&site_base(&site, &headers), &entries)),
+        Err(status) => plain(status),
+    }
+}
+
+/// `/robots.txt`
+pub(crate) async fn robots(State(site): State<Site>, headers: HeaderMap) -> Response {
+    document("text/plain; charset=utf-8", feeds::robots(&site_base(&site, &headers)))
+}
+
+/// `/oembed`
+pub(crate) async fn embed(State(site): State<Site>, RawQuery(query): RawQuery, headers: HeaderMap) -> Response {
+    let Some(index) = &site.index else { return plain(StatusCode::NOT_FOUND) };
+    let base = site_base(&site, &headers);
+    let question = match oembed::question(&base, query.as_deref().unwrap_or_default()) {
+        Ok(question) => question,
+        Err(status) => return plain(StatusCode::from_u16(status).unwrap_or(StatusCode::BAD_REQUEST)),
+    };
+    let slug = question.slug.clone();
+    match ask(index, move |index| index.entry(&slug)).await {
+        Ok(entry) => match entry.and_then(|entry| oembed::answer(&base, &question, &entry)) {
+            Some(answer) if question.xml => document("text/xml; charset=utf-8", oembed::to_xml(&answer)),
+            Some(answer) => document("application/json", answer.to_string()),
+            None => plain(StatusCode::NOT_FOUND),
+        },
+        Err(status) => plain(status),
+    }
+}
+
+/// What harvesters ask, answered from the index and the objects' own files.
+struct Archive {
+    site: Site,
+    index: Arc<Index>,
+    base: String,
+}
+
+impl oai::Source for Archive {
+    fn after(&self, slug: &str, limit: u32) -> Result<Vec<Entry>, String> {
+        self.index.after(slug, limit).map_err(|e| e.to_string())
+    }
+
+    fn entry(&self, slug: &str) -> Result<Option<Entry>, String> {
+        self.index.entry(slug).map_err(|e| e.to_string())
+    }
+
+    fn dublin_core(&self, slug: &str) -> Option<String> {
+        let model = self.site.catalogue.model(slug)?;
+        let table = model.object()?.holding.table().ok()?;
+        let version = table.manifest.current()?;
+        let bytes = table.get(&format!("{}/{DUBLIN_CORE}", version.folder))?.read().ok()?;
+        String::from_utf8(bytes).ok()
+    }
+
+    fn page(&self, slug: &str) -> String {
+        format!("{}/{slug}/", self.base)
+    }
+}
+
+/// `/oai`, by GET or as a form by POST.
+pub(crate) async fn harvest(
+    State(site): State<Site>,
+    RawQuery(query): RawQuery,
+    headers: HeaderMap,
+    body: Body,
+) -> Response {
+    let Some(index) = site.index.clone() else { return plain(StatusCode::NOT_FOUND) };
+    let query = if let Some(query) = query {
+        query
+    } else {
+        let read = tokio::time::timeout(FORM, axum::body::to_bytes(body, FORM_BYTES)).await;
+        let Ok(Ok(form)) = read else { return plain(StatusCode::REQUEST_TIMEOUT) };
+        String::from_utf8_lossy(&form).into_owned()
+    };
+    let base = site_base(&site, &headers);
+    let now = site.clock.instant();
+    let archive = Archive { site, index: Arc::clone(&index), base };
+    let answered = ask(&index, move |_| {
+        let base = archive.base.clone();
+        let host = base.split("://").nth(1).unwrap_or_default().split(':').next().unwrap_or_default().to_owned();
+        let contact = archive.site.contact.clone().unwrap_or_else(|| format!("webmaster@{host}"));
+        let asked = oai::Asked { url: format!("{base}/oai"), host, now, contact: &contact };
+        Ok(oai::answer(&archive, &asked, &query))
+    });
+    match answered.await {
+        Ok(Ok(xml)) => document("text/xml; charset=utf-8", xml),
+        Ok(Err(e)) => {
+            tracing::error!("{e}");
+            plain(StatusCode::SERVICE_UNAVAILABLE)
+        }
+        Err(status) => plain(status),
+    }
+}
