@@ -25,7 +25,8 @@ export class Measuring {
     if (linked && !this.seen) this.linked = linked;
     this.seen = true;
     // The first picture first.
-    if (this.linked || get(`measurements.${this.page.info.pack.hash}`)?.length > 0) session.firstPicture.then(() => this.load().catch(() => {}));
+    const isOpen = !document.getElementById("measure").hidden;
+    if (isOpen || this.linked || get(`measurements.${this.page.info.pack.hash}`)?.length > 0) session.firstPicture.then(() => this.load().catch(() => {}));
   }
 
   /** Another pack will be opened. */

@@ -237,6 +237,15 @@ test("a file reads back to the last bit, here and by kilwa measure, and one of a
   await page.locator("#measure-import").setInputFiles(file);
   await done(page, 2);
   assert.deepEqual(await bits(page), wanted);
+  // Dropped on the page it is read too; what is here already is not added twice.
+  await page.keyboard.press("Escape");
+  await page.evaluate((words) => {
+    const data = new DataTransfer();
+    data.items.add(new File([words], "fort.json", { type: "application/json" }));
+    dispatchEvent(new DragEvent("drop", { dataTransfer: data, cancelable: true }));
+  }, words);
+  await page.locator("#notice", { hasText: "2 read" }).waitFor();
+  assert.deepEqual(await bits(page), wanted);
   const [again] = await Promise.all([page.waitForEvent("download"), page.locator("#measure .button", { hasText: "Save as a file" }).click()]);
   assert.equal(await readFile(await again.path(), "utf8"), words);
   for (const [format, says] of [["csv", /^name,tool,reading/], ["geojson", /FeatureCollection/], ["dxf", /AC1024|SECTION/]]) {

@@ -123,11 +123,13 @@ export class Marks {
     context.lineJoin = context.lineCap = "round";
     for (const shape of this.shapes) {
       const { source, pieces: all, at } = shape;
-      const wide = (source.chosen ? 3 : 2) * ratio;
+      // Many lines at once are thin, or nothing of the model would be seen.
+      const isFine = source.paths.length > 60;
+      const wide = (isFine ? 1.25 : source.chosen ? 3 : 2) * ratio;
       if (source.closed && source.dots.length > 2) this.#fill(context, shape);
       for (const hidden of [true, false]) {
         context.globalAlpha = hidden ? 0.35 : 1;
-        for (const isCasing of [true, false]) {
+        for (const isCasing of isFine ? [false] : [true, false]) {
           context.strokeStyle = isCasing ? "rgb(255 255 255 / 85%)" : source.color;
           context.lineWidth = isCasing ? wide + 2.5 * ratio : wide;
           context.setLineDash(source.dashed && !isCasing ? [7 * ratio, 6 * ratio] : []);

@@ -44,9 +44,10 @@ export class Panel {
     this.every = h("input", { type: "number", min: "0", step: "any", inputmode: "decimal", value: String(this.#usualInterval()) });
     this.heightRow = h("label", { className: "field", hidden: true }, h("span", { key: "planeHeight" }), this.height);
     this.planeRow = h("label", { className: "field", hidden: true }, h("span", { key: "planeBy" }), this.planeBy);
-    this.body = h("tbody");
-    this.table = h("table", { className: "measure-table" }, h("caption", { className: "hidden", key: "measurements" }),
-      h("thead", { className: "hidden" }, h("tr", {}, h("th", { scope: "col", key: "name" }), h("th", { scope: "col", key: "channel" }))), this.body);
+    // Rows wrap where a value is wide, which takes the roles of a table away: they are said.
+    this.body = h("tbody", { role: "rowgroup" });
+    this.table = h("table", { className: "measure-table", role: "table" }, h("caption", { className: "hidden", key: "measurements" }),
+      h("thead", { className: "hidden", role: "rowgroup" }, h("tr", { role: "row" }, h("th", { role: "columnheader", key: "name" }), h("th", { role: "columnheader", key: "channel" }))), this.body);
     this.none = h("p", { className: "quiet", key: "measureNone" });
     this.format = h("select", { label: "measureFormat" }, ...FORMATS.map(([value, key]) => h("option", { value, key })));
     this.save = h("button", { type: "button", className: "button outlined", key: "exportFile", onclick: () => measure.files.save(this.format.value) });
@@ -168,9 +169,9 @@ export class Panel {
       else return;
       event.preventDefault();
     });
-    const row = h("tr", { data: { id: item.id }, className: isOpen ? "open" : undefined }, h("th", { scope: "row" }, go), h("td", {}, this.#value(item)));
+    const row = h("tr", { role: "row", data: { id: item.id }, className: isOpen ? "open" : undefined }, h("th", { scope: "row", role: "rowheader" }, go), h("td", { role: "cell" }, this.#value(item)));
     if (!isOpen) return [row];
-    return [row, h("tr", { className: "detail", data: { id: item.id } }, h("td", { colSpan: 2 }, this.#detail(item, at)))];
+    return [row, h("tr", { role: "row", className: "detail", data: { id: item.id } }, h("td", { role: "cell", colSpan: 2 }, this.#detail(item, at)))];
   }
 
   /** The value: a press explains it, the text can be selected. */

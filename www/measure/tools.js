@@ -65,9 +65,10 @@ export function stepText(tool, given, isTouch) {
   const number = count(given + 1);
   if (tool.most === MANY) {
     const more = given >= tool.least ? t(isTouch ? "stepDoneTouch" : "stepDone") : t("stepLeast", { count: count(tool.least) });
-    return `${t(tool.key)}: ${t("stepMany", { press, number })} · ${more} · ${end}`;
+    return `${t("stepTool", { tool: t(tool.key), step: t("stepMany", { press, number }) })} · ${more} · ${end}`;
   }
   const special = tool.steps?.[given];
   const where = special ? t(special) : "";
-  return `${t(tool.key)}: ${t("stepOf", { press, number, count: count(tool.most) })}${where ? ` (${where})` : ""} · ${end}`;
+  const step = t("stepOf", { press, number, count: count(tool.most) });
+  return `${t("stepTool", { tool: t(tool.key), step })}${where ? ` (${where})` : ""} · ${end}`;
 }
