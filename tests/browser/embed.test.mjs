@@ -54,7 +54,7 @@ after(async () => {
 test("a static host that knows no ranges is enough for page and pack", async () => {
   const { page, complaints, close } = await open(browser, `${hosts.viewer.url}/?pack=fort.kilwa&error=8`);
   assert.ok((await picture(page)).share > 0.05);
-  assert.match(await page.locator("#notice").innerText(), /loaded at once/);
+  assert.match(await page.locator("#notice").innerText(), /does not send parts of files/);
   assert.ok(await page.locator("#back").isHidden(), "there is no list to go back to");
   assert.deepEqual(complaints, []);
   await close();
