@@ -307,6 +307,8 @@ test("panels, views, help and hiding work by keyboard, in another language and f
   const { page, complaints, close } = await open(browser, fort("?error=8"));
   await page.locator("#tab-about").focus();
   await page.keyboard.press("ArrowRight");
+  assert.ok(await page.locator("#measure").isVisible());
+  await page.keyboard.press("ArrowRight");
   assert.ok(await page.locator("#saved").isVisible());
   await page.locator("#tab-display").click();
   assert.ok(await page.locator("#display").isVisible());
