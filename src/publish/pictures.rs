@@ -93,25 +93,32 @@ fn posters(pack: &Path, folder: &Path, gpu: &Gpu, drawn: &mut Drawn) -> anyhow::
     Ok(())
 }
 
-/// The oblique view, as near as the model's box lets it be without leaving the picture.
+/// The oblique view, with the model's box in the middle of the picture and as near as it can be without leaving it.
 fn filling(bounds: &Bounds) -> Camera {
     let mut camera = Camera::standard(StandardView::Iso, bounds, SIZE);
     let (right, up, backward) = (camera.right(), camera.up(), camera.backward());
     let tangent = camera.half_height() / camera.distance;
     let aspect = f64::from(SIZE[0]) / f64::from(SIZE[1]);
     let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    let from_target = bounds.corners().map(|c| std::array::from_fn::<f64, 3, _>(|k| c[k] - camera.target[k]));
-    let fits = |distance: f64| {
-        from_target.iter().all(|&c| {
-            let depth = (distance - dot(c, backward)) * tangent * 0.96;
-            depth > 0.0 && dot(c, up).abs() <= depth && dot(c, right).abs() <= depth * aspect
+    // Where a corner is in the picture: across and up, -1 to 1.
+    let seen = |target: [f64; 3], distance: f64| {
+        bounds.corners().map(|c| {
+            let v: [f64; 3] = std::array::from_fn(|k| c[k] - target[k]);
+            let depth = ((distance - dot(v, backward)) * tangent).max(1e-9);
+            [dot(v, right) / (depth * aspect), dot(v, up) / depth]
         })
     };
-    for _ in 0..50 {
-        if !fits(camera.distance * 0.98) {
+    for _ in 0..60 {
+        let places = seen(camera.target, camera.distance);
+        let low = places.iter().map(|p| p[1]).fold(f64::INFINITY, f64::min);
+        let high = places.iter().map(|p| p[1]).fold(f64::NEG_INFINITY, f64::max);
+        let shift = f64::midpoint(low, high) * camera.distance * tangent;
+        camera.target = std::array::from_fn(|k| camera.target[k] + up[k] * shift);
+        let nearer = camera.distance * 0.97;
+        if seen(camera.target, nearer).iter().flatten().any(|x| x.abs() > 0.97) {
             break;
         }
-        camera.distance *= 0.98;
+        camera.distance = nearer;
     }
     camera
 }

@@ -14,6 +14,9 @@ use kilwa_pack::reader::SliceSource;
 use kilwa_pack::{
     Attributes, ENTRIES_PER_PAGE, HEADER_BYTES, PAGE_BYTES, Reader, directory::ENTRY_BYTES, parse_head, verify,
 };
+use kilwa_server::object::layout::safe;
+use kilwa_server::object::rights::Rights;
+use kilwa_server::object::{Checksums, Manifest, Metadata};
 use std::fmt::Display;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -23,13 +26,15 @@ use std::sync::LazyLock;
 pub(crate) type Body = fn(&[u8]) -> String;
 
 /// All targets by name.
-pub(crate) const ALL: [(&str, Body); 6] = [
+pub(crate) const ALL: [(&str, Body); 8] = [
     ("ply", ply),
     ("obj", obj_file),
     ("stl", stl_file),
     ("gltf", gltf_file),
     ("open_pack", open_pack),
     ("decode_chunk", decode_chunk),
+    ("metadata", metadata),
+    ("manifest", manifest),
 ];
 
 /// The words of an error, without numbers, quotations, what was found in the file and
@@ -259,4 +264,48 @@ pub(crate) fn decode_chunk(bytes: &[u8]) -> String {
     let back = decode(&again, declared, attributes).expect("what was encoded decodes");
     assert_eq!(back.canonical(), chunk.canonical());
     format!("{} patches", chunk.patches.len().min(9))
+}
+
+/// Any bytes as the metadata of a model: right, with what is promised of it, or refused with lines that are there, in order.
+pub(crate) fn metadata(bytes: &[u8]) -> String {
+    let Ok(text) = std::str::from_utf8(bytes) else { return "no UTF-8".to_owned() };
+    match Metadata::parse(text) {
+        Ok(m) => {
+            assert!(!m.title.is_empty() && m.title == m.title.trim() && !m.title.chars().any(char::is_control));
+            assert_eq!(Rights::parse(&m.rights.uri).expect("rights are known").uri, m.rights.uri);
+            let json = serde_json::to_string(&m).expect("is JSON");
+            assert_eq!(serde_json::from_str::<Metadata>(&json).expect("reads back"), m);
+            format!("right {} {} {}", m.creators.len(), m.related.len(), m.subjects.len().min(3))
+        }
+        Err(problems) => {
+            let lines = text.split('\n').count();
+            assert!(!problems.0.is_empty() && problems.0.iter().all(|p| (1..=lines).contains(&p.line)));
+            assert!(problems.0.is_sorted_by_key(|p| p.line));
+            problems.0.iter().take(3).map(|p| complaint(&p.message)).collect()
+        }
+    }
+}
+
+/// Any bytes as the manifest of an object and as a list of checksums: refused, or what it names stays in its folder and it reads back.
+pub(crate) fn manifest(bytes: &[u8]) -> String {
+    let of_manifest = match Manifest::parse(bytes) {
+        Ok(m) => {
+            let files = m.versions.iter().flat_map(|v| [&v.pack.url, &v.checksums.url]);
+            assert!(files.chain([&m.page.url]).all(|url| safe(url)));
+            assert_eq!(Manifest::parse(&m.to_bytes().expect("is written")).expect("reads back"), m);
+            format!("right {}", m.versions.len())
+        }
+        Err(e) => complaint(e),
+    };
+    let list = std::str::from_utf8(bytes).map(Checksums::parse);
+    let of_list = match list {
+        Ok(Ok(list)) => {
+            assert!(list.iter().all(|(path, sum)| safe(path) && sum.len() == 64));
+            assert_eq!(Checksums::parse(&list.to_text()).expect("reads back"), list);
+            format!("list {}", list.len().min(3))
+        }
+        Ok(Err(e)) => complaint(e),
+        Err(_) => "no UTF-8".to_owned(),
+    };
+    format!("{of_manifest} {of_list}")
 }

@@ -183,3 +183,13 @@ fn any_bytes_are_a_pack_or_refused() {
 fn any_bytes_are_a_chunk_or_refused() {
     fuzz("decode_chunk");
 }
+
+#[test]
+fn any_bytes_are_metadata_or_refused() {
+    fuzz("metadata");
+}
+
+#[test]
+fn any_bytes_are_a_manifest_or_refused() {
+    fuzz("manifest");
+}

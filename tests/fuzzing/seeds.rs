@@ -12,6 +12,8 @@ pub(crate) fn of(target: &str) -> Vec<Vec<u8>> {
     let mut seeds = match target {
         "obj" => objs(),
         "open_pack" => packs(),
+        "metadata" => metadata(),
+        "manifest" => manifests(),
         "decode_chunk" => packs().iter().flat_map(|pack| chunks(pack)).collect(),
         "gltf" => [malformed("gltf"), malformed("glb")].concat(),
         other => malformed(other),
@@ -42,6 +44,63 @@ fn objs() -> Vec<Vec<u8>> {
         "v nan 0 0\nv 1 0 inf\nv 0 1 0\nv 1,5 0 0\nf 1 2 3\n",
     ]
     .map(|text| text.as_bytes().to_vec())
+    .to_vec()
+}
+
+/// What `kilwa metadata init` writes, all its examples, and files with mistakes.
+fn metadata() -> Vec<Vec<u8>> {
+    use kilwa_server::object::metadata::template::{Known, write};
+    let text = |t: &str| Some(t.to_owned());
+    let known = Known { title: text("Fort"), rights: text("CC0"), units: text("m"), ..Known::default() };
+    let is_example = |l: &str| {
+        l.strip_prefix("# ")
+            .is_some_and(|l| l.starts_with('[') || l.split_once(" = ").is_some_and(|(k, _)| !k.contains(' ')))
+    };
+    let all = write(&known);
+    let examples: Vec<&str> = all.lines().map(|l| if is_example(l) { &l[2..] } else { l }).collect();
+    let least = "title = \"Fort\"\n[rights]\nuri = \"InC\"\n[model]\nunits = \"m\"\n";
+    [
+        write(&Known::default()),
+        all.clone(),
+        examples.join("\n"),
+        least.to_owned(),
+        format!("{least}crs = \"EPSG:4326\"\n[place]\nlatitude = 1e99\n[[creators]]\n[capture]\ndate = \"2009/2008\"\naccuracy = -1\n"),
+        format!("identifier = \"10.1/x\"\nlanguage = \"?\"\nurl = \"x\"\nslug = \"..\"\npublished = 2026\n{least}"),
+        "title = Fort\nrights = 1".to_owned(),
+        "title: Fort".to_owned(),
+    ]
+    .map(String::into_bytes)
+    .to_vec()
+}
+
+/// Manifests and lists of checksums, right and wrong.
+fn manifests() -> Vec<Vec<u8>> {
+    let sum = "ab".repeat(32);
+    let version = |n: u32| {
+        format!(
+            "{{\"version\":{n},\"folder\":\"v{n}\",\"published\":\"2026-11-21\",\"note\":\"n\",\"pack\":{{\"url\":\"v{n}/pack.{sum}.kilwa\",\"bytes\":5,\
+             \"sha256\":\"{sum}\",\"identity\":\"{}\"}},\"checksums\":{{\"url\":\"v{n}/checksums.sha256\",\"bytes\":1,\"sha256\":\"{sum}\"}},\
+             \"figures\":{{\"bounds\":[[0,0,0],[1,1,1]],\"units\":\"m\",\"source_units\":\"m\",\"triangles\":1,\"vertices\":3,\"spacing\":0.1}}}}",
+            "cd".repeat(16)
+        )
+    };
+    let manifest = |versions: &str, current: u32| {
+        format!(
+            "{{\"kilwa\":1,\"slug\":\"fort\",\"title\":\"Fort\",\"language\":\"en\",\"rights\":{{\"uri\":\"u\",\"label\":\"l\",\"short\":\"s\"}},\
+             \"citation\":\"c\",\"access\":{{\"state\":\"public\"}},\"current\":{current},\"versions\":[{versions}],\
+             \"page\":{{\"url\":\"index.html\",\"bytes\":1,\"sha256\":\"{sum}\"}},\"tool\":\"kilwa\"}}"
+        )
+    };
+    [
+        manifest(&version(1), 1),
+        manifest(&format!("{},{}", version(1), version(2)), 2),
+        manifest(&version(2), 2),
+        manifest("", 0),
+        format!("{sum}  a\n{sum}  metadata/dc.xml\n"),
+        format!("{sum}  ../a\n{sum} *b\n"),
+        format!("{sum}  a\n{sum}  a\n"),
+    ]
+    .map(String::into_bytes)
     .to_vec()
 }
 

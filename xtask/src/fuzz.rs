@@ -19,7 +19,7 @@ pub(crate) struct Args {
     /// Seconds for each target
     #[arg(long, value_name = "N", default_value_t = 600)]
     seconds: u64,
-    /// Only this target: `ply`, `obj`, `stl`, `gltf`, `open_pack` or `decode_chunk`
+    /// Only this target: `ply`, `obj`, `stl`, `gltf`, `open_pack`, `decode_chunk`, `metadata` or `manifest`
     #[arg(long, value_name = "NAME")]
     only: Option<String>,
     /// The stable compiler's runner also where cargo-fuzz is installed
@@ -28,13 +28,15 @@ pub(crate) struct Args {
 }
 
 /// Targets, and the tests of `tests/fuzzing` that run their bodies.
-const TARGETS: [(&str, &str); 6] = [
+const TARGETS: [(&str, &str); 8] = [
     ("ply", "any_bytes_are_a_ply_or_refused"),
     ("obj", "any_bytes_are_an_obj_or_refused"),
     ("stl", "any_bytes_are_an_stl_or_refused"),
     ("gltf", "any_bytes_are_a_gltf_or_refused"),
     ("open_pack", "any_bytes_are_a_pack_or_refused"),
     ("decode_chunk", "any_bytes_are_a_chunk_or_refused"),
+    ("metadata", "any_bytes_are_metadata_or_refused"),
+    ("manifest", "any_bytes_are_a_manifest_or_refused"),
 ];
 
 /// Targets that run at a time.

@@ -36,7 +36,8 @@ pub fn landing(viewer: &str, p: &Publication, around: &Surroundings) -> String {
     let title = escape(&p.metadata.title);
     let folder = version_folder(p.version);
     let list = around.list.as_ref().map(|l| format!("{UP}{l}")).unwrap_or_default();
-    let body = format!("data-pack=\"{UP}{}\" data-title=\"{title}\"", escape(&p.pack.url));
+    let accuracy = p.figures.accuracy.map(|a| format!(" data-accuracy=\"{a:?}\"")).unwrap_or_default();
+    let body = format!("data-pack=\"{UP}{}\" data-title=\"{title}\"{accuracy}", escape(&p.pack.url));
     viewer
         .replacen("<base href=\"./\">", &format!("<base href=\"{folder}/{VIEWER}/\">"), 1)
         .replacen("<title>Kilwa</title>", &format!("<title>{title}</title>\n{}", head(p)), 1)

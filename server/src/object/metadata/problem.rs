@@ -38,9 +38,14 @@ impl fmt::Display for Problems {
 
 /// The known name that is most like the one given, if one is alike.
 pub(crate) fn nearest<'a>(given: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    // No slip of the finger is as long, and comparing takes time by length.
+    if given.len() > 100 {
+        return None;
+    }
     let lower = given.to_lowercase();
     let scored = known.map(|k| (strsim::damerau_levenshtein(&lower, &k.to_lowercase()), k));
-    let (distance, name) = scored.min()?;
+    // Of equally near ones the first.
+    let (distance, name) = scored.min_by_key(|(distance, _)| *distance)?;
     (distance <= 1 + given.chars().count().max(name.len()) / 4).then_some(name)
 }
 
@@ -54,5 +59,6 @@ mod tests {
         assert_eq!(nearest("titel", known.into_iter()), Some("title"));
         assert_eq!(nearest("Creator", known.into_iter()), Some("creators"));
         assert_eq!(nearest("elephants", known.into_iter()), None);
+        assert_eq!(nearest("b5", ["b4", "b1", "b9"].into_iter()), Some("b4"));
     }
 }

@@ -1,0 +1,185 @@
+//! `kilwa publish` and `kilwa metadata` as programs: what an object is, what is refused, what second implementations say of it.
+//!
+//! Each test publishes packs of its own to a folder of its own, with a page of a few small files in place of the built one.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod object;
+mod opinions;
+mod place;
+mod refusals;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use support::{Input, built_once, text};
+
+/// Metadata with everything in it; `@` stands where tests put more at the top of the file.
+pub(crate) const FULL: &str = r#"
+title = "Gereza & fort, \"Kilwa\""
+alternative_titles = ["Ngome <ya> Kilwa"]
+description = "First paragraph & more.\n\nSecond <b>one</b>."
+subjects = ["fort", "Swahili coast"]
+slug = "gereza"
+url = "https://museum.example/models/gereza/"
+identifier = "doi:10.1234/abc_d"
+publisher = "Museum & Sons"
+published = 2026-11-21
+[rights]
+uri = "https://creativecommons.org/licenses/by/4.0/deed.fr"
+holder = "Antiquities Division"
+[model]
+units = "m"
+crs = "EPSG:32737"
+[[creators]]
+name = "Rüther, Heinz"
+orcid = "0000-0002-1825-0097"
+affiliation = "University of Cape Town"
+[[creators]]
+name = "Zamani Project"
+kind = "organisation"
+[[contributors]]
+name = "Held, Christoph"
+role = "Data Collector"
+[place]
+name = "Kilwa Kisiwani"
+country = "TZ"
+latitude = -8.9577
+longitude = 39.5228
+[object]
+kind = "Fort"
+materials = ["coral rag"]
+identifiers = ["UNESCO 144"]
+[capture]
+date = "2009-07/2009-08"
+accuracy = 0.003
+description = "Inside and outside."
+[[capture.steps]]
+what = "Registration"
+[[related]]
+relation = "IsDescribedBy"
+uri = "10.1145/1015706.1015802"
+[[funding]]
+funder = "World Monuments Fund"
+award = "12"
+"#;
+
+/// The least that is taken.
+pub(crate) const LEAST: &str =
+    "title = \"Fort\"\npublished = 2026-11-21\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n";
+
+/// A pack at UTM coordinates with a reference system.
+pub(crate) fn pack() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("publish");
+    let write = |path: &Path| Input::torus(90, 40, [565_977.25, 9_009_946.5, 31.75]).write(path);
+    built_once(&folder, "torus", write, &["--crs", "EPSG:32737", "--title", "torus"])
+}
+
+/// The same shape without one, another pack.
+pub(crate) fn other_pack() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("publish");
+    built_once(&folder, "local", |path| Input::torus(80, 30, [1.0, 2.0, 3.0]).write(path), &[])
+}
+
+/// A folder to work in: a page, metadata, and room for objects.
+pub(crate) struct Bench {
+    pub(crate) folder: tempfile::TempDir,
+}
+
+impl Bench {
+    pub(crate) fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let www = folder.path().join("www");
+        std::fs::create_dir_all(www.join("plain")).unwrap();
+        for name in [
+            "boot.js",
+            "viewer.js",
+            "viewer_bg.wasm",
+            "viewer-gl.js",
+            "viewer-gl_bg.wasm",
+            "decode.js",
+            "decode_bg.wasm",
+        ] {
+            std::fs::write(www.join(name), name).unwrap();
+        }
+        for name in ["index.html", "style.css", "plain/plain.css", "plain/plain.js"] {
+            std::fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join("www").join(name), www.join(name)).unwrap();
+        }
+        Self { folder }
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Write metadata; its path.
+    pub(crate) fn metadata(&self, text: &str) -> PathBuf {
+        let path = self.path("metadata.toml");
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+
+    /// `kilwa publish PACK --to site` with metadata and more options.
+    pub(crate) fn publish(&self, pack: &Path, metadata: &str, more: &[&str]) -> Output {
+        let (metadata, site, www) = (self.metadata(metadata), self.path("site"), self.path("www"));
+        let mut args = vec![
+            "publish",
+            text(pack),
+            "--to",
+            text(&site),
+            "--metadata",
+            text(&metadata),
+            "--www",
+            text(&www),
+            "--software",
+        ];
+        args.extend_from_slice(more);
+        run(&args)
+    }
+
+    /// As [`Self::publish`], which must succeed; the object's folder.
+    pub(crate) fn published(&self, pack: &Path, metadata: &str, more: &[&str]) -> PathBuf {
+        let output = self.publish(pack, metadata, &[more, &["--json"]].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        PathBuf::from(report["object"].as_str().unwrap())
+    }
+
+    /// As [`Self::publish`], which must exit with 1 and change nothing; what it says.
+    pub(crate) fn refused(&self, pack: &Path, metadata: &str, more: &[&str]) -> String {
+        let before = tree(&self.path("site"));
+        let output = self.publish(pack, metadata, more);
+        assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stdout));
+        assert!(tree(&self.path("site")) == before, "something was written");
+        String::from_utf8(output.stderr).unwrap()
+    }
+}
+
+/// Run the program, without a day from outside.
+pub(crate) fn run(args: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
+    command.args(args).env_remove("SOURCE_DATE_EPOCH").stdin(Stdio::null()).output().unwrap()
+}
+
+/// Every file below a folder, hidden ones too; empty where there is none.
+pub(crate) fn tree(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut all = BTreeMap::new();
+    let Ok(entries) = std::fs::read_dir(folder) else { return all };
+    for entry in entries {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if path.is_dir() {
+            all.insert(format!("{name}/"), Vec::new());
+            all.extend(tree(&path).into_iter().map(|(p, b)| (format!("{name}/{p}"), b)));
+        } else {
+            all.insert(name, std::fs::read(&path).unwrap());
+        }
+    }
+    all
+}
+
+/// A JSON file.
+pub(crate) fn json_of(path: &Path) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))).unwrap()
+}

@@ -1,0 +1,246 @@
+//! What an object is: complete, the same from the same, versions that are added and never changed.
+
+use crate::support::{json, succeeds, text};
+use crate::{Bench, FULL, LEAST, json_of, other_pack, pack, run, tree};
+use std::process::Command;
+
+#[test]
+fn an_object_holds_everything_and_every_file_is_under_a_checksum() {
+    let bench = Bench::new();
+    let object = bench.published(&pack(), FULL, &["--site", "--bag"]);
+    assert_eq!(object, bench.path("site/gereza"));
+    let folder = object.join("v1");
+    for path in [
+        "README.txt",
+        "LICENSE.txt",
+        "citation.txt",
+        "citation.bib",
+        "citation.ris",
+        "poster.jpg",
+        "poster-600.jpg",
+        "poster-300.jpg",
+        "preview.glb",
+        "drawings/plan.png",
+        "drawings/plan.pgw",
+        "drawings/north.png",
+        "drawings/east.png",
+        "drawings/south.png",
+        "drawings/west.png",
+        "iiif/manifest.json",
+        "metadata/dc.xml",
+        "metadata/datacite.json",
+        "metadata/edm.xml",
+        "metadata/paradata.json",
+        "metadata/metadata.json",
+        "ro-crate-metadata.json",
+        "linkset.json",
+        "oembed.json",
+        "viewer/boot.js",
+    ] {
+        assert!(folder.join(path).is_file(), "{path} is missing");
+    }
+    let list = std::fs::read_to_string(folder.join("checksums.sha256")).unwrap();
+    let files =
+        tree(&folder).into_iter().filter(|(path, _)| !path.ends_with('/') && path != "checksums.sha256").count();
+    assert_eq!(list.lines().count(), files);
+    if Command::new("sha256sum").arg("--version").output().is_ok() {
+        let checked = Command::new("sha256sum")
+            .args(["-c", "--strict", "--quiet", "checksums.sha256"])
+            .current_dir(&folder)
+            .output()
+            .unwrap();
+        assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
+    } else {
+        println!("skipped: sha256sum is not here");
+    }
+    // The pack is the one that was given, and its name its hash.
+    let manifest = json_of(&object.join("manifest.json"));
+    let entry = &manifest["versions"][0]["pack"];
+    let published = object.join(entry["url"].as_str().unwrap());
+    assert_eq!(std::fs::read(&published).unwrap(), std::fs::read(pack()).unwrap());
+    assert!(entry["url"].as_str().unwrap().contains(entry["sha256"].as_str().unwrap()));
+    assert_eq!(
+        manifest["versions"][0]["figures"]["triangles"],
+        json(&["info", text(&pack())])["metadata"]["triangles"]
+    );
+    assert_eq!(manifest["rights"]["uri"], "https://creativecommons.org/licenses/by/4.0/");
+    succeeds(&["verify", text(&published)]);
+    // The page of the object leads to files that are there.
+    let html = std::fs::read_to_string(object.join("index.html")).unwrap();
+    for part in html.split(['"']).filter(|p| p.starts_with("../../")) {
+        let path = part.trim_start_matches("../../").split(['?', '#']).next().unwrap();
+        assert!(path.is_empty() || path == "../" || object.join(path).exists(), "{part}");
+    }
+    assert!(html.contains("Gereza &amp; fort") && !html.contains("Second <b>"), "escaped");
+    for path in ["index.html", "feed.xml", "models.json", "sitemap.xml", "assets/style.css"] {
+        assert!(bench.path("site").join(path).is_file(), "{path}");
+    }
+}
+
+#[test]
+fn the_same_inputs_give_the_same_bytes() {
+    let trees = [(); 2].map(|()| {
+        let bench = Bench::new();
+        bench.published(&pack(), FULL, &["--site", "--bag"]);
+        tree(&bench.path("site"))
+    });
+    let names = |t: &std::collections::BTreeMap<String, Vec<u8>>| t.keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(&trees[0]), names(&trees[1]));
+    for (path, bytes) in &trees[0] {
+        assert!(*bytes == trees[1][path], "{path} differs");
+    }
+}
+
+#[test]
+fn the_day_comes_from_the_option_the_metadata_source_date_epoch_or_the_clock_in_this_order() {
+    let bench = Bench::new();
+    let undated = LEAST.replace("published = 2026-11-21\n", "");
+    let day = |more: &[&str], text_: &str, epoch: Option<&str>| {
+        let (metadata, site, www, pack) = (bench.metadata(text_), bench.path("site"), bench.path("www"), other_pack());
+        let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
+        command
+            .args([
+                "publish",
+                text(&pack),
+                "--to",
+                text(&site),
+                "--metadata",
+                text(&metadata),
+                "--www",
+                text(&www),
+                "--dry-run",
+                "--json",
+            ])
+            .args(more);
+        match epoch {
+            Some(seconds) => command.env("SOURCE_DATE_EPOCH", seconds),
+            None => command.env_remove("SOURCE_DATE_EPOCH"),
+        };
+        let output = command.output().unwrap();
+        let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+        (said["published"].as_str().unwrap_or_default().to_owned(), String::from_utf8(output.stderr).unwrap())
+    };
+    assert_eq!(day(&["--date", "2020-02-02"], LEAST, Some("0")).0, "2020-02-02");
+    assert_eq!(day(&[], LEAST, Some("0")).0, "2026-11-21");
+    assert_eq!(day(&[], &undated, Some("86400")).0, "1970-01-02");
+    assert_eq!(day(&[], &undated, None).0.len(), 10);
+    assert!(day(&[], &undated, Some("noon")).1.contains("SOURCE_DATE_EPOCH"));
+}
+
+#[test]
+fn versions_are_added_with_what_is_new_and_the_old_ones_stay_as_they_are() {
+    let bench = Bench::new();
+    let object = bench.published(&pack(), FULL, &[]);
+    let first = tree(&object.join("v1"));
+    let said = bench.refused(&pack(), FULL, &[]);
+    assert!(said.contains("--version-note"), "{said}");
+    let said = bench.refused(&pack(), FULL, &["--version-note", "Nothing", "--date", "2026-12-01"]);
+    assert!(said.contains("nothing new to publish"), "{said}");
+    let said = bench.refused(&pack(), FULL, &["--version-note", "Earlier", "--date", "2026-01-01"]);
+    assert!(said.contains("after 2026-01-01"), "{said}");
+    let changed = FULL.replace("First paragraph", "Better text");
+    bench.published(&pack(), &changed, &["--version-note", "Text corrected", "--date", "2026-12-01"]);
+    assert!(tree(&object.join("v1")) == first, "version 1 was changed");
+    let manifest = json_of(&object.join("manifest.json"));
+    assert_eq!((&manifest["current"], manifest["versions"].as_array().unwrap().len()), (&2.into(), 2));
+    assert_eq!(
+        (&manifest["versions"][1]["note"], &manifest["versions"][1]["published"]),
+        (&"Text corrected".into(), &"2026-12-01".into())
+    );
+    let html = std::fs::read_to_string(object.join("index.html")).unwrap();
+    assert!(html.contains("Text corrected") && html.contains("First publication") && html.contains("v1/pack."));
+    assert_eq!(std::fs::read_dir(&object).unwrap().count(), 4, "nothing hidden is left");
+}
+
+#[test]
+fn a_dry_run_shows_every_field_and_writes_nothing() {
+    let bench = Bench::new();
+    let output = bench.publish(&pack(), FULL, &["--dry-run"]);
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success() && !bench.path("site").exists());
+    for word in [
+        "creators[1].orcid",
+        "dates (Collected)",
+        "edm:rights",
+        "geoLocations",
+        "Nothing was written",
+        "version 1 of 2026-11-21",
+    ] {
+        assert!(said.contains(word), "{word} in {said}");
+    }
+    // Each value that was given is on a line of its own.
+    for value in ["Held, Christoph", "-8.9577", "coral rag", "Registration", "World Monuments Fund", "EPSG:32737"] {
+        assert!(said.contains(value), "{value} in {said}");
+    }
+}
+
+#[test]
+fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
+    let bench = Bench::new();
+    let object = bench.published(&pack(), FULL, &["--bag", "--site"]);
+    let pack_file = json_of(&object.join("manifest.json"))["versions"][0]["pack"]["url"].as_str().unwrap().to_owned();
+    let (site, www) = (bench.path("site"), bench.path("www"));
+    let inside = site.join("kept");
+    let (keep, inside) = (bench.path("keep"), text(&inside).to_owned());
+    let withdraw = |keep: &str| {
+        run(&[
+            "publish",
+            "--withdraw",
+            "gereza",
+            "--to",
+            text(&site),
+            "--keep",
+            keep,
+            "--reason",
+            "The family asked for it",
+            "--date",
+            "2027-01-01",
+            "--site",
+            "--www",
+            text(&www),
+        ])
+    };
+    let refused = withdraw(&inside);
+    assert!(
+        String::from_utf8_lossy(&refused.stderr).contains("outside with --keep") && object.join(&pack_file).exists()
+    );
+    let done = withdraw(text(&keep));
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    assert!(
+        !object.join(&pack_file).exists()
+            && !object.join("v1/poster.jpg").exists()
+            && !site.join("gereza.bag").exists()
+    );
+    assert!(keep.join("gereza").join(&pack_file).exists());
+    assert!(object.join("v1/metadata/dc.xml").exists() && object.join("v1/citation.txt").exists());
+    let html = std::fs::read_to_string(object.join("index.html")).unwrap();
+    assert!(html.contains("The family asked for it") && html.contains("2027-01-01"));
+    let manifest = json_of(&object.join("manifest.json"));
+    assert_eq!(manifest["access"]["state"], "withdrawn");
+    assert!(!std::fs::read_to_string(site.join("feed.xml")).unwrap().contains("gereza/"));
+    let again =
+        bench.refused(&other_pack(), &LEAST.replace("title =", "slug = \"gereza\"\ntitle ="), &["--version-note", "x"]);
+    assert!(again.contains("was withdrawn on 2027-01-01"), "{again}");
+}
+
+#[test]
+fn init_writes_a_file_that_publish_takes_when_the_rights_are_filled_in() {
+    let bench = Bench::new();
+    let path = bench.path("new.toml");
+    succeeds(&["metadata", "init", text(&pack()), "-o", text(&path)]);
+    let begun = std::fs::read_to_string(&path).unwrap();
+    assert!(
+        begun.contains("title = \"torus\"")
+            && begun.contains("units = \"m\"")
+            && begun.contains("crs = \"EPSG:32737\"")
+    );
+    let said = bench.refused(&pack(), &begun, &["--dry-run"]);
+    assert!(said.contains("rights.uri") && said.matches("line ").count() == 1, "{said}");
+    let filled = begun.replacen("uri = \"\"", "uri = \"CC BY 4.0\"", 1);
+    assert!(bench.publish(&pack(), &filled, &["--dry-run"]).status.success());
+    let plain = succeeds(&["metadata", "init"]);
+    assert!(plain.contains("# NEEDED") && plain.contains("[rights]"));
+    let again = run(&["metadata", "init", "-o", text(&path)]);
+    assert_eq!(again.status.code(), Some(1));
+    assert!(succeeds(&["metadata", "check", text(&bench.metadata(FULL))]).contains("right"));
+}

@@ -1,0 +1,166 @@
+//! What programs that others wrote say of an object: bagit, rocrate, DataCite's JSON schema, rdflib, expat, citation parsers. From PyPI, pinned
+//! in tests/trust/requirements.txt; `cargo xtask test` puts them in the tools' folder and names it in `KILWA_PYTHON`.
+
+use crate::support::text;
+use crate::{Bench, FULL, LEAST, json_of, other_pack, pack};
+use serde_json::Value;
+use std::path::Path;
+use std::process::Command;
+
+/// What a Python program prints as JSON, or `None` where the packages are not there.
+fn python(program: &str, folder: &Path) -> Option<Value> {
+    let Some(packages) = std::env::var_os("KILWA_PYTHON") else {
+        println!(
+            "skipped: opinions of bagit, rocrate, datacite, rdflib, rispy and bibtexparser: KILWA_PYTHON is not set (cargo xtask test sets it)"
+        );
+        return None;
+    };
+    let output =
+        Command::new("python3").env("PYTHONPATH", packages).args(["-c", program]).arg(folder).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    Some(serde_json::from_slice(output.stdout.trim_ascii().rsplit(|b| *b == b'\n').next().unwrap()).unwrap())
+}
+
+const PROGRAM: &str = r#"
+import sys, json, os, logging
+logging.disable(logging.CRITICAL)
+site = sys.argv[1]
+[slug] = [d for d in os.listdir(site) if os.path.isfile(f"{site}/{d}/manifest.json")]
+v = f"{site}/{slug}/v1"
+out = {}
+import bagit
+bag = bagit.Bag(f"{site}/{slug}.bag")
+out["bag"] = bag.is_valid()
+out["bag_info"] = dict(bag.info)
+from rocrate.rocrate import ROCrate
+crate = ROCrate(v)
+out["crate"] = {"name": crate.name, "license": crate.license if isinstance(crate.license, str) else crate.license.id,
+    "missing": [e.id for e in crate.data_entities if not os.path.exists(f"{v}/{e.id}")],
+    "files": len(crate.data_entities), "people": [p.get("name") for p in crate.contextual_entities if p.type == "Person"]}
+import datacite.schema45 as schema
+d = json.load(open(f"{v}/metadata/datacite.json"))
+out["datacite"] = [f"{list(e.path)}: {e.message}" for e in schema.validator.iter_errors(d)]
+import rdflib
+g = rdflib.Graph().parse(f"{v}/metadata/edm.xml", format="xml")
+EDM, ORE = rdflib.Namespace("http://www.europeana.eu/schemas/edm/"), rdflib.Namespace("http://www.openarchives.org/ore/terms/")
+RDF = rdflib.RDF
+def one(kind):
+    [s] = g.subjects(RDF.type, kind); return s
+cho, aggregation = one(EDM.ProvidedCHO), one(ORE.Aggregation)
+needed = [EDM.aggregatedCHO, EDM.dataProvider, EDM.isShownAt, EDM.provider, EDM.rights, EDM.object]
+out["edm"] = {"missing": [str(p) for p in needed if (aggregation, p, None) not in g], "cho": (aggregation, EDM.aggregatedCHO, cho) in g,
+    "type": str(g.value(cho, EDM.type)), "title": str(g.value(cho, rdflib.DC.title)), "rights": str(g.value(aggregation, EDM.rights)),
+    "resources": len(list(g.subjects(RDF.type, EDM.WebResource)))}
+import xml.etree.ElementTree as ET
+DC = "{http://purl.org/dc/elements/1.1/}"
+root = ET.parse(f"{v}/metadata/dc.xml").getroot()
+known = {"title", "creator", "subject", "description", "publisher", "contributor", "date", "type", "format", "identifier", "source", "language", "relation", "coverage", "rights"}
+out["dc"] = {"root": root.tag, "strange": [e.tag for e in root if e.tag.replace(DC, "") not in known or len(e)], "title": root.find(DC + "title").text,
+    "creators": [e.text for e in root.findall(DC + "creator")]}
+ATOM = "{http://www.w3.org/2005/Atom}"
+feed = ET.parse(f"{site}/feed.xml").getroot()
+out["feed"] = [feed.tag] + [e.find(ATOM + "title").text for e in feed.findall(ATOM + "entry")] + [n for n in ["id", "title", "updated"] if feed.find(ATOM + n) is None]
+import rispy, bibtexparser
+out["ris"] = rispy.load(open(f"{v}/citation.ris", encoding="utf-8"))
+library = bibtexparser.parse_file(f"{v}/citation.bib")
+out["bib"] = {"failed": len(library.failed_blocks), "entries": [{k: f.value for k, f in e.fields_dict.items()} | {"type": e.entry_type} for e in library.entries]}
+from PIL import Image
+def picture(path):
+    with Image.open(path) as i:
+        i.load(); return [i.format, *i.size]
+out["pictures"] = [picture(f"{v}/{p}") for p in ["poster.jpg", "poster-600.jpg", "poster-300.jpg", "drawings/plan.png", "drawings/west.png"]]
+import html.parser
+class Page(html.parser.HTMLParser):
+    def __init__(self):
+        super().__init__(); self.ld = False; self.data = ""; self.links = []
+    def handle_starttag(self, tag, attrs):
+        a = dict(attrs); self.ld = tag == "script" and a.get("type") == "application/ld+json"
+        if tag == "link": self.links.append(a.get("rel"))
+    def handle_data(self, data):
+        if self.ld: self.data += data
+    def handle_endtag(self, tag): self.ld = False
+page = Page(); page.feed(open(f"{site}/{slug}/index.html", encoding="utf-8").read())
+out["page"] = {"ld": json.loads(page.data), "links": page.links}
+print(json.dumps(out))
+"#;
+
+#[test]
+fn second_implementations_take_everything() {
+    let bench = Bench::new();
+    bench.published(&pack(), FULL, &["--bag", "--site"]);
+    let Some(said) = python(PROGRAM, &bench.path("site")) else { return };
+    let title = "Gereza & fort, \"Kilwa\"";
+    assert_eq!((&said["bag"], &said["bag_info"]["Bagging-Date"]), (&true.into(), &"2026-11-21".into()));
+    let crate_ = &said["crate"];
+    assert_eq!((&crate_["name"], crate_["missing"].as_array().unwrap().len()), (&title.into(), 0), "{crate_}");
+    assert_eq!(crate_["license"], "https://creativecommons.org/licenses/by/4.0/");
+    assert_eq!(crate_["people"], serde_json::json!(["Heinz Rüther", "Christoph Held"]));
+    assert_eq!(said["datacite"], serde_json::json!([]));
+    let edm = &said["edm"];
+    assert_eq!(
+        (&edm["missing"], &edm["cho"], &edm["type"], &edm["resources"]),
+        (&serde_json::json!([]), &true.into(), &"3D".into(), &3.into())
+    );
+    assert_eq!((&edm["title"], &edm["rights"]), (&title.into(), &"http://creativecommons.org/licenses/by/4.0/".into()));
+    let dc = &said["dc"];
+    assert_eq!(dc["root"], "{http://www.openarchives.org/OAI/2.0/oai_dc/}dc");
+    assert_eq!(
+        (&dc["strange"], &dc["title"], &dc["creators"]),
+        (&serde_json::json!([]), &title.into(), &serde_json::json!(["Rüther, Heinz", "Zamani Project"]))
+    );
+    assert_eq!(said["feed"], serde_json::json!(["{http://www.w3.org/2005/Atom}feed", title]));
+    let ris = &said["ris"][0];
+    assert_eq!(
+        (&ris["title"], &ris["authors"], &ris["doi"]),
+        (&title.into(), &serde_json::json!(["Rüther, Heinz", "Zamani Project"]), &"10.1234/abc_d".into())
+    );
+    let bib = &said["bib"];
+    assert_eq!(
+        (&bib["failed"], &bib["entries"][0]["year"], &bib["entries"][0]["doi"]),
+        (&0.into(), &"2026".into(), &"10.1234/abc_d".into())
+    );
+    assert_eq!(
+        said["pictures"],
+        serde_json::json!([
+            ["JPEG", 1200, 630],
+            ["JPEG", 600, 315],
+            ["JPEG", 300, 158],
+            ["PNG", 1240, 1754],
+            ["PNG", 1754, 1240]
+        ])
+    );
+    assert_eq!((&said["page"]["ld"]["@type"], &said["page"]["ld"]["name"]), (&"3DModel".into(), &title.into()));
+}
+
+#[test]
+fn the_least_metadata_gives_valid_records_too() {
+    let bench = Bench::new();
+    let object = bench.published(&other_pack(), LEAST, &["--bag", "--site"]);
+    assert!(!object.join("v1/oembed.json").exists(), "oEmbed needs an address");
+    assert_eq!(json_of(&object.join("v1/metadata/datacite.json"))["creators"][0]["name"], ":unkn");
+    let Some(said) = python(PROGRAM, &bench.path("site")) else { return };
+    assert_eq!((&said["bag"], &said["datacite"]), (&true.into(), &serde_json::json!([])));
+    assert_eq!(
+        (&said["crate"]["missing"], &said["edm"]["missing"], &said["bib"]["failed"]),
+        (&serde_json::json!([]), &serde_json::json!([]), &0.into())
+    );
+}
+
+#[test]
+fn what_is_changed_afterwards_is_noticed_by_them() {
+    let bench = Bench::new();
+    let object = bench.published(&other_pack(), LEAST, &["--bag"]);
+    // The bag shares its files: what changes there changes here, and bagit sees it.
+    let readme = bench.path("site/fort.bag/data/v1/README.txt");
+    let old = std::fs::read(&readme).unwrap();
+    std::fs::remove_file(&readme).unwrap();
+    std::fs::write(&readme, [&old[1..], b"x"].concat()).unwrap();
+    assert_eq!(
+        std::fs::read(object.join("v1/README.txt")).unwrap(),
+        old,
+        "removing a file of the bag leaves the object's"
+    );
+    let program = "import sys, json, bagit, logging\nlogging.disable(logging.CRITICAL)\nprint(json.dumps(bagit.Bag(sys.argv[1] + '/fort.bag').is_valid()))";
+    let Some(said) = python(program, &bench.path("site")) else { return };
+    assert_eq!(said, false, "{}", text(&readme));
+}

@@ -1,0 +1,181 @@
+//! What is refused: before anything is written, with what to do.
+
+use crate::support::text;
+use crate::{Bench, FULL, LEAST, other_pack, pack, run, tree};
+use std::process::Command;
+
+#[test]
+fn missing_and_wrong_metadata_is_told_with_line_field_and_what_to_write() {
+    let bench = Bench::new();
+    for (from, to, said) in [
+        ("title = \"Fort\"\n", "", "title: every model needs a title"),
+        ("[rights]\nuri = \"CC0\"\n", "", "add a line [rights]"),
+        ("uri = \"CC0\"", "uri = \"\"", "line 4: rights.uri: every model needs a statement of rights"),
+        ("units = \"m\"", "", "model.units: the units of the mesh"),
+        ("\"CC0\"", "\"CC BY 5.0\"", "did you mean CC BY 4.0?"),
+        ("\"CC0\"", "\"all mine\"", "no known statement of rights"),
+        ("units = \"m\"", "units = \"mm\"", "the pack was built from a mesh in \"m\""),
+        (
+            "units = \"m\"",
+            "units = \"m\"\ncrs = \"EPSG:32737\"",
+            "model.crs says EPSG:32737, and the pack local coordinates",
+        ),
+        ("units = \"m\"", "units = \"m\"\ncrs = \"EPSG:4326\"", "degrees"),
+        ("title", "titel", "did you mean \"title\"?"),
+        ("title = \"Fort\"", "title = Fort", "line 1: "),
+        ("published = 2026-11-21", "published = 2026-02-30", "line 2"),
+    ] {
+        assert!(LEAST.contains(from));
+        let message = bench.refused(&other_pack(), &LEAST.replacen(from, to, 1), &[]);
+        assert!(message.contains(said), "{said} in {message}");
+        assert!(!bench.path("site").exists());
+    }
+    let output =
+        run(&["publish", text(&other_pack()), "--to", text(&bench.path("site")), "--metadata", "/nowhere.toml"]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("/nowhere.toml"));
+    std::fs::write(bench.path("metadata.toml"), b"title = \"a\"\nb = \"\xff\"").unwrap();
+    let metadata = bench.path("metadata.toml");
+    let output =
+        run(&["publish", text(&other_pack()), "--to", text(&bench.path("site")), "--metadata", text(&metadata)]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("line 2: the file is not UTF-8"));
+}
+
+#[test]
+fn a_model_that_does_not_lie_in_its_reference_system_is_refused() {
+    let bench = Bench::new();
+    let (input, wrong) = (bench.path("t.ply"), bench.path("wrong.kilwa"));
+    crate::support::Input::torus(20, 12, [1.0, 2.0, 3.0]).write(&input);
+    crate::support::succeeds(&["build", text(&input), "-o", text(&wrong), "--crs", "EPSG:32737"]);
+    let message = bench.refused(&wrong, &LEAST.replace("units = \"m\"", "units = \"m\"\ncrs = \"EPSG:32737\""), &[]);
+    assert!(message.contains("which is not in EPSG:32737") && message.contains("without --crs"), "{message}");
+}
+
+#[test]
+fn a_pack_that_fails_verification_is_refused() {
+    let bench = Bench::new();
+    let mut bytes = std::fs::read(other_pack()).unwrap();
+    let damaged = bench.path("damaged.kilwa");
+    let middle = bytes.len() * 2 / 3;
+    bytes[middle] ^= 0x10;
+    std::fs::write(&damaged, &bytes).unwrap();
+    let message = bench.refused(&damaged, LEAST, &[]);
+    assert!(message.contains("checksum does not match") && message.contains("damaged.kilwa"), "{message}");
+    bytes.truncate(middle);
+    std::fs::write(&damaged, &bytes).unwrap();
+    assert!(bench.refused(&damaged, LEAST, &[]).contains("truncated"));
+    assert!(!bench.path("site").exists());
+}
+
+#[test]
+fn a_name_that_another_model_has_is_refused_with_how_to_go_on() {
+    let bench = Bench::new();
+    let object = bench.published(&other_pack(), LEAST, &[]);
+    let other = LEAST.replace("title = \"Fort\"", "slug = \"fort\"\ntitle = \"A mosque\"");
+    let without = LEAST.replace("\"Fort\"", "\"FORT!\"");
+    let message = bench.refused(&other_pack(), &without, &["--version-note", "x"]);
+    assert!(
+        message.contains("is \"Fort\", another model") && message.contains("slug = \"fort\" if it is a new version"),
+        "{message}"
+    );
+    // With the name written down it is meant.
+    bench.published(&other_pack(), &other, &["--version-note", "It was a mosque", "--date", "2026-12-01"]);
+    std::fs::create_dir_all(bench.path("site/taken")).unwrap();
+    let taken = LEAST.replace("title =", "slug = \"taken\"\ntitle =");
+    assert!(bench.refused(&other_pack(), &taken, &[]).contains("is no object of kilwa"));
+    for bad in ["\"a/b\"", "\"..\"", "\"v1\""] {
+        assert!(
+            bench
+                .refused(&other_pack(), &LEAST.replace("title =", &format!("slug = {bad}\ntitle =")), &[])
+                .contains("slug"),
+            "{bad}"
+        );
+    }
+    let inside = object.join("v1");
+    let (metadata, www) = (bench.metadata(LEAST), bench.path("www"));
+    let output = run(&[
+        "publish",
+        text(&other_pack()),
+        "--to",
+        text(&inside),
+        "--metadata",
+        text(&metadata),
+        "--www",
+        text(&www),
+    ]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("is an object itself"));
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_to_is_told_before_the_pack_is_read() {
+    let bench = Bench::new();
+    let (metadata, www) = (bench.metadata(LEAST), bench.path("www"));
+    for to in ["/proc/kilwa/objects", text(&metadata)] {
+        let output =
+            run(&["publish", text(&other_pack()), "--to", to, "--metadata", text(&metadata), "--www", text(&www)]);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1));
+        assert!(
+            said.contains("cannot write to") && said.contains("nothing was changed") || said.contains("is a file"),
+            "{said}"
+        );
+    }
+    let site = bench.path("site");
+    let output =
+        run(&["publish", text(&other_pack()), "--to", text(&site), "--metadata", text(&metadata), "--www", "/nowhere"]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("/nowhere") && !site.exists());
+    let output =
+        run(&["publish", text(&other_pack()), "--to", "https://museum.example/", "--metadata", text(&metadata)]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("--to takes a folder"));
+}
+
+/// On a file system of 4 MB of its own, where the test may make one.
+#[test]
+fn a_disk_without_room_is_told_before_anything_is_written() {
+    let bench = Bench::new();
+    let (disk, metadata, www, pack) = (bench.path("disk"), bench.metadata(LEAST), bench.path("www"), other_pack());
+    std::fs::create_dir(&disk).unwrap();
+    let line = format!(
+        "mount -t tmpfs -o size=4m tmpfs {disk} || exit 77; {kilwa} publish {pack} --to {disk}/site --metadata {metadata} --www {www} --software; code=$?; ls -A {disk}; exit $code",
+        disk = text(&disk),
+        kilwa = env!("CARGO_BIN_EXE_kilwa"),
+        pack = text(&pack),
+        metadata = text(&metadata),
+        www = text(&www)
+    );
+    let Ok(output) = Command::new("unshare").args(["--user", "--map-root-user", "--mount", "sh", "-c", &line]).output()
+    else {
+        println!("skipped: unshare is not here, so that there is no small disk to fill");
+        return;
+    };
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    if output.status.code() != Some(1) || said.contains("unshare:") {
+        println!("skipped: no file system of its own may be mounted here: {said}");
+        return;
+    }
+    assert!(said.contains("has") && said.contains("are needed") && said.contains("Nothing was changed"), "{said}");
+    assert!(output.stdout.is_empty(), "left on the disk: {}", String::from_utf8_lossy(&output.stdout));
+}
+
+/// The largest file that may be written stands in for a disk that fills while the object is written: the same error at the same calls,
+/// without the check of free space before.
+#[cfg(unix)]
+#[test]
+fn a_disk_that_fills_half_way_leaves_nothing() {
+    let bench = Bench::new();
+    bench.published(&pack(), FULL, &[]);
+    let before = tree(&bench.path("site"));
+    let (metadata, site, www, pack) = (bench.metadata(FULL), bench.path("site"), bench.path("www"), pack());
+    for blocks in [4, 40, 200] {
+        let line = format!(
+            "trap '' XFSZ; ulimit -f {blocks}; exec {} publish {} --to {} --metadata {} --www {} --software --version-note x --date 2026-12-01",
+            env!("CARGO_BIN_EXE_kilwa"),
+            text(&pack),
+            text(&site),
+            text(&metadata),
+            text(&www)
+        );
+        let output = Command::new("sh").args(["-c", &line]).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{blocks}: {}", String::from_utf8_lossy(&output.stderr));
+        assert!(tree(&site) == before, "{blocks} blocks: something is left");
+    }
+}
