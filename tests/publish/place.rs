@@ -103,7 +103,7 @@ fn a_cell_tells_the_region_and_nothing_finer() {
     let figures = &json_of(&object.join("manifest.json"))["versions"][0]["figures"];
     assert_eq!(figures["crs"], "EPSG:32737");
     let middle =
-        |k: usize| (figures["bounds"][0][k].as_f64().unwrap() + figures["bounds"][1][k].as_f64().unwrap()) / 2.0;
+        |k: usize| f64::midpoint(figures["bounds"][0][k].as_f64().unwrap(), figures["bounds"][1][k].as_f64().unwrap());
     assert!(
         (middle(0) - 550_000.0).abs() < 0.1 && (middle(1) - 9_050_000.0).abs() < 0.1,
         "{} {}",
