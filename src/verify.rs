@@ -253,6 +253,10 @@ fn at_address(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
     if items.is_empty() {
         bail!("there is no object at {target} (no {MANIFEST}), and no page that links to objects or packs");
     }
+    // A list links to the packs of its objects too.
+    let objects: Vec<String> =
+        items.iter().filter(|i| matches!(i.what, What::Object)).map(|i| format!("{}/", i.path)).collect();
+    items.retain(|item| !objects.iter().any(|object| item.path.starts_with(object)));
     items.sort_by(|a, b| a.path.cmp(&b.path));
     Ok((Box::new(web), items))
 }

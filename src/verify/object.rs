@@ -283,7 +283,8 @@ impl Check<'_> {
             complete &= self.version(manifest, version, &mut there, &mut records)?;
         }
         self.extra(&there);
-        if complete {
+        // What is withdrawn leads to what is gone.
+        if complete && manifest.access.state != AccessState::Withdrawn {
             let home = manifest.url.as_deref();
             let page = page.map(|bytes| links::of_html(&String::from_utf8_lossy(&bytes)));
             self.links(PAGE, page.unwrap_or_default(), &there, home);
@@ -327,8 +328,14 @@ impl Check<'_> {
             self.add(&version.pack.url, Kind::Incomplete, what);
         }
         let name = in_folder(CHECKSUMS);
+        let withdrawn = manifest.access.state == AccessState::Withdrawn;
         for (path, sum) in list.iter() {
             there.insert(in_folder(path));
+            // Of what is withdrawn records and citations stay; the rest was taken away.
+            let stays = path.starts_with("metadata/") || CITATIONS.contains(&path);
+            if withdrawn && !stays && matches!(self.place.open(&in_folder(path)), Ok(None)) {
+                continue;
+            }
             if path == pack {
                 if let Some(checked) = self.pack(&in_folder(path), Some((sum, &name)))? {
                     self.figures(version, &checked);

@@ -1,0 +1,182 @@
+// What `kilwa publish --site` writes, from hosts that know nothing of Kilwa: nginx, and Python's http.server, which ignores Range.
+
+import assert from "node:assert/strict";
+import { execFile, execFileSync, spawn } from "node:child_process";
+import { mkdir, mkdtemp, readFile, readdir, rm, writeFile } from "node:fs/promises";
+import net from "node:net";
+import { tmpdir } from "node:os";
+import path from "node:path";
+import { after, before, test } from "node:test";
+import { promisify } from "node:util";
+import { KILWA, WWW, launch, open, packFolder, picture, stats, waitFor } from "./harness.mjs";
+
+const run = promisify(execFile);
+const METADATA = `title = "Gereza"\ndescription = "A fort by the sea."\nslug = "gereza"\n[rights]\nuri = "CC BY 4.0"\n[[creators]]\nname = "Held, Christoph"\n[model]\nunits = "m"\n`;
+let folder;
+let site;
+let browser;
+
+before(async () => {
+  folder = await mkdtemp(path.join(tmpdir(), "kilwa-static-"));
+  site = path.join(folder, "site");
+  const packs = await packFolder();
+  await writeFile(path.join(folder, "m.toml"), METADATA);
+  const args = ["publish", path.join(packs, "fort.kilwa"), "--to", site, "--metadata", path.join(folder, "m.toml"), "--site", "--software", "--www", WWW];
+  await run(KILWA, args);
+  await rm(packs, { recursive: true });
+  browser = await launch();
+});
+after(async () => {
+  await browser?.close();
+  await rm(folder, { recursive: true });
+});
+
+/** A port that is free now. */
+const freePort = () =>
+  new Promise((resolve) => {
+    const probe = net.createServer().listen(0, "127.0.0.1", () => {
+      const { port } = probe.address();
+      probe.close(() => resolve(port));
+    });
+  });
+
+/** A program that serves the site on a port, until `stop()`. */
+async function host(program, args, port) {
+  const child = spawn(program, args, { stdio: "ignore" });
+  const ended = new Promise((resolve) => child.once("exit", resolve));
+  const url = `http://127.0.0.1:${port}`;
+  for (let tries = 0; ; tries += 1) {
+    try {
+      const { status } = await fetch(`${url}/models.json`);
+      if (status !== 200) throw new Error(`it answers ${status}`);
+      break;
+    } catch (error) {
+      assert.ok(tries < 100 && child.exitCode === null, `${program} does not serve the site: ${error.message}`);
+      await new Promise((resolve) => setTimeout(resolve, 100));
+    }
+  }
+  return {
+    url,
+    stop: async () => {
+      child.kill("SIGTERM");
+      await ended;
+    },
+  };
+}
+
+async function python() {
+  const port = await freePort();
+  return host("python3", ["-m", "http.server", String(port), "--bind", "127.0.0.1", "--directory", site], port);
+}
+
+/** The smallest nginx that serves a folder, in the foreground and without root. */
+async function nginx() {
+  const port = await freePort();
+  const home = path.join(folder, "nginx");
+  await mkdir(home, { recursive: true });
+  const temp = ["client_body", "proxy", "fastcgi", "uwsgi", "scgi"].map((t) => `${t}_temp_path ${home}/${t};`).join(" ");
+  await writeFile(
+    path.join(home, "nginx.conf"),
+    `daemon off; ${process.getuid?.() === 0 ? "user root; " : ""}pid ${home}/pid; error_log ${home}/error.log; events {} http { include /etc/nginx/mime.types; access_log off; ${temp}
+     server { listen 127.0.0.1:${port}; root ${site}; } }`,
+  );
+  return host("nginx", ["-p", home, "-e", path.join(home, "error.log"), "-c", path.join(home, "nginx.conf")], port);
+}
+
+const has = (program, flag) => {
+  try {
+    execFileSync(program, [flag], { stdio: "ignore" });
+    return false;
+  } catch (error) {
+    return error.code === "ENOENT" ? `${program} is not installed` : false;
+  }
+};
+
+/** Open the model; the answers to requests for packs, and what the page says about them. */
+async function look(url, options = {}) {
+  const answers = [];
+  const opened = await open(browser, `${url}/gereza/`, {
+    before: (page) =>
+      page.on("response", (response) => {
+        if (response.url().endsWith(".kilwa")) answers.push(response.status());
+      }),
+    ...options,
+  });
+  return { ...opened, answers };
+}
+
+test("from nginx the model streams by range", { skip: has("nginx", "-v") }, async () => {
+  const server = await nginx();
+  try {
+    const { page, complaints, answers, close } = await look(server.url);
+    const s = await stats(page);
+    assert.ok(s.targetReached && s.settled, JSON.stringify(s));
+    assert.ok((await picture(page)).share > 0.05);
+    assert.ok(answers.length > 1 && answers.every((status) => status === 206), String(answers));
+    assert.equal(await page.evaluate(() => globalThis.kilwa.pack.whole), null);
+    assert.deepEqual(complaints, []);
+    await close();
+    const said = await run(KILWA, ["verify", `${server.url}/`]);
+    assert.match(said.stdout, /1 of 1 object sound/);
+  } finally {
+    await server.stop();
+  }
+});
+
+test("from Python's http.server the pack is read once, as a stream, and the page says so", async () => {
+  const server = await python();
+  try {
+    const { page, complaints, answers, close } = await look(server.url);
+    const s = await stats(page);
+    assert.ok(s.targetReached && s.settled, JSON.stringify(s));
+    assert.ok((await picture(page)).share > 0.05);
+    assert.deepEqual(answers, [200]);
+    const [notice, size] = await page.evaluate(() => [document.body.innerText, globalThis.kilwa.pack.bytes]);
+    const pack = (await readdir(path.join(site, "gereza/v1"))).find((name) => name.endsWith(".kilwa"));
+    assert.equal(size, (await readFile(path.join(site, "gereza/v1", pack))).length);
+    assert.match(notice, /does not send parts of files/);
+    assert.deepEqual(complaints, []);
+    await close();
+    const said = await run(KILWA, ["verify", `${server.url}/gereza/`]);
+    assert.match(said.stdout, /1 of 1 object sound/);
+  } finally {
+    await server.stop();
+  }
+});
+
+test("the catalogue, its feed, its lists and every link in them lead somewhere", async () => {
+  const server = await python();
+  try {
+    const get = async (address) => {
+      const response = await fetch(new URL(address, `${server.url}/`));
+      return { status: response.status, type: response.headers.get("content-type"), text: await response.text() };
+    };
+    const list = await get("");
+    const links = [...list.text.matchAll(/(?:href|src)="([^"]+)"/g)].map((m) => m[1].replaceAll("&amp;", "&"));
+    assert.ok(links.includes("gereza/"), String(links));
+    for (const link of links.filter((l) => !/^[a-z]+:/.test(l))) assert.equal((await get(link)).status, 200, link);
+    const models = JSON.parse((await get("models.json")).text);
+    assert.match(JSON.stringify(models), /gereza/);
+    for (const file of ["feed.xml", "gereza/v1/metadata/dc.xml", "gereza/v1/metadata/edm.xml"]) {
+      const { page, close } = await open(browser, `${server.url}/`, { wait: null });
+      const text = (await get(file)).text;
+      const error = await page.evaluate((xml) => new DOMParser().parseFromString(xml, "text/xml").querySelector("parsererror")?.textContent ?? null, text);
+      assert.equal(error, null, file);
+      await close();
+    }
+    // Without scripts the page has text, picture, citation and downloads.
+    const { page, close } = await open(browser, `${server.url}/gereza/`, { wait: null, javaScriptEnabled: false });
+    const plain = await page.innerText("body");
+    for (const part of ["Gereza", "A fort by the sea.", "CC BY 4.0", "Held"]) assert.ok(plain.includes(part), `${part} in ${plain}`);
+    assert.ok(await page.locator("a[href$='.kilwa']").count());
+    await close();
+    // From the catalogue to the model.
+    const way = await open(browser, `${server.url}/`, { wait: null });
+    await way.page.click("a[href='gereza/']");
+    await waitFor(way.page, "first");
+    assert.deepEqual(way.complaints, []);
+    await way.close();
+  } finally {
+    await server.stop();
+  }
+});
