@@ -117,8 +117,8 @@ test("the value does not depend on what is on screen", async () => {
   const { page, complaints, close } = await measured();
   const [wanted] = await list(page);
   const given = await page.evaluate(() => globalThis.kilwa.measuring.tools.items[0].task.points.map((p) => p.ray));
-  for (const error of [64, 1]) {
-    const other = await open(browser, fort(`?error=${error}`), tab);
+  for (const query of ["?error=64", "?error=1", "?error=16&gpu=webgl"]) {
+    const other = await open(browser, fort(query), tab);
     const again = await other.page.evaluate((rays) => globalThis.kilwa.api.addMeasurement({ tool: "distance", rays }), given);
     assert.deepEqual(again.readings, wanted.readings);
     await other.close();
@@ -359,6 +359,32 @@ test("a finger that rests gets a loupe above it, and where it is lifted is measu
   await Promise.all([touch("touchStart", 0.5, 0.5), touch("touchMove", 0.6, 0.5), touch("touchMove", 0.7, 0.5)]);
   await touch("touchEnd");
   assert.notEqual(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()].join()), before);
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("Shift, or the magnet, snaps to points of the finest mesh", async () => {
+  const { page, complaints, close } = await open(browser, fort(), tab);
+  await tool(page, "coordinate");
+  await page.locator("#measure-bar").waitFor();
+  await press(page, [0.42, 0.5]);
+  await done(page);
+  await page.keyboard.down("Shift");
+  await press(page, [0.42, 0.5]);
+  await page.keyboard.up("Shift");
+  await done(page, 2);
+  await page.locator("#measure-bar button").first().click();
+  await press(page, [0.42, 0.5]);
+  await done(page, 3);
+  const steps = await page.evaluate(() => {
+    const { tools } = globalThis.kilwa.measuring;
+    const step = 2 ** globalThis.kilwa.info.pack.lattice.step_log2;
+    return tools.items.map(({ task }) => task.points[0].local.map((v) => v / step));
+  });
+  // A vertex lies on the lattice, a point inside a triangle does not.
+  assert.ok(!steps[0].every(Number.isInteger), `${steps[0]}`);
+  assert.ok(steps[1].every(Number.isInteger), `${steps[1]}`);
+  assert.deepEqual(steps[2], steps[1]);
   assert.deepEqual(complaints, []);
   await close();
 });
