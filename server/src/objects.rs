@@ -10,14 +10,15 @@
 
 use crate::access::{Clock, Verdict, is_geometry, verdict};
 use crate::catalogue::Model;
-use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, condition, insert, plain, share};
+use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, condition, insert, plain, share, text};
 use crate::holding::{Entry, Holding, SMALL, Table};
 use crate::html;
-use crate::object::layout::{MANIFEST, PAGE};
+use crate::object::layout::{MANIFEST, PAGE, VIEWER};
 use crate::packs::blocking;
 use crate::page::content_type;
+use crate::site::accepts;
 use axum::body::Body;
-use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH, CONTENT_TYPE, ETAG};
+use axum::http::header::{ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE, ETAG, VARY};
 use axum::http::{HeaderMap, Method, Response, StatusCode};
 use std::io::{self, Read};
 use std::path::Path;
@@ -109,8 +110,39 @@ async fn file(
             let bytes = read_entry(table, name).await.ok_or(StatusCode::NOT_FOUND)?;
             Ok(whole(bytes, content_type(name), method, headers))
         }
+        _ if is_viewer(name) => viewer_file(holding, table, name, method, headers).await,
         _ => Ok(answer(source(holding, table, name).await?, method, headers)),
     }
+}
+
+/// Whether a file is one of the version's viewer, which publishing writes in packed forms too (`NAME.br`, `NAME.gz`).
+fn is_viewer(name: &str) -> bool {
+    name.split('/').nth(1) == Some(VIEWER)
+}
+
+/// A file of the viewer, in the smallest form that the client takes: it is what stands between a slow line and the first picture.
+async fn viewer_file(
+    holding: &Arc<Holding>,
+    table: &Arc<Table>,
+    name: &str,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Result<Response<Body>, StatusCode> {
+    let accepted = text(headers, &ACCEPT_ENCODING).unwrap_or_default();
+    let is_there =
+        |(coding, end): &(&str, &str)| accepts(coding, accepted) && table.get(&format!("{name}{end}")).is_some();
+    let packed = [("br", ".br"), ("gzip", ".gz")].into_iter().find(is_there);
+    let mut response = if let Some((coding, end)) = packed {
+        let mut source = source(holding, table, &format!("{name}{end}")).await?;
+        source.content_type = content_type(name);
+        let mut response = answer(source, method, headers);
+        insert(&mut response, CONTENT_ENCODING, coding);
+        response
+    } else {
+        answer(source(holding, table, name).await?, method, headers)
+    };
+    insert(&mut response, VARY, "Accept-Encoding");
+    Ok(response)
 }
 
 /// Open a file that has a checksum; once more after looking again, where it is not what was listed.

@@ -353,7 +353,7 @@ fn send(asset: &Asset, headers: &HeaderMap) -> Response {
 }
 
 /// Whether a header `Accept-Encoding` allows a coding.
-fn accepts(coding: &str, value: &str) -> bool {
+pub(crate) fn accepts(coding: &str, value: &str) -> bool {
     value.split(',').any(|item| {
         let mut parts = item.split(';').map(str::trim);
         let name = parts.next().unwrap_or_default();

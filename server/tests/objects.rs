@@ -54,6 +54,27 @@ async fn an_object_is_served_file_by_file_under_its_checksums() {
 }
 
 #[tokio::test]
+async fn the_published_viewer_comes_packed_where_that_is_accepted() {
+    let dir = tempfile::tempdir().unwrap();
+    object(dir.path(), "fort", &[pack("Fort")], public());
+    let app = site(dir.path());
+    for (accepted, coding, body) in [
+        ("", "", "export {};"),
+        ("gzip", "gzip", "(gzip)"),
+        ("gzip, br", "br", "(brotli)"),
+        ("br;q=0", "", "export {};"),
+    ] {
+        let a = ask(&app, "GET", "/fort/v1/viewer/app.js", &[("accept-encoding", accepted)]).await;
+        assert_eq!((a.header("content-encoding"), a.text().as_str()), (coding, body), "{accepted}");
+        assert_eq!(a.header("content-type"), "text/javascript; charset=utf-8", "{accepted}");
+        assert_eq!(
+            (a.header("vary"), a.header("etag")),
+            ("Accept-Encoding", &*format!("\"{}\"", sha256(body.as_bytes())))
+        );
+    }
+}
+
+#[tokio::test]
 async fn addresses_lead_to_the_page_of_a_model_of_either_kind() {
     let dir = tempfile::tempdir().unwrap();
     object(dir.path(), "fort", &[pack("Fort")], public());

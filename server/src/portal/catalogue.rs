@@ -183,7 +183,7 @@ fn search_form(s: &mut String, query: &Query, around: &Around<'_>) {
         let selected = if sort == query.sort { " selected" } else { "" };
         let _ = write!(s, "<option value=\"{name}\"{selected}>{}</option>", l.t(text));
     }
-    let _ = writeln!(s, "</select>\n<button class=\"button main\">{}</button>", l.t("search"));
+    let _ = writeln!(s, "</select>\n<button class=\"button filled\">{}</button>", l.t("search"));
     if let Some(lang) = around.lang {
         let _ = writeln!(s, "<input type=\"hidden\" name=\"lang\" value=\"{}\">", escape(lang));
     }
@@ -211,7 +211,7 @@ fn chosen(s: &mut String, query: &Query, around: &Around<'_>) {
             without.facets.retain(|_, values| !values.is_empty());
             let _ = write!(
                 s,
-                "<li><a class=\"button\" href=\"{}\"><span dir=\"auto\">{}</span> <span aria-hidden=\"true\">×</span><span class=\"hidden\">{}</span></a></li>",
+                "<li><a class=\"button outlined\" href=\"{}\"><span dir=\"auto\">{}</span> <span aria-hidden=\"true\">×</span><span class=\"hidden\">{}</span></a></li>",
                 escape(&address(&without, 0, around.lang)),
                 named(l, *facet, value),
                 l.t("remove")
@@ -221,7 +221,7 @@ fn chosen(s: &mut String, query: &Query, around: &Around<'_>) {
     let all = Query { text: query.text.clone(), sort: query.sort, ..Query::default() };
     let _ = writeln!(
         s,
-        "<li><a class=\"button\" href=\"{}\">{}</a></li></ul>",
+        "<li><a class=\"button outlined\" href=\"{}\">{}</a></li></ul>",
         escape(&address(&all, 0, around.lang)),
         l.t("clear")
     );
@@ -257,7 +257,7 @@ fn facets(s: &mut String, query: &Query, found: &Found, around: &Around<'_>) {
         }
         s.push_str("</fieldset>\n");
     }
-    let _ = writeln!(s, "<button class=\"button main\" form=\"search\">{}</button>\n</aside>", l.t("apply"));
+    let _ = writeln!(s, "<button class=\"button filled\" form=\"search\">{}</button>\n</aside>", l.t("apply"));
 }
 
 fn card(s: &mut String, entry: &Entry, around: &Around<'_>) {
@@ -315,7 +315,7 @@ fn pages(s: &mut String, query: &Query, total: u64, around: &Around<'_>) {
     let mut to = |page: u32, rel: &str, text: &str| {
         let _ = write!(
             s,
-            "<a class=\"button\" rel=\"{rel}\" href=\"{}\">{text}</a> ",
+            "<a class=\"button outlined\" rel=\"{rel}\" href=\"{}\">{text}</a> ",
             escape(&address(query, page, around.lang))
         );
     };

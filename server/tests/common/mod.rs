@@ -197,8 +197,16 @@ fn version(root: &Path, number: u32, pack: &[u8]) -> Version {
     std::fs::create_dir_all(root.join(&folder).join("metadata")).unwrap();
     let name = format!("pack.{}.kilwa", sha256(pack));
     let mut list = Checksums::default();
-    let files =
-        [(name.as_str(), pack), ("preview.glb", b"glTF"), ("poster.jpg", b"JPEG"), ("metadata/dc.xml", b"<dc/>")];
+    std::fs::create_dir_all(root.join(&folder).join("viewer")).unwrap();
+    let files: [(&str, &[u8]); 7] = [
+        (name.as_str(), pack),
+        ("preview.glb", b"glTF"),
+        ("poster.jpg", b"JPEG"),
+        ("metadata/dc.xml", b"<dc/>"),
+        ("viewer/app.js", b"export {};"),
+        ("viewer/app.js.br", b"(brotli)"),
+        ("viewer/app.js.gz", b"(gzip)"),
+    ];
     for (file, bytes) in files {
         std::fs::write(root.join(&folder).join(file), bytes).unwrap();
         list.add(file, sha256(bytes));
