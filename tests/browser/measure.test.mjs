@@ -261,6 +261,27 @@ test("points snap to vertices, creases and borders of the finest surface", async
   await close();
 });
 
+test("a deviation is shown as colours on the model, from its own plane and as far as it reaches", async () => {
+  const { page, complaints, close } = await fort("?error=4");
+  const rays = await raysOf(page, 3);
+  const local = (await picksOf(page, rays)).map(({ final }) => final.local);
+  const [state, legend, answer] = await page.evaluate(async (local) => {
+    const { kilwa } = globalThis;
+    const tools = await kilwa.measuring.load();
+    const task = { record: () => ({ tool: "deviation", local, reach: 2 }) };
+    const answer = await (await tools.engine).measure(task.record());
+    await tools.colour({ task });
+    return [JSON.parse(kilwa.viewer.displayState()), JSON.parse(kilwa.viewer.legend()), answer];
+  }, local);
+  assert.equal(state.mode, "distance");
+  assert.deepEqual(state.plane.point, answer.details.plane.point);
+  const [lowest, highest] = ["lowest", "highest"].map((name) => answer.readings.find((r) => r.name === name).value);
+  assert.deepEqual([legend.low, legend.high], [-1, 1].map((k) => k * Math.max(Math.abs(lowest), Math.abs(highest))));
+  assert.equal(legend.unit, "m");
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
 test("a pack of this computer is measured without a server", async () => {
   const { page, complaints, close } = await fort();
   const rays = await raysOf(page, 1);

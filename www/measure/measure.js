@@ -653,6 +653,18 @@ export class Measure {
     }
   }
 
+  /** A deviation as colours on the model: distances from its plane, as far as it found any. */
+  async colour({ task }) {
+    try {
+      const { details, readings } = await (await this.engine).measure(task.record());
+      const reach = Math.max(...readings.filter((r) => ["lowest", "highest"].includes(r.name)).map((r) => Math.abs(r.value)), 1e-6);
+      const { normal, point } = details.plane;
+      this.page.look.change({ mode: "distance", plane: { normal, point }, range: [-reach, reach] });
+    } catch (error) {
+      notice(t("measureFailed", { why: error.message }), 10000);
+    }
+  }
+
   /** Fly to a measurement, so that all of it is seen. */
   look({ task }) {
     const places = task.lines.length > 0 ? task.lines.flat() : task.points.map((p) => p.world).filter(Boolean);

@@ -206,6 +206,9 @@ export class Panel {
       out.append(h("p", { className: "actions" }, ...["svg", "dxf"].map((format) =>
         h("button", { type: "button", className: "button outlined", data: { act: format }, text: t("measureDrawing", { format: format.toUpperCase() }), onclick: () => measure.files.draw(format, item) }))));
     }
+    if (task.tool === "deviation" && task.isFinal) {
+      out.append(h("p", { className: "actions" }, h("button", { type: "button", className: "button outlined", key: "deviationShow", data: { act: "colours" }, onclick: () => measure.colour(item) })));
+    }
     const color = h("input", { type: "color", value: item.color, data: { act: "color" } });
     color.setAttribute("aria-label", `${t("measureColor")}: ${item.name}`);
     color.addEventListener("change", () => measure.update(item.id, { color: color.value }));
