@@ -53,7 +53,7 @@ class Page {
     this.undo = new Undo(() => this.#undoButtons());
     this.address = new Address(() => (this.session && !this.session.closed && this.api.isReady ? this.state() : null), (state) => this.restore(state));
     this.cube = new Cube((view) => this.standardView(view));
-    this.pictures = new PictureDialog(() => ({ viewer: this.viewer, session: this.session, title: this.title }));
+    this.pictures = new PictureDialog(() => ({ viewer: this.viewer, session: this.session, title: this.title, engine: () => this.engine() }));
     const pickPoints = (use) => this.#pickPoints(use);
     this.look = new Display({ onChange: () => this.#displayed(), pickPoints });
     this.section = new Section({ display: this.look, pickPoints });

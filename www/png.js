@@ -19,8 +19,8 @@ function chunk(name, data) {
 }
 
 export class PngWriter {
-  /** A picture of 8 bits per channel, red, green, blue and, where `alpha`, alpha. `metres`: what a pixel shows, or 0. */
-  constructor(width, height, { alpha = false, texts = {} } = {}) {
+  /** A picture of 8 bits per channel, red, green, blue and, where `alpha`, alpha. `dotsPerMetre`: of paper, or 0. */
+  constructor(width, height, { alpha = false, texts = {}, dotsPerMetre = 0 } = {}) {
     this.width = width;
     this.bytesPerPixel = alpha ? 4 : 3;
     const head = new Uint8Array(13);
@@ -28,6 +28,10 @@ export class PngWriter {
     head.set(number(height), 4);
     head.set([8, alpha ? 6 : 2, 0, 0, 0], 8);
     this.parts = [new Uint8Array([137, 80, 78, 71, 13, 10, 26, 10]), ...chunk("IHDR", head), ...chunk("sRGB", new Uint8Array([0]))];
+    if (dotsPerMetre > 0) {
+      const dots = number(Math.round(dotsPerMetre));
+      this.parts.push(...chunk("pHYs", new Uint8Array([...dots, ...dots, 1])));
+    }
     for (const [key, value] of Object.entries(texts)) {
       // iTXt: keyword, not compressed, no language; UTF-8.
       this.parts.push(...chunk("iTXt", new TextEncoder().encode(`${key}\0\0\0\0\0${value}`)));

@@ -48,7 +48,7 @@ export async function takePicture({ viewer, session }, { width, height, scaleBar
 }
 
 /** Until the detail that a picture of this size shows is loaded. */
-async function detail(session, onProgress, signal) {
+export async function detail(session, onProgress, signal) {
   const from = session.frames;
   for (;;) {
     session.wake();
@@ -158,13 +158,29 @@ export class PictureDialog {
 
   #show() {
     $("picture-custom").hidden = this.#chosen() !== "custom";
+    const isSheet = this.#chosen() === "sheet";
+    $("picture-sheet").hidden = !isSheet;
+    // A sheet has its own scale bar, on white.
+    for (const id of ["picture-scale", "picture-clear"]) $(id).disabled = isSheet;
     for (const choice of ["canvas", "double", "4k"]) $(`picture-${choice}`).textContent = this.#size(choice).map((n) => String(n)).join(" × ");
+  }
+
+  /** A drawing to scale. */
+  async #sheet(page, { onProgress, signal, texts }) {
+    const [{ drawSheet }, engine] = await Promise.all([import("./sheet.js"), page.engine()]);
+    const asked = { view: $("sheet-view").value, scale: Number($("sheet-scale").value), dpi: Number($("sheet-dpi").value), paper: $("sheet-paper").value || undefined, title: page.title };
+    const format = $("sheet-format").value;
+    const { blob, sheet, isFull } = await drawSheet(page, engine, asked, { format, onProgress, signal, texts });
+    download(fileName(page.title, `.${asked.view}-1-${asked.scale}.${format}`), blob);
+    const [width, height] = sheet.paper.map((mm) => count(Math.round(mm)));
+    notice(t(isFull ? "sheetDone" : "sheetCoarse", { scale: count(asked.scale), width, height }), isFull ? 6000 : 15000);
   }
 
   async #make() {
     const page = this.page();
     const { title } = page;
     this.abort = new AbortController();
+    const isSheet = this.#chosen() === "sheet";
     const [width, height] = this.#size(this.#chosen());
     const options = {
       width, height, scaleBar: $("picture-scale").checked, transparent: $("picture-clear").checked,
@@ -177,14 +193,14 @@ export class PictureDialog {
     $("picture-bar").value = 0;
     $("picture-make").disabled = true;
     try {
-      const blob = await takePicture(page, options);
-      download(fileName(title, ".png"), blob);
+      if (isSheet) await this.#sheet(page, options);
+      else download(fileName(title, ".png"), await takePicture(page, options));
       this.abort = null;
       $("picture").close();
-      notice(t("pictureDone", { width: count(width), height: count(height) }));
+      if (!isSheet) notice(t("pictureDone", { width: count(width), height: count(height) }));
     } catch (error) {
       if (error.name === "AbortError") return; // The dialog was closed.
-      $("picture-error").textContent = error instanceof RangeError ? error.message : t("pictureFailed", { why: error.message });
+      $("picture-error").textContent = error instanceof RangeError || isSheet ? error.message : t("pictureFailed", { why: error.message });
       $("picture-error").hidden = false;
     } finally {
       $("picture-bar").hidden = true;

@@ -1,12 +1,10 @@
 //! Drawings to scale: `kilwa render --scale 1:50`. Plans and elevations as PNG, PDF or GeoTIFF of any size, in constant memory.
 //!
-//! `paper` says how large the sheet is, `layout` what stands on it (picture, frame, grid, scale bar, north arrow, title block) in
-//! millimetres; `picture` draws the model band by band, `paint` the marks on it, and `png`, `tiff` and `pdf` write bands as they come. One pixel is
+//! How large the sheet is and what stands on it (picture, frame, grid, scale bar, north arrow, title block) is `kilwa_measure::sheet`'s,
+//! which the page has too; `picture` draws the model band by band, `paint` the marks on it, and `png`, `tiff` and `pdf` write bands as they come. One pixel is
 //! exactly `25.4 mm / dpi × scale`; the picture's middle is that of the model's box. The file gets its name when it is complete.
 
-mod layout;
 mod paint;
-mod paper;
 mod pdf;
 mod picture;
 mod png;
@@ -14,12 +12,14 @@ mod tiff;
 
 use crate::new_file::NewFile;
 use anyhow::{Context, bail};
+use kilwa_measure::sheet::Sheet;
+use kilwa_measure::sheet::layout::{Layout, Title};
+use kilwa_measure::sheet::paper::{self, Paper};
 use kilwa_pack::Source;
 use kilwa_pack::footer::{FOOTER_BYTES, Footer};
+use kilwa_viewer::sheet::drawing;
 use kilwa_viewer::shell::native::Session;
-use kilwa_viewer::{Bounds, Camera, RenderOptions, StandardView};
-use layout::{Frame, Layout};
-use paper::Paper;
+use kilwa_viewer::{Bounds, RenderOptions, StandardView};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
@@ -52,10 +52,7 @@ impl SheetArgs {
             10_000.0, 50_000.0, 100_000.0,
         ];
         let paper = Paper::parse("A4").ok()?;
-        let size = axes(view)?.map(|axis| {
-            let (low, high) = span(axis, bounds);
-            (high - low) * 1000.0
-        });
+        let size = drawing(view)?.extent(bounds.min, bounds.max).map(|(low, high)| (high - low) * 1000.0);
         let fits = |scale: &f64| paper::choose(Some(&paper), size.map(|mm| mm / scale), false, *scale).is_ok();
         let scale = SCALES.into_iter().find(fits)?;
         Some(Self { scale: Some(scale), dpi: 150, paper: Some(paper), title: Some(title.to_owned()), bare: false })
@@ -117,36 +114,19 @@ pub(crate) fn identity<S: Source>(source: &S) -> anyhow::Result<String> {
     Ok(Footer::parse(&source.read_at(at, FOOTER_BYTES)?)?.identity())
 }
 
-/// Which way a view's right and up point in the world.
-pub(crate) fn axes(view: StandardView) -> Option<[[f64; 3]; 2]> {
-    let up = [0.0, 0.0, 1.0];
-    match view {
-        StandardView::Plan => Some([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-        StandardView::South => Some([[1.0, 0.0, 0.0], up]),
-        StandardView::North => Some([[-1.0, 0.0, 0.0], up]),
-        StandardView::East => Some([[0.0, 1.0, 0.0], up]),
-        StandardView::West => Some([[0.0, -1.0, 0.0], up]),
-        StandardView::Iso => None,
-    }
-}
-
 /// Draw the sheet.
 pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow::Result<Report> {
     let scale = args.scale.context("a drawing needs --scale")?;
-    let Some(axes) = axes(s.view) else {
-        bail!("an oblique view has no scale; choose --view plan, north, east, south or west");
-    };
     let format = Format::of(s.output)?;
     let bounds = s.session.bounds();
-    let extent = axes.map(|axis| span(axis, &bounds));
-    let content = extent.map(|(low, high)| (high - low) * 1000.0 / scale);
-    let (paper, frame) = paper::choose(args.paper.as_ref(), content, args.bare, scale)?;
     let metadata = s.session.metadata().clone();
-    let middle = extent.map(|(low, high)| f64::midpoint(low, high));
-    let sheet = Sheet { paper, frame, scale, dpi: args.dpi, middle };
-    let title = layout::Title {
+    let view = drawing(s.view);
+    let view = view.context("an oblique view has no scale; choose --view plan, north, east, south or west")?;
+    let corners = (bounds.min, bounds.max);
+    let sheet = Sheet::new(view, corners, (scale, args.dpi), args.paper.as_ref(), args.bare)?;
+    let title = Title {
         name: args.title.clone().unwrap_or_else(|| metadata.title.clone()),
-        view: s.view,
+        view,
         crs: metadata.crs.clone(),
         accuracy: metadata.capture_accuracy,
         identity: s.identity.clone(),
@@ -154,7 +134,6 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
     };
     let layout = if args.bare { Layout::default() } else { Layout::of(&sheet, &title) };
     let size = sheet.pixels()?;
-    let camera = |centre: [f64; 2], rows: u32| camera(s.view, axes, centre, sheet.metres_per_pixel(), rows, &bounds);
     let georeference = (s.view == StandardView::Plan).then(|| tiff::GeoReference {
         metres_per_pixel: sheet.metres_per_pixel(),
         corner: sheet.corner(),
@@ -165,7 +144,7 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
     let written = s.output;
     let mut out = NewFile::beside(written)?;
     let how = (s.options, s.pixel_error);
-    let mut bands = picture::Bands::new(&mut s.session, &sheet, size, how, &camera, &painted);
+    let mut bands = picture::Bands::new(&mut s.session, (&sheet, s.view), size, how, &painted);
     let mut next = || bands.next();
     match format {
         Format::Png => png::write(out.file(), size, args.dpi, &mut next)?,
@@ -239,68 +218,6 @@ impl Format {
 
 /// Gives the next whole rows from the top, three sRGB bytes per pixel; `None` after the last.
 type Next<'a> = &'a mut dyn FnMut() -> anyhow::Result<Option<Vec<u8>>>;
-
-/// Paper, scale and what lies in its middle.
-struct Sheet {
-    /// Width and height, mm.
-    paper: [f64; 2],
-    /// Where the picture is.
-    frame: Frame,
-    /// 50 for 1:50.
-    scale: f64,
-    dpi: u32,
-    /// World coordinates (along the drawing's axes) of the middle of the frame.
-    middle: [f64; 2],
-}
-
-/// Pixels of a drawing at most: 2^36 are a sheet of 22 m at 300 dpi.
-const MAX_PIXELS: u64 = 1 << 36;
-
-impl Sheet {
-    fn metres_per_pixel(&self) -> f64 {
-        0.0254 / f64::from(self.dpi) * self.scale
-    }
-
-    fn pixels_per_mm(&self) -> f64 {
-        f64::from(self.dpi) / 25.4
-    }
-
-    fn pixels(&self) -> anyhow::Result<[u32; 2]> {
-        let size = self.paper.map(|mm| (mm * self.pixels_per_mm()).round().max(1.0));
-        if size.iter().any(|x| *x > 1e6) || size[0] * size[1] > MAX_PIXELS as f64 {
-            bail!(
-                "{:.0} x {:.0} pixels are too many; choose a smaller scale, fewer dpi or other paper",
-                size[0],
-                size[1]
-            );
-        }
-        Ok(size.map(|x| x as u32))
-    }
-
-    /// World coordinates of the sheet's upper left corner.
-    fn corner(&self) -> [f64; 2] {
-        let per_mm = self.scale / 1000.0;
-        let centre = self.frame.middle();
-        [self.middle[0] - centre[0] * per_mm, self.middle[1] + centre[1] * per_mm]
-    }
-}
-
-/// Smallest and largest coordinate of a box along an axis.
-fn span(axis: [f64; 3], bounds: &Bounds) -> (f64, f64) {
-    let all = bounds.corners().map(|c| c[0] * axis[0] + c[1] * axis[1] + c[2] * axis[2]);
-    (all.iter().copied().fold(f64::INFINITY, f64::min), all.iter().copied().fold(f64::NEG_INFINITY, f64::max))
-}
-
-/// The camera of a tile: its middle in the drawing's coordinates, its rows.
-fn camera(view: StandardView, axes: [[f64; 3]; 2], centre: [f64; 2], pixel: f64, rows: u32, bounds: &Bounds) -> Camera {
-    let mut camera = Camera::standard(view, bounds, [1, 1]);
-    let at = bounds.center();
-    let along = |axis: [f64; 3]| at[0] * axis[0] + at[1] * axis[1] + at[2] * axis[2];
-    let shift = [centre[0] - along(axes[0]), centre[1] - along(axes[1])];
-    camera.target = std::array::from_fn(|i| at[i] + axes[0][i] * shift[0] + axes[1][i] * shift[1]);
-    camera.distance *= f64::from(rows) * pixel * 0.5 / camera.half_height();
-    camera
-}
 
 /// The world file beside a picture: size of a pixel, and the middle of the first one.
 fn world_file(picture: &Path, g: &tiff::GeoReference) -> anyhow::Result<String> {

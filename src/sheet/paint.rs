@@ -1,6 +1,6 @@
 //! Marks painted onto bands of pixels.
 
-use super::layout::{Anchor, Layout, Mark};
+use kilwa_measure::sheet::layout::{Anchor, Layout, Mark};
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 
 /// Height of a capital, as a share of the font's height.

@@ -1,14 +1,14 @@
 //! The picture, band by band: each tile of a band is a picture of its own, of the part of the model that it shows, so that memory does
 //! not grow with the sheet.
 
-use super::Sheet;
-use super::layout::Layout;
 use super::paint::Band;
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use kilwa_measure::sheet::Sheet;
+use kilwa_measure::sheet::layout::Layout;
 use kilwa_pack::Source;
 use kilwa_viewer::shell::native::Session;
-use kilwa_viewer::{Camera, RenderOptions};
+use kilwa_viewer::{RenderOptions, StandardView};
 use std::io::IsTerminal;
 
 /// Rows of a band.
@@ -29,11 +29,11 @@ pub(super) struct Figures {
 pub(super) struct Bands<'a, S> {
     pub(super) session: &'a mut Session<S>,
     pub(super) sheet: &'a Sheet,
+    /// The view of all its parts.
+    pub(super) view: StandardView,
     pub(super) size: [u32; 2],
     pub(super) options: RenderOptions,
     pub(super) pixel_error: f64,
-    /// The camera of a tile: its middle in the drawing's coordinates, its rows.
-    pub(super) camera: &'a dyn Fn([f64; 2], u32) -> Camera,
     pub(super) layout: &'a Layout,
     figures: Figures,
     top: u32,
@@ -43,15 +43,14 @@ pub(super) struct Bands<'a, S> {
 impl<'a, S: Source> Bands<'a, S> {
     pub(super) fn new(
         session: &'a mut Session<S>,
-        sheet: &'a Sheet,
+        (sheet, view): (&'a Sheet, StandardView),
         size: [u32; 2],
         (options, pixel_error): (RenderOptions, f64),
-        camera: &'a dyn Fn([f64; 2], u32) -> Camera,
         layout: &'a Layout,
     ) -> Self {
         let figures = Figures { worst_error_metres: 0.0, triangles: 0, target_reached: true };
         let bar = bar(size[1]);
-        Self { session, sheet, size, options, pixel_error, camera, layout, figures, top: 0, bar }
+        Self { session, sheet, view, size, options, pixel_error, layout, figures, top: 0, bar }
     }
 
     pub(super) fn figures(&self) -> Figures {
@@ -66,7 +65,7 @@ impl<'a, S: Source> Bands<'a, S> {
             return Ok(None);
         }
         let mut band = Band::new(width, self.top, ROWS.min(height - self.top));
-        let frame = self.window();
+        let frame = self.sheet.window(self.size);
         let (from, to) = (band.top.max(frame[1]), (band.top + band.rows).min(frame[3]));
         if from < to {
             for left in (frame[0]..frame[2]).step_by(TILE as usize) {
@@ -79,21 +78,11 @@ impl<'a, S: Source> Bands<'a, S> {
         Ok(Some(band.rgb))
     }
 
-    /// Left, top, right, bottom of the frame in whole pixels.
-    fn window(&self) -> [u32; 4] {
-        let (f, scale) = (self.sheet.frame, self.sheet.pixels_per_mm());
-        let pixel = |mm: f64, most: u32| ((mm * scale).round().max(0.0) as u32).min(most);
-        let [width, height] = self.size;
-        [pixel(f.left, width), pixel(f.top, height), pixel(f.left + f.width, width), pixel(f.top + f.height, height)]
-    }
-
     fn tile(&mut self, band: &mut Band, at: [u32; 2], size: [u32; 2]) -> anyhow::Result<()> {
-        let (pixel, corner) = (self.sheet.metres_per_pixel(), self.sheet.corner());
-        let centre = [
-            corner[0] + (f64::from(at[0]) + f64::from(size[0]) * 0.5) * pixel,
-            corner[1] - (f64::from(at[1]) + f64::from(size[1]) * 0.5) * pixel,
-        ];
-        let view = self.session.view(&(self.camera)(centre, size[1]), size, self.pixel_error);
+        let bounds = self.session.bounds();
+        let part = self.sheet.part(bounds.center(), at, size);
+        let camera = kilwa_viewer::sheet::camera(self.view, &bounds, &part);
+        let view = self.session.view(&camera, size, self.pixel_error);
         let (image, stats) = self.session.render(&view, &self.options).context("cannot draw the model")?;
         self.figures.triangles += stats.triangles_drawn;
         self.figures.target_reached &= stats.target_reached;

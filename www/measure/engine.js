@@ -18,6 +18,7 @@
 // engine.cite(measurement, { unit })      → one English sentence, that of `kilwa measure --cite`; cite.js says it in the language of the page
 // engine.write(what, format, { scale })   → text; what: a document (json, csv, geojson, dxf) or an answer with lines (those and svg)
 // engine.read(text)                       → document, with `same`: false where it is of another pack; its points are counted from this pack's origin
+// engine.sheet({ view, scale, dpi, paper, bare, title, widest }) → a drawing to scale, for sheet.js
 // engine.close()
 //
 // Progress: { done, all } bytes, all is 0 where nobody knows; { waiting: seconds } while the connection is gone. A signal that is aborted rejects with
@@ -106,6 +107,10 @@ export class Engine {
 
   cite(measurement, { unit = "m" } = {}) {
     return this.#call("cite", [measurement, unit]);
+  }
+
+  sheet(asked) {
+    return this.#call("sheet", [asked]);
   }
 
   write(what, format, { scale = 50 } = {}) {

@@ -40,6 +40,7 @@ const methods = {
   measure: async (call, asked) => JSON.parse(await engine.measure(JSON.stringify(asked), ...ways(call))),
   write: (_, what, format, scale) => engine.write(JSON.stringify(what), format, scale),
   read: (_, text) => JSON.parse(engine.read(text)),
+  sheet: (_, asked) => JSON.parse(engine.sheet(JSON.stringify(asked))),
   shown: (_, readings, unit) => JSON.parse(engine.shown(JSON.stringify(readings), unit)),
   cite: (_, measurement, unit) => engine.cite(JSON.stringify(measurement), unit),
 };

@@ -1,6 +1,6 @@
 //! `cargo xtask test trust`: the trust suite of measuring, its claims as one table.
 //!
-//! The tests (tests/trust, and tests/browser/measure.test.mjs for the page in a browser) print a line `trust | claim | bound | measured` for each claim
+//! The tests (tests/trust, and tests/browser/measure.test.mjs and sheet.test.mjs for the page in a browser) print a line `trust | claim | bound | measured` for each claim
 //! and fail where it does not hold. Fails when a test does, or when none ran. Where the page is not built (`cargo xtask web`) its part is skipped, and says so.
 
 use crate::process::{cargo, command, root, run as run_command, watch};
@@ -58,7 +58,7 @@ fn in_browser(tally: &mut Tally, claims: &mut Vec<[String; 3]>) -> Result<bool> 
     }
     run_command(&mut cargo(&["build", "--locked", "--package", "kilwa"])?)?;
     let folder = setup::npm_packages("tests/browser")?;
-    let mut node = command("node", &["--test", "measure.test.mjs"])?;
+    let mut node = command("node", &["--test", "--test-concurrency=1", "measure.test.mjs", "sheet.test.mjs"])?;
     node.current_dir(folder).env("CHROMIUM", setup::chromium()?);
     watch(&mut node, |line| {
         tally.read(line);

@@ -31,6 +31,7 @@ pub mod record;
 pub mod refusal;
 pub mod region;
 pub mod section;
+pub mod sheet;
 pub mod snap;
 pub mod space;
 pub mod sum;

@@ -5,6 +5,7 @@
 
 pub mod question;
 pub mod remote;
+pub mod sheet;
 
 use js_sys::{Function, Promise, Uint8Array};
 use kilwa_measure::Uncertainty;
@@ -146,6 +147,14 @@ impl Engine {
     /// A sentence.
     pub fn read(&self, text: &str) -> Result<String, JsError> {
         question::read(&self.index, text).map(|v| v.to_string()).map_err(|e| sentence(&e))
+    }
+
+    /// A drawing to scale: what stands on it and what each part of its picture looks at; JSON in and out ([`sheet::sheet`]).
+    ///
+    /// # Errors
+    /// A sentence.
+    pub fn sheet(&self, asked: &str) -> Result<String, JsError> {
+        sheet::sheet(&self.index, asked).map(|v| v.to_string()).map_err(|e| sentence(&e))
     }
 
     /// Readings as text in a unit, as JSON.

@@ -1,35 +1,47 @@
 //! What stands on a sheet beside the model, in millimetres from the upper left corner of the paper.
 
 use super::Sheet;
+use super::View;
 use super::paper::{LABELS, MARGIN, STRIP};
-use kilwa_viewer::StandardView;
+use serde::Serialize;
 
 /// Where the picture is on the paper, mm.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Frame {
-    pub(super) left: f64,
-    pub(super) top: f64,
-    pub(super) width: f64,
-    pub(super) height: f64,
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Frame {
+    /// From the left edge of the paper.
+    pub left: f64,
+    /// From its upper edge.
+    pub top: f64,
+    /// Its width.
+    pub width: f64,
+    /// Its height.
+    pub height: f64,
 }
 
 impl Frame {
-    pub(super) fn middle(&self) -> [f64; 2] {
+    /// Its middle.
+    pub fn middle(&self) -> [f64; 2] {
         [self.left + self.width * 0.5, self.top + self.height * 0.5]
     }
 }
 
 /// Where a text's point is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Anchor {
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Anchor {
+    /// At its beginning.
     Start,
+    /// In its middle.
     Middle,
+    /// At its end.
     End,
 }
 
 /// One thing on the sheet. Grey is 0 black to 1 white.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum Mark {
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "is", rename_all = "lowercase")]
+#[expect(missing_docs, reason = "each field is named in the sentence above it")]
+pub enum Mark {
     /// A filled rectangle: left, top, width, height.
     Box { at: [f64; 2], size: [f64; 2], grey: f64 },
     /// A filled triangle.
@@ -39,32 +51,41 @@ pub(super) enum Mark {
 }
 
 /// All of it.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Layout {
-    pub(super) marks: Vec<Mark>,
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Layout {
+    /// In the order in which they are painted.
+    pub marks: Vec<Mark>,
 }
 
 /// What the title block says.
-pub(super) struct Title {
-    pub(super) name: String,
-    pub(super) view: StandardView,
-    pub(super) crs: Option<String>,
-    pub(super) accuracy: Option<f64>,
-    pub(super) identity: String,
-    pub(super) spacing: f64,
+#[derive(Debug, Clone, PartialEq)]
+pub struct Title {
+    /// Of the model.
+    pub name: String,
+    /// Which drawing it is.
+    pub view: View,
+    /// Reference system.
+    pub crs: Option<String>,
+    /// Of the capture, metres.
+    pub accuracy: Option<f64>,
+    /// Of the pack.
+    pub identity: String,
+    /// Median edge of the surface, metres.
+    pub spacing: f64,
 }
 
 /// Thickness of lines, mm.
 const LINE: f64 = 0.25;
 
 impl Layout {
-    pub(super) fn of(sheet: &Sheet, title: &Title) -> Self {
+    /// Of a sheet with this title.
+    pub fn of(sheet: &Sheet, title: &Title) -> Self {
         let mut layout = Self::default();
         layout.frame(&sheet.frame);
         layout.grid(sheet, title.view);
         let top = sheet.frame.top + sheet.frame.height;
         layout.scale_bar(sheet, [MARGIN + 6.0, top + 9.0]);
-        if title.view == StandardView::Plan {
+        if title.view == View::Plan {
             layout.north([MARGIN + 96.0, top + 5.0]);
         }
         layout.title(sheet, title, top);
@@ -96,7 +117,7 @@ impl Layout {
     }
 
     /// Ticks with coordinates along the frame, and crosses where grid lines meet.
-    fn grid(&mut self, sheet: &Sheet, view: StandardView) {
+    fn grid(&mut self, sheet: &Sheet, view: View) {
         let f = &sheet.frame;
         let interval = round_length(0.04 * sheet.scale);
         let per_metre = 1000.0 / sheet.scale;
@@ -118,8 +139,8 @@ impl Layout {
             at(k, v) > from + LABELS && at(k, v) < from + size - LABELS
         };
         // To the east x grows to the right; from the north and the west it grows to the left.
-        let sign = if matches!(view, StandardView::North | StandardView::West) { -1.0 } else { 1.0 };
-        let digits = (-interval.log10().floor()).max(0.0) as usize;
+        let sign = if matches!(view, View::North | View::West) { -1.0 } else { 1.0 };
+        let digits = (-libm::log10(interval).floor()).max(0.0) as usize;
         for &x in xs.iter().filter(|x| inside(0, **x)) {
             let label = format!("{:.digits$}", sign * x + 0.0);
             for (edge, inner, base) in [(f.top, 2.0, 5.5), (f.top + f.height, -2.0, -3.0)] {
@@ -170,17 +191,16 @@ impl Layout {
     fn title(&mut self, sheet: &Sheet, title: &Title, top: f64) {
         let right = sheet.frame.left + sheet.frame.width - 4.0;
         let view = match title.view {
-            StandardView::Plan => "Plan",
-            StandardView::North => "North elevation",
-            StandardView::East => "East elevation",
-            StandardView::South => "South elevation",
-            StandardView::West => "West elevation",
-            StandardView::Iso => "Oblique view",
+            View::Plan => "Plan",
+            View::North => "North elevation",
+            View::East => "East elevation",
+            View::South => "South elevation",
+            View::West => "West elevation",
         };
         self.text([right, top + 8.0], 3.0, Anchor::End, &*title.name);
         let axes = match title.view {
-            StandardView::Plan => "x east, y north",
-            StandardView::North | StandardView::South => "x east, z up",
+            View::Plan => "x east, y north",
+            View::North | View::South => "x east, z up",
             _ => "y north, z up",
         };
         let crs = title.crs.as_deref().unwrap_or("local coordinates");
@@ -195,13 +215,13 @@ impl Layout {
 
 /// The largest 1, 2 or 5 times a power of ten that is at most `most`.
 fn round_length(most: f64) -> f64 {
-    let power = 10f64.powf(most.log10().floor());
+    let power = libm::pow(10.0, libm::floor(libm::log10(most)));
     [5.0, 2.0, 1.0].into_iter().map(|k| k * power).find(|x| *x <= most * (1.0 + 1e-9)).unwrap_or(power)
 }
 
 /// Up to six significant digits, no needless zeros.
 fn short(x: f64) -> String {
-    let digits = (5.0 - x.abs().max(1e-12).log10().floor()).clamp(0.0, 9.0) as usize;
+    let digits = (5.0 - libm::floor(libm::log10(x.abs().max(1e-12)))).clamp(0.0, 9.0) as usize;
     let text = format!("{x:.digits$}");
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }

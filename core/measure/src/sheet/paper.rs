@@ -1,14 +1,14 @@
 //! Paper, and how a drawing of so many millimetres fits it.
 
+use super::SheetError;
 use super::layout::Frame;
-use anyhow::bail;
 
 /// Room round the frame, mm.
-pub(super) const MARGIN: f64 = 10.0;
+pub const MARGIN: f64 = 10.0;
 /// Room inside the frame for grid labels, mm.
-pub(super) const LABELS: f64 = 8.0;
+pub const LABELS: f64 = 8.0;
 /// Height of the strip with scale bar, north arrow and title block, mm.
-pub(super) const STRIP: f64 = 30.0;
+pub const STRIP: f64 = 30.0;
 /// The strip needs as much width, mm.
 const STRIP_WIDTH: f64 = 170.0;
 
@@ -23,7 +23,7 @@ const ISO: [(&str, [f64; 2]); 5] = [
 
 /// What `--paper` says.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Paper {
+pub enum Paper {
     /// A size of ISO 216, turned as the drawing is.
     Iso([f64; 2]),
     /// Width and height, mm.
@@ -33,7 +33,11 @@ pub(crate) enum Paper {
 }
 
 impl Paper {
-    pub(super) fn parse(text: &str) -> Result<Self, String> {
+    /// By name, or two lengths.
+    ///
+    /// # Errors
+    /// What is wanted, where it is none.
+    pub fn parse(text: &str) -> Result<Self, String> {
         if text.eq_ignore_ascii_case("fit") {
             return Ok(Self::Fit);
         }
@@ -50,12 +54,15 @@ impl Paper {
 }
 
 /// The paper and the frame in it for content of so many millimetres.
-pub(super) fn choose(
+///
+/// # Errors
+/// [`SheetError::TooLarge`], with a scale that would fit.
+pub fn choose(
     asked: Option<&Paper>,
     content: [f64; 2],
     bare: bool,
     scale: f64,
-) -> anyhow::Result<([f64; 2], Frame)> {
+) -> Result<([f64; 2], Frame), SheetError> {
     let room = |paper: [f64; 2]| -> [f64; 2] {
         if bare {
             return paper;
@@ -91,12 +98,8 @@ pub(super) fn choose(
                 || (c[0] <= room([largest[1], largest[0]])[0] && c[1] <= room([largest[1], largest[0]])[1])
         };
         let hint = smaller.iter().find(|s| **s > scale && fits(s)).map(|s| format!("1:{s} would fit, or "));
-        bail!(
-            "at 1:{scale} the model is {:.0} x {:.0} mm, more than the paper holds; {}use --paper fit",
-            content[0],
-            content[1],
-            hint.unwrap_or_default()
-        );
+        let hint = hint.unwrap_or_default();
+        return Err(SheetError::TooLarge { scale, width: content[0], height: content[1], hint });
     };
     let frame = if bare {
         Frame { left: 0.0, top: 0.0, width: paper[0], height: paper[1] }

@@ -1,0 +1,187 @@
+//! Drawings to scale, as far as `kilwa render --scale` and the page share them: how large the sheet is (`paper`), what stands on it in
+//! millimetres (`layout`), the operators of a PDF for that (`pdf`), and what each part of the picture looks at.
+//!
+//! One pixel is exactly `25.4 mm / dpi × scale`; the picture's middle is that of the model's box. Who draws does so part by part, so that memory does
+//! not grow with the sheet.
+
+pub mod layout;
+pub mod paper;
+pub mod pdf;
+
+use kilwa_geometry::distance::{Vec3, dot};
+use layout::Frame;
+use paper::Paper;
+use thiserror::Error;
+
+/// Which way a drawing looks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum View {
+    /// From above, north upwards.
+    Plan,
+    /// From the north.
+    North,
+    /// From the east.
+    East,
+    /// From the south.
+    South,
+    /// From the west.
+    West,
+}
+
+impl View {
+    /// By its name on the command line and in the page.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Some(match name {
+            "plan" => Self::Plan,
+            "north" => Self::North,
+            "east" => Self::East,
+            "south" => Self::South,
+            "west" => Self::West,
+            _ => return None,
+        })
+    }
+
+    /// Which way its right and up point in the world.
+    pub fn axes(self) -> [Vec3; 2] {
+        let up = [0.0, 0.0, 1.0];
+        match self {
+            Self::Plan => [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            Self::South => [[1.0, 0.0, 0.0], up],
+            Self::North => [[-1.0, 0.0, 0.0], up],
+            Self::East => [[0.0, 1.0, 0.0], up],
+            Self::West => [[0.0, -1.0, 0.0], up],
+        }
+    }
+
+    /// Smallest and largest coordinates of a box (its smallest and largest corner, metres) along the drawing's axes.
+    pub fn extent(self, low: Vec3, high: Vec3) -> [(f64, f64); 2] {
+        self.axes().map(|axis| {
+            let (a, b) = (dot(axis, low), dot(axis, high));
+            (a.min(b), a.max(b))
+        })
+    }
+}
+
+/// What a part of the picture looks at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Part {
+    /// The point in its middle, world metres, in the middle of the box's depth.
+    pub target: Vec3,
+    /// Half of what it shows upwards, metres.
+    pub half_height: f64,
+}
+
+/// Why there is no sheet.
+#[derive(Debug, Error)]
+pub enum SheetError {
+    /// The paper is too small.
+    #[error("at 1:{scale} the model is {width:.0} x {height:.0} mm, more than the paper holds; {hint}use --paper fit")]
+    TooLarge {
+        /// The scale asked for.
+        scale: f64,
+        /// Of the drawing, mm.
+        width: f64,
+        /// Of the drawing, mm.
+        height: f64,
+        /// What would fit.
+        hint: String,
+    },
+    /// More pixels than anybody draws.
+    #[error("{width:.0} x {height:.0} pixels are too many; choose a smaller scale, fewer dpi or other paper")]
+    TooFine {
+        /// Pixels.
+        width: f64,
+        /// Pixels.
+        height: f64,
+    },
+}
+
+/// Pixels of a drawing at most: 2^36 are a sheet of 22 m at 300 dpi.
+const MAX_PIXELS: u64 = 1 << 36;
+
+/// Paper, scale and what lies in its middle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sheet {
+    /// Which drawing.
+    pub view: View,
+    /// Width and height, mm.
+    pub paper: [f64; 2],
+    /// Where the picture is.
+    pub frame: Frame,
+    /// 50 for 1:50.
+    pub scale: f64,
+    /// Dots per inch.
+    pub dpi: u32,
+    /// World coordinates (along the drawing's axes) of the middle of the frame.
+    pub middle: [f64; 2],
+}
+
+impl Sheet {
+    /// The sheet of a view of all of the model, whose box has these corners; without paper the smallest from A4 to A0 that holds it. `bare`: nothing but the model.
+    ///
+    /// # Errors
+    /// [`SheetError`].
+    pub fn new(
+        view: View,
+        (low, high): (Vec3, Vec3),
+        (scale, dpi): (f64, u32),
+        paper: Option<&Paper>,
+        bare: bool,
+    ) -> Result<Self, SheetError> {
+        let extent = view.extent(low, high);
+        let content = extent.map(|(low, high)| (high - low) * 1000.0 / scale);
+        let (paper, frame) = paper::choose(paper, content, bare, scale)?;
+        let middle = extent.map(|(low, high)| f64::midpoint(low, high));
+        Ok(Self { view, paper, frame, scale, dpi, middle })
+    }
+
+    /// What a pixel shows.
+    pub fn metres_per_pixel(&self) -> f64 {
+        0.0254 / f64::from(self.dpi) * self.scale
+    }
+
+    /// Pixels in a millimetre of paper.
+    pub fn pixels_per_mm(&self) -> f64 {
+        f64::from(self.dpi) / 25.4
+    }
+
+    /// Its width and height in pixels.
+    ///
+    /// # Errors
+    /// [`SheetError::TooFine`].
+    pub fn pixels(&self) -> Result<[u32; 2], SheetError> {
+        let [width, height] = self.paper.map(|mm| (mm * self.pixels_per_mm()).round().max(1.0));
+        if width > 1e6 || height > 1e6 || width * height > MAX_PIXELS as f64 {
+            return Err(SheetError::TooFine { width, height });
+        }
+        Ok([width as u32, height as u32])
+    }
+
+    /// Left, top, right, bottom of the frame in whole pixels of a picture of this size.
+    pub fn window(&self, size: [u32; 2]) -> [u32; 4] {
+        let (f, scale) = (self.frame, self.pixels_per_mm());
+        let pixel = |mm: f64, most: u32| ((mm * scale).round().max(0.0) as u32).min(most);
+        let [width, height] = size;
+        [pixel(f.left, width), pixel(f.top, height), pixel(f.left + f.width, width), pixel(f.top + f.height, height)]
+    }
+
+    /// World coordinates of the sheet's upper left corner.
+    pub fn corner(&self) -> [f64; 2] {
+        let per_mm = self.scale / 1000.0;
+        let centre = self.frame.middle();
+        [self.middle[0] - centre[0] * per_mm, self.middle[1] + centre[1] * per_mm]
+    }
+
+    /// What a part of the picture looks at: its left upper pixel and its size; `middle` is that of the model's box.
+    pub fn part(&self, middle: Vec3, at: [u32; 2], size: [u32; 2]) -> Part {
+        let (pixel, corner) = (self.metres_per_pixel(), self.corner());
+        let centre = [
+            corner[0] + (f64::from(at[0]) + f64::from(size[0]) * 0.5) * pixel,
+            corner[1] - (f64::from(at[1]) + f64::from(size[1]) * 0.5) * pixel,
+        ];
+        let axes = self.view.axes();
+        let shift = [centre[0] - dot(axes[0], middle), centre[1] - dot(axes[1], middle)];
+        let target = std::array::from_fn(|i| middle[i] + axes[0][i] * shift[0] + axes[1][i] * shift[1]);
+        Part { target, half_height: f64::from(size[1]) * pixel * 0.5 }
+    }
+}
