@@ -10,7 +10,7 @@ import { inflateSync } from "node:zlib";
 import { ROOT, launch, open, packFolder, serve, waitFor } from "./harness.mjs";
 
 const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
-const [SCALE, DPI] = [500, 96];
+const [SCALE, DPI] = [500, 200];
 
 let server;
 let browser;
