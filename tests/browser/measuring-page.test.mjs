@@ -405,7 +405,9 @@ test("units change what is shown and never what is kept; values are copied with 
   await page.locator('.measure-table [data-act="cite"]').click();
   await page.locator(".cited").waitFor();
   const identity = await page.evaluate(async () => (await globalThis.kilwa.measuring.tools.engine).pack.identity);
-  assert.ok((await page.locator(".cited").innerText()).includes(identity), "the sentence names the pack");
+  const cited = await page.locator(".cited").innerText();
+  assert.ok(cited.includes(identity), "the sentence names the pack");
+  assert.match(cited, /Measured on \d{4}-\d\d-\d\d on the finest surface/);
   assert.deepEqual(complaints, []);
   await close();
 });

@@ -21,7 +21,7 @@ export class Files {
   /** One measurement as in files. */
   measurement({ name, color, hidden, note, task }) {
     const { readings, uncertainty } = task;
-    return { name, ...task.record(), readings, uncertainty: uncertainty ?? this.unknown, color, hidden, ...(note ? { note } : {}) };
+    return { name, ...task.record(), readings, uncertainty: uncertainty ?? this.unknown, color, hidden, ...(note ? { note } : {}), ...(task.date ? { date: task.date } : {}) };
   }
 
   /** The document of some measurements, those left out whose places are not found yet. */

@@ -124,7 +124,7 @@ export class Measure {
       const { local, ...record } = task.record();
       const isFound = task.points.every((p) => p.isFinal);
       const places = isFound ? { local } : { rays: task.points.map((p) => p.ray) };
-      const result = task.isFinal ? { readings: task.readings, uncertainty: task.uncertainty } : {};
+      const result = task.isFinal ? { readings: task.readings, uncertainty: task.uncertainty, date: task.date } : {};
       return { id, name, color, hidden, note, foreign, kind: task.kind.id, ...record, ...places, ...result };
     });
     if (!put(this.kept, kept.length > 0 ? kept : null) && !this.saidNotKept) {
@@ -284,6 +284,7 @@ export class Measure {
     const capture = Number.isFinite(engine.pack.capture) ? engine.pack.capture : null;
     const uncertainty = found.uncertainty ?? { lattice: step / Math.sqrt(12), level: 0, capture };
     const { readings, parts = [], remarks = [], lines = [], read = null } = found;
+    task.date ??= today();
     const drawn = lines.map(({ world, closed }) => (closed ? [...world, world[0]] : world));
     Object.assign(task, { state: "final", readings, parts, remarks, lines: drawn, answer: lines.length > 0 ? found : null, read, uncertainty, refusal: null });
   }
@@ -715,6 +716,12 @@ export class Measure {
     await task.running;
     return this.plain(item);
   }
+}
+
+/** The day, where the person is. */
+function today() {
+  const now = new Date();
+  return [now.getFullYear(), now.getMonth() + 1, now.getDate()].map((n) => String(n).padStart(2, "0")).join("-");
 }
 
 /** Where the value stands. */
