@@ -437,6 +437,25 @@ test("sections and contours are lines on the model, and drawings as files", asyn
   await close();
 });
 
+test("the deviation from a fitted plane is shown as colours on the model", async () => {
+  const { page, complaints, close } = await open(browser, fort(), tab);
+  await tool(page, "deviation");
+  await page.locator("#measure-bar").waitFor();
+  await press(page, [0.42, 0.48], [0.5, 0.48], [0.48, 0.53], [0.42, 0.53]);
+  await page.keyboard.press("Enter");
+  await done(page);
+  await page.keyboard.press("Escape");
+  const [one] = await list(page);
+  assert.equal(one.state, "final");
+  await page.locator('.explain [data-act="map"]').click();
+  const { mode, legend } = await page.evaluate(() => ({ mode: globalThis.kilwa.viewer.mode(), legend: JSON.parse(globalThis.kilwa.viewer.legend()) }));
+  assert.equal(mode, "distance");
+  const most = Math.max(...["lowest", "highest"].map((name) => Math.abs(one.readings.find((r) => r.name === name).value)));
+  assert.ok(Math.abs(legend.high - most) < 1e-6 && Math.abs(legend.low + most) < 1e-6, JSON.stringify(legend));
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
 test("scripts measure, list and are told", async () => {
   const { page, complaints, close } = await open(browser, fort(), tab);
   const found = await page.evaluate(async () => {

@@ -124,7 +124,7 @@ export class Measure {
       const { local, ...record } = task.record();
       const isFound = task.points.every((p) => p.isFinal);
       const places = isFound ? { local } : { rays: task.points.map((p) => p.ray) };
-      const result = task.isFinal ? { readings: task.readings, uncertainty: task.uncertainty, date: task.date } : {};
+      const result = task.isFinal ? { readings: task.readings, uncertainty: task.uncertainty, date: task.date, fitted: task.fitted } : {};
       return { id, name, color, hidden, note, foreign, kind: task.kind.id, ...record, ...places, ...result };
     });
     if (!put(this.kept, kept.length > 0 ? kept : null) && !this.saidNotKept) {
@@ -285,6 +285,7 @@ export class Measure {
     const uncertainty = found.uncertainty ?? { lattice: step / Math.sqrt(12), level: 0, capture };
     const { readings, parts = [], remarks = [], lines = [], read = null } = found;
     task.date ??= today();
+    task.fitted = found.details?.plane ?? null;
     const drawn = lines.map(({ world, closed }) => (closed ? [...world, world[0]] : world));
     Object.assign(task, { state: "final", readings, parts, remarks, lines: drawn, answer: lines.length > 0 ? found : null, read, uncertainty, refusal: null });
   }
@@ -664,6 +665,16 @@ export class Measure {
     } catch (error) {
       notice(t("measureFailed", { why: error.message }), 10000);
     }
+  }
+
+  /** The distance from the plane of a measurement as colours on the model, with its legend in the Display tab. */
+  map({ task }) {
+    const of = (name) => Math.abs(task.readings.find((r) => r.name === name)?.value ?? 0);
+    const most = Math.max(of("lowest"), of("highest"));
+    const { plane, range, ...rest } = this.page.display() ?? {};
+    this.page.setDisplay({ ...rest, mode: "distance", plane: task.fitted, ...(most > 0 ? { range: [-most, most] } : {}) });
+    openTab("display");
+    peek();
   }
 
   /** Fly to a measurement, so that all of it is seen. */

@@ -202,6 +202,9 @@ export class Panel {
     out.append(this.#words(item));
     const sentence = this.sentences.get(item.id);
     if (sentence) out.append(h("p", { className: "cited", text: sentence, dir: "auto" }));
+    if (task.fitted && task.kind.plane && task.isFinal) {
+      out.append(h("p", { className: "actions" }, h("button", { type: "button", className: "button outlined", key: "measureMap", data: { act: "map" }, onclick: () => measure.map(item) })));
+    }
     if (task.answer) {
       out.append(h("p", { className: "actions" }, ...["svg", "dxf"].map((format) =>
         h("button", { type: "button", className: "button outlined", data: { act: format }, text: t("measureDrawing", { format: format.toUpperCase() }), onclick: () => measure.files.draw(format, item) }))));
