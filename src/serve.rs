@@ -1,6 +1,7 @@
 //! `kilwa serve`.
 
 use anyhow::Context;
+use kilwa_server::door::Door;
 use kilwa_server::index::Index;
 use kilwa_server::{Audience, Catalogue, Limits, Page, Policy, Site, app, listen};
 use std::net::SocketAddr;
@@ -27,6 +28,8 @@ pub(crate) struct Args {
     pages: PageArgs,
     #[command(flatten)]
     catalogue: CatalogueArgs,
+    #[command(flatten)]
+    access: AccessArgs,
     #[command(flatten)]
     limits: LimitArgs,
     #[command(flatten)]
@@ -59,6 +62,17 @@ struct CatalogueArgs {
     /// Address for mail about harvesting (default: webmaster at the site).
     #[arg(long, value_name = "ADDRESS")]
     contact: Option<String>,
+}
+
+#[derive(clap::Args)]
+#[command(next_help_heading = "Access")]
+struct AccessArgs {
+    /// Let in who is in this file, made by `kilwa access init`, to what is not public (default: nobody).
+    #[arg(long, value_name = "FILE")]
+    access: Option<PathBuf>,
+    /// Append to this file who was let in to what, and who was not.
+    #[arg(long, value_name = "FILE", requires = "access")]
+    audit: Option<PathBuf>,
 }
 
 #[derive(clap::Args)]
@@ -128,6 +142,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     site.index = index(&site, args.catalogue.index.as_deref())?;
     site.url = args.catalogue.url.as_deref().map(site_url).transpose()?;
     site.contact.clone_from(&args.catalogue.contact);
+    site.door = door(&args.access, &args.path)?;
     site.behind_proxy = args.reports.behind_proxy;
     site.metrics_for = match args.reports.metrics {
         MetricsFor::Local => Audience::Local,
@@ -151,6 +166,22 @@ fn index(site: &Site, file: Option<&std::path::Path>) -> anyhow::Result<Option<A
         tracing::warn!("the catalogue cannot be searched: {e}");
     }
     Ok(Some(Arc::new(index)))
+}
+
+/// The accounts, which must not lie where they are served.
+fn door(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Arc<Door>>> {
+    let Some(file) = &args.access else { return Ok(None) };
+    let real = |path: &std::path::Path| path.canonicalize().ok();
+    for secret in [Some(file), args.audit.as_ref()].into_iter().flatten() {
+        if let (Some(secret_at), Some(served_at)) = (real(secret), real(served)) {
+            anyhow::ensure!(
+                !secret_at.starts_with(&served_at),
+                "{} lies in the folder that is served; move it elsewhere, for example to /etc/kilwa",
+                secret.display()
+            );
+        }
+    }
+    Ok(Some(Arc::new(Door::open(file, args.audit.as_deref())?)))
 }
 
 /// An address that others can be told.

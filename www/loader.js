@@ -10,7 +10,7 @@ export const HEAD_BYTES = 65536;
 /** A pack up to this size is taken whole from a server that does not know ranges. */
 export const WHOLE_LIMIT = 64 * 1024 * 1024;
 
-/** Why bytes did not come. `kind`: missing, offline, server, noRange, changed, truncated. */
+/** Why bytes did not come. `kind`: missing, offline, server, noRange, changed, truncated, closed (with `signIn`, an address or null). */
 export class PackError extends Error {
   constructor(kind, message, extra = {}) {
     super(message);
@@ -93,7 +93,37 @@ export class Pack {
     return bytes;
   }
 
+  /** One request; where the model is not public and the server tells where to ask, leave is asked for, and the same once more. */
   async #ask(offset, length, signal, fresh = false) {
+    const response = await this.#askOnce(offset, length, signal, fresh);
+    if (response.status !== 401) return response;
+    const door = response.headers.get("kilwa-open");
+    await discard(response);
+    if (!door) throw new PackError("closed", "", { signIn: null });
+    // Requests that are refused at the same time ask once.
+    this.opening ??= this.#open(new URL(door, this.url)).finally(() => (this.opening = null));
+    await this.opening;
+    const again = await this.#askOnce(offset, length, signal, fresh);
+    if (again.status !== 401) return again;
+    await discard(again);
+    throw new PackError("closed", "", { signIn: null });
+  }
+
+  /** Leave to read the pack, for some minutes: a cookie that scripts do not see. */
+  async #open(url) {
+    let response;
+    try {
+      response = await fetch(url, { method: "POST", credentials: "same-origin" });
+    } catch (error) {
+      throw new PackError("offline", String(error.message ?? error));
+    }
+    if (response.ok) return;
+    if (response.status >= 500 || response.status === 429) throw new PackError("server", String(response.status));
+    const { reason, signIn } = await response.json().catch(() => ({}));
+    throw new PackError("closed", reason ?? "", { signIn: signIn ?? null });
+  }
+
+  async #askOnce(offset, length, signal, fresh) {
     this.requests += 1;
     let response;
     try {
@@ -107,7 +137,8 @@ export class Pack {
       if (error.name === "AbortError") throw error;
       throw new PackError("offline", String(error.message ?? error));
     }
-    if (response.status === 200 || response.status === 206) return response;
+    if ([200, 206, 401].includes(response.status)) return response;
+    if (response.status === 403) throw new PackError("closed", (await response.text().catch(() => "")).trim(), { signIn: null });
     await discard(response);
     const says = `${response.status} ${response.statusText}`.trim();
     if (response.status === 404 || response.status === 410) throw new PackError("missing", says);

@@ -5,8 +5,8 @@ import { bytes } from "./format.js";
 import { t } from "./i18n.js";
 
 const $ = (id) => document.getElementById(id);
-const ICONS = { noGpu: "noscreen", offline: "offline", server: "offline" };
-const TEXTS = { empty: "damaged", truncated: "damaged", missing: "missing", damaged: "damaged", noRange: "noRange", changed: "changed" };
+const ICONS = { noGpu: "noscreen", closed: "lock", offline: "offline", server: "offline" };
+const TEXTS = { empty: "damaged", truncated: "damaged", missing: "missing", damaged: "damaged", noRange: "noRange", changed: "changed", closed: "closed" };
 /** Trying the same again helps with these. */
 const RETRY = new Set(["broken", "changed", "missing", "damaged", "server", "noRange"]);
 
@@ -29,7 +29,15 @@ export class Trouble {
     document.body.dataset.state = "trouble";
     $("loading").hidden = true;
     $("trouble").hidden = false;
+    if (kind === "closed") this.#poster();
     this.translate();
+  }
+
+  /** The picture that an archive object keeps beside its viewer, where the model itself cannot be shown. */
+  #poster() {
+    const poster = $("trouble-poster");
+    poster.onload = () => (poster.hidden = false);
+    poster.src = new URL("../poster.jpg", document.baseURI);
   }
 
   words() {
@@ -51,6 +59,9 @@ export class Trouble {
     $("trouble-detail").textContent = kind === "noGpu" ? "" : String(error?.message ?? "");
     $("trouble-icon").setAttribute("href", `icons/sprite.svg#${ICONS[kind] ?? "warning"}`);
     $("trouble-retry").hidden = !RETRY.has(key) && kind !== "broken";
-    $("trouble-download").hidden = kind === "missing" || kind === "empty";
+    $("trouble-download").hidden = ["missing", "empty", "closed"].includes(kind);
+    const signIn = $("trouble-sign-in");
+    signIn.hidden = !error?.signIn;
+    if (error?.signIn) signIn.href = new URL(error.signIn, location.origin);
   }
 }

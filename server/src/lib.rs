@@ -12,6 +12,7 @@ pub mod access;
 mod catalogue;
 mod connections;
 mod content;
+pub mod door;
 mod ending;
 mod holding;
 mod html;

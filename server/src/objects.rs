@@ -5,21 +5,25 @@
 //! | `/<slug>/` | its landing page, `no-cache` |
 //! | `/<slug>/manifest.json`, other files of the root | as they are now, tag from their content, `no-cache` |
 //! | `/<slug>/v1/…` | a file of a version: tag its SHA-256, ranges, `immutable` |
-//! | geometry under an embargo or restricted | 403 with the reason ([`crate::access`]) |
+//! | geometry under an embargo or restricted | 403 with the reason; where people can sign in, 401, and for those let in the file ([`crate::door`]) |
 //! | anything of what was withdrawn | 410, with the landing page as its tombstone |
 
 use crate::access::{Clock, Verdict, is_geometry, verdict};
 use crate::catalogue::Model;
 use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, condition, insert, plain, share, text};
+use crate::door::Door;
 use crate::holding::{Entry, Holding, SMALL, Table};
 use crate::html;
+use crate::object::Manifest;
 use crate::object::layout::{MANIFEST, PAGE, VIEWER};
 use crate::packs::blocking;
 use crate::page::content_type;
-use crate::site::accepts;
+use crate::site::{Site, accepts};
 use axum::body::Body;
-use axum::http::header::{ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE, ETAG, VARY};
-use axum::http::{HeaderMap, Method, Response, StatusCode};
+use axum::http::header::{
+    ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE, ETAG, VARY, WWW_AUTHENTICATE,
+};
+use axum::http::{HeaderMap, HeaderName, Method, Response, StatusCode};
 use std::io::{self, Read};
 use std::path::Path;
 use std::sync::Arc;
@@ -32,6 +36,7 @@ pub(crate) async fn respond(
     model: &Model,
     name: &str,
     clock: &Clock,
+    door: Option<&Arc<Door>>,
     method: &Method,
     headers: &HeaderMap,
 ) -> Response<Body> {
@@ -39,7 +44,16 @@ pub(crate) async fn respond(
     let found = match table(&object.holding).await {
         Ok(table) => match verdict(&table.manifest.access, clock) {
             Verdict::Gone(why) => Ok(gone(&table, name, &why).await),
-            Verdict::WithoutGeometry(why) if is_geometry(name) => Ok(withheld(&why)),
+            Verdict::WithoutGeometry(why) if is_geometry(name) => {
+                let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
+                match door {
+                    Some(door) if door.lets_out(headers, &model.slug, content, clock.seconds()) => {
+                        closed_file(&object.holding, &table, name, method, headers).await
+                    }
+                    Some(_) => Ok(locked(&model.slug, &why)),
+                    None => Ok(withheld(&why)),
+                }
+            }
             _ if name.contains('/') => file(&object.holding, &table, name, method, headers).await,
             _ => small(&object.holding, name, method, headers).await,
         },
@@ -208,9 +222,40 @@ pub(crate) fn whole(bytes: Vec<u8>, kind: &str, method: &Method, headers: &Heade
     response
 }
 
+/// A file that is not for everybody, for whoever may have it: kept by nobody on the way.
+async fn closed_file(
+    holding: &Arc<Holding>,
+    table: &Arc<Table>,
+    name: &str,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Result<Response<Body>, StatusCode> {
+    let mut response = file(holding, table, name, method, headers).await?;
+    insert(&mut response, CACHE_CONTROL, "private, no-store");
+    Ok(response)
+}
+
+/// 401: the geometry can be had by whoever is let in; `Kilwa-Open` is where the page asks for that.
+fn locked(slug: &str, why: &str) -> Response<Body> {
+    let mut r = withheld(why);
+    *r.status_mut() = StatusCode::UNAUTHORIZED;
+    insert(&mut r, WWW_AUTHENTICATE, "Bearer realm=\"kilwa\"");
+    insert(&mut r, HeaderName::from_static("kilwa-open"), &format!("/{slug}/open"));
+    insert(&mut r, CACHE_CONTROL, "no-store");
+    r
+}
+
+/// The manifest of an object.
+pub(crate) async fn manifest(site: &Site, slug: &str) -> Result<Manifest, StatusCode> {
+    let (catalogue, slug) = (Arc::clone(&site.catalogue), slug.to_owned());
+    let model = blocking(move || catalogue.model(&slug)).await?.ok_or(StatusCode::NOT_FOUND)?;
+    let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
+    Ok(table(&object.holding).await?.manifest.clone())
+}
+
 /// 403: why the geometry cannot be had.
 fn withheld(why: &str) -> Response<Body> {
-    let mut r = Response::new(Body::from(format!("403 Forbidden: the model itself is not public. {why}\n")));
+    let mut r = Response::new(Body::from(format!("The model itself is not public. {why}\n")));
     *r.status_mut() = StatusCode::FORBIDDEN;
     insert(&mut r, CONTENT_TYPE, "text/plain; charset=utf-8");
     r

@@ -65,6 +65,11 @@ fn client(request: &Request, behind_proxy: bool) -> Option<IpAddr> {
     if behind_proxy { said().or(socket) } else { socket }
 }
 
+/// The same as text, for the record.
+pub(crate) fn client_of(request: &Request, behind_proxy: bool) -> String {
+    client(request, behind_proxy).map_or_else(|| "unknown".to_owned(), |a| a.to_canonical().to_string())
+}
+
 /// A client's own, if it is short and plain, else one of ours: start of the server and a number.
 fn request_id(given: Option<&str>) -> String {
     static START: OnceLock<u64> = OnceLock::new();
@@ -91,7 +96,8 @@ fn route(path: &str) -> &'static str {
         ("packs", Some(_)) => "pack",
         ("viewer", Some(_)) => "viewer",
         (
-            "healthz" | "metrics" | "models.json" | "oai" | "oembed" | "feed.xml" | "sitemap.xml" | "robots.txt",
+            "healthz" | "metrics" | "models.json" | "oai" | "oembed" | "feed.xml" | "sitemap.xml" | "robots.txt"
+            | "sign-in" | "sign-out",
             None,
         ) => "machine",
         (_, Some(_)) if has_end(path, ".kilwa") => "pack",

@@ -84,7 +84,7 @@ async fn notes(
     let (c, s) = (Arc::clone(catalogue), slug.to_owned());
     let model = blocking(move || c.model(&s)).await?.ok_or(StatusCode::NOT_FOUND)?;
     let path = match &model.kind {
-        Kind::Object(_) => return Ok(objects::respond(&model, objects::NOTES, clock, method, headers).await),
+        Kind::Object(_) => return Ok(objects::respond(&model, objects::NOTES, clock, None, method, headers).await),
         Kind::Pack { notes } => notes.clone().ok_or(StatusCode::NOT_FOUND)?,
     };
     let bytes = blocking(move || objects::read_small(&path)).await?.map_err(|_| StatusCode::NOT_FOUND)?;

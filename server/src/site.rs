@@ -14,6 +14,7 @@
 use crate::access::Clock;
 use crate::catalogue::{Catalogue, Kind, Model};
 use crate::content::{share, text};
+use crate::door::{self, Door};
 use crate::html;
 use crate::index::Index;
 use crate::metrics::Metrics;
@@ -36,7 +37,7 @@ use axum::http::header::{
 use axum::http::{Extensions, HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{Html, IntoResponse, Response};
-use axum::routing::get;
+use axum::routing::{get, post};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use std::io::Write;
@@ -80,6 +81,8 @@ pub struct Site {
     pub url: Option<String>,
     /// Whom harvesters may write to.
     pub contact: Option<String>,
+    /// Who is let in to what is not public; without it nobody is.
+    pub door: Option<Arc<Door>>,
 }
 
 impl Site {
@@ -97,6 +100,7 @@ impl Site {
             index: None,
             url: None,
             contact: None,
+            door: None,
         }
     }
 
@@ -129,7 +133,9 @@ pub fn app(site: Site) -> Router {
         .route("/metrics", get(metrics))
         .route("/{slug}", get(towards))
         .route("/{slug}/", get(landing))
-        .route("/{slug}/{*file}", get(object).options(preflight))
+        .route("/sign-in", get(door::routes::ask).post(door::routes::sign_in))
+        .route("/sign-out", post(door::routes::sign_out))
+        .route("/{slug}/{*file}", get(object).post(door::routes::open).options(preflight))
         .fallback(|| async { lost() })
         .layer(from_fn_with_state(policy, manners))
         .layer(from_fn_with_state(observer, observe))
@@ -265,7 +271,7 @@ async fn object(
     headers: HeaderMap,
 ) -> Response {
     match find(&site, &slug).await {
-        Ok(model) => objects::respond(&model, &file, &site.clock, &method, &headers).await,
+        Ok(model) => objects::respond(&model, &file, &site.clock, site.door.as_ref(), &method, &headers).await,
         Err(status) => or_lost(status),
     }
 }

@@ -33,6 +33,11 @@ impl Clock {
     }
 
     /// Today, UTC, `YYYY-MM-DD`.
+    /// Seconds since 1970.
+    pub(crate) fn seconds(&self) -> u64 {
+        (self.0)()
+    }
+
     pub(crate) fn day(&self) -> String {
         day_of((self.0)())
     }

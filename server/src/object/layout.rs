@@ -47,7 +47,9 @@ pub const README: &str = "README.txt";
 /// Folder of the viewer's files.
 pub const VIEWER: &str = "viewer";
 /// Names that are no object, in a folder of objects: of a static site, and first parts of addresses that `kilwa serve` answers itself.
-pub const RESERVED: [&str; 17] = [
+pub const RESERVED: [&str; 19] = [
+    "sign-in",
+    "sign-out",
     "assets",
     "viewer",
     "packs",

@@ -1,0 +1,222 @@
+//! Signing in and out, and opening an object.
+//!
+//! Requests that change something come from this site's own pages only: browsers say where a request comes from (`Origin`,
+//! `Sec-Fetch-Site`), and what comes from elsewhere is refused, so that no other page can sign a reader in or out. Passwords are hashed on
+//! threads of their own, a few at a time: who guesses keeps nobody else from reading.
+
+use super::page::{Said, form};
+use super::{Door, PACK_COOKIE, SESSION_COOKIE, Visitor};
+use crate::access::audit::Action;
+use crate::access::capability::{LIFE, SESSION};
+use crate::access::{Verdict, verdict};
+use crate::content::{plain, text};
+use crate::objects;
+use crate::observe::client_of;
+use crate::packs::blocking;
+use crate::portal::language::Language;
+use crate::portal::{encoded, pairs};
+use crate::site::{Site, page};
+use axum::body::Body;
+use axum::extract::{Path, RawQuery, Request, State};
+use axum::http::header::{ACCEPT_LANGUAGE, CACHE_CONTROL, HOST, LOCATION, ORIGIN, RETRY_AFTER, SET_COOKIE, VARY};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
+use axum::response::{IntoResponse as _, Response};
+use serde_json::json;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::Semaphore;
+
+/// A form must be there within this, and no longer than this.
+const FORM: Duration = Duration::from_secs(10);
+const FORM_BYTES: usize = 16 * 1024;
+/// Passwords hashed at once; each takes 19 MiB and some 20 ms.
+static HASHING: Semaphore = Semaphore::const_new(2);
+
+/// `GET /sign-in?next=/slug/`
+pub(crate) async fn ask(State(site): State<Site>, RawQuery(query): RawQuery, headers: HeaderMap) -> Response {
+    let Some(door) = site.door.clone() else { return plain(StatusCode::NOT_FOUND).into_response() };
+    let pairs = pairs(query.as_deref().unwrap_or_default());
+    let value = |wanted: &str| pairs.iter().find(|(name, _)| name == wanted).map(|(_, value)| value.as_str());
+    let language = Language::choose(value("lang"), text(&headers, &ACCEPT_LANGUAGE).unwrap_or_default());
+    let next = inside(value("next").unwrap_or("/"));
+    let (now, asked) = (site.clock.seconds(), headers.clone());
+    let visitor = blocking(move || door.visitor(&asked, now)).await.ok().flatten();
+    match visitor {
+        Some(visitor) => answer(form(language, Said::Done, next, Some(&visitor.name)), StatusCode::OK, &headers),
+        None => answer(form(language, Said::Nothing, next, None), StatusCode::OK, &headers),
+    }
+}
+
+/// `POST /sign-in`
+pub(crate) async fn sign_in(State(site): State<Site>, request: Request) -> Response {
+    let Some(door) = site.door.clone() else { return plain(StatusCode::NOT_FOUND).into_response() };
+    let headers = request.headers().clone();
+    if !from_here(&headers) {
+        return plain(StatusCode::FORBIDDEN).into_response();
+    }
+    let address = client_of(&request, site.behind_proxy);
+    let read = tokio::time::timeout(FORM, axum::body::to_bytes(request.into_body(), FORM_BYTES)).await;
+    let Ok(Ok(body)) = read else { return plain(StatusCode::REQUEST_TIMEOUT).into_response() };
+    let pairs = pairs(&String::from_utf8_lossy(&body));
+    let value = |wanted: &str| pairs.iter().find(|(n, _)| n == wanted).map(|(_, v)| v.clone()).unwrap_or_default();
+    let (name, password, next) = (value("name").trim().to_lowercase(), value("password"), value("next"));
+    let next = inside(&next).to_owned();
+    let language = Language::choose(None, text(&headers, &ACCEPT_LANGUAGE).unwrap_or_default());
+    let now = site.clock.seconds();
+    // By address and by name: neither many names from one address nor one name from many gets far.
+    let counted = [format!("address {address}"), format!("name {}", name.chars().take(64).collect::<String>())];
+    let wait = door.attempts(|a| counted.iter().map(|c| a.wait(c, now)).max().unwrap_or(0));
+    if wait > 0 {
+        door.record(Action::Braked, None, &address, None, now);
+        let said = form(language, Said::Wait(wait), &next, Some(&name));
+        let mut response = answer(said, StatusCode::TOO_MANY_REQUESTS, &headers);
+        insert(&mut response, RETRY_AFTER, &wait.to_string());
+        return response;
+    }
+    let session = check(&door, &name, password, now).await;
+    let Some(session) = session else {
+        door.attempts(|a| counted.iter().for_each(|c| a.failed(c, now)));
+        door.record(Action::SignInFailed, None, &address, None, now);
+        return answer(form(language, Said::Wrong, &next, Some(&name)), StatusCode::FORBIDDEN, &headers);
+    };
+    door.attempts(|a| a.succeeded(&counted[1]));
+    door.record(Action::SignIn, Some(&Visitor { name, token: None }), &address, None, now);
+    let mut response = StatusCode::SEE_OTHER.into_response();
+    insert(&mut response, LOCATION, &next);
+    let secure = secure(&site, &headers);
+    insert(
+        &mut response,
+        SET_COOKIE,
+        &format!("{SESSION_COOKIE}={session}; Path=/; HttpOnly; SameSite=Lax; Max-Age={SESSION}{secure}"),
+    );
+    insert(&mut response, CACHE_CONTROL, "no-store");
+    response
+}
+
+/// A session for whoever has the password.
+async fn check(door: &Arc<Door>, name: &str, password: String, now: u64) -> Option<String> {
+    let _turn = HASHING.acquire().await.ok()?;
+    let (door, name) = (Arc::clone(door), name.to_owned());
+    let checked = blocking(move || {
+        let accounts = door.accounts()?;
+        let user = accounts.sign_in(&name, &password)?;
+        Some(accounts.capabilities().session(&user.name, &user.stamp(), now))
+    });
+    checked.await.ok().flatten()
+}
+
+/// `POST /sign-out`
+pub(crate) async fn sign_out(State(site): State<Site>, headers: HeaderMap) -> Response {
+    if !from_here(&headers) {
+        return plain(StatusCode::FORBIDDEN).into_response();
+    }
+    let mut response = StatusCode::SEE_OTHER.into_response();
+    insert(&mut response, LOCATION, "/");
+    let secure = secure(&site, &headers);
+    insert(&mut response, SET_COOKIE, &format!("{SESSION_COOKIE}=; Path=/; HttpOnly; SameSite=Lax; Max-Age=0{secure}"));
+    response
+}
+
+/// `POST /<slug>/open`: a capability for the pack, for whoever may see it; else why not, and where to sign in.
+pub(crate) async fn open(
+    State(site): State<Site>,
+    Path((slug, file)): Path<(String, String)>,
+    request: Request,
+) -> Response {
+    if file != "open" {
+        return plain(StatusCode::METHOD_NOT_ALLOWED).into_response();
+    }
+    let headers = request.headers().clone();
+    if !from_here(&headers) {
+        return plain(StatusCode::FORBIDDEN).into_response();
+    }
+    let address = client_of(&request, site.behind_proxy);
+    let manifest = match objects::manifest(&site, &slug).await {
+        Ok(manifest) => manifest,
+        Err(status) => return plain(status).into_response(),
+    };
+    let now = site.clock.seconds();
+    let why = match verdict(&manifest.access, &site.clock) {
+        Verdict::Open => return StatusCode::NO_CONTENT.into_response(),
+        Verdict::Gone(why) => return refused(StatusCode::GONE, &why, None),
+        Verdict::WithoutGeometry(why) => why,
+    };
+    let (Some(door), Some(version)) = (site.door.clone(), manifest.current()) else {
+        return refused(StatusCode::FORBIDDEN, &why, None);
+    };
+    let (asked, name) = (headers.clone(), slug.clone());
+    let found = blocking(move || {
+        let visitor = door.visitor(&asked, now);
+        let sees = visitor.as_ref().is_some_and(|v| door.sees(v, &name));
+        let action = if sees { Action::Opened } else { Action::Refused };
+        door.record(action, visitor.as_ref(), &address, Some(&name), now);
+        (visitor, door.capabilities().filter(|_| sees))
+    });
+    let Ok((visitor, capabilities)) = found.await else {
+        return plain(StatusCode::SERVICE_UNAVAILABLE).into_response();
+    };
+    match (visitor, capabilities) {
+        (Some(visitor), Some(capabilities)) => {
+            let capability = capabilities.for_pack(&version.pack.sha256, &visitor.name, now);
+            let secure = secure(&site, &headers);
+            let mut response = StatusCode::NO_CONTENT.into_response();
+            let cookie =
+                format!("{PACK_COOKIE}={capability}; Path=/{slug}/; HttpOnly; SameSite=Strict; Max-Age={LIFE}{secure}");
+            insert(&mut response, SET_COOKIE, &cookie);
+            insert(&mut response, CACHE_CONTROL, "no-store");
+            response
+        }
+        (Some(_), None) => refused(StatusCode::FORBIDDEN, &why, None),
+        (None, _) => {
+            refused(StatusCode::UNAUTHORIZED, &why, Some(&format!("/sign-in?next={}", encoded(&format!("/{slug}/")))))
+        }
+    }
+}
+
+/// Why an object is not opened, for the page.
+fn refused(status: StatusCode, why: &str, sign_in: Option<&str>) -> Response {
+    let mut response = (status, axum::Json(json!({ "reason": why, "signIn": sign_in }))).into_response();
+    insert(&mut response, CACHE_CONTROL, "no-store");
+    response
+}
+
+fn answer(html: String, status: StatusCode, headers: &HeaderMap) -> Response {
+    let mut response = page(html, headers);
+    *response.status_mut() = status;
+    insert(&mut response, CACHE_CONTROL, "no-store");
+    insert(&mut response, VARY, "Accept-Encoding, Accept-Language, Cookie");
+    response
+}
+
+fn insert(response: &mut Response<Body>, name: HeaderName, value: &str) {
+    if let Ok(value) = HeaderValue::from_str(value) {
+        response.headers_mut().insert(name, value);
+    }
+}
+
+/// Where to go next: an address of this site, never of another.
+fn inside(next: &str) -> &str {
+    let is_plain = next.starts_with('/') && !next.starts_with("//") && next.len() <= 500;
+    if is_plain && next.bytes().all(|b| b.is_ascii_graphic() && b != b'\\') { next } else { "/" }
+}
+
+/// Whether the request comes from a page of this site, or from no page.
+fn from_here(headers: &HeaderMap) -> bool {
+    let fetch_site = text(headers, &HeaderName::from_static("sec-fetch-site"));
+    if fetch_site.is_some_and(|s| !matches!(s, "same-origin" | "none")) {
+        return false;
+    }
+    match (text(headers, &ORIGIN), text(headers, &HOST)) {
+        (Some(origin), Some(host)) => origin.split_once("://").is_some_and(|(_, from)| from.eq_ignore_ascii_case(host)),
+        (Some(_), None) => false,
+        (None, _) => true,
+    }
+}
+
+/// Cookies of a site behind TLS never go out without it.
+fn secure(site: &Site, headers: &HeaderMap) -> &'static str {
+    let said = text(headers, &HeaderName::from_static("x-forwarded-proto"));
+    let is_secure =
+        site.url.as_deref().is_some_and(|u| u.starts_with("https://")) || (site.behind_proxy && said == Some("https"));
+    if is_secure { "; Secure" } else { "" }
+}

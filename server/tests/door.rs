@@ -1,0 +1,263 @@
+//! What is not public is opened to whoever is granted it, for as long as is said, and to nobody else.
+
+mod common;
+
+use axum::Router;
+use axum::body::Body;
+use axum::http::{Request, StatusCode};
+use common::{Answer, ask, get, object, pack, page, public};
+use kilwa_server::access::{Accounts, Grant, Purpose};
+use kilwa_server::door::Door;
+use kilwa_server::object::manifest::{Access, AccessState};
+use kilwa_server::{Catalogue, Clock, Site, app};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use tower::ServiceExt;
+
+/// 2026-11-21T12:00:00Z.
+const NOW: u64 = 1_795_262_400;
+
+/// A site with a restricted object, one under embargo and a public one, and a clock that can be set.
+struct Museum {
+    app: Router,
+    clock: Arc<AtomicU64>,
+    folder: tempfile::TempDir,
+    token: String,
+    bytes: Vec<u8>,
+    address: String,
+}
+
+impl Museum {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let models = folder.path().join("models");
+        std::fs::create_dir(&models).unwrap();
+        let closed = |state, until: Option<&str>| Access {
+            state,
+            until: until.map(str::to_owned),
+            reason: Some("Graves.".to_owned()),
+            ..public()
+        };
+        let bytes = pack("cave");
+        let cave = object(&models, "cave", std::slice::from_ref(&bytes), closed(AccessState::Restricted, None));
+        object(&models, "tomb", &[pack("tomb")], closed(AccessState::Embargo, Some("2027-01-01")));
+        object(&models, "fort", &[pack("fort")], public());
+        object(&models, "gone", &[pack("gone")], closed(AccessState::Withdrawn, None));
+        let mut accounts = Accounts::new().unwrap();
+        accounts.set_user("amina", &Grant::Objects(vec!["cave".to_owned()]), Some("a long sentence")).unwrap();
+        accounts.set_user("omar", &Grant::Objects(Vec::new()), Some("another sentence")).unwrap();
+        accounts.set_user("robot", &Grant::All, None).unwrap();
+        let token = accounts.add_token("robot", Purpose::View, 30, NOW).unwrap();
+        accounts.write(&folder.path().join("access.json"), true).unwrap();
+        let clock = Arc::new(AtomicU64::new(NOW));
+        let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
+        let told = Arc::clone(&clock);
+        site.clock = Clock::new(move || told.load(Ordering::Relaxed));
+        let door = Door::open(&folder.path().join("access.json"), Some(&folder.path().join("audit.jsonl"))).unwrap();
+        site.door = Some(Arc::new(door));
+        let address = format!("/cave/{}", cave.versions[0].pack.url);
+        Self { app: app(site), clock, folder, token, bytes, address }
+    }
+
+    async fn post(&self, uri: &str, headers: &[(&str, &str)], form: &str) -> Answer {
+        let mut request = Request::post(uri).header("host", "museum.example");
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        let response = self.app.clone().oneshot(request.body(Body::from(form.to_owned())).unwrap()).await.unwrap();
+        Answer::of(response).await
+    }
+
+    /// The session's cookie.
+    async fn sign_in(&self, name: &str, password: &str) -> Option<String> {
+        let form = format!("name={name}&password={}&next=%2Fcave%2F", password.replace(' ', "+"));
+        let answer = self.post("/sign-in", &[("origin", "https://museum.example")], &form).await;
+        cookie(&answer).filter(|_| answer.status == StatusCode::SEE_OTHER)
+    }
+
+    fn accounts(&self) -> PathBuf {
+        self.folder.path().join("access.json")
+    }
+
+    async fn fetch(&self, uri: &str, cookie: &str) -> Answer {
+        ask(&self.app, "GET", uri, &[("cookie", cookie)]).await
+    }
+}
+
+/// `name=value` of the cookie that an answer sets.
+fn cookie(answer: &Answer) -> Option<String> {
+    let set = answer.header("set-cookie");
+    (!set.is_empty()).then(|| set.split(';').next().unwrap_or_default().to_owned())
+}
+
+fn change(file: &Path, how: impl FnOnce(&mut Accounts)) {
+    let mut accounts = Accounts::read(file).unwrap();
+    how(&mut accounts);
+    accounts.write(file, false).unwrap();
+    // The file is looked at once a second.
+    std::thread::sleep(std::time::Duration::from_millis(1100));
+}
+
+#[tokio::test]
+async fn who_was_granted_it_signs_in_opens_it_and_gets_its_bytes() {
+    let m = Museum::new();
+    let refused = m.fetch(&m.address, "").await;
+    assert_eq!(refused.status, StatusCode::UNAUTHORIZED);
+    assert_eq!(refused.header("kilwa-open"), "/cave/open");
+    assert!(refused.text().contains("Graves.") && get(&m.app, "/cave/").await.status == StatusCode::OK);
+    let told = m.post("/cave/open", &[], "").await;
+    assert_eq!(told.status, StatusCode::UNAUTHORIZED);
+    assert!(told.text().contains("/sign-in?next=%2Fcave%2F") && told.text().contains("Graves."), "{}", told.text());
+
+    let session = m.sign_in("amina", "a long sentence").await.expect("signs in");
+    assert_eq!(m.fetch(&m.address, &session).await.status, StatusCode::UNAUTHORIZED, "a session alone gets no bytes");
+    let opened = m.post("/cave/open", &[("cookie", &session)], "").await;
+    assert_eq!(opened.status, StatusCode::NO_CONTENT);
+    let set = opened.header("set-cookie").to_owned();
+    assert!(set.contains("Path=/cave/;") && set.contains("HttpOnly") && set.contains("SameSite=Strict"), "{set}");
+    let capability = cookie(&opened).unwrap();
+    let whole = m.fetch(&m.address, &capability).await;
+    assert_eq!((whole.status, &whole.body[..]), (StatusCode::OK, &m.bytes[..]));
+    assert_eq!(whole.header("cache-control"), "private, no-store", "nobody on the way keeps it");
+    let part = ask(&m.app, "GET", &m.address, &[("cookie", &capability), ("range", "bytes=10-19")]).await;
+    assert_eq!((part.status, &part.body[..]), (StatusCode::PARTIAL_CONTENT, &m.bytes[10..20]));
+}
+
+#[tokio::test]
+async fn a_capability_ends_and_the_next_continues_without_signing_in_again() {
+    let m = Museum::new();
+    let session = m.sign_in("amina", "a long sentence").await.expect("signs in");
+    let capability = cookie(&m.post("/cave/open", &[("cookie", &session)], "").await).unwrap();
+    m.clock.store(NOW + 599, Ordering::Relaxed);
+    assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::OK);
+    m.clock.store(NOW + 600, Ordering::Relaxed);
+    assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED);
+    let next = cookie(&m.post("/cave/open", &[("cookie", &session)], "").await).unwrap();
+    assert_eq!(m.fetch(&m.address, &next).await.status, StatusCode::OK);
+    m.clock.store(NOW + 13 * 3600, Ordering::Relaxed);
+    assert_eq!(m.post("/cave/open", &[("cookie", &session)], "").await.status, StatusCode::UNAUTHORIZED);
+}
+
+#[tokio::test]
+async fn nobody_else_gets_a_byte() {
+    let m = Museum::new();
+    let other = m.sign_in("omar", "another sentence").await.expect("signs in");
+    assert_eq!(m.post("/cave/open", &[("cookie", &other)], "").await.status, StatusCode::FORBIDDEN);
+    let session = m.sign_in("amina", "a long sentence").await.expect("signs in");
+    assert_eq!(m.post("/tomb/open", &[("cookie", &session)], "").await.status, StatusCode::FORBIDDEN, "not granted");
+    assert_eq!(m.post("/gone/open", &[("cookie", &session)], "").await.status, StatusCode::GONE);
+    assert_eq!(m.post("/fort/open", &[], "").await.status, StatusCode::NO_CONTENT, "public");
+    assert_eq!(m.post("/nothing/open", &[], "").await.status, StatusCode::NOT_FOUND);
+    assert_eq!(m.post("/cave/index.html", &[], "").await.status, StatusCode::METHOD_NOT_ALLOWED);
+    let capability = cookie(&m.post("/cave/open", &[("cookie", &session)], "").await).unwrap();
+    let tomb = kilwa_server::object::Manifest::parse(&get(&m.app, "/tomb/manifest.json").await.body).unwrap();
+    let tomb = format!("/tomb/{}", tomb.versions[0].pack.url);
+    assert_eq!(m.fetch(&tomb, &capability).await.status, StatusCode::UNAUTHORIZED, "it is for another pack");
+    for text in
+        ["kilwa_pack=", "kilwa_pack=k1.9999999999.amina.00", "kilwa_pack=k1", &capability[..capability.len() - 1]]
+    {
+        assert_eq!(m.fetch(&m.address, text).await.status, StatusCode::UNAUTHORIZED, "{text}");
+    }
+    assert_eq!(m.fetch("/packs/cave.kilwa", &capability).await.status, StatusCode::FORBIDDEN);
+}
+
+#[tokio::test]
+async fn an_embargo_opens_to_everybody_with_its_first_second() {
+    let m = Museum::new();
+    let tomb = kilwa_server::object::Manifest::parse(&get(&m.app, "/tomb/manifest.json").await.body).unwrap();
+    let tomb = format!("/tomb/{}", tomb.versions[0].pack.url);
+    let new_year = 1_798_761_600;
+    for (now, status) in
+        [(new_year - 1, StatusCode::UNAUTHORIZED), (new_year, StatusCode::OK), (new_year + 1, StatusCode::OK)]
+    {
+        m.clock.store(now, Ordering::Relaxed);
+        assert_eq!(get(&m.app, &tomb).await.status, status, "{now}");
+    }
+}
+
+#[tokio::test]
+async fn a_token_is_for_programs_and_works_until_it_is_revoked() {
+    let m = Museum::new();
+    let bearer = format!("Bearer {}", m.token);
+    let with = |value: String| {
+        let (app, address) = (m.app.clone(), m.address.clone());
+        async move { ask(&app, "GET", &address, &[("authorization", &value)]).await.status }
+    };
+    assert_eq!(with(bearer.clone()).await, StatusCode::OK);
+    assert_eq!(with(bearer[..bearer.len() - 1].to_owned()).await, StatusCode::UNAUTHORIZED);
+    let id = Accounts::read(&m.accounts()).unwrap().user("robot").unwrap().tokens[0].id.clone();
+    change(&m.accounts(), |a| a.revoke(&id).unwrap());
+    assert_eq!(with(bearer).await, StatusCode::UNAUTHORIZED);
+}
+
+#[tokio::test]
+async fn what_is_taken_back_is_closed_at_once_and_a_lost_file_lets_nobody_in() {
+    let m = Museum::new();
+    let session = m.sign_in("amina", "a long sentence").await.expect("signs in");
+    let capability = cookie(&m.post("/cave/open", &[("cookie", &session)], "").await).unwrap();
+    assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::OK);
+    change(&m.accounts(), |a| a.set_user("amina", &Grant::Objects(Vec::new()), None).unwrap());
+    assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED);
+    change(&m.accounts(), |a| a.set_user("amina", &Grant::All, None).unwrap());
+    assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::OK);
+    std::fs::write(m.accounts(), "{ damaged").unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(1100));
+    assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED);
+    assert!(m.sign_in("amina", "a long sentence").await.is_none());
+    assert_eq!(get(&m.app, "/fort/").await.status, StatusCode::OK, "what is public stays so");
+}
+
+#[tokio::test]
+async fn guessing_is_slowed_down_and_written_down_without_the_guesses() {
+    let m = Museum::new();
+    let mut statuses = Vec::new();
+    for i in 0..8 {
+        let form = format!("name=amina&password=guess-number-{i}");
+        statuses.push(m.post("/sign-in", &[], &form).await.status);
+    }
+    assert_eq!(statuses[..6], [StatusCode::FORBIDDEN; 6]);
+    assert_eq!(statuses[6..], [StatusCode::TOO_MANY_REQUESTS; 2]);
+    assert!(m.sign_in("amina", "a long sentence").await.is_none(), "the right one has to wait too");
+    m.clock.store(NOW + 10, Ordering::Relaxed);
+    assert!(m.sign_in("amina", "a long sentence").await.is_some());
+    let record = std::fs::read_to_string(m.folder.path().join("audit.jsonl")).unwrap();
+    assert!(
+        record.contains("sign-in-failed") && record.contains("\"braked\"") && record.contains("\"sign-in\""),
+        "{record}"
+    );
+    assert!(!record.contains("guess-number") && !record.contains("sentence") && !record.contains("k1."), "{record}");
+}
+
+#[tokio::test]
+async fn no_other_site_can_sign_a_reader_in_or_out_or_send_them_elsewhere() {
+    let m = Museum::new();
+    let right = "name=amina&password=a+long+sentence";
+    for headers in [
+        vec![("origin", "https://evil.example")],
+        vec![("origin", "null")],
+        vec![("sec-fetch-site", "cross-site")],
+        vec![("sec-fetch-site", "same-site"), ("origin", "https://museum.example")],
+    ] {
+        for uri in ["/sign-in", "/sign-out", "/cave/open"] {
+            assert_eq!(m.post(uri, &headers, right).await.status, StatusCode::FORBIDDEN, "{headers:?} {uri}");
+        }
+    }
+    for next in ["//evil.example/", "https://evil.example/", "/\\evil.example", "javascript:alert(1)", "/a b", ""] {
+        let encoded = next.bytes().fold(String::new(), |s, b| format!("{s}%{b:02X}"));
+        let answer = m.post("/sign-in", &[], &format!("{right}&next={encoded}")).await;
+        assert_eq!((answer.status, answer.header("location")), (StatusCode::SEE_OTHER, "/"), "{next}");
+    }
+    let form = get(&m.app, "/sign-in?next=%22%3E%3Cscript%3E&lang=ar").await;
+    assert!(form.text().contains("dir=\"rtl\"") && !form.text().contains("<script"), "{}", form.text());
+    assert!(form.header("cache-control").contains("no-store"));
+}
+
+#[tokio::test]
+async fn without_accounts_there_is_no_door() {
+    let m = Museum::new();
+    let site = Site::new(Catalogue::open(&m.folder.path().join("models")).unwrap(), page());
+    let app = app(site);
+    assert_eq!(get(&app, &m.address).await.status, StatusCode::FORBIDDEN);
+    assert_eq!(get(&app, "/sign-in").await.status, StatusCode::NOT_FOUND);
+}
