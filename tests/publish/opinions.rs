@@ -133,6 +133,22 @@ fn second_implementations_take_everything() {
 }
 
 #[test]
+fn the_validator_of_khronos_takes_the_preview() {
+    let validator = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser/node_modules/gltf-validator/index.js");
+    if !validator.is_file() {
+        println!("skipped: {} is not here (cargo xtask test installs it)", validator.display());
+        return;
+    }
+    let bench = Bench::new();
+    let preview = bench.published(&other_pack(), LEAST, &[]).join("v1/preview.glb");
+    let script = "const v = require(process.argv[1]); const fs = require('fs');
+        v.validateBytes(new Uint8Array(fs.readFileSync(process.argv[2]))).then(r => console.log(JSON.stringify(r.issues)));";
+    let output = Command::new("node").args(["-e", script, text(&validator), text(&preview)]).output().unwrap();
+    let issues: Value = serde_json::from_slice(&output.stdout).expect("a report");
+    assert_eq!((&issues["numErrors"], &issues["numWarnings"]), (&0.into(), &0.into()), "{issues:#}");
+}
+
+#[test]
 fn the_least_metadata_gives_valid_records_too() {
     let bench = Bench::new();
     let object = bench.published(&other_pack(), LEAST, &["--bag", "--site"]);
