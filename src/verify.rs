@@ -76,7 +76,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     };
     let progress = Progress::new();
     let mut report = Report { target: args.target.clone(), ..Report::default() };
-    for item in &items {
+    // Only who looks wants to know how much is left.
+    for item in items.iter().filter(|_| progress.is_shown()) {
         expect(place.as_ref(), item, &progress);
     }
     for item in &items {
@@ -215,6 +216,11 @@ fn in_folder(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
     Ok((place, items))
 }
 
+/// Whether a name is that of a pack.
+fn is_pack(name: &str) -> bool {
+    Path::new(name).extension().is_some_and(|e| e == "kilwa")
+}
+
 /// What a folder is. One with version folders and no manifest was an object.
 fn kind_of(folder: &Path) -> Option<What> {
     if folder.join("bagit.txt").is_file() {
@@ -226,7 +232,7 @@ fn kind_of(folder: &Path) -> Option<What> {
 /// What there is at an address.
 fn at_address(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
     let (web, name) = Web::split(target);
-    if name.ends_with(".kilwa") {
+    if is_pack(&name) {
         return Ok((Box::new(web), vec![Item { path: name, what: What::Pack }]));
     }
     let is_object = |place: &dyn Place| place.open(MANIFEST).map(|found| found.is_some());
@@ -244,7 +250,7 @@ fn at_address(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
         if path.is_empty() || !seen.insert(path.clone()) {
             continue;
         }
-        if path.ends_with(".kilwa") {
+        if is_pack(&path) {
             items.push(Item { path, what: What::Pack });
         } else if !path.contains('.') && is_object(web.below(&path).as_ref()).with_context(|| web.name(&path))? {
             items.push(Item { path, what: What::Object });
@@ -263,16 +269,17 @@ fn at_address(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
 
 /// Tell the bar how much there is to read.
 fn expect(place: &dyn Place, item: &Item, progress: &Progress) {
-    let bytes = match item.what {
-        What::Pack => place.open(&item.path).ok().flatten().and_then(|f| f.len().ok()),
-        _ => match place.list(&item.path) {
-            Ok(Some(files)) => Some(files.iter().map(|(_, bytes)| bytes).sum()),
-            _ => {
-                let manifest = place.below(&item.path).read(MANIFEST, LIST_MAX).ok().flatten();
-                let manifest = manifest.and_then(|m| kilwa_server::object::Manifest::parse(&m).ok());
-                manifest.map(|m| m.versions.iter().map(|v| v.pack.bytes).sum())
-            }
-        },
+    let of_manifest = || {
+        let manifest = place.below(&item.path).read(MANIFEST, LIST_MAX).ok()??;
+        let manifest = kilwa_server::object::Manifest::parse(&manifest).ok()?;
+        Some(manifest.versions.iter().map(|v| v.pack.bytes).sum())
+    };
+    let bytes = if let What::Pack = item.what {
+        place.open(&item.path).ok().flatten().and_then(|f| f.len().ok())
+    } else if let Ok(Some(files)) = place.list(&item.path) {
+        Some(files.iter().map(|(_, bytes)| bytes).sum())
+    } else {
+        of_manifest()
     };
     progress.expect(bytes.unwrap_or(0));
 }
@@ -286,7 +293,7 @@ fn check(
     progress: &Progress,
 ) -> anyhow::Result<Option<Unit>> {
     let before = report.count();
-    let mut unit = Unit { unit: item.path.clone(), ..Unit::default() };
+    let mut unit = Unit { name: item.path.clone(), ..Unit::default() };
     match item.what {
         What::Object => {
             let below = if item.path.is_empty() { None } else { Some(place.below(&item.path)) };

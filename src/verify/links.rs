@@ -67,7 +67,7 @@ pub(crate) fn target(link: &str, folder: &str, home: Option<&str>) -> Option<Str
         None if is_relative(link) => (link, folder),
         None => return None,
     };
-    let link = link.split(['?', '#']).next().unwrap_or_default();
+    let link = &decoded(link.split(['?', '#']).next().unwrap_or_default());
     let mut parts: Vec<&str> = folder.split('/').filter(|p| !p.is_empty()).collect();
     for part in link.split('/') {
         match part {
@@ -77,8 +77,8 @@ pub(crate) fn target(link: &str, folder: &str, home: Option<&str>) -> Option<Str
             part => parts.push(part),
         }
     }
-    let mut path = decoded(&parts.join("/"));
-    if link.is_empty() || link.ends_with('/') || link.ends_with("..") || link == "." {
+    let mut path = parts.join("/");
+    if link.is_empty() || link.ends_with('/') || link.ends_with("..") || link.as_str() == "." {
         path.push('/');
     }
     Some(path)
@@ -111,6 +111,27 @@ mod tests {
             paths,
             ["v1/viewer/style.css", "v1/viewer/boot.js", "v1/plan 1.png", "/", "v1/pack.kilwa"].map(str::to_owned)
         );
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn whatever_a_page_says_no_link_leaves_the_object(
+            html in "(<base href=\"[a-z./]{0,6}\">)?(<[a-z]{1,4} (href|src)=\"[a-z%./:?#&;é0-9]{0,20}\"?>?){0,6}", folder in "([a-z]{1,3}/){0,3}",
+        ) {
+            for link in of_html(&html) {
+                for home in [None, Some("https://a.example/x/")] {
+                    let path = target(&link, &folder, home).unwrap_or_default();
+                    proptest::prop_assert!(!path.starts_with("../") && !path.contains("/../"), "{} leads to {}", link, path);
+                }
+            }
+        }
+
+        #[test]
+        fn no_text_stops_the_reader(text in ".{0,200}", folder in ".{0,20}") {
+            for link in of_html(&text).iter().chain([&text]) {
+                drop(target(link, &folder, None));
+            }
+        }
     }
 
     #[test]

@@ -190,7 +190,7 @@ impl Check<'_> {
     /// When the state cannot be written.
     pub(crate) fn object(&mut self) -> anyhow::Result<Option<Unit>> {
         let before = self.report.count();
-        let mut unit = Unit { unit: self.name.to_owned(), ..Unit::default() };
+        let mut unit = Unit { name: self.name.to_owned(), ..Unit::default() };
         let known = self.state.unit(self.name).cloned().unwrap_or_default();
         let bytes = match self.place.read(MANIFEST, MANIFEST_MAX) {
             Ok(Some(bytes)) => bytes,
@@ -478,7 +478,7 @@ impl Check<'_> {
         let mut paths = BTreeSet::new();
         for (path, sum) in list.iter() {
             let at = format!("{folder}{path}");
-            if decoded && path.ends_with(".kilwa") {
+            if decoded && super::is_pack(path) {
                 self.pack(&at, Some((sum, list_path)))?;
             } else {
                 self.listed(&at, sum, list_path)?;

@@ -138,24 +138,20 @@ fn chunks<R: Source, S: Source + ?Sized>(reader: &Reader<R>, pass: &mut Pass<'_,
         let batch = rest.get(..count).unwrap_or_default();
         pass.skip_to(from, checked);
         let before = checked.damaged.len();
-        match pass.read_to(batch.last().map_or(from, end_of), checked) {
-            Some(bytes) => {
-                for result in decode(reader, first, batch, from, &bytes) {
-                    match result {
-                        Ok(part) => totals = totals.plus(part),
-                        Err(e) => checked.add(e.to_string()),
-                    }
+        if let Some(bytes) = pass.read_to(batch.last().map_or(from, end_of), checked) {
+            for result in decode(reader, first, batch, from, &bytes) {
+                match result {
+                    Ok(part) => totals = totals.plus(part),
+                    Err(e) => checked.add(e.to_string()),
                 }
             }
+        } else {
             // Which of them are still there?
-            None => {
-                checked.damaged.truncate(before);
-                for (index, entry) in (first..).zip(batch) {
-                    match reader.chunk(index as u32).and_then(|c| kilwa_pack::verify::chunk(index as u32, &c, entries))
-                    {
-                        Ok(part) => totals = totals.plus(part),
-                        Err(e) => checked.add(format!("{e} (bytes {} to {})", entry.offset, end_of(entry))),
-                    }
+            checked.damaged.truncate(before);
+            for (index, entry) in (first..).zip(batch) {
+                match reader.chunk(index as u32).and_then(|c| kilwa_pack::verify::chunk(index as u32, &c, entries)) {
+                    Ok(part) => totals = totals.plus(part),
+                    Err(e) => checked.add(format!("{e} (bytes {} to {})", entry.offset, end_of(entry))),
                 }
             }
         }

@@ -16,6 +16,11 @@ impl Progress {
         Self(bar)
     }
 
+    /// Whether anybody sees it.
+    pub(crate) fn is_shown(&self) -> bool {
+        !self.0.is_hidden()
+    }
+
     /// So many more bytes are to be read.
     pub(crate) fn expect(&self, bytes: u64) {
         self.0.inc_length(bytes);

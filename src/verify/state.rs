@@ -25,7 +25,7 @@ enum Line {
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Unit {
     /// Its name.
-    pub(crate) unit: String,
+    pub(crate) name: String,
     /// When it was done.
     pub(crate) at: u64,
     /// How much was wrong.
@@ -130,7 +130,7 @@ impl State {
     pub(crate) fn done(&mut self, unit: Unit) -> anyhow::Result<()> {
         self.files.clear();
         self.write(&Line::Unit(unit.clone()))?;
-        self.units.insert(unit.unit.clone(), unit);
+        self.units.insert(unit.name.clone(), unit);
         Ok(())
     }
 
@@ -190,8 +190,8 @@ impl Known {
                 }
                 Line::Unit(unit) => {
                     known.files.clear();
-                    known.done.insert(unit.unit.clone());
-                    known.units.insert(unit.unit.clone(), unit);
+                    known.done.insert(unit.name.clone());
+                    known.units.insert(unit.name.clone(), unit);
                 }
                 Line::Done { .. } => known.is_running = false,
             }
@@ -211,7 +211,7 @@ mod tests {
     use super::*;
 
     fn unit(name: &str, at: u64, problems: u64) -> Unit {
-        Unit { unit: name.to_owned(), at, problems, manifest: "m".to_owned(), versions: vec![(1, "s".to_owned())] }
+        Unit { name: name.to_owned(), at, problems, manifest: "m".to_owned(), versions: vec![(1, "s".to_owned())] }
     }
 
     #[test]

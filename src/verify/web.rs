@@ -7,6 +7,7 @@
 use super::place::{Bytes, Place};
 use crate::source::FileSource;
 use kilwa_pack::Source;
+use std::fmt::Write as _;
 use std::io::{self, Read, Seek, Write};
 use std::sync::{Mutex, PoisonError};
 use std::thread::sleep;
@@ -68,7 +69,7 @@ impl Web {
             if byte.is_ascii_alphanumeric() || b"-._~/!$&'()*+,;=@".contains(&byte) {
                 url.push(char::from(byte));
             } else {
-                url.push_str(&format!("%{byte:02X}"));
+                let _ = write!(url, "%{byte:02X}");
             }
         }
         url
