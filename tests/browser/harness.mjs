@@ -50,8 +50,8 @@ export async function packFolder() {
 }
 
 /** `kilwa serve`, until `stop()`. */
-export async function serve(folder) {
-  const child = spawn(KILWA, ["serve", folder, "--listen", "127.0.0.1:0", "--www", WWW], { stdio: ["ignore", "pipe", "inherit"] });
+export async function serve(folder, ...options) {
+  const child = spawn(KILWA, ["serve", folder, "--listen", "127.0.0.1:0", "--www", WWW, ...options], { stdio: ["ignore", "pipe", "inherit"] });
   const address = await new Promise((resolve, reject) => {
     let said = "";
     child.stdout.on("data", (text) => {
