@@ -197,9 +197,17 @@ fn hash_file(path: &Path, identity: Identity) -> std::io::Result<Arc<str>> {
 pub struct Catalogue {
     root: PathBuf,
     single: bool,
-    models: RwLock<BTreeMap<String, Arc<Model>>>,
+    listing: RwLock<Arc<Listing>>,
     listed: Mutex<Listed>,
     tables: Arc<Tables>,
+}
+
+/// What the folder held when it was last listed.
+#[derive(Default)]
+struct Listing {
+    models: BTreeMap<String, Arc<Model>>,
+    /// Those of them that no index knows: packs, and objects that cannot be read.
+    others: Vec<Arc<Model>>,
 }
 
 /// When the folder was last listed, and how long that took.
@@ -223,7 +231,7 @@ impl Catalogue {
         let root = path.canonicalize().map_err(unreadable)?;
         let single = is_file || root.join(MANIFEST).is_file();
         let listed = Mutex::new(Listed { at: Instant::now(), took: Duration::ZERO });
-        let catalogue = Self { root, single, models: RwLock::default(), listed, tables: Arc::default() };
+        let catalogue = Self { root, single, listing: RwLock::default(), listed, tables: Arc::default() };
         catalogue.list().map_err(unreadable)?;
         Ok(catalogue)
     }
@@ -231,7 +239,27 @@ impl Catalogue {
     /// All models, by slug, after looking at the folder again where that is due. Blocks on the file system.
     pub fn models(&self) -> Vec<Arc<Model>> {
         self.relist();
-        self.models.read().unwrap_or_else(PoisonError::into_inner).values().cloned().collect()
+        self.listing().models.values().cloned().collect()
+    }
+
+    /// Look at the folder again where that is due. Blocks on the file system.
+    pub(crate) fn refresh(&self) {
+        self.relist();
+    }
+
+    /// Packs, and objects that cannot be read, as last listed.
+    pub(crate) fn others(&self) -> Vec<Arc<Model>> {
+        self.listing().others.clone()
+    }
+
+    /// Whether there was any object that can be read.
+    pub(crate) fn has_objects(&self) -> bool {
+        let listing = self.listing();
+        listing.models.len() > listing.others.len()
+    }
+
+    fn listing(&self) -> Arc<Listing> {
+        Arc::clone(&self.listing.read().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// The folder, where it may hold many models.
@@ -241,12 +269,12 @@ impl Catalogue {
 
     /// How many models there were when the folder was last listed.
     pub(crate) fn count(&self) -> usize {
-        self.models.read().unwrap_or_else(PoisonError::into_inner).len()
+        self.listing().models.len()
     }
 
     /// The model of a slug. Blocks on the file system when the slug is not known.
     pub fn model(&self, slug: &str) -> Option<Arc<Model>> {
-        let known = || self.models.read().unwrap_or_else(PoisonError::into_inner).get(slug).cloned();
+        let known = || self.listing().models.get(slug).cloned();
         known().or_else(|| {
             self.relist();
             known()
@@ -270,25 +298,27 @@ impl Catalogue {
             std::fs::read_dir(&self.root)?.filter_map(|e| e.ok().map(|e| e.path())).filter(|p| is_shown(p)).collect()
         };
         paths.sort();
-        let before = self.models.read().unwrap_or_else(PoisonError::into_inner).clone();
+        let before = self.listing();
         let mut models = BTreeMap::new();
         // Objects first: their slugs are the names of their folders, which other places cite.
         let (objects, packs): (Vec<_>, Vec<_>) = paths.into_iter().partition(|p| !is_pack(p) || p.is_dir());
         for path in objects {
             let Ok(metadata) = std::fs::metadata(path.join(MANIFEST)) else { continue };
             let slug = free_slug(&path, &models);
-            let model = listed_before(&before, &slug, &path, &metadata)
+            let model = listed_before(&before.models, &slug, &path, &metadata)
                 .unwrap_or_else(|| object_of(&path, &slug, &metadata, &self.tables));
             models.insert(slug, model);
         }
         for path in packs {
             let Ok(metadata) = std::fs::metadata(&path) else { continue };
             let slug = free_slug(&path, &models);
-            let model =
-                listed_before(&before, &slug, &path, &metadata).unwrap_or_else(|| pack_of(&path, &slug, &metadata));
+            let model = listed_before(&before.models, &slug, &path, &metadata)
+                .unwrap_or_else(|| pack_of(&path, &slug, &metadata));
             models.insert(slug, model);
         }
-        *self.models.write().unwrap_or_else(PoisonError::into_inner) = models;
+        let is_other = |m: &&Arc<Model>| m.object().is_none_or(|object| object.access.is_none());
+        let others = models.values().filter(is_other).cloned().collect();
+        *self.listing.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(Listing { models, others });
         *self.listed.lock().unwrap_or_else(PoisonError::into_inner) =
             Listed { at: Instant::now(), took: began.elapsed() };
         Ok(())

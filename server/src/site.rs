@@ -182,13 +182,11 @@ pub(crate) fn page(html: String, headers: &HeaderMap) -> Response {
 }
 
 async fn list(State(site): State<Site>, RawQuery(query): RawQuery, headers: HeaderMap) -> Response {
+    if let Some(index) = site.index.as_ref().filter(|_| site.catalogue.has_objects()) {
+        return routes::list(&site, index, query, &headers).await;
+    }
     match models(&site).await {
-        Ok(models) => match &site.index {
-            Some(index) if models.iter().any(|m| m.object().is_some()) => {
-                routes::list(&site, index, query, &headers).await
-            }
-            _ => page(html::list(&models, &site.clock), &headers),
-        },
+        Ok(models) => page(html::list(&models, &site.clock), &headers),
         Err(status) => status.into_response(),
     }
 }

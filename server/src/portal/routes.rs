@@ -3,7 +3,6 @@
 use super::catalogue::{self, Around};
 use super::language::Language;
 use super::{base, feeds, oai, oembed, pairs};
-use crate::catalogue::Model;
 use crate::content::{plain, text};
 use crate::html;
 use crate::index::{Entry, Index, IndexError, Query, Sort};
@@ -23,6 +22,8 @@ const FRESH: Duration = Duration::from_secs(1);
 /// A reader waits for that at most this long; what is new is then there for the next.
 const PATIENCE: Duration = Duration::from_millis(50);
 
+/// Cards of what no index knows, at most.
+const OTHERS: usize = 500;
 /// A form must be there within this, and no longer than this.
 const FORM: Duration = Duration::from_secs(10);
 const FORM_BYTES: usize = 16 * 1024;
@@ -76,13 +77,12 @@ pub(crate) async fn list(site: &Site, index: &Arc<Index>, query: Option<String>,
 
 /// Cards of packs without metadata, and of objects that cannot be read.
 async fn others(site: &Site) -> String {
-    let (catalogue, clock) = (Arc::clone(&site.catalogue), site.clock.clone());
-    let cards = blocking(move || {
-        let is_other = |m: &Arc<Model>| m.object().is_none_or(|object| object.access.is_none());
-        let others: Vec<_> = catalogue.models().into_iter().filter(is_other).take(500).collect();
-        html::cards(&others, &clock)
-    });
-    cards.await.unwrap_or_default()
+    let catalogue = Arc::clone(&site.catalogue);
+    // Given up here, it still goes on; what is new is there for the next reader.
+    drop(tokio::time::timeout(PATIENCE, blocking(move || catalogue.refresh())).await);
+    let mut others = site.catalogue.others();
+    others.truncate(OTHERS);
+    html::cards(&others, &site.clock)
 }
 
 fn site_base(site: &Site, headers: &HeaderMap) -> String {
