@@ -99,9 +99,11 @@ export class Pack {
     if (response.status !== 401) return response;
     const door = response.headers.get("kilwa-open");
     await discard(response);
-    if (!door) throw new PackError("closed", "", { signIn: null });
+    // Only the site that this page is of is asked, and only at its own address: a pack from elsewhere leads nobody anywhere.
+    const at = door && URL.canParse(door, this.url) ? new URL(door, this.url) : null;
+    if (at?.origin !== location.origin || this.url.origin !== location.origin) throw new PackError("closed", "", { signIn: null });
     // Requests that are refused at the same time ask once.
-    this.opening ??= this.#open(new URL(door, this.url)).finally(() => (this.opening = null));
+    this.opening ??= this.#open(at).finally(() => (this.opening = null));
     await this.opening;
     const again = await this.#askOnce(offset, length, signal, fresh);
     if (again.status !== 401) return again;
@@ -120,7 +122,8 @@ export class Pack {
     if (response.ok) return;
     if (response.status >= 500 || response.status === 429) throw new PackError("server", String(response.status));
     const { reason, signIn } = await response.json().catch(() => ({}));
-    throw new PackError("closed", reason ?? "", { signIn: signIn ?? null });
+    const isHere = typeof signIn === "string" && URL.canParse(signIn, url) && new URL(signIn, url).origin === location.origin;
+    throw new PackError("closed", String(reason ?? ""), { signIn: isHere ? new URL(signIn, url).href : null });
   }
 
   async #askOnce(offset, length, signal, fresh) {

@@ -62,6 +62,6 @@ export class Trouble {
     $("trouble-download").hidden = ["missing", "empty", "closed"].includes(kind);
     const signIn = $("trouble-sign-in");
     signIn.hidden = !error?.signIn;
-    if (error?.signIn) signIn.href = new URL(error.signIn, location.origin);
+    if (error?.signIn) signIn.href = error.signIn;
   }
 }

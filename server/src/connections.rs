@@ -144,7 +144,8 @@ impl Drop for Link {
     }
 }
 
-fn counted_as(address: IpAddr) -> IpAddr {
+/// An address as it is counted: IPv6 by the network that one client has.
+pub(crate) fn counted_as(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(v6) => {
             let [a, b, c, d, ..] = v6.segments();

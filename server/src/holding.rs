@@ -8,7 +8,8 @@
 
 use crate::catalogue::Identity;
 use crate::object::checksums::{sha256, sha256_of};
-use crate::object::layout::{CHECKSUMS, MANIFEST, version_of};
+use crate::object::layout::{CHECKSUMS, MANIFEST, PAGE, version_of};
+use crate::objects::NOTES;
 use crate::object::manifest::Version;
 use crate::object::{Checksums, Manifest};
 use std::collections::{BTreeMap, VecDeque};
@@ -196,13 +197,16 @@ impl Holding {
     }
 }
 
+/// What of an object's root is served: everything else that lies there was not published.
+const ROOT: [&str; 3] = [PAGE, MANIFEST, NOTES];
+
 /// Plain files of the root with what tells their versions apart, and version folders (`v1`, `v2` …) without.
 fn root_of(folder: &Path) -> io::Result<BTreeMap<String, Option<Identity>>> {
     let mut root = BTreeMap::new();
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
         let Some((name, kind)) = servable(&entry) else { continue };
-        if kind.is_file() {
+        if kind.is_file() && ROOT.contains(&name.as_str()) {
             root.insert(name, Some(Identity::of(&entry.metadata()?)));
         } else if kind.is_dir() && version_of(&name).is_some() {
             root.insert(name, None);

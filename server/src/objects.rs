@@ -47,7 +47,7 @@ pub(crate) async fn respond(
             Verdict::WithoutGeometry(why) if is_geometry(name) => {
                 let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
                 match door {
-                    Some(door) if door.lets_out(headers, &model.slug, content, clock.seconds()) => {
+                    Some(door) if lets_out(door, headers, &model.slug, content, clock).await => {
                         closed_file(&object.holding, &table, name, method, headers).await
                     }
                     Some(_) => Ok(locked(&model.slug, &why)),
@@ -222,6 +222,13 @@ pub(crate) fn whole(bytes: Vec<u8>, kind: &str, method: &Method, headers: &Heade
     response
 }
 
+/// What the door says; it may have to read its file.
+async fn lets_out(door: &Arc<Door>, headers: &HeaderMap, slug: &str, content: &str, clock: &Clock) -> bool {
+    let (door, headers, now) = (Arc::clone(door), headers.clone(), clock.seconds());
+    let (slug, content) = (slug.to_owned(), content.to_owned());
+    blocking(move || door.lets_out(&headers, &slug, &content, now)).await.unwrap_or(false)
+}
+
 /// A file that is not for everybody, for whoever may have it: kept by nobody on the way.
 async fn closed_file(
     holding: &Arc<Holding>,
@@ -230,7 +237,11 @@ async fn closed_file(
     method: &Method,
     headers: &HeaderMap,
 ) -> Result<Response<Body>, StatusCode> {
-    let mut response = file(holding, table, name, method, headers).await?;
+    let mut response = if name.contains('/') {
+        file(holding, table, name, method, headers).await?
+    } else {
+        small(holding, name, method, headers).await?
+    };
     insert(&mut response, CACHE_CONTROL, "private, no-store");
     Ok(response)
 }

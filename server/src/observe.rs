@@ -5,6 +5,7 @@
 //! characters of a path arrive percent-encoded and are logged like that; what a client sends as `X-Request-Id` is taken only if it is short
 //! and plain.
 
+use crate::connections::counted_as;
 use crate::content::text;
 use crate::ending::Ending;
 use crate::metrics::{Answered, Metrics};
@@ -60,14 +61,21 @@ pub(crate) async fn observe(State(observer): State<Observer>, request: Request, 
 /// Who asks: the socket's other end, or what the proxy before us says of its own other end (the last of the list; what stands before
 /// that was said by the client).
 fn client(request: &Request, behind_proxy: bool) -> Option<IpAddr> {
-    let said = || text(request.headers(), &FORWARDED_FOR)?.rsplit(',').next()?.trim().parse().ok();
+    // Proxies that do not replace the header add a line of their own at the end.
+    let said = || {
+        let last = request.headers().get_all(&FORWARDED_FOR).iter().next_back()?.to_str().ok()?;
+        last.rsplit(',').next()?.trim().parse().ok()
+    };
     let socket = request.extensions().get::<Peer>().map(|peer| peer.0);
     if behind_proxy { said().or(socket) } else { socket }
 }
 
-/// The same as text, for the record.
-pub(crate) fn client_of(request: &Request, behind_proxy: bool) -> String {
-    client(request, behind_proxy).map_or_else(|| "unknown".to_owned(), |a| a.to_canonical().to_string())
+/// The same as text for the record, and as it is counted (IPv6: its /64).
+pub(crate) fn client_of(request: &Request, behind_proxy: bool) -> (String, String) {
+    let text = |a: IpAddr| a.to_canonical().to_string();
+    let client = client(request, behind_proxy);
+    let or_unknown = |a: Option<String>| a.unwrap_or_else(|| "unknown".to_owned());
+    (or_unknown(client.map(text)), or_unknown(client.map(|a| text(counted_as(a)))))
 }
 
 /// A client's own, if it is short and plain, else one of ours: start of the server and a number.

@@ -269,6 +269,14 @@ fn further(
             open.version
         );
     }
+    let hidden = m.versions.iter().find(|v| v.location_redacted);
+    if let Some(hidden) = hidden.filter(|_| !redacted) {
+        bail!(
+            "version {} of {shelf}/{slug} was published without its place, and a version that tells it would tell that one's too; \
+             give --redact-location again, or publish under another name",
+            hidden.version
+        );
+    }
     let next = m.versions.len() + 1;
     let note = note.map(str::trim).filter(|n| !n.is_empty());
     let note = note.with_context(|| {

@@ -7,8 +7,10 @@ use std::collections::HashMap;
 
 /// Failures that cost nothing.
 const FREE: u32 = 5;
-/// Longest wait, seconds.
+/// Longest wait of an address, seconds.
 const LONGEST: u64 = 900;
+/// Longest wait of a name: whoever guesses at it must not keep its owner out for long.
+const LONGEST_OF_NAME: u64 = 30;
 /// After so long without a failure all is forgiven, seconds.
 const FORGIVEN: u64 = 3600;
 /// Most that are remembered.
@@ -22,12 +24,45 @@ struct Failures {
 }
 
 /// Failures by whatever they are counted by.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Attempts {
     failures: HashMap<String, Failures>,
+    longest: u64,
 }
 
 impl Attempts {
+    /// By address.
+    pub fn of_addresses() -> Self {
+        Self { failures: HashMap::new(), longest: LONGEST }
+    }
+
+    /// By name.
+    pub fn of_names() -> Self {
+        Self { failures: HashMap::new(), longest: LONGEST_OF_NAME }
+    }
+
+    /// Begin an attempt at `now`: it counts as failed until [`Attempts::succeeded`] or [`Attempts::forgiven`] is told, so that many at once are
+    /// not all free.
+    ///
+    /// # Errors
+    /// Seconds to wait.
+    pub fn begin(&mut self, who: &str, now: u64) -> Result<(), u64> {
+        match self.wait(who, now) {
+            0 => {
+                self.failed(who, now);
+                Ok(())
+            }
+            wait => Err(wait),
+        }
+    }
+
+    /// The last attempt of `who` was none.
+    pub fn forgiven(&mut self, who: &str) {
+        if let Some(f) = self.failures.get_mut(who) {
+            f.count = f.count.saturating_sub(1);
+        }
+    }
+
     /// Seconds that `who` has to wait at `now`; 0 where it may try.
     pub fn wait(&self, who: &str, now: u64) -> u64 {
         let Some(f) = self.failures.get(who) else { return 0 };
@@ -35,7 +70,7 @@ impl Attempts {
         if over == 0 || now.saturating_sub(f.last) >= FORGIVEN {
             return 0;
         }
-        let wait = 1u64.checked_shl(over.min(20)).unwrap_or(LONGEST).min(LONGEST);
+        let wait = 1u64.checked_shl(over.min(20)).unwrap_or(self.longest).min(self.longest);
         // A clock that was set back must not lock anybody out for long.
         f.last.min(now).saturating_add(wait).saturating_sub(now)
     }
@@ -78,7 +113,7 @@ mod tests {
 
     #[test]
     fn some_failures_are_free_then_each_doubles_the_wait() {
-        let mut a = Attempts::default();
+        let mut a = Attempts::of_addresses();
         let mut now = 1000;
         for _ in 0..FREE {
             a.failed("x", now);
@@ -96,11 +131,14 @@ mod tests {
         assert_eq!(a.wait("y", now), 0, "others do not wait");
         a.succeeded("x");
         assert_eq!(a.wait("x", now), 0);
+        let mut names = Attempts::of_names();
+        (0..40).for_each(|_| names.failed("x", now));
+        assert_eq!(names.wait("x", now), LONGEST_OF_NAME, "a name is not kept from its owner for long");
     }
 
     #[test]
     fn an_hour_forgives_and_a_clock_set_back_locks_nobody_out() {
-        let mut a = Attempts::default();
+        let mut a = Attempts::of_addresses();
         (0..20).for_each(|_| a.failed("x", 10_000));
         assert!(a.wait("x", 10_001) > 0 && a.wait("x", 10_000 + FORGIVEN) == 0);
         assert!(a.wait("x", 5) <= LONGEST);
@@ -109,8 +147,17 @@ mod tests {
     }
 
     #[test]
+    fn attempts_that_are_under_way_at_once_are_counted() {
+        let mut a = Attempts::of_addresses();
+        let begun = (0..100).filter(|_| a.begin("x", 1000).is_ok()).count();
+        assert_eq!(begun, FREE as usize + 1);
+        a.forgiven("x");
+        assert!(a.begin("x", 1000).is_ok(), "what was right takes no place");
+    }
+
+    #[test]
     fn memory_is_bounded_and_the_latest_are_remembered() {
-        let mut a = Attempts::default();
+        let mut a = Attempts::of_addresses();
         for i in 0..100_000u64 {
             for _ in 0..7 {
                 a.failed(&format!("address {i}"), 10_000 + i / 100);

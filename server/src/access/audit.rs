@@ -1,6 +1,6 @@
 //! The record of who was let in to what, and who was not: one JSON object per line, only ever appended.
 //!
-//! Written are sign-ins, capabilities given and refused, publications, and what is closed and was asked for; never a password, a token, a
+//! Written are sign-ins, failed ones, and who was given or refused a capability for which object; never a password, a token, a
 //! capability or a cookie. A record that cannot be written does not stop the server: it goes to the log, and the number of lost ones is told
 //! with the next that can.
 
@@ -18,8 +18,6 @@ pub enum Action {
     SignIn,
     /// Somebody tried to.
     SignInFailed,
-    /// Somebody had to wait before trying.
-    Braked,
     /// A capability was given.
     Opened,
     /// One was not.
@@ -40,9 +38,6 @@ pub struct Event<'a> {
     /// Name of the user, where known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub who: Option<&'a str>,
-    /// Name of the token, where one was used.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub token: Option<&'a str>,
     /// From where.
     pub address: &'a str,
     /// Slug.
@@ -105,14 +100,8 @@ mod tests {
         let path = folder.path().join("audit.jsonl");
         for _ in 0..2 {
             let audit = Audit::open(&path).expect("opens");
-            let from = |who| Event {
-                at: 7,
-                action: Action::SignIn,
-                who: Some(who),
-                token: None,
-                address: "203.0.113.9",
-                object: None,
-            };
+            let from =
+                |who| Event { at: 7, action: Action::SignIn, who: Some(who), address: "203.0.113.9", object: None };
             audit.record(&from("amina"));
             audit.record(&from("a \"name\"\nwith a line"));
         }
@@ -132,7 +121,7 @@ mod tests {
             return;
         }
         let audit = Audit::open(full).expect("opens");
-        let event = Event { at: 1, action: Action::Refused, who: None, token: None, address: "::1", object: Some("x") };
+        let event = Event { at: 1, action: Action::Refused, who: None, address: "::1", object: Some("x") };
         audit.record(&event);
         audit.record(&event);
         assert_eq!(audit.state.lock().expect("not poisoned").lost, 2);

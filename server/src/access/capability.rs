@@ -36,17 +36,24 @@ impl Capabilities {
         Self { key }
     }
 
-    /// A capability for `who` for the pack with this SHA-256, from `now` on.
-    pub fn for_pack(&self, pack: &str, who: &str, now: u64) -> String {
-        self.make("pack", pack, who, now.saturating_add(LIFE))
+    /// A capability for `who` for the pack with this SHA-256, from `now` on; `stamp` is [`super::User::stamp`], so that a changed password ends it.
+    pub fn for_pack(&self, pack: &str, who: &str, stamp: &str, now: u64) -> String {
+        self.make("pack", &format!("{pack} {stamp}"), who, now.saturating_add(LIFE))
     }
 
-    /// For whom one opens the pack at `now`.
+    /// For whom one opens the pack at `now`, where `stamp_of` gives the present stamp of a name.
     ///
     /// # Errors
     /// [`Refusal`].
-    pub fn of_pack(&self, capability: &str, pack: &str, now: u64) -> Result<String, Refusal> {
-        self.check("pack", capability, pack, now, LIFE)
+    pub fn of_pack(
+        &self,
+        capability: &str,
+        pack: &str,
+        stamp_of: impl Fn(&str) -> Option<String>,
+        now: u64,
+    ) -> Result<String, Refusal> {
+        let stamp = parts(capability).and_then(|(_, who, _)| stamp_of(who)).ok_or(Refusal::Wrong)?;
+        self.check("pack", capability, &format!("{pack} {stamp}"), now, LIFE)
     }
 
     /// A session for `who`; `stamp` is [`super::User::stamp`], so that a changed password ends it.
@@ -115,6 +122,11 @@ mod tests {
 
     const NOW: u64 = 1_800_000_000;
 
+    #[expect(clippy::unnecessary_wraps, reason = "it stands for a look into the accounts")]
+    fn stamp(_: &str) -> Option<String> {
+        Some("s".to_owned())
+    }
+
     fn capabilities() -> Capabilities {
         Capabilities::new(Key([7; 32]))
     }
@@ -123,13 +135,15 @@ mod tests {
     fn one_opens_its_pack_for_its_time_and_no_other() {
         let c = capabilities();
         let (pack, other) = ("ab".repeat(32), "cd".repeat(32));
-        let given = c.for_pack(&pack, "amina.h", NOW);
-        assert_eq!(c.of_pack(&given, &pack, NOW), Ok("amina.h".to_owned()));
-        assert_eq!(c.of_pack(&given, &pack, NOW + LIFE - 1), Ok("amina.h".to_owned()));
-        assert_eq!(c.of_pack(&given, &pack, NOW + LIFE), Err(Refusal::Ended));
-        assert_eq!(c.of_pack(&given, &pack, NOW - 10), Err(Refusal::Ended), "the clock was set back");
-        assert_eq!(c.of_pack(&given, &other, NOW), Err(Refusal::Wrong));
-        assert_eq!(Capabilities::new(Key([8; 32])).of_pack(&given, &pack, NOW), Err(Refusal::Wrong));
+        let given = c.for_pack(&pack, "amina.h", "s", NOW);
+        assert_eq!(c.of_pack(&given, &pack, stamp, NOW), Ok("amina.h".to_owned()));
+        assert_eq!(c.of_pack(&given, &pack, stamp, NOW + LIFE - 1), Ok("amina.h".to_owned()));
+        assert_eq!(c.of_pack(&given, &pack, stamp, NOW + LIFE), Err(Refusal::Ended));
+        assert_eq!(c.of_pack(&given, &pack, stamp, NOW - 10), Err(Refusal::Ended), "the clock was set back");
+        assert_eq!(c.of_pack(&given, &other, stamp, NOW), Err(Refusal::Wrong));
+        let changed = |_: &str| Some("another password".to_owned());
+        assert_eq!(c.of_pack(&given, &pack, changed, NOW), Err(Refusal::Wrong));
+        assert_eq!(Capabilities::new(Key([8; 32])).of_pack(&given, &pack, stamp, NOW), Err(Refusal::Wrong));
         assert_eq!(c.of_session(&given, |_| Some(pack.clone()), NOW), Err(Refusal::Wrong), "it is no session");
     }
 
@@ -148,14 +162,14 @@ mod tests {
     fn no_change_of_one_byte_still_opens() {
         let c = capabilities();
         let pack = "ab".repeat(32);
-        let given = c.for_pack(&pack, "amina", NOW).into_bytes();
+        let given = c.for_pack(&pack, "amina", "s", NOW).into_bytes();
         for at in 0..given.len() {
             for to in [b'0', b'9', b'a', b'F', b'.', b' ', b'-', 0] {
                 let mut changed = given.clone();
                 changed[at] = to;
                 if changed != given {
                     let text = String::from_utf8(changed).expect("ASCII");
-                    assert!(c.of_pack(&text, &pack, NOW).is_err(), "{text}");
+                    assert!(c.of_pack(&text, &pack, stamp, NOW).is_err(), "{text}");
                 }
             }
         }
@@ -165,9 +179,9 @@ mod tests {
         #[test]
         fn nothing_else_opens_and_nothing_panics(text in ".{0,300}", until in any::<u64>(), who in "[a-z.]{0,9}") {
             let c = capabilities();
-            prop_assert!(c.of_pack(&text, "", NOW).is_err());
+            prop_assert!(c.of_pack(&text, "", stamp, NOW).is_err());
             let forged = format!("k1.{until}.{who}.{}", "0".repeat(64));
-            prop_assert!(c.of_pack(&forged, "", NOW).is_err());
+            prop_assert!(c.of_pack(&forged, "", stamp, NOW).is_err());
         }
     }
 }

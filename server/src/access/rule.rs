@@ -11,6 +11,7 @@
 
 use crate::object::date::day_of;
 use crate::object::manifest::{Access, AccessState};
+use crate::objects::NOTES;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -75,6 +76,10 @@ pub(crate) fn verdict(access: &Access, clock: &Clock) -> Verdict {
 
 /// Whether a file has the shape of the model in it: packs, and models in other forms.
 pub(crate) fn is_geometry(name: &str) -> bool {
+    // Notes are places on the model.
+    if name == NOTES {
+        return true;
+    }
     let end = name.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
     ["kilwa", "glb", "gltf", "bin", "ply", "obj", "stl"].contains(&end.as_str())
 }
@@ -122,6 +127,6 @@ mod tests {
     #[test]
     fn geometry_is_told_by_its_name() {
         assert!(is_geometry("v1/pack.00.kilwa") && is_geometry("v1/preview.GLB"));
-        assert!(!is_geometry("v1/poster.jpg") && !is_geometry("manifest.json"));
+        assert!(is_geometry("annotations.json") && !is_geometry("v1/poster.jpg") && !is_geometry("manifest.json"));
     }
 }

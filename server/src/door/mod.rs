@@ -7,7 +7,7 @@
 //! | `/<slug>/open` | POST gives whoever may see the object a capability for its pack, for ten minutes |
 //!
 //! A session is a cookie for the whole site, a capability one for the object's addresses; both are signed and neither is kept
-//! ([`crate::access::capability`]). Programs send a token as `Authorization: Bearer` instead. Bytes of a closed pack are given for a
+//! ([`crate::access::capability`]). Programs send a token for viewing as `Authorization: Bearer` instead. Bytes of a closed pack are given for a
 //! capability or a token, never for a session alone: what the page asks for every chunk cannot be used elsewhere or later.
 //!
 //! The file of accounts is looked at again when it changes, at most once a second. Failures: a file that cannot be read lets nobody in,
@@ -17,13 +17,14 @@ pub(crate) mod page;
 pub(crate) mod routes;
 
 use crate::access::audit::{Action, Event};
-use crate::access::{Accounts, AccountsError, Attempts, Audit, Capabilities, User};
+use crate::access::{Accounts, AccountsError, Attempts, Audit, Purpose, User};
+use crate::catalogue::Identity;
 use crate::content::text;
 use axum::http::HeaderMap;
 use axum::http::header::{AUTHORIZATION, COOKIE};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant, SystemTime};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 /// The file is not looked at more often than this.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
@@ -31,8 +32,6 @@ const LOOK_AGAIN: Duration = Duration::from_secs(1);
 const SESSION_COOKIE: &str = "kilwa_session";
 /// Cookie of a capability; its path says for which object.
 const PACK_COOKIE: &str = "kilwa_pack";
-/// Header of a capability, for pages elsewhere.
-const PACK_HEADER: &str = "kilwa-capability";
 /// Longest cookie header that is looked at, bytes.
 const COOKIES_MAX: usize = 8192;
 
@@ -40,22 +39,15 @@ const COOKIES_MAX: usize = 8192;
 pub struct Door {
     file: PathBuf,
     known: Mutex<Known>,
-    attempts: Mutex<Attempts>,
+    addresses: Mutex<Attempts>,
+    names: Mutex<Attempts>,
     audit: Option<Audit>,
 }
 
 struct Known {
     accounts: Option<Arc<Accounts>>,
-    mark: Option<(u64, SystemTime)>,
+    mark: Option<Identity>,
     looked: Instant,
-}
-
-/// Somebody who proved who they are.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Visitor {
-    pub(crate) name: String,
-    /// Name of the token, where one was used.
-    pub(crate) token: Option<String>,
 }
 
 impl Door {
@@ -69,81 +61,104 @@ impl Door {
             move |source| AccountsError::File { path, source }
         };
         let audit = audit.map(|path| Audit::open(path).map_err(failed(path))).transpose()?;
+        // First the mark: a change in between is noticed later.
+        let mark = mark(file);
         let accounts = Some(Arc::new(Accounts::read(file)?));
-        let known = Mutex::new(Known { accounts, mark: mark(file), looked: Instant::now() });
-        Ok(Self { file: file.to_owned(), known, attempts: Mutex::default(), audit })
+        let known = Mutex::new(Known { accounts, mark, looked: Instant::now() });
+        let (addresses, names) = (Mutex::new(Attempts::of_addresses()), Mutex::new(Attempts::of_names()));
+        Ok(Self { file: file.to_owned(), known, addresses, names, audit })
     }
 
     /// The accounts as they are now; `None` where they cannot be read.
     fn accounts(&self) -> Option<Arc<Accounts>> {
-        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        if known.looked.elapsed() >= LOOK_AGAIN {
-            known.looked = Instant::now();
-            let mark = mark(&self.file);
-            if mark != known.mark || known.accounts.is_none() {
-                let read = Accounts::read(&self.file);
-                known.accounts = read.inspect_err(|e| tracing::error!("nobody is let in: {e}")).ok().map(Arc::new);
-                known.mark = mark;
+        let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        let (before, is_missing) = {
+            let mut known = known();
+            if known.looked.elapsed() < LOOK_AGAIN {
+                return known.accounts.clone();
             }
+            known.looked = Instant::now();
+            (known.mark, known.accounts.is_none())
+        };
+        // Nobody waits for the disk but who looks.
+        let mark = mark(&self.file);
+        if mark != before || is_missing {
+            let read = Accounts::read(&self.file);
+            let accounts = read.inspect_err(|e| tracing::error!("nobody is let in: {e}")).ok().map(Arc::new);
+            let mut known = known();
+            (known.accounts, known.mark) = (accounts, mark);
         }
-        known.accounts.clone()
+        known().accounts.clone()
     }
 
-    /// Who asks, by token or by session.
-    pub(crate) fn visitor(&self, headers: &HeaderMap, now: u64) -> Option<Visitor> {
+    /// Who is signed in. Programs with a token need no session and get none.
+    pub(crate) fn visitor(&self, headers: &HeaderMap, now: u64) -> Option<String> {
         let accounts = self.accounts()?;
-        if let Some(visitor) = by_token(&accounts, headers, now) {
-            return Some(visitor);
-        }
         let session = cookie(headers, SESSION_COOKIE)?;
         let who = accounts.capabilities().of_session(session, |name| accounts.user(name).map(User::stamp), now);
-        Some(Visitor { name: who.ok()?, token: None })
+        who.ok()
     }
 
     /// Whether a visitor may see an object that is not public.
-    pub(crate) fn sees(&self, visitor: &Visitor, slug: &str) -> bool {
-        self.accounts().and_then(|a| a.user(&visitor.name).map(|u| u.sees(slug))).unwrap_or(false)
+    pub(crate) fn sees(&self, name: &str, slug: &str) -> bool {
+        self.accounts().and_then(|a| a.user(name).map(|u| u.sees(slug))).unwrap_or(false)
     }
 
     /// Whether these bytes may go out: for a token of somebody who sees the object, or for a capability for this content.
     pub(crate) fn lets_out(&self, headers: &HeaderMap, slug: &str, content: &str, now: u64) -> bool {
         let Some(accounts) = self.accounts() else { return false };
-        if let Some(visitor) = by_token(&accounts, headers, now) {
-            return accounts.user(&visitor.name).is_some_and(|u| u.sees(slug));
+        if let Some(user) = by_token(&accounts, headers, now) {
+            return user.sees(slug);
         }
-        let header = headers.get(PACK_HEADER).and_then(|v| v.to_str().ok());
-        let given = header.or_else(|| cookie(headers, PACK_COOKIE));
         // Whoever was taken away, or may no longer see it, waits for no end of ten minutes.
         let still = |name: String| accounts.user(&name).is_some_and(|u| u.sees(slug));
-        given.is_some_and(|given| accounts.capabilities().of_pack(given, content, now).is_ok_and(still))
+        let stamp = |name: &str| accounts.user(name).map(User::stamp);
+        let opens = |given: &str| accounts.capabilities().of_pack(given, content, stamp, now).is_ok_and(still);
+        cookie(headers, PACK_COOKIE).is_some_and(opens)
     }
 
-    fn capabilities(&self) -> Option<Capabilities> {
-        self.accounts().map(|a| a.capabilities())
+    /// A capability for a pack, for somebody.
+    fn capability(&self, pack: &str, name: &str, now: u64) -> Option<String> {
+        let accounts = self.accounts()?;
+        let stamp = accounts.user(name)?.stamp();
+        Some(accounts.capabilities().for_pack(pack, name, &stamp, now))
     }
 
-    fn attempts<T>(&self, what: impl FnOnce(&mut Attempts) -> T) -> T {
-        what(&mut self.attempts.lock().unwrap_or_else(PoisonError::into_inner))
+    /// Begin an attempt to sign in: it counts as failed until it has succeeded.
+    ///
+    /// # Errors
+    /// Seconds to wait.
+    fn begin(&self, name: &str, network: &str, now: u64) -> Result<(), u64> {
+        lock(&self.addresses).begin(network, now)?;
+        lock(&self.names).begin(name, now)
     }
 
-    fn record(&self, action: Action, visitor: Option<&Visitor>, address: &str, object: Option<&str>, at: u64) {
+    fn succeeded(&self, name: &str, network: &str) {
+        lock(&self.addresses).forgiven(network);
+        lock(&self.names).succeeded(name);
+    }
+
+    fn record(&self, action: Action, who: Option<&str>, address: &str, object: Option<&str>, at: u64) {
         if let Some(audit) = &self.audit {
-            let (who, token) = (visitor.map(|v| v.name.as_str()), visitor.and_then(|v| v.token.as_deref()));
-            audit.record(&Event { at, action, who, token, address, object });
+            audit.record(&Event { at, action, who, address, object });
         }
     }
 }
 
-fn by_token(accounts: &Accounts, headers: &HeaderMap, now: u64) -> Option<Visitor> {
+/// Whose token for viewing the request carries; one for publishing opens nothing here.
+fn by_token<'a>(accounts: &'a Accounts, headers: &HeaderMap, now: u64) -> Option<&'a User> {
     let token = text(headers, &AUTHORIZATION)?.strip_prefix("Bearer ")?.trim();
     let (user, token) = accounts.of_token(token, now)?;
-    Some(Visitor { name: user.name.clone(), token: Some(token.id.clone()) })
+    (token.purpose == Purpose::View).then_some(user)
 }
 
-/// Length and time of the file.
-fn mark(file: &Path) -> Option<(u64, SystemTime)> {
-    let metadata = std::fs::metadata(file).ok()?;
-    Some((metadata.len(), metadata.modified().ok()?))
+/// What tells versions of the file apart.
+fn mark(file: &Path) -> Option<Identity> {
+    Some(Identity::of(&std::fs::metadata(file).ok()?))
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The first cookie of a name.

@@ -5,7 +5,7 @@
 //! threads of their own, a few at a time: who guesses keeps nobody else from reading.
 
 use super::page::{Said, form};
-use super::{Door, PACK_COOKIE, SESSION_COOKIE, Visitor};
+use super::{Door, PACK_COOKIE, SESSION_COOKIE};
 use crate::access::audit::Action;
 use crate::access::capability::{LIFE, SESSION};
 use crate::access::{Verdict, verdict};
@@ -22,15 +22,15 @@ use axum::http::header::{ACCEPT_LANGUAGE, CACHE_CONTROL, HOST, LOCATION, ORIGIN,
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 use serde_json::json;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 use tokio::sync::Semaphore;
 
 /// A form must be there within this, and no longer than this.
 const FORM: Duration = Duration::from_secs(10);
 const FORM_BYTES: usize = 16 * 1024;
-/// Passwords hashed at once; each takes 19 MiB and some 20 ms.
-static HASHING: Semaphore = Semaphore::const_new(2);
+/// Passwords hashed at once; each takes 19 MiB and some 20 ms. The permit goes with the work: who hangs up does not free it.
+static HASHING: LazyLock<Arc<Semaphore>> = LazyLock::new(|| Arc::new(Semaphore::new(2)));
 
 /// `GET /sign-in?next=/slug/`
 pub(crate) async fn ask(State(site): State<Site>, RawQuery(query): RawQuery, headers: HeaderMap) -> Response {
@@ -42,7 +42,7 @@ pub(crate) async fn ask(State(site): State<Site>, RawQuery(query): RawQuery, hea
     let (now, asked) = (site.clock.seconds(), headers.clone());
     let visitor = blocking(move || door.visitor(&asked, now)).await.ok().flatten();
     match visitor {
-        Some(visitor) => answer(form(language, Said::Done, next, Some(&visitor.name)), StatusCode::OK, &headers),
+        Some(name) => answer(form(language, Said::Done, next, Some(&name)), StatusCode::OK, &headers),
         None => answer(form(language, Said::Nothing, next, None), StatusCode::OK, &headers),
     }
 }
@@ -54,7 +54,7 @@ pub(crate) async fn sign_in(State(site): State<Site>, request: Request) -> Respo
     if !from_here(&headers) {
         return plain(StatusCode::FORBIDDEN).into_response();
     }
-    let address = client_of(&request, site.behind_proxy);
+    let client = client_of(&request, site.behind_proxy);
     let read = tokio::time::timeout(FORM, axum::body::to_bytes(request.into_body(), FORM_BYTES)).await;
     let Ok(Ok(body)) = read else { return plain(StatusCode::REQUEST_TIMEOUT).into_response() };
     let pairs = pairs(&String::from_utf8_lossy(&body));
@@ -63,24 +63,16 @@ pub(crate) async fn sign_in(State(site): State<Site>, request: Request) -> Respo
     let next = inside(&next).to_owned();
     let language = Language::choose(None, text(&headers, &ACCEPT_LANGUAGE).unwrap_or_default());
     let now = site.clock.seconds();
-    // By address and by name: neither many names from one address nor one name from many gets far.
-    let counted = [format!("address {address}"), format!("name {}", name.chars().take(64).collect::<String>())];
-    let wait = door.attempts(|a| counted.iter().map(|c| a.wait(c, now)).max().unwrap_or(0));
-    if wait > 0 {
-        door.record(Action::Braked, None, &address, None, now);
-        let said = form(language, Said::Wait(wait), &next, Some(&name));
-        let mut response = answer(said, StatusCode::TOO_MANY_REQUESTS, &headers);
-        insert(&mut response, RETRY_AFTER, &wait.to_string());
-        return response;
-    }
-    let session = check(&door, &name, password, now).await;
-    let Some(session) = session else {
-        door.attempts(|a| counted.iter().for_each(|c| a.failed(c, now)));
-        door.record(Action::SignInFailed, None, &address, None, now);
-        return answer(form(language, Said::Wrong, &next, Some(&name)), StatusCode::FORBIDDEN, &headers);
+    let session = match check(&door, &name, password, client, now).await {
+        Ok(session) => session,
+        Err(0) => return answer(form(language, Said::Wrong, &next, Some(&name)), StatusCode::FORBIDDEN, &headers),
+        Err(wait) => {
+            let said = form(language, Said::Wait(wait), &next, Some(&name));
+            let mut response = answer(said, StatusCode::TOO_MANY_REQUESTS, &headers);
+            insert(&mut response, RETRY_AFTER, &wait.to_string());
+            return response;
+        }
     };
-    door.attempts(|a| a.succeeded(&counted[1]));
-    door.record(Action::SignIn, Some(&Visitor { name, token: None }), &address, None, now);
     let mut response = StatusCode::SEE_OTHER.into_response();
     insert(&mut response, LOCATION, &next);
     let secure = secure(&site, &headers);
@@ -93,16 +85,33 @@ pub(crate) async fn sign_in(State(site): State<Site>, request: Request) -> Respo
     response
 }
 
-/// A session for whoever has the password.
-async fn check(door: &Arc<Door>, name: &str, password: String, now: u64) -> Option<String> {
-    let _turn = HASHING.acquire().await.ok()?;
+/// A session for whoever has the password, else seconds to wait, 0 where the password was wrong. What is begun is counted and
+/// recorded to its end, also when the other side is gone.
+async fn check(
+    door: &Arc<Door>,
+    name: &str,
+    password: String,
+    (address, network): (String, String),
+    now: u64,
+) -> Result<String, u64> {
+    // By network and by name: neither many names from one nor one name from many gets far.
+    let counted: String = name.chars().take(64).collect();
+    door.begin(&counted, &network, now)?;
+    let turn = Arc::clone(&HASHING).acquire_owned().await.map_err(|_| 1u64)?;
     let (door, name) = (Arc::clone(door), name.to_owned());
     let checked = blocking(move || {
-        let accounts = door.accounts()?;
-        let user = accounts.sign_in(&name, &password)?;
+        let _turn = turn;
+        let accounts = door.accounts();
+        let user = accounts.as_ref().and_then(|a| Some((a, a.sign_in(&name, &password)?)));
+        let Some((accounts, user)) = user else {
+            door.record(Action::SignInFailed, None, &address, None, now);
+            return None;
+        };
+        door.succeeded(&counted, &network);
+        door.record(Action::SignIn, Some(&user.name), &address, None, now);
         Some(accounts.capabilities().session(&user.name, &user.stamp(), now))
     });
-    checked.await.ok().flatten()
+    checked.await.ok().flatten().ok_or(0)
 }
 
 /// `POST /sign-out`
@@ -130,7 +139,7 @@ pub(crate) async fn open(
     if !from_here(&headers) {
         return plain(StatusCode::FORBIDDEN).into_response();
     }
-    let address = client_of(&request, site.behind_proxy);
+    let (address, _) = client_of(&request, site.behind_proxy);
     let manifest = match objects::manifest(&site, &slug).await {
         Ok(manifest) => manifest,
         Err(status) => return plain(status).into_response(),
@@ -144,20 +153,17 @@ pub(crate) async fn open(
     let (Some(door), Some(version)) = (site.door.clone(), manifest.current()) else {
         return refused(StatusCode::FORBIDDEN, &why, None);
     };
-    let (asked, name) = (headers.clone(), slug.clone());
+    let (asked, object, pack) = (headers.clone(), slug.clone(), version.pack.sha256.clone());
     let found = blocking(move || {
-        let visitor = door.visitor(&asked, now);
-        let sees = visitor.as_ref().is_some_and(|v| door.sees(v, &name));
-        let action = if sees { Action::Opened } else { Action::Refused };
-        door.record(action, visitor.as_ref(), &address, Some(&name), now);
-        (visitor, door.capabilities().filter(|_| sees))
+        let visitor = door.visitor(&asked, now)?;
+        let capability = if door.sees(&visitor, &object) { door.capability(&pack, &visitor, now) } else { None };
+        let action = if capability.is_some() { Action::Opened } else { Action::Refused };
+        door.record(action, Some(&visitor), &address, Some(&object), now);
+        Some(capability)
     });
-    let Ok((visitor, capabilities)) = found.await else {
-        return plain(StatusCode::SERVICE_UNAVAILABLE).into_response();
-    };
-    match (visitor, capabilities) {
-        (Some(visitor), Some(capabilities)) => {
-            let capability = capabilities.for_pack(&version.pack.sha256, &visitor.name, now);
+    let Ok(found) = found.await else { return plain(StatusCode::SERVICE_UNAVAILABLE).into_response() };
+    match found {
+        Some(Some(capability)) => {
             let secure = secure(&site, &headers);
             let mut response = StatusCode::NO_CONTENT.into_response();
             let cookie =
@@ -166,8 +172,8 @@ pub(crate) async fn open(
             insert(&mut response, CACHE_CONTROL, "no-store");
             response
         }
-        (Some(_), None) => refused(StatusCode::FORBIDDEN, &why, None),
-        (None, _) => {
+        Some(None) => refused(StatusCode::FORBIDDEN, &why, None),
+        None => {
             refused(StatusCode::UNAUTHORIZED, &why, Some(&format!("/sign-in?next={}", encoded(&format!("/{slug}/")))))
         }
     }
