@@ -95,6 +95,9 @@ impl Plan {
             place: args.redact_location,
         };
         plan.check_disk()?;
+        if args.site {
+            kilwa_server::object::site::check(&plan.shelf)?;
+        }
         Ok(plan)
     }
 
@@ -294,6 +297,13 @@ fn day(args: &Args, metadata: &Metadata, before: Option<&Manifest>) -> anyhow::R
         Some(day) => day,
         None => super::today()?,
     };
+    // A day to come would stand in citations, and keep every later version waiting for it.
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    let today = kilwa_server::object::date::day_of(now.as_secs());
+    ensure!(
+        day <= today || args.date.is_some(),
+        "published: {day} is in the future (today is {today}, UTC); correct it in the metadata. An embargo is said with [access]"
+    );
     if let Some(last) = before.and_then(|m| m.versions.last()) {
         ensure!(
             last.published <= day,

@@ -41,6 +41,9 @@ pub enum DraftError {
     /// Something is there that must not be replaced.
     #[error("{0} is there already")]
     There(PathBuf),
+    /// A file of somebody else's stands where one of ours would.
+    #[error("{0} is not from kilwa and is left as it is; move it away, publish to another folder, or leave --site out")]
+    Foreign(PathBuf),
     /// A manifest that cannot be.
     #[error(transparent)]
     Manifest(#[from] ManifestError),

@@ -8,7 +8,8 @@ use super::layout::{
     CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, LINKSET, OEMBED, PARADATA, POSTER, PREVIEW, README, VIEWER,
     version_folder,
 };
-use super::manifest::{Manifest, Version};
+use super::manifest::{AccessState, Manifest, Version};
+use super::metadata::Metadata;
 use super::record::xml::escape;
 use super::record::{Publication, citation, media_type, schema_org};
 use crate::html::{grouped, length, size, size_in_space};
@@ -124,10 +125,23 @@ fn facts(p: &Publication) -> String {
     s
 }
 
+/// Who may have the model, where not everybody may: from when on, why not, whom to ask.
+fn closed(m: &Metadata) -> String {
+    let Some(access) = m.access.as_ref().filter(|a| a.state != AccessState::Public) else { return String::new() };
+    let until = access.until.as_ref().filter(|_| access.state == AccessState::Embargo);
+    let said = match until {
+        Some(day) => format!("The model is public from {} on, 00:00 UTC.", escape(day)),
+        None => "The model itself is not public.".to_owned(),
+    };
+    let more = [&access.reason, &access.contact].into_iter().flatten();
+    let more = more.fold(String::new(), |s, text| s + "<br>" + &escape(text));
+    format!("<p class=\"prose access\" dir=\"auto\"><strong>{said}</strong>{more}</p>\n")
+}
+
 /// What the panel shows below the pack's own facts: text, rights, citation, files, versions.
 fn about(p: &Publication, around: &Surroundings) -> String {
     let m = &p.metadata;
-    let mut s = String::new();
+    let mut s = closed(m);
     if let Some(text) = &m.description {
         let _ = writeln!(
             s,

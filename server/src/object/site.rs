@@ -27,8 +27,9 @@ struct Entry {
 /// Write the pages of the folder `shelf`.
 ///
 /// # Errors
-/// [`DraftError::Disk`] with the file.
+/// [`DraftError::Disk`] with the file; [`DraftError::Foreign`] where a page of somebody else's would be replaced.
 pub fn write(shelf: &Path, page: &Page) -> Result<(), DraftError> {
+    check(shelf)?;
     let entries = entries(shelf)?;
     let base = base(&entries);
     let assets = shelf.join(ASSETS);
@@ -47,6 +48,25 @@ pub fn write(shelf: &Path, page: &Page) -> Result<(), DraftError> {
         replace(shelf, "sitemap.xml", sitemap(&entries, base).as_bytes(), steps)?;
     }
     replace(shelf, "index.html", catalogue(&entries).as_bytes(), steps)
+}
+
+/// What our own page begins with, and nobody else's.
+const OURS: &str = "<meta name=\"generator\" content=\"Kilwa\">";
+
+/// Whether the pages can be written without replacing somebody's own.
+///
+/// # Errors
+/// [`DraftError::Foreign`] with the file that is not ours.
+pub fn check(shelf: &Path) -> Result<(), DraftError> {
+    let index = shelf.join("index.html");
+    if fs::read_to_string(&index).is_ok_and(|html| html.contains(OURS)) {
+        return Ok(());
+    }
+    let others = ["index.html", "feed.xml", "models.json", "sitemap.xml", ASSETS].map(|name| shelf.join(name));
+    match others.into_iter().find(|path| path.exists()) {
+        Some(there) => Err(DraftError::Foreign(there)),
+        None => Ok(()),
+    }
 }
 
 fn entries(shelf: &Path) -> Result<Vec<Entry>, DraftError> {
@@ -155,7 +175,7 @@ fn sitemap(entries: &[Entry], base: &str) -> String {
 fn catalogue(entries: &[Entry]) -> String {
     let mut s = format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <meta name=\"color-scheme\" content=\"light dark\">\n<title>Models</title>\n<link rel=\"icon\" href=\"{ASSETS}/kilwa.svg\" type=\"image/svg+xml\">\n\
+         <meta name=\"color-scheme\" content=\"light dark\">\n{OURS}\n<title>Models</title>\n<link rel=\"icon\" href=\"{ASSETS}/kilwa.svg\" type=\"image/svg+xml\">\n\
          <link rel=\"stylesheet\" href=\"{ASSETS}/style.css\">\n<link rel=\"alternate\" type=\"application/atom+xml\" href=\"feed.xml\" title=\"New models\">\n\
          <link rel=\"alternate\" type=\"application/json\" href=\"models.json\">\n</head>\n<body class=\"list\">\n\
          <header class=\"site\"><a class=\"brand\" href=\"./\"><img src=\"{ASSETS}/kilwa.svg\" alt=\"\" width=\"28\" height=\"28\"> Kilwa</a></header>\n<main>\n<h1>Models</h1>\n"
@@ -241,6 +261,19 @@ fn card(s: &mut String, m: &Manifest) {
 mod tests {
     use super::*;
     use crate::object::manifest::tests::sample;
+
+    #[test]
+    fn a_page_of_somebody_elses_is_left_as_it_is() {
+        let shelf = tempfile::tempdir().unwrap();
+        assert!(check(shelf.path()).is_ok());
+        for name in ["feed.xml", "index.html"] {
+            fs::write(shelf.path().join(name), "<h1>My museum</h1>").unwrap();
+            let said = check(shelf.path()).unwrap_err().to_string();
+            assert!(said.contains("is not from kilwa") && said.contains("--site"), "{said}");
+        }
+        fs::write(shelf.path().join("index.html"), catalogue(&[])).unwrap();
+        assert!(check(shelf.path()).is_ok(), "ours is written anew");
+    }
 
     #[test]
     fn a_folder_becomes_a_catalogue_a_feed_a_list_and_a_sitemap() {
