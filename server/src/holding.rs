@@ -9,9 +9,9 @@
 use crate::catalogue::Identity;
 use crate::object::checksums::{sha256, sha256_of};
 use crate::object::layout::{CHECKSUMS, MANIFEST, PAGE, version_of};
-use crate::objects::NOTES;
 use crate::object::manifest::Version;
 use crate::object::{Checksums, Manifest};
+use crate::objects::NOTES;
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io;
