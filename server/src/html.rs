@@ -5,6 +5,7 @@
 
 use crate::access::{Clock, Verdict};
 use crate::catalogue::{Kind, Model, Summary};
+use crate::object::record::xml::escape;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -219,21 +220,6 @@ pub(crate) fn lost() -> String {
         "{HEAD}<title>Not found - Kilwa</title>\n</head>\n<body class=\"list\">\n<main>\n<h1>There is nothing at this address</h1>\n\
          <p class=\"lead\">The model may have been renamed or taken away. <a href=\"/\">See all models</a>.</p>\n</main>\n</body>\n</html>\n"
     )
-}
-
-pub(crate) fn escape(text: &str) -> String {
-    let mut s = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => s.push_str("&amp;"),
-            '<' => s.push_str("&lt;"),
-            '>' => s.push_str("&gt;"),
-            '"' => s.push_str("&quot;"),
-            '\'' => s.push_str("&#39;"),
-            c => s.push(c),
-        }
-    }
-    s
 }
 
 /// 1234567 as `1 234 567`, with narrow no-break spaces.

@@ -2,6 +2,7 @@
 //!
 //! Addresses elsewhere are not asked. An absolute address of the object itself counts as one in it.
 
+use percent_encoding::percent_decode_str;
 use serde_json::Value;
 
 /// Keys of the records whose texts are addresses.
@@ -67,7 +68,8 @@ pub(crate) fn target(link: &str, folder: &str, home: Option<&str>) -> Option<Str
         None if is_relative(link) => (link, folder),
         None => return None,
     };
-    let link = &decoded(link.split(['?', '#']).next().unwrap_or_default());
+    let link = link.split(['?', '#']).next().unwrap_or_default();
+    let link = percent_decode_str(link).decode_utf8_lossy();
     let mut parts: Vec<&str> = folder.split('/').filter(|p| !p.is_empty()).collect();
     for part in link.split('/') {
         match part {
@@ -78,22 +80,10 @@ pub(crate) fn target(link: &str, folder: &str, home: Option<&str>) -> Option<Str
         }
     }
     let mut path = parts.join("/");
-    if link.is_empty() || link.ends_with('/') || link.ends_with("..") || link.as_str() == "." {
+    if link.is_empty() || link.ends_with('/') || link.ends_with("..") || link == "." {
         path.push('/');
     }
     Some(path)
-}
-
-/// Without percent signs.
-fn decoded(path: &str) -> String {
-    let bytes = path.as_bytes();
-    let (mut out, mut at) = (Vec::new(), 0);
-    while let Some(&byte) = bytes.get(at) {
-        let code = path.get(at + 1..at + 3).filter(|_| byte == b'%').and_then(|h| u8::from_str_radix(h, 16).ok());
-        out.push(code.unwrap_or(byte));
-        at += if code.is_some() { 3 } else { 1 };
-    }
-    String::from_utf8_lossy(&out).into_owned()
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 
 mod bench;
 mod bundle;
+mod claims;
 mod demo;
 mod fuzz;
 mod http;

@@ -1,6 +1,7 @@
 //! The form for signing in: plain HTML in the catalogue's languages, works without scripts.
 
-use crate::html::{HEAD, escape};
+use crate::html::HEAD;
+use crate::object::record::xml::escape;
 use crate::portal::language::Language;
 use std::fmt::Write as _;
 
