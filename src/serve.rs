@@ -3,6 +3,7 @@
 use anyhow::Context;
 use kilwa_server::door::Door;
 use kilwa_server::index::Index;
+use kilwa_server::upload::{UploadLimits, Uploads};
 use kilwa_server::{Audience, Catalogue, Limits, Page, Policy, Site, app, listen};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -73,6 +74,15 @@ struct AccessArgs {
     /// Append to this file who was let in to what, and who was not.
     #[arg(long, value_name = "FILE", requires = "access")]
     audit: Option<PathBuf>,
+    /// Take versions that are published from elsewhere (`kilwa publish --to https://…`) by those who have a token for it.
+    #[arg(long, requires = "access")]
+    accept_uploads: bool,
+    /// Largest version that is taken, gigabytes.
+    #[arg(long, default_value_t = 1000, value_name = "GB", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    upload_limit: u64,
+    /// Days for which an upload that broke off is kept.
+    #[arg(long, default_value_t = 7, value_name = "DAYS", value_parser = clap::value_parser!(u32).range(1..=365))]
+    upload_days: u32,
 }
 
 #[derive(clap::Args)]
@@ -138,7 +148,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let p = &args.pages;
     let policy = Policy::new(&p.frame_ancestors, &p.origins, &p.pack_origins)?;
     let page = Page::load(args.www.as_deref())?;
-    let mut site = Site::new(Catalogue::open(&args.path)?, page).with_policy(policy);
+    let mut site = Site::new(Catalogue::open(&args.path)?, page.clone()).with_policy(policy);
+    site.uploads = uploads(&args.access, &site, page)?;
     site.index = index(&site, args.catalogue.index.as_deref())?;
     site.url = args.catalogue.url.as_deref().map(site_url).transpose()?;
     site.contact.clone_from(&args.catalogue.contact);
@@ -166,6 +177,22 @@ fn index(site: &Site, file: Option<&std::path::Path>) -> anyhow::Result<Option<A
         tracing::warn!("the catalogue cannot be searched: {e}");
     }
     Ok(Some(Arc::new(index)))
+}
+
+/// Where uploads go: into the folder that is served.
+fn uploads(args: &AccessArgs, site: &Site, page: Page) -> anyhow::Result<Option<Arc<Uploads>>> {
+    if !args.accept_uploads {
+        return Ok(None);
+    }
+    let folder = site.catalogue.folder().context("--accept-uploads needs a folder of objects, not one object or pack")?;
+    let version_bytes = args.upload_limit.saturating_mul(1_000_000_000);
+    let limits = UploadLimits {
+        version_bytes,
+        staged_bytes: version_bytes.saturating_mul(2),
+        days: args.upload_days,
+        ..UploadLimits::default()
+    };
+    Ok(Some(Arc::new(Uploads::new(folder.to_owned(), page, limits))))
 }
 
 /// The accounts, which must not lie where they are served.

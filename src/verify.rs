@@ -6,7 +6,6 @@
 
 mod links;
 mod object;
-mod pack;
 mod place;
 mod progress;
 mod report;
@@ -17,6 +16,7 @@ use crate::source::FileSource;
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use kilwa_server::object::layout::{MANIFEST, PAGE, is_object};
+use kilwa_server::object::sound;
 use object::Check;
 use place::{Folder, Place};
 use progress::Progress;
@@ -26,6 +26,7 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use web::Web;
+pub(crate) use web::is_address;
 
 /// Check every byte of packs and archive objects: checksums, chunks, records, links, versions.
 ///
@@ -69,7 +70,7 @@ struct Item {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let (place, items) =
-        if web::is_address(&args.target) { at_address(&args.target)? } else { in_folder(&args.target)? };
+        if is_address(&args.target) { at_address(&args.target)? } else { in_folder(&args.target)? };
     let mut state = match &args.state {
         Some(path) => State::open(path, &canonical(&args.target), args.resume, args.older_than)?,
         None => State::default(),
@@ -146,17 +147,12 @@ pub(crate) fn sound(path: &Path) -> anyhow::Result<()> {
     let source = FileSource::open(path)?;
     let progress = Progress::new();
     progress.at("checking the pack");
-    let checked = pack::check(&source, &progress).with_context(|| path.display().to_string())?;
+    let checked = sound::check(&source, &|n| progress.bytes(n)).with_context(|| path.display().to_string())?;
     progress.clear();
-    if checked.damaged.is_empty() {
-        return Ok(());
+    match checked.damage() {
+        None => Ok(()),
+        Some(message) => Err(anyhow::anyhow!(message).context(path.display().to_string())),
     }
-    let mut message = checked.damaged.iter().take(NAMED).cloned().collect::<Vec<_>>().join("\n  ");
-    let left = checked.damaged.len().saturating_sub(NAMED) as u64 + checked.more;
-    if left > 0 {
-        let _ = write!(message, "\n  and {left} more damaged parts");
-    }
-    Err(anyhow::anyhow!(message).context(path.display().to_string()))
 }
 
 /// The report of a single pack, as JSON.
@@ -176,7 +172,7 @@ fn of_pack(report: &Report) -> serde_json::Value {
 
 /// What a target is called in a state file, from wherever it is checked.
 fn canonical(target: &str) -> String {
-    if web::is_address(target) {
+    if is_address(target) {
         return target.to_owned();
     }
     Path::new(target).canonicalize().map_or_else(|_| target.to_owned(), |path| path.display().to_string())

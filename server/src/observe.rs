@@ -103,6 +103,7 @@ fn route(path: &str) -> &'static str {
         ("m", Some(_)) | (_, Some("")) => "page",
         ("packs", Some(_)) => "pack",
         ("viewer", Some(_)) => "viewer",
+        ("uploads", _) => "upload",
         (
             "healthz" | "metrics" | "models.json" | "oai" | "oembed" | "feed.xml" | "sitemap.xml" | "robots.txt"
             | "sign-in" | "sign-out",

@@ -9,6 +9,7 @@
 //! | `/packs/<slug>.kilwa` | the pack ([`crate::packs`]) |
 //! | `/viewer/<file>` | the page's files |
 //! | `/models.json` | the list for machines |
+//! | `/uploads` | versions that are published from elsewhere ([`crate::upload`]) |
 //! | `/healthz`, `/metrics` | for those who keep the server |
 
 use crate::access::Clock;
@@ -26,6 +27,7 @@ use crate::policy::Policy;
 use crate::portal::{base, routes, signposting};
 use crate::range::lists;
 use crate::socket::Peer;
+use crate::upload::{self, Uploads};
 use axum::Router;
 use axum::body::{Body, HttpBody as _};
 use axum::extract::{Path, RawQuery, Request, State};
@@ -83,6 +85,8 @@ pub struct Site {
     pub contact: Option<String>,
     /// Who is let in to what is not public; without it nobody is.
     pub door: Option<Arc<Door>>,
+    /// Where versions are taken that are published from elsewhere; without it none are.
+    pub uploads: Option<Arc<Uploads>>,
 }
 
 impl Site {
@@ -101,6 +105,7 @@ impl Site {
             url: None,
             contact: None,
             door: None,
+            uploads: None,
         }
     }
 
@@ -136,6 +141,7 @@ pub fn app(site: Site) -> Router {
         .route("/sign-in", get(door::routes::ask).post(door::routes::sign_in))
         .route("/sign-out", post(door::routes::sign_out))
         .route("/{slug}/{*file}", get(object).post(door::routes::open).options(preflight))
+        .merge(upload::routes::routes())
         .fallback(|| async { lost() })
         .layer(from_fn_with_state(policy, manners))
         .layer(from_fn_with_state(observer, observe))
@@ -144,8 +150,9 @@ pub fn app(site: Site) -> Router {
 
 /// Headers that every answer carries, and requests that nothing here takes.
 async fn manners(State(policy): State<Option<HeaderValue>>, request: Request, next: Next) -> Response {
+    let most = if upload::is_upload(request.uri().path()) { upload::BODY_MAX } else { BODY_LIMIT };
     let mut response = match request.body().size_hint().upper() {
-        Some(0..=BODY_LIMIT) => next.run(request).await,
+        Some(length) if length <= most => next.run(request).await,
         // What is not read cannot be followed by another request.
         _ => (StatusCode::PAYLOAD_TOO_LARGE, [(CONNECTION, "close")], "413 Payload Too Large\n").into_response(),
     };

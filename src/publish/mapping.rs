@@ -3,6 +3,7 @@
 use super::plan::{Plan, human};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
+use std::io::Write as _;
 
 /// Field (of a list: without its number), Dublin Core, DataCite, Europeana, schema.org. What is not here stands in metadata.json,
 /// paradata.json and on the page.
@@ -61,10 +62,10 @@ struct Row {
 
 fn rows(plan: &Plan) -> Vec<Row> {
     let mut rows = Vec::new();
-    let value = serde_json::to_value(&plan.metadata).unwrap_or_default();
+    let value = serde_json::to_value(&plan.facts.metadata).unwrap_or_default();
     flatten(&value, "", "", &mut rows);
-    if plan.metadata.published.is_none() {
-        rows.push(row("published".to_owned(), "published", plan.published.clone()));
+    if plan.facts.metadata.published.is_none() {
+        rows.push(row("published".to_owned(), "published", plan.facts.published.clone()));
     }
     rows.sort_by_key(|r| {
         TABLE.iter().position(|t| r.field.starts_with(t.0.split('.').next().unwrap_or_default())).unwrap_or(99)
@@ -100,8 +101,14 @@ fn flatten(value: &Value, name: &str, known: &str, rows: &mut Vec<Row>) {
     }
 }
 
+/// Say it as was asked.
+pub(super) fn print(args: &super::Args, plan: &Plan) -> anyhow::Result<()> {
+    let said = if args.json { format!("{:#}", json(plan)) } else { text(plan) };
+    Ok(writeln!(std::io::stdout(), "{said}")?)
+}
+
 /// For people.
-pub(super) fn text(plan: &Plan) -> String {
+fn text(plan: &Plan) -> String {
     let rows = rows(plan);
     let short = |t: &str, most: usize| {
         let t = t.replace('\n', " ");
@@ -131,16 +138,16 @@ pub(super) fn text(plan: &Plan) -> String {
         s,
         "\nAll of it also stands in metadata/metadata.json and on the page; capture and steps in metadata/paradata.json.\n\
          Would write {}, version {} of {}: {}\n  pack: {}, {} triangles, {}\n  rights: {}",
-        plan.object().display(),
-        plan.version,
-        plan.published,
-        plan.note,
-        human(plan.pack_bytes),
-        plan.of_pack.triangles,
-        plan.crs.as_deref().unwrap_or("local coordinates"),
-        plan.rights.label,
+        plan.at,
+        plan.facts.version(),
+        plan.facts.published,
+        plan.facts.note,
+        human(plan.given.pack_bytes),
+        plan.given.of_pack.triangles,
+        plan.facts.crs.as_deref().unwrap_or("local coordinates"),
+        plan.facts.rights.label,
     );
-    if plan.place.is_some() {
+    if plan.given.place.is_some() {
         s.push_str("\n  place: taken out; words in titles and descriptions stay as they are");
     }
     for advice in plan.advice() {
@@ -151,7 +158,7 @@ pub(super) fn text(plan: &Plan) -> String {
 }
 
 /// For programs.
-pub(super) fn json(plan: &Plan) -> Value {
+fn json(plan: &Plan) -> Value {
     let fields: Vec<Value> = rows(plan)
         .into_iter()
         .map(|r| {
@@ -159,6 +166,6 @@ pub(super) fn json(plan: &Plan) -> Value {
             json!({ "field": r.field, "value": r.value, "dublin_core": dc, "datacite": datacite, "europeana": edm, "schema_org": schema })
         })
         .collect();
-    json!({ "object": plan.object().display().to_string(), "version": plan.version, "published": plan.published, "note": plan.note,
+    json!({ "object": plan.at, "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
         "fields": fields, "advice": plan.advice() })
 }

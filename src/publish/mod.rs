@@ -1,15 +1,17 @@
 //! `kilwa publish`: a pack and its metadata become an archive object.
 //!
 //! `plan` reads and checks everything and changes nothing; `pictures` draws; `write` puts the object on disk through
-//! `kilwa_server::object::draft`; `mapping` shows where each field goes; `withdraw` leaves a tombstone.
+//! `kilwa_server::object::draft`; `remote` sends it to a server by `send`; `mapping` shows where each field goes; `withdraw` leaves a tombstone.
 
 mod mapping;
 mod pictures;
 mod plan;
+mod remote;
+mod send;
 mod withdraw;
 mod write;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, ensure};
 use kilwa_server::object::date::{day_of, is_day};
 use serde::Serialize;
 use std::io::Write as _;
@@ -25,8 +27,8 @@ pub(crate) struct Args {
     /// The pack.
     #[arg(required_unless_present = "withdraw")]
     pack: Option<PathBuf>,
-    /// The folder that holds the objects; made where it is not there.
-    #[arg(long, value_name = "DIR")]
+    /// The folder that holds the objects, made where it is not there; or the address of a server that takes uploads.
+    #[arg(long, value_name = "DIR|URL")]
     to: PathBuf,
     /// What is known about the model, a TOML file.
     #[arg(long, value_name = "FILE", required_unless_present = "withdraw")]
@@ -34,6 +36,9 @@ pub(crate) struct Args {
     /// What is new in this version; needed for every version after the first.
     #[arg(long, value_name = "TEXT")]
     version_note: Option<String>,
+    /// It is a new version of the object that has this name, however different it looks.
+    #[arg(long)]
+    same_object: bool,
     /// Day of publication, in place of the metadata's, of SOURCE_DATE_EPOCH and of today.
     #[arg(long, value_name = "YYYY-MM-DD", value_parser = parse_day)]
     date: Option<String>,
@@ -58,6 +63,12 @@ pub(crate) struct Args {
     /// Where the files of a withdrawn object go: a folder outside of DIR.
     #[arg(long, value_name = "FOLDER", requires = "withdraw")]
     keep: Option<PathBuf>,
+    /// A file with the token for the server, in place of the environment's KILWA_TOKEN.
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
+    /// Send the token over http, where everybody on the way can read it, to other computers too.
+    #[arg(long)]
+    allow_http: bool,
     /// Take the viewer page from this folder (a built www/dist) instead of the one in this program.
     #[arg(long, value_name = "DIR")]
     www: Option<PathBuf>,
@@ -90,6 +101,8 @@ struct Report {
     slug: String,
     version: u32,
     published: String,
+    /// It was there before, from an earlier run; nothing was added.
+    already: bool,
     files: usize,
     bytes: u64,
     pack: kilwa_server::object::PackEntry,
@@ -102,33 +115,37 @@ struct Report {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    if args.to.to_str().is_some_and(|t| t.starts_with("http://") || t.starts_with("https://")) {
-        bail!(
-            "--to takes a folder; copy the object to the server afterwards, for example with rsync, index.html and manifest.json last"
-        );
+    if let Some(address) = remote::address(args) {
+        return remote::run(args, address);
     }
+    ensure!(
+        args.token_file.is_none() && !args.allow_http,
+        "--token-file and --allow-http are for servers; --to {} is a folder",
+        args.to.display()
+    );
     if let Some(slug) = &args.withdraw {
         return withdraw::run(args, slug);
     }
-    let plan = plan::Plan::new(args)?;
-    let mut out = std::io::stdout().lock();
+    let plan = plan::Plan::for_folder(args)?;
     if args.dry_run {
-        let said = if args.json { format!("{:#}", mapping::json(&plan)) } else { mapping::text(&plan) };
-        return Ok(writeln!(out, "{said}")?);
+        return mapping::print(args, &plan);
     }
-    let report = write::run(args, &plan)?;
+    say(args, &write::run(args, &plan)?)
+}
+
+/// Print what was done.
+fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
         return Ok(());
     }
-    writeln!(
-        out,
-        "{}: version {} published, {} files, {}",
-        report.object,
-        report.version,
-        report.files,
-        plan::human(report.bytes)
-    )?;
+    let Report { object, version, files, .. } = report;
+    if report.already {
+        writeln!(out, "{object}: is there already, version {version} of {}; nothing was added", report.published)?;
+        return Ok(());
+    }
+    writeln!(out, "{object}: version {version} published, {files} files, {}", plan::human(report.bytes))?;
     for line in &report.left_out {
         writeln!(out, "  left out: {line}")?;
     }

@@ -2,92 +2,77 @@
 
 use super::plan::Plan;
 use super::{Args, Report, pictures};
-use crate::{extract, redact, sheet, source, verify};
+use crate::{extract, redact, source, verify};
 use anyhow::{Context, bail};
 use indicatif::ProgressBar;
+use kilwa_server::object::assemble::{complete, is_published};
 use kilwa_server::object::bag::{self, BagInfo};
 use kilwa_server::object::draft::{Draft, Lock};
-use kilwa_server::object::layout::{CRATE, PREVIEW, VIEWER, pack_name, version_folder};
-use kilwa_server::object::manifest::{Access, FORM, Figures, FileEntry, RightsEntry};
-use kilwa_server::object::page::{self, Surroundings};
-use kilwa_server::object::record::{Preview, Publication, citation, records, ro_crate};
-use kilwa_server::object::{AccessState, Manifest, PackEntry, Version};
+use kilwa_server::object::layout::{PREVIEW, PREVIEW_MAX, pack_name};
+use kilwa_server::object::record::{Preview, Publication};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::Path;
 use std::time::Duration;
 
-/// Largest preview, bytes.
-const PREVIEW_BYTES: u64 = 5_000_000;
 /// The pack's name in the draft, until its hash is known.
 const PART: &str = "pack.part";
 
 pub(super) fn run(args: &Args, plan: &Plan) -> anyhow::Result<Report> {
+    let (shelf, facts) = (&args.to, &plan.facts);
     let bar = spinner();
-    verify::sound(&plan.pack)?;
-    std::fs::create_dir_all(&plan.shelf).with_context(|| format!("cannot make the folder {}", plan.shelf.display()))?;
-    let _lock = Lock::take(&plan.shelf)?;
+    verify::sound(&plan.given.pack)?;
+    std::fs::create_dir_all(shelf).with_context(|| format!("cannot make the folder {}", shelf.display()))?;
+    let _lock = Lock::take(shelf)?;
     let say = |what: &str| {
         bar.set_message(what.to_owned());
         Ok(())
     };
-    let mut draft = Draft::begin(&plan.shelf, &plan.slug, plan.version, &say)?;
+    let mut draft = Draft::begin(shelf, &facts.slug, facts.version(), &say)?;
     let folder = draft.folder();
     let part = folder.join(PART);
     bar.set_message("copying the pack");
-    if let Some(place) = plan.place {
-        redact::redact(&plan.pack, &part, place, &plan.metadata.title)?;
-        verify::sound(&part)?;
-    } else {
-        copy(&plan.pack, &part)?;
+    if !without_place(plan, &part)? {
+        copy(&plan.given.pack, &part)?;
     }
-    let of_pack = source::open_pack(&part)?.metadata().clone();
-    let identity = sheet::identity(&source::FileSource::open(&part)?)?;
+    let reader = source::open_pack(&part)?;
+    let (of_pack, identity) = (reader.metadata().clone(), reader.identity());
+    drop(reader);
     let (bytes, sha256) = draft.adopt_named(PART, pack_name)?;
-    let file = pack_name(&sha256);
-    let pack = PackEntry { url: format!("{}/{file}", version_folder(plan.version)), bytes, sha256, identity };
-    refuse_the_same(plan, &pack)?;
-    let pack_path = folder.join(&file);
-    bar.set_message("drawing");
-    let drawn = pictures::draw(&pack_path, &folder, &plan.metadata.title, args.software)?;
-    for path in &drawn.files {
+    if let Some(before) = facts.before.as_ref().filter(|b| {
+        is_published(&shelf.join(facts.slug.as_str()), b, &sha256, &facts.metadata)
+    }) {
+        bail!(
+            "{}: version {} has this very pack and metadata; there is nothing new to publish",
+            plan.at,
+            before.versions.len()
+        );
+    }
+    let pack_path = folder.join(pack_name(&sha256));
+    let pictured = picture(&pack_path, &folder, plan, args.software, &bar)?;
+    for path in &pictured.files {
         draft.adopt(path)?;
     }
-    let mut left_out = Vec::new();
-    bar.set_message("making the preview");
-    let preview = preview(&pack_path, &folder, &mut left_out)?;
-    if preview.is_some() {
-        draft.adopt(PREVIEW)?;
+    let publication = facts.publication(facts.pack_entry(bytes, sha256, identity), of_pack, pictured.preview);
+    let list = args.site.then(|| "../".to_owned());
+    let completed = complete(draft, facts, &publication, &plan.page, pictured.drawings, list)?;
+    let bag = if args.bag { Some(wrap(shelf, &publication, &say)?) } else { None };
+    if args.site {
+        kilwa_server::object::site::write(shelf, &plan.page)?;
     }
-    let publication = publication(plan, pack, of_pack, preview);
+    bar.finish_and_clear();
+    let mut left_out = pictured.left_out;
     if publication.url().is_none() {
         left_out.push("oembed.json, which needs an address".to_owned());
     }
-    for (path, bytes) in records(&publication) {
-        draft.write(path, &bytes)?;
-    }
-    for (name, bytes) in plan.page.files().filter(|(name, _)| !name.starts_with("examples/")) {
-        draft.write(&format!("{VIEWER}/{name}"), bytes)?;
-    }
-    let crate_ = ro_crate(&publication, draft.files());
-    draft.write(CRATE, &crate_)?;
-    let (files, size) = (draft.files().len() + 1, draft.files().iter().map(|(_, bytes, _)| bytes).sum());
-    let earlier = plan.before.as_ref().map(|m| m.versions.clone()).unwrap_or_default();
-    let around = Surroundings { earlier, drawings: drawn.drawings, list: args.site.then(|| "../".to_owned()) };
-    let html = page::landing(plan.page.html(), &publication, &around);
-    let object = draft.finish(html.as_bytes(), |checksums, page| manifest(plan, &publication, checksums, page))?;
-    let bag = if args.bag { Some(wrap(plan, &publication, &say)?) } else { None };
-    if args.site {
-        kilwa_server::object::site::write(&plan.shelf, &plan.page)?;
-    }
-    bar.finish_and_clear();
     Ok(Report {
-        object: object.display().to_string(),
-        slug: plan.slug.to_string(),
-        version: plan.version,
-        published: plan.published.clone(),
-        files,
-        bytes: size,
+        object: completed.object.display().to_string(),
+        slug: facts.slug.to_string(),
+        version: publication.version,
+        published: publication.published,
+        already: false,
+        files: completed.files,
+        bytes: completed.bytes,
         pack: publication.pack,
         bag,
         left_out,
@@ -95,8 +80,44 @@ pub(super) fn run(args: &Args, plan: &Plan) -> anyhow::Result<Report> {
     })
 }
 
+/// Write the pack without its place, where that is asked for; whether it was.
+pub(super) fn without_place(plan: &Plan, to: &Path) -> anyhow::Result<bool> {
+    let Some(place) = plan.given.place else { return Ok(false) };
+    redact::redact(&plan.given.pack, to, place, &plan.facts.metadata.title)?;
+    verify::sound(to)?;
+    Ok(true)
+}
+
+/// Pictures and preview of a version: their paths in its folder, and what is known of them.
+pub(super) struct Pictured {
+    pub(super) files: Vec<String>,
+    pub(super) drawings: Vec<(String, String)>,
+    pub(super) preview: Option<Preview>,
+    /// What could not be made, and why.
+    pub(super) left_out: Vec<String>,
+}
+
+/// Draw a pack, and make its preview, into a folder.
+pub(super) fn picture(
+    pack: &Path,
+    folder: &Path,
+    plan: &Plan,
+    software: bool,
+    bar: &ProgressBar,
+) -> anyhow::Result<Pictured> {
+    bar.set_message("drawing");
+    let drawn = pictures::draw(pack, folder, &plan.facts.metadata.title, software)?;
+    let (mut files, mut left_out) = (drawn.files, Vec::new());
+    bar.set_message("making the preview");
+    let preview = preview(pack, folder, &mut left_out)?;
+    if preview.is_some() {
+        files.push(PREVIEW.to_owned());
+    }
+    Ok(Pictured { files, drawings: drawn.drawings, preview, left_out })
+}
+
 /// A line on standard error that says what is done, only where that is a terminal.
-fn spinner() -> ProgressBar {
+pub(super) fn spinner() -> ProgressBar {
     let bar = ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
     bar
@@ -118,23 +139,8 @@ fn copy(from: &Path, to: &Path) -> anyhow::Result<()> {
     writer.sync_all().with_context(failed)
 }
 
-/// A version that differs in nothing is a mistake.
-fn refuse_the_same(plan: &Plan, pack: &PackEntry) -> anyhow::Result<()> {
-    let Some(last) = plan.before.as_ref().and_then(Manifest::current) else { return Ok(()) };
-    let path = plan.object().join(&last.folder).join(kilwa_server::object::layout::METADATA);
-    let written = std::fs::read(&path).ok().and_then(|b| serde_json::from_slice(&b).ok());
-    if last.pack.sha256 == pack.sha256 && written.as_ref() == Some(&plan.metadata) {
-        bail!(
-            "{}: version {} has this very pack and metadata; there is nothing new to publish",
-            plan.object().display(),
-            last.version
-        );
-    }
-    Ok(())
-}
-
 fn preview(pack: &Path, folder: &Path, left_out: &mut Vec<String>) -> anyhow::Result<Option<Preview>> {
-    match extract::preview::write(pack, &folder.join(PREVIEW), PREVIEW_BYTES) {
+    match extract::preview::write(pack, &folder.join(PREVIEW), PREVIEW_MAX) {
         Ok(p) => Ok(Some(Preview { bytes: p.bytes, triangles: p.triangles, error: f64::from(p.error) })),
         Err(e) if e.chain().any(<dyn std::error::Error>::is::<std::io::Error>) => Err(e),
         Err(e) => {
@@ -144,82 +150,7 @@ fn preview(pack: &Path, folder: &Path, left_out: &mut Vec<String>) -> anyhow::Re
     }
 }
 
-fn publication(plan: &Plan, pack: PackEntry, of_pack: kilwa_pack::Metadata, preview: Option<Preview>) -> Publication {
-    let first = plan.before.as_ref().and_then(|m| m.versions.first());
-    Publication {
-        metadata: plan.metadata.clone(),
-        rights: plan.rights.clone(),
-        slug: plan.slug.clone(),
-        version: plan.version,
-        published: plan.published.clone(),
-        first_published: first.map_or_else(|| plan.published.clone(), |v| v.published.clone()),
-        note: plan.note.clone(),
-        pack,
-        figures: Figures {
-            bounds: [of_pack.bounds_min, of_pack.bounds_max],
-            crs: plan.crs.clone(),
-            units: "m".to_owned(),
-            source_units: of_pack.source_units.clone(),
-            triangles: of_pack.triangles,
-            vertices: of_pack.vertices,
-            spacing: of_pack.median_edge,
-            accuracy: plan.accuracy,
-        },
-        of_pack,
-        location_redacted: plan.place.is_some(),
-        preview,
-        tool: format!("kilwa {}", env!("CARGO_PKG_VERSION")),
-    }
-}
-
-fn manifest(plan: &Plan, p: &Publication, checksums: FileEntry, page: FileEntry) -> Manifest {
-    let m = &p.metadata;
-    let mut versions = plan.before.as_ref().map(|b| b.versions.clone()).unwrap_or_default();
-    versions.push(Version {
-        version: p.version,
-        folder: version_folder(p.version),
-        published: p.published.clone(),
-        note: p.note.clone(),
-        pack: p.pack.clone(),
-        checksums,
-        figures: p.figures.clone(),
-        location_redacted: p.location_redacted,
-    });
-    let access = m.access.as_ref();
-    Manifest {
-        kilwa: FORM,
-        slug: p.slug.to_string(),
-        title: m.title.clone(),
-        description: m.description.clone(),
-        language: m.language.clone(),
-        place: p.place(),
-        captured: m.capture.as_ref().and_then(|c| c.date.clone()),
-        subjects: m.subjects.clone(),
-        creators: m.creators.iter().map(|a| a.name.clone()).collect(),
-        url: m.url.clone(),
-        identifier: m.identifier.clone(),
-        rights: RightsEntry {
-            uri: p.rights.uri.clone(),
-            label: p.rights.label.clone(),
-            short: p.rights.short.clone(),
-            holder: m.rights.holder.clone(),
-        },
-        citation: citation(p),
-        access: Access {
-            state: access.map_or(AccessState::Public, |a| a.state),
-            until: access.and_then(|a| a.until.clone()),
-            reason: access.and_then(|a| a.reason.clone()),
-            contact: access.and_then(|a| a.contact.clone()),
-            withdrawn: None,
-        },
-        current: p.version,
-        versions,
-        page,
-        tool: p.tool.clone(),
-    }
-}
-
-fn wrap(plan: &Plan, p: &Publication, steps: kilwa_server::object::draft::Steps<'_>) -> anyhow::Result<String> {
+fn wrap(shelf: &Path, p: &Publication, steps: kilwa_server::object::draft::Steps<'_>) -> anyhow::Result<String> {
     let info = BagInfo {
         organization: p.metadata.publisher.clone(),
         identifier: p
@@ -232,7 +163,7 @@ fn wrap(plan: &Plan, p: &Publication, steps: kilwa_server::object::draft::Steps<
         date: p.published.clone(),
         tool: p.tool.clone(),
     };
-    let bag = bag::wrap(&plan.shelf, &plan.slug, &info, steps)
+    let bag = bag::wrap(shelf, &p.slug, &info, steps)
         .context("the object is published; its bag could not be made")?;
     Ok(bag.display().to_string())
 }

@@ -5,7 +5,6 @@
 //! gone or changed. Problems are collected; nothing ends the check of the rest.
 
 use super::links;
-use super::pack;
 use super::place::{Bytes, Place};
 use super::progress::Progress;
 use super::report::{Kind, Report};
@@ -17,6 +16,7 @@ use kilwa_server::object::layout::{
     PARADATA, POSTER, README, version_of,
 };
 use kilwa_server::object::manifest::{FileEntry, MANIFEST_MAX, Seal, seal_of};
+use kilwa_server::object::sound;
 use kilwa_server::object::{AccessState, Manifest, Metadata, Version};
 use std::collections::BTreeSet;
 
@@ -125,7 +125,7 @@ impl Check<'_> {
             _ => {}
         }
         self.progress.at(path.rsplit('/').next().unwrap_or_default());
-        match pack::sha256(file.as_ref(), self.progress) {
+        match sound::sha256(file.as_ref(), &|n| self.progress.bytes(n)) {
             Ok((bytes, found)) => {
                 self.report.files += 1;
                 self.report.bytes += bytes;
@@ -143,7 +143,7 @@ impl Check<'_> {
     ///
     /// # Errors
     /// When the state cannot be written.
-    pub(crate) fn pack(&mut self, path: &str, expected: Option<(&str, &str)>) -> anyhow::Result<Option<pack::Checked>> {
+    pub(crate) fn pack(&mut self, path: &str, expected: Option<(&str, &str)>) -> anyhow::Result<Option<sound::Checked>> {
         let list = expected.map_or(MANIFEST, |(_, list)| list);
         let Some(file) = self.open(path, list) else { return Ok(None) };
         let of_state = self.path(path);
@@ -154,7 +154,7 @@ impl Check<'_> {
             return Ok(None);
         }
         self.progress.at(path.rsplit('/').next().unwrap_or_default());
-        let checked = match pack::check(file.as_ref(), self.progress) {
+        let checked = match sound::check(file.as_ref(), &|n| self.progress.bytes(n)) {
             Ok(checked) => checked,
             Err(e) => {
                 self.add(path, Kind::Unreadable, format!("it cannot be read: {e}"));
@@ -366,7 +366,7 @@ impl Check<'_> {
     }
 
     /// The manifest's numbers are the pack's.
-    fn figures(&mut self, version: &Version, checked: &pack::Checked) {
+    fn figures(&mut self, version: &Version, checked: &sound::Checked) {
         let path = version.pack.url.clone();
         let mut differ = |what: &str, of_pack: &str, of_manifest: &str| {
             if of_pack != of_manifest {

@@ -43,6 +43,9 @@ pub struct Event<'a> {
     /// Slug.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub object: Option<&'a str>,
+    /// Its version, where one was published.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub version: Option<u32>,
 }
 
 /// The file.
@@ -100,8 +103,8 @@ mod tests {
         let path = folder.path().join("audit.jsonl");
         for _ in 0..2 {
             let audit = Audit::open(&path).expect("opens");
-            let from =
-                |who| Event { at: 7, action: Action::SignIn, who: Some(who), address: "203.0.113.9", object: None };
+            let address = "203.0.113.9";
+            let from = |who| Event { at: 7, action: Action::SignIn, who: Some(who), address, object: None, version: None };
             audit.record(&from("amina"));
             audit.record(&from("a \"name\"\nwith a line"));
         }
@@ -121,7 +124,7 @@ mod tests {
             return;
         }
         let audit = Audit::open(full).expect("opens");
-        let event = Event { at: 1, action: Action::Refused, who: None, address: "::1", object: Some("x") };
+        let event = Event { at: 1, action: Action::Refused, who: None, address: "::1", object: Some("x"), version: None };
         audit.record(&event);
         audit.record(&event);
         assert_eq!(audit.state.lock().expect("not poisoned").lost, 2);

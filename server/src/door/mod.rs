@@ -138,11 +138,53 @@ impl Door {
         lock(&self.names).succeeded(name);
     }
 
-    fn record(&self, action: Action, who: Option<&str>, address: &str, object: Option<&str>, at: u64) {
+    pub(crate) fn record(&self, action: Action, who: Option<&str>, address: &str, object: Option<&str>, at: u64) {
         if let Some(audit) = &self.audit {
-            audit.record(&Event { at, action, who, address, object });
+            audit.record(&Event { at, action, who, address, object, version: None });
         }
     }
+
+    /// Somebody published a version.
+    pub(crate) fn published(&self, who: &str, address: &str, object: &str, version: u32, at: u64) {
+        if let Some(audit) = &self.audit {
+            let (who, object, version) = (Some(who), Some(object), Some(version));
+            audit.record(&Event { at, action: Action::Published, who, address, object, version });
+        }
+    }
+
+    /// Who publishes, and whether they may publish `slug`: by a token alone, whatever cookies the request has. Tokens that are not known
+    /// are counted by network, as passwords are.
+    pub(crate) fn publisher(&self, headers: &HeaderMap, slug: Option<&str>, network: &str, now: u64) -> Publisher {
+        let wait = lock(&self.addresses).wait(network, now);
+        if wait > 0 {
+            return Publisher::Wait(wait);
+        }
+        let token = text(headers, &AUTHORIZATION).and_then(|t| t.strip_prefix("Bearer "));
+        let (Some(accounts), Some(token)) = (self.accounts(), token) else { return Publisher::Unknown };
+        let Some((user, token)) = accounts.of_token(token.trim(), now) else {
+            lock(&self.addresses).failed(network, now);
+            return Publisher::Unknown;
+        };
+        match slug {
+            _ if token.purpose != Purpose::Publish => Publisher::NotFor,
+            Some(slug) if !user.sees(slug) => Publisher::NotGranted(user.name.clone()),
+            _ => Publisher::Is(user.name.clone()),
+        }
+    }
+}
+
+/// Who wants to publish.
+pub(crate) enum Publisher {
+    /// This user may.
+    Is(String),
+    /// No token, or none that is known.
+    Unknown,
+    /// A token for something else.
+    NotFor,
+    /// A user who was not granted the object.
+    NotGranted(String),
+    /// Too many unknown tokens: so many seconds to wait.
+    Wait(u64),
 }
 
 /// Whose token for viewing the request carries; one for publishing opens nothing here.

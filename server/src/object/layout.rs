@@ -20,6 +20,8 @@ pub const THUMBNAILS: [(&str, u32); 2] = [("poster-600.jpg", 600), ("poster-300.
 pub const DRAWINGS: &str = "drawings";
 /// A decimated model that opens in any program.
 pub const PREVIEW: &str = "preview.glb";
+/// Largest preview, bytes.
+pub const PREVIEW_MAX: u64 = 5_000_000;
 /// IIIF Presentation manifest.
 pub const IIIF: &str = "iiif/manifest.json";
 /// Dublin Core.
@@ -47,7 +49,8 @@ pub const README: &str = "README.txt";
 /// Folder of the viewer's files.
 pub const VIEWER: &str = "viewer";
 /// Names that are no object, in a folder of objects: of a static site, and first parts of addresses that `kilwa serve` answers itself.
-pub const RESERVED: [&str; 19] = [
+pub const RESERVED: [&str; 20] = [
+    "uploads",
     "sign-in",
     "sign-out",
     "assets",

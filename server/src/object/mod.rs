@@ -11,6 +11,7 @@
 //! manifest is under a checksum. [`metadata`] is what a person writes about a model. Nothing here draws: pictures are handed over.
 //! Inputs are files that people and other programs wrote: every refusal says what, where and what to do.
 
+pub mod assemble;
 pub mod bag;
 pub mod checksums;
 pub mod date;
@@ -22,6 +23,8 @@ pub mod page;
 pub mod record;
 pub mod rights;
 pub mod site;
+pub mod sound;
+pub mod source;
 pub mod withdraw;
 
 pub use checksums::{Checksum, Checksums};

@@ -275,6 +275,20 @@ impl Metadata {
         fields::parse(text)
     }
 
+    /// Whether it keeps to everything that [`Metadata::parse`] asks for: for what was not read from a file of a person's.
+    ///
+    /// # Errors
+    /// Every field that does not, with what to do.
+    pub fn check(&self) -> Result<(), String> {
+        let text = toml::to_string(self).map_err(|e| e.to_string())?;
+        let said = |p: Problems| p.0.iter().map(|p| format!("{}: {}", p.field, p.message)).collect::<Vec<_>>().join("; ");
+        if Self::parse(&text).map_err(said)? == *self {
+            Ok(())
+        } else {
+            Err("a field is not in the form that kilwa writes".to_owned())
+        }
+    }
+
     /// The same without what tells where on earth it is: latitude, longitude and the gazetteer's address of the place, the address of the
     /// site in a register, the reference system. Names of places in texts stay: who writes them decides.
     #[must_use]

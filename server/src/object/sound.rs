@@ -4,7 +4,7 @@
 //! Several damaged parts are all named. Bytes that cannot be read are a damaged part, and the rest is read on. Memory: the
 //! directory, and one batch of chunks.
 
-use super::progress::Progress;
+use super::checksums::hex;
 use kilwa_pack::reader::decode_checked;
 use kilwa_pack::verify::Totals;
 use kilwa_pack::{DirectoryEntry, PAGE_BYTES, PackError, Reader, Source, footer::FOOTER_BYTES};
@@ -18,25 +18,43 @@ const BATCH: usize = 64;
 const BATCH_BYTES: u64 = 16 << 20;
 /// Damaged parts that are named; of more only the number is.
 const NAMED: usize = 1000;
+/// Those of them that a message has.
+const SAID: usize = 10;
+
+/// Told how many more bytes were read.
+pub type Told<'a> = &'a dyn Fn(u64);
 
 /// What was found.
 #[derive(Debug, Default)]
-pub(crate) struct Checked {
+pub struct Checked {
     /// Bytes of the file.
-    pub(crate) bytes: u64,
+    pub bytes: u64,
     /// Of all of it, where all could be read.
-    pub(crate) sha256: Option<String>,
+    pub sha256: Option<String>,
     /// The counts, where it could be opened.
-    pub(crate) totals: Option<Totals>,
+    pub totals: Option<Totals>,
     /// The pack's identity, where it could be opened.
-    pub(crate) identity: Option<String>,
+    pub identity: Option<String>,
     /// What the damaged parts are.
-    pub(crate) damaged: Vec<String>,
+    pub damaged: Vec<String>,
     /// How many more there are.
-    pub(crate) more: u64,
+    pub more: u64,
 }
 
 impl Checked {
+    /// What is wrong with it, for people: the first parts, and how many more; nothing where it is sound.
+    pub fn damage(&self) -> Option<String> {
+        if self.damaged.is_empty() {
+            return None;
+        }
+        let mut message = self.damaged.iter().take(SAID).cloned().collect::<Vec<_>>().join("\n  ");
+        let left = self.damaged.len().saturating_sub(SAID) as u64 + self.more;
+        if left > 0 {
+            let _ = write!(message, "\n  and {left} more damaged parts");
+        }
+        Some(message)
+    }
+
     fn add(&mut self, what: String) {
         if self.damaged.len() < NAMED {
             self.damaged.push(what);
@@ -63,9 +81,9 @@ impl<S: Source + ?Sized> Source for Lent<'_, S> {
 ///
 /// # Errors
 /// When not even its length can be told.
-pub(crate) fn check<S: Source + Sync + ?Sized>(source: &S, progress: &Progress) -> io::Result<Checked> {
+pub fn check<S: Source + Sync + ?Sized>(source: &S, told: Told<'_>) -> io::Result<Checked> {
     let mut checked = Checked { bytes: source.len()?, ..Checked::default() };
-    let mut pass = Pass { source, at: 0, hash: Some(Sha256::new()), progress };
+    let mut pass = Pass { source, at: 0, hash: Some(Sha256::new()), told };
     match Reader::open(Lent(source)) {
         Ok(reader) => {
             checked.identity = Some(reader.identity());
@@ -84,7 +102,7 @@ struct Pass<'a, S: ?Sized> {
     at: u64,
     /// Gone when something could not be read.
     hash: Option<Sha256>,
-    progress: &'a Progress,
+    told: Told<'a>,
 }
 
 impl<S: Source + ?Sized> Pass<'_, S> {
@@ -92,7 +110,7 @@ impl<S: Source + ?Sized> Pass<'_, S> {
     fn read_to(&mut self, end: u64, checked: &mut Checked) -> Option<Vec<u8>> {
         let length = end.saturating_sub(self.at);
         let read = usize::try_from(length).map_err(io::Error::other).and_then(|n| self.source.read_at(self.at, n));
-        self.progress.bytes(length);
+        (self.told)(length);
         let from = std::mem::replace(&mut self.at, end);
         match read {
             Ok(bytes) => {
@@ -217,21 +235,14 @@ fn gaps<R: Source>(reader: &Reader<R>) -> io::Result<Option<String>> {
 ///
 /// # Errors
 /// When it cannot be read.
-pub(crate) fn sha256<S: Source + ?Sized>(source: &S, progress: &Progress) -> io::Result<(u64, String)> {
+pub fn sha256<S: Source + ?Sized>(source: &S, told: Told<'_>) -> io::Result<(u64, String)> {
     let length = source.len()?;
     let (mut at, mut hash) = (0, Sha256::new());
     while at < length {
         let n = (length - at).min(4 << 20);
         hash.update(source.read_at(at, n as usize)?);
-        progress.bytes(n);
+        told(n);
         at += n;
     }
     Ok((length, hex(&hash.finalize())))
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }

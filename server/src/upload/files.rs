@@ -1,0 +1,126 @@
+//! What a file of an upload must be, by its name: nothing that a browser would run, nothing that leads elsewhere.
+//!
+//! Pictures must begin as what they are called and say their sizes; they are served with their type and `nosniff`, so that what follows
+//! cannot become a page. A preview must be glTF 2.0 that is whole in itself. Nothing here decodes pixels.
+
+use crate::object::layout::{DRAWINGS, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+/// Largest picture, bytes.
+const PICTURE_MAX: u64 = 64 << 20;
+/// Largest text, bytes.
+const TEXT_MAX: u64 = 4096;
+
+/// World file of the plan.
+const WORLD: &str = "drawings/plan.pgw";
+
+/// Whether a version made by `kilwa publish` has a file of this name that it hands over.
+pub(super) fn is_expected(path: &str) -> bool {
+    let drawing = path.strip_prefix(DRAWINGS).and_then(|p| p.strip_prefix('/')).and_then(|p| p.strip_suffix(".png"));
+    path == POSTER
+        || path == PREVIEW
+        || path == WORLD
+        || THUMBNAILS.iter().any(|(name, _)| path == *name)
+        || drawing.is_some_and(|d| ["plan", "north", "east", "south", "west"].contains(&d))
+}
+
+/// Most bytes of such a file.
+pub(super) fn most(path: &str) -> u64 {
+    match path {
+        PREVIEW => PREVIEW_MAX,
+        WORLD => TEXT_MAX,
+        _ => PICTURE_MAX,
+    }
+}
+
+/// Check the content of a file that is no pack.
+///
+/// # Errors
+/// What is wrong with it; an [`io::Error`] of kind `InvalidData` where it is the content.
+pub(super) fn check(path: &str, at: &Path) -> io::Result<()> {
+    let wrong = |what: &str| Err(io::Error::new(io::ErrorKind::InvalidData, format!("{path} is {what}")));
+    let mut file = File::open(at)?;
+    if path == WORLD {
+        let mut text = String::new();
+        file.take(TEXT_MAX).read_to_string(&mut text)?;
+        let numbers = text.lines().filter(|l| l.trim().parse::<f64>().is_ok_and(f64::is_finite)).count();
+        return if numbers == 6 && text.lines().count() == 6 { Ok(()) } else { wrong("no world file of six numbers") };
+    }
+    if path == PREVIEW {
+        let mut bytes = Vec::new();
+        file.take(PREVIEW_MAX + 1).read_to_end(&mut bytes)?;
+        return if is_whole_glb(&bytes) { Ok(()) } else { wrong("no binary glTF 2.0 that is whole in itself") };
+    }
+    let mut head = [0; 8];
+    file.read_exact(&mut head)?;
+    let is_png = head == *b"\x89PNG\r\n\x1a\n";
+    let is_jpeg = head.starts_with(&[0xff, 0xd8, 0xff]);
+    match path.rsplit('.').next() {
+        Some("png") if is_png => Ok(()),
+        Some("jpg") if is_jpeg => Ok(()),
+        _ => wrong("no picture of the kind that its name says"),
+    }
+}
+
+/// A header whose length is right, a first chunk of JSON, and no address in it.
+fn is_whole_glb(bytes: &[u8]) -> bool {
+    let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
+    if bytes.get(..4) != Some(b"glTF") || word(4) != Some(2) || word(8) != u32::try_from(bytes.len()).ok() {
+        return false;
+    }
+    let json = word(12).filter(|_| word(16) == Some(0x4e4f_534a)).and_then(|n| bytes.get(20..20 + n as usize));
+    let Some(value) = json.and_then(|j| serde_json::from_slice::<serde_json::Value>(j).ok()) else { return false };
+    let leads_elsewhere = |list: &str| {
+        let all = value.get(list).and_then(serde_json::Value::as_array);
+        all.is_some_and(|all| all.iter().any(|one| one.get("uri").is_some()))
+    };
+    value.get("asset").is_some() && !leads_elsewhere("buffers") && !leads_elsewhere("images")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_files_of_a_version_are_expected() {
+        for good in ["poster.jpg", "poster-600.jpg", "drawings/north.png", "drawings/plan.pgw", "preview.glb"] {
+            assert!(is_expected(good), "{good}");
+        }
+        for bad in [
+            "index.html", "manifest.json", "viewer/boot.js", "../poster.jpg", "drawings/../x.png", "drawings/x.png",
+            "/poster.jpg", "metadata/dc.xml", "checksums.sha256", "poster.jpg/", "drawings/plan.svg", "",
+        ] {
+            assert!(!is_expected(bad), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_page_is_no_picture_and_a_preview_leads_nowhere() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path().join("x");
+        let said = |path: &str, bytes: &[u8]| {
+            std::fs::write(&at, bytes).unwrap();
+            check(path, &at).map_err(|e| e.to_string())
+        };
+        assert!(said("poster.jpg", b"<!doctype html><script>").unwrap_err().contains("no picture"));
+        assert!(said("poster.jpg", b"\x89PNG\r\n\x1a\n").is_err(), "a PNG is no JPEG");
+        assert!(said("poster.jpg", b"\xff\xd8").is_err(), "too short");
+        assert!(said("drawings/plan.png", b"\x89PNG\r\n\x1a\n....").is_ok());
+        assert!(said("drawings/plan.pgw", b"1\n0\n0\n-1\n5.5\n6\n").is_ok());
+        assert!(said("drawings/plan.pgw", b"<script>").is_err());
+        let glb = |json: &str| {
+            let mut bytes = b"glTF".to_vec();
+            for word in [2, 20 + json.len() as u32, json.len() as u32, 0x4e4f_534a] {
+                bytes.extend_from_slice(&word.to_le_bytes());
+            }
+            bytes.extend_from_slice(json.as_bytes());
+            bytes
+        };
+        assert!(said("preview.glb", &glb("{\"asset\":{\"version\":\"2.0\"}}")).is_ok());
+        let elsewhere = "{\"asset\":{},\"buffers\":[{\"uri\":\"http://x\"}]}";
+        assert!(said("preview.glb", &glb(elsewhere)).unwrap_err().contains("whole in itself"));
+        assert!(said("preview.glb", &glb("{\"asset\":{}}")[..30]).is_err());
+    }
+}

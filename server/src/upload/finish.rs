@@ -1,0 +1,243 @@
+//! Verify what was sent, and publish it: on a thread of its own, one version at a time, with how far it is for who asks.
+
+use super::staging::Staging;
+use super::wire::{FileSaid, Intent, Meant, State, Status};
+use super::{Refusal, Uploads, files, lock};
+use crate::object::assemble::{Facts, Following, agree, complete, existing, further, is_published, next_version};
+use crate::object::draft::{Draft, DraftError, Lock};
+use crate::object::manifest::Manifest;
+use crate::object::sound;
+use crate::object::source::FileSource;
+use axum::http::StatusCode;
+use kilwa_pack::Reader;
+use std::fs;
+use std::io;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// How long another publication to the folder is waited for.
+const PATIENCE: Duration = Duration::from_secs(600);
+
+/// A version that is being verified, or was.
+pub(super) struct Job {
+    pub(super) who: String,
+    version: u32,
+    done: AtomicU64,
+    of: u64,
+    pub(super) ended: Mutex<Option<Result<Done, Refusal>>>,
+}
+
+/// What was published.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Done {
+    pub(super) version: u32,
+    pub(super) already: bool,
+}
+
+impl Job {
+    pub(super) fn new(who: &str, intent: &Intent) -> Self {
+        // The pack is read twice, everything else once.
+        let pack = intent.files.iter().map(|f| f.bytes).max().unwrap_or(0);
+        let of = intent.files.iter().map(|f| f.bytes).sum::<u64>() + pack;
+        let (who, version) = (who.to_owned(), intent.version);
+        Self { who, version, done: AtomicU64::new(0), of, ended: Mutex::default() }
+    }
+
+    pub(super) fn is_running(&self) -> bool {
+        lock(&self.ended).is_none()
+    }
+
+    /// How far it is; a refusal has a status of its own.
+    pub(super) fn status(&self) -> (StatusCode, Status) {
+        let (done, of) = (self.done.load(Ordering::Relaxed), self.of);
+        match &*lock(&self.ended) {
+            None => (StatusCode::OK, Status { done, of, ..Status::new(State::Verifying, self.version) }),
+            Some(Ok(d)) => {
+                (StatusCode::OK, Status { already: d.already, ..Status::new(State::Published, d.version) })
+            }
+            Some(Err(e)) => {
+                (e.status, Status { error: Some(e.why.clone()), ..Status::new(State::Refused, self.version) })
+            }
+        }
+    }
+}
+
+/// Verify and publish; then the files of the upload go. What is damaged goes too, everything else stays for another try.
+pub(super) fn publish(uploads: &Uploads, staging: Staging, job: &Arc<Job>, now: u64) -> Result<Done, Refusal> {
+    let intent = staging.record.intent.clone();
+    let meant = intent.check(&uploads.limits, now)?;
+    if !staging.lacking().is_empty() {
+        return Err(Refusal::conflict("files are lacking; run the same command again"));
+    }
+    let _lock = shelf_lock(uploads)?;
+    let object = uploads.shelf.join(&intent.slug);
+    let before = existing(&object).map_err(Refusal::conflict)?;
+    if let Some(m) = before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata)) {
+        let version = m.current;
+        staging.remove();
+        return Ok(Done { version, already: true });
+    }
+    check_version(&intent, before.as_ref())?;
+    match verified(uploads, &staging, &intent, &meant, before, job) {
+        Ok(version) => {
+            staging.remove();
+            Ok(Done { version, already: false })
+        }
+        Err(refusal) => {
+            // What cannot be published, however often it is tried, is not kept.
+            if refusal.status == StatusCode::UNPROCESSABLE_ENTITY {
+                staging.remove();
+            }
+            Err(refusal)
+        }
+    }
+}
+
+/// Versions are added, one after the other.
+pub(super) fn check_version(intent: &Intent, before: Option<&Manifest>) -> Result<(), Refusal> {
+    let next = next_version(before);
+    if intent.version == next {
+        return Ok(());
+    }
+    let there = if next == 1 { "has no version yet".to_owned() } else { format!("is at version {}", next - 1) };
+    Err(Refusal::conflict(format!(
+        "{} {there} here, so that the next is {next}, not {}; look at what is there, then run the command again",
+        intent.slug, intent.version
+    )))
+}
+
+fn shelf_lock(uploads: &Uploads) -> Result<Lock, Refusal> {
+    let began = Instant::now();
+    loop {
+        match Lock::take(&uploads.shelf) {
+            Ok(lock) => return Ok(lock),
+            Err(DraftError::Busy(_)) if began.elapsed() < PATIENCE => std::thread::sleep(Duration::from_millis(200)),
+            Err(e) => return Err(Refusal { retry_after: Some(60), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, e.to_string()) }),
+        }
+    }
+}
+
+fn verified(
+    uploads: &Uploads,
+    staging: &Staging,
+    intent: &Intent,
+    meant: &Meant,
+    before: Option<Manifest>,
+    job: &Arc<Job>,
+) -> Result<u32, Refusal> {
+    let (of_pack, identity) = check_pack(staging, &meant.pack, &job.done)?;
+    let crs = agree(&intent.metadata, &of_pack).map_err(Refusal::content)?;
+    let note = match &before {
+        Some(m) => further(m, &following(intent, &of_pack, &identity)).map_err(Refusal::conflict)?,
+        None => intent.note.clone(),
+    };
+    let accuracy = intent.metadata.capture.as_ref().and_then(|c| c.accuracy);
+    let facts = Facts {
+        metadata: intent.metadata.clone(),
+        rights: meant.rights.clone(),
+        slug: meant.slug.clone(),
+        before,
+        published: intent.published.clone(),
+        note,
+        location_redacted: intent.location_redacted,
+        crs,
+        accuracy: of_pack.capture_accuracy.or(accuracy),
+        tool: format!("kilwa {}", env!("CARGO_PKG_VERSION")),
+    };
+    for file in intent.files.iter().filter(|f| f.path != meant.pack.path) {
+        files::check(&file.path, &staging.at(file)).map_err(|e| match e.kind() {
+            io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => Refusal::content(e.to_string()),
+            _ => Refusal::disk("read what was sent", &e),
+        })?;
+    }
+    let steps = |what: &str| (uploads.steps)(what);
+    let mut draft = Draft::begin(&uploads.shelf, &facts.slug, facts.version(), &steps).map_err(refused)?;
+    // In the order in which publishing to a folder writes them.
+    for file in &intent.files {
+        put(staging, file, &draft.folder())?;
+        let (bytes, sum) = draft.adopt(&file.path).map_err(refused)?;
+        job.done.fetch_add(bytes, Ordering::Relaxed);
+        if (bytes, &sum) != (file.bytes, &file.sha256) {
+            staging.discard(file);
+            return Err(Refusal::conflict(format!(
+                "{} arrived with another content than was announced; run the same command again to send it anew",
+                file.path
+            )));
+        }
+    }
+    let entry = facts.pack_entry(meant.pack.bytes, meant.pack.sha256.clone(), identity);
+    let publication = facts.publication(entry, of_pack, meant.preview);
+    let drawings = intent.drawings.iter().map(|d| (d.path.clone(), d.words.clone())).collect();
+    complete(draft, &facts, &publication, &uploads.page, drawings, None).map_err(refused)?;
+    Ok(publication.version)
+}
+
+fn following<'a>(intent: &'a Intent, pack: &'a kilwa_pack::Metadata, identity: &'a str) -> Following<'a> {
+    Following {
+        at: &intent.slug,
+        metadata: &intent.metadata,
+        pack,
+        identity,
+        redacted: intent.location_redacted,
+        same_object: intent.same_object,
+        note: Some(&intent.note),
+        published: &intent.published,
+    }
+}
+
+/// Every byte and chunk of the pack.
+fn check_pack(
+    staging: &Staging,
+    said: &FileSaid,
+    done: &AtomicU64,
+) -> Result<(kilwa_pack::Metadata, String), Refusal> {
+    let path = staging.at(said);
+    let failed = |e: io::Error| Refusal::disk("read the pack", &e);
+    let source = FileSource::open(&path).map_err(failed)?;
+    // Half of the processors: readers come first.
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get().div_ceil(2));
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = pool.map_err(|e| Refusal::disk("start threads", &io::Error::other(e)))?;
+    let told = |n: u64| {
+        done.fetch_add(n, Ordering::Relaxed);
+    };
+    let checked = pool.install(|| sound::check(&source, &told));
+    let checked = checked.map_err(failed)?;
+    if checked.sha256.as_ref() != Some(&said.sha256) {
+        staging.discard(said);
+        let what = "the pack arrived with another content than was announced; run the same command again to send it anew";
+        return Err(Refusal::conflict(what));
+    }
+    if let Some(damage) = checked.damage() {
+        return Err(Refusal::content(format!("the pack is damaged: {damage}")));
+    }
+    let reader = Reader::open(source).map_err(|e| Refusal::content(format!("the pack: {e}")))?;
+    Ok((reader.metadata().clone(), reader.identity()))
+}
+
+/// Give a file of the upload its name in the draft: as a link, so that a failure later costs nothing; as a copy where there are no links.
+fn put(staging: &Staging, said: &FileSaid, folder: &Path) -> Result<(), Refusal> {
+    let (from, to) = (staging.at(said), folder.join(&said.path));
+    let linked = (|| {
+        if let Some(parent) = to.parent() {
+            fs::create_dir_all(parent)?;
+        }
+        fs::hard_link(&from, &to).or_else(|_| fs::copy(&from, &to).map(drop))
+    })();
+    linked.map_err(|e| Refusal::disk("write the version", &e))
+}
+
+fn refused(e: DraftError) -> Refusal {
+    match &e {
+        DraftError::Disk { source, what, path } => {
+            let refusal = Refusal::disk(&format!("{what} the version"), source);
+            tracing::error!("{}: {e}", path.display());
+            refusal
+        }
+        DraftError::There(_) | DraftError::Foreign(_) => Refusal::conflict(e.to_string()),
+        DraftError::Busy(_) => Refusal { retry_after: Some(60), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, e.to_string()) },
+        DraftError::Manifest(_) => Refusal::content(e.to_string()),
+    }
+}

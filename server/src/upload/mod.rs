@@ -1,0 +1,177 @@
+//! Publishing from elsewhere: `kilwa publish --to https://…`.
+//!
+//! | request | what |
+//! |---|---|
+//! | `POST /uploads` | begin or go on: an [`Intent`] (facts and files of a version) is answered with what is lacking ([`Status`]) |
+//! | `HEAD`, `PATCH /uploads/<slug>/<sha256>` | tus 1.0.0: how much of a file is there; the bytes that follow |
+//! | `POST /uploads/<slug>` | everything is there: verify and publish |
+//! | `GET /uploads/<slug>` | how far that is, and how it ended |
+//! | `DELETE /uploads/<slug>` | give it up |
+//!
+//! Who uploads decides about text, pictures and the model, and about nothing that a browser runs: viewer, landing page, records, checksums
+//! and manifest are made here, from the same code and of the same facts as `kilwa publish` makes them of
+//! ([`crate::object::assemble`]), so that they are the same bytes where both programs are of one version.
+//!
+//! Invariants: every request carries a token for publishing whose user was granted the object, cookies count for nothing; what is sent lies in a
+//! hidden folder that only the server's user reads, named by slug and SHA-256 only, and nothing of it is ever served; a version appears by
+//! [`crate::object::draft`] when every byte was verified, or not at all. Failures: what cannot be is refused with what to do; what was sent
+//! is kept until it lapses, unless it is damaged.
+//!
+//! One file per part: `wire` (what is said), `staging` (what lies on the disk), `files` (what a file must be), `finish` (verify and publish),
+//! `routes`.
+
+mod files;
+mod finish;
+pub(crate) mod routes;
+mod staging;
+pub mod wire;
+
+use crate::page::Page;
+use axum::http::StatusCode;
+use finish::Job;
+use std::collections::HashMap;
+use std::io;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::Semaphore;
+pub use wire::{Intent, Status};
+
+/// Largest body of a request here, bytes.
+pub(crate) const BODY_MAX: u64 = 64 << 20;
+
+/// Whether an address is one of these.
+pub(crate) fn is_upload(path: &str) -> bool {
+    path == "/uploads" || path.starts_with("/uploads/")
+}
+
+/// What uploads may cost.
+#[derive(Debug, Clone, Copy)]
+pub struct UploadLimits {
+    /// Bytes of one version.
+    pub version_bytes: u64,
+    /// Bytes of all that lies there unpublished.
+    pub staged_bytes: u64,
+    /// Days after which what nobody went on with is removed.
+    pub days: u32,
+    /// Uploads that a user may begin or finish in a minute.
+    pub per_minute: u32,
+}
+
+impl Default for UploadLimits {
+    fn default() -> Self {
+        Self { version_bytes: 1 << 40, staged_bytes: 2 << 40, days: 7, per_minute: 60 }
+    }
+}
+
+/// Told of every change on disk before it is made; an error stops there.
+type Steps = Arc<dyn Fn(&str) -> io::Result<()> + Send + Sync>;
+
+/// A folder that takes uploads.
+pub struct Uploads {
+    shelf: PathBuf,
+    page: Page,
+    limits: UploadLimits,
+    steps: Steps,
+    jobs: Mutex<HashMap<String, Arc<Job>>>,
+    /// One version is verified at a time: readers come first.
+    turn: Arc<Semaphore>,
+    /// Which minute it is, and who began how many in it.
+    begun: Mutex<(u64, HashMap<String, u32>)>,
+}
+
+impl Uploads {
+    /// Into the folder `shelf`; objects get the viewer `page`, as it was built.
+    pub fn new(shelf: PathBuf, page: Page, limits: UploadLimits) -> Self {
+        Self {
+            shelf,
+            page,
+            limits,
+            steps: Arc::new(|_| Ok(())),
+            jobs: Mutex::default(),
+            turn: Arc::new(Semaphore::new(1)),
+            begun: Mutex::default(),
+        }
+    }
+
+    /// The same, asked before every change on disk: for tests that fail there.
+    #[must_use]
+    pub fn with_steps(mut self, steps: impl Fn(&str) -> io::Result<()> + Send + Sync + 'static) -> Self {
+        self.steps = Arc::new(steps);
+        self
+    }
+
+    fn job(&self, slug: &str) -> Option<Arc<Job>> {
+        lock(&self.jobs).get(slug).cloned()
+    }
+
+    /// Count what a user begins.
+    fn brake(&self, who: &str, now: u64) -> Result<(), Refusal> {
+        let mut begun = lock(&self.begun);
+        if begun.0 != now / 60 {
+            *begun = (now / 60, HashMap::new());
+        }
+        let count = begun.1.entry(who.to_owned()).or_default();
+        *count += 1;
+        if *count <= self.limits.per_minute {
+            return Ok(());
+        }
+        let mut refusal = Refusal::new(StatusCode::TOO_MANY_REQUESTS, "too many uploads were begun in this minute");
+        refusal.retry_after = Some(60 - now % 60);
+        Err(refusal)
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Why something was not done.
+#[derive(Debug, Clone)]
+pub(crate) struct Refusal {
+    status: StatusCode,
+    why: String,
+    retry_after: Option<u64>,
+    /// Where the file ends, for who sent from another place.
+    offset: Option<u64>,
+}
+
+impl Refusal {
+    fn new(status: StatusCode, why: impl Into<String>) -> Self {
+        Self { status, why: why.into(), retry_after: None, offset: None }
+    }
+
+    /// The content cannot be published, whatever is tried.
+    fn content(why: impl Into<String>) -> Self {
+        Self::new(StatusCode::UNPROCESSABLE_ENTITY, why)
+    }
+
+    /// It does not fit what is there.
+    fn conflict(why: impl Into<String>) -> Self {
+        Self::new(StatusCode::CONFLICT, why)
+    }
+
+    /// Another request of this upload is under way.
+    fn busy() -> Self {
+        let status = StatusCode::LOCKED;
+        Self { retry_after: Some(2), ..Self::new(status, "another request of this upload is under way") }
+    }
+
+    /// What the disk says.
+    fn disk(what: &str, e: &io::Error) -> Self {
+        use io::ErrorKind::{QuotaExceeded, StorageFull};
+        if matches!(e.kind(), StorageFull | QuotaExceeded) {
+            return Self::full(format!("cannot {what}: {e}"));
+        }
+        tracing::error!("an upload: cannot {what}: {e}");
+        let status = StatusCode::SERVICE_UNAVAILABLE;
+        Self { retry_after: Some(5), ..Self::new(status, format!("the server cannot {what}: {e}")) }
+    }
+
+    fn full(what: impl std::fmt::Display) -> Self {
+        tracing::error!("an upload: no room: {what}");
+        let said = format!(
+            "the disk of the server has no room ({what}); nothing was published. Ask whoever keeps it to make room, then run the same command again: what was sent so far is kept"
+        );
+        Self::new(StatusCode::INSUFFICIENT_STORAGE, said)
+    }
+}

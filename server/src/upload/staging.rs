@@ -1,0 +1,332 @@
+//! What lies on the disk of an upload: `<shelf>/.kilwa-uploads/<slug>/`, with `upload.json` (who, when, what is meant) and each file under its
+//! SHA-256, as far as it came.
+//!
+//! The length of a file is how far it came; its content counts only when it was hashed. A lock on the folder keeps two requests, and two
+//! servers, from writing at once. Paths are made of slugs and SHA-256 only. Links and folders that stand where a file would are taken away.
+
+use super::wire::{FileSaid, Intent, Lacking};
+use super::{Refusal, Uploads};
+use crate::object::checksums::{is_sha256, sha256_of};
+use crate::object::date::day_of;
+use axum::http::StatusCode;
+use serde::{Deserialize, Serialize};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, UNIX_EPOCH};
+
+/// The folder of all uploads, hidden from everything that lists objects.
+pub(super) const FOLDER: &str = ".kilwa-uploads";
+const RECORD: &str = "upload.json";
+const LOCK: &str = "lock";
+/// Files up to this length are hashed when they are complete; longer ones when the version is verified.
+const HASHED_AT_ONCE: u64 = 64 << 20;
+/// Room that a version takes beside its files: records and viewer.
+const ROOM: u64 = 64 << 20;
+const DAY: u64 = 86_400;
+
+/// Who uploads what.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Record {
+    pub(super) who: String,
+    pub(super) begun: u64,
+    pub(super) intent: Intent,
+}
+
+/// The folder of one upload, locked.
+#[derive(Debug)]
+pub(super) struct Staging {
+    folder: PathBuf,
+    pub(super) record: Record,
+    _lock: File,
+}
+
+/// A file of an upload that is being written.
+#[derive(Debug)]
+pub(super) struct Part {
+    file: File,
+    path: PathBuf,
+    said: FileSaid,
+    pub(super) offset: u64,
+    _staging: Staging,
+}
+
+impl Uploads {
+    fn folder(&self, slug: &str) -> PathBuf {
+        self.shelf.join(FOLDER).join(slug)
+    }
+
+    /// Begin an upload, or go on with it: what of `intent` is there already is kept, what belongs to another is removed.
+    pub(super) fn stage(&self, who: &str, intent: Intent, now: u64) -> Result<Staging, Refusal> {
+        let root = self.shelf.join(FOLDER);
+        let folder = self.folder(&intent.slug);
+        (self.steps)("stage").map_err(|e| Refusal::disk("make a folder for the upload", &e))?;
+        private_folder(&root).and_then(|()| private_folder(&folder)).map_err(|e| Refusal::disk("make a folder", &e))?;
+        let lock = locked(&folder)?.ok_or_else(Refusal::busy)?;
+        let before = record(&folder);
+        if let Some(other) = before.as_ref().filter(|r| r.who != who && !self.is_stale(&folder, now)) {
+            return Err(Refusal::conflict(format!(
+                "somebody else uploads a version of {} since {}; what they sent lapses {} days after they last went on",
+                intent.slug,
+                day_of(other.begun),
+                self.limits.days
+            )));
+        }
+        let begun = before.filter(|r| r.who == who).map_or(now, |r| r.begun);
+        let staging = Staging { folder, record: Record { who: who.to_owned(), begun, intent }, _lock: lock };
+        staging.remove_others().map_err(|e| Refusal::disk("remove what an earlier upload left", &e))?;
+        self.check_room(&staging)?;
+        staging.write_record().map_err(|e| Refusal::disk("write what is meant", &e))?;
+        Ok(staging)
+    }
+
+    /// Whether there is room for what is still to come, and for the version.
+    fn check_room(&self, staging: &Staging) -> Result<(), Refusal> {
+        let files = &staging.record.intent.files;
+        let coming: u64 = staging.lacking().iter().map(|l| l.bytes - l.offset).sum();
+        let needed = coming + self.page.bytes() + ROOM;
+        if let Some(free) = fs4::available_space(&self.shelf).ok().filter(|free| *free < needed) {
+            return Err(Refusal::full(format!("{free} bytes are free, about {needed} are needed")));
+        }
+        let all: u64 = files.iter().map(|f| f.bytes).sum();
+        let others: u64 = self.staged().iter().filter(|f| **f != staging.folder).map(|f| bytes_in(f)).sum();
+        if others.saturating_add(all) > self.limits.staged_bytes {
+            let said = format!(
+                "uploads that are not finished hold {others} bytes, and {} are possible; run the same command again when they are published or have lapsed",
+                self.limits.staged_bytes
+            );
+            return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, said));
+        }
+        Ok(())
+    }
+
+    /// The upload of an object, by who began it; `None` where there is none.
+    pub(super) fn staging(&self, slug: &str, who: &str) -> Result<Option<Staging>, Refusal> {
+        let folder = self.folder(slug);
+        if !folder.is_dir() {
+            return Ok(None);
+        }
+        let lock = locked(&folder)?.ok_or_else(Refusal::busy)?;
+        let Some(record) = record(&folder) else { return Ok(None) };
+        if record.who != who {
+            return Err(Refusal::new(StatusCode::FORBIDDEN, "this upload is somebody else's"));
+        }
+        Ok(Some(Staging { folder, record, _lock: lock }))
+    }
+
+    /// A file of an upload, to go on with at `offset`.
+    pub(super) fn part(&self, slug: &str, sha256: &str, who: &str, offset: u64) -> Result<Part, Refusal> {
+        let staging = self.staging(slug, who)?.ok_or_else(none)?;
+        let said = staging.said(sha256)?;
+        let path = staging.folder.join(&said.sha256);
+        let there = staging.length(&said).map_err(|e| Refusal::disk("read what is there", &e))?;
+        if there != offset {
+            let said = format!("{there} bytes of it are there, so that what follows begins at {there}, not at {offset}");
+            return Err(Refusal { offset: Some(there), ..Refusal::conflict(said) });
+        }
+        let opened = (|| {
+            let mut file = OpenOptions::new().create(true).write(true).truncate(false).open(&path)?;
+            file.seek(SeekFrom::Start(offset))?;
+            Ok(file)
+        })();
+        let file = opened.map_err(|e| Refusal::disk("write what is sent", &e))?;
+        Ok(Part { file, path, said, offset, _staging: staging })
+    }
+
+    /// Remove what nobody went on with.
+    pub(super) fn sweep(&self, now: u64) {
+        for folder in self.staged().into_iter().filter(|f| self.is_stale(f, now)) {
+            // Whoever writes there holds the lock.
+            let Ok(Some(_lock)) = locked(&folder) else { continue };
+            match fs::remove_dir_all(&folder) {
+                Ok(()) => tracing::info!("{}: an upload that nobody went on with is removed", folder.display()),
+                Err(e) => tracing::warn!("{}: cannot be removed: {e}", folder.display()),
+            }
+        }
+    }
+
+    fn staged(&self) -> Vec<PathBuf> {
+        let entries = fs::read_dir(self.shelf.join(FOLDER)).into_iter().flatten().flatten();
+        entries.map(|e| e.path()).filter(|p| p.is_dir()).collect()
+    }
+
+    /// Whether nothing was written there for longer than uploads are kept.
+    fn is_stale(&self, folder: &Path, now: u64) -> bool {
+        let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+        let written = entries.filter_map(|e| e.metadata().ok()?.modified().ok()?.duration_since(UNIX_EPOCH).ok());
+        let last = written.max().unwrap_or(Duration::ZERO).as_secs();
+        now.saturating_sub(last) > u64::from(self.limits.days) * DAY
+    }
+
+    /// Day on which what was sent now lapses.
+    pub(super) fn until(&self, now: u64) -> String {
+        day_of(now.saturating_add(u64::from(self.limits.days) * DAY))
+    }
+}
+
+/// There is no such upload.
+pub(super) fn none() -> Refusal {
+    Refusal::new(StatusCode::NOT_FOUND, "there is no such upload; run the same command again")
+}
+
+impl Staging {
+    /// The file of a SHA-256 that is meant.
+    fn said(&self, sha256: &str) -> Result<FileSaid, Refusal> {
+        let found = self.record.intent.files.iter().find(|f| f.sha256 == sha256);
+        found.cloned().ok_or_else(|| Refusal::new(StatusCode::NOT_FOUND, "this upload has no such file"))
+    }
+
+    /// How much of a file is there. What is no plain file, or too long, is taken away.
+    fn length(&self, said: &FileSaid) -> io::Result<u64> {
+        let path = self.at(said);
+        match fs::symlink_metadata(&path) {
+            Ok(m) if m.is_file() && m.len() <= said.bytes => Ok(m.len()),
+            Ok(m) if m.is_dir() => fs::remove_dir_all(&path).map(|()| 0),
+            Ok(_) => fs::remove_file(&path).map(|()| 0),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(0),
+            Err(e) => Err(e),
+        }
+    }
+
+    /// How much of a file is there, by its SHA-256.
+    pub(super) fn offset(&self, sha256: &str) -> Result<(u64, u64), Refusal> {
+        let said = self.said(sha256)?;
+        let there = self.length(&said).map_err(|e| Refusal::disk("read what is there", &e))?;
+        Ok((there, said.bytes))
+    }
+
+    /// Where a file lies.
+    pub(super) fn at(&self, said: &FileSaid) -> PathBuf {
+        self.folder.join(&said.sha256)
+    }
+
+    /// What is not there, or not wholly.
+    pub(super) fn lacking(&self) -> Vec<Lacking> {
+        let mut all: Vec<Lacking> = Vec::new();
+        for said in &self.record.intent.files {
+            let offset = self.length(said).unwrap_or(0);
+            if offset < said.bytes && !all.iter().any(|l| l.sha256 == said.sha256) {
+                all.push(Lacking { sha256: said.sha256.clone(), offset, bytes: said.bytes });
+            }
+        }
+        all
+    }
+
+    /// A file is not what was said: send it again.
+    pub(super) fn discard(&self, said: &FileSaid) {
+        if let Err(e) = fs::remove_file(self.at(said)) {
+            tracing::warn!("{}: cannot be removed: {e}", self.at(said).display());
+        }
+    }
+
+    /// Nothing of it is needed any more.
+    pub(super) fn remove(self) {
+        if let Err(e) = fs::remove_dir_all(&self.folder) {
+            tracing::warn!("{}: cannot be removed: {e}", self.folder.display());
+        }
+    }
+
+    fn remove_others(&self) -> io::Result<()> {
+        for entry in fs::read_dir(&self.folder)? {
+            let path = entry?.path();
+            let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+            let is_meant = self.record.intent.files.iter().any(|f| f.sha256 == name);
+            if is_meant || name == LOCK || name == RECORD {
+                continue;
+            }
+            if fs::symlink_metadata(&path)?.is_dir() { fs::remove_dir_all(&path)? } else { fs::remove_file(&path)? }
+        }
+        Ok(())
+    }
+
+    fn write_record(&self) -> io::Result<()> {
+        let bytes = serde_json::to_vec(&self.record)?;
+        let mut file = tempfile::NamedTempFile::new_in(&self.folder)?;
+        file.write_all(&bytes)?;
+        file.as_file().sync_all()?;
+        file.persist(self.folder.join(RECORD)).map_err(|e| e.error)?;
+        Ok(())
+    }
+}
+
+impl Part {
+    /// How much of it is still to come.
+    pub(super) fn remaining(&self) -> u64 {
+        self.said.bytes - self.offset
+    }
+
+    /// The next bytes.
+    pub(super) fn write(&mut self, uploads: &Uploads, bytes: &[u8]) -> Result<(), Refusal> {
+        let failed = |e: io::Error| Refusal::disk("write what is sent", &e);
+        (uploads.steps)("receive").map_err(failed)?;
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            match self.file.write(rest) {
+                Ok(0) => return Err(failed(io::ErrorKind::WriteZero.into())),
+                Ok(n) => {
+                    self.offset += n as u64;
+                    rest = rest.get(n..).unwrap_or_default();
+                }
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                Err(e) => return Err(failed(e)),
+            }
+        }
+        Ok(())
+    }
+
+    /// Put it on the disk; a file that is complete, and not too long to wait for, must have its SHA-256.
+    pub(super) fn close(self) -> Result<u64, Refusal> {
+        self.file.sync_data().map_err(|e| Refusal::disk("write what is sent", &e))?;
+        if self.remaining() == 0 && self.said.bytes <= HASHED_AT_ONCE {
+            let opened = File::open(&self.path).and_then(sha256_of);
+            let (_, sum) = opened.map_err(|e| Refusal::disk("read what was sent", &e))?;
+            if sum != self.said.sha256 {
+                drop(fs::remove_file(&self.path));
+                let said = format!("{} arrived with another content than was announced; send it again", self.said.path);
+                // tus 1.0.0, "Checksum".
+                let status = StatusCode::from_u16(460).unwrap_or(StatusCode::UNPROCESSABLE_ENTITY);
+                return Err(Refusal { offset: Some(0), ..Refusal::new(status, said) });
+            }
+        }
+        Ok(self.offset)
+    }
+}
+
+/// Make a folder that its owner only can look into; a link in its place is none.
+fn private_folder(path: &Path) -> io::Result<()> {
+    let mut builder = fs::DirBuilder::new();
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    match builder.create(path) {
+        Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
+            if fs::symlink_metadata(path)?.is_dir() {
+                Ok(())
+            } else {
+                Err(io::Error::other(format!("{} is there and is no folder", path.display())))
+            }
+        }
+        made => made,
+    }
+}
+
+/// The lock of a folder; `None` while another holds it.
+fn locked(folder: &Path) -> Result<Option<File>, Refusal> {
+    let file = File::create(folder.join(LOCK)).map_err(|e| Refusal::disk("write the lock of the upload", &e))?;
+    match file.try_lock() {
+        Ok(()) => Ok(Some(file)),
+        Err(fs::TryLockError::WouldBlock) => Ok(None),
+        Err(fs::TryLockError::Error(e)) => Err(Refusal::disk("lock the upload", &e)),
+    }
+}
+
+fn record(folder: &Path) -> Option<Record> {
+    let bytes = crate::objects::read_small(&folder.join(RECORD)).ok()?;
+    let record: Record = serde_json::from_slice(&bytes).ok()?;
+    record.intent.files.iter().all(|f| is_sha256(&f.sha256)).then_some(record)
+}
+
+fn bytes_in(folder: &Path) -> u64 {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.filter_map(|e| e.metadata().ok()).map(|m| m.len()).sum()
+}

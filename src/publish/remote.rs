@@ -1,0 +1,259 @@
+//! `kilwa publish --to https://…`: made here as for a folder, then sent to a server, which verifies it and publishes it.
+
+use super::plan::{Given, Plan};
+use super::send::{Patience, Sender, Told};
+use super::write::{picture, spinner, without_place};
+use super::{Args, Report, mapping};
+use crate::verify::{is_address, sound};
+use anyhow::{Context, bail, ensure};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use kilwa_server::object::assemble::is_metadata;
+use kilwa_server::object::checksums::sha256_of;
+use kilwa_server::object::layout::{MANIFEST, METADATA, pack_name};
+use kilwa_server::object::{Manifest, PackEntry};
+use kilwa_server::upload::wire::{Drawing, FORM, FileSaid, Intent, PreviewSaid};
+use std::fs::File;
+use std::io::{BufReader, Write as _};
+use std::path::{Path, PathBuf};
+
+/// Where a token is looked for.
+const TOKEN: &str = "KILWA_TOKEN";
+/// Longest file with a token.
+const TOKEN_MAX: u64 = 4096;
+
+/// The address that `--to` names, where it names one.
+pub(super) fn address(args: &Args) -> Option<&str> {
+    args.to.to_str().filter(|to| is_address(to))
+}
+
+pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
+    for (given, what, instead) in [
+        (args.site, "--site", "the server makes these pages itself"),
+        (args.bag, "--bag", "publish to a folder as well to get a bag"),
+        (
+            args.withdraw.is_some(),
+            "--withdraw",
+            "it is done where the objects lie: kilwa publish --withdraw NAME --to DIR --keep FOLDER --reason …",
+        ),
+    ] {
+        ensure!(!given, "{what} is for folders: {instead}");
+    }
+    check_address(address, args.allow_http)?;
+    let base = address.trim_end_matches('/');
+    let token = token(args)?;
+    let sender = Sender::new(base, token, Patience::default());
+    let given = Given::read(args)?;
+    let at = format!("{base}/{}", given.slug);
+    let before = manifest(&sender, given.slug.as_str(), &at)?;
+    let work = tempfile::Builder::new().prefix("kilwa-publish-").tempdir().context("cannot make a temporary folder")?;
+    if !args.dry_run {
+        sound(&given.pack)?;
+    }
+    // Whether an earlier run has come to its end, whose answer was lost: before a note for another version is asked for.
+    if let Some(report) = already(&sender, &given, before.as_ref(), &at)? {
+        return super::say(args, &report);
+    }
+    let plan = Plan::new(args, given, before, at)?;
+    if args.dry_run {
+        return mapping::print(args, &plan);
+    }
+    let report = send(args, &sender, &plan, work.path())?;
+    super::say(args, &report)
+}
+
+/// Make the version in `work`, send it, and look at what is there then.
+fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Result<Report> {
+    let bar = spinner();
+    let redacted = work.join("pack.kilwa");
+    let pack = if without_place(plan, &redacted)? { redacted } else { plan.given.pack.clone() };
+    bar.set_message("hashing the pack");
+    let (bytes, sha256) = hashed(&pack)?;
+    let identity = crate::source::open_pack(&pack)?.identity();
+    let pictured = picture(&pack, work, plan, args.software, &bar)?;
+    bar.finish_and_clear();
+    let mut files = vec![FileSaid { path: pack_name(&sha256), bytes, sha256: sha256.clone() }];
+    for path in &pictured.files {
+        let (bytes, sha256) = hashed(&work.join(path))?;
+        files.push(FileSaid { path: path.clone(), bytes, sha256 });
+    }
+    let facts = &plan.facts;
+    let intent = Intent {
+        kilwa_upload: FORM,
+        slug: facts.slug.to_string(),
+        version: facts.version(),
+        published: facts.published.clone(),
+        note: facts.note.clone(),
+        location_redacted: facts.location_redacted,
+        same_object: args.same_object,
+        metadata: facts.metadata.clone(),
+        preview: pictured.preview.map(|p| PreviewSaid { triangles: p.triangles, error: p.error }),
+        drawings: pictured.drawings.iter().map(|(p, w)| Drawing { path: p.clone(), words: w.clone() }).collect(),
+        files,
+    };
+    let place = |file: &FileSaid| -> PathBuf {
+        if file.sha256 == sha256 { pack.clone() } else { work.join(&file.path) }
+    };
+    let progress = Progress::new();
+    let published = sender.publish(&intent, &place, &|told| progress.tell(&told));
+    let published = published.map_err(anyhow::Error::msg).with_context(|| plan.at.clone())?;
+    progress.0.finish_and_clear();
+    let now = manifest(sender, &intent.slug, &plan.at)?;
+    let version = now.as_ref().and_then(|m| m.versions.iter().find(|v| v.version == published.version));
+    let version = version.filter(|v| v.pack.sha256 == sha256).with_context(|| {
+        format!("{}: the server says that version {} is published, and its manifest.json does not", plan.at, published.version)
+    })?;
+    let mut left_out = pictured.left_out;
+    if facts.metadata.url.is_none() {
+        left_out.push("oembed.json, which needs an address".to_owned());
+    }
+    Ok(Report {
+        object: format!("{}/", plan.at),
+        slug: intent.slug.clone(),
+        version: version.version,
+        published: version.published.clone(),
+        already: published.already,
+        files: intent.files.len(),
+        bytes: intent.files.iter().map(|f| f.bytes).sum(),
+        pack: PackEntry { identity, ..version.pack.clone() },
+        bag: None,
+        left_out,
+        advice: plan.advice(),
+    })
+}
+
+fn hashed(path: &Path) -> anyhow::Result<(u64, String)> {
+    let hashed = File::open(path).and_then(|f| sha256_of(BufReader::with_capacity(1 << 20, f)));
+    hashed.with_context(|| format!("cannot read {}", path.display()))
+}
+
+/// What is published there already.
+fn manifest(sender: &Sender, slug: &str, at: &str) -> anyhow::Result<Option<Manifest>> {
+    let bytes = sender.fetch(&format!("{slug}/{MANIFEST}")).map_err(anyhow::Error::msg)?;
+    bytes.map(|b| Manifest::parse(&b).with_context(|| format!("{at}/{MANIFEST}"))).transpose()
+}
+
+/// Whether this very pack and metadata are the last version.
+fn already(
+    sender: &Sender,
+    given: &Given,
+    before: Option<&Manifest>,
+    at: &str,
+) -> anyhow::Result<Option<Report>> {
+    // Of a pack without its place the server says so itself, when it is sent what is meant.
+    let last = before.and_then(|m| m.versions.last()).filter(|v| given.place.is_none() && v.pack.bytes == given.pack_bytes);
+    let Some(last) = last else { return Ok(None) };
+    let (bytes, sha256) = hashed(&given.pack)?;
+    if sha256 != last.pack.sha256 {
+        return Ok(None);
+    }
+    let written = sender.fetch(&format!("{}/{}/{METADATA}", given.slug, last.folder)).map_err(anyhow::Error::msg)?;
+    if !written.is_some_and(|w| is_metadata(&w, &given.published_metadata())) {
+        return Ok(None);
+    }
+    Ok(Some(Report {
+        object: format!("{at}/"),
+        slug: given.slug.to_string(),
+        version: last.version,
+        published: last.published.clone(),
+        already: true,
+        files: 1,
+        bytes,
+        pack: last.pack.clone(),
+        bag: None,
+        left_out: Vec::new(),
+        advice: Vec::new(),
+    }))
+}
+
+/// A token goes over the network in the clear to this computer only, unless somebody says that it may.
+fn check_address(address: &str, allow_http: bool) -> anyhow::Result<()> {
+    let rest = address.split_once("://").map_or("", |(_, rest)| rest);
+    let host = rest.split(['/', '?', '#']).next().unwrap_or_default();
+    ensure!(!host.is_empty() && !rest.contains(['?', '#', '@']), "{address} is no address of a site; give it like https://museum.example");
+    if address.get(..5).is_some_and(|start| start.eq_ignore_ascii_case("https")) || allow_http {
+        return Ok(());
+    }
+    let name = match host.strip_prefix('[') {
+        Some(v6) => v6.split(']').next().unwrap_or_default(),
+        None => host.split(':').next().unwrap_or_default(),
+    };
+    let is_loopback = name == "localhost" || name.parse::<std::net::IpAddr>().is_ok_and(|a| a.is_loopback());
+    ensure!(
+        is_loopback,
+        "{address}: over http everybody on the way can read the token and publish with it; give https://, or --allow-http where the network is your own"
+    );
+    Ok(())
+}
+
+/// The token, from a file or from the environment; never from the command line, where others of the machine could read it.
+fn token(args: &Args) -> anyhow::Result<String> {
+    let (text, from) = if let Some(path) = &args.token_file {
+        let length = std::fs::metadata(path).with_context(|| format!("cannot read {}", path.display()))?.len();
+        ensure!(length <= TOKEN_MAX, "{}: {length} bytes are no token", path.display());
+        let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        (text, path.display().to_string())
+    } else if let Some(text) = std::env::var_os(TOKEN) {
+        (text.to_string_lossy().into_owned(), TOKEN.to_owned())
+    } else {
+        bail!(
+            "publishing to a server needs a token: whoever keeps it makes one with `kilwa access token FILE NAME --for publish`; put it into the environment as {TOKEN}, or give a file with --token-file"
+        );
+    };
+    let token = text.trim();
+    let is_token = token.strip_prefix("kilwa-").is_some_and(|t| t.len() == 64 && t.bytes().all(|b| b.is_ascii_hexdigit()));
+    ensure!(is_token, "{from} holds no token; one begins with kilwa- and has 64 hexadecimal digits after it");
+    Ok(token.to_owned())
+}
+
+/// A bar on standard error with the time left, only where that is a terminal.
+struct Progress(ProgressBar);
+
+impl Progress {
+    fn new() -> Self {
+        let bar = ProgressBar::with_draw_target(Some(0), ProgressDrawTarget::stderr_with_hz(5));
+        let form = "{msg:>24!} {wide_bar} {bytes}/{total_bytes} {bytes_per_sec} {eta} left";
+        if let Ok(style) = ProgressStyle::with_template(form) {
+            bar.set_style(style);
+        }
+        Self(bar)
+    }
+
+    fn tell(&self, told: &Told<'_>) {
+        match told {
+            Told::Sent(done, of) => self.at("sending", *done, *of),
+            Told::Verified(done, of) => self.at("the server verifies", *done, *of),
+            Told::Waits(why, pause) => {
+                let line = format!("kilwa: {why}; trying again in {} s", pause.as_secs_f32().ceil());
+                self.0.suspend(|| drop(writeln!(std::io::stderr(), "{line}")));
+            }
+        }
+    }
+
+    fn at(&self, what: &'static str, done: u64, of: u64) {
+        if self.0.message() != what {
+            self.0.set_message(what);
+            self.0.reset_eta();
+        }
+        self.0.set_length(of);
+        self.0.set_position(done);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_token_goes_in_the_clear_to_this_computer_only() {
+        for good in ["https://museum.example/", "http://localhost:8080", "http://127.0.0.1:9/", "http://[::1]:80/", "HTTPS://x"] {
+            assert!(check_address(good, false).is_ok(), "{good}");
+        }
+        for bad in ["http://museum.example", "http://localhost.example/", "http://10.0.0.1", "http://127.0.0.1.example"] {
+            assert!(check_address(bad, false).unwrap_err().to_string().contains("--allow-http"), "{bad}");
+            assert!(check_address(bad, true).is_ok());
+        }
+        for none in ["https://", "https:///x", "https://a@b/", "https://a/?x"] {
+            assert!(check_address(none, true).is_err(), "{none}");
+        }
+    }
+}
