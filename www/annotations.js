@@ -6,7 +6,8 @@
 //   body               a TextualBody (purpose describing) with the text; a SpecificResource (purpose linking) with the link
 //   target.source      the address of the pack
 //   target.selector    `{"type": "PointSelector", "x", "y", "z"}`: world metres, as in IIIF Presentation 4
-//   target.state       `{"type": "urn:kilwa:view", "camera": [7 to 9 numbers], "display": {…}}`: how it is looked at
+//   target.state       `{"type": "urn:kilwa:pack", "identity": "…"}`: which version of the pack it was made on (docs/FORMAT.md, section 7);
+//                      `{"type": "urn:kilwa:view", "camera": [7 to 9 numbers], "display": {…}}`: how it is looked at
 //
 // A file holds an AnnotationPage; an AnnotationCollection, a single Annotation and a plain array are read too. What an
 // annotation says beyond this is kept and written again. Annotations without a point are counted and left out.
@@ -85,7 +86,11 @@ export function noteOf(annotation) {
   };
 }
 
-/** @returns {{notes: object[], left: number}} the notes of a file's JSON; throws a sentence where it is no such file */
+/** The identities of packs that an annotation was made on. */
+const identitiesOf = (annotation) =>
+  array(annotation?.target).flatMap((one) => array(one?.state)).filter((s) => s?.type === "urn:kilwa:pack" && /^[0-9a-f]{12,64}$/.test(s.identity)).map((s) => s.identity);
+
+/** @returns {{notes: object[], left: number, identities: string[]}} the notes of a file's JSON and the packs that they were made on; throws a sentence where it is no such file */
 export function parseAnnotations(json) {
   const page = json?.type === "AnnotationCollection" ? json.first : json;
   const items = Array.isArray(page) ? page : page?.type === "Annotation" ? [page] : (page?.items ?? page?.resources);
@@ -100,16 +105,18 @@ export function parseAnnotations(json) {
     ids.add(note.id);
     notes.push(note);
   }
-  return { notes, left: items.length - notes.length };
+  return { notes, left: items.length - notes.length, identities: [...new Set(items.flatMap(identitiesOf))] };
 }
 
-/** A note as an annotation of the pack at `pack`. */
+/** A note as an annotation of the pack at `pack.source` that is called `pack.identity`. What was made on another one still says so. */
 export function annotationOf(note, pack) {
   const { source = {} } = note;
   const body = [];
   if (note.text) body.push({ type: "TextualBody", purpose: "describing", format: "text/plain", value: note.text });
   if (note.link) body.push({ type: "SpecificResource", purpose: "linking", source: note.link });
   const view = note.camera ? { type: "urn:kilwa:view", camera: note.camera, ...(note.display ? { display: note.display } : {}) } : null;
+  const identity = identitiesOf(source)[0] ?? (array(source.target)[0]?.source ? null : pack.identity);
+  const state = [identity && { type: "urn:kilwa:pack", identity }, view].filter(Boolean);
   const [x, y, z] = note.place;
   return {
     ...source,
@@ -123,9 +130,9 @@ export function annotationOf(note, pack) {
     body,
     target: {
       type: "SpecificResource",
-      source: array(source.target)[0]?.source ?? pack,
+      source: array(source.target)[0]?.source ?? pack.source,
       selector: { type: "PointSelector", x, y, z },
-      ...(view ? { state: view } : {}),
+      ...(state.length > 0 ? { state } : {}),
     },
   };
 }

@@ -9,8 +9,9 @@ import * as format from "./format.js";
 import { onChange, preferred, remember, t, use } from "./i18n.js";
 import * as embed from "./embed.js";
 import { Flight } from "./flight.js";
+import { Identity } from "./identity.js";
 import { Input } from "./input.js";
-import { Address, HASH_DIGITS, readState } from "./link.js";
+import { Address, readState } from "./link.js";
 import { isPassing } from "./loader.js";
 import { LocalPack, openers } from "./local-pack.js";
 import { Loupe } from "./loupe.js";
@@ -144,16 +145,20 @@ class Page {
   /** What the person keeps for this pack: saved views and notes. */
   #person() {
     const { hash } = this.info.pack;
+    this.identity?.close();
+    this.identity = new Identity({ pack: this.pack, head: this.headBytes, module: this.module, hash });
+    const { identity } = this;
     const now = () => ({ camera: [...(this.flight.goal ?? this.viewer.camera())], display: this.display() });
     this.undo.done = [];
     this.undo.undone = [];
     this.#undoButtons();
-    this.saved = new Saved({ hash, title: this.title, undo: this.undo, now, go: (view) => this.goTo(view) });
+    this.saved = new Saved({ hash, identity, title: this.title, undo: this.undo, now, go: (view) => this.goTo(view) });
     this.notes?.close();
     this.notes = new Notes({
       hash,
+      identity,
       title: this.title,
-      pack: this.pack.isLocal ? `urn:kilwa:${hash}` : new URL(this.pack.url, location.href).href,
+      pack: this.pack.isLocal ? null : new URL(this.pack.url, location.href).href,
       undo: this.undo,
       now,
       look: (note) => this.#lookAt(note),
@@ -278,9 +283,18 @@ class Page {
     this.measuring.attach(viewer, session, state.measurements);
     this.notes.setShown(state.notes);
     if (state.annotation) this.notes.openNamed(state.annotation, { fly: !state.camera });
-    if (state.pack && !this.info.pack.hash.startsWith(state.pack.slice(0, HASH_DIGITS))) {
-      chrome.notice(t("otherPack"), 20000, { label: t("fit"), run: () => this.home() });
-    }
+    session.firstPicture.then(() => this.#identify(state.pack));
+  }
+
+  /** Whether the link that opened the page is of this pack; from then on the address names it by its identity. */
+  async #identify(linked) {
+    const { identity } = this;
+    const isHere = !linked || (await identity.isHere(linked));
+    await identity.known();
+    if (this.identity !== identity || this.session.closed) return;
+    if (!isHere) chrome.notice(t("otherPack"), 20000, { label: t("fit"), run: () => this.home() });
+    document.body.dataset.identity = identity.text ?? "";
+    if (readState(location.hash).pack) this.address.now();
   }
 
   actions = {
@@ -336,8 +350,8 @@ class Page {
   }
 
   state() {
-    const { viewer, notes, info } = this;
-    return { camera: [...(this.flight.goal ?? viewer.camera())], display: this.display(), notes: notes.shown, annotation: notes.openId, measurements: this.measuring.address, pack: info.pack.hash };
+    const { viewer, notes, identity } = this;
+    return { camera: [...(this.flight.goal ?? viewer.camera())], display: this.display(), notes: notes.shown, annotation: notes.openId, measurements: this.measuring.address, pack: identity.name };
   }
 
   /** A state of the address: after Back and Forward, from a link, from a script. */
@@ -750,6 +764,9 @@ class Page {
   async share() {
     this.address.now();
     try {
+      // The end of the file may still be on its way; a clipboard does not wait long for it.
+      if (!this.identity.text) await Promise.race([this.identity.known(), new Promise((resolve) => setTimeout(resolve, 1000))]);
+      this.address.now();
       await navigator.clipboard.writeText(location.href);
       if (this.measuring.tools?.isLong) chrome.notice(t("measureLinkLong"), 12000, { label: t("exportFile"), run: () => this.measuring.tools.files.save("json") });
       else chrome.notice(t("shared"), 2500);

@@ -5,12 +5,13 @@
 //   notes=off  pins are hidden
 //   annotation=ID  the note that is open
 //   measurements=  measurements that are shown (measure/address.js)
-//   pack=      the first 12 digits of the pack's hash, so that a link to another model is noticed
+//   pack=      the first 12 digits of the pack's identity, so that a link to another model is noticed; of the header's hash in links of earlier versions
 //
 // What changes by and by (a drag) replaces the address; a deliberate jump (a standard view, a saved view, a note)
 // adds one to the browser's history, so that its Back button returns to the last view.
 
-export const HASH_DIGITS = 12;
+import { DIGITS } from "./identity.js";
+
 /** Roll and opening angle that an address does not name. */
 const REST = [0, 0.7];
 const LONGEST = 20_000;
@@ -54,7 +55,7 @@ export function writeState({ camera, display, notes = true, annotation, measurem
   if (!notes) parts.push("notes=off");
   if (annotation) parts.push(`annotation=${encodeURIComponent(annotation)}`);
   if (measurements) parts.push(`measurements=${measurements}`);
-  if (pack) parts.push(`pack=${pack.slice(0, HASH_DIGITS)}`);
+  if (pack) parts.push(`pack=${pack.slice(0, DIGITS)}`);
   return `#${parts.join("&")}`;
 }
 

@@ -71,7 +71,7 @@ export class Pack {
     }
     const response = await this.#ask(offset, length, signal, fresh);
     const etag = response.headers.get("etag");
-    if (this.etag && etag && etag !== this.etag) {
+    if (!isSameTag(this.etag, etag)) {
       await discard(response);
       throw new PackError("changed", "the ETag of the file changed");
     }
@@ -183,7 +183,7 @@ export class Pack {
     const again = async () => {
       const response = await this.#ask(0, this.bytes, undefined);
       const etag = response.headers.get("etag");
-      if (this.etag && etag && etag !== this.etag) {
+      if (!isSameTag(this.etag, etag)) {
         await discard(response);
         throw new PackError("changed", "the ETag of the file changed");
       }
@@ -247,6 +247,12 @@ export class Pack {
     });
   }
 }
+
+/**
+ * Whether two tags may be of the same file: RFC 9110, 8.8.3.2, weak comparison, for proxies weaken the tags of what they compress, and of that alone. A weak tag promises
+ * less; checksums tell what it does not. Where there is none there is nothing to compare.
+ */
+export const isSameTag = (a, b) => !a || !b || a.replace(/^W\//, "") === b.replace(/^W\//, "");
 
 /** Where the file's own length ends in its header, and what it begins with: the same in every version of the format. */
 const LENGTH_END = 72;

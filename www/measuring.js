@@ -3,6 +3,7 @@
 
 import { hint, notice, openTab, peek } from "./chrome.js";
 import { t } from "./i18n.js";
+import { why } from "./said.js";
 import { get } from "./store.js";
 
 export class Measuring {
@@ -50,7 +51,7 @@ export class Measuring {
         return this.tools;
       } catch (error) {
         this.loading = null; // The next press tries again.
-        if (page.pack === pack) notice(t("measureFailed", { why: error.message }), 10000);
+        if (page.pack === pack) notice(t("measureFailed", { why: why(error) }), 10000);
         throw error;
       }
     })();

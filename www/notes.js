@@ -18,9 +18,10 @@ const FILE_LIMIT = 16e6;
 export class Notes {
   /**
    * @param {object} parts
-   * @param {string} parts.hash of the pack
+   * @param {string} parts.hash the header's, under which the browser keeps them
+   * @param {import("./identity.js").Identity} parts.identity
    * @param {string} parts.title
-   * @param {string} parts.pack its address
+   * @param {string | null} parts.pack the pack's address; null for one of this computer
    * @param {import("./undo.js").Undo} parts.undo
    * @param {() => {camera: number[], display: object | null}} parts.now
    * @param {(note: object) => void} parts.look fly to a note
@@ -266,17 +267,20 @@ export class Notes {
     this.shareAddress();
   }
 
-  export() {
-    const json = annotationPage(this.notes, this.pack);
+  async export() {
+    const identity = await this.identity.known();
+    const json = annotationPage(this.notes, { source: this.pack ?? `urn:kilwa:${this.identity.name}`, identity });
     download(fileName(this.title, ".annotations.json"), new Blob([JSON.stringify(json, null, 1)], { type: "application/ld+json" }));
   }
 
   async import(file) {
     try {
-      const { notes, left } = parseAnnotations(await readJson(file, FILE_LIMIT));
+      const { notes, left, identities } = parseAnnotations(await readJson(file, FILE_LIMIT));
       const ids = new Set(notes.map((n) => n.id));
       this.change([...this.notes.filter((n) => !ids.has(n.id)), ...notes]);
-      notice(`${t("imported", { count: notes.length })} ${left > 0 ? t("importLeft", { count: left }) : ""}`, 10000);
+      const here = await Promise.all(identities.map((one) => this.identity.isHere(one)));
+      const words = [t("imported", { count: notes.length }), left > 0 && t("importLeft", { count: left }), here.includes(false) && t("otherFile")];
+      notice(words.filter(Boolean).join(" "), here.includes(false) ? 20000 : 10000);
     } catch (error) {
       notice(t("importFailed", { why: error.message }), 12000);
     }

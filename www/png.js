@@ -1,9 +1,13 @@
 // PNG, written row by row: a picture larger than any canvas needs the memory of one strip. RFC 2083; deflate is the browser's.
 
+import { BlobSink } from "./sink.js";
+
 const CRC = new Uint32Array(256).map((_, n) => {
   for (let k = 0; k < 8; k += 1) n = n & 1 ? 0xedb88320 ^ (n >>> 1) : n >>> 1;
   return n;
 });
+/** Bytes of a chunk of the picture, but for the last. */
+const PART = 1 << 20;
 
 function crc(parts) {
   let c = 0xffffffff;
@@ -13,33 +17,68 @@ function crc(parts) {
 
 const number = (n) => new Uint8Array([n >>> 24, (n >>> 16) & 255, (n >>> 8) & 255, n & 255]);
 
+function joined(parts) {
+  const all = new Uint8Array(parts.reduce((sum, part) => sum + part.length, 0));
+  parts.reduce((at, part) => (all.set(part, at), at + part.length), 0);
+  return all;
+}
+
 function chunk(name, data) {
   const type = new TextEncoder().encode(name);
-  return [number(data.length), type, data, number(crc([type, data]))];
+  return joined([number(data.length), type, data, number(crc([type, data]))]);
 }
 
 export class PngWriter {
-  /** A picture of 8 bits per channel, red, green, blue and, where `alpha`, alpha. `dotsPerMetre`: of paper, or 0. */
-  constructor(width, height, { alpha = false, texts = {}, dotsPerMetre = 0 } = {}) {
+  /**
+   * A picture of 8 bits per channel, red, green, blue and, where `alpha`, alpha. `dotsPerMetre`: of paper, or 0. `sink` (sink.js) is where it goes; without
+   * one it becomes a Blob.
+   */
+  constructor(width, height, { alpha = false, texts = {}, dotsPerMetre = 0, sink = new BlobSink("image/png") } = {}) {
     this.width = width;
+    this.sink = sink;
     this.bytesPerPixel = alpha ? 4 : 3;
     const head = new Uint8Array(13);
     head.set(number(width), 0);
     head.set(number(height), 4);
     head.set([8, alpha ? 6 : 2, 0, 0, 0], 8);
-    this.parts = [new Uint8Array([137, 80, 78, 71, 13, 10, 26, 10]), ...chunk("IHDR", head), ...chunk("sRGB", new Uint8Array([0]))];
+    const parts = [new Uint8Array([137, 80, 78, 71, 13, 10, 26, 10]), chunk("IHDR", head), chunk("sRGB", new Uint8Array([0]))];
     if (dotsPerMetre > 0) {
       const dots = number(Math.round(dotsPerMetre));
-      this.parts.push(...chunk("pHYs", new Uint8Array([...dots, ...dots, 1])));
+      parts.push(chunk("pHYs", new Uint8Array([...dots, ...dots, 1])));
     }
     for (const [key, value] of Object.entries(texts)) {
       // iTXt: keyword, not compressed, no language; UTF-8.
-      this.parts.push(...chunk("iTXt", new TextEncoder().encode(`${key}\0\0\0\0\0${value}`)));
+      parts.push(chunk("iTXt", new TextEncoder().encode(`${key}\0\0\0\0\0${value}`)));
     }
     const deflate = new CompressionStream("deflate");
     this.writer = deflate.writable.getWriter();
-    this.data = new Response(deflate.readable).arrayBuffer();
+    this.written = this.#pass(joined(parts), deflate.readable.getReader());
+    this.written.catch(() => {}); // whoever writes rows or ends hears of it
     this.above = new Uint8Array(width * this.bytesPerPixel);
+  }
+
+  /** What is deflated goes to the sink in chunks. */
+  async #pass(head, reader) {
+    try {
+      await this.sink.write(head);
+      let [parts, held] = [[], 0];
+      for (;;) {
+        const { done, value } = await reader.read();
+        if (!done) {
+          parts.push(value);
+          held += value.length;
+        }
+        if (held > PART || (done && held > 0)) {
+          await this.sink.write(chunk("IDAT", joined(parts)));
+          [parts, held] = [[], 0];
+        }
+        if (done) return;
+      }
+    } catch (error) {
+      // A full disk, for example: who writes must not wait for ever.
+      await reader.cancel(error);
+      throw error;
+    }
   }
 
   /** The next rows: four bytes per pixel. */
@@ -61,14 +100,15 @@ export class PngWriter {
       for (let i = 0; i < line; i += 1) out[at + 1 + i] = row[i] - this.above[i];
       this.above.set(row);
     }
-    await this.writer.write(out);
+    // Where the sink failed, that is what is wrong.
+    await this.writer.write(out).catch(() => this.written);
   }
 
-  /** @returns {Promise<Blob>} */
+  /** @returns {Promise<Blob | null>} what the sink gives */
   async end() {
-    await this.writer.close();
-    const data = new Uint8Array(await this.data);
-    const parts = [...this.parts, ...chunk("IDAT", data), ...chunk("IEND", new Uint8Array())];
-    return new Blob(parts, { type: "image/png" });
+    await this.writer.close().catch(() => this.written);
+    await this.written;
+    await this.sink.write(chunk("IEND", new Uint8Array()));
+    return this.sink.end();
   }
 }

@@ -1,6 +1,6 @@
 // Saved views: camera and display under a name, in the person's order, kept by the browser for each pack, and as a file.
 //
-// The file: `{"type": "KilwaViews", "version": 1, "pack": hash, "views": [{"name", "camera": [7 to 9 numbers], "display"}]}`.
+// The file: `{"type": "KilwaViews", "version": 1, "pack": identity, "views": [{"name", "camera": [7 to 9 numbers], "display"}]}`.
 
 import { notice } from "./chrome.js";
 import { t } from "./i18n.js";
@@ -27,14 +27,15 @@ export function parseViews(json) {
 export class Saved {
   /**
    * @param {object} parts
-   * @param {string} parts.hash of the pack
+   * @param {string} parts.hash the header's, under which the browser keeps them
+   * @param {import("./identity.js").Identity} parts.identity
    * @param {string} parts.title
    * @param {import("./undo.js").Undo} parts.undo
    * @param {() => {camera: number[], display: object | null}} parts.now
    * @param {(view: object) => void} parts.go
    */
-  constructor({ hash, title, undo, now, go }) {
-    Object.assign(this, { hash, title, undo, now, go });
+  constructor({ hash, identity, title, undo, now, go }) {
+    Object.assign(this, { hash, identity, title, undo, now, go });
     this.views = get(`views.${hash}`, []);
     this.list = new EditList($("saved-list"), {
       name: (view) => view.name,
@@ -76,17 +77,21 @@ export class Saved {
     this.undo.do({ undo: () => set(before), redo: () => set(views) });
   }
 
-  export() {
+  async export() {
+    await this.identity.known();
     const views = this.views.map(({ name, camera, display }) => ({ name, camera, ...(display ? { display } : {}) }));
-    const json = { type: "KilwaViews", version: 1, pack: this.hash, views };
+    const json = { type: "KilwaViews", version: 1, pack: this.identity.name, views };
     download(fileName(this.title, ".views.json"), new Blob([JSON.stringify(json, null, 1)], { type: "application/json" }));
   }
 
   async import(file) {
     try {
-      const views = parseViews(await readJson(file));
+      const json = await readJson(file);
+      const views = parseViews(json);
       this.#change([...this.views, ...views]);
-      notice(t("imported", { count: views.length }));
+      const isHere = typeof json.pack !== "string" || (await this.identity.isHere(json.pack));
+      const words = t("imported", { count: views.length });
+      notice(isHere ? words : `${words} ${t("otherFile")}`, isHere ? 6000 : 20000);
     } catch (error) {
       notice(t("importFailed", { why: error.message }), 12000);
     }

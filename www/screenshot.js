@@ -5,6 +5,8 @@ import { notice } from "./chrome.js";
 import { count, niceBelow, round } from "./format.js";
 import { t } from "./i18n.js";
 import { PngWriter } from "./png.js";
+import { why } from "./said.js";
+import { openSink } from "./sink.js";
 import { download, fileName } from "./store.js";
 
 const $ = (id) => document.getElementById(id);
@@ -160,6 +162,7 @@ export class PictureDialog {
     $("picture-custom").hidden = this.#chosen() !== "custom";
     const isSheet = this.#chosen() === "sheet";
     $("picture-sheet").hidden = !isSheet;
+    $("sheet-size").hidden = $("sheet-paper").value !== "custom";
     // A sheet has its own scale bar, on white.
     for (const id of ["picture-scale", "picture-clear"]) $(id).disabled = isSheet;
     for (const choice of ["canvas", "double", "4k"]) $(`picture-${choice}`).textContent = this.#size(choice).map((n) => String(n)).join(" × ");
@@ -167,13 +170,23 @@ export class PictureDialog {
 
   /** A drawing to scale. */
   async #sheet(page, { onProgress, signal, texts }) {
-    const [{ drawSheet }, engine] = await Promise.all([import("./sheet.js"), page.engine()]);
-    const asked = { view: $("sheet-view").value, scale: Number($("sheet-scale").value), dpi: Number($("sheet-dpi").value), paper: $("sheet-paper").value || undefined, title: page.title };
+    const [{ drawSheet, TYPES }, engine] = await Promise.all([import("./sheet.js"), page.engine()]);
+    const paper = $("sheet-paper").value === "custom" ? $("sheet-custom").value : $("sheet-paper").value;
+    const asked = {
+      view: $("sheet-view").value, scale: Number($("sheet-scale").value), dpi: Number($("sheet-dpi").value), paper: paper || undefined, title: page.title,
+      bare: $("sheet-bare").checked,
+    };
     const format = $("sheet-format").value;
-    const { blob, sheet, isFull } = await drawSheet(page, engine, asked, { format, onProgress, signal, texts });
-    download(fileName(page.title, `.${asked.view}-1-${asked.scale}.${format}`), blob);
+    const name = `.${asked.view}-1-${asked.scale}`;
+    const open = (bytes) => openSink({ name: fileName(page.title, `${name}.${format}`), type: TYPES[format], bytes });
+    const { blob, sheet, isFull } = await drawSheet(page, engine, asked, { format, open, onProgress, signal, texts });
+    if (blob) download(fileName(page.title, `${name}.${format}`), blob);
     const [width, height] = sheet.paper.map((mm) => count(Math.round(mm)));
-    notice(t(isFull ? "sheetDone" : "sheetCoarse", { scale: count(asked.scale), width, height }), isFull ? 6000 : 15000);
+    const words = t(isFull ? "sheetDone" : "sheetCoarse", { scale: count(asked.scale), width, height });
+    // Browsers let one press save one file: the world file has a press of its own.
+    const world = format === "png" && sheet.world;
+    const save = { label: t("sheetWorld"), run: () => download(fileName(page.title, `${name}.pgw`), new Blob([sheet.world], { type: "text/plain" })) };
+    notice(words, world ? 60_000 : isFull ? 6000 : 15000, world ? save : null);
   }
 
   async #make() {
@@ -200,7 +213,7 @@ export class PictureDialog {
       if (!isSheet) notice(t("pictureDone", { width: count(width), height: count(height) }));
     } catch (error) {
       if (error.name === "AbortError") return; // The dialog was closed.
-      $("picture-error").textContent = error instanceof RangeError || isSheet ? error.message : t("pictureFailed", { why: error.message });
+      $("picture-error").textContent = error instanceof RangeError ? error.message : isSheet ? why(error) : t("pictureFailed", { why: why(error) });
       $("picture-error").hidden = false;
     } finally {
       $("picture-bar").hidden = true;

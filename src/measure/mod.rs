@@ -287,7 +287,7 @@ fn on_places(s: &Subject, task: &Task, numbers: &[f64]) -> anyhow::Result<Outcom
     if s.given == Given::Near
         && let [only] = &places[..]
     {
-        outcome.remark(format!("{:.4} m from the given position", only.away));
+        outcome.add("away", json!(only.away));
     }
     outcome.add("points", json!(places));
     Ok(outcome)

@@ -40,14 +40,13 @@ impl OutputArgs {
         Ok(())
     }
 
-    /// Write the lines, where a file was asked for, and say so.
+    /// Write the lines, where a file was asked for; `output` of the details says where.
     pub(super) fn write(&self, s: &Subject, outcome: &mut Outcome) -> anyhow::Result<()> {
         let (Some(path), Some(lines)) = (&self.output, &outcome.lines) else { return Ok(()) };
         let text = lines.write(Self::format(path)?, &pack_name(s.leaves.index()), &s.point, self.scale);
         let text = text.ok_or_else(|| anyhow::anyhow!("nothing to draw"))?;
         write_whole(path, &text, self.force)?;
         outcome.add("output", json!(path.display().to_string()));
-        outcome.remark(format!("written to {}", path.display()));
         Ok(())
     }
 

@@ -31,6 +31,12 @@ pub(super) fn print(mut outcome: Outcome, s: &Subject, as_json: bool) -> anyhow:
     for words in &outcome.remarks {
         writeln!(out, "{words}")?;
     }
+    if let Some(away) = outcome.details.get("away").and_then(Value::as_f64) {
+        writeln!(out, "{away:.4} m from the given position")?;
+    }
+    if let Some(path) = outcome.details.get("output").and_then(Value::as_str) {
+        writeln!(out, "written to {path}")?;
+    }
     if let Some(read) = outcome.read {
         let share = 100.0 * read.bytes as f64 / read.of_bytes.max(1) as f64;
         let bytes = crate::info::grouped(read.bytes);

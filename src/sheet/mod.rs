@@ -1,18 +1,19 @@
 //! Drawings to scale: `kilwa render --scale 1:50`. Plans and elevations as PNG, PDF or GeoTIFF of any size, in constant memory.
 //!
 //! How large the sheet is and what stands on it (picture, frame, grid, scale bar, north arrow, title block) is `kilwa_measure::sheet`'s,
-//! which the page has too; `picture` draws the model band by band, `paint` the marks on it, and `png`, `tiff` and `pdf` write bands as they come. One pixel is
+//! which the page has too; `picture` draws the model band by band, `paint` the marks on it, and `png` and `strips` (PDF, TIFF) write bands as they come. One pixel is
 //! exactly `25.4 mm / dpi × scale`; the picture's middle is that of the model's box. The file gets its name when it is complete.
 
 mod paint;
-mod pdf;
 mod picture;
 mod png;
-mod tiff;
+mod strips;
 
 use crate::new_file::NewFile;
 use anyhow::{Context, bail};
 use kilwa_measure::sheet::Sheet;
+use kilwa_measure::sheet::file::{Form, Writer};
+use kilwa_measure::sheet::georeference::GeoReference;
 use kilwa_measure::sheet::layout::{Layout, Title};
 use kilwa_measure::sheet::paper::{self, Paper};
 use kilwa_pack::Source;
@@ -134,13 +135,10 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
     };
     let layout = if args.bare { Layout::default() } else { Layout::of(&sheet, &title) };
     let size = sheet.pixels()?;
-    let georeference = (s.view == StandardView::Plan).then(|| tiff::GeoReference {
-        metres_per_pixel: sheet.metres_per_pixel(),
-        corner: sheet.corner(),
-        epsg: metadata.crs.as_deref().and_then(|c| c.strip_prefix("EPSG:")).and_then(|c| c.parse().ok()),
-    });
+    let georeference = GeoReference::of(&sheet, metadata.crs.as_deref());
     // The page of a PDF has its lines and letters as such; pictures have them painted.
     let painted = if format == Format::Pdf { Layout::default() } else { layout.clone() };
+    let form = |form| Writer::new(form, &sheet, &layout, &title.name, georeference.clone());
     let written = s.output;
     let mut out = NewFile::beside(written)?;
     let how = (s.options, s.pixel_error);
@@ -148,8 +146,8 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
     let mut next = || bands.next();
     match format {
         Format::Png => png::write(out.file(), size, args.dpi, &mut next)?,
-        Format::Tiff => tiff::write(out.file(), size, args.dpi, georeference.as_ref(), &mut next)?,
-        Format::Pdf => pdf::write(out.file(), &sheet, size, &layout, &title.name, &mut next)?,
+        Format::Tiff => strips::write(out.file(), size[0], form(Form::Tiff)?, &mut next)?,
+        Format::Pdf => strips::write(out.file(), size[0], form(Form::Pdf)?, &mut next)?,
     }
     let figures = bands.figures();
     out.name(written, true)?;
@@ -164,7 +162,7 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
         scale,
         dpi: args.dpi,
         metres_per_pixel: sheet.metres_per_pixel(),
-        first_pixel: georeference.as_ref().map(tiff::GeoReference::first_pixel),
+        first_pixel: georeference.as_ref().map(GeoReference::first_pixel),
         crs: metadata.crs,
         worst_error_metres: figures.worst_error_metres,
         triangles: figures.triangles,
@@ -219,13 +217,11 @@ impl Format {
 /// Gives the next whole rows from the top, three sRGB bytes per pixel; `None` after the last.
 type Next<'a> = &'a mut dyn FnMut() -> anyhow::Result<Option<Vec<u8>>>;
 
-/// The world file beside a picture: size of a pixel, and the middle of the first one.
-fn world_file(picture: &Path, g: &tiff::GeoReference) -> anyhow::Result<String> {
+/// The world file beside a picture.
+fn world_file(picture: &Path, g: &GeoReference) -> anyhow::Result<String> {
     let path = picture.with_extension("pgw");
-    let [x, y] = g.first_pixel();
-    let text = format!("{:?}\n0.0\n0.0\n{:?}\n{x:?}\n{y:?}\n", g.metres_per_pixel, -g.metres_per_pixel);
     let mut file = NewFile::beside(&path)?;
-    file.file().write_all(text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+    file.file().write_all(g.world_file().as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
     file.name(&path, true)?;
     Ok(path.display().to_string())
 }

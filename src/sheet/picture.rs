@@ -11,8 +11,6 @@ use kilwa_viewer::shell::native::Session;
 use kilwa_viewer::{RenderOptions, StandardView};
 use std::io::IsTerminal;
 
-/// Rows of a band.
-pub(super) const ROWS: u32 = 512;
 /// Widest tile, pixels.
 const TILE: u32 = 4096;
 
@@ -64,13 +62,9 @@ impl<'a, S: Source> Bands<'a, S> {
             self.bar.finish_and_clear();
             return Ok(None);
         }
-        let mut band = Band::new(width, self.top, ROWS.min(height - self.top));
-        let frame = self.sheet.window(self.size);
-        let (from, to) = (band.top.max(frame[1]), (band.top + band.rows).min(frame[3]));
-        if from < to {
-            for left in (frame[0]..frame[2]).step_by(TILE as usize) {
-                self.tile(&mut band, [left, from], [TILE.min(frame[2] - left), to - from])?;
-            }
+        let mut band = Band::new(width, self.top, Sheet::band_rows(width).min(height - self.top));
+        for (at, size) in self.sheet.parts(self.size, band.top, band.rows, TILE) {
+            self.tile(&mut band, at, size)?;
         }
         band.paint(self.layout, self.sheet.pixels_per_mm());
         self.top += band.rows;

@@ -76,7 +76,7 @@ export async function serve(folder, ...options) {
 /**
  * A proxy before `upstream` that can misbehave about packs. `proxy.mishap` is null, or a function of
  * `{ range: [first, last] | null, number }` that returns null (behave), or changes to the answer:
- * `{ status, headers, body(Buffer) → Buffer, whole: true, drop: true, announce }`.
+ * `{ status, headers, body(Buffer) → Buffer, whole: true, drop: true, announce, late: milliseconds }`.
  */
 export async function hostile(upstream) {
   const proxy = { mishap: null, requests: [] };
@@ -101,6 +101,7 @@ async function answer(proxy, upstream, request, response) {
     const asked = range ? [Number(range[1]), Number(range[2])] : null;
     mishap = proxy.mishap?.({ range: asked, number: proxy.requests.length }) ?? null;
   }
+  if (mishap?.late) await new Promise((resolve) => setTimeout(resolve, mishap.late));
   if (mishap?.drop) {
     request.socket.destroy();
     return;

@@ -153,6 +153,59 @@ test("a file that changes between two requests is noticed by tag and by length",
   await assert.rejects(pack.range(5, 5), kind("changed"));
 });
 
+test("weak tags are the same file while they are equal, also where a proxy weakens some of them, and another file when they differ", async () => {
+  const tagged = (etag) => good(({ headers }) => ({ headers: { ...headers, etag } }));
+  for (const [first, then] of [['W/"1"', 'W/"1"'], ['"1"', 'W/"1"'], ['W/"1"', '"1"']]) {
+    behave = tagged(first);
+    const pack = new Pack(url);
+    await pack.head();
+    behave = tagged(then);
+    assert.deepEqual(Buffer.from(await pack.range(70_000, 500)), FILE.subarray(70_000, 70_500), `${first} ${then}`);
+    behave = tagged('W/"2"');
+    await assert.rejects(pack.range(70_000, 500), kind("changed"), `${first} ${then}`);
+  }
+  // A server that answers a range with all of it, because a weak tag does not let it compare: never taken for the part.
+  behave = tagged('W/"1"');
+  const pack = new Pack(url);
+  await pack.head();
+  behave = (_, response) => response.writeHead(200, { etag: 'W/"1"', "content-length": FILE.length }).end(FILE);
+  await assert.rejects(pack.range(70_000, 500), (error) => kind("server")(error) && isPassing(error));
+});
+
+test("a server that takes two seconds for each answer gives the bytes of the file, many at a time, and whoever does not want to wait need not", async () => {
+  const slow = (then) => (request, response) => setTimeout(() => then(request, response), 2000);
+  let under = 0;
+  let most = 0;
+  behave = slow(good());
+  const pack = new Pack(url);
+  assert.deepEqual(Buffer.from(await pack.head()), FILE.subarray(0, HEAD_BYTES));
+  behave = (request, response) => {
+    under += 1;
+    most = Math.max(most, under);
+    response.on("close", () => (under -= 1));
+    slow(good())(request, response);
+  };
+  const from = [70_000, 110_000, 150_000, 190_000];
+  const all = await Promise.all(from.map((at) => pack.range(at, 1000)));
+  for (const [k, at] of from.entries()) assert.deepEqual(Buffer.from(all[k]), FILE.subarray(at, at + 1000));
+  assert.equal(most, from.length, "the answers were waited for together");
+  const controller = new AbortController();
+  const asked = pack.range(0, 10, controller.signal);
+  let answered = false;
+  behave = slow((request, response) => {
+    answered = true;
+    good()(request, response);
+  });
+  controller.abort();
+  await assert.rejects(asked, { name: "AbortError" });
+  assert.ok(!answered);
+  // Late and damaged: what is late is checked like everything else.
+  behave = slow(good(({ body }) => ({ body: body.subarray(1), length: body.length - 1 })));
+  await assert.rejects(pack.range(0, 10), (error) => kind("truncated")(error) && isPassing(error));
+  behave = slow(good(({ headers }) => ({ headers: { ...headers, etag: '"2"' } })));
+  await assert.rejects(pack.range(0, 10), kind("changed"));
+});
+
 test("short, long and misplaced answers are failures that can be tried again", async () => {
   behave = good();
   const pack = new Pack(url);

@@ -1,8 +1,9 @@
-// Drawings to scale from the page: as large as those of `kilwa render --scale`, the scale bar as long as it says, PDF and PNG sound.
+// Drawings to scale from the page: as large and in the same place as those of `kilwa render --scale`, the scale bar as long as it says, also on sheets wider than any canvas;
+// PDF, PNG and GeoTIFF sound.
 
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
-import { readFile } from "node:fs/promises";
+import { readFile, rm } from "node:fs/promises";
 import path from "node:path";
 import { after, before, test } from "node:test";
 import { promisify } from "node:util";
@@ -15,10 +16,18 @@ const [SCALE, DPI] = [500, 200];
 let server;
 let browser;
 let pack;
+let utm;
 
 before(async () => {
   const folder = await packFolder();
   pack = path.join(folder, "fort.kilwa");
+  // A wall at UTM coordinates, whose reference system is known.
+  utm = path.join(folder, "utm.kilwa");
+  const mesh = path.join(folder, "utm.ply");
+  const run = promisify(execFile);
+  await run(KILWA, ["synth", "wall", "--triangles", "20000", "--utm", "-o", mesh]);
+  await run(KILWA, ["build", mesh, "-o", utm, "--crs", "EPSG:32737"]);
+  await rm(mesh);
   server = await serve(folder);
   browser = await launch();
 });
@@ -59,14 +68,32 @@ function png(bytes) {
   return { width, height, grey, dots: chunks.pHYs?.[0].readUInt32BE(0) };
 }
 
+/** Fields of a TIFF by tag: numbers. */
+function tiff(bytes) {
+  assert.equal(bytes.toString("latin1", 0, 4), "II*\0");
+  const at = bytes.readUInt32LE(4);
+  const sizes = { 3: 2, 4: 4, 5: 8, 12: 8 };
+  const fields = {};
+  for (let n = 0; n < bytes.readUInt16LE(at); n += 1) {
+    const entry = at + 2 + n * 12;
+    const [tag, type, count] = [bytes.readUInt16LE(entry), bytes.readUInt16LE(entry + 2), bytes.readUInt32LE(entry + 4)];
+    const from = count * sizes[type] <= 4 ? entry + 8 : bytes.readUInt32LE(entry + 8);
+    const value = { 3: (p) => bytes.readUInt16LE(p), 4: (p) => bytes.readUInt32LE(p), 5: (p) => bytes.readUInt32LE(p) / bytes.readUInt32LE(p + 4), 12: (p) => bytes.readDoubleLE(p) }[type];
+    fields[tag] = Array.from({ length: count }, (_, k) => value(from + k * sizes[type]));
+  }
+  return fields;
+}
+
 /** What the dialog saves. */
-async function save(page, { view, format, paper = "" }) {
+async function save(page, { view, format, paper = "", custom = "", scale = SCALE, bare = false }) {
   await page.evaluate(() => globalThis.kilwa.pictures.open());
   await page.locator("input[name=picture-size][value=sheet]").check();
   await page.locator("#sheet-view").selectOption(view);
   await page.locator("#sheet-format").selectOption(format);
   await page.locator("#sheet-paper").selectOption(paper);
-  await page.locator("#sheet-scale").fill(String(SCALE));
+  if (custom) await page.locator("#sheet-custom").fill(custom);
+  await page.locator("#sheet-bare").setChecked(bare);
+  await page.locator("#sheet-scale").fill(String(scale));
   await page.locator("#sheet-dpi").fill(String(DPI));
   const saved = page.waitForEvent("download");
   await page.locator("#picture-make").click();
@@ -130,17 +157,85 @@ test("an elevation as PDF is a sound file of the paper's size, and paper that is
   const offsets = [...words.slice(table).matchAll(/^(\d{10}) 00000 n $/gm)].map(([, at]) => Number(at));
   assert.equal(offsets.length, count - 1);
   for (const [n, at] of offsets.entries()) assert.ok(words.slice(at).startsWith(`${n + 1} 0 obj`), `object ${n + 1}`);
-  const streams = [...words.matchAll(/\/Length (\d+) >>\nstream\n/g)];
+  const streams = [...words.matchAll(/\/FlateDecode \/Length (\d+) >>\nstream\n/g)];
   for (const match of streams) {
     const from = match.index + match[0].length;
     inflateSync(bytes.subarray(from, from + Number(match[1])));
   }
-  assert.ok(streams.length >= 2);
+  assert.ok(streams.length >= 1);
   await page.evaluate(() => globalThis.kilwa.pictures.open());
   await page.locator("#sheet-scale").fill("1");
   await page.locator("#picture-make").click();
   await page.locator("#picture-error:not([hidden])").waitFor();
-  assert.match(await page.locator("#picture-error").textContent(), /more than the paper holds/);
+  assert.match(await page.locator("#picture-error").textContent(), /more than the paper holds\. 1:\d+ would fit/);
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("a plan as GeoTIFF has the tags, and as PNG the world file, that kilwa render writes", async () => {
+  const { page, complaints, close } = await open(browser, `${server.url}/m/utm?error=8`, { size: [800, 600], acceptDownloads: true });
+  const asked = { view: "plan", scale: 100, paper: "A4" };
+  const native = async (name) => {
+    const out = path.join(path.dirname(utm), name);
+    await promisify(execFile)(KILWA, ["render", utm, "-o", out, "--view", "plan", "--scale", "1:100", "--dpi", String(DPI), "--paper", "A4"]);
+    return readFile(out);
+  };
+  const saved = await save(page, { ...asked, format: "tif" });
+  assert.ok(saved.name.endsWith(".plan-1-100.tif"), saved.name);
+  const [here, there] = [tiff(saved.bytes), tiff(await native("native.tif"))];
+  assert.deepEqual(Object.keys(here), Object.keys(there));
+  // Where strips lie and how long they are depends on who deflated them.
+  const [offsets, lengths] = [273, 279];
+  for (const tag of Object.keys(here).filter((t) => ![offsets, lengths].includes(Number(t)))) assert.deepEqual(here[tag], there[tag], `tag ${tag}`);
+  assert.deepEqual(here[34735].slice(-4), [3072, 0, 1, 32737]);
+  const [[width], [height], [rows]] = [here[256], here[257], here[278]];
+  const strips = here[offsets].map((at, k) => inflateSync(saved.bytes.subarray(at, at + here[lengths][k])));
+  assert.equal(strips.reduce((n, s) => n + s.length, 0), width * height * 3);
+  assert.equal(strips.length, Math.ceil(height / rows));
+  const off = Math.max(...[33550, 33922].flatMap((tag) => here[tag].map((v, k) => Math.abs(v - there[tag][k]))));
+  console.log(`trust | GeoTIFF of the page beside that of kilwa render, metres | 0 | ${off}`);
+  // The same as PNG: the world file has a press of its own.
+  await page.locator("#picture").waitFor({ state: "hidden" });
+  const picture = await save(page, { ...asked, format: "png" });
+  const world = page.waitForEvent("download");
+  await page.locator("#notice button", { hasText: "World file" }).click();
+  const file = await world;
+  assert.equal(file.suggestedFilename(), picture.name.replace(".png", ".pgw"));
+  await native("native.png");
+  assert.equal(await readFile(await file.path(), "utf8"), await readFile(path.join(path.dirname(utm), "native.pgw"), "utf8"));
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("on a sheet wider than 16,384 pixels a bar of 10 m measures 10 m to half a pixel, and the model lies where kilwa render draws it", async () => {
+  const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
+  const [scale, metres] = [125, 10];
+  const paper = [2150, 170];
+  const { bytes } = await save(page, { view: "south", format: "png", paper: "custom", custom: paper.join("x"), scale });
+  const here = png(bytes);
+  const k = DPI / 25.4;
+  assert.equal(here.width, Math.round(paper[0] * k));
+  assert.ok(here.width > 16_384, `${here.width}`);
+  const wanted = ((metres * 1000) / scale) * k;
+  const [x, y] = [Math.round(16 * k), Math.round((paper[1] - 40 + 9) * k)];
+  const long = dark(here, x, y);
+  console.log(`trust | bar of 10 m on a sheet of ${here.width} pixels from the page, pixels off | 0.5 | ${Math.abs(long - wanted).toFixed(3)}`);
+  assert.ok(Math.abs(long - wanted) <= 0.5 + 1e-9, `${long} instead of ${wanted}`);
+  // The same drawing, native: the same columns show the model.
+  const out = path.join(path.dirname(pack), "wide.png");
+  await promisify(execFile)(KILWA, ["render", pack, "-o", out, "--view", "south", "--scale", `1:${scale}`, "--dpi", String(DPI), "--paper", paper.join("x"), "--mode", "colour"]);
+  const there = png(await readFile(out));
+  assert.deepEqual([here.width, here.height], [there.width, there.height]);
+  let [both, differing] = [0, 0];
+  for (let v = Math.round(25 * k); v < Math.round((paper[1] - 55) * k); v += 7) {
+    for (let u = Math.round(25 * k); u < here.width - Math.round(25 * k); u += 7) {
+      const [a, b] = [here.grey(u, v) < 245, there.grey(u, v) < 245];
+      both += a && b ? 1 : 0;
+      differing += a === b ? 0 : 1;
+    }
+  }
+  assert.ok(both > 500, `${both}`);
+  assert.ok(differing < both * 0.03, `${differing} of ${both} pixels differ`);
   assert.deepEqual(complaints, []);
   await close();
 });

@@ -12,17 +12,18 @@
 // engine.measure(task, { unit, level, progress, signal })
 //   → { readings, printed: [{ name, text }], parts: [{ what: "lattice" | "level" | "capture", value: metres | null }], uncertainty, remarks, details, task,
 //       lines?: [{ closed, flat, world, elevation? }], title?, layer?, read?: { chunks, bytes, of_chunks, of_bytes }, fetched, provisional }
-//     or { refusal: "sentence" }.  `printed` are the very digits of `kilwa measure`.
+//     or { refusal: "English sentence", said: { code, values } }.  `printed` are the very digits of `kilwa measure`; a remark is { code, values, english }.
+//     said.js says both in the language of the page.
 //   level        how far the points may still be from the finest surface, metres: then the answer is provisional, from the points alone
 // engine.shown(readings, unit)            → printed: the same readings in another unit
 // engine.cite(measurement, { unit })      → one English sentence, that of `kilwa measure --cite`; cite.js says it in the language of the page
 // engine.write(what, format, { scale })   → text; what: a document (json, csv, geojson, dxf) or an answer with lines (those and svg)
 // engine.read(text)                       → document, with `same`: false where it is of another pack; its points are counted from this pack's origin
-// engine.sheet({ view, scale, dpi, paper, bare, title, widest }) → a drawing to scale, for sheet.js
+// engine.drawing({ view, scale, dpi, paper, bare, title, format, widest }) → a drawing to scale, for sheet.js; one at a time
 // engine.close()
 //
 // Progress: { done, all } bytes, all is 0 where nobody knows; { waiting: seconds } while the connection is gone. A signal that is aborted rejects with
-// an AbortError; a pack that changed or cannot be read with a sentence. Questions asked last are fetched for first.
+// an AbortError; a pack that changed or cannot be read with a sentence (`said` where it is the engine's, `kind` where it is the network's). Questions asked last are fetched for first.
 
 import { isPassing } from "../loader.js";
 
@@ -109,8 +110,15 @@ export class Engine {
     return this.#call("cite", [measurement, unit]);
   }
 
-  sheet(asked) {
-    return this.#call("sheet", [asked]);
+  /** `size`, `paper`, `pixelsPerMm`, `metresPerPixel`, `marks`, `bands` (how many), `world`, and what is asked for band by band. */
+  async drawing(asked) {
+    const told = await this.#call("drawing", [asked]);
+    return {
+      ...told,
+      band: (number) => this.#call("band", [number]),
+      strip: (rows, length) => this.#call("strip", [rows, length]),
+      end: () => this.#call("drawingEnd", []),
+    };
   }
 
   write(what, format, { scale = 50 } = {}) {
@@ -172,7 +180,7 @@ export class Engine {
       return;
     }
     const entry = this.#end(data.call);
-    const error = data.error && (entry?.failure ?? new Error(data.error));
+    const error = data.error && (entry?.failure ?? Object.assign(new Error(data.error), { said: data.said }));
     if (data.broken) this.#lost(data.error);
     if (error) entry?.reject(error);
     else entry?.resolve(data.result);

@@ -3,6 +3,7 @@
 
 import { notice } from "../chrome.js";
 import { t } from "../i18n.js";
+import { why } from "../said.js";
 import { download, fileName } from "../store.js";
 
 export const FORMATS = [
@@ -42,7 +43,7 @@ export class Files {
       const [, , type] = FORMATS.find(([name]) => name === format);
       download(fileName(this.measure.page.title, `.measurements.${format}`), new Blob([words], { type }));
     } catch (error) {
-      notice(t("measureFailed", { why: error.message }), 12000);
+      notice(t("measureFailed", { why: why(error) }), 12000);
     }
   }
 
@@ -52,7 +53,7 @@ export class Files {
       const words = await (await this.measure.engine).write({ ...task.answer, title: name }, format);
       download(fileName(`${this.measure.page.title} ${name}`, `.${format}`), new Blob([words], { type: DRAWINGS[format] }));
     } catch (error) {
-      notice(t("measureFailed", { why: error.message }), 12000);
+      notice(t("measureFailed", { why: why(error) }), 12000);
     }
   }
 
@@ -65,7 +66,7 @@ export class Files {
       if (document.same) this.#add(document, null);
       else this.#ask(document, engine.pack);
     } catch (error) {
-      notice(t("importFailed", { why: error.message }), 12000);
+      notice(t("importFailed", { why: why(error) }), 12000);
     }
   }
 

@@ -4,6 +4,7 @@
 
 import { t } from "../i18n.js";
 import { h } from "./dom.js";
+import { arrange } from "./labels.js";
 
 const $ = (id) => document.getElementById(id);
 /** A straight line between two points is looked at in so many pieces. */
@@ -12,6 +13,12 @@ const PIECES = 12;
 const MOST_PIECES = 240;
 /** Milliseconds of a frame for finding out what is hidden. */
 const PATIENCE = 4;
+/** What of the page lies over the picture. */
+const OVER = ".rail, #cube, #hint, #measure-bar, #note-card, #show-again";
+/** Milliseconds that their places are known for. */
+const FRESH = 400;
+/** Labels go less far where the picture is narrower, CSS pixels. */
+const NARROW = 720;
 /** Part of its distance that a place may lie behind the surface shown and still be on it. */
 const SLACK = 0.004;
 
@@ -28,6 +35,8 @@ export class Marks {
     this.on = on;
     this.shapes = [];
     this.labels = new Map();
+    this.sizes = new Map(); // of labels, CSS pixels
+    this.spots = new Map(); // where labels stand (labels.js)
     this.handles = [];
     this.seen = "";
     this.queue = [];
@@ -44,6 +53,8 @@ export class Marks {
     this.set([]);
     $("mark-labels").replaceChildren();
     this.labels.clear();
+    this.sizes.clear();
+    this.spots.clear();
   }
 
   set(shapes) {
@@ -74,6 +85,7 @@ export class Marks {
     if (seen === this.seen) return;
     this.seen = seen;
     for (const shape of this.shapes) this.#project(shape);
+    this.#arrange();
     this.#paint();
     this.#place();
     this.queue = this.shapes.flatMap((shape) => [
@@ -100,6 +112,7 @@ export class Marks {
       this.timer = setTimeout(() => this.#look(), 16);
       return;
     }
+    this.#arrange();
     this.#paint();
     this.#place();
   }
@@ -151,7 +164,26 @@ export class Marks {
       context.setLineDash([]);
       this.#dots(context, shape);
     }
+    this.#leaders(context);
     context.globalAlpha = 1;
+  }
+
+  /** From places to labels that stand away from them. */
+  #leaders(context) {
+    const { ratio } = this.session;
+    for (const { source, anchorAt } of this.shapes) {
+      const spot = this.spots.get(source.id);
+      if (!spot?.line) continue;
+      context.globalAlpha = 1;
+      for (const [color, wide] of [["rgb(255 255 255 / 85%)", 3.5], [source.color, 1.25]]) {
+        context.strokeStyle = color;
+        context.lineWidth = wide * ratio;
+        context.beginPath();
+        context.moveTo(anchorAt[0], anchorAt[1]);
+        context.lineTo(spot.line[0] * ratio, spot.line[1] * ratio);
+        context.stroke();
+      }
+    }
   }
 
   #fill(context, { source, dotsAt }) {
@@ -199,6 +231,7 @@ export class Marks {
         label.replaceChildren(...source.label.map((line) => h("span", { text: line, dir: "auto" })));
         label.dataset.lines = source.label.join("\n");
         label.setAttribute("aria-label", `${source.name}: ${source.label.join(", ")}`);
+        this.sizes.delete(source.id);
       }
       label.style.setProperty("--mark", source.color);
       label.classList.toggle("dashed", source.dashed);
@@ -208,6 +241,7 @@ export class Marks {
       if (wanted.has(id)) continue;
       label.remove();
       this.labels.delete(id);
+      this.sizes.delete(id);
     }
   }
 
@@ -257,6 +291,46 @@ export class Marks {
     return handle;
   }
 
+  /** How large a label is, measured once for its words. */
+  #size(id, label) {
+    const known = this.sizes.get(id);
+    if (known) return known;
+    label.hidden = false;
+    label.classList.remove("small");
+    const size = [label.offsetWidth, label.offsetHeight];
+    if (size[0] > 0) this.sizes.set(id, size);
+    return size;
+  }
+
+  /** Boxes of what lies over the picture. */
+  #over() {
+    const now = performance.now();
+    if (this.covered && now - this.coveredAt < FRESH) return this.covered;
+    const from = this.session.canvas.getBoundingClientRect();
+    const boxes = [...document.querySelectorAll(OVER)].map((e) => e.getBoundingClientRect()).filter((r) => r.width > 0);
+    this.coveredAt = now;
+    this.covered = boxes.map((r) => [r.left - from.left, r.top - from.top, r.right - from.left, r.bottom - from.top]);
+    return this.covered;
+  }
+
+  /** Where each label stands. */
+  #arrange() {
+    const { ratio, canvas } = this.session;
+    const [width, height] = [canvas.width / ratio, canvas.height / ratio];
+    const isOn = (x, y) => Number.isFinite(x) && x > -20 && y > -20 && x < width + 20 && y < height + 20;
+    const wanted = [];
+    for (const { source, anchorAt, dotsAt, isHidden } of this.shapes) {
+      const label = this.labels.get(source.id);
+      const at = anchorAt ? [anchorAt[0] / ratio, anchorAt[1] / ratio] : [NaN, NaN];
+      if (!label || !isOn(...at)) continue;
+      const rank = source.chosen ? 0 : source.id === "draft" ? 1 : isHidden ? 3 : 2;
+      const dots = source.dots.map((_, k) => [dotsAt[k * 3] / ratio, dotsAt[k * 3 + 1] / ratio]).filter((p) => isOn(...p)).slice(0, 8);
+      wanted.push({ id: source.id, at, dots, size: this.#size(source.id, label), before: this.spots.get(source.id)?.choice, rank });
+    }
+    wanted.sort((a, b) => a.rank - b.rank);
+    this.spots = arrange(wanted, { room: [4, 4, width - 4, height - 4], taken: this.#over(), rings: width < NARROW ? 1 : 4 });
+  }
+
   #place() {
     const { ratio, canvas } = this.session;
     const put = (element, x, y, isOn) => {
@@ -264,18 +338,12 @@ export class Marks {
       if (isOn) element.style.transform = `translate(${(x / ratio).toFixed(1)}px, ${(y / ratio).toFixed(1)}px)`;
     };
     const isOn = (x, y) => Number.isFinite(x) && x > -20 && y > -20 && x < canvas.width + 20 && y < canvas.height + 20;
-    const taken = [];
     for (const shape of this.shapes) {
       const label = this.labels.get(shape.source.id);
       if (!label) continue;
-      const [x, y] = shape.anchorAt ?? [NaN, NaN];
-      // Labels that would lie on each other move upwards.
-      let top = y;
-      const lines = shape.source.label.length;
-      const tall = (12 + 18 * lines) * ratio;
-      for (let k = 0; k < 6 && taken.some((o) => Math.abs(o.x - x) < 150 * ratio && Math.abs(o.y - top) < (o.tall + tall) / 2); k += 1) top -= 30 * ratio;
-      if (isOn(x, y)) taken.push({ x, y: top, tall });
-      put(label, x, top, isOn(x, y));
+      const spot = this.spots.get(shape.source.id);
+      put(label, (spot?.left ?? 0) * ratio, (spot?.top ?? 0) * ratio, Boolean(spot));
+      label.classList.toggle("small", Boolean(spot?.isSmall));
       label.classList.toggle("behind", shape.isHidden && !shape.source.chosen);
     }
     for (const { button, shape, index } of this.handles) {

@@ -8,6 +8,7 @@
 import { notice, hint, openTab, peek } from "../chrome.js";
 import { apply, t } from "../i18n.js";
 import { moved } from "../list.js";
+import { sentence, why } from "../said.js";
 import { get, put, unique } from "../store.js";
 import { LONGEST, read as readAddress, write as writeAddress } from "./address.js";
 import { Bar } from "./bar.js";
@@ -16,7 +17,6 @@ import { Engine } from "./engine.js";
 import { Files } from "./files.js";
 import { Marks } from "./marks.js";
 import { Panel } from "./panel.js";
-import { refusalText } from "./refusals.js";
 import { Point, Task } from "./task.js";
 import { SNAPS, kindName, stepText, toolOf } from "./tools.js";
 import { UNITS, about, mainLines, text } from "./values.js";
@@ -234,7 +234,7 @@ export class Measure {
       if (!task.plane) {
         const plane = task.planeFrom({ origin: this.origin, clipPlane: this.clip.clipPlane });
         if (typeof plane === "string") {
-          Object.assign(task, { state: "refused", refusal: t(plane) });
+          Object.assign(task, { state: "refused", refusal: () => t(plane) });
           return;
         }
         task.plane = plane;
@@ -249,7 +249,7 @@ export class Measure {
       this.#found(task, found, engine);
     } catch (error) {
       if (error.name === "AbortError") return;
-      Object.assign(task, { state: had ? "final" : "failed", refusal: had ? null : error.message });
+      Object.assign(task, { state: had ? "final" : "failed", refusal: had ? null : () => why(error) });
     } finally {
       task.progress = null;
       if (!this.isClosed) {
@@ -277,7 +277,7 @@ export class Measure {
 
   #found(task, found, engine) {
     if (found.refusal) {
-      Object.assign(task, { state: "refused", refusal: refusalText(found.refusal), readings: [] });
+      Object.assign(task, { state: "refused", refusal: () => sentence(found.said), readings: [] });
       return;
     }
     const step = 2 ** engine.pack.lattice.step_log2;
@@ -293,7 +293,7 @@ export class Measure {
   #tell(task) {
     const item = this.items.find((i) => i.task === task);
     if (!item) return;
-    const says = { final: () => mainLines(task.tool, task.readings, this.unit).join(", "), refused: () => task.refusal, missed: () => t("measureMissed"), failed: () => task.refusal }[task.state];
+    const says = { final: () => mainLines(task.tool, task.readings, this.unit).join(", "), refused: task.refusal, missed: () => t("measureMissed"), failed: task.refusal }[task.state];
     if (says) this.say(`${item.name}: ${says()}`);
     if (task.isFinal) this.page.api.emit("measurement", this.plain(item));
     if (task.state === "missed") notice(t("measureMissed"), 8000);
@@ -428,7 +428,7 @@ export class Measure {
           this.#step();
         }
       },
-      (error) => !this.isClosed && error.name !== "AbortError" && notice(t("measureFailed", { why: error.message }), 10000),
+      (error) => !this.isClosed && error.name !== "AbortError" && notice(t("measureFailed", { why: why(error) }), 10000),
     );
     return point;
   }
@@ -651,7 +651,7 @@ export class Measure {
       this.panel.cited(item.id, sentence);
       await this.copy(sentence, "measureCited");
     } catch (error) {
-      notice(t("measureFailed", { why: error.message }), 10000);
+      notice(t("measureFailed", { why: why(error) }), 10000);
     }
   }
 
@@ -663,7 +663,7 @@ export class Measure {
       const { normal, point } = details.plane;
       this.page.look.change({ mode: "distance", plane: { normal, point }, range: [-reach, reach] });
     } catch (error) {
-      notice(t("measureFailed", { why: error.message }), 10000);
+      notice(t("measureFailed", { why: why(error) }), 10000);
     }
   }
 
@@ -705,7 +705,7 @@ export class Measure {
   plain(item) {
     const { task } = item;
     const points = task.points.map((p) => p.world);
-    return { id: item.id, name: item.name, tool: task.tool, state: task.state, points, readings: task.readings, refusal: task.refusal, color: item.color, hidden: item.hidden, note: item.note };
+    return { id: item.id, name: item.name, tool: task.tool, state: task.state, points, readings: task.readings, refusal: task.refusal?.() ?? null, color: item.color, hidden: item.hidden, note: item.note };
   }
 
   /** Add one for a script; resolves when it is final or refused. */

@@ -3,6 +3,7 @@
 
 import { bytes as sizeOf, length } from "../format.js";
 import { t } from "../i18n.js";
+import { sentence } from "../said.js";
 import { h, icon, iconButton } from "./dom.js";
 import { FORMATS } from "./files.js";
 import { GROUPS, SNAPS, TOOLS, kindName, toolOf } from "./tools.js";
@@ -192,7 +193,7 @@ export class Panel {
     const act = (name, sheet, key, what, run, more = {}) => iconButton({ name, sheet, key, about: item.name, data: { act: what }, onclick: run, ...more });
     const out = h("div", { className: "explain" });
     if (item.foreign) out.append(h("p", { className: "warn", text: t("measureForeign", { title: item.foreign.title, identity: item.foreign.identity.slice(0, 12) }) }));
-    if (task.refusal) out.append(h("p", { className: "error", text: task.refusal }));
+    if (task.refusal) out.append(h("p", { className: "error", text: task.refusal() }));
     if (task.state === "missed") out.append(h("p", { className: "error", key: "measureMissed" }));
     if (["failed", "missed"].includes(task.state)) out.append(h("button", { type: "button", className: "button outlined", key: "tryAgain", data: { act: "again" }, onclick: () => measure.again(item) }));
     const fact = (name, value) => h("div", {}, h("dt", { text: name }), h("dd", { text: value, dir: "ltr" }));
@@ -238,7 +239,7 @@ export class Panel {
     const more = parts.filter((p) => !(p.what in PARTS)).map((p) => h("div", {}, h("dt", { text: p.what }), h("dd", { text: value(p.what, p.value) })));
     if (read) more.push(h("div", {}, h("dt", { key: "measureRead" }), h("dd", { text: t("measureReadOf", { bytes: sizeOf(read.bytes), all: sizeOf(read.of_bytes) }) })));
     if (rows.length + more.length === 0) return [];
-    return [h("h3", { key: "measureUncertainty" }), h("dl", { className: "facts" }, ...rows, ...more), ...remarks.map((words) => h("p", { className: "quiet", text: words, dir: "auto", lang: "en" }))];
+    return [h("h3", { key: "measureUncertainty" }), h("dl", { className: "facts" }, ...rows, ...more), ...remarks.map((said) => h("p", { className: "quiet", text: sentence(said), dir: "auto" }))];
   }
 
   #words(item) {

@@ -54,7 +54,7 @@ export class Task {
     this.remarks = [];
     this.lines = [];
     this.answer = null; // what drawings are made of
-    this.refusal = null;
+    this.refusal = null; // a function that says why there is no value
     this.read = null;
     this.fitted = null; // the plane it counted from, in world coordinates
     this.date = null; // the day it was measured, `2026-11-21`

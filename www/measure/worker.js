@@ -4,6 +4,7 @@ import init, { Engine, identity, ranges } from "../measure.js";
 
 const ready = init({ module_or_path: new URL("../measure_bg.wasm", import.meta.url) });
 let engine;
+let drawing; // the drawing to scale that is being made
 let broken; // what a trap said: the instance is of no use after it
 let needs = 0;
 const waiting = new Map(); // need → { call, resolve, reject }
@@ -40,7 +41,15 @@ const methods = {
   measure: async (call, asked) => JSON.parse(await engine.measure(JSON.stringify(asked), ...ways(call))),
   write: (_, what, format, scale) => engine.write(JSON.stringify(what), format, scale),
   read: (_, text) => JSON.parse(engine.read(text)),
-  sheet: (_, asked) => JSON.parse(engine.sheet(JSON.stringify(asked))),
+  drawing: (_, asked) => {
+    drawing?.free();
+    drawing = null;
+    drawing = engine.drawing(JSON.stringify(asked));
+    return JSON.parse(drawing.told());
+  },
+  band: (_, number) => JSON.parse(drawing.band(number)),
+  strip: (_, rows, length) => drawing.strip(rows, length),
+  drawingEnd: () => drawing.end(),
   shown: (_, readings, unit) => JSON.parse(engine.shown(JSON.stringify(readings), unit)),
   cite: (_, measurement, unit) => engine.cite(JSON.stringify(measurement), unit),
 };
@@ -72,7 +81,7 @@ onmessage = async ({ data }) => {
     postMessage({ call, result });
   } catch (error) {
     if (error instanceof WebAssembly.RuntimeError) broken = error;
-    postMessage({ call, error: String(error?.message ?? error), broken: Boolean(broken) });
+    postMessage({ call, error: String(error?.message ?? error), said: error?.said ? JSON.parse(error.said) : null, broken: Boolean(broken) });
   } finally {
     cancel(call); // what was fetched ahead and not needed
     cancelled.delete(call);

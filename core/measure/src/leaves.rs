@@ -5,6 +5,7 @@
 //! of a sweep are joined in the order of the chunks, so that results are the same to the last bit whoever read them.
 
 use crate::refusal::Refusal;
+use crate::said::{Said, Say};
 use kilwa_geometry::{Aabb, LatticePoint};
 use kilwa_pack::reader::decode_checked;
 use kilwa_pack::{Chunk, DirectoryEntry, Header, Index, NO_DIAMOND, PackError};
@@ -24,6 +25,16 @@ pub enum Failure {
     /// Its bytes did not come.
     #[error("{0}")]
     Source(String),
+}
+
+impl Say for Failure {
+    fn said(&self) -> Said {
+        match self {
+            Self::Refused(why) => why.said(),
+            Self::Pack(_) => Said::new("pack-damaged", []),
+            Self::Source(_) => Said::new("source-failed", []),
+        }
+    }
 }
 
 /// What was read of the pack.

@@ -8,6 +8,7 @@
 use crate::drawing::short;
 use crate::plane::Plane;
 use crate::quantity::Uncertainty;
+use crate::said::{Said, Say, Worth};
 use crate::space::Space;
 use crate::unit::{LengthUnit, Reading};
 use kilwa_geometry::Lattice;
@@ -188,6 +189,23 @@ pub enum DocumentError {
     /// From the future.
     #[error("it is of version {0}; this program reads up to {VERSION}. Use a newer kilwa")]
     Newer(u32),
+}
+
+impl Say for DocumentError {
+    fn said(&self) -> Said {
+        let count = |n: usize| Worth::Count(n as u64);
+        match self {
+            Self::TooLong { bytes } => {
+                Said::new("document-too-long", [("bytes", count(*bytes)), ("most", count(MAX_BYTES))])
+            }
+            Self::Json(e) => Said::new("document-json", [("line", count(e.line())), ("column", count(e.column()))]),
+            Self::Other(kind) => Said::new("document-other", [("kind", Worth::Word(kind.clone()))]),
+            Self::Newer(version) => Said::new(
+                "document-newer",
+                [("version", Worth::Count((*version).into())), ("known", Worth::Count(VERSION.into()))],
+            ),
+        }
+    }
 }
 
 /// What every document begins with, of whatever version.

@@ -1,22 +1,24 @@
 //! Measuring as a wasm module for a Web Worker: questions in, final values out, the same to the last digit as `kilwa measure` prints.
 //!
 //! JavaScript gives the bytes (`www/measure/engine.js` through the page's loader) and carries JSON; everything that is computed is
-//! `kilwa_measure`'s. Several questions may be open at a time; each is cancelled by rejecting what it waits for.
+//! `kilwa_measure`'s. Several questions may be open at a time; each is cancelled by rejecting what it waits for. What is thrown is an `Error` whose
+//! message is English and whose `said` is the same as JSON for the page's language ([`kilwa_measure::said`]).
 
 pub mod question;
 pub mod remote;
 pub mod sheet;
 
 use js_sys::{Function, Promise, Uint8Array};
-use kilwa_measure::Uncertainty;
+use kilwa_measure::{Failure, Say, Uncertainty};
 use kilwa_pack::footer::Footer;
-use kilwa_pack::{Index, parse_head};
-use question::{Pick, Question};
+use kilwa_pack::{Index, PackError, parse_head};
+use question::{Pick, Question, QuestionError};
 use remote::{Fetch, Remote, Store};
+use sheet::SheetFile;
 use std::cell::RefCell;
 use std::future::Future;
 use std::pin::Pin;
-use wasm_bindgen::prelude::{JsCast, JsError, JsValue, wasm_bindgen};
+use wasm_bindgen::prelude::{JsCast, JsValue, wasm_bindgen};
 use wasm_bindgen_futures::JsFuture;
 
 /// What has to be fetched beside the head: offset and length of the directory's other pages and of the footer, four numbers.
@@ -24,8 +26,8 @@ use wasm_bindgen_futures::JsFuture;
 /// # Errors
 /// When the head is that of no pack.
 #[wasm_bindgen]
-pub fn ranges(head: &[u8]) -> Result<Vec<f64>, JsError> {
-    let header = parse_head(head)?.header;
+pub fn ranges(head: &[u8]) -> Result<Vec<f64>, JsValue> {
+    let header = parse_head(head).map_err(damaged)?.header;
     let (pages, footer) = (Index::other_pages(&header), Index::footer_range(&header));
     Ok([pages.0, pages.1, footer.0, footer.1].map(|x| x as f64).to_vec())
 }
@@ -35,8 +37,8 @@ pub fn ranges(head: &[u8]) -> Result<Vec<f64>, JsError> {
 /// # Errors
 /// When the bytes are no footer.
 #[wasm_bindgen]
-pub fn identity(footer: &[u8]) -> Result<String, JsError> {
-    Ok(Footer::parse(footer)?.identity())
+pub fn identity(footer: &[u8]) -> Result<String, JsValue> {
+    Ok(Footer::parse(footer).map_err(damaged)?.identity())
 }
 
 /// One pack.
@@ -76,8 +78,22 @@ fn said(error: &JsValue) -> String {
     message.or_else(|| error.as_string()).unwrap_or_else(|| "the bytes did not come".to_owned())
 }
 
-fn sentence(why: &str) -> JsError {
-    JsError::new(why)
+/// What is thrown.
+fn thrown(why: &impl Say) -> JsValue {
+    let error = js_sys::Error::new(&why.to_string());
+    // A new object takes any property.
+    let _ = js_sys::Reflect::set(&error, &"said".into(), &why.as_json().to_string().into());
+    error.into()
+}
+
+/// What a damaged pack is thrown as.
+fn damaged(why: PackError) -> JsValue {
+    thrown(&Failure::Pack(why))
+}
+
+/// A question that is none.
+fn asked(why: serde_json::Error) -> JsValue {
+    thrown(&QuestionError::Asked(why))
 }
 
 #[wasm_bindgen]
@@ -87,8 +103,8 @@ impl Engine {
     /// # Errors
     /// When they do not belong together, or are damaged.
     #[wasm_bindgen(constructor)]
-    pub fn new(head: &[u8], pages: &[u8], footer: &[u8]) -> Result<Engine, JsError> {
-        Ok(Self { index: Index::parse(head, pages, footer)?, store: RefCell::default() })
+    pub fn new(head: &[u8], pages: &[u8], footer: &[u8]) -> Result<Engine, JsValue> {
+        Ok(Self { index: Index::parse(head, pages, footer).map_err(damaged)?, store: RefCell::default() })
     }
 
     /// What the pack is, as JSON.
@@ -111,10 +127,10 @@ impl Engine {
     ///
     /// # Errors
     /// A sentence.
-    pub async fn pick(&self, asked: String, fetch: Function, tell: Function) -> Result<String, JsError> {
-        let asked: Pick = serde_json::from_str(&asked)?;
+    pub async fn pick(&self, asked: String, fetch: Function, tell: Function) -> Result<String, JsValue> {
+        let asked: Pick = serde_json::from_str(&asked).map_err(self::asked)?;
         let leaves = Remote::new(&self.index, &self.store, Callbacks { fetch, tell });
-        let mut answer = asked.answer(&leaves).await?;
+        let mut answer = asked.answer(&leaves).await.map_err(|e| thrown(&e))?;
         if answer.is_object() {
             answer["fetched"] = leaves.fetched().into();
         }
@@ -125,10 +141,10 @@ impl Engine {
     ///
     /// # Errors
     /// A sentence.
-    pub async fn measure(&self, asked: String, fetch: Function, tell: Function) -> Result<String, JsError> {
-        let asked: Question = serde_json::from_str(&asked)?;
+    pub async fn measure(&self, asked: String, fetch: Function, tell: Function) -> Result<String, JsValue> {
+        let asked: Question = serde_json::from_str(&asked).map_err(self::asked)?;
         let leaves = Remote::new(&self.index, &self.store, Callbacks { fetch, tell });
-        let mut answer = asked.answer(&leaves).await?;
+        let mut answer = asked.answer(&leaves).await.map_err(|e| thrown(&e))?;
         answer["fetched"] = leaves.fetched().into();
         Ok(answer.to_string())
     }
@@ -137,45 +153,80 @@ impl Engine {
     ///
     /// # Errors
     /// A sentence.
-    pub fn write(&self, what: &str, format: &str, scale: f64) -> Result<String, JsError> {
-        question::write(&self.index, &self.point(), what, format, scale).map_err(|e| sentence(&e))
+    pub fn write(&self, what: &str, format: &str, scale: f64) -> Result<String, JsValue> {
+        question::write(&self.index, &self.point(), what, format, scale).map_err(|e| thrown(&e))
     }
 
     /// A saved document, as JSON, with `same`.
     ///
     /// # Errors
     /// A sentence.
-    pub fn read(&self, text: &str) -> Result<String, JsError> {
-        question::read(&self.index, text).map(|v| v.to_string()).map_err(|e| sentence(&e))
+    pub fn read(&self, text: &str) -> Result<String, JsValue> {
+        question::read(&self.index, text).map(|v| v.to_string()).map_err(|e| thrown(&e))
     }
 
-    /// A drawing to scale: what stands on it and what each part of its picture looks at; JSON in and out ([`sheet::sheet`]).
+    /// A drawing to scale, as a file that is written band by band; JSON in.
     ///
     /// # Errors
     /// A sentence.
-    pub fn sheet(&self, asked: &str) -> Result<String, JsError> {
-        sheet::sheet(&self.index, asked).map(|v| v.to_string()).map_err(|e| sentence(&e))
+    pub fn drawing(&self, asked: &str) -> Result<SheetDrawing, JsValue> {
+        SheetFile::new(&self.index, asked).map(SheetDrawing).map_err(|e| thrown(&e))
     }
 
     /// Readings as text in a unit, as JSON.
     ///
     /// # Errors
     /// A sentence.
-    pub fn shown(&self, readings: &str, unit: &str) -> Result<String, JsError> {
-        question::shown(readings, unit).map(|v| v.to_string()).map_err(|e| sentence(&e))
+    pub fn shown(&self, readings: &str, unit: &str) -> Result<String, JsValue> {
+        question::shown(readings, unit).map(|v| v.to_string()).map_err(|e| thrown(&e))
     }
 
     /// One English sentence that cites a measurement, lengths in this unit.
     ///
     /// # Errors
     /// A sentence of another kind.
-    pub fn cite(&self, measurement: &str, unit: &str) -> Result<String, JsError> {
-        question::cite(&self.index, measurement, unit).map_err(|e| sentence(&e))
+    pub fn cite(&self, measurement: &str, unit: &str) -> Result<String, JsValue> {
+        question::cite(&self.index, measurement, unit).map_err(|e| thrown(&e))
     }
 }
 
 impl Engine {
     fn point(&self) -> Uncertainty {
         Uncertainty::finest(self.index.header().lattice.step(), self.index.metadata().capture_accuracy)
+    }
+}
+
+/// A drawing to scale that is being made ([`sheet`]).
+#[wasm_bindgen]
+pub struct SheetDrawing(SheetFile);
+
+#[wasm_bindgen]
+impl SheetDrawing {
+    /// What stands on it and how large it is, as JSON ([`SheetFile::told`]).
+    pub fn told(&self) -> String {
+        self.0.told().to_string()
+    }
+
+    /// What a band of its picture looks at, as JSON ([`SheetFile::band`]).
+    pub fn band(&self, number: u32) -> String {
+        self.0.band(number).to_string()
+    }
+
+    /// What stands in the file before the next band: so many rows, deflated to so many bytes.
+    ///
+    /// # Errors
+    /// A sentence.
+    pub fn strip(&mut self, rows: u32, length: f64) -> Result<Vec<u8>, JsValue> {
+        self.0.strip(rows, length as u64).map_err(|e| thrown(&e))
+    }
+
+    /// What follows the last band, and what replaces the first bytes of the file (empty where nothing does): `[tail, head]`.
+    ///
+    /// # Errors
+    /// A sentence.
+    pub fn end(&mut self) -> Result<js_sys::Array, JsValue> {
+        let ending = self.0.end().map_err(|e| thrown(&e))?;
+        let bytes = |b: &[u8]| JsValue::from(Uint8Array::from(b));
+        Ok(js_sys::Array::of2(&bytes(&ending.tail), &bytes(&ending.head.unwrap_or_default())))
     }
 }

@@ -4,16 +4,57 @@ use kilwa_geometry::distance::Vec3;
 use kilwa_measure::clip::ClipState;
 use kilwa_measure::job::{Subject, of_points, pack_name};
 use kilwa_measure::leaves::Failure;
+use kilwa_measure::record::DocumentError;
 use kilwa_measure::snap::{Snap, snap};
 use kilwa_measure::{
-    Document, Format, Leaves, LengthUnit, Lines, Measurement, Outcome, Reading, Refusal, Task, Uncertainty, place,
+    Document, Format, Leaves, LengthUnit, Lines, Measurement, Outcome, Reading, Refusal, Said, Say, Task, Uncertainty,
+    place,
 };
 use kilwa_pack::Index;
 use serde::Deserialize;
 use serde_json::{Value, json};
+use thiserror::Error;
 
 /// What is named as the instrument.
 pub const PROGRAM: &str = concat!("Kilwa ", env!("CARGO_PKG_VERSION"));
+
+/// Why something is not written or read.
+#[derive(Debug, Error)]
+pub enum QuestionError {
+    /// A document that is none.
+    #[error(transparent)]
+    Document(#[from] DocumentError),
+    /// Not asked as it should be.
+    #[error("that is not asked like that: {0}")]
+    Asked(#[from] serde_json::Error),
+    /// No unit.
+    #[error("{0} is no unit of length")]
+    Unit(String),
+    /// No format.
+    #[error("{0} is no format of files")]
+    Format(String),
+    /// No scale.
+    #[error("a scale such as 1:50 is wanted")]
+    Scale,
+    /// No lines.
+    #[error("there is nothing to draw")]
+    Nothing,
+    /// A drawing of a whole document.
+    #[error("a drawing is made of one section, profile or set of contours")]
+    NoLines,
+}
+
+impl Say for QuestionError {
+    fn said(&self) -> Said {
+        match self {
+            Self::Document(e) => e.said(),
+            Self::Asked(_) | Self::Unit(_) | Self::Format(_) => Said::new("asked-wrong", []),
+            Self::Scale => Said::new("draw-scale", []),
+            Self::Nothing => Said::new("draw-nothing", []),
+            Self::NoLines => Said::new("draw-no-lines", []),
+        }
+    }
+}
 
 /// A final pick.
 #[derive(Debug, Deserialize)]
@@ -86,7 +127,7 @@ impl Pick {
 }
 
 impl Question {
-    /// Readings and what belongs to them, or `refusal` with a sentence.
+    /// Readings and what belongs to them, or `refusal` with a sentence and `said`, the same for every language.
     ///
     /// # Errors
     /// What kept the chunks from being read.
@@ -97,12 +138,12 @@ impl Question {
             let point = Uncertainty { level, ..s.point };
             return Ok(match of_points(&self.task, &s.space, &point) {
                 Ok(readings) => self.told(&Outcome::new(self.task.clone(), readings), &point),
-                Err(why) => json!({ "refusal": why.to_string() }),
+                Err(why) => refused(&why),
             });
         }
         match kilwa_measure::measure(leaves, &self.task).await {
             Ok(outcome) => Ok(self.told(&outcome, &s.point)),
-            Err(Failure::Refused(why)) => Ok(json!({ "refusal": why.to_string() })),
+            Err(Failure::Refused(why)) => Ok(refused(&why)),
             Err(e) => Err(e),
         }
     }
@@ -110,7 +151,7 @@ impl Question {
     fn told(&self, outcome: &Outcome, point: &Uncertainty) -> Value {
         let mut all = told(&outcome.readings, point, self.unit);
         all["details"] = json!(outcome.details);
-        all["remarks"] = json!(outcome.remarks);
+        all["remarks"] = outcome.remarks.iter().map(Say::as_json).collect();
         all["task"] = json!(outcome.task);
         if let Some(lines) = &outcome.lines {
             all["lines"] = json!(lines.lines);
@@ -123,6 +164,10 @@ impl Question {
         all["provisional"] = json!(point.level > 0.0);
         all
     }
+}
+
+fn refused(why: &Refusal) -> Value {
+    json!({ "refusal": why.to_string(), "said": why.as_json() })
 }
 
 fn told(readings: &[Reading], point: &Uncertainty, unit: LengthUnit) -> Value {
@@ -138,15 +183,15 @@ fn told(readings: &[Reading], point: &Uncertainty, unit: LengthUnit) -> Value {
 /// Saved readings in another unit: what is stored stays.
 ///
 /// # Errors
-/// A sentence where they are none.
-pub fn shown(readings: &str, unit: &str) -> Result<Value, String> {
-    let readings: Vec<Reading> = serde_json::from_str(readings).map_err(|e| e.to_string())?;
+/// [`QuestionError`] where they are none.
+pub fn shown(readings: &str, unit: &str) -> Result<Value, QuestionError> {
+    let readings: Vec<Reading> = serde_json::from_str(readings)?;
     let unit = length_unit(unit)?;
     Ok(readings.iter().map(|r| json!({ "name": r.name, "text": r.text(unit) })).collect())
 }
 
-fn length_unit(symbol: &str) -> Result<LengthUnit, String> {
-    LengthUnit::from_symbol(symbol).ok_or_else(|| format!("{symbol} is no unit of length"))
+fn length_unit(symbol: &str) -> Result<LengthUnit, QuestionError> {
+    LengthUnit::from_symbol(symbol).ok_or_else(|| QuestionError::Unit(symbol.to_owned()))
 }
 
 /// The lines of an answer.
@@ -160,39 +205,45 @@ struct Drawn {
 /// A document of measurements, or an answer with lines, as the text of a file.
 ///
 /// # Errors
-/// A sentence.
-pub fn write(index: &Index, point: &Uncertainty, what: &str, format: &str, scale: f64) -> Result<String, String> {
-    let kind = Format::from_ending(format).ok_or_else(|| format!("{format} is no format of files"))?;
+/// [`QuestionError`].
+pub fn write(
+    index: &Index,
+    point: &Uncertainty,
+    what: &str,
+    format: &str,
+    scale: f64,
+) -> Result<String, QuestionError> {
+    let kind = Format::from_ending(format).ok_or_else(|| QuestionError::Format(format.to_owned()))?;
     if let Ok(Drawn { title, layer, lines }) = serde_json::from_str(what) {
         if !(scale.is_finite() && (0.001..=1e7).contains(&scale)) {
-            return Err("a scale such as 1:50 is wanted".to_owned());
+            return Err(QuestionError::Scale);
         }
         let text = Lines { title, layer, lines }.write(kind, &pack_name(index), point, scale);
-        return text.ok_or_else(|| "there is nothing to draw".to_owned());
+        return text.ok_or(QuestionError::Nothing);
     }
-    let document = Document::parse(what.as_bytes()).map_err(|e| e.to_string())?;
+    let document = Document::parse(what.as_bytes())?;
     match kind {
         Format::Json => Ok(document.to_json()),
         Format::Csv => Ok(document.to_csv()),
         Format::GeoJson => Ok(document.to_geojson()),
         Format::Dxf => Ok(document.to_dxf()),
-        Format::Svg => Err("a drawing is made of one section, profile or set of contours".to_owned()),
+        Format::Svg => Err(QuestionError::NoLines),
     }
 }
 
 /// A document that was saved, `same` where it is of this very pack. Points of another version of the model are counted from this pack's origin.
 ///
 /// # Errors
-/// A sentence.
-pub fn read(index: &Index, text: &str) -> Result<Value, String> {
-    let mut document = Document::parse(text.as_bytes()).map_err(|e| e.to_string())?;
+/// [`QuestionError`].
+pub fn read(index: &Index, text: &str) -> Result<Value, QuestionError> {
+    let mut document = Document::parse(text.as_bytes())?;
     let here = pack_name(index);
     let same = document.pack.identity == here.identity;
     for m in &mut document.measurements {
         m.task = m.task.on_lattice(&document.pack.lattice, &here.lattice);
     }
     document.pack.lattice.origin = here.lattice.origin;
-    let mut value = serde_json::to_value(&document).map_err(|e| e.to_string())?;
+    let mut value = serde_json::to_value(&document)?;
     value["same"] = json!(same);
     Ok(value)
 }
@@ -200,8 +251,8 @@ pub fn read(index: &Index, text: &str) -> Result<Value, String> {
 /// One sentence that cites a measurement.
 ///
 /// # Errors
-/// A sentence where it is none.
-pub fn cite(index: &Index, measurement: &str, unit: &str) -> Result<String, String> {
-    let measurement: Measurement = serde_json::from_str(measurement).map_err(|e| e.to_string())?;
+/// [`QuestionError`] where it is none.
+pub fn cite(index: &Index, measurement: &str, unit: &str) -> Result<String, QuestionError> {
+    let measurement: Measurement = serde_json::from_str(measurement)?;
     Ok(measurement.citation(&pack_name(index), PROGRAM, length_unit(unit)?))
 }

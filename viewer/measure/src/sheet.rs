@@ -1,14 +1,17 @@
-//! Drawings to scale, as the page asks for them ([`kilwa_measure::sheet`]).
+//! Drawings to scale, as the page asks for them ([`kilwa_measure::sheet`]): the page draws and deflates band by band, here is what each part looks at
+//! and what stands between the bands in the file.
 
+use kilwa_measure::sheet::file::{Ending, Form, Writer};
+use kilwa_measure::sheet::georeference::GeoReference;
 use kilwa_measure::sheet::layout::{Layout, Title};
 use kilwa_measure::sheet::paper::Paper;
-use kilwa_measure::sheet::{Sheet, View, pdf};
+use kilwa_measure::sheet::{Sheet, SheetError, View};
 use kilwa_pack::Index;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-/// Widest part of a drawing and most rows of one, pixels.
-const PART: [u32; 2] = [2048, 1024];
+/// Widest part of a drawing, pixels.
+const WIDEST: u32 = 2048;
 
 /// What the page asks for.
 #[derive(Debug, Deserialize)]
@@ -21,66 +24,101 @@ struct Asked {
     #[serde(default)]
     bare: bool,
     title: String,
+    /// `png`, `pdf` or `tif`; PNG is written by the page.
+    format: String,
     /// Widest part that the graphics card draws, pixels.
     widest: u32,
 }
 
-/// A drawing: `size` in pixels, `paper` in mm, `pixelsPerMm`, `metresPerPixel`, `marks` (mm from the upper left corner), `pdf` (the same as operators, on a
-/// page in points), `bands` of the picture from the top, each with its `top`, `rows` and `parts` (x, y, width, height in pixels, target, halfHeight in metres).
-///
-/// # Errors
-/// A sentence, where the paper is too small or something cannot be.
-pub fn sheet(index: &Index, asked: &str) -> Result<Value, String> {
-    let asked: Asked = serde_json::from_str(asked).map_err(|e| e.to_string())?;
-    if !(asked.scale.is_finite() && (0.01..=1e6).contains(&asked.scale)) {
-        return Err("a scale such as 1:50 is wanted".to_owned());
+/// A drawing that is being made.
+#[derive(Debug)]
+pub struct SheetFile {
+    sheet: Sheet,
+    size: [u32; 2],
+    layout: Layout,
+    /// Middle of the model's box, world metres.
+    middle: [f64; 3],
+    widest: u32,
+    place: Option<GeoReference>,
+    writer: Option<Writer>,
+}
+
+impl SheetFile {
+    /// What is asked for, JSON.
+    ///
+    /// # Errors
+    /// Where the paper is too small or something cannot be.
+    pub fn new(index: &Index, asked: &str) -> Result<Self, SheetError> {
+        let asked: Asked = serde_json::from_str(asked)?;
+        let form = match asked.format.as_str() {
+            "pdf" => Some(Form::Pdf),
+            "tif" => Some(Form::Tiff),
+            _ => None,
+        };
+        let view = View::from_name(&asked.view).ok_or(SheetError::Oblique)?;
+        let paper = asked.paper.as_deref().map(Paper::parse).transpose()?;
+        let m = index.metadata();
+        let bounds = (m.bounds_min, m.bounds_max);
+        let sheet = Sheet::new(view, bounds, (asked.scale, asked.dpi), paper.as_ref(), asked.bare)?;
+        let size = sheet.pixels()?;
+        let title = Title {
+            name: asked.title,
+            view,
+            crs: m.crs.clone(),
+            accuracy: m.capture_accuracy,
+            identity: index.identity(),
+            spacing: m.median_edge,
+        };
+        let layout = if asked.bare { Layout::default() } else { Layout::of(&sheet, &title) };
+        let middle = std::array::from_fn(|i| f64::midpoint(m.bounds_min[i], m.bounds_max[i]));
+        let place = GeoReference::of(&sheet, m.crs.as_deref());
+        let writer = form.map(|f| Writer::new(f, &sheet, &layout, &title.name, place.clone())).transpose()?;
+        let widest = asked.widest.clamp(64, WIDEST);
+        Ok(Self { sheet, size, layout, middle, widest, place, writer })
     }
-    if !(25..=2400).contains(&asked.dpi) {
-        return Err("from 25 to 2400 dots per inch are possible".to_owned());
-    }
-    let view = View::from_name(&asked.view).ok_or("an oblique view has no scale")?;
-    let paper = asked.paper.as_deref().map(Paper::parse).transpose()?;
-    let m = index.metadata();
-    let bounds = (m.bounds_min, m.bounds_max);
-    let sheet =
-        Sheet::new(view, bounds, (asked.scale, asked.dpi), paper.as_ref(), asked.bare).map_err(|e| e.to_string())?;
-    let size = sheet.pixels().map_err(|e| e.to_string())?;
-    let title = Title {
-        name: asked.title,
-        view,
-        crs: m.crs.clone(),
-        accuracy: m.capture_accuracy,
-        identity: index.identity(),
-        spacing: m.median_edge,
-    };
-    let layout = if asked.bare { Layout::default() } else { Layout::of(&sheet, &title) };
-    let middle = std::array::from_fn(|i| f64::midpoint(m.bounds_min[i], m.bounds_max[i]));
-    let [left, upper, right, lower] = sheet.window(size);
-    let part = |at: [u32; 2], size: [u32; 2]| {
-        let part = sheet.part(middle, at, size);
+
+    /// `size` in pixels, `paper` in mm, `pixelsPerMm`, `metresPerPixel`, `marks` (mm from the upper left corner), how many `bands`, `world` (the text of the world
+    /// file; null for elevations).
+    pub fn told(&self) -> Value {
         json!({
-            "x": at[0], "y": at[1], "width": size[0], "height": size[1],
-            "target": part.target, "halfHeight": part.half_height,
+            "size": self.size,
+            "paper": self.sheet.paper,
+            "pixelsPerMm": self.sheet.pixels_per_mm(),
+            "metresPerPixel": self.sheet.metres_per_pixel(),
+            "marks": self.layout.marks,
+            "bands": self.size[1].div_ceil(Sheet::band_rows(self.size[0])),
+            "world": self.place.as_ref().map(GeoReference::world_file),
         })
-    };
-    let wide = asked.widest.clamp(64, PART[0]);
-    let bands: Vec<Value> = (0..size[1])
-        .step_by(PART[1] as usize)
-        .map(|top| {
-            let rows = PART[1].min(size[1] - top);
-            let (from, to) = (top.max(upper), (top + rows).min(lower));
-            let across = (left..right).step_by(wide as usize).filter(|_| from < to);
-            let parts: Vec<Value> = across.map(|x| part([x, from], [wide.min(right - x), to - from])).collect();
-            json!({ "top": top, "rows": rows, "parts": parts })
-        })
-        .collect();
-    Ok(json!({
-        "size": size,
-        "paper": sheet.paper,
-        "pixelsPerMm": sheet.pixels_per_mm(),
-        "metresPerPixel": sheet.metres_per_pixel(),
-        "marks": layout.marks,
-        "pdf": pdf::operators(&layout, sheet.paper[1] * pdf::POINTS),
-        "bands": bands,
-    }))
+    }
+
+    /// A band of the picture: `top`, `rows`, and `parts` (x, y, width, height in pixels, target, halfHeight in metres).
+    pub fn band(&self, number: u32) -> Value {
+        let rows = Sheet::band_rows(self.size[0]);
+        let top = number.saturating_mul(rows).min(self.size[1]);
+        let rows = rows.min(self.size[1] - top);
+        let parts = self.sheet.parts(self.size, top, rows, self.widest).into_iter().map(|(at, size)| {
+            let part = self.sheet.part(self.middle, at, size);
+            json!({
+                "x": at[0], "y": at[1], "width": size[0], "height": size[1],
+                "target": part.target, "halfHeight": part.half_height,
+            })
+        });
+        json!({ "top": top, "rows": rows, "parts": parts.collect::<Vec<Value>>() })
+    }
+
+    /// What stands in the file before the next band: so many rows, deflated to so many bytes.
+    ///
+    /// # Errors
+    /// Where the file would be too long.
+    pub fn strip(&mut self, rows: u32, length: u64) -> Result<Vec<u8>, SheetError> {
+        self.writer.as_mut().map_or(Ok(Vec::new()), |w| w.strip(rows, length))
+    }
+
+    /// What follows the last band.
+    ///
+    /// # Errors
+    /// As [`Self::strip`].
+    pub fn end(&mut self) -> Result<Ending, SheetError> {
+        self.writer.take().map_or(Ok(Ending { tail: Vec::new(), head: None }), Writer::end)
+    }
 }

@@ -5,7 +5,9 @@ use crate::drawing::world_lines;
 use crate::lines::Lines;
 use crate::profile::{contour_heights, legs, total_length};
 use crate::record::Task;
-use crate::{Cutter, Dimension, Drawing, Failure, Leaves, Plane, PointTool, Read, Reading, Refusal, Section, path};
+use crate::{
+    Cutter, Dimension, Drawing, Failure, Leaves, Plane, PointTool, Read, Reading, Refusal, Remark, Section, path,
+};
 use kilwa_geometry::distance::{Vec3, dot};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -39,11 +41,7 @@ pub(super) async fn section<L: Leaves>(s: &Subject<'_, L>, task: &Task, plane: P
     report.add("lines", json!(section.polylines.len()));
     report.add("open_lines", json!(open));
     report.add("triangles", json!(section.triangles));
-    report.remark(format!(
-        "{} lines, {open} of them open, through {} triangles",
-        section.polylines.len(),
-        section.triangles
-    ));
+    report.remark(Remark::Lines { lines: section.polylines.len(), open, triangles: section.triangles });
     report.has_read(read);
     let world = world_lines(&section, |p| s.space.world_from_local(p));
     report.lines = Some(Lines::new("Section", flat(s, &section, "SECTION"), world));
@@ -163,7 +161,7 @@ pub(super) async fn contours<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
     let mut report = Outcome::new(task.clone(), vec![Reading::new("length of all", Dimension::Length, length, u)]);
     report.add("heights", json!(sections.iter().map(|(h, _)| *h).collect::<Vec<f64>>()));
     report.add("lines", json!(drawing.lines.len()));
-    report.remark(format!("{} lines at {} heights", drawing.lines.len(), sections.len()));
+    report.remark(Remark::Heights { lines: drawing.lines.len(), heights: sections.len() });
     report.has_read(read);
     report.lines = Some(Lines::new("Contours", drawing, world));
     Ok(report)

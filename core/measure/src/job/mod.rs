@@ -12,6 +12,7 @@ use crate::plane::Plane;
 use crate::quantity::Uncertainty;
 use crate::record::{PackName, Task, ToolName};
 use crate::refusal::Refusal;
+use crate::remark::Remark;
 use crate::space::Space;
 use crate::tools::PointTool;
 use crate::unit::{LengthUnit, Reading};
@@ -30,7 +31,7 @@ pub struct Outcome {
     /// What else is known, by name, for machines.
     pub details: Map<String, Value>,
     /// What else is known, in sentences.
-    pub remarks: Vec<String>,
+    pub remarks: Vec<Remark>,
     /// Lines that were cut.
     pub lines: Option<Lines>,
     /// What was read for it; points alone need nothing.
@@ -49,8 +50,8 @@ impl Outcome {
     }
 
     /// A further sentence.
-    pub fn remark(&mut self, words: String) {
-        self.remarks.push(words);
+    pub fn remark(&mut self, remark: Remark) {
+        self.remarks.push(remark);
     }
 
     fn has_read(&mut self, read: Read) {

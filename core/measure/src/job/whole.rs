@@ -4,7 +4,7 @@ use super::{Outcome, Subject, sound};
 use crate::place::Place;
 use crate::record::Task;
 use crate::{
-    Areas, CutFill, Deviation, Dimension, Enclosed, Failure, Leaves, Plane, PointTool, Reading, Refusal, Region,
+    Areas, CutFill, Deviation, Dimension, Enclosed, Failure, Leaves, Plane, PointTool, Reading, Refusal, Region, Remark,
 };
 use kilwa_geometry::distance::{Vec3, dot, sub};
 use kilwa_geometry::{Aabb, LatticePoint};
@@ -58,7 +58,7 @@ pub(super) async fn polygon_area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> 
     report.add("points", json!(places));
     report.add("reach", json!(reach));
     report.add("triangles", json!(sum.triangles()));
-    report.remark(format!("the surface counts within {reach:.3} m of the polygon's plane"));
+    report.remark(Remark::Reach { reach });
     report.has_read(read);
     Ok(report)
 }
@@ -86,7 +86,7 @@ pub(super) async fn volume<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result
     let u = sum.spread() * s.point.combined();
     let mut report = Outcome::new(task.clone(), vec![Reading::new("volume", Dimension::Volume, volume, u)]);
     if volume < 0.0 {
-        report.remark("the volume is negative: the surface is inside out".to_owned());
+        report.remark(Remark::InsideOut);
     }
     report.add("area", json!(sum.area()));
     report.has_read(read);
@@ -114,7 +114,7 @@ pub(super) async fn cut_fill<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
     let of = |name, value| Reading::new(name, Dimension::Volume, value, u);
     let mut report = if v.is_body() {
         let mut report = Outcome::new(task.clone(), vec![of("above the plane", v.cut), of("below the plane", -v.fill)]);
-        report.remark("a closed body without ground: nothing is to be filled".to_owned());
+        report.remark(Remark::Body);
         report
     } else {
         Outcome::new(task.clone(), vec![of("cut", v.cut), of("fill", v.fill), of("net", v.net)])
@@ -126,13 +126,9 @@ pub(super) async fn cut_fill<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
     report.add("plane", s.plane_json(region.plane()));
     report.add("reach", json!(region.reach()));
     report.add("covered", json!(v.covered));
-    report.remark(format!(
-        "the surface counts within {:.3} m of the plane and covers {:.1} % of the polygon",
-        region.reach(),
-        100.0 * v.covered
-    ));
+    report.remark(Remark::Covered { reach: region.reach(), covered: v.covered });
     if v.covered < 0.99 && !v.is_body() {
-        report.remark("where it has holes nothing is cut or filled".to_owned());
+        report.remark(Remark::Holes);
     }
     report.has_read(read);
     Ok(report)

@@ -1,13 +1,18 @@
 //! Drawings to scale, as far as `kilwa render --scale` and the page share them: how large the sheet is (`paper`), what stands on it in
-//! millimetres (`layout`), the operators of a PDF for that (`pdf`), and what each part of the picture looks at.
+//! millimetres (`layout`), what each part of the picture looks at, where it is in the world (`georeference`), and the files around the picture (`file`,
+//! `pdf`, `tiff`).
 //!
 //! One pixel is exactly `25.4 mm / dpi × scale`; the picture's middle is that of the model's box. Who draws does so part by part, so that memory does
 //! not grow with the sheet.
 
+pub mod file;
+pub mod georeference;
 pub mod layout;
 pub mod paper;
-pub mod pdf;
+mod pdf;
+mod tiff;
 
+use crate::said::{Said, Say, Worth};
 use kilwa_geometry::distance::{Vec3, dot};
 use layout::Frame;
 use paper::Paper;
@@ -72,10 +77,13 @@ pub struct Part {
 }
 
 /// Why there is no sheet.
-#[derive(Debug, Error)]
+#[derive(Debug, Clone, PartialEq, Error)]
 pub enum SheetError {
     /// The paper is too small.
-    #[error("at 1:{scale} the model is {width:.0} x {height:.0} mm, more than the paper holds; {hint}use --paper fit")]
+    #[error(
+        "at 1:{scale} the model is {width:.0} x {height:.0} mm, more than the paper holds; {}use --paper fit",
+        fits.map(|s| format!("1:{s} would fit, or ")).unwrap_or_default()
+    )]
     TooLarge {
         /// The scale asked for.
         scale: f64,
@@ -83,9 +91,12 @@ pub enum SheetError {
         width: f64,
         /// Of the drawing, mm.
         height: f64,
-        /// What would fit.
-        hint: String,
+        /// The usual scale that would fit.
+        fits: Option<f64>,
     },
+    /// Offsets of the form do not reach so far.
+    #[error("the drawing is too long for a file of this form; choose fewer dots per inch, or another form")]
+    TooLong,
     /// More pixels than anybody draws.
     #[error("{width:.0} x {height:.0} pixels are too many; choose a smaller scale, fewer dpi or other paper")]
     TooFine {
@@ -94,7 +105,65 @@ pub enum SheetError {
         /// Pixels.
         height: f64,
     },
+    /// No scale.
+    #[error("a scale such as 1:50 is wanted, from 1:0.01 to 1:1000000")]
+    Scale,
+    /// Dots that nobody prints.
+    #[error("from {} to {} dots per inch are possible", DPI.0, DPI.1)]
+    Dots,
+    /// A view without a scale.
+    #[error("an oblique view has no scale; choose plan, north, east, south or west")]
+    Oblique,
+    /// No paper.
+    #[error("A0, A1, A2, A3, A4, fit, or millimetres such as 900x600")]
+    NoPaper,
+    /// Not asked as it should be.
+    #[error("a drawing is not asked for like that: {0}")]
+    Asked(String),
 }
+
+impl From<serde_json::Error> for SheetError {
+    fn from(e: serde_json::Error) -> Self {
+        Self::Asked(e.to_string())
+    }
+}
+
+impl Say for SheetError {
+    fn said(&self) -> Said {
+        let number = |name, value: f64| (name, Worth::Number(value));
+        let count = |name, value: f64| (name, Worth::Count(value.round() as u64));
+        match *self {
+            Self::TooLarge { scale, width, height, fits: Some(fits) } => Said::new(
+                "sheet-too-large-fits",
+                [number("scale", scale), count("width", width), count("height", height), number("fits", fits)],
+            ),
+            Self::TooLarge { scale, width, height, fits: None } => {
+                Said::new("sheet-too-large", [number("scale", scale), count("width", width), count("height", height)])
+            }
+            Self::TooLong => Said::new("sheet-too-long", []),
+            Self::TooFine { width, height } => {
+                Said::new("sheet-too-fine", [count("width", width), count("height", height)])
+            }
+            Self::Scale => Said::new("sheet-no-scale", []),
+            Self::Dots => {
+                Said::new("sheet-dots", [("low", Worth::Count(DPI.0.into())), ("high", Worth::Count(DPI.1.into()))])
+            }
+            Self::Oblique => Said::new("sheet-oblique", []),
+            Self::NoPaper => Said::new("sheet-no-paper", []),
+            Self::Asked(_) => Said::new("asked-wrong", []),
+        }
+    }
+}
+
+/// Least and most dots per inch.
+pub const DPI: (u32, u32) = (25, 2400);
+/// Least and most of the `n` of a scale of 1:n.
+pub const SCALE: (f64, f64) = (0.01, 1e6);
+
+/// Most rows of a band.
+const BAND_ROWS: u32 = 1024;
+/// Bytes of a band at most, as far as a row is less; four a pixel.
+const BAND_BYTES: u32 = 64 << 20;
 
 /// Pixels of a drawing at most: 2^36 are a sheet of 22 m at 300 dpi.
 const MAX_PIXELS: u64 = 1 << 36;
@@ -128,6 +197,12 @@ impl Sheet {
         paper: Option<&Paper>,
         bare: bool,
     ) -> Result<Self, SheetError> {
+        if !(SCALE.0..=SCALE.1).contains(&scale) {
+            return Err(SheetError::Scale);
+        }
+        if !(DPI.0..=DPI.1).contains(&dpi) {
+            return Err(SheetError::Dots);
+        }
         let extent = view.extent(low, high);
         let content = extent.map(|(low, high)| (high - low) * 1000.0 / scale);
         let (paper, frame) = paper::choose(paper, content, bare, scale)?;
@@ -155,6 +230,19 @@ impl Sheet {
             return Err(SheetError::TooFine { width, height });
         }
         Ok([width as u32, height as u32])
+    }
+
+    /// Rows that are drawn and written at a time in a picture so many pixels wide, so that memory does not grow with it.
+    pub fn band_rows(width: u32) -> u32 {
+        (BAND_BYTES / 4 / width.max(1)).clamp(1, BAND_ROWS)
+    }
+
+    /// The parts of the picture in some rows of it, so wide at most: left upper pixel and size, where the frame is.
+    pub fn parts(&self, size: [u32; 2], top: u32, rows: u32, widest: u32) -> Vec<([u32; 2], [u32; 2])> {
+        let [left, upper, right, lower] = self.window(size);
+        let (from, to) = (top.max(upper), (top + rows).min(lower));
+        let across = (left..right).step_by(widest.max(1) as usize).filter(|_| from < to);
+        across.map(|x| ([x, from], [widest.min(right - x), to - from])).collect()
     }
 
     /// Left, top, right, bottom of the frame in whole pixels of a picture of this size.

@@ -36,8 +36,8 @@ impl Paper {
     /// By name, or two lengths.
     ///
     /// # Errors
-    /// What is wanted, where it is none.
-    pub fn parse(text: &str) -> Result<Self, String> {
+    /// [`SheetError::NoPaper`], which says what is wanted.
+    pub fn parse(text: &str) -> Result<Self, SheetError> {
         if text.eq_ignore_ascii_case("fit") {
             return Ok(Self::Fit);
         }
@@ -48,7 +48,7 @@ impl Paper {
         let size = parts.and_then(|(w, h)| Some([w.trim().parse::<f64>().ok()?, h.trim().parse::<f64>().ok()?]));
         match size {
             Some(size) if size.iter().all(|x| x.is_finite() && (20.0..=50_000.0).contains(x)) => Ok(Self::Custom(size)),
-            _ => Err("A0, A1, A2, A3, A4, fit, or millimetres such as 900x600".to_owned()),
+            _ => Err(SheetError::NoPaper),
         }
     }
 }
@@ -97,9 +97,8 @@ pub fn choose(
             (c[0] <= r[0] && c[1] <= r[1])
                 || (c[0] <= room([largest[1], largest[0]])[0] && c[1] <= room([largest[1], largest[0]])[1])
         };
-        let hint = smaller.iter().find(|s| **s > scale && fits(s)).map(|s| format!("1:{s} would fit, or "));
-        let hint = hint.unwrap_or_default();
-        return Err(SheetError::TooLarge { scale, width: content[0], height: content[1], hint });
+        let fits = smaller.into_iter().find(|s| *s > scale && fits(s));
+        return Err(SheetError::TooLarge { scale, width: content[0], height: content[1], fits });
     };
     let frame = if bare {
         Frame { left: 0.0, top: 0.0, width: paper[0], height: paper[1] }

@@ -21,6 +21,7 @@ use crate::options::RenderOptions;
 use crate::pick::{Hit, Scope, nearest};
 use crate::renderer::{IMAGE_FORMAT, Renderer};
 use js_sys::{Object, Promise, Reflect};
+use kilwa_pack::footer::Footer;
 use kilwa_pack::{GpuChunk, HEADER_BYTES, Metadata, PackError, ScalarChannel, parse_head};
 use kilwa_stream::{Budgets, DrawPatch, Event, Pace, Streamer, View};
 use loss::Loss;
@@ -51,7 +52,7 @@ pub fn pack_info(bytes: &[u8]) -> Result<String, JsError> {
     let head = parse_head(bytes).map_err(|e| JsError::new(&e.to_string()))?;
     let metadata = serde_json::to_value(&head.metadata)?;
     let h = &head.header;
-    // The header ends with its hash, which covers the metadata's: it tells one pack from another.
+    // The header ends with its hash, which covers the metadata's: it tells packs apart before the end of the file is there.
     let hash =
         bytes.get(HEADER_BYTES - 32..HEADER_BYTES - 16).and_then(|b| b.try_into().ok()).map_or(0, u128::from_be_bytes);
     let info = serde_json::json!({
@@ -68,6 +69,19 @@ pub fn pack_info(bytes: &[u8]) -> Result<String, JsError> {
         },
     });
     Ok(info.to_string())
+}
+
+/// What a pack is called (FORMAT section 7), from its last bytes and its first.
+///
+/// # Errors
+/// When they are no footer, or one of another file.
+#[wasm_bindgen(js_name = packIdentity)]
+pub fn pack_identity(head: &[u8], footer: &[u8]) -> Result<String, JsError> {
+    let footer = Footer::parse(footer).map_err(|e| JsError::new(&e.to_string()))?;
+    if head.get(HEADER_BYTES - 32..HEADER_BYTES) != Some(&footer.header_hash[..]) {
+        return Err(JsError::new("the end of the file belongs to another file than its beginning"));
+    }
+    Ok(footer.identity())
 }
 
 /// One open pack on one canvas.

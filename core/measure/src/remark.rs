@@ -1,0 +1,72 @@
+//! What else is known of a measurement, in sentences.
+
+use crate::said::{Said, Say, Worth};
+use thiserror::Error;
+
+/// One of them. `Display` is English.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum Remark {
+    /// How far from its plane a polygon counts the surface.
+    #[error("the surface counts within {reach:.3} m of the polygon's plane")]
+    Reach {
+        /// Metres.
+        reach: f64,
+    },
+    /// A volume below zero.
+    #[error("the volume is negative: the surface is inside out")]
+    InsideOut,
+    /// Cut and fill of something that is no ground.
+    #[error("a closed body without ground: nothing is to be filled")]
+    Body,
+    /// Of cut and fill.
+    #[error("the surface counts within {reach:.3} m of the plane and covers {:.1} % of the polygon", 100.0 * covered)]
+    Covered {
+        /// Metres.
+        reach: f64,
+        /// The share of the polygon.
+        covered: f64,
+    },
+    /// Cut and fill of a surface with gaps.
+    #[error("where it has holes nothing is cut or filled")]
+    Holes,
+    /// Of a section.
+    #[error("{lines} lines, {open} of them open, through {triangles} triangles")]
+    Lines {
+        /// Lines.
+        lines: usize,
+        /// Those that are not closed.
+        open: usize,
+        /// Triangles that were cut.
+        triangles: u64,
+    },
+    /// Of contours.
+    #[error("{lines} lines at {heights} heights")]
+    Heights {
+        /// Lines.
+        lines: usize,
+        /// Heights.
+        heights: usize,
+    },
+}
+
+impl Say for Remark {
+    fn said(&self) -> Said {
+        let count = |n: usize| Worth::Count(n as u64);
+        match *self {
+            Self::Reach { reach } => Said::new("remark-reach", [("reach", Worth::Metres(reach))]),
+            Self::InsideOut => Said::new("remark-inside-out", []),
+            Self::Body => Said::new("remark-body", []),
+            Self::Covered { reach, covered } => {
+                Said::new("remark-covered", [("reach", Worth::Metres(reach)), ("share", Worth::Share(covered))])
+            }
+            Self::Holes => Said::new("remark-holes", []),
+            Self::Lines { lines, open, triangles } => Said::new(
+                "remark-lines",
+                [("lines", count(lines)), ("open", count(open)), ("triangles", Worth::Count(triangles))],
+            ),
+            Self::Heights { lines, heights } => {
+                Said::new("remark-heights", [("lines", count(lines)), ("heights", count(heights))])
+            }
+        }
+    }
+}

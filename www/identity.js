@@ -1,0 +1,54 @@
+// What the pack is called: links, notes, saved views and measurements name its identity (docs/FORMAT.md, section 7), which its last bytes tell. They are fetched once
+// the first picture is there. Until then, and in links of earlier versions of the page, the header's own hash stands for it.
+
+import { isPassing } from "./loader.js";
+
+/** Bytes at the end of the file that tell it. */
+const FOOTER_BYTES = 80;
+/** Digits of it in a link. */
+export const DIGITS = 12;
+
+export class Identity {
+  /** @param {{pack: object, head: Uint8Array, module: object, hash: string}} parts `hash`: the header's */
+  constructor(parts) {
+    Object.assign(this, parts);
+    this.text = null;
+  }
+
+  /** What it is called; null where the end of the file cannot be had. */
+  known() {
+    this.asking ??= this.#ask();
+    return this.asking;
+  }
+
+  async #ask() {
+    for (let attempt = 0; !this.closed; attempt += 1) {
+      try {
+        const footer = await this.pack.range(this.pack.bytes - FOOTER_BYTES, FOOTER_BYTES);
+        this.text = this.module.packIdentity(this.head, footer);
+        return this.text;
+      } catch (error) {
+        if (!isPassing(error)) return null;
+        await new Promise((resolve) => setTimeout(resolve, Math.min(30, 2 ** attempt) * 1000));
+      }
+    }
+    return null;
+  }
+
+  /** Whether what a link or a file names is this pack. */
+  async isHere(named) {
+    if (this.hash.startsWith(named.slice(0, DIGITS))) return true;
+    const text = await this.known();
+    // Where nobody knows there is nothing to warn of.
+    return text === null || text.startsWith(named.slice(0, DIGITS));
+  }
+
+  /** What new links and files name. */
+  get name() {
+    return this.text ?? this.hash;
+  }
+
+  close() {
+    this.closed = true;
+  }
+}
