@@ -2,13 +2,20 @@
 
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
-import { launch, open, packFolder, picture, serve, waitFor } from "./harness.mjs";
+import { execFile } from "node:child_process";
+import { readFile } from "node:fs/promises";
+import path from "node:path";
+import { promisify } from "node:util";
+import { KILWA, launch, open, packFolder, picture, serve, waitFor } from "./harness.mjs";
 
 let server;
 let browser;
+let pack;
 
 before(async () => {
-  server = await serve(await packFolder());
+  const folder = await packFolder();
+  pack = path.join(folder, "fort.kilwa");
+  server = await serve(folder);
   browser = await launch();
 });
 after(async () => {
@@ -250,7 +257,7 @@ test("the address holds camera, shading and the pack, and a link to another pack
   assert.ok(await second.page.locator("#notice").isHidden());
   await second.close();
   const third = await open(browser, address.replace(/pack=.*/, "pack=0123456789ab"));
-  assert.match(await third.page.locator("#notice").innerText(), /another version/);
+  await third.page.locator("#notice", { hasText: "another version" }).waitFor();
   assert.deepEqual([...first.complaints, ...second.complaints, ...third.complaints], []);
   await third.close();
   // What is cut off or nonsense in an address is passed over.
@@ -258,6 +265,50 @@ test("the address holds camera, shading and the pack, and a link to another pack
   assert.ok((await picture(broken.page)).share > 0.05);
   assert.deepEqual(broken.complaints, []);
   await broken.close();
+});
+
+test("links, views and notes name the identity that kilwa measure prints; what names the header's hash is still of this pack, and what is of another version is said", async () => {
+  const { stdout } = await promisify(execFile)(KILWA, ["measure", pack, "area", "--json"]);
+  const { identity } = JSON.parse(stdout).pack;
+  const { page, complaints, close: end } = await open(browser, fort());
+  await page.waitForFunction(() => document.body.dataset.identity);
+  const address = await page.evaluate(() => globalThis.kilwa.api.link());
+  assert.ok(address.endsWith(`pack=${identity.slice(0, 12)}`), address);
+  await page.locator("#tab-saved").click();
+  await page.evaluate(() => globalThis.kilwa.saved.add("Gate"));
+  await page.evaluate(() => globalThis.kilwa.notes.add({ title: "Gate", place: [0, 0, 0] }));
+  const saved = async (what) => {
+    const [download] = await Promise.all([page.waitForEvent("download"), page.evaluate((what) => globalThis.kilwa[what].export(), what)]);
+    return JSON.parse(await readFile(await download.path(), "utf8"));
+  };
+  const views = await saved("saved");
+  const notes = await saved("notes");
+  assert.equal(views.pack, identity);
+  assert.deepEqual(notes.items[0].target.state, [{ type: "urn:kilwa:pack", identity }]);
+  const hash = await page.evaluate(() => globalThis.kilwa.info.pack.hash);
+  assert.notEqual(hash.slice(0, 12), identity.slice(0, 12));
+  const read = async (input, json, wanted) => {
+    await page.locator(input).setInputFiles({ name: "x.json", mimeType: "application/json", buffer: Buffer.from(JSON.stringify(json)) });
+    await page.locator("#notice", { hasText: "1 read." }).waitFor();
+    assert.equal(/another version/.test(await page.locator("#notice").innerText()), wanted, JSON.stringify(json).slice(0, 120));
+    await page.evaluate(() => (document.getElementById("notice").hidden = true));
+  };
+  const of = (pack) => ({ ...views, pack });
+  await read("#saved-import", views, false);
+  await read("#saved-import", of(hash), false);
+  await read("#saved-import", of("0".repeat(32)), true);
+  await page.locator("#tab-notes").click();
+  await read("#notes-import", notes, false);
+  notes.items[0].target.state[0].identity = "0".repeat(32);
+  await read("#notes-import", notes, true);
+  assert.deepEqual(complaints, []);
+  await end();
+  // A link of an earlier version of the page names the header's hash.
+  const old = await open(browser, address.replace(/pack=.*/, `pack=${hash.slice(0, 12)}`));
+  await old.page.waitForFunction(() => document.body.dataset.identity);
+  assert.ok(await old.page.locator("#notice").isHidden());
+  assert.ok(old.page.url().endsWith(`pack=${identity.slice(0, 12)}`), "the address names the identity from then on");
+  await old.close();
 });
 
 test("saved views are kept for the pack: named, renamed, ordered, deleted with undo, and written to and read from a file", async () => {

@@ -17,8 +17,8 @@ const PATIENCE = 4;
 const OVER = ".rail, #cube, #hint, #measure-bar, #note-card, #show-again";
 /** Milliseconds that their places are known for. */
 const FRESH = 400;
-/** Labels go less far where the picture is narrower, CSS pixels. */
-const NARROW = 720;
+/** Where the picture is narrower, CSS pixels, and there are more labels than these, they stay near their places. */
+const [NARROW, FEW] = [720, 8];
 /** Part of its distance that a place may lie behind the surface shown and still be on it. */
 const SLACK = 0.004;
 
@@ -328,7 +328,7 @@ export class Marks {
       wanted.push({ id: source.id, at, dots, size: this.#size(source.id, label), before: this.spots.get(source.id)?.choice, rank });
     }
     wanted.sort((a, b) => a.rank - b.rank);
-    this.spots = arrange(wanted, { room: [4, 4, width - 4, height - 4], taken: this.#over(), rings: width < NARROW ? 1 : 4 });
+    this.spots = arrange(wanted, { room: [4, 4, width - 4, height - 4], taken: this.#over(), rings: width < NARROW && wanted.length > FEW ? 1 : 4 });
   }
 
   #place() {
