@@ -3,6 +3,7 @@
 use anyhow::Context;
 use kilwa_server::door::Door;
 use kilwa_server::index::Index;
+use kilwa_server::store::{S3, S3Options};
 use kilwa_server::upload::{UploadLimits, Uploads};
 use kilwa_server::{Audience, Catalogue, Limits, Page, Policy, Site, app, listen};
 use std::net::SocketAddr;
@@ -16,8 +17,8 @@ use std::time::Duration;
 /// Stops at Ctrl-C or SIGTERM.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// A folder with archive objects (`kilwa publish`) and packs (`*.kilwa`), or one of either.
-    #[arg(value_name = "DIR")]
+    /// A folder with archive objects (`kilwa publish`) and packs (`*.kilwa`), or one of either; or `s3://bucket/prefix`.
+    #[arg(value_name = "DIR|s3://…")]
     path: PathBuf,
     /// Address and port to listen on; 0.0.0.0 makes it reachable from other machines, port 0 takes a free one.
     #[arg(long, default_value = "127.0.0.1:8080", value_name = "ADDRESS:PORT")]
@@ -25,6 +26,8 @@ pub(crate) struct Args {
     /// Take the viewer page from this folder (a built www/dist) instead of the one in this program.
     #[arg(long, value_name = "DIR")]
     www: Option<PathBuf>,
+    #[command(flatten)]
+    store: StoreArgs,
     #[command(flatten)]
     pages: PageArgs,
     #[command(flatten)]
@@ -35,6 +38,22 @@ pub(crate) struct Args {
     limits: LimitArgs,
     #[command(flatten)]
     reports: ReportArgs,
+}
+
+/// For `s3://bucket/prefix`. Keys and region come from the environment: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_SESSION_TOKEN, AWS_REGION,
+/// AWS_ENDPOINT_URL, AWS_VIRTUAL_HOSTED_STYLE_REQUEST; without keys what is public is asked for.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Object storage (s3://…; keys from AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY)")]
+struct StoreArgs {
+    /// Address of a store that is not Amazon's (default: AWS_ENDPOINT_URL).
+    #[arg(long, value_name = "URL")]
+    s3_endpoint: Option<String>,
+    /// Seconds that each step of a request to the store may take.
+    #[arg(long, default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=600))]
+    s3_timeout: u64,
+    /// Seconds after which the list of objects is asked for anew.
+    #[arg(long, default_value_t = 30, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    s3_refresh: u64,
 }
 
 #[derive(clap::Args)]
@@ -142,13 +161,15 @@ enum MetricsFor {
 
 /// Threads that read files: enough for disks that are slow, few enough that a crowd costs no memory.
 const READERS: usize = 64;
+/// The same for a store, where each waits for the network.
+const STORE_READERS: usize = 256;
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     log(&args.reports);
     let p = &args.pages;
     let policy = Policy::new(&p.frame_ancestors, &p.origins, &p.pack_origins)?;
     let page = Page::load(args.www.as_deref())?;
-    let mut site = Site::new(Catalogue::open(&args.path)?, page.clone()).with_policy(policy);
+    let mut site = Site::new(catalogue(args)?, page.clone()).with_policy(policy);
     site.uploads = uploads(&args.access, &site, page)?;
     site.index = index(&site, args.catalogue.index.as_deref())?;
     site.url = args.catalogue.url.as_deref().map(site_url).transpose()?;
@@ -161,18 +182,34 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         MetricsFor::None => Audience::None,
     };
     let limits = limits(args);
+    let readers = if store_url(args).is_some() { STORE_READERS } else { READERS };
     let mut builder = tokio::runtime::Builder::new_multi_thread();
-    let runtime = builder.enable_all().max_blocking_threads(READERS).build().context("cannot start threads")?;
+    let runtime = builder.enable_all().max_blocking_threads(readers).build().context("cannot start threads")?;
     let served = runtime.block_on(serve(args.listen, site, limits));
     // A file that is being read for its hash is no reason to stay.
     runtime.shutdown_timeout(Duration::from_millis(200));
     served
 }
 
+/// The address of a store, where it is one that is served.
+fn store_url(args: &Args) -> Option<&str> {
+    args.path.to_str().filter(|path| path.starts_with("s3://"))
+}
+
+/// The folder, or the store.
+fn catalogue(args: &Args) -> anyhow::Result<Catalogue> {
+    let Some(url) = store_url(args) else { return Ok(Catalogue::open(&args.path)?) };
+    let mut options = S3Options::from_environment(url);
+    options.endpoint.clone_from(&args.store.s3_endpoint);
+    options.timeout = Duration::from_secs(args.store.s3_timeout);
+    options.refresh = Duration::from_secs(args.store.s3_refresh);
+    Ok(Catalogue::of_store(&S3::open(&options)?)?)
+}
+
 /// The index of the folder, brought up to it.
 fn index(site: &Site, file: Option<&std::path::Path>) -> anyhow::Result<Option<Arc<Index>>> {
-    let Some(folder) = site.catalogue.folder() else { return Ok(None) };
-    let index = Index::open(folder, file)?;
+    let Some(folder) = site.catalogue.shelf() else { return Ok(None) };
+    let index = Index::of(folder, file)?;
     if let Err(e) = index.refresh() {
         tracing::warn!("the catalogue cannot be searched: {e}");
     }
@@ -184,7 +221,10 @@ fn uploads(args: &AccessArgs, site: &Site, page: Page) -> anyhow::Result<Option<
     if !args.accept_uploads {
         return Ok(None);
     }
-    let folder = site.catalogue.folder().context("--accept-uploads needs a folder of objects, not one object or pack")?;
+    let folder = site
+        .catalogue
+        .folder()
+        .context("--accept-uploads needs a folder of objects on this computer, not one object or pack, nor a store")?;
     let version_bytes = args.upload_limit.saturating_mul(1_000_000_000);
     let limits = UploadLimits {
         version_bytes,

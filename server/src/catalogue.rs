@@ -5,22 +5,22 @@
 //! What cannot be read stays in the list with the reason, so that nothing vanishes silently.
 
 use crate::access::{Clock, Verdict, verdict};
-use crate::holding::{Holding, Tables};
+use crate::holding::{Holding, SMALL, Tables};
+use crate::object::Manifest;
 use crate::object::layout::{MANIFEST, RESERVED};
 use crate::object::manifest::{Access, AccessState};
+use crate::store::{self, Identity, Place, S3, is_away};
 use kilwa_pack::{HEADER_BYTES, Header, Metadata};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 use thiserror::Error;
 use tokio::sync::OnceCell;
 
-/// The folder is not listed more often than this.
-const RELIST: Duration = Duration::from_secs(1);
-/// Nor for more than one part in so many of the time.
+/// The folder is not listed for more than one part in so many of the time.
 const LISTING_SHARE: u32 = 20;
 
 /// Why a folder cannot be served.
@@ -32,6 +32,14 @@ pub enum CatalogueError {
         /// What was asked for.
         path: PathBuf,
         /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A store that cannot be listed.
+    #[error("cannot list {name}: {source}")]
+    Silent {
+        /// Its address.
+        name: String,
+        /// What it said.
         source: std::io::Error,
     },
     /// A file of another kind.
@@ -57,31 +65,6 @@ pub struct Summary {
     pub crs: Option<String>,
 }
 
-/// Which version of a file was looked at; a change means reading it again.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Identity {
-    bytes: u64,
-    modified: Option<SystemTime>,
-    file: (u64, u64),
-}
-
-impl Identity {
-    pub(crate) fn bytes(&self) -> u64 {
-        self.bytes
-    }
-
-    pub(crate) fn of(metadata: &std::fs::Metadata) -> Self {
-        #[cfg(unix)]
-        let file = {
-            use std::os::unix::fs::MetadataExt;
-            (metadata.dev(), metadata.ino())
-        };
-        #[cfg(not(unix))]
-        let file = (0, 0);
-        Self { bytes: metadata.len(), modified: metadata.modified().ok(), file }
-    }
-}
-
 /// One pack or object of the folder.
 #[derive(Debug)]
 pub struct Model {
@@ -93,7 +76,7 @@ pub struct Model {
     pub bytes: u64,
     /// What the pack says of itself, or why it cannot be read.
     pub summary: Result<Summary, String>,
-    pub(crate) path: PathBuf,
+    pub(crate) place: Place,
     pub(crate) identity: Identity,
     pub(crate) kind: Kind,
     hash: OnceCell<Arc<str>>,
@@ -163,20 +146,30 @@ impl Model {
         }
     }
 
-    /// BLAKE3 of the whole file, 64 hexadecimal digits, computed once per version of the file.
+    /// BLAKE3 of the whole file, 64 hexadecimal digits, computed once per version of the file. What is begun goes on when nobody waits any more.
     ///
     /// # Errors
     /// When the file cannot be read, or changed since it was listed.
-    pub async fn hash(&self) -> std::io::Result<Arc<str>> {
-        let hash = self.hash.get_or_try_init(|| async {
-            let (path, identity) = (self.path.clone(), self.identity);
-            tokio::task::spawn_blocking(move || hash_file(&path, identity)).await.map_err(std::io::Error::other)?
+    pub async fn hash(self: &Arc<Self>) -> std::io::Result<Arc<str>> {
+        if let Some(hash) = self.hash.get() {
+            return Ok(Arc::clone(hash));
+        }
+        let model = Arc::clone(self);
+        let begun = tokio::spawn(async move {
+            let hash = model.hash.get_or_try_init(|| async {
+                let Some(path) = model.place.path().map(Path::to_owned) else {
+                    return Err(std::io::Error::other("it is not on this computer"));
+                };
+                let identity = model.identity.clone();
+                tokio::task::spawn_blocking(move || hash_file(&path, &identity)).await.map_err(std::io::Error::other)?
+            });
+            hash.await.cloned()
         });
-        hash.await.cloned()
+        begun.await.map_err(std::io::Error::other)?
     }
 }
 
-fn hash_file(path: &Path, identity: Identity) -> std::io::Result<Arc<str>> {
+fn hash_file(path: &Path, identity: &Identity) -> std::io::Result<Arc<str>> {
     let mut file = File::open(path)?;
     let mut hasher = blake3::Hasher::new();
     let mut buffer = vec![0; 1 << 20];
@@ -187,7 +180,7 @@ fn hash_file(path: &Path, identity: Identity) -> std::io::Result<Arc<str>> {
         }
         hasher.update(buffer.get(..n).unwrap_or_default());
     }
-    if Identity::of(&file.metadata()?) != identity {
+    if Identity::of(&file.metadata()?) != *identity {
         return Err(std::io::Error::other("the file changed while it was read"));
     }
     Ok(hasher.finalize().to_hex().as_str().into())
@@ -195,7 +188,7 @@ fn hash_file(path: &Path, identity: Identity) -> std::io::Result<Arc<str>> {
 
 /// The models by slug.
 pub struct Catalogue {
-    root: PathBuf,
+    root: Place,
     single: bool,
     listing: RwLock<Arc<Listing>>,
     listed: Mutex<Listed>,
@@ -230,9 +223,28 @@ impl Catalogue {
         // A name, for what is given as `.`; and a working directory that changes later changes nothing.
         let root = path.canonicalize().map_err(unreadable)?;
         let single = is_file || root.join(MANIFEST).is_file();
+        Self::begin(Place::Path(root), single).map_err(unreadable)
+    }
+
+    /// List the objects of a part of a store, or take one object.
+    ///
+    /// # Errors
+    /// [`CatalogueError::Silent`] when the store cannot be listed.
+    pub fn of_store(store: &Arc<S3>) -> Result<Self, CatalogueError> {
+        let root = Place::Key(Arc::clone(store), String::new());
+        let silent = |source| CatalogueError::Silent { name: store.name().to_owned(), source };
+        let single = match root.join(MANIFEST).identity() {
+            Ok(_) => true,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => false,
+            Err(e) => return Err(silent(e)),
+        };
+        Self::begin(root, single).map_err(silent)
+    }
+
+    fn begin(root: Place, single: bool) -> std::io::Result<Self> {
         let listed = Mutex::new(Listed { at: Instant::now(), took: Duration::ZERO });
         let catalogue = Self { root, single, listing: RwLock::default(), listed, tables: Arc::default() };
-        catalogue.list().map_err(unreadable)?;
+        catalogue.list()?;
         Ok(catalogue)
     }
 
@@ -262,9 +274,19 @@ impl Catalogue {
         Arc::clone(&self.listing.read().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// The folder, where it may hold many models.
+    /// What is served, where it may hold many models.
+    pub fn shelf(&self) -> Option<&Place> {
+        (!self.single).then_some(&self.root)
+    }
+
+    /// The same, where it is a folder of this computer.
     pub fn folder(&self) -> Option<&Path> {
-        (!self.single).then_some(self.root.as_path())
+        self.shelf().and_then(Place::path)
+    }
+
+    /// What is served.
+    pub(crate) fn place(&self) -> &Place {
+        &self.root
     }
 
     /// How many models there were when the folder was last listed.
@@ -286,34 +308,34 @@ impl Catalogue {
     /// # Errors
     /// The system's reason why not.
     pub(crate) fn check(&self) -> std::io::Result<()> {
-        if self.root.is_dir() { std::fs::read_dir(&self.root).map(drop) } else { File::open(&self.root).map(drop) }
+        match &self.root {
+            Place::Path(path) if path.is_dir() => std::fs::read_dir(path).map(drop),
+            Place::Path(path) => File::open(path).map(drop),
+            Place::Key(store, _) => store.check(),
+        }
     }
 
     /// Read the folder now: something was seen to differ from what was listed.
     pub(crate) fn list(&self) -> std::io::Result<()> {
         let began = Instant::now();
-        let mut paths: Vec<PathBuf> = if self.single {
-            vec![self.root.clone()]
-        } else {
-            std::fs::read_dir(&self.root)?.filter_map(|e| e.ok().map(|e| e.path())).filter(|p| is_shown(p)).collect()
-        };
-        paths.sort();
         let before = self.listing();
-        let mut models = BTreeMap::new();
+        let mut slugs = BTreeSet::new();
         // Objects first: their slugs are the names of their folders, which other places cite.
-        let (objects, packs): (Vec<_>, Vec<_>) = paths.into_iter().partition(|p| !is_pack(p) || p.is_dir());
-        for path in objects {
-            let Ok(metadata) = std::fs::metadata(path.join(MANIFEST)) else { continue };
-            let slug = free_slug(&path, &models);
-            let model = listed_before(&before.models, &slug, &path, &metadata)
-                .unwrap_or_else(|| object_of(&path, &slug, &metadata, &self.tables));
-            models.insert(slug, model);
-        }
-        for path in packs {
+        let objects: Vec<_> =
+            self.objects()?.into_iter().map(|(place, id)| (free_slug(&place, &mut slugs), place, id)).collect();
+        let listed = store::each(&self.root, &objects, |(slug, place, identity)| {
+            listed_before(&before.models, slug, place, identity)
+                .map_or_else(|| object_of(place, slug, identity, &self.tables), Ok)
+        });
+        // A store that went away is no reason to forget what is there.
+        let mut models: BTreeMap<_, _> =
+            listed.into_iter().map(|m| m.map(|m| (m.slug.clone(), m))).collect::<std::io::Result<_>>()?;
+        for path in self.packs()? {
             let Ok(metadata) = std::fs::metadata(&path) else { continue };
-            let slug = free_slug(&path, &models);
-            let model = listed_before(&before.models, &slug, &path, &metadata)
-                .unwrap_or_else(|| pack_of(&path, &slug, &metadata));
+            let (identity, place) = (Identity::of(&metadata), Place::Path(path));
+            let slug = free_slug(&place, &mut slugs);
+            let model = listed_before(&before.models, &slug, &place, &identity)
+                .unwrap_or_else(|| pack_of(place, &slug, identity));
             models.insert(slug, model);
         }
         let is_other = |m: &&Arc<Model>| m.object().is_none_or(|object| object.access.is_none());
@@ -324,10 +346,39 @@ impl Catalogue {
         Ok(())
     }
 
+    /// The objects there are, by the names of their folders, and the identities of their manifests.
+    fn objects(&self) -> std::io::Result<Vec<(Place, Identity)>> {
+        if !self.single {
+            let objects = self.root.objects()?;
+            return Ok(objects.iter().map(|(name, identity)| (self.root.join(name), identity.clone())).collect());
+        }
+        match self.root.join(MANIFEST).identity() {
+            Ok(identity) => Ok(vec![(self.root.clone(), identity)]),
+            Err(e) if is_away(&e) => Err(e),
+            Err(_) => Ok(Vec::new()),
+        }
+    }
+
+    /// The packs that lie beside them, sorted; a store has none.
+    fn packs(&self) -> std::io::Result<Vec<PathBuf>> {
+        let Some(root) = self.root.path() else { return Ok(Vec::new()) };
+        if self.single {
+            return Ok(if is_pack(root) && root.is_file() { vec![root.to_owned()] } else { Vec::new() });
+        }
+        let is_shown = |path: &PathBuf| {
+            let hidden = path.file_name().is_none_or(|n| n.to_string_lossy().starts_with('.'));
+            !hidden && is_pack(path) && path.is_file()
+        };
+        let mut packs: Vec<_> =
+            std::fs::read_dir(root)?.filter_map(|e| e.ok().map(|e| e.path())).filter(is_shown).collect();
+        packs.sort();
+        Ok(packs)
+    }
+
     fn relist(&self) {
         let due = {
             let mut listed = self.listed.lock().unwrap_or_else(PoisonError::into_inner);
-            let due = listed.at.elapsed() >= RELIST.max(listed.took * LISTING_SHARE);
+            let due = listed.at.elapsed() >= self.root.listed_for().max(listed.took * LISTING_SHARE);
             if due {
                 // Others who ask meanwhile take what there is.
                 listed.at = Instant::now();
@@ -335,42 +386,36 @@ impl Catalogue {
             due
         };
         if due && let Err(e) = self.list() {
-            tracing::warn!("cannot list {}: {e}", self.root.display());
+            store::warn(&self.root, &e);
         }
     }
-}
-
-/// A pack, or a folder with a manifest; nothing hidden, such as what is being written.
-fn is_shown(path: &Path) -> bool {
-    let hidden = path.file_name().is_none_or(|n| n.to_string_lossy().starts_with('.'));
-    !hidden && (is_pack(path) && path.is_file() || path.join(MANIFEST).is_file())
 }
 
 /// The model as it was listed before, if nothing of it changed.
 fn listed_before(
     before: &BTreeMap<String, Arc<Model>>,
     slug: &str,
-    path: &Path,
-    metadata: &std::fs::Metadata,
+    place: &Place,
+    identity: &Identity,
 ) -> Option<Arc<Model>> {
     let model = before.get(slug)?;
     let same_notes = match &model.kind {
-        Kind::Pack { notes } => *notes == notes_of(path),
+        Kind::Pack { notes } => place.path().is_some_and(|path| *notes == notes_of(path)),
         Kind::Object(_) => true,
     };
-    (same_notes && model.path == path && model.identity == Identity::of(metadata)).then(|| Arc::clone(model))
+    (same_notes && model.place.is(place) && model.identity == *identity).then(|| Arc::clone(model))
 }
 
-fn pack_of(path: &Path, slug: &str, metadata: &std::fs::Metadata) -> Arc<Model> {
+fn pack_of(place: Place, slug: &str, identity: Identity) -> Arc<Model> {
     Arc::new(Model {
-        file_name: name_of(path),
-        bytes: metadata.len(),
-        summary: summarise(path),
+        file_name: place.name(),
+        bytes: identity.bytes(),
+        summary: place.path().map_or_else(|| Err("it is not on this computer".to_owned()), summarise),
         hash: OnceCell::new(),
         slug: slug.to_owned(),
-        path: path.to_owned(),
-        identity: Identity::of(metadata),
-        kind: Kind::Pack { notes: notes_of(path) },
+        kind: Kind::Pack { notes: place.path().and_then(notes_of) },
+        place,
+        identity,
     })
 }
 
@@ -381,11 +426,13 @@ fn notes_of(pack: &Path) -> Option<PathBuf> {
 }
 
 /// From its manifest alone: a folder of ten thousand objects is listed without looking into each.
-fn object_of(path: &Path, slug: &str, metadata: &std::fs::Metadata, tables: &Arc<Tables>) -> Arc<Model> {
-    let holding = Holding::new(path.to_owned(), Arc::clone(tables));
+fn object_of(place: &Place, slug: &str, identity: &Identity, tables: &Arc<Tables>) -> std::io::Result<Arc<Model>> {
+    let holding = Holding::new(place.clone(), Arc::clone(tables));
     let mut object = Object { holding, title: String::new(), rights: None, access: None, pack: None };
     let (mut bytes, mut summary) = (0, Err("it was withdrawn".to_owned()));
-    match object.holding.manifest() {
+    let read = place.join(MANIFEST).read_listed(identity, SMALL);
+    match read.and_then(|bytes| Manifest::parse(&bytes).map_err(std::io::Error::other)) {
+        Err(e) if is_away(&e) => return Err(e),
         Err(e) => summary = Err(format!("cannot be read as an archive object: {e}; run kilwa verify on it")),
         Ok(manifest) => {
             object.rights = Some(manifest.rights.short.clone());
@@ -393,7 +440,11 @@ fn object_of(path: &Path, slug: &str, metadata: &std::fs::Metadata, tables: &Arc
             if let Some(version) = manifest.current().filter(|_| object.withdrawn().is_none()) {
                 let name = &version.pack.url;
                 // The name comes from a manifest, whose reader lets through no path that leaves the object.
-                let length = std::fs::metadata(path.join(name)).map(|m| m.len()).ok();
+                let length = match place.join(name).identity() {
+                    Ok(identity) => Some(identity.bytes()),
+                    Err(e) if is_away(&e) => return Err(e),
+                    Err(_) => None,
+                };
                 if length == Some(version.pack.bytes) {
                     object.pack = Some(name.clone());
                     summary = Ok(Summary {
@@ -412,20 +463,16 @@ fn object_of(path: &Path, slug: &str, metadata: &std::fs::Metadata, tables: &Arc
             object.title = manifest.title;
         }
     }
-    Arc::new(Model {
-        file_name: name_of(path),
+    Ok(Arc::new(Model {
+        file_name: place.name(),
         bytes,
         summary,
         hash: OnceCell::new(),
         slug: slug.to_owned(),
-        path: path.to_owned(),
-        identity: Identity::of(metadata),
+        place: place.clone(),
+        identity: identity.clone(),
         kind: Kind::Object(object),
-    })
-}
-
-fn name_of(path: &Path) -> String {
-    path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
+    }))
 }
 
 fn is_pack(path: &Path) -> bool {
@@ -464,10 +511,10 @@ fn summarise(path: &Path) -> Result<Summary, String> {
     })
 }
 
-/// The file's stem in lower-case letters, digits and single hyphens, with a number where that is taken.
-fn free_slug(path: &Path, taken: &BTreeMap<String, Arc<Model>>) -> String {
-    let name = if is_pack(path) { path.file_stem() } else { path.file_name() };
-    let stem = name.map(|s| s.to_string_lossy().to_lowercase()).unwrap_or_default();
+/// The name, a pack's without its ending, in lower-case letters, digits and single hyphens, with a number where that is taken.
+fn free_slug(place: &Place, taken: &mut BTreeSet<String>) -> String {
+    let name = place.name().to_lowercase();
+    let stem = name.strip_suffix(".kilwa").unwrap_or(&name);
     let mut slug = String::new();
     for c in stem.chars() {
         if c.is_ascii_alphanumeric() {
@@ -480,9 +527,10 @@ fn free_slug(path: &Path, taken: &BTreeMap<String, Arc<Model>>) -> String {
         "" => "model",
         s => s,
     };
-    if !taken.contains_key(slug) && !RESERVED.contains(&slug) {
-        return slug.to_owned();
-    }
+    let is_free = |slug: &str| !taken.contains(slug) && !RESERVED.contains(&slug);
     // One of the first taken.len() + 1 numbers is free.
-    (2..taken.len() + 3).map(|n| format!("{slug}-{n}")).find(|s| !taken.contains_key(s)).unwrap_or_default()
+    let numbered = || (2..taken.len() + 3).map(|n| format!("{slug}-{n}")).find(|s| !taken.contains(s));
+    let slug = if is_free(slug) { slug.to_owned() } else { numbered().unwrap_or_default() };
+    taken.insert(slug.clone());
+    slug
 }

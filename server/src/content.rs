@@ -1,17 +1,19 @@
 //! The answer for one file: whole or one range, under a strong tag, byte for byte.
 //!
-//! Inputs: an open [`Source`] (file, length, tag, how long it may be kept) and the request's method and headers. Invariants: what is
+//! Inputs: an open [`Source`] (content, length, tag, how long it may be kept) and the request's method and headers. Invariants: what is
 //! sent is exactly `length` bytes of the file as it was opened, never encoded, because offsets in a pack are offsets on the wire; one
 //! response holds a buffer or two, whatever the file's size and however slow the reader. Failures: a file that turns out shorter than it
-//! was ends the connection before `Content-Length` is reached, which no client takes for the end.
+//! was, and a store that stops in the middle, end the connection before `Content-Length` is reached, which no client takes for the end.
 
 use crate::range::{Wanted, lists, parse};
+use crate::store::Content;
 use axum::body::{Body, Bytes};
 use axum::http::header::{
     ACCEPT_RANGES, ACCESS_CONTROL_ALLOW_ORIGIN, ACCESS_CONTROL_EXPOSE_HEADERS, CACHE_CONTROL, CONTENT_LENGTH,
     CONTENT_RANGE, CONTENT_TYPE, ETAG, IF_MATCH, IF_NONE_MATCH, IF_RANGE, RANGE,
 };
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, Response, StatusCode};
+use futures_util::stream::BoxStream;
 use http_body::{Frame, SizeHint};
 use std::fs::File;
 use std::io;
@@ -30,7 +32,7 @@ pub(crate) const ASK_AGAIN: &str = "no-cache";
 
 /// An open file and what is known of it.
 pub(crate) struct Source {
-    pub(crate) file: File,
+    pub(crate) content: Content,
     pub(crate) bytes: u64,
     /// Hash of the content, without quotes.
     pub(crate) hash: Arc<str>,
@@ -39,7 +41,10 @@ pub(crate) struct Source {
 }
 
 /// Answer a GET or HEAD.
-pub(crate) fn answer(source: Source, method: &Method, headers: &HeaderMap) -> Response<Body> {
+///
+/// # Errors
+/// When the store has something else by now, or does not answer.
+pub(crate) async fn answer(source: Source, method: &Method, headers: &HeaderMap) -> io::Result<Response<Body>> {
     let etag = format!("\"{}\"", source.hash);
     let cache = source.cache;
     let mut response = if let Some(status) = condition(&etag, headers) {
@@ -52,12 +57,12 @@ pub(crate) fn answer(source: Source, method: &Method, headers: &HeaderMap) -> Re
             (Some(range), None) if method == Method::GET && current => parse(range, source.bytes),
             _ => Wanted::Whole,
         };
-        send(source, wanted, method == Method::HEAD)
+        send(source, wanted, method == Method::HEAD).await?
     };
     insert(&mut response, CACHE_CONTROL, cache);
     insert(&mut response, ACCEPT_RANGES, "bytes");
     insert(&mut response, ETAG, &etag);
-    response
+    Ok(response)
 }
 
 /// What a script of another site may do with the answer: read it, and the headers that ranges need.
@@ -88,22 +93,18 @@ pub(crate) fn text<'h>(headers: &'h HeaderMap, name: &HeaderName) -> Option<&'h 
     headers.get(name).and_then(|v| v.to_str().ok())
 }
 
-fn send(source: Source, wanted: Wanted, head: bool) -> Response<Body> {
+async fn send(source: Source, wanted: Wanted, head: bool) -> io::Result<Response<Body>> {
     let (status, start, length) = match wanted {
         Wanted::Whole => (StatusCode::OK, 0, source.bytes),
         Wanted::Part { start, end } => (StatusCode::PARTIAL_CONTENT, start, end - start + 1),
         Wanted::Unsatisfiable => {
             let mut r = plain(StatusCode::RANGE_NOT_SATISFIABLE);
             insert(&mut r, CONTENT_RANGE, &format!("bytes */{}", source.bytes));
-            return r;
+            return Ok(r);
         }
     };
     let (bytes, kind) = (source.bytes, source.content_type);
-    let body = if head {
-        Body::empty()
-    } else {
-        Body::new(Part { file: Arc::new(source.file), start, left: length, reading: None })
-    };
+    let body = if head || length == 0 { Body::empty() } else { stretch(source.content, start, length).await? };
     let mut r = Response::new(body);
     *r.status_mut() = status;
     insert(&mut r, CONTENT_TYPE, kind);
@@ -111,7 +112,24 @@ fn send(source: Source, wanted: Wanted, head: bool) -> Response<Body> {
     if status == StatusCode::PARTIAL_CONTENT {
         insert(&mut r, CONTENT_RANGE, &format!("bytes {start}-{}/{bytes}", start + length - 1));
     }
-    r
+    Ok(r)
+}
+
+/// `length` bytes from `start` on.
+async fn stretch(content: Content, start: u64, length: u64) -> io::Result<Body> {
+    Ok(match content {
+        Content::File(file) => Body::new(Part { file: Arc::new(file), start, left: length, reading: None }),
+        Content::Held(bytes) => {
+            let end = usize::try_from(start + length).ok();
+            let part = usize::try_from(start).ok().zip(end).filter(|(_, end)| *end <= bytes.len());
+            let (start, end) = part.ok_or_else(|| io::Error::from(io::ErrorKind::UnexpectedEof))?;
+            Body::from(bytes.slice(start..end))
+        }
+        Content::Remote(store, key, identity) => {
+            let flow = store.stretch(&key, &identity, start..start + length).await?;
+            Body::new(Flow { flow, left: length })
+        }
+    })
 }
 
 pub(crate) fn insert(r: &mut Response<Body>, name: HeaderName, value: &str) {
@@ -159,6 +177,43 @@ impl http_body::Body for Part {
         let bytes = read.map_err(io::Error::other).flatten()?;
         self.start += bytes.len() as u64;
         self.left -= bytes.len() as u64;
+        Poll::Ready(Some(Ok(Frame::data(bytes))))
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.left == 0
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        SizeHint::with_exact(self.left)
+    }
+}
+
+/// A stretch of a file as it comes from a store: exactly so many bytes, or an error.
+struct Flow {
+    flow: BoxStream<'static, io::Result<Bytes>>,
+    left: u64,
+}
+
+impl http_body::Body for Flow {
+    type Data = Bytes;
+    type Error = io::Error;
+
+    fn poll_frame(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<io::Result<Frame<Bytes>>>> {
+        if self.left == 0 {
+            return Poll::Ready(None);
+        }
+        let Some(bytes) = ready!(self.flow.as_mut().poll_next(cx)).transpose()? else {
+            return Poll::Ready(Some(Err(io::Error::new(
+                io::ErrorKind::UnexpectedEof,
+                "the store stopped in the middle",
+            ))));
+        };
+        let length = bytes.len() as u64;
+        if length > self.left {
+            return Poll::Ready(Some(Err(io::Error::other("the store sent more than was asked for"))));
+        }
+        self.left -= length;
         Poll::Ready(Some(Ok(Frame::data(bytes))))
     }
 

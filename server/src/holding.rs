@@ -1,4 +1,4 @@
-//! An archive object as it lies in the folder: what `kilwa publish` wrote, seen through a table of the files that are there.
+//! An archive object as it lies in its place: what `kilwa publish` wrote, seen through a table of the files that are there.
 //!
 //! Inputs: the object's folder. Invariants: an address is a key of the table or nothing; a path is never made from an address. Keys are
 //! names relative to the folder, with `/`. In the table stand the root's own small files and, of each version that the manifest names, what
@@ -6,77 +6,87 @@
 //! there is not published. The list itself must have the hash that the manifest says. Links, hidden and temporary names and anything that is
 //! no plain file are left out. Failures: an object without a readable manifest is an error with a reason; the rest of the folder goes on.
 
-use crate::catalogue::Identity;
 use crate::object::checksums::{sha256, sha256_of};
 use crate::object::layout::{CHECKSUMS, MANIFEST, PAGE, version_of};
 use crate::object::manifest::Version;
 use crate::object::{Checksums, Manifest};
 use crate::objects::NOTES;
+use crate::store::{Content, HELD_MAX, Identity, Place, is_away};
+use axum::body::Bytes;
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io;
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
-use std::time::{Duration, Instant};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::time::Instant;
 
 /// Files of the root, which are read whole for each request, are at most this long.
 pub(crate) const SMALL: u64 = 16 << 20;
 /// Files up to this length are compared with their checksum when they are first asked for. Longer ones (packs, each chunk of which has a
 /// checksum that every reader checks) are compared by length, and by `kilwa verify`.
 const CHECKED: u64 = 64 << 20;
-/// Folders below a version folder are looked into down to this depth.
-const DEPTH: usize = 6;
-/// A version with more files than this is no work of `kilwa publish`; further ones are left out, and that is logged.
-const MOST_FILES: usize = 20_000;
 /// Tables of so many objects are held.
 const HELD: usize = 256;
-/// The table is compared with the folder at most this often.
-const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
 /// A file of an object.
 #[derive(Debug, Clone)]
 pub(crate) struct Entry {
-    path: PathBuf,
+    place: Place,
     identity: Identity,
     /// SHA-256 by the version's list, in hexadecimal digits; none for files of the root and for the list itself.
     pub(crate) sha256: Option<Arc<str>>,
-    /// Whether it was found to have that SHA-256.
-    sound: Arc<OnceLock<bool>>,
+    /// Whether it was found to have that SHA-256; whoever asks while that is found out waits for it.
+    sound: Arc<Mutex<Option<bool>>>,
 }
 
 impl Entry {
-    fn new(path: PathBuf, identity: Identity) -> Self {
-        Self { path, identity, sha256: None, sound: Arc::default() }
+    fn new(place: Place, identity: Identity) -> Self {
+        Self { place, identity, sha256: None, sound: Arc::default() }
     }
 
     /// The file, if it is still what was listed, and its length. Blocks; the first time it hashes a file up to [`CHECKED`].
-    pub(crate) fn open(&self) -> io::Result<(File, u64)> {
-        let file = File::open(&self.path)?;
-        let metadata = file.metadata()?;
-        if Identity::of(&metadata) != self.identity {
-            return Err(io::Error::other("the file changed since it was listed"));
-        }
-        if let Some(wanted) = self.sha256.as_deref().filter(|_| metadata.len() <= CHECKED) {
-            let is_sound = if let Some(sound) = self.sound.get() {
-                *sound
-            } else {
-                let (_, sum) = sha256_of(File::open(&self.path)?)?;
-                *self.sound.get_or_init(|| sum == wanted)
-            };
-            if !is_sound {
-                return Err(io::Error::other("the file differs from its checksum; run kilwa verify on the object"));
+    pub(crate) fn open(&self) -> io::Result<(Content, u64)> {
+        let bytes = self.identity.bytes();
+        let content = match &self.place {
+            Place::Path(path) => {
+                let file = File::open(path)?;
+                if Identity::of(&file.metadata()?) != self.identity {
+                    return Err(io::Error::other("the file changed since it was listed"));
+                }
+                Content::File(file)
             }
+            Place::Key(..) if bytes <= HELD_MAX => Content::Held(self.place.read_listed(&self.identity, HELD_MAX)?),
+            Place::Key(store, key) => Content::Remote(Arc::clone(store), key.clone(), self.identity.clone()),
+        };
+        if let Some(wanted) = self.sha256.as_deref().filter(|_| bytes <= CHECKED)
+            && !self.is_sound(wanted, &content)?
+        {
+            return Err(io::Error::other("the file differs from its checksum; run kilwa verify on the object"));
         }
-        Ok((file, metadata.len()))
+        Ok((content, bytes))
+    }
+
+    /// Whether the file has this SHA-256, found out once.
+    fn is_sound(&self, wanted: &str, content: &Content) -> io::Result<bool> {
+        let mut sound = self.sound.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(sound) = *sound {
+            return Ok(sound);
+        }
+        let sum = match (content, &self.place) {
+            (Content::File(_), Place::Path(path)) => sha256_of(File::open(path)?)?.1,
+            (Content::Held(bytes), _) => sha256(bytes),
+            (Content::Remote(store, key, identity), _) => store.sha256(key, identity)?,
+            (Content::File(file), Place::Key(..)) => sha256_of(file)?.1,
+        };
+        Ok(*sound.insert(sum == wanted))
     }
 
     /// All of a small file, as it is now.
-    pub(crate) fn read(&self) -> io::Result<Vec<u8>> {
-        crate::objects::read_small(&self.path)
+    pub(crate) fn read(&self) -> io::Result<Bytes> {
+        self.place.read_listed(&self.identity, SMALL)
     }
 
-    pub(crate) fn path(&self) -> &Path {
-        &self.path
+    pub(crate) fn place(&self) -> &Place {
+        &self.place
     }
 }
 
@@ -117,29 +127,23 @@ impl Tables {
 /// One object's folder.
 #[derive(Debug)]
 pub(crate) struct Holding {
-    folder: PathBuf,
+    folder: Place,
     current: Mutex<Option<(Arc<Table>, Instant)>>,
     tables: Arc<Tables>,
 }
 
 impl Holding {
-    pub(crate) fn new(folder: PathBuf, tables: Arc<Tables>) -> Arc<Self> {
+    pub(crate) fn new(folder: Place, tables: Arc<Tables>) -> Arc<Self> {
         Arc::new(Self { folder, current: Mutex::new(None), tables })
     }
 
-    pub(crate) fn folder(&self) -> &Path {
+    pub(crate) fn folder(&self) -> &Place {
         &self.folder
     }
 
     /// Forget the table, which is read again when it is next asked for.
     pub(crate) fn forget(&self) {
         *self.current.lock().unwrap_or_else(PoisonError::into_inner) = None;
-    }
-
-    /// The manifest as it is now, without looking at anything else.
-    pub(crate) fn manifest(&self) -> io::Result<Manifest> {
-        let bytes = crate::objects::read_small(&self.folder.join(MANIFEST))?;
-        Manifest::parse(&bytes).map_err(io::Error::other)
     }
 
     /// The table, made anew when the root of the folder is not what it was. Blocks on the file system.
@@ -149,18 +153,34 @@ impl Holding {
     pub(crate) fn table(self: &Arc<Self>) -> io::Result<Arc<Table>> {
         let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((table, looked)) = current.as_mut() {
-            if looked.elapsed() < LOOK_AGAIN {
+            if looked.elapsed() < self.folder.looked_at_for() {
                 return Ok(Arc::clone(table));
             }
-            if root_of(&self.folder)? == table.root {
-                *looked = Instant::now();
-                return Ok(Arc::clone(table));
+            match root_of(&self.folder) {
+                Ok(root) if root == table.root => {
+                    *looked = Instant::now();
+                    return Ok(Arc::clone(table));
+                }
+                // A store that went away says nothing new: what was seen last holds.
+                Err(e) if is_away(&e) => return Ok(Arc::clone(table)),
+                Err(e) => {
+                    *current = None;
+                    return Err(e);
+                }
+                Ok(_) => {}
             }
         }
-        let is_new = current.is_none();
-        *current = None;
-        let table = Arc::new(self.read()?);
-        *current = Some((Arc::clone(&table), Instant::now()));
+        let table = match self.read() {
+            Ok(table) => Arc::new(table),
+            Err(e) => {
+                let before = current.as_ref().map(|(table, _)| Arc::clone(table)).filter(|_| is_away(&e));
+                if before.is_none() {
+                    *current = None;
+                }
+                return before.ok_or(e);
+            }
+        };
+        let is_new = current.replace((Arc::clone(&table), Instant::now())).is_none();
         drop(current);
         if is_new {
             self.tables.keep(self);
@@ -172,12 +192,12 @@ impl Holding {
         let root = root_of(&self.folder)?;
         let mut files = BTreeMap::new();
         for (name, identity) in &root {
-            let path = self.folder.join(name);
+            let place = self.folder.join(name);
             match identity {
                 Some(identity) if identity.bytes() <= SMALL => {
-                    files.insert(name.clone(), Entry::new(path, *identity));
+                    files.insert(name.clone(), Entry::new(place, identity.clone()));
                 }
-                Some(_) => tracing::warn!("{}: too large for the root of an object, not served", path.display()),
+                Some(_) => tracing::warn!("{place}: too large for the root of an object, not served"),
                 None => {}
             }
         }
@@ -188,9 +208,13 @@ impl Holding {
             if root.get(&version.folder) != Some(&None) {
                 continue;
             }
-            let path = self.folder.join(&version.folder);
-            if let Err(e) = version_files(version, &path, &mut files) {
-                tracing::warn!("{}: {e}; nothing of it is served; run kilwa verify on the object", path.display());
+            let place = self.folder.join(&version.folder);
+            match version_files(version, &place, &mut files) {
+                Err(e) if is_away(&e) => return Err(e),
+                Err(e) => {
+                    tracing::warn!("{place}: {e}; nothing of it is served; run kilwa verify on the object");
+                }
+                Ok(()) => {}
             }
         }
         Ok(Table { files, root, manifest })
@@ -201,46 +225,31 @@ impl Holding {
 const ROOT: [&str; 3] = [PAGE, MANIFEST, NOTES];
 
 /// Plain files of the root with what tells their versions apart, and version folders (`v1`, `v2` …) without.
-fn root_of(folder: &Path) -> io::Result<BTreeMap<String, Option<Identity>>> {
-    let mut root = BTreeMap::new();
-    for entry in std::fs::read_dir(folder)? {
-        let entry = entry?;
-        let Some((name, kind)) = servable(&entry) else { continue };
-        if kind.is_file() && ROOT.contains(&name.as_str()) {
-            root.insert(name, Some(Identity::of(&entry.metadata()?)));
-        } else if kind.is_dir() && version_of(&name).is_some() {
-            root.insert(name, None);
-        }
-    }
+fn root_of(folder: &Place) -> io::Result<BTreeMap<String, Option<Identity>>> {
+    let mut root = folder.directly_below()?;
+    root.retain(|name, identity| match identity {
+        Some(_) => ROOT.contains(&name.as_str()),
+        None => version_of(name).is_some(),
+    });
     Ok(root)
 }
 
-/// Name and kind, if it may be served at all: no link, nothing hidden, a name that an address can have.
-fn servable(entry: &std::fs::DirEntry) -> Option<(String, std::fs::FileType)> {
-    let kind = entry.file_type().ok()?;
-    let name = entry.file_name().into_string().ok()?;
-    if kind.is_symlink() {
-        tracing::warn!("{}: a link, not served; put the file itself there", entry.path().display());
-        return None;
-    }
-    (!name.starts_with('.') && !name.contains(['/', '\\', '\0'])).then_some((name, kind))
-}
-
 /// Every file of a version folder that its list names, under `v1/name`.
-fn version_files(version: &Version, folder: &Path, files: &mut BTreeMap<String, Entry>) -> io::Result<()> {
-    let mut found = BTreeMap::new();
-    walk(folder, "", 0, &mut found)?;
-    let list = found.remove(CHECKSUMS).ok_or_else(|| io::Error::other(format!("there is no {CHECKSUMS}")))?;
+fn version_files(version: &Version, folder: &Place, files: &mut BTreeMap<String, Entry>) -> io::Result<()> {
+    let mut found = folder.files()?;
+    let list = found.remove(CHECKSUMS).map(|identity| Entry::new(folder.join(CHECKSUMS), identity));
+    let list = list.ok_or_else(|| io::Error::other(format!("there is no {CHECKSUMS}")))?;
     let bytes = list.read()?;
     if sha256(&bytes) != version.checksums.sha256 {
         return Err(io::Error::other(format!("its {CHECKSUMS} is not the one that manifest.json names")));
     }
-    let text = String::from_utf8(bytes).map_err(io::Error::other)?;
+    let text = String::from_utf8(bytes.into()).map_err(io::Error::other)?;
     for (name, sum) in Checksums::parse(&text).map_err(|e| io::Error::other(format!("{CHECKSUMS}: {e}")))?.iter() {
-        if let Some(mut entry) = found.remove(name) {
+        if let Some(identity) = found.remove(name) {
+            let mut entry = Entry::new(folder.join(name), identity);
             let is_pack = version.pack.url.strip_suffix(name).is_some_and(|rest| rest.ends_with('/'));
             if is_pack && entry.identity.bytes() != version.pack.bytes {
-                tracing::warn!("{}: {name} has another length than the manifest says, not served", folder.display());
+                tracing::warn!("{folder}: {name} has another length than the manifest says, not served");
                 continue;
             }
             entry.sha256 = Some(sum.into());
@@ -248,26 +257,8 @@ fn version_files(version: &Version, folder: &Path, files: &mut BTreeMap<String, 
         }
     }
     for name in found.keys() {
-        tracing::warn!("{}: {name} is not in {CHECKSUMS}, not served", folder.display());
+        tracing::warn!("{folder}: {name} is not in {CHECKSUMS}, not served");
     }
     files.insert(format!("{}/{CHECKSUMS}", version.folder), list);
-    Ok(())
-}
-
-fn walk(folder: &Path, prefix: &str, depth: usize, into: &mut BTreeMap<String, Entry>) -> io::Result<()> {
-    for entry in std::fs::read_dir(folder)? {
-        let entry = entry?;
-        let Some((name, kind)) = servable(&entry) else { continue };
-        let name = if prefix.is_empty() { name } else { format!("{prefix}/{name}") };
-        if into.len() >= MOST_FILES {
-            return Err(io::Error::other(format!("more than {MOST_FILES} files; the rest is not served")));
-        }
-        if kind.is_file() {
-            let identity = Identity::of(&entry.metadata()?);
-            into.insert(name, Entry::new(entry.path(), identity));
-        } else if kind.is_dir() && depth < DEPTH {
-            walk(&entry.path(), &name, depth + 1, into)?;
-        }
-    }
     Ok(())
 }

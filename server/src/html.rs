@@ -222,6 +222,14 @@ pub(crate) fn lost() -> String {
     )
 }
 
+/// The page while the archive's storage does not answer.
+pub(crate) fn away(said: &str) -> String {
+    format!(
+        "{HEAD}<title>Please come again - Kilwa</title>\n</head>\n<body class=\"list\">\n<main>\n<h1>This cannot be shown now</h1>\n\
+         <p class=\"lead\">{said} <a href=\"/\">See all models</a>.</p>\n</main>\n</body>\n</html>\n"
+    )
+}
+
 /// 1234567 as `1 234 567`, with narrow no-break spaces.
 pub(crate) fn grouped(n: u64) -> String {
     let digits = n.to_string();

@@ -28,6 +28,7 @@ mod portal;
 mod range;
 mod site;
 mod socket;
+pub mod store;
 pub mod upload;
 
 pub use access::Clock;

@@ -12,20 +12,20 @@ use crate::access::{Clock, Verdict, is_geometry, verdict};
 use crate::catalogue::Model;
 use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, condition, insert, plain, share, text};
 use crate::door::Door;
-use crate::holding::{Entry, Holding, SMALL, Table};
+use crate::holding::{Entry, Holding, Table};
 use crate::html;
 use crate::object::Manifest;
 use crate::object::layout::{MANIFEST, PAGE, VIEWER};
 use crate::packs::blocking;
 use crate::page::content_type;
 use crate::site::{Site, accepts};
-use axum::body::Body;
+use crate::store::{is_away, warn};
+use axum::body::{Body, Bytes};
 use axum::http::header::{
     ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE, ETAG, VARY, WWW_AUTHENTICATE,
 };
 use axum::http::{HeaderMap, HeaderName, Method, Response, StatusCode};
-use std::io::{self, Read};
-use std::path::Path;
+use std::io;
 use std::sync::Arc;
 
 /// Published notes, in the root: they may change, so they are in no version.
@@ -71,7 +71,11 @@ pub(crate) async fn landing(
 ) -> Result<(Option<String>, StatusCode, Arc<Table>), StatusCode> {
     let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
     let table = table(&object.holding).await?;
-    let html = read_entry(&table, PAGE).await.map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    let html = match read_entry(&table, PAGE).await {
+        Ok(bytes) => Some(String::from_utf8_lossy(&bytes).into_owned()),
+        Err(StatusCode::SERVICE_UNAVAILABLE) => return Err(StatusCode::SERVICE_UNAVAILABLE),
+        Err(_) => None,
+    };
     Ok(match verdict(&table.manifest.access, clock) {
         Verdict::Gone(why) => {
             let html = html.unwrap_or_else(|| html::gone(&table.manifest.title, &why));
@@ -102,7 +106,7 @@ async fn table(holding: &Arc<Holding>) -> Result<Arc<Table>, StatusCode> {
     let holding = Arc::clone(holding);
     blocking(move || {
         holding.table().map_err(|e| {
-            tracing::warn!("{}: {e}", holding.folder().display());
+            warn(holding.folder(), &e);
             // Not found: the folder, or its manifest, has been taken away.
             let gone = e.kind() == io::ErrorKind::NotFound;
             if gone { StatusCode::NOT_FOUND } else { StatusCode::SERVICE_UNAVAILABLE }
@@ -121,11 +125,46 @@ async fn file(
 ) -> Result<Response<Body>, StatusCode> {
     match table.get(name) {
         Some(entry) if entry.sha256.is_none() => {
-            let bytes = read_entry(table, name).await.ok_or(StatusCode::NOT_FOUND)?;
+            let bytes = read_entry(table, name).await?;
             Ok(whole(bytes, content_type(name), method, headers))
         }
         _ if is_viewer(name) => viewer_file(holding, table, name, method, headers).await,
-        _ => Ok(answer(source(holding, table, name).await?, method, headers)),
+        _ => sent(holding, table, name, name, method, headers).await,
+    }
+}
+
+/// A file of a version, under the name that says what kind it is; once more after looking again, where it is not what was listed.
+async fn sent(
+    holding: &Arc<Holding>,
+    table: &Arc<Table>,
+    name: &str,
+    kind: &str,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Result<Response<Body>, StatusCode> {
+    for _ in 0..2 {
+        let mut source = source(holding, table, name).await?;
+        source.content_type = content_type(kind);
+        match answer(source, method, headers).await {
+            Ok(response) => return Ok(response),
+            Err(e) => look_again(holding, &e),
+        }
+    }
+    Err(StatusCode::SERVICE_UNAVAILABLE)
+}
+
+/// What was listed is not what is there: it is listed anew when next asked for.
+fn look_again(holding: &Holding, e: &io::Error) {
+    warn(holding.folder(), e);
+    if !is_away(e) {
+        holding.forget();
+    }
+}
+
+/// The same for a model.
+pub(crate) fn again(model: &Model, e: &io::Error) {
+    if let Some(object) = model.object() {
+        look_again(&object.holding, e);
     }
 }
 
@@ -147,13 +186,11 @@ async fn viewer_file(
         |(coding, end): &(&str, &str)| accepts(coding, accepted) && table.get(&format!("{name}{end}")).is_some();
     let packed = [("br", ".br"), ("gzip", ".gz")].into_iter().find(is_there);
     let mut response = if let Some((coding, end)) = packed {
-        let mut source = source(holding, table, &format!("{name}{end}")).await?;
-        source.content_type = content_type(name);
-        let mut response = answer(source, method, headers);
+        let mut response = sent(holding, table, &format!("{name}{end}"), name, method, headers).await?;
         insert(&mut response, CONTENT_ENCODING, coding);
         response
     } else {
-        answer(source(holding, table, name).await?, method, headers)
+        sent(holding, table, name, name, method, headers).await?
     };
     insert(&mut response, VARY, "Accept-Encoding");
     Ok(response)
@@ -162,19 +199,22 @@ async fn viewer_file(
 /// Open a file that has a checksum; once more after looking again, where it is not what was listed.
 async fn source(holding: &Arc<Holding>, table: &Arc<Table>, name: &str) -> Result<Source, StatusCode> {
     let open = |entry: Entry| {
-        blocking(move || {
-            let opened = entry.open().inspect_err(|e| tracing::warn!("{}: {e}", entry.path().display())).ok()?;
-            Some((opened, entry.sha256?))
+        blocking(move || match entry.open() {
+            Ok(opened) => Ok(entry.sha256.map(|sum| (opened, sum))),
+            Err(e) => {
+                warn(entry.place(), &e);
+                if is_away(&e) { Err(StatusCode::SERVICE_UNAVAILABLE) } else { Ok(None) }
+            }
         })
     };
-    let mut found = open(table.get(name).ok_or(StatusCode::NOT_FOUND)?.clone()).await?;
+    let mut found = open(table.get(name).ok_or(StatusCode::NOT_FOUND)?.clone()).await??;
     if found.is_none() {
         holding.forget();
         let again = self::table(holding).await?;
-        found = open(again.get(name).ok_or(StatusCode::NOT_FOUND)?.clone()).await?;
+        found = open(again.get(name).ok_or(StatusCode::NOT_FOUND)?.clone()).await??;
     }
-    let ((file, bytes), hash) = found.ok_or(StatusCode::SERVICE_UNAVAILABLE)?;
-    Ok(Source { file, bytes, hash, content_type: content_type(name), cache: FOR_EVER })
+    let ((content, bytes), hash) = found.ok_or(StatusCode::SERVICE_UNAVAILABLE)?;
+    Ok(Source { content, bytes, hash, content_type: content_type(name), cache: FOR_EVER })
 }
 
 /// A file of the root, as it is now.
@@ -185,28 +225,25 @@ pub(crate) async fn small(
     headers: &HeaderMap,
 ) -> Result<Response<Body>, StatusCode> {
     let table = table(holding).await?;
-    let bytes = read_entry(&table, name).await.ok_or(StatusCode::NOT_FOUND)?;
+    let bytes = read_entry(&table, name).await?;
     Ok(whole(bytes, content_type(name), method, headers))
 }
 
-async fn read_entry(table: &Arc<Table>, name: &str) -> Option<Vec<u8>> {
-    let entry = table.get(name)?.clone();
-    let read = move || entry.read().inspect_err(|e| tracing::warn!("{}: {e}", entry.path().display())).ok();
-    blocking(read).await.ok().flatten()
-}
-
-/// All of a file of moderate length.
-pub(crate) fn read_small(path: &Path) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    std::fs::File::open(path)?.take(SMALL + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > SMALL {
-        return Err(io::Error::other(format!("longer than {SMALL} bytes")));
-    }
-    Ok(bytes)
+/// A file of the root, 404 where there is none.
+async fn read_entry(table: &Arc<Table>, name: &str) -> Result<Bytes, StatusCode> {
+    let entry = table.get(name).ok_or(StatusCode::NOT_FOUND)?.clone();
+    let read = move || {
+        entry.read().map_err(|e| {
+            warn(entry.place(), &e);
+            if is_away(&e) { StatusCode::SERVICE_UNAVAILABLE } else { StatusCode::NOT_FOUND }
+        })
+    };
+    blocking(read).await?
 }
 
 /// Bytes in memory under the hash of their content; asked about each time.
-pub(crate) fn whole(bytes: Vec<u8>, kind: &str, method: &Method, headers: &HeaderMap) -> Response<Body> {
+pub(crate) fn whole(bytes: impl Into<Bytes>, kind: &str, method: &Method, headers: &HeaderMap) -> Response<Body> {
+    let bytes: Bytes = bytes.into();
     let etag = format!("\"{}\"", blake3::hash(&bytes).to_hex());
     let mut response = if let Some(status) = condition(&etag, headers) {
         plain(status)
@@ -275,9 +312,9 @@ fn withheld(why: &str) -> Response<Body> {
 /// 410: the manifest for programs that ask for it, the landing page, which is the tombstone, for everything else.
 async fn gone(table: &Arc<Table>, name: &str, why: &str) -> Response<Body> {
     let wanted = if name == MANIFEST { MANIFEST } else { PAGE };
-    let bytes = read_entry(table, wanted).await;
+    let bytes = read_entry(table, wanted).await.ok();
     let kind = content_type(if bytes.is_some() { wanted } else { PAGE });
-    let tombstone = || html::gone(&table.manifest.title, why).into_bytes();
+    let tombstone = || html::gone(&table.manifest.title, why).into();
     let mut r = Response::new(Body::from(bytes.unwrap_or_else(tombstone)));
     *r.status_mut() = StatusCode::GONE;
     insert(&mut r, CONTENT_TYPE, kind);

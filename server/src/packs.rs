@@ -5,9 +5,11 @@
 //! of its list for one of an archive object. The hash URL may be kept for ever (`immutable`); the other is revalidated.
 
 use crate::access::Clock;
-use crate::catalogue::{Catalogue, Identity, Kind, Model};
+use crate::catalogue::{Catalogue, Kind, Model};
 use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, plain, share};
+use crate::holding::SMALL;
 use crate::objects;
+use crate::store::{Content, Identity, read_small};
 use axum::body::Body;
 use axum::http::{HeaderMap, Method, Response, StatusCode};
 use std::sync::Arc;
@@ -22,15 +24,33 @@ pub(crate) async fn respond(
 ) -> Response<Body> {
     let found = match name.strip_suffix(".annotations.json") {
         Some(slug) => notes(catalogue, slug, clock, method, headers).await,
-        None => find(catalogue, name, clock).await.map(|source| answer(source, method, headers)),
+        None => pack(catalogue, name, clock, method, headers).await,
     };
     let mut response = found.unwrap_or_else(plain);
     share(&mut response);
     response
 }
 
+/// The pack of a URL; once more, where it is not what was listed.
+async fn pack(
+    catalogue: &Arc<Catalogue>,
+    name: &str,
+    clock: &Clock,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Result<Response<Body>, StatusCode> {
+    for _ in 0..2 {
+        let (source, model) = find(catalogue, name, clock).await?;
+        match answer(source, method, headers).await {
+            Ok(response) => return Ok(response),
+            Err(e) => objects::again(&model, &e),
+        }
+    }
+    Err(StatusCode::SERVICE_UNAVAILABLE)
+}
+
 /// Open the pack of a URL. A file that changed since it was listed is listed again.
-async fn find(catalogue: &Arc<Catalogue>, name: &str, clock: &Clock) -> Result<Source, StatusCode> {
+async fn find(catalogue: &Arc<Catalogue>, name: &str, clock: &Clock) -> Result<(Source, Arc<Model>), StatusCode> {
     let stem = name.strip_suffix(".kilwa").ok_or(StatusCode::NOT_FOUND)?;
     let (slug, pin) = match stem.split_once('.') {
         Some((slug, hash)) => (slug.to_owned(), Some(hash)),
@@ -41,10 +61,10 @@ async fn find(catalogue: &Arc<Catalogue>, name: &str, clock: &Clock) -> Result<S
         let model = blocking(move || c.model(&s)).await?.ok_or(StatusCode::NOT_FOUND)?;
         if let Some(object) = model.object() {
             let source = objects::current_pack(&object.holding, clock).await?;
-            return pinned(source, pin);
+            return pinned(source, pin).map(|source| (source, model));
         }
         if let Some(source) = open(&model).await {
-            return pinned(source, pin);
+            return pinned(source, pin).map(|source| (source, model));
         }
         let c = Arc::clone(catalogue);
         blocking(move || c.list()).await?.map_err(|_| StatusCode::INTERNAL_SERVER_ERROR)?;
@@ -66,11 +86,17 @@ async fn open(model: &Arc<Model>) -> Option<Source> {
     let hash = model.hash().await.inspect_err(|e| tracing::warn!("{}: {e}", model.file_name)).ok()?;
     let model = Arc::clone(model);
     let opened = blocking(move || {
-        let file = std::fs::File::open(&model.path).ok()?;
+        let file = std::fs::File::open(model.place.path()?).ok()?;
         (Identity::of(&file.metadata().ok()?) == model.identity).then_some((file, model.bytes))
     });
     let (file, bytes) = opened.await.ok().flatten()?;
-    Some(Source { file, bytes, hash, content_type: "application/octet-stream", cache: ASK_AGAIN })
+    Some(Source {
+        content: Content::File(file),
+        bytes,
+        hash,
+        content_type: "application/octet-stream",
+        cache: ASK_AGAIN,
+    })
 }
 
 /// The notes that lie beside a pack, or in the root of an object.
@@ -87,7 +113,7 @@ async fn notes(
         Kind::Object(_) => return Ok(objects::respond(&model, objects::NOTES, clock, None, method, headers).await),
         Kind::Pack { notes } => notes.clone().ok_or(StatusCode::NOT_FOUND)?,
     };
-    let bytes = blocking(move || objects::read_small(&path)).await?.map_err(|_| StatusCode::NOT_FOUND)?;
+    let bytes = blocking(move || read_small(&path, SMALL)).await?.map_err(|_| StatusCode::NOT_FOUND)?;
     Ok(objects::whole(bytes, "application/json", method, headers))
 }
 

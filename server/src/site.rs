@@ -27,6 +27,7 @@ use crate::policy::Policy;
 use crate::portal::{base, routes, signposting};
 use crate::range::lists;
 use crate::socket::Peer;
+use crate::store;
 use crate::upload::{self, Uploads};
 use axum::Router;
 use axum::body::{Body, HttpBody as _};
@@ -122,6 +123,7 @@ impl Site {
 pub fn app(site: Site) -> Router {
     let observer = Observer { metrics: Arc::clone(&site.metrics), behind_proxy: site.behind_proxy };
     let policy = HeaderValue::from_str(&site.policy.header()).ok();
+    let place = site.catalogue.place().clone();
     Router::new()
         .route("/", get(list))
         .route("/models.json", get(list_json))
@@ -143,6 +145,7 @@ pub fn app(site: Site) -> Router {
         .route("/{slug}/{*file}", get(object).post(door::routes::open).options(preflight))
         .merge(upload::routes::routes())
         .fallback(|| async { lost() })
+        .layer(from_fn_with_state(place, store::tell))
         .layer(from_fn_with_state(policy, manners))
         .layer(from_fn_with_state(observer, observe))
         .with_state(site)

@@ -104,7 +104,8 @@ mod tests {
         for _ in 0..2 {
             let audit = Audit::open(&path).expect("opens");
             let address = "203.0.113.9";
-            let from = |who| Event { at: 7, action: Action::SignIn, who: Some(who), address, object: None, version: None };
+            let from =
+                |who| Event { at: 7, action: Action::SignIn, who: Some(who), address, object: None, version: None };
             audit.record(&from("amina"));
             audit.record(&from("a \"name\"\nwith a line"));
         }
@@ -124,7 +125,8 @@ mod tests {
             return;
         }
         let audit = Audit::open(full).expect("opens");
-        let event = Event { at: 1, action: Action::Refused, who: None, address: "::1", object: Some("x"), version: None };
+        let event =
+            Event { at: 1, action: Action::Refused, who: None, address: "::1", object: Some("x"), version: None };
         audit.record(&event);
         audit.record(&event);
         assert_eq!(audit.state.lock().expect("not poisoned").lost, 2);

@@ -18,8 +18,8 @@ pub(crate) mod routes;
 
 use crate::access::audit::{Action, Event};
 use crate::access::{Accounts, AccountsError, Attempts, Audit, Purpose, User};
-use crate::catalogue::Identity;
 use crate::content::text;
+use crate::store::Identity;
 use axum::http::HeaderMap;
 use axum::http::header::{AUTHORIZATION, COOKIE};
 use std::path::{Path, PathBuf};
@@ -78,7 +78,7 @@ impl Door {
                 return known.accounts.clone();
             }
             known.looked = Instant::now();
-            (known.mark, known.accounts.is_none())
+            (known.mark.clone(), known.accounts.is_none())
         };
         // Nobody waits for the disk but who looks.
         let mark = mark(&self.file);

@@ -1,9 +1,9 @@
 //! The catalogue's index: full text and facets over the metadata of a folder of objects, in SQLite.
 //!
-//! The folder is the truth and the index is derived: it can be deleted at any time. [`Index::refresh`] compares every object's
-//! manifest (size and time) with what was read last, so that a warm start reads nothing but directory entries. What cannot be opened
+//! The folder (or the store) is the truth and the index is derived: it can be deleted at any time. [`Index::refresh`] compares every object's
+//! manifest (size and time, in a store size and tag) with what was read last, so that a warm start reads nothing but directory entries. What cannot be opened
 //! as an index of this form (damaged, of another version, half written) is made anew from the folder; where no file can be written the index
-//! is held in memory. An object that cannot be read is kept in a list with the reason, so that nothing vanishes silently.
+//! is held in memory. A store that does not answer changes nothing. An object that cannot be read is kept in a list with the reason, so that nothing vanishes silently.
 //!
 //! One file per part: `schema` (opening and tables), `entry` (what is known of an object), `refresh` (folder to index), `search`.
 
@@ -16,6 +16,7 @@ pub use entry::{Entry, SizeClass};
 pub use refresh::{Changes, Refused};
 pub use search::{Count, Facet, FacetCounts, Found, PER_PAGE_MAX, Query, Sort};
 
+use crate::store::Place;
 use rusqlite::Connection;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -32,10 +33,10 @@ pub enum IndexError {
     #[error("the index cannot be used: {0}")]
     Database(#[from] rusqlite::Error),
     /// The folder of the objects cannot be listed.
-    #[error("cannot list {path}: {source}")]
+    #[error("cannot list {place}: {source}")]
     Folder {
         /// The folder.
-        path: PathBuf,
+        place: Place,
         /// The system's reason.
         source: std::io::Error,
     },
@@ -51,13 +52,15 @@ impl IndexError {
 
 /// The index of one folder of objects.
 pub struct Index {
-    folder: PathBuf,
+    folder: Place,
     /// Where it is; `None` in memory.
     file: Option<PathBuf>,
     writer: Mutex<Connection>,
     /// Idle connections that only read; searches do not wait for each other nor for a refresh.
     readers: Mutex<Vec<Connection>>,
     refreshed: Mutex<Option<Instant>>,
+    /// One refresh at a time.
+    refreshing: Mutex<()>,
 }
 
 impl Index {
@@ -67,6 +70,14 @@ impl Index {
     /// # Errors
     /// When not even an index in memory can be had.
     pub fn open(folder: &Path, file: Option<&Path>) -> Result<Self, IndexError> {
+        Self::of(&Place::Path(folder.to_owned()), file)
+    }
+
+    /// The same of a folder or a store.
+    ///
+    /// # Errors
+    /// As [`Index::open`].
+    pub fn of(folder: &Place, file: Option<&Path>) -> Result<Self, IndexError> {
         let opened = file.and_then(|file| match schema::open(file) {
             Ok(connection) => Some((connection, file.to_owned())),
             Err(e) => {
@@ -78,12 +89,12 @@ impl Index {
             Some((connection, file)) => (connection, Some(file)),
             None => (schema::in_memory()?, None),
         };
-        let (readers, refreshed) = (Mutex::default(), Mutex::default());
-        Ok(Self { folder: folder.to_owned(), file, writer: Mutex::new(writer), readers, refreshed })
+        let (readers, refreshed, refreshing) = (Mutex::default(), Mutex::default(), Mutex::default());
+        Ok(Self { folder: folder.clone(), file, writer: Mutex::new(writer), readers, refreshed, refreshing })
     }
 
     /// The folder of the objects.
-    pub fn folder(&self) -> &Path {
+    pub fn folder(&self) -> &Place {
         &self.folder
     }
 
@@ -99,7 +110,7 @@ impl Index {
     pub fn refresh_if_older(&self, age: Duration) -> Result<(), IndexError> {
         {
             let mut refreshed = self.refreshed.lock().unwrap_or_else(PoisonError::into_inner);
-            if refreshed.is_some_and(|at| at.elapsed() < age) {
+            if refreshed.is_some_and(|at| at.elapsed() < age.max(self.folder.listed_for())) {
                 return Ok(());
             }
             // Whoever comes meanwhile gets what is known so far.
@@ -124,7 +135,7 @@ impl Index {
     pub fn refresh(&self) -> Result<Changes, IndexError> {
         match self.refresh_once() {
             Err(e) if e.is_damage() => {
-                tracing::warn!("{e}; it is made anew from {}", self.folder.display());
+                tracing::warn!("{e}; it is made anew from {}", self.folder);
                 self.rebuild()
             }
             other => other,
@@ -132,7 +143,8 @@ impl Index {
     }
 
     fn refresh_once(&self) -> Result<Changes, IndexError> {
-        let changes = refresh::refresh(&mut self.lock(), &self.folder)?;
+        let _one = self.refreshing.lock().unwrap_or_else(PoisonError::into_inner);
+        let changes = refresh::refresh(&self.folder, &|what| what(&mut self.lock()))?;
         *self.refreshed.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
         Ok(changes)
     }
@@ -186,7 +198,7 @@ impl Index {
     fn reading<T>(&self, what: impl Fn(&Connection) -> Result<T, IndexError>) -> Result<T, IndexError> {
         match self.read_once(&what) {
             Err(e) if e.is_damage() => {
-                tracing::warn!("{e}; it is made anew from {}", self.folder.display());
+                tracing::warn!("{e}; it is made anew from {}", self.folder);
                 self.rebuild()?;
                 self.read_once(&what)
             }

@@ -1,19 +1,22 @@
 //! From the folder to the index.
 //!
-//! An object's mark is the size and the time of its manifest, which is replaced last when a version is published: as long as it is the same,
-//! nothing else is looked at. All of a refresh is one transaction: who searches meanwhile sees the state before it.
+//! An object's mark is the size and the time of its manifest (in a store, its size and tag), which is replaced last when a version is
+//! published: as long as it is the same, nothing else is looked at. Everything is read before anything is written, a part of the objects at
+//! a time, and each part is one short transaction: who searches meanwhile waits for no disk and no store, and sees each object as it was or as
+//! it is. A store that goes away in the middle ends the refresh; what was not reached stays as it is known.
 
 use super::entry::Entry;
 use super::{IndexError, search};
-use crate::object::layout::{MANIFEST, METADATA, Slug, is_object};
+use crate::object::layout::{MANIFEST, METADATA, Slug};
 use crate::object::manifest::MANIFEST_MAX;
 use crate::object::{Manifest, Metadata};
+use crate::store::{self, Identity, Place, is_away};
 use rusqlite::{Connection, Transaction, params};
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::Read;
-use std::path::Path;
+use std::io;
 
+/// Objects that are read before they are written.
+const PART: usize = 500;
 /// Metadata longer than this is left out of the index, bytes.
 const METADATA_MAX: u64 = 8 << 20;
 
@@ -39,53 +42,63 @@ pub struct Refused {
     pub why: String,
 }
 
-pub(super) fn refresh(connection: &mut Connection, folder: &Path) -> Result<Changes, IndexError> {
-    let there = marks(folder).map_err(|source| IndexError::Folder { path: folder.to_owned(), source })?;
-    let transaction = connection.transaction()?;
-    let known = known(&transaction)?;
-    let mut changes = Changes::default();
-    for slug in known.keys().filter(|slug| !there.contains_key(*slug)) {
-        remove(&transaction, slug)?;
-        changes.removed += 1;
-    }
-    for (slug, mark) in &there {
-        let before = known.get(slug);
-        if before == Some(mark) {
-            continue;
+/// Something that is done with the connection that writes, which is held for just so long.
+type Doing<'a> = &'a mut dyn FnMut(&mut Connection) -> Result<(), IndexError>;
+
+pub(super) fn refresh(
+    folder: &Place,
+    write: &dyn Fn(Doing<'_>) -> Result<(), IndexError>,
+) -> Result<Changes, IndexError> {
+    let failed = |source| IndexError::Folder { place: folder.clone(), source };
+    let there = marks(folder).map_err(failed)?;
+    let (mut changes, mut before) = (Changes::default(), BTreeMap::new());
+    write(&mut |connection| {
+        let transaction = connection.transaction()?;
+        before = known(&transaction)?;
+        for slug in before.keys().filter(|slug| !there.contains_key(*slug)) {
+            remove(&transaction, slug)?;
+            changes.removed += 1;
         }
-        remove(&transaction, slug)?;
-        match read(folder, slug) {
-            Ok(entry) => {
-                add(&transaction, mark, &entry)?;
-                *(if before.is_some() { &mut changes.changed } else { &mut changes.added }) += 1;
+        Ok(transaction.commit()?)
+    })?;
+    let new: Vec<_> = there.iter().filter(|(slug, (mark, _))| before.get(*slug) != Some(mark)).collect();
+    for part in new.chunks(PART) {
+        let read = store::each(folder, part, |(slug, (_, manifest))| read(folder, slug, manifest));
+        let read: Vec<_> = read.into_iter().collect::<io::Result<_>>().map_err(failed)?;
+        write(&mut |connection| {
+            let transaction = connection.transaction()?;
+            for ((slug, (mark, _)), entry) in part.iter().zip(&read) {
+                remove(&transaction, slug)?;
+                match entry {
+                    Ok(entry) => add(&transaction, mark, entry)?,
+                    Err(why) => {
+                        let statement = "INSERT INTO refused (slug, mark, why) VALUES (?1, ?2, ?3)";
+                        transaction.prepare_cached(statement)?.execute(params![slug, mark, why])?;
+                    }
+                }
             }
-            Err(why) => {
-                tracing::warn!("{slug} is not in the catalogue: {why}");
-                let statement = "INSERT INTO refused (slug, mark, why) VALUES (?1, ?2, ?3)";
-                transaction.prepare_cached(statement)?.execute(params![slug, mark, why])?;
-                changes.refused += 1;
+            Ok(transaction.commit()?)
+        })?;
+        for ((slug, _), entry) in part.iter().zip(&read) {
+            match entry {
+                Ok(_) if before.contains_key(*slug) => changes.changed += 1,
+                Ok(_) => changes.added += 1,
+                Err(why) => {
+                    tracing::warn!("{slug} is not in the catalogue: {why}");
+                    changes.refused += 1;
+                }
             }
         }
     }
-    transaction.commit()?;
     Ok(changes)
 }
 
-/// The objects of a folder by name, with the mark of each.
-fn marks(folder: &Path) -> std::io::Result<BTreeMap<String, String>> {
-    let mut marks = BTreeMap::new();
-    for item in std::fs::read_dir(folder)? {
-        let item = item?;
-        let Some(name) = item.file_name().to_str().map(str::to_owned) else { continue };
-        // The same rule as for addresses: what cannot be asked for is not listed.
-        if Slug::new(&name).is_err() || !is_object(&item.path()) {
-            continue;
-        }
-        let Ok(manifest) = std::fs::metadata(item.path().join(MANIFEST)) else { continue };
-        let time = manifest.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
-        marks.insert(name, format!("{} {}", manifest.len(), time.unwrap_or_default().as_nanos()));
-    }
-    Ok(marks)
+/// The objects of a folder by name, with the mark of each and what it is made from.
+fn marks(folder: &Place) -> io::Result<BTreeMap<String, (String, Identity)>> {
+    let objects = folder.objects()?;
+    // The same rule as for addresses: what cannot be asked for is not listed.
+    let shown = objects.iter().filter(|(name, _)| Slug::new(name).is_ok());
+    Ok(shown.map(|(name, identity)| (name.clone(), (identity.mark(), identity.clone()))).collect())
 }
 
 fn known(transaction: &Transaction<'_>) -> Result<BTreeMap<String, String>, IndexError> {
@@ -95,34 +108,33 @@ fn known(transaction: &Transaction<'_>) -> Result<BTreeMap<String, String>, Inde
     Ok(rows.collect::<Result<_, _>>()?)
 }
 
-/// An object, or why it cannot be shown.
-fn read(folder: &Path, slug: &str) -> Result<Entry, String> {
+/// An object, or why it cannot be shown; an error where the store went away.
+fn read(folder: &Place, slug: &str, manifest: &Identity) -> io::Result<Result<Entry, String>> {
     let object = folder.join(slug);
-    let bytes = bounded(&object.join(MANIFEST), MANIFEST_MAX)?;
-    let manifest = Manifest::parse(&bytes).map_err(|e| format!("{MANIFEST}: {e}"))?;
+    let refused = |why: String| Ok(Err(format!("{MANIFEST}: {why}")));
+    let manifest = match object.join(MANIFEST).read_listed(manifest, MANIFEST_MAX) {
+        Err(e) if is_away(&e) => return Err(e),
+        Err(e) => return refused(e.to_string()),
+        Ok(bytes) => match Manifest::parse(&bytes) {
+            Ok(manifest) => manifest,
+            Err(e) => return refused(e.to_string()),
+        },
+    };
     if manifest.slug != slug {
-        return Err(format!("the folder is named {slug}, its manifest says {}; rename the folder", manifest.slug));
+        let why = format!("the folder is named {slug}, its manifest says {}; rename the folder", manifest.slug);
+        return Ok(Err(why));
     }
-    let folder = manifest.current().map(|v| v.folder.clone()).unwrap_or_default();
     // Without its metadata an object is still shown: the manifest has what counts.
-    let metadata = bounded(&object.join(folder).join(METADATA), METADATA_MAX)
-        .and_then(|bytes| serde_json::from_slice::<Metadata>(&bytes).map_err(|e| format!("{METADATA}: {e}")));
+    let folder = manifest.current().map(|v| v.folder.clone()).unwrap_or_default();
+    let metadata = match object.join(&folder).join(METADATA).read(METADATA_MAX) {
+        Err(e) if is_away(&e) => return Err(e),
+        Err(e) => Err(format!("{METADATA}: {e}")),
+        Ok(bytes) => serde_json::from_slice::<Metadata>(&bytes).map_err(|e| format!("{METADATA}: {e}")),
+    };
     if let Err(why) = &metadata {
         tracing::warn!("{slug}: {why}; the catalogue has what the manifest says");
     }
-    Ok(Entry::of(&manifest, metadata.ok()))
-}
-
-/// A file of at most `most` bytes.
-fn bounded(path: &Path, most: u64) -> Result<Vec<u8>, String> {
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let file = File::open(path).map_err(|e| format!("{name}: {e}"))?;
-    let mut bytes = Vec::new();
-    file.take(most + 1).read_to_end(&mut bytes).map_err(|e| format!("{name}: {e}"))?;
-    if bytes.len() as u64 > most {
-        return Err(format!("{name}: more than {most} bytes"));
-    }
-    Ok(bytes)
+    Ok(Ok(Entry::of(&manifest, metadata.ok())))
 }
 
 fn add(transaction: &Transaction<'_>, mark: &str, entry: &Entry) -> Result<(), IndexError> {

@@ -5,13 +5,13 @@
 //! text and pictures, and about no byte that a browser runs. [`agree`] and [`further`] are the rules that both keep to.
 
 use super::draft::{Draft, DraftError};
+use super::layout::Slug;
 use super::layout::{CRATE, MANIFEST, METADATA, VIEWER, pack_name, version_folder};
 use super::manifest::{Access, AccessState, FORM, Figures, FileEntry, Manifest, PackEntry, RightsEntry, Version};
 use super::metadata::{Metadata, crs};
 use super::page::{self, Surroundings};
 use super::record::{Preview, Publication, citation, records, ro_crate};
 use super::rights::Rights;
-use super::layout::Slug;
 use crate::page::Page;
 use std::path::{Path, PathBuf};
 
@@ -53,12 +53,7 @@ impl Facts {
     }
 
     /// All that its records say. `of_pack` is what the published pack says of itself.
-    pub fn publication(
-        &self,
-        pack: PackEntry,
-        of_pack: kilwa_pack::Metadata,
-        preview: Option<Preview>,
-    ) -> Publication {
+    pub fn publication(&self, pack: PackEntry, of_pack: kilwa_pack::Metadata, preview: Option<Preview>) -> Publication {
         let first = self.before.as_ref().and_then(|m| m.versions.first());
         Publication {
             metadata: self.metadata.clone(),
@@ -200,7 +195,7 @@ pub fn existing(object: &Path) -> Result<Option<Manifest>, String> {
         return Ok(None);
     }
     let path = object.join(MANIFEST);
-    let bytes = crate::objects::read_small(&path).map_err(|e| {
+    let bytes = crate::store::read_small(&path, crate::holding::SMALL).map_err(|e| {
         format!("{} is there and is no object of kilwa ({e}); give another name with slug = \"…\" in the metadata, or move it away", object.display())
     })?;
     Manifest::parse(&bytes).map(Some).map_err(|e| format!("{}: {e}", path.display()))
@@ -349,7 +344,11 @@ fn elsewhere(old: &Version, new: &kilwa_pack::Metadata) -> Option<String> {
     let size = |min: [f64; 3], max: [f64; 3]| (0..3).map(|k| (max[k] - min[k]).powi(2)).sum::<f64>().sqrt();
     let (before, now) = (size(old_min, old_max), size(new.bounds_min, new.bounds_max));
     if now > before * GROWTH || before > now * GROWTH {
-        return Some(format!("that one is {} across, this one {}", crate::html::length(before), crate::html::length(now)));
+        return Some(format!(
+            "that one is {} across, this one {}",
+            crate::html::length(before),
+            crate::html::length(now)
+        ));
     }
     if old_crs.is_some() && old_crs == new_crs {
         let apart = |k: usize| (new.bounds_min[k] - old_max[k]).max(old_min[k] - new.bounds_max[k]).max(0.0);

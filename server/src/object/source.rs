@@ -18,8 +18,9 @@ impl FileSource {
     /// # Errors
     /// When it cannot be opened, or is a folder; the message names it.
     pub fn open(path: &Path) -> io::Result<Self> {
-        let failed =
-            |what: &'static str| move |e: io::Error| io::Error::new(e.kind(), format!("cannot {what} {}: {e}", path.display()));
+        let failed = |what: &'static str| {
+            move |e: io::Error| io::Error::new(e.kind(), format!("cannot {what} {}: {e}", path.display()))
+        };
         let source = Self::new(path).map_err(failed("open"))?;
         if source.file.metadata().map_err(failed("read"))?.is_dir() {
             let said = format!("{} is a folder; give the .kilwa file in it", path.display());

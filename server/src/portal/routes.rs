@@ -170,7 +170,7 @@ impl oai::Source for Archive {
         let table = model.object()?.holding.table().ok()?;
         let version = table.manifest.current()?;
         let bytes = table.get(&format!("{}/{DUBLIN_CORE}", version.folder))?.read().ok()?;
-        String::from_utf8(bytes).ok()
+        String::from_utf8(bytes.into()).ok()
     }
 
     fn page(&self, slug: &str) -> String {

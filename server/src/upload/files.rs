@@ -89,8 +89,18 @@ mod tests {
             assert!(is_expected(good), "{good}");
         }
         for bad in [
-            "index.html", "manifest.json", "viewer/boot.js", "../poster.jpg", "drawings/../x.png", "drawings/x.png",
-            "/poster.jpg", "metadata/dc.xml", "checksums.sha256", "poster.jpg/", "drawings/plan.svg", "",
+            "index.html",
+            "manifest.json",
+            "viewer/boot.js",
+            "../poster.jpg",
+            "drawings/../x.png",
+            "drawings/x.png",
+            "/poster.jpg",
+            "metadata/dc.xml",
+            "checksums.sha256",
+            "poster.jpg/",
+            "drawings/plan.svg",
+            "",
         ] {
             assert!(!is_expected(bad), "{bad}");
         }

@@ -54,9 +54,7 @@ impl Job {
         let (done, of) = (self.done.load(Ordering::Relaxed), self.of);
         match &*lock(&self.ended) {
             None => (StatusCode::OK, Status { done, of, ..Status::new(State::Verifying, self.version) }),
-            Some(Ok(d)) => {
-                (StatusCode::OK, Status { already: d.already, ..Status::new(State::Published, d.version) })
-            }
+            Some(Ok(d)) => (StatusCode::OK, Status { already: d.already, ..Status::new(State::Published, d.version) }),
             Some(Err(e)) => {
                 (e.status, Status { error: Some(e.why.clone()), ..Status::new(State::Refused, self.version) })
             }
@@ -114,7 +112,12 @@ fn shelf_lock(uploads: &Uploads) -> Result<Lock, Refusal> {
         match Lock::take(&uploads.shelf) {
             Ok(lock) => return Ok(lock),
             Err(DraftError::Busy(_)) if began.elapsed() < PATIENCE => std::thread::sleep(Duration::from_millis(200)),
-            Err(e) => return Err(Refusal { retry_after: Some(60), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, e.to_string()) }),
+            Err(e) => {
+                return Err(Refusal {
+                    retry_after: Some(60),
+                    ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, e.to_string())
+                });
+            }
         }
     }
 }
@@ -188,11 +191,7 @@ fn following<'a>(intent: &'a Intent, pack: &'a kilwa_pack::Metadata, identity: &
 }
 
 /// Every byte and chunk of the pack.
-fn check_pack(
-    staging: &Staging,
-    said: &FileSaid,
-    done: &AtomicU64,
-) -> Result<(kilwa_pack::Metadata, String), Refusal> {
+fn check_pack(staging: &Staging, said: &FileSaid, done: &AtomicU64) -> Result<(kilwa_pack::Metadata, String), Refusal> {
     let path = staging.at(said);
     let failed = |e: io::Error| Refusal::disk("read the pack", &e);
     let source = FileSource::open(&path).map_err(failed)?;
@@ -207,7 +206,8 @@ fn check_pack(
     let checked = checked.map_err(failed)?;
     if checked.sha256.as_ref() != Some(&said.sha256) {
         staging.discard(said);
-        let what = "the pack arrived with another content than was announced; run the same command again to send it anew";
+        let what =
+            "the pack arrived with another content than was announced; run the same command again to send it anew";
         return Err(Refusal::conflict(what));
     }
     if let Some(damage) = checked.damage() {
@@ -237,7 +237,9 @@ fn refused(e: DraftError) -> Refusal {
             refusal
         }
         DraftError::There(_) | DraftError::Foreign(_) => Refusal::conflict(e.to_string()),
-        DraftError::Busy(_) => Refusal { retry_after: Some(60), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, e.to_string()) },
+        DraftError::Busy(_) => {
+            Refusal { retry_after: Some(60), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, e.to_string()) }
+        }
         DraftError::Manifest(_) => Refusal::content(e.to_string()),
     }
 }

@@ -59,7 +59,12 @@ struct Allowed {
 }
 
 /// Whether a request may publish `slug`, or anything at all.
-async fn allowed(site: &Site, client: (String, String), headers: &HeaderMap, slug: Option<&str>) -> Result<Allowed, Refusal> {
+async fn allowed(
+    site: &Site,
+    client: (String, String),
+    headers: &HeaderMap,
+    slug: Option<&str>,
+) -> Result<Allowed, Refusal> {
     let (Some(uploads), Some(door)) = (site.uploads.clone(), site.door.clone()) else {
         let said = "this server takes no uploads; whoever keeps it starts it with `kilwa serve --accept-uploads --access FILE`";
         return Err(Refusal::new(StatusCode::NOT_FOUND, said));
@@ -81,7 +86,9 @@ async fn allowed(site: &Site, client: (String, String), headers: &HeaderMap, slu
         Publisher::NotGranted(who) => {
             let slug = slug.unwrap_or_default();
             door.record(Action::Refused, Some(&who), &client.0, Some(slug), now);
-            let said = format!("{who} was not granted {slug}: `kilwa access user FILE {who} --object {slug} --no-password`, or --all");
+            let said = format!(
+                "{who} was not granted {slug}: `kilwa access user FILE {who} --object {slug} --no-password`, or --all"
+            );
             return Err(Refusal::new(StatusCode::FORBIDDEN, said));
         }
         Publisher::Wait(seconds) => {
@@ -114,8 +121,11 @@ async fn begun(
     headers: &HeaderMap,
     body: &Bytes,
 ) -> Result<(StatusCode, Status), Refusal> {
-    let intent: Intent = serde_json::from_slice(body)
-        .map_err(|e| Refusal::content(format!("this is no version to be published: {e}; use the same version of kilwa on both sides")))?;
+    let intent: Intent = serde_json::from_slice(body).map_err(|e| {
+        Refusal::content(format!(
+            "this is no version to be published: {e}; use the same version of kilwa on both sides"
+        ))
+    })?;
     let Allowed { uploads, who, now, .. } = allowed(site, client, headers, Some(&intent.slug)).await?;
     uploads.brake(&who, now)?;
     let work = move || -> Result<(StatusCode, Status), Refusal> {
@@ -152,7 +162,8 @@ async fn status(State(site): State<Site>, Path(slug): Path<String>, request: Req
         if let Some(job) = uploads.job(&slug).filter(|j| j.who == who) {
             return Ok(job.status());
         }
-        let look = move || Ok((StatusCode::OK, of_staging(&uploads, &uploads.staging(&slug, &who)?.ok_or_else(none)?, now)));
+        let look =
+            move || Ok((StatusCode::OK, of_staging(&uploads, &uploads.staging(&slug, &who)?.ok_or_else(none)?, now)));
         blocking(look).await.map_err(|status| Refusal::new(status, "the server could not look"))?
     };
     answer(found.await)
@@ -226,11 +237,7 @@ async fn give_up(State(site): State<Site>, Path(slug): Path<String>, request: Re
 }
 
 /// `HEAD /uploads/<slug>/<sha256>`
-async fn offset(
-    State(site): State<Site>,
-    Path((slug, sha256)): Path<(String, String)>,
-    request: Request,
-) -> Response {
+async fn offset(State(site): State<Site>, Path((slug, sha256)): Path<(String, String)>, request: Request) -> Response {
     let client = client_of(&request, site.behind_proxy);
     let headers = request.into_parts().0.headers;
     let found = async {
@@ -250,11 +257,7 @@ async fn offset(
 }
 
 /// `PATCH /uploads/<slug>/<sha256>`
-async fn append(
-    State(site): State<Site>,
-    Path((slug, sha256)): Path<(String, String)>,
-    request: Request,
-) -> Response {
+async fn append(State(site): State<Site>, Path((slug, sha256)): Path<(String, String)>, request: Request) -> Response {
     let client = client_of(&request, site.behind_proxy);
     let (parts, body) = request.into_parts();
     let done = async {

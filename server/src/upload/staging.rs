@@ -122,7 +122,8 @@ impl Uploads {
         let path = staging.folder.join(&said.sha256);
         let there = staging.length(&said).map_err(|e| Refusal::disk("read what is there", &e))?;
         if there != offset {
-            let said = format!("{there} bytes of it are there, so that what follows begins at {there}, not at {offset}");
+            let said =
+                format!("{there} bytes of it are there, so that what follows begins at {there}, not at {offset}");
             return Err(Refusal { offset: Some(there), ..Refusal::conflict(said) });
         }
         let opened = (|| {
@@ -321,7 +322,7 @@ fn locked(folder: &Path) -> Result<Option<File>, Refusal> {
 }
 
 fn record(folder: &Path) -> Option<Record> {
-    let bytes = crate::objects::read_small(&folder.join(RECORD)).ok()?;
+    let bytes = crate::store::read_small(&folder.join(RECORD), crate::holding::SMALL).ok()?;
     let record: Record = serde_json::from_slice(&bytes).ok()?;
     record.intent.files.iter().all(|f| is_sha256(&f.sha256)).then_some(record)
 }

@@ -1,0 +1,197 @@
+//! How the library for S3 reaches the store: HTTP/1.1 over hyper, on threads of the store's own, with a limit in time on each step and a
+//! small, fixed buffer for each answer, so that memory does not grow with files nor with slow readers.
+
+use axum::body::Bytes;
+use http_body::{Body, Frame, SizeHint};
+use hyper::body::Incoming;
+use hyper_rustls::{HttpsConnector, HttpsConnectorBuilder};
+use hyper_util::client::legacy::Client;
+use hyper_util::client::legacy::connect::HttpConnector as Tcp;
+use hyper_util::rt::TokioTimer;
+use object_store::ClientOptions;
+use object_store::client::{
+    HttpClient, HttpConnector, HttpError, HttpErrorKind, HttpRequest, HttpRequestBody, HttpResponse, HttpResponseBody,
+    HttpService,
+};
+use std::error::Error;
+use std::io;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll};
+use std::time::Duration;
+use tokio::runtime::Handle;
+use tokio::time::Sleep;
+
+/// Bytes read at a time for one answer.
+const BUFFER: usize = 32 * 1024;
+/// Connections that wait for use, and how long.
+const IDLE: usize = 64;
+const IDLE_FOR: Duration = Duration::from_secs(20);
+
+/// What was seen last of the store when it failed, in words without addresses or keys.
+#[derive(Debug, Default)]
+pub(super) struct Seen(Mutex<String>);
+
+impl Seen {
+    pub(super) fn last(&self) -> String {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn note(&self, what: String) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = what;
+    }
+}
+
+/// Makes clients for the library.
+#[derive(Debug)]
+pub(super) struct Connector {
+    pub(super) threads: Handle,
+    pub(super) timeout: Duration,
+    pub(super) is_plain: bool,
+    pub(super) seen: Arc<Seen>,
+}
+
+impl HttpConnector for Connector {
+    fn connect(&self, _: &ClientOptions) -> object_store::Result<HttpClient> {
+        let generic = |source: io::Error| object_store::Error::Generic { store: "S3", source: Box::new(source) };
+        let client = Client::builder(Threads(self.threads.clone()))
+            .pool_timer(TokioTimer::new())
+            .pool_idle_timeout(IDLE_FOR)
+            .pool_max_idle_per_host(IDLE)
+            .http1_read_buf_exact_size(BUFFER)
+            .build(connector(self.timeout, self.is_plain).map_err(generic)?);
+        let (threads, timeout) = (self.threads.clone(), self.timeout);
+        Ok(HttpClient::new(Service { client, threads, timeout, seen: Arc::clone(&self.seen) }))
+    }
+}
+
+/// With the certificates that the system trusts; a store without TLS needs none of them.
+fn connector(timeout: Duration, is_plain: bool) -> io::Result<HttpsConnector<Tcp>> {
+    let mut tcp = Tcp::new();
+    tcp.enforce_http(false);
+    tcp.set_nodelay(true);
+    tcp.set_connect_timeout(Some(timeout));
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    if is_plain {
+        let tls = rustls::ClientConfig::builder_with_provider(provider)
+            .with_safe_default_protocol_versions()
+            .map_err(io::Error::other)?
+            .with_root_certificates(rustls::RootCertStore::empty())
+            .with_no_client_auth();
+        return Ok(HttpsConnectorBuilder::new()
+            .with_tls_config(tls)
+            .https_or_http()
+            .enable_http1()
+            .wrap_connector(tcp));
+    }
+    let tls = HttpsConnectorBuilder::new().with_provider_and_platform_verifier(provider)?;
+    // Keys may also come from a service of the cloud, at an address of its own without TLS.
+    Ok(tls.https_or_http().enable_http1().wrap_connector(tcp))
+}
+
+/// Work of the connections goes to the store's own threads.
+#[derive(Clone)]
+struct Threads(Handle);
+
+impl<F> hyper::rt::Executor<F> for Threads
+where
+    F: Future + Send + 'static,
+    F::Output: Send + 'static,
+{
+    fn execute(&self, work: F) {
+        self.0.spawn(work);
+    }
+}
+
+#[derive(Debug)]
+struct Service {
+    client: Client<HttpsConnector<Tcp>, HttpRequestBody>,
+    threads: Handle,
+    timeout: Duration,
+    seen: Arc<Seen>,
+}
+
+#[async_trait::async_trait]
+impl HttpService for Service {
+    async fn call(&self, request: HttpRequest) -> Result<HttpResponse, HttpError> {
+        let asked = self.client.request(request);
+        let (timeout, seen) = (self.timeout, Arc::clone(&self.seen));
+        // A connection belongs to the threads that it was made on.
+        let answered = self.threads.spawn(tokio::time::timeout(timeout, asked)).await;
+        let response = match answered {
+            Ok(Ok(Ok(response))) => response,
+            Ok(Ok(Err(e))) => {
+                let is_connect = e.is_connect();
+                seen.note(format!(
+                    "{}: {}",
+                    if is_connect { "no connection" } else { "the connection broke" },
+                    root(&e)
+                ));
+                let kind = if is_connect { HttpErrorKind::Connect } else { HttpErrorKind::Request };
+                return Err(HttpError::new(kind, e));
+            }
+            Ok(Err(e)) => {
+                seen.note(silence(timeout));
+                return Err(HttpError::new(HttpErrorKind::Timeout, e));
+            }
+            Err(e) => return Err(HttpError::new(HttpErrorKind::Unknown, e)),
+        };
+        if !response.status().is_success() {
+            seen.note(format!("it says {}", response.status()));
+        }
+        Ok(response.map(|body| HttpResponseBody::new(Timed { body, timeout, patience: None, seen })))
+    }
+}
+
+fn silence(timeout: Duration) -> String {
+    format!("no answer within {timeout:?}")
+}
+
+/// The innermost reason, which names no address.
+fn root(e: &(dyn Error + 'static)) -> String {
+    let mut innermost: &dyn Error = e;
+    while let Some(source) = innermost.source() {
+        innermost = source;
+    }
+    innermost.to_string()
+}
+
+/// An answer whose next bytes are waited for only so long.
+struct Timed {
+    body: Incoming,
+    timeout: Duration,
+    patience: Option<Pin<Box<Sleep>>>,
+    seen: Arc<Seen>,
+}
+
+impl Body for Timed {
+    type Data = Bytes;
+    type Error = HttpError;
+
+    fn poll_frame(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, HttpError>>> {
+        if let Poll::Ready(frame) = Pin::new(&mut self.body).poll_frame(cx) {
+            self.patience = None;
+            return Poll::Ready(frame.map(|frame| {
+                frame.map_err(|e| {
+                    self.seen.note(format!("the connection broke: {}", root(&e)));
+                    HttpError::new(HttpErrorKind::Interrupted, e)
+                })
+            }));
+        }
+        let timeout = self.timeout;
+        let patience = self.patience.get_or_insert_with(|| Box::pin(tokio::time::sleep(timeout)));
+        if patience.as_mut().poll(cx).is_pending() {
+            return Poll::Pending;
+        }
+        self.seen.note(silence(timeout));
+        Poll::Ready(Some(Err(HttpError::new(HttpErrorKind::Timeout, io::Error::from(io::ErrorKind::TimedOut)))))
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}

@@ -1,0 +1,206 @@
+//! Where the archive lies: a folder of this computer, or a part of an S3-compatible store.
+//!
+//! [`Place`] is a spot in either: list what is there, read a small file, open a large one. Inputs: a path, or `s3://bucket/prefix` with
+//! [`S3Options`]. Invariants: a place is joined from names that were listed there or that a manifest's reader let through, never from an
+//! address; what was listed under one [`Identity`] is opened under that or not at all; a file of the store is never loaded whole unless
+//! it is small. Failures: [`is_away`] tells that the store does not answer from that a thing is not there, so that nothing is dropped
+//! from a list because of a silence; [`outage`] says it to readers.
+
+mod folder;
+mod held;
+mod http;
+mod outage;
+mod s3;
+
+pub use s3::{S3, S3Options, StoreError};
+
+pub(crate) use folder::{Identity, read_small};
+pub(crate) use outage::{is_away, tell};
+pub(crate) use s3::HELD_MAX;
+
+use axum::body::Bytes;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// Folders below a version folder are looked into down to this depth.
+const DEPTH: usize = 6;
+/// A version with more files than this is no work of `kilwa publish`; it is not served, and that is logged.
+const MOST_FILES: usize = 20_000;
+/// Requests to a store at once when many objects are looked at.
+const AT_ONCE: usize = 24;
+/// What is seen of the folder is trusted so long.
+const SEEN: Duration = Duration::from_secs(1);
+
+/// A folder or a file, on this computer or in a store.
+#[derive(Debug, Clone)]
+pub enum Place {
+    /// Of this computer.
+    Path(PathBuf),
+    /// Of a store: its key below the part that is served, without slashes at the ends; empty for that part itself.
+    Key(Arc<S3>, String),
+}
+
+/// A file that is open, to be sent in parts.
+#[derive(Debug)]
+pub(crate) enum Content {
+    /// Of this computer.
+    File(File),
+    /// All of it.
+    Held(Bytes),
+    /// To be had from the store, where it still is what was listed.
+    Remote(Arc<S3>, String, Identity),
+}
+
+impl Place {
+    /// `name`, which may have slashes, below this place.
+    #[must_use]
+    pub(crate) fn join(&self, name: &str) -> Self {
+        match self {
+            Self::Path(path) => Self::Path(path.join(name)),
+            Self::Key(store, key) if key.is_empty() => Self::Key(Arc::clone(store), name.to_owned()),
+            Self::Key(store, key) => Self::Key(Arc::clone(store), format!("{key}/{name}")),
+        }
+    }
+
+    /// The last part of it, that of the bucket where it has none.
+    pub(crate) fn name(&self) -> String {
+        match self {
+            Self::Path(path) => path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+            Self::Key(store, key) => {
+                let whole = if key.is_empty() { store.name() } else { key };
+                whole.rsplit('/').next().unwrap_or_default().to_owned()
+            }
+        }
+    }
+
+    /// On this computer.
+    pub fn path(&self) -> Option<&Path> {
+        match self {
+            Self::Path(path) => Some(path),
+            Self::Key(..) => None,
+        }
+    }
+
+    /// In a store.
+    pub fn store(&self) -> Option<&Arc<S3>> {
+        match self {
+            Self::Path(_) => None,
+            Self::Key(store, _) => Some(store),
+        }
+    }
+
+    /// Whether both are the same.
+    pub(crate) fn is(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Path(a), Self::Path(b)) => a == b,
+            (Self::Key(_, a), Self::Key(_, b)) => a == b,
+            _ => false,
+        }
+    }
+
+    /// What is seen of many objects is trusted so long.
+    pub(crate) fn listed_for(&self) -> Duration {
+        self.store().map_or(SEEN, |store| store.refresh())
+    }
+
+    /// What is seen of one object is trusted so long.
+    pub(crate) fn looked_at_for(&self) -> Duration {
+        self.store().map_or(SEEN, |store| store.look_again())
+    }
+
+    /// What tells the versions of one file apart.
+    pub(crate) fn identity(&self) -> io::Result<Identity> {
+        match self {
+            Self::Path(path) => Ok(Identity::of(&std::fs::metadata(path)?)),
+            Self::Key(store, key) => store.identity(key),
+        }
+    }
+
+    /// All of a file of at most `most` bytes, as it is now.
+    pub(crate) fn read(&self, most: u64) -> io::Result<Vec<u8>> {
+        match self {
+            Self::Path(path) => read_small(path, most),
+            Self::Key(store, key) => store.read(key, most),
+        }
+    }
+
+    /// All of a file of at most `most` bytes that was listed as `identity`: from the folder as it is now, from the store as it was listed.
+    pub(crate) fn read_listed(&self, identity: &Identity, most: u64) -> io::Result<Bytes> {
+        match self {
+            Self::Path(path) => read_small(path, most).map(Bytes::from),
+            Self::Key(store, key) => store.read_listed(key, identity, most),
+        }
+    }
+
+    /// The objects directly below: folders with a manifest, nothing hidden, with what tells the versions of their manifests apart.
+    pub(crate) fn objects(&self) -> io::Result<Arc<BTreeMap<String, Identity>>> {
+        match self {
+            Self::Path(path) => folder::objects(path).map(Arc::new),
+            Self::Key(store, key) => store.objects(key),
+        }
+    }
+
+    /// Plain files directly below with what tells their versions apart, folders without; no links, nothing hidden.
+    pub(crate) fn directly_below(&self) -> io::Result<BTreeMap<String, Option<Identity>>> {
+        match self {
+            Self::Path(path) => folder::directly_below(path),
+            Self::Key(store, key) => store.directly_below(key),
+        }
+    }
+
+    /// All plain files below, by their names relative to it.
+    pub(crate) fn files(&self) -> io::Result<BTreeMap<String, Identity>> {
+        let mut found = BTreeMap::new();
+        match self {
+            Self::Path(path) => folder::walk(path, "", 0, &mut found)?,
+            Self::Key(store, key) => found = store.files(key)?,
+        }
+        Ok(found)
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Path(path) => path.display().fmt(f),
+            Self::Key(store, key) if key.is_empty() => f.write_str(store.name()),
+            Self::Key(store, key) => write!(f, "{}/{key}", store.name()),
+        }
+    }
+}
+
+/// A warning about a place; that its store does not answer is said once, and not here.
+pub(crate) fn warn(place: &Place, e: &io::Error) {
+    if !is_away(e) {
+        tracing::warn!("{place}: {e}");
+    }
+}
+
+/// Do something for each of many objects, several at once where each needs an answer from a store. In their order.
+pub(crate) fn each<T: Sync, R: Send>(place: &Place, items: &[T], what: impl Fn(&T) -> R + Sync) -> Vec<R> {
+    if place.store().is_none() || items.len() < 2 {
+        return items.iter().map(what).collect();
+    }
+    let (next, done) = (AtomicUsize::new(0), Mutex::new(Vec::with_capacity(items.len())));
+    std::thread::scope(|scope| {
+        for _ in 0..AT_ONCE.min(items.len()) {
+            scope.spawn(|| {
+                loop {
+                    let i = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(item) = items.get(i) else { break };
+                    let result = what(item);
+                    done.lock().unwrap_or_else(PoisonError::into_inner).push((i, result));
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.sort_by_key(|(i, _)| *i);
+    done.into_iter().map(|(_, result)| result).collect()
+}

@@ -1,0 +1,484 @@
+//! A part of an S3-compatible store, `s3://bucket/prefix`, over the crate `object_store`.
+//!
+//! Inputs: [`S3Options`]. Whoever lists or reads small files waits for it on a thread of the pool for blocking work; what is long is
+//! streamed. The store's requests run on threads of their own, each step within `timeout`, and are tried a second time. Invariants: a file
+//! is taken only under the ETag and length that it was listed with; no message holds a key or a signed address. Failures: a store that
+//! does not answer, or refuses, begins an [`super::outage`], during which nothing is asked of it but whether it answers.
+
+use super::held::Held;
+use super::http::{Connector, Seen};
+use super::outage::{Away, Outage};
+use super::{AT_ONCE, DEPTH, Identity, MOST_FILES};
+use crate::object::checksums::hex;
+use crate::object::layout::MANIFEST;
+use axum::body::Bytes;
+use futures_util::stream::{self, BoxStream};
+use futures_util::{StreamExt as _, TryStreamExt as _};
+use object_store::aws::{AmazonS3, AmazonS3Builder, AmazonS3ConfigKey};
+use object_store::path::Path;
+use object_store::{
+    BackoffConfig, Error, GetOptions, GetRange, GetResult, ObjectMeta, ObjectStore as _, ObjectStoreExt as _,
+    RetryConfig,
+};
+use sha2::{Digest as _, Sha256};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::io;
+use std::ops::Range;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
+use thiserror::Error as ThisError;
+use tokio::runtime::Runtime;
+
+/// Files up to this length are held in memory when they have been read.
+pub(crate) const HELD_MAX: u64 = 1 << 20;
+/// Settings that say how to sign; without any of them nothing is signed.
+const KEYS: [&str; 5] = [
+    "AWS_ACCESS_KEY_ID",
+    "AWS_WEB_IDENTITY_TOKEN_FILE",
+    "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
+    "AWS_CONTAINER_CREDENTIALS_FULL_URI",
+    "AWS_SKIP_SIGNATURE",
+];
+/// What is seen of one object is trusted at most so long.
+const LOOK_AGAIN: Duration = Duration::from_secs(5);
+
+/// Where a store is and how it is asked.
+#[derive(Clone)]
+pub struct S3Options {
+    /// `s3://bucket` or `s3://bucket/prefix`.
+    pub url: String,
+    /// Address of a store that is not Amazon's.
+    pub endpoint: Option<String>,
+    /// Keys, region and the like by the names of the environment variables, `AWS_…`.
+    pub settings: Vec<(String, String)>,
+    /// How long each step of a request may take.
+    pub timeout: Duration,
+    /// How old the list of objects may be.
+    pub refresh: Duration,
+}
+
+impl S3Options {
+    /// With what the environment says, ten seconds for a step, and a list that is half a minute old at most.
+    pub fn from_environment(url: &str) -> Self {
+        let settings =
+            std::env::vars_os().filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
+        let settings = settings.filter(|(name, value)| name.starts_with("AWS_") && !value.is_empty()).collect();
+        let (timeout, refresh) = (Duration::from_secs(10), Duration::from_secs(30));
+        Self { url: url.to_owned(), endpoint: None, settings, timeout, refresh }
+    }
+
+    fn has(&self, name: &str) -> bool {
+        self.settings.iter().any(|(n, _)| n == name)
+    }
+}
+
+/// Why a store cannot be used.
+#[derive(Debug, ThisError)]
+pub enum StoreError {
+    /// The address is none.
+    #[error(
+        "{0} is no address in a store; give it like s3://bucket/folder, with letters, digits, points and hyphens in the bucket's name"
+    )]
+    Address(String),
+    /// What the environment says does not fit together.
+    #[error("{name}: {why}")]
+    Settings {
+        /// The address.
+        name: String,
+        /// What is wrong.
+        why: String,
+    },
+    /// It does not answer, or refuses.
+    #[error("{name}: {why}; see --s3-endpoint, AWS_REGION, AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY")]
+    Unreachable {
+        /// The address.
+        name: String,
+        /// What was seen.
+        why: String,
+    },
+}
+
+/// The objects that there were, of which key, and when.
+type Listed = (String, Instant, Arc<BTreeMap<String, Identity>>);
+
+/// A part of a store.
+pub struct S3 {
+    /// Its address, as it was given.
+    name: String,
+    prefix: Path,
+    client: AmazonS3,
+    /// `None` only while it is dropped.
+    threads: Option<Runtime>,
+    seen: Arc<Seen>,
+    outage: Outage,
+    held: Mutex<Held>,
+    objects: Mutex<Option<Listed>>,
+    timeout: Duration,
+    refresh: Duration,
+}
+
+impl fmt::Debug for S3 {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("S3").field("name", &self.name).finish_non_exhaustive()
+    }
+}
+
+impl Drop for S3 {
+    fn drop(&mut self) {
+        // Also where waiting is forbidden.
+        if let Some(threads) = self.threads.take() {
+            threads.shutdown_background();
+        }
+    }
+}
+
+impl S3 {
+    /// Open it, and ask whether it answers.
+    ///
+    /// # Errors
+    /// [`StoreError`] with what is wrong with the address, the settings or the answer. Never holds a key.
+    pub fn open(options: &S3Options) -> Result<Arc<Self>, StoreError> {
+        // Whoever writes keys into the address does not get them into a log.
+        let address = || StoreError::Address(options.url.rsplit('@').next().unwrap_or_default().to_owned());
+        let (bucket, prefix) = parse(&options.url).ok_or_else(address)?;
+        let prefix = Path::parse(prefix).map_err(|_| address())?;
+        let name =
+            if prefix.as_ref().is_empty() { format!("s3://{bucket}") } else { format!("s3://{bucket}/{prefix}") };
+        let failed = |why: String| StoreError::Settings { name: name.clone(), why };
+        let threads = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(2)
+            .thread_name("store")
+            .enable_all()
+            .build()
+            .map_err(|e| failed(e.to_string()))?;
+        let seen = Arc::new(Seen::default());
+        let client = client(options, bucket, &threads, &seen).map_err(|e| failed(e.to_string()))?;
+        let store = Arc::new(Self {
+            name: name.clone(),
+            prefix,
+            client,
+            threads: Some(threads),
+            seen,
+            outage: Outage::default(),
+            held: Mutex::default(),
+            objects: Mutex::default(),
+            timeout: options.timeout,
+            refresh: options.refresh,
+        });
+        // A bucket that is not there, keys that are refused: better now than at the first reader.
+        match store.wait(|store| async move { store.first().await }) {
+            Ok(()) => Ok(store),
+            Err(e) => Err(StoreError::Unreachable { name, why: e.to_string() }),
+        }
+    }
+
+    /// Its address.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Why it does not answer now.
+    pub(crate) fn away(&self) -> Option<Away> {
+        self.outage.why()
+    }
+
+    pub(super) fn refresh(&self) -> Duration {
+        self.refresh
+    }
+
+    pub(super) fn look_again(&self) -> Duration {
+        self.refresh.min(LOOK_AGAIN)
+    }
+
+    /// Ask for one page of the list: that answers exactly where the rest will.
+    async fn first(&self) -> Result<(), Error> {
+        self.client.list(Some(&self.prefix)).next().await.transpose().map(drop)
+    }
+
+    pub(super) fn identity(self: &Arc<Self>, key: &str) -> io::Result<Identity> {
+        let path = self.at(key)?;
+        self.wait(|store| async move { store.client.head(&path).await.map(|meta| identity_of(&meta)) })
+    }
+
+    /// All of a small file, as it is now.
+    pub(super) fn read(self: &Arc<Self>, key: &str, most: u64) -> io::Result<Vec<u8>> {
+        let identity = self.identity(key)?;
+        self.read_listed(key, &identity, most).map(Vec::from)
+    }
+
+    /// All of a small file as it was listed; from memory, where it is held.
+    pub(super) fn read_listed(self: &Arc<Self>, key: &str, identity: &Identity, most: u64) -> io::Result<Bytes> {
+        if identity.bytes() > most {
+            return Err(io::Error::other(format!("longer than {most} bytes")));
+        }
+        if let Some(bytes) = lock(&self.held).get(key, identity) {
+            return Ok(bytes);
+        }
+        let (path, wanted) = (self.at(key)?, identity.clone());
+        let bytes = self.wait(move |store| async move {
+            if wanted.bytes() == 0 {
+                return Ok(Bytes::new());
+            }
+            store.get(&path, &wanted, 0..wanted.bytes()).await?.bytes().await
+        })?;
+        if bytes.len() as u64 != identity.bytes() {
+            return Err(changed());
+        }
+        if identity.bytes() <= HELD_MAX {
+            lock(&self.held).put(key, identity.clone(), bytes.clone());
+        }
+        Ok(bytes)
+    }
+
+    /// A stretch of a file as it was listed, a buffer at a time.
+    pub(crate) async fn stretch(
+        self: &Arc<Self>,
+        key: &str,
+        identity: &Identity,
+        range: Range<u64>,
+    ) -> io::Result<BoxStream<'static, io::Result<Bytes>>> {
+        self.gate()?;
+        let path = self.at(key)?;
+        let result = self.get(&path, identity, range).await.map_err(|e| self.told(e))?;
+        let store = Arc::clone(self);
+        Ok(result.into_stream().map_err(move |e| store.told(e)).boxed())
+    }
+
+    /// SHA-256 of a file as it was listed, in hexadecimal digits.
+    pub(crate) fn sha256(self: &Arc<Self>, key: &str, identity: &Identity) -> io::Result<String> {
+        let (path, wanted) = (self.at(key)?, identity.clone());
+        self.wait(move |store| async move {
+            let mut hasher = Sha256::new();
+            if wanted.bytes() > 0 {
+                let mut stream = store.get(&path, &wanted, 0..wanted.bytes()).await?.into_stream();
+                while let Some(bytes) = stream.try_next().await? {
+                    hasher.update(&bytes);
+                }
+            }
+            Ok(hex(&hasher.finalize()))
+        })
+    }
+
+    /// Whether it answers now.
+    pub(crate) fn check(self: &Arc<Self>) -> io::Result<()> {
+        self.wait(|store| async move { store.first().await })
+    }
+
+    async fn get(&self, path: &Path, identity: &Identity, range: Range<u64>) -> Result<GetResult, Error> {
+        let options = GetOptions {
+            range: Some(GetRange::Bounded(range.clone())),
+            if_match: identity.tag().map(str::to_owned),
+            ..GetOptions::default()
+        };
+        let result = self.client.get_opts(path, options).await?;
+        // Not every store knows `If-Match`.
+        let is_same = result.meta.size == identity.bytes()
+            && result.range == range
+            && result.meta.e_tag.as_deref() == identity.tag();
+        if identity.tag().is_some() && !is_same {
+            let source = "it has another tag or length than it was listed with".into();
+            return Err(Error::Precondition { path: path.to_string(), source });
+        }
+        Ok(result)
+    }
+
+    /// The objects directly below `key` and the identities of their manifests; a list that is not old is given again.
+    pub(super) fn objects(self: &Arc<Self>, key: &str) -> io::Result<Arc<BTreeMap<String, Identity>>> {
+        // Whoever asks meanwhile waits for the same list.
+        let mut objects = lock(&self.objects);
+        if let Some((of, at, known)) = objects.as_ref()
+            && of == key
+            && at.elapsed() < self.refresh / 2
+        {
+            return Ok(Arc::clone(known));
+        }
+        let path = self.at(key)?;
+        let found = self.wait(move |store| async move {
+            let folders = store.client.list_with_delimiter(Some(&path)).await?.common_prefixes;
+            let shown = folders.into_iter().filter(|f| f.filename().is_some_and(|name| !name.starts_with('.')));
+            let heads = shown.map(|folder| {
+                let store = Arc::clone(&store);
+                async move {
+                    let name = folder.filename().unwrap_or_default().to_owned();
+                    match store.client.head(&folder.clone().join(MANIFEST)).await {
+                        Ok(meta) => Ok(Some((name, identity_of(&meta)))),
+                        Err(Error::NotFound { .. }) => Ok(None),
+                        Err(e) => Err(e),
+                    }
+                }
+            });
+            stream::iter(heads)
+                .buffer_unordered(AT_ONCE)
+                .try_filter_map(|found| async move { Ok(found) })
+                .try_collect()
+                .await
+        });
+        let found: Arc<BTreeMap<_, _>> = Arc::new(found?);
+        *objects = Some((key.to_owned(), Instant::now(), Arc::clone(&found)));
+        Ok(found)
+    }
+
+    pub(super) fn directly_below(self: &Arc<Self>, key: &str) -> io::Result<BTreeMap<String, Option<Identity>>> {
+        let path = self.at(key)?;
+        let listed = self.wait(move |store| async move { store.client.list_with_delimiter(Some(&path)).await })?;
+        let folders = listed.common_prefixes.iter().map(|p| (p.filename(), None));
+        let files = listed.objects.iter().map(|meta| (meta.location.filename(), Some(identity_of(meta))));
+        let all = folders.chain(files).filter_map(|(name, identity)| Some((name?.to_owned(), identity)));
+        Ok(all.filter(|(name, _)| !name.starts_with('.')).collect())
+    }
+
+    pub(super) fn files(self: &Arc<Self>, key: &str) -> io::Result<BTreeMap<String, Identity>> {
+        let path = self.at(key)?;
+        let below = path.clone();
+        let listed: Vec<ObjectMeta> =
+            self.wait(
+                move |store| async move { store.client.list(Some(&path)).take(MOST_FILES + 1).try_collect().await },
+            )?;
+        if listed.len() > MOST_FILES {
+            return Err(io::Error::other(format!("more than {MOST_FILES} files; the rest is not served")));
+        }
+        let name = |meta: &ObjectMeta| {
+            let parts: Vec<String> = meta.location.prefix_match(&below)?.map(|p| p.as_ref().to_owned()).collect();
+            let is_shown = !parts.is_empty() && parts.len() <= DEPTH + 1 && !parts.iter().any(|p| p.starts_with('.'));
+            is_shown.then(|| parts.join("/"))
+        };
+        Ok(listed.iter().filter_map(|meta| Some((name(meta)?, identity_of(meta)))).collect())
+    }
+
+    /// The library's name of a key.
+    fn at(&self, key: &str) -> io::Result<Path> {
+        let whole = if self.prefix.as_ref().is_empty() { key.to_owned() } else { format!("{}/{key}", self.prefix) };
+        Path::parse(whole.trim_end_matches('/')).map_err(|e| io::Error::new(io::ErrorKind::NotFound, e.to_string()))
+    }
+
+    /// Whether it may be asked now.
+    fn gate(&self) -> io::Result<()> {
+        self.outage.why().map_or(Ok(()), |away| Err(away.into()))
+    }
+
+    /// Do something on the store's threads and wait for it. Every step of it has its limit in time.
+    fn wait<T, F>(self: &Arc<Self>, work: impl FnOnce(Arc<Self>) -> F) -> io::Result<T>
+    where
+        T: Send + 'static,
+        F: Future<Output = Result<T, Error>> + Send + 'static,
+    {
+        self.gate()?;
+        let Some(threads) = &self.threads else { return Err(io::Error::other("the program ends")) };
+        let (send, receive) = std::sync::mpsc::sync_channel(1);
+        let work = work(Arc::clone(self));
+        threads.spawn(async move { send.send(work.await) });
+        let done = receive.recv().map_err(|_| io::Error::other("the program ends"))?;
+        done.map_err(|e| self.told(e))
+    }
+
+    /// An error in our words; one that is the store's begins an outage.
+    fn told(self: &Arc<Self>, e: Error) -> io::Error {
+        match e {
+            Error::NotFound { source, .. } if source.to_string().contains("NoSuchBucket") => {
+                io::Error::other("there is no such bucket")
+            }
+            Error::NotFound { .. } => io::Error::new(io::ErrorKind::NotFound, "it is not in the store"),
+            Error::Precondition { .. } | Error::NotModified { .. } => changed(),
+            Error::InvalidPath { source } => io::Error::other(source.to_string()),
+            e => {
+                let away = Away(self.reason(&e.to_string()));
+                if self.outage.begin(&self.name, &away) {
+                    self.ask_again();
+                }
+                away.into()
+            }
+        }
+    }
+
+    /// What was seen, with the store's own word for it where it gives one. The rest of its words may repeat what was signed.
+    fn reason(&self, told: &str) -> String {
+        let seen = self.seen.last();
+        let word = told.split_once("<Code>").and_then(|(_, rest)| rest.split_once("</Code>")).map(|(code, _)| code);
+        match word.filter(|code| code.len() <= 64 && code.bytes().all(|b| b.is_ascii_alphanumeric())) {
+            Some(code) => format!("{seen} ({code})"),
+            None if seen.is_empty() => "it cannot be asked".to_owned(),
+            None => seen,
+        }
+    }
+
+    /// Until it answers.
+    fn ask_again(self: &Arc<Self>) {
+        let (store, pause) = (Arc::downgrade(self), Duration::from_secs(1).min(self.timeout / 4));
+        let Some(threads) = &self.threads else { return };
+        threads.spawn(async move {
+            loop {
+                tokio::time::sleep(pause).await;
+                let Some(store) = store.upgrade() else { break };
+                if store.first().await.is_ok() {
+                    store.outage.end(&store.name);
+                    break;
+                }
+            }
+        });
+    }
+}
+
+/// The library's client; without keys in the settings it asks for what is public.
+fn client(options: &S3Options, bucket: &str, threads: &Runtime, seen: &Arc<Seen>) -> Result<AmazonS3, Error> {
+    let mut builder = AmazonS3Builder::new();
+    for (name, value) in &options.settings {
+        if let Ok(key) = name.to_ascii_lowercase().parse::<AmazonS3ConfigKey>() {
+            builder = builder.with_config(key, value);
+        }
+    }
+    if !KEYS.iter().any(|name| options.has(name)) {
+        builder = builder.with_skip_signature(true);
+    }
+    if let Some(endpoint) = &options.endpoint {
+        // Over what the environment says, in whichever of its two forms.
+        builder = builder.with_config(AmazonS3ConfigKey::S3Endpoint, endpoint).with_endpoint(endpoint);
+    }
+    let endpoint = [AmazonS3ConfigKey::S3Endpoint, AmazonS3ConfigKey::Endpoint];
+    let endpoint = endpoint.iter().find_map(|key| builder.get_config_value(key));
+    let is_plain = endpoint.is_some_and(|endpoint| endpoint.starts_with("http://"));
+    let backoff =
+        BackoffConfig { init_backoff: Duration::from_millis(50), max_backoff: Duration::from_millis(500), base: 2.0 };
+    let retry = RetryConfig { backoff, max_retries: 1, retry_timeout: options.timeout * 2 };
+    let connector =
+        Connector { threads: threads.handle().clone(), timeout: options.timeout, is_plain, seen: Arc::clone(seen) };
+    builder.with_bucket_name(bucket).with_allow_http(is_plain).with_retry(retry).with_http_connector(connector).build()
+}
+
+/// Bucket and prefix.
+fn parse(url: &str) -> Option<(&str, &str)> {
+    let rest = url.strip_prefix("s3://")?;
+    let (bucket, prefix) = rest.split_once('/').unwrap_or((rest, ""));
+    let is_plain =
+        (3..=63).contains(&bucket.len()) && bucket.bytes().all(|b| b.is_ascii_alphanumeric() || b"-._".contains(&b));
+    is_plain.then_some((bucket, prefix.trim_matches('/')))
+}
+
+fn identity_of(meta: &ObjectMeta) -> Identity {
+    Identity::of_store(meta.size, meta.e_tag.as_deref(), SystemTime::from(meta.last_modified))
+}
+
+fn changed() -> io::Error {
+    io::Error::other("the file changed since it was listed")
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_have_a_bucket_and_perhaps_a_prefix() {
+        assert_eq!(parse("s3://museum"), Some(("museum", "")));
+        assert_eq!(parse("s3://museum/"), Some(("museum", "")));
+        assert_eq!(parse("s3://museum.tz/a/b/"), Some(("museum.tz", "a/b")));
+        for bad in
+            ["s3://", "s3:///a", "s3://a b/c", "s3://ab", "s3:/museum", "https://museum", "s3://key:secret@museum"]
+        {
+            assert_eq!(parse(bad), None, "{bad}");
+        }
+    }
+}
