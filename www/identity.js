@@ -13,6 +13,7 @@ export class Identity {
   constructor(parts) {
     Object.assign(this, parts);
     this.text = null;
+    this.footer = null; // the last bytes of the file, once they are there
   }
 
   /** What it is called; null where the end of the file cannot be had. */
@@ -26,6 +27,7 @@ export class Identity {
       try {
         const footer = await this.pack.range(this.pack.bytes - FOOTER_BYTES, FOOTER_BYTES);
         this.text = this.module.packIdentity(this.head, footer);
+        this.footer = footer;
         return this.text;
       } catch (error) {
         if (!isPassing(error)) return null;

@@ -3,6 +3,9 @@
 
 import { isPassing } from "./loader.js";
 
+/** Most bytes of the directory that are kept for whoever measures. */
+const KEPT_PAGES = 8 << 20;
+
 export class Session {
   /**
    * @param {object} parts
@@ -17,6 +20,7 @@ export class Session {
   constructor({ canvas, viewer, pack, head, pool, attributes, on }) {
     Object.assign(this, { canvas, viewer, pack, head, pool, attributes, on });
     this.inFlight = new Map(); // request → AbortController
+    this.pages = new Map(); // offset in the file → bytes of the directory, as they came
     this.answers = new Map(); // request → bytes, until the step that was told of them
     this.decoding = new Map(); // chunk → number of its newest job
     this.damaged = new Map(); // chunk → times in a row
@@ -131,6 +135,7 @@ export class Session {
       this.#guarded(() => {
         if (pages) {
           this.viewer.onPageBytes(request, bytes);
+          if ((this.pages.size + 1) * length <= KEPT_PAGES) this.pages.set(offset, bytes);
         } else {
           this.answers.set(request, bytes);
           this.viewer.onBytes(request, bytes.length);

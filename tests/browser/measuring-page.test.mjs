@@ -266,11 +266,61 @@ test("a file reads back to the last bit, here and by kilwa measure, and one of a
   await done(page, 4);
   await page.locator(".measure-table .go").last().click();
   await page.locator(".explain .warn", { hasText: "another pack" }).waitFor();
-  for (const [bad, says] of [["{", /could not be read/], ['{"kilwa":"measurements","version":99,"measurements":[]}', /newer/], ['{"kilwa":"pack","version":1}', /no document/]]) {
+  for (const [bad, says] of [["{", /could not be read/], ['{"kilwa":"measurements","version":99,"measurements":[]}', /this page reads up to 1/], ['{"kilwa":"pack","version":1}', /no file of measurements but says it is “pack”/]]) {
     await give(bad);
     await page.waitForFunction((text) => new RegExp(text).test(document.getElementById("notice-text").textContent), says.source);
   }
   assert.equal((await list(page)).length, 4);
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("what the engine remarks, refuses and cannot read is said in the language of the page, also after it is changed", async () => {
+  const strings = async (lang) => JSON.parse(await readFile(new URL(`../../www/i18n/${lang}.json`, import.meta.url), "utf8"));
+  const pattern = (text) => new RegExp(text.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{\w+\}/g, ".+"));
+  const { page, complaints, close } = await open(browser, fort("?error=8&lang=fr"), tab);
+  const { bounds_min: low, bounds_max: high } = await page.evaluate(() => globalThis.kilwa.info.metadata);
+  const middle = low.map((v, i) => (v + high[i]) / 2);
+  const square = [[-4, -4], [4, -4], [4, 4], [-4, 4]].map(([x, y]) => [middle[0] + x, middle[1] + y, middle[2]]);
+  const add = (one) => page.evaluate((one) => globalThis.kilwa.api.addMeasurement(one), one);
+  const found = [
+    [await add({ tool: "section", plane: { point: middle, normal: [1, 0, 0] } }), ["remarkLines"]],
+    [await add({ tool: "contours", interval: 2 }), ["remarkHeights"]],
+    [await add({ tool: "cut-fill", points: square, reach: 20 }), ["remarkCovered"]],
+    [await add({ tool: "area", points: square, reach: 20 }), ["remarkReach"]],
+    [await add({ tool: "volume" }), ["refuseOpen"]],
+    [await add({ tool: "area", points: [square[0], square[2], square[1], square[3]] }), ["refuseCross"]],
+    [await add({ tool: "contours", interval: 1e-9 }), ["refuseInterval"]],
+    [await add({ tool: "section", plane: { point: [middle[0], middle[1], high[2] + 100], normal: [0, 0, 1] } }), ["refuseMisses"]],
+    [await add({ tool: "circle", points: [middle, middle, middle] }), ["refuseCollinear"]],
+  ];
+  const english = await strings("en");
+  for (const lang of ["fr", "ar"]) {
+    await page.selectOption("#language", lang);
+    await page.waitForFunction((lang) => document.documentElement.lang === lang, lang);
+    const here = await strings(lang);
+    for (const [{ id, state }, keys] of found) {
+      assert.ok(["final", "refused"].includes(state), `${keys}: ${state}`);
+      await page.evaluate((id) => globalThis.kilwa.measuring.tools.choose(id, { focus: true }), id);
+      const said = (await page.locator(".explain").innerText()).replaceAll(/[\u2066\u2069]/g, "");
+      for (const key of keys) {
+        assert.match(said, pattern(here[key]), `${lang}: ${key}`);
+        assert.doesNotMatch(said, pattern(english[key]), `${lang}: ${key}`);
+      }
+    }
+    const give = (value) => page.locator("#measure-import").setInputFiles({ name: "x.json", mimeType: "application/json", buffer: Buffer.from(value) });
+    for (const [bad, key] of [["{", "documentJson"], ['{"kilwa":"pack","version":1}', "documentOther"]]) {
+      await give(bad);
+      await page.waitForFunction((text) => new RegExp(text).test(document.getElementById("notice-text").textContent), pattern(here[key]).source);
+    }
+    await page.evaluate(() => globalThis.kilwa.pictures.open());
+    await page.locator("input[name=picture-size][value=sheet]").check();
+    await page.locator("#sheet-scale").fill("1");
+    await page.locator("#picture-make").click();
+    await page.locator("#picture-error:not([hidden])").waitFor();
+    assert.match((await page.locator("#picture-error").textContent()).replaceAll(/[\u2066\u2069]/g, ""), pattern(here.sheetTooLargeFits));
+    await page.locator("#picture > form button").first().click();
+  }
   assert.deepEqual(complaints, []);
   await close();
 });

@@ -1,7 +1,8 @@
 // Measuring, as the page sees it: questions go to a worker (measure/worker.js, wasm), bytes are fetched here through the page's own loader.
 //
-// const engine = await Engine.open({ pack, head, viewer });
-//   pack    loader.js Pack or LocalPack; head  its first bytes; viewer  a function that gives the wasm Viewer in force, for provisional values
+// const engine = await Engine.open({ pack, head, viewer, pages, footer });
+//   pack    loader.js Pack or LocalPack; head  its first bytes; viewer  a function that gives the wasm Viewer in force, for provisional values;
+//   pages   a function that gives what the viewer has of the directory (offset in the file → bytes); footer  the pack's last bytes, or a promise of them
 // engine.pack        { identity, title, crs, lattice: { origin, step_log2 }, step, capture, bytes, triangles, borders }
 // engine.pick({ origin, direction }, { clip, snap, within, provisional, progress, signal })
 //   → { local, world, normal, ray, snapped: "vertex" | "crease" | "border" | null, fetched }, or null where the ray meets nothing
@@ -30,14 +31,18 @@ import { isPassing } from "../loader.js";
 /** Requests on their way at a time. */
 const IN_FLIGHT = 6;
 
+/** Bytes of the footer and of a directory page, entries in a page, and where the header says what (docs/FORMAT.md, sections 3, 4 and 7). */
+const [FOOTER_BYTES, PAGE_BYTES, PAGE_ENTRIES] = [80, 16_384, 127];
+const [FILE_BYTES_AT, ENTRIES_AT, PAGES_AT] = [64, 84, 112];
+
 const aborted = () => new DOMException("the question was taken back", "AbortError");
 
 export class Engine {
-  /** Open a pack for measuring: fetches its footer at once and its directory while nobody waits for it. */
-  static async open({ pack, head, viewer = () => null }) {
+  /** Open a pack for measuring: what is missing of its directory comes while the program does. */
+  static async open({ pack, head, viewer = () => null, pages = () => new Map(), footer = null }) {
     const engine = new Engine(pack, viewer);
     try {
-      await engine.#open(head);
+      await engine.#open(head, pages(), footer);
     } catch (error) {
       engine.close();
       throw error;
@@ -49,7 +54,6 @@ export class Engine {
   #open_ = new Map(); // call → { resolve, reject, progress, controller }
   #queue = []; // { need, call, offset, length, fresh }
   #running = 0;
-  #ready = null;
 
   constructor(source, viewer) {
     this.source = source;
@@ -60,19 +64,49 @@ export class Engine {
     this.worker.onerror = (event) => this.#lost(event.message || "the measuring worker did not start");
   }
 
-  async #open(head) {
-    // The worker gets a copy: the page keeps its own.
-    const [at, length, footerAt, footerLength] = await this.#call("ranges", [head]);
-    const hold = new AbortController();
-    const get = (offset, bytes) => this.#bytes({ offset, length: bytes }, hold.signal, () => {});
-    this.hold = hold;
-    const footer = await get(footerAt, footerLength);
-    const identity = await this.#call("identity", [footer]);
-    this.#ready = (async () => {
-      const pages = length > 0 ? await get(at, length) : new Uint8Array();
+  async #open(head, kept, given) {
+    this.hold = new AbortController();
+    const view = new DataView(head.buffer, head.byteOffset);
+    const number = (at) => Number(view.getBigUint64(at, true));
+    const count = Math.ceil(view.getUint32(ENTRIES_AT, true) / PAGE_ENTRIES);
+    const wanted = { offset: number(PAGES_AT), count: Math.max(0, count - 1) };
+    const ask = async (fresh) => {
+      const last = fresh ? null : await given;
+      const parts = [this.#directory(wanted, fresh ? new Map() : kept, fresh), last ?? this.#range(number(FILE_BYTES_AT) - FOOTER_BYTES, FOOTER_BYTES, fresh)];
+      const [pages, footer] = await Promise.all(parts);
+      // The worker gets copies: the page keeps its own.
       return this.#call("open", [head, pages, footer]);
-    })();
-    this.pack = { ...(await this.#ready), identity };
+    };
+    this.pack = await ask(false).catch((error) => {
+      // What the viewer was given may have been damaged on the way, or what lay in a store.
+      if (!error.said || this.closed) throw error;
+      return ask(true);
+    });
+  }
+
+  #range(offset, length, fresh = false) {
+    return this.#bytes({ offset, length, fresh }, this.hold.signal, () => {});
+  }
+
+  /** Pages of the directory from the second on: those that the viewer has are not fetched again. */
+  async #directory({ offset, count }, kept, fresh) {
+    const out = new Uint8Array(count * PAGE_BYTES);
+    const have = new Uint8Array(count);
+    for (const [at, bytes] of kept) {
+      const first = (at - offset) / PAGE_BYTES;
+      if (!Number.isInteger(first) || first < 0 || at - offset + bytes.length > out.length) continue;
+      out.set(bytes, at - offset);
+      have.fill(1, first, first + Math.floor(bytes.length / PAGE_BYTES));
+    }
+    const missing = [];
+    for (let page = 0; page < count; page += 1) {
+      if (have[page]) continue;
+      const last = missing.at(-1);
+      if (last && last.page + last.pages === page) last.pages += 1;
+      else missing.push({ page, pages: 1 });
+    }
+    await Promise.all(missing.map(async ({ page, pages }) => out.set(await this.#range(offset + page * PAGE_BYTES, pages * PAGE_BYTES, fresh), page * PAGE_BYTES)));
+    return out;
   }
 
   /** Where a ray meets the finest surface first. */

@@ -59,7 +59,10 @@ export class Measure {
   get engine() {
     // Failures are those of the network or of the program: the next question tries again.
     if (this.current?.closed) this.opened = this.current = null;
-    this.opened ??= Engine.open({ pack: this.page.pack, head: this.page.headBytes, viewer: () => (this.session?.closed ? null : this.viewer) }).then(
+    this.opened ??= Engine.open({
+      pack: this.page.pack, head: this.page.headBytes, viewer: () => (this.session?.closed ? null : this.viewer),
+      pages: () => this.session?.pages ?? new Map(), footer: this.page.identity.footer,
+    }).then(
       (engine) => (this.current = engine),
       (error) => {
         this.opened = null;

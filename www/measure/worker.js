@@ -1,6 +1,6 @@
 // The worker that measures: wasm in a thread of its own, so that the picture never waits for it. The page fetches the bytes; here they are asked
 // for (`need`) and come (`got`). Messages: see engine.js.
-import init, { Engine, identity, ranges } from "../measure.js";
+import init, { Engine } from "../measure.js";
 
 const ready = init({ module_or_path: new URL("../measure_bg.wasm", import.meta.url) });
 let engine;
@@ -28,9 +28,6 @@ function ways(call) {
 }
 
 const methods = {
-  /** What has to be fetched beside the head. */
-  ranges: (_, head) => [...ranges(head)],
-  identity: (_, footer) => identity(footer),
   open: (_, head, pages, footer) => {
     engine = new Engine(head, pages, footer);
     return JSON.parse(engine.pack());

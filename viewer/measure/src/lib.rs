@@ -10,8 +10,7 @@ pub mod sheet;
 
 use js_sys::{Function, Promise, Uint8Array};
 use kilwa_measure::{Failure, Say, Uncertainty};
-use kilwa_pack::footer::Footer;
-use kilwa_pack::{Index, PackError, parse_head};
+use kilwa_pack::{Index, PackError};
 use question::{Pick, Question, QuestionError};
 use remote::{Fetch, Remote, Store};
 use sheet::SheetFile;
@@ -20,26 +19,6 @@ use std::future::Future;
 use std::pin::Pin;
 use wasm_bindgen::prelude::{JsCast, JsValue, wasm_bindgen};
 use wasm_bindgen_futures::JsFuture;
-
-/// What has to be fetched beside the head: offset and length of the directory's other pages and of the footer, four numbers.
-///
-/// # Errors
-/// When the head is that of no pack.
-#[wasm_bindgen]
-pub fn ranges(head: &[u8]) -> Result<Vec<f64>, JsValue> {
-    let header = parse_head(head).map_err(damaged)?.header;
-    let (pages, footer) = (Index::other_pages(&header), Index::footer_range(&header));
-    Ok([pages.0, pages.1, footer.0, footer.1].map(|x| x as f64).to_vec())
-}
-
-/// What a pack is called, from its footer.
-///
-/// # Errors
-/// When the bytes are no footer.
-#[wasm_bindgen]
-pub fn identity(footer: &[u8]) -> Result<String, JsValue> {
-    Ok(Footer::parse(footer).map_err(damaged)?.identity())
-}
 
 /// One pack.
 #[wasm_bindgen]
@@ -98,7 +77,7 @@ fn asked(why: serde_json::Error) -> JsValue {
 
 #[wasm_bindgen]
 impl Engine {
-    /// From the head of a pack and the ranges that [`ranges`] names.
+    /// From the head of a pack, its directory's pages from the second on, and its footer.
     ///
     /// # Errors
     /// When they do not belong together, or are damaged.
