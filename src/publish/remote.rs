@@ -44,6 +44,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     let sender = Sender::new(base, token, Patience::default());
     let given = Given::read(args)?;
     let at = format!("{base}/{}", given.slug);
+    sender.greet(given.slug.as_str()).map_err(anyhow::Error::msg).with_context(|| at.clone())?;
     let before = manifest(&sender, given.slug.as_str(), &at)?;
     let work = tempfile::Builder::new().prefix("kilwa-publish-").tempdir().context("cannot make a temporary folder")?;
     if !args.dry_run {
@@ -90,9 +91,8 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
         drawings: pictured.drawings.iter().map(|(p, w)| Drawing { path: p.clone(), words: w.clone() }).collect(),
         files,
     };
-    let place = |file: &FileSaid| -> PathBuf {
-        if file.sha256 == sha256 { pack.clone() } else { work.join(&file.path) }
-    };
+    let place =
+        |file: &FileSaid| -> PathBuf { if file.sha256 == sha256 { pack.clone() } else { work.join(&file.path) } };
     let progress = Progress::new();
     let published = sender.publish(&intent, &place, &|told| progress.tell(&told));
     let published = published.map_err(anyhow::Error::msg).with_context(|| plan.at.clone())?;
@@ -100,7 +100,10 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
     let now = manifest(sender, &intent.slug, &plan.at)?;
     let version = now.as_ref().and_then(|m| m.versions.iter().find(|v| v.version == published.version));
     let version = version.filter(|v| v.pack.sha256 == sha256).with_context(|| {
-        format!("{}: the server says that version {} is published, and its manifest.json does not", plan.at, published.version)
+        format!(
+            "{}: the server says that version {} is published, and its manifest.json does not",
+            plan.at, published.version
+        )
     })?;
     let mut left_out = pictured.left_out;
     if facts.metadata.url.is_none() {
@@ -133,14 +136,10 @@ fn manifest(sender: &Sender, slug: &str, at: &str) -> anyhow::Result<Option<Mani
 }
 
 /// Whether this very pack and metadata are the last version.
-fn already(
-    sender: &Sender,
-    given: &Given,
-    before: Option<&Manifest>,
-    at: &str,
-) -> anyhow::Result<Option<Report>> {
+fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) -> anyhow::Result<Option<Report>> {
     // Of a pack without its place the server says so itself, when it is sent what is meant.
-    let last = before.and_then(|m| m.versions.last()).filter(|v| given.place.is_none() && v.pack.bytes == given.pack_bytes);
+    let last =
+        before.and_then(|m| m.versions.last()).filter(|v| given.place.is_none() && v.pack.bytes == given.pack_bytes);
     let Some(last) = last else { return Ok(None) };
     let (bytes, sha256) = hashed(&given.pack)?;
     if sha256 != last.pack.sha256 {
@@ -169,7 +168,10 @@ fn already(
 fn check_address(address: &str, allow_http: bool) -> anyhow::Result<()> {
     let rest = address.split_once("://").map_or("", |(_, rest)| rest);
     let host = rest.split(['/', '?', '#']).next().unwrap_or_default();
-    ensure!(!host.is_empty() && !rest.contains(['?', '#', '@']), "{address} is no address of a site; give it like https://museum.example");
+    ensure!(
+        !host.is_empty() && !rest.contains(['?', '#', '@']),
+        "{address} is no address of a site; give it like https://museum.example"
+    );
     if address.get(..5).is_some_and(|start| start.eq_ignore_ascii_case("https")) || allow_http {
         return Ok(());
     }
@@ -200,7 +202,8 @@ fn token(args: &Args) -> anyhow::Result<String> {
         );
     };
     let token = text.trim();
-    let is_token = token.strip_prefix("kilwa-").is_some_and(|t| t.len() == 64 && t.bytes().all(|b| b.is_ascii_hexdigit()));
+    let is_token =
+        token.strip_prefix("kilwa-").is_some_and(|t| t.len() == 64 && t.bytes().all(|b| b.is_ascii_hexdigit()));
     ensure!(is_token, "{from} holds no token; one begins with kilwa- and has 64 hexadecimal digits after it");
     Ok(token.to_owned())
 }
@@ -245,10 +248,13 @@ mod tests {
 
     #[test]
     fn a_token_goes_in_the_clear_to_this_computer_only() {
-        for good in ["https://museum.example/", "http://localhost:8080", "http://127.0.0.1:9/", "http://[::1]:80/", "HTTPS://x"] {
+        for good in
+            ["https://museum.example/", "http://localhost:8080", "http://127.0.0.1:9/", "http://[::1]:80/", "HTTPS://x"]
+        {
             assert!(check_address(good, false).is_ok(), "{good}");
         }
-        for bad in ["http://museum.example", "http://localhost.example/", "http://10.0.0.1", "http://127.0.0.1.example"] {
+        for bad in ["http://museum.example", "http://localhost.example/", "http://10.0.0.1", "http://127.0.0.1.example"]
+        {
             assert!(check_address(bad, false).unwrap_err().to_string().contains("--allow-http"), "{bad}");
             assert!(check_address(bad, true).is_ok());
         }

@@ -125,6 +125,25 @@ impl Sender {
         })
     }
 
+    /// Whether the token may publish `slug` here: before anything is made that would be of no use.
+    ///
+    /// # Errors
+    /// For people: why not.
+    pub(crate) fn greet(&self, slug: &str) -> Result<(), String> {
+        self.persist(&|_| (), || {
+            let response = self.ask("GET", &format!("uploads/{slug}"), &[], None)?;
+            let speaks_tus = response.headers().contains_key("tus-resumable");
+            match response.status().as_u16() {
+                // How the last upload ended, or that there is none, is no matter.
+                200..=299 | 404 | 409 | 422 | 423 | 507 if speaks_tus => Ok(()),
+                200..=299 | 404 => {
+                    Err(Failure::Final(format!("{} takes no uploads; is it a kilwa of this version?", self.base)))
+                }
+                _ => Err(self.refused(response)),
+            }
+        })
+    }
+
     /// Publish `intent`, whose files lie at `at(file)`.
     ///
     /// # Errors
@@ -172,7 +191,8 @@ impl Sender {
         told: &dyn Fn(Told<'_>),
     ) -> Result<Published, Failure> {
         let text = serde_json::to_vec(intent).map_err(|e| Failure::Final(e.to_string()))?;
-        let begun = self.status(self.ask("POST", "uploads", &[("Content-Type", "application/json")], Some(&text))?, true)?;
+        let begun =
+            self.status(self.ask("POST", "uploads", &[("Content-Type", "application/json")], Some(&text))?, true)?;
         let all: u64 = intent.files.iter().map(|f| f.bytes).sum();
         let sent = Cell::new(all - begun.lacks.iter().map(|l| l.bytes - l.offset).sum::<u64>().min(all));
         told(Told::Sent(sent.get(), all));
@@ -296,7 +316,10 @@ impl Sender {
             200..=202 => {
                 let bytes = body(response)?;
                 serde_json::from_slice(&bytes).map_err(|_| {
-                    Failure::Final(format!("{} answers as no kilwa of this version does; is it one, started with --accept-uploads?", self.base))
+                    Failure::Final(format!(
+                        "{} answers as no kilwa of this version does; is it one, started with --accept-uploads?",
+                        self.base
+                    ))
                 })
             }
             // After a restart it knows of nothing until it is begun again; what was damaged on the way is sent again.
@@ -316,7 +339,7 @@ impl Sender {
         }
         let why = said(response);
         match status.as_u16() {
-            408 | 423 | 425 | 429 | 500..=506 | 508..=599 => Failure::Passing { why, after, progressed: false },
+            408 | 423 | 425 | 429 | 500 | 502..=506 | 508..=599 => Failure::Passing { why, after, progressed: false },
             _ => Failure::Final(why),
         }
     }
@@ -325,9 +348,7 @@ impl Sender {
 /// An attempt that got something done before it failed is none that got nowhere.
 fn with_progress(e: Failure, progressed: &mut bool) -> Failure {
     match e {
-        Failure::Passing { why, after, progressed: p } => {
-            Failure::Passing { why, after, progressed: p || *progressed }
-        }
+        Failure::Passing { why, after, progressed: p } => Failure::Passing { why, after, progressed: p || *progressed },
         last => last,
     }
 }

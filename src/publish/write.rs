@@ -39,9 +39,9 @@ pub(super) fn run(args: &Args, plan: &Plan) -> anyhow::Result<Report> {
     let (of_pack, identity) = (reader.metadata().clone(), reader.identity());
     drop(reader);
     let (bytes, sha256) = draft.adopt_named(PART, pack_name)?;
-    if let Some(before) = facts.before.as_ref().filter(|b| {
-        is_published(&shelf.join(facts.slug.as_str()), b, &sha256, &facts.metadata)
-    }) {
+    if let Some(before) =
+        facts.before.as_ref().filter(|b| is_published(&shelf.join(facts.slug.as_str()), b, &sha256, &facts.metadata))
+    {
         bail!(
             "{}: version {} has this very pack and metadata; there is nothing new to publish",
             plan.at,
@@ -163,7 +163,6 @@ fn wrap(shelf: &Path, p: &Publication, steps: kilwa_server::object::draft::Steps
         date: p.published.clone(),
         tool: p.tool.clone(),
     };
-    let bag = bag::wrap(shelf, &p.slug, &info, steps)
-        .context("the object is published; its bag could not be made")?;
+    let bag = bag::wrap(shelf, &p.slug, &info, steps).context("the object is published; its bag could not be made")?;
     Ok(bag.display().to_string())
 }

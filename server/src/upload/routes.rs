@@ -67,7 +67,7 @@ async fn allowed(
 ) -> Result<Allowed, Refusal> {
     let (Some(uploads), Some(door)) = (site.uploads.clone(), site.door.clone()) else {
         let said = "this server takes no uploads; whoever keeps it starts it with `kilwa serve --accept-uploads --access FILE`";
-        return Err(Refusal::new(StatusCode::NOT_FOUND, said));
+        return Err(Refusal::new(StatusCode::NOT_IMPLEMENTED, said));
     };
     let now = site.clock.seconds();
     let (asked, headers, object, network) = (Arc::clone(&door), headers.clone(), slug.map(str::to_owned), client.1);

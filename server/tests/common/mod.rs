@@ -88,6 +88,11 @@ pub(crate) async fn get(app: &Router, uri: &str) -> Answer {
 
 /// A true pack of one triangle.
 pub(crate) fn pack(title: &str) -> Vec<u8> {
+    pack_in(title, Some("EPSG:32737"))
+}
+
+/// The same, in a reference system or none.
+pub(crate) fn pack_in(title: &str, crs: Option<&str>) -> Vec<u8> {
     let attributes = Attributes { colors: true, scalars: 0 };
     let mut chunk = Chunk::default();
     chunk.mesh.positions = vec![[0, 0, 0], [1000, 0, 0], [0, 800, 400]];
@@ -131,7 +136,7 @@ pub(crate) fn pack(title: &str) -> Vec<u8> {
         title: title.to_owned(),
         source_units: "m".to_owned(),
         source_up: "z".to_owned(),
-        crs: Some("EPSG:32737".to_owned()),
+        crs: crs.map(str::to_owned),
         lattice_step: step,
         bounds_min: [0.0; 3],
         bounds_max: [1000.0 * step, 800.0 * step, 400.0 * step],

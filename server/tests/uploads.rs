@@ -1,0 +1,527 @@
+//! Versions that are published from elsewhere: whole, verified, by whoever may, or not at all; and nothing that a browser runs comes from them.
+
+mod common;
+
+use axum::Router;
+use axum::body::Body;
+use axum::http::{Method, Request, StatusCode};
+use common::{Answer, ask, get, pack_in, page};
+use kilwa_server::access::{Accounts, Grant, Purpose};
+use kilwa_server::door::Door;
+use kilwa_server::object::checksums::sha256;
+use kilwa_server::object::{Manifest, Metadata};
+use kilwa_server::upload::wire::{Drawing, FORM, FileSaid, Intent, PreviewSaid, State, Status};
+use kilwa_server::upload::{UploadLimits, Uploads};
+use kilwa_server::{Catalogue, Clock, Site, app};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+use tower::ServiceExt;
+
+/// 2026-11-21T12:00:00Z.
+const NOW: u64 = 1_795_262_400;
+
+/// A site that takes uploads, with tokens of several kinds, a clock that can be set and a disk that can fail.
+struct Museum {
+    app: Router,
+    clock: Arc<AtomicU64>,
+    /// How many more steps the disk allows.
+    steps: Arc<AtomicU64>,
+    folder: tempfile::TempDir,
+    robot: String,
+    amina: String,
+    viewer: String,
+}
+
+impl Museum {
+    fn new() -> Self {
+        Self::with(UploadLimits::default())
+    }
+
+    fn with(limits: UploadLimits) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let models = folder.path().join("models");
+        std::fs::create_dir(&models).unwrap();
+        let mut accounts = Accounts::new().unwrap();
+        accounts.set_user("robot", &Grant::All, Some("a long sentence")).unwrap();
+        accounts.set_user("amina", &Grant::Objects(vec!["cave".to_owned()]), None).unwrap();
+        let robot = accounts.add_token("robot", Purpose::Publish, 30, NOW).unwrap();
+        let viewer = accounts.add_token("robot", Purpose::View, 30, NOW).unwrap();
+        let amina = accounts.add_token("amina", Purpose::Publish, 30, NOW).unwrap();
+        let file = folder.path().join("access.json");
+        accounts.write(&file, true).unwrap();
+        let clock = Arc::new(AtomicU64::new(NOW));
+        let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
+        let told = Arc::clone(&clock);
+        site.clock = Clock::new(move || told.load(Ordering::Relaxed));
+        site.door = Some(Arc::new(Door::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap()));
+        let steps = Arc::new(AtomicU64::new(u64::MAX));
+        let left = Arc::clone(&steps);
+        let uploads = Uploads::new(models.canonicalize().unwrap(), page(), limits).with_steps(move |_| {
+            let take = |n: u64| n.checked_sub(1);
+            match left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take) {
+                Ok(_) => Ok(()),
+                Err(_) => Err(io::Error::from(io::ErrorKind::StorageFull)),
+            }
+        });
+        site.uploads = Some(Arc::new(uploads));
+        Self { app: app(site), clock, steps, folder, robot, amina, viewer }
+    }
+
+    fn models(&self) -> PathBuf {
+        self.folder.path().join("models")
+    }
+
+    async fn send(&self, method: Method, uri: &str, token: &str, more: &[(&str, &str)], body: Vec<u8>) -> Answer {
+        let mut request = Request::builder().method(method).uri(uri).header("host", "museum.example");
+        if !token.is_empty() {
+            request = request.header("authorization", format!("Bearer {token}"));
+        }
+        for (name, value) in more {
+            request = request.header(*name, *value);
+        }
+        Answer::of(self.app.clone().oneshot(request.body(Body::from(body)).unwrap()).await.unwrap()).await
+    }
+
+    async fn begin(&self, token: &str, intent: &Intent) -> Answer {
+        self.send(Method::POST, "/uploads", token, &[], serde_json::to_vec(intent).unwrap()).await
+    }
+
+    async fn patch(&self, slug: &str, sha256: &str, offset: u64, bytes: &[u8]) -> Answer {
+        let offset = offset.to_string();
+        let headers = [
+            ("tus-resumable", "1.0.0"),
+            ("upload-offset", offset.as_str()),
+            ("content-type", "application/offset+octet-stream"),
+        ];
+        let uri = format!("/uploads/{slug}/{sha256}");
+        self.send(Method::PATCH, &uri, &self.robot, &headers, bytes.to_vec()).await
+    }
+
+    /// Everything that is lacking, then the end; how it ended.
+    async fn publish(&self, version: &Version) -> (StatusCode, Status) {
+        let begun = self.begin(&self.robot, &version.intent).await;
+        if begun.status != StatusCode::CREATED {
+            return (begun.status, status(&begun));
+        }
+        for lack in status(&begun).lacks {
+            let bytes = version.bytes(&lack.sha256);
+            let answer =
+                self.patch(&version.intent.slug, &lack.sha256, lack.offset, &bytes[lack.offset as usize..]).await;
+            if answer.status != StatusCode::NO_CONTENT {
+                return (answer.status, status(&answer));
+            }
+        }
+        self.finish(&version.intent.slug).await
+    }
+
+    async fn finish(&self, slug: &str) -> (StatusCode, Status) {
+        let uri = format!("/uploads/{slug}");
+        let mut answer = self.send(Method::POST, &uri, &self.robot, &[], Vec::new()).await;
+        for _ in 0..3000 {
+            let said = status(&answer);
+            if said.state != State::Verifying {
+                return (answer.status, said);
+            }
+            tokio::time::sleep(Duration::from_millis(10)).await;
+            answer = self.send(Method::GET, &uri, &self.robot, &[], Vec::new()).await;
+        }
+        panic!("it is verified for ever");
+    }
+
+    /// Nothing of the object is there, and nothing hidden but the folder of uploads.
+    fn has_nothing(&self) -> bool {
+        let names = std::fs::read_dir(self.models()).unwrap().map(|e| e.unwrap().file_name());
+        names.into_iter().all(|n| n == ".kilwa-uploads")
+    }
+}
+
+/// What an answer says; a refusal without a state counts as refused.
+fn status(answer: &Answer) -> Status {
+    serde_json::from_slice(&answer.body).unwrap_or_else(|_| {
+        let value: serde_json::Value = serde_json::from_slice(&answer.body).unwrap_or_default();
+        let error = value["error"].as_str().map(str::to_owned);
+        let refused = serde_json::json!({ "state": "refused", "version": 0, "error": error });
+        serde_json::from_value(refused).unwrap()
+    })
+}
+
+/// A version to be published, with its files.
+struct Version {
+    intent: Intent,
+    files: Vec<Vec<u8>>,
+}
+
+const METADATA: &str = "title = \"Fort\"\nslug = \"fort\"\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n";
+
+/// In local coordinates.
+fn fort_pack() -> Vec<u8> {
+    pack_in("fort", None)
+}
+
+impl Version {
+    fn new(slug: &str, number: u32, pack: Vec<u8>) -> Self {
+        let mut metadata = Metadata::parse(METADATA).unwrap();
+        metadata.slug = Some(slug.to_owned());
+        let glb = {
+            let json = "{\"asset\":{\"version\":\"2.0\"}}  ";
+            let mut bytes = b"glTF".to_vec();
+            for word in [2, 20 + json.len() as u32, json.len() as u32, 0x4e4f_534a] {
+                bytes.extend_from_slice(&word.to_le_bytes());
+            }
+            bytes.extend_from_slice(json.as_bytes());
+            bytes
+        };
+        let mut version = Self {
+            intent: Intent {
+                kilwa_upload: FORM,
+                slug: slug.to_owned(),
+                version: number,
+                published: "2026-11-21".to_owned(),
+                note: "As it is".to_owned(),
+                location_redacted: false,
+                same_object: false,
+                metadata,
+                preview: Some(PreviewSaid { triangles: 1, error: 0.0 }),
+                drawings: vec![Drawing { path: "drawings/plan.png".to_owned(), words: "Plan, 1:100".to_owned() }],
+                files: Vec::new(),
+            },
+            files: Vec::new(),
+        };
+        let name = format!("pack.{}.kilwa", sha256(&pack));
+        version.add(&name, pack);
+        for (i, poster) in ["poster.jpg", "poster-600.jpg", "poster-300.jpg"].iter().enumerate() {
+            version.add(poster, [b"\xff\xd8\xff\xe0JPEG", &[i as u8][..]].concat());
+        }
+        version.add("drawings/plan.png", b"\x89PNG\r\n\x1a\n....".to_vec());
+        version.add("preview.glb", glb);
+        version
+    }
+
+    fn add(&mut self, path: &str, bytes: Vec<u8>) {
+        let said = FileSaid { path: path.to_owned(), bytes: bytes.len() as u64, sha256: sha256(&bytes) };
+        self.intent.files.push(said);
+        self.files.push(bytes);
+    }
+
+    fn bytes(&self, wanted: &str) -> Vec<u8> {
+        let at = self.intent.files.iter().position(|f| f.sha256 == wanted).unwrap();
+        self.files[at].clone()
+    }
+}
+
+fn tree(folder: &Path) -> std::collections::BTreeMap<String, Vec<u8>> {
+    let mut all = std::collections::BTreeMap::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if path.is_dir() {
+            all.extend(tree(&path).into_iter().map(|(p, b)| (format!("{name}/{p}"), b)));
+        } else {
+            all.insert(name, std::fs::read(&path).unwrap());
+        }
+    }
+    all
+}
+
+#[tokio::test]
+async fn what_is_sent_whole_is_published_served_and_written_down() {
+    let m = Museum::new();
+    let version = Version::new("fort", 1, fort_pack());
+    let (code, said) = m.publish(&version).await;
+    assert_eq!((code, said.state, said.version), (StatusCode::OK, State::Published, 1), "{said:?}");
+    let manifest = Manifest::parse(&get(&m.app, "/fort/manifest.json").await.body).unwrap();
+    assert_eq!((manifest.title.as_str(), manifest.versions.len()), ("Fort", 1));
+    let served = get(&m.app, &format!("/fort/{}", manifest.versions[0].pack.url)).await;
+    assert_eq!((served.status, &served.body[..]), (StatusCode::OK, &version.files[0][..]));
+    let page = get(&m.app, "/fort/").await.text();
+    assert!(page.contains("Fort") && page.contains("v1/viewer/"), "{page}");
+    // The viewer is the server's own.
+    assert_eq!(std::fs::read(m.models().join("fort/v1/viewer/boot.js")).unwrap(), b"export {};");
+    let record = std::fs::read_to_string(m.folder.path().join("audit.jsonl")).unwrap();
+    assert!(record.contains("\"published\",\"who\":\"robot\"") && record.contains("\"version\":1"), "{record}");
+    assert!(!record.contains(&m.robot[6..]));
+    // Again: there already. Changed: the next version, after the first.
+    let before = tree(&m.models().join("fort"));
+    let (code, said) = m.publish(&version).await;
+    assert_eq!((code, said.state, said.already), (StatusCode::OK, State::Published, true));
+    assert!(tree(&m.models().join("fort")) == before, "nothing was added");
+    let mut second = Version::new("fort", 2, fort_pack());
+    second.intent.metadata.description = Some("Better text".to_owned());
+    let (code, said) = m.publish(&second).await;
+    assert_eq!((code, said.version), (StatusCode::OK, 2), "{said:?}");
+    let now = tree(&m.models().join("fort"));
+    assert!(before.iter().filter(|(p, _)| p.starts_with("v1/")).all(|(p, b)| now[p] == *b), "version 1 is as it was");
+    assert_eq!(std::fs::read_dir(m.models().join(".kilwa-uploads")).unwrap().count(), 0, "nothing is left of it");
+}
+
+#[tokio::test]
+async fn only_a_token_for_publishing_of_somebody_who_was_granted_the_object_publishes() {
+    let m = Museum::new();
+    let fort = Version::new("fort", 1, fort_pack()).intent;
+    for (token, code) in [
+        ("", StatusCode::UNAUTHORIZED),
+        ("kilwa-0000", StatusCode::UNAUTHORIZED),
+        (m.viewer.as_str(), StatusCode::FORBIDDEN),
+        (m.amina.as_str(), StatusCode::FORBIDDEN),
+        (m.robot.as_str(), StatusCode::CREATED),
+    ] {
+        let answer = m.begin(token, &fort).await;
+        assert_eq!(answer.status, code, "{}", answer.text());
+    }
+    let cave = Version::new("cave", 1, fort_pack()).intent;
+    assert_eq!(m.begin(&m.amina, &cave).await.status, StatusCode::CREATED, "granted, though it is not there yet");
+    assert_eq!(m.begin(&m.robot, &cave).await.status, StatusCode::CONFLICT, "one upload of an object at a time");
+    let uri = format!("/uploads/cave/{}", cave.files[0].sha256);
+    assert_eq!(m.send(Method::HEAD, &uri, &m.robot, &[], Vec::new()).await.status, StatusCode::FORBIDDEN);
+    // A session opens nothing here: what a browser sends by itself does not count.
+    let form = "name=robot&password=a+long+sentence&next=%2F";
+    let signed = m.send(Method::POST, "/sign-in", "", &[("origin", "https://museum.example")], form.into()).await;
+    let cookie = signed.header("set-cookie").split(';').next().unwrap().to_owned();
+    assert_eq!(signed.status, StatusCode::SEE_OTHER);
+    let body = serde_json::to_vec(&fort).unwrap();
+    let answer = m.send(Method::POST, "/uploads", "", &[("cookie", &cookie)], body).await;
+    assert_eq!(answer.status, StatusCode::UNAUTHORIZED);
+    // Guessing has to wait, and so does whoever guesses when right.
+    let mut last = StatusCode::OK;
+    for i in 0..8 {
+        last = m.begin(&format!("kilwa-{i:064x}"), &fort).await.status;
+    }
+    assert_eq!(last, StatusCode::TOO_MANY_REQUESTS);
+    // Without uploads there are none.
+    let site = Site::new(Catalogue::open(&m.models()).unwrap(), page());
+    assert_eq!(ask(&app(site), "POST", "/uploads", &[]).await.status, StatusCode::NOT_IMPLEMENTED);
+}
+
+#[tokio::test]
+async fn a_file_is_gone_on_with_where_it_broke_off_and_nowhere_else() {
+    let m = Museum::new();
+    let version = Version::new("fort", 1, fort_pack());
+    let (pack, name) = (&version.files[0], &version.intent.files[0].sha256);
+    let begun = status(&m.begin(&m.robot, &version.intent).await);
+    assert_eq!((begun.state, begun.lacks.len(), begun.lacks[0].offset), (State::Sending, 6, 0));
+    let first = m.patch("fort", name, 0, &pack[..100]).await;
+    assert_eq!((first.status, first.header("upload-offset")), (StatusCode::NO_CONTENT, "100"));
+    for offset in [0, 99, 101] {
+        let answer = m.patch("fort", name, offset, b"x").await;
+        assert_eq!((answer.status, answer.header("upload-offset")), (StatusCode::CONFLICT, "100"), "{offset}");
+    }
+    let uri = format!("/uploads/fort/{name}");
+    let head = m.send(Method::HEAD, &uri, &m.robot, &[], Vec::new()).await;
+    assert_eq!((head.header("upload-offset"), head.header("upload-length")), ("100", pack.len().to_string().as_str()));
+    let again = status(&m.begin(&m.robot, &version.intent).await);
+    assert_eq!(again.lacks[0].offset, 100);
+    assert_eq!(m.finish("fort").await.1.state, State::Refused, "not whole");
+    // What is there of a file serves another version of the same object too.
+    let mut other = Version::new("fort", 1, fort_pack());
+    other.intent.note = "With a better note".to_owned();
+    assert_eq!(status(&m.begin(&m.robot, &other.intent).await).lacks[0].offset, 100);
+    let plain = [("upload-offset", "100"), ("content-type", "application/offset+octet-stream")];
+    assert_eq!(m.send(Method::PATCH, &uri, &m.robot, &plain, vec![1]).await.status, StatusCode::PRECONDITION_FAILED);
+    // Nothing of it can be had.
+    for address in [format!("/.kilwa-uploads/fort/{name}"), "/.kilwa-uploads/fort/upload.json".to_owned(), uri.clone()]
+    {
+        let answer = m.send(Method::GET, &address, &m.robot, &[], Vec::new()).await;
+        assert!(matches!(answer.status, StatusCode::NOT_FOUND | StatusCode::METHOD_NOT_ALLOWED), "{address}");
+    }
+    let given_up = m.send(Method::DELETE, "/uploads/fort", &m.robot, &[], Vec::new()).await;
+    assert_eq!((given_up.status, m.has_nothing()), (StatusCode::NO_CONTENT, true));
+}
+
+#[tokio::test]
+async fn what_cannot_be_is_refused_before_a_byte_is_sent() {
+    let m = Museum::new();
+    let change = |how: &dyn Fn(&mut Version)| {
+        let mut version = Version::new("fort", 1, fort_pack());
+        how(&mut version);
+        version.intent
+    };
+    let file = |path: &'static str| move |v: &mut Version| v.add(path, b"<script>alert(1)</script>".to_vec());
+    let cases: Vec<(&str, Intent, StatusCode, &str)> = vec![
+        (
+            "traversal",
+            change(&file("../../etc/cron.d/x")),
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "no file that can be uploaded",
+        ),
+        ("absolute", change(&file("/etc/passwd")), StatusCode::UNPROCESSABLE_ENTITY, "no file that can be uploaded"),
+        ("page", change(&file("index.html")), StatusCode::UNPROCESSABLE_ENTITY, "made by the server"),
+        ("script", change(&file("viewer/boot.js")), StatusCode::UNPROCESSABLE_ENTITY, "made by the server"),
+        ("manifest", change(&file("manifest.json")), StatusCode::UNPROCESSABLE_ENTITY, "made by the server"),
+        ("no pack", change(&|v| drop(v.intent.files.remove(0))), StatusCode::UNPROCESSABLE_ENTITY, "there is no pack"),
+        (
+            "no poster",
+            change(&|v| drop(v.intent.files.remove(1))),
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "poster.jpg is missing",
+        ),
+        (
+            "twice",
+            change(&|v| v.intent.files.push(v.intent.files[1].clone())),
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "twice",
+        ),
+        (
+            "no hash",
+            change(&|v| v.intent.files[1].sha256 = "../x".to_owned()),
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "SHA-256",
+        ),
+        ("too large", change(&|v| v.intent.files[1].bytes = 1 << 40), StatusCode::PAYLOAD_TOO_LARGE, "are possible"),
+        ("reserved", change(&|v| v.intent.slug = "viewer".to_owned()), StatusCode::UNPROCESSABLE_ENTITY, "slug"),
+        ("hidden", change(&|v| v.intent.slug = ".kilwa-x".to_owned()), StatusCode::UNPROCESSABLE_ENTITY, "slug"),
+        ("version", change(&|v| v.intent.version = 2), StatusCode::CONFLICT, "has no version yet"),
+        (
+            "future",
+            change(&|v| v.intent.published = "2027-01-01".to_owned()),
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "clock",
+        ),
+        (
+            "a link that runs",
+            change(&|v| v.intent.metadata.rights.uri = "javascript:alert(1)".to_owned()),
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "rights.uri",
+        ),
+        (
+            "an address that runs",
+            change(&|v| v.intent.metadata.url = Some("javascript:alert(1)".to_owned())),
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "url",
+        ),
+        (
+            "words of a drawing",
+            change(&|v| v.intent.drawings[0].words = "<img src=x onerror=alert(1)>".to_owned()),
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "drawings",
+        ),
+    ];
+    for (what, intent, code, said) in cases {
+        let answer = m.begin(&m.robot, &intent).await;
+        assert!(answer.status == code && answer.text().contains(said), "{what}: {} {}", answer.status, answer.text());
+    }
+    assert!(m.has_nothing());
+    let answer = m.send(Method::POST, "/uploads", &m.robot, &[], b"{\"kilwa_upload\":1}".to_vec()).await;
+    assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY);
+}
+
+#[tokio::test]
+async fn what_arrives_otherwise_than_it_was_said_is_never_published() {
+    let m = Museum::new();
+    let version = Version::new("fort", 1, fort_pack());
+    let poster = &version.intent.files[1];
+    m.begin(&m.robot, &version.intent).await;
+    let wrong = vec![7; poster.bytes as usize];
+    assert_eq!(m.patch("fort", &poster.sha256, 0, &wrong).await.status.as_u16(), 460, "tus: checksum mismatch");
+    let long = vec![7; poster.bytes as usize + 1];
+    assert_eq!(m.patch("fort", &poster.sha256, 0, &long).await.status, StatusCode::BAD_REQUEST);
+    assert_eq!(m.patch("fort", &"0".repeat(64), 0, b"x").await.status, StatusCode::NOT_FOUND, "not announced");
+    assert_eq!(m.patch("fort", "..%2Fupload.json", 0, b"x").await.status, StatusCode::NOT_FOUND);
+    // A pack that is damaged, and says so of itself with the right SHA-256.
+    let mut bytes = fort_pack();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    let (code, said) = m.publish(&Version::new("fort", 1, bytes)).await;
+    assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY);
+    assert!(said.error.as_deref().is_some_and(|e| e.contains("damaged")), "{said:?}");
+    // A page that is called a picture.
+    let mut page = Version::new("fort", 1, fort_pack());
+    page.intent.files.remove(1);
+    page.files.remove(1);
+    page.add("poster.jpg", b"<!doctype html><script>alert(1)</script>".to_vec());
+    let (code, said) = m.publish(&page).await;
+    assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY);
+    assert!(said.error.as_deref().is_some_and(|e| e.contains("no picture")), "{said:?}");
+    // Metadata of another model.
+    let mut other = Version::new("fort", 1, fort_pack());
+    other.intent.metadata.model.units = "mm".to_owned();
+    let (code, said) = m.publish(&other).await;
+    assert!(code == StatusCode::UNPROCESSABLE_ENTITY && said.error.is_some_and(|e| e.contains("units")));
+    assert!(m.has_nothing() && get(&m.app, "/fort/").await.status == StatusCode::NOT_FOUND);
+}
+
+#[cfg(unix)]
+#[tokio::test]
+async fn a_link_in_the_folder_of_an_upload_leads_nowhere() {
+    let m = Museum::new();
+    let version = Version::new("fort", 1, fort_pack());
+    m.begin(&m.robot, &version.intent).await;
+    let victim = m.folder.path().join("victim");
+    std::fs::write(&victim, "precious").unwrap();
+    let poster = &version.intent.files[1];
+    std::os::unix::fs::symlink(&victim, m.models().join(".kilwa-uploads/fort").join(&poster.sha256)).unwrap();
+    assert_eq!(m.publish(&version).await.1.state, State::Published);
+    assert_eq!(std::fs::read(&victim).unwrap(), b"precious");
+    assert!(!std::fs::symlink_metadata(m.models().join("fort/v1/poster.jpg")).unwrap().is_symlink());
+}
+
+#[tokio::test]
+async fn a_model_that_seems_to_be_another_is_no_version_of_this_one() {
+    let m = Museum::new();
+    assert_eq!(m.publish(&Version::new("fort", 1, fort_pack())).await.1.version, 1);
+    let mut mosque = Version::new("fort", 2, pack_in("mosque", None));
+    mosque.intent.metadata.title = "A mosque".to_owned();
+    let (code, said) = m.publish(&mosque).await;
+    assert!(code == StatusCode::CONFLICT && said.error.is_some_and(|e| e.contains("--same-object")), "{code}");
+    mosque.intent.same_object = true;
+    assert_eq!(m.publish(&mosque).await.1.version, 2);
+    // Somebody else was quicker.
+    let late = Version::new("fort", 2, fort_pack());
+    assert_eq!(m.publish(&late).await.0, StatusCode::CONFLICT);
+}
+
+#[tokio::test]
+async fn a_disk_that_is_full_at_any_step_publishes_nothing_keeps_what_came_and_goes_on_when_there_is_room() {
+    let version = Version::new("fort", 1, fort_pack());
+    let mut full = 0;
+    for allowed in (0..).step_by(3) {
+        let m = Museum::new();
+        m.steps.store(allowed, Ordering::Relaxed);
+        let (code, said) = m.publish(&version).await;
+        if said.state == State::Published {
+            break;
+        }
+        full += 1;
+        assert_eq!(code, StatusCode::INSUFFICIENT_STORAGE, "step {allowed}: {said:?}");
+        let why = said.error.unwrap_or_default();
+        assert!(why.contains("no room") && why.contains("run the same command again"), "{why}");
+        assert!(m.has_nothing() && get(&m.app, "/fort/").await.status == StatusCode::NOT_FOUND, "step {allowed}");
+        m.steps.store(u64::MAX, Ordering::Relaxed);
+        assert_eq!(m.publish(&version).await.1.version, 1, "step {allowed}: with room it goes on");
+    }
+    assert!(full > 7, "{full} steps are too few");
+}
+
+#[tokio::test]
+async fn uploads_are_limited_in_size_number_and_time() {
+    let fort = Version::new("fort", 1, fort_pack());
+    let bytes: u64 = fort.intent.files.iter().map(|f| f.bytes).sum();
+    let limits = UploadLimits { version_bytes: 100_000, staged_bytes: bytes + 400, days: 3, per_minute: 4 };
+    let m = Museum::with(limits);
+    assert_eq!(m.begin(&m.robot, &fort.intent).await.status, StatusCode::CREATED);
+    let first = &fort.intent.files[0];
+    m.patch("fort", &first.sha256, 0, &fort.files[0][..500]).await;
+    let other = Version::new("cave", 1, fort_pack());
+    assert_eq!(m.begin(&m.robot, &other.intent).await.status, StatusCode::INSUFFICIENT_STORAGE);
+    let mut large = Version::new("large", 1, vec![0; 200_000]);
+    large.intent.metadata.slug = Some("large".to_owned());
+    assert_eq!(m.begin(&m.robot, &large.intent).await.status, StatusCode::PAYLOAD_TOO_LARGE);
+    m.begin(&m.robot, &fort.intent).await;
+    let braked = m.begin(&m.robot, &fort.intent).await;
+    assert_eq!(braked.status, StatusCode::TOO_MANY_REQUESTS);
+    assert!(!braked.header("retry-after").is_empty());
+    // After some days it lapses: the clock of the test is of another day than that of the files.
+    let written = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap().as_secs();
+    m.clock.store(written + 2 * 86_400, Ordering::Relaxed);
+    m.begin(&m.robot, &fort.intent).await;
+    assert!(m.models().join(".kilwa-uploads/fort").join(&first.sha256).exists());
+    m.clock.store(written + 4 * 86_400, Ordering::Relaxed);
+    let mut valid = Accounts::read(&m.folder.path().join("access.json")).unwrap();
+    let token = valid.add_token("robot", Purpose::Publish, 3000, written).unwrap();
+    valid.write(&m.folder.path().join("access.json"), false).unwrap();
+    std::thread::sleep(Duration::from_millis(1100));
+    m.begin(&token, &Version::new("mosque", 1, fort_pack()).intent).await;
+    assert!(!m.models().join(".kilwa-uploads/fort").exists());
+}

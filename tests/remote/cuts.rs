@@ -1,0 +1,175 @@
+//! Cut off fifty times, at random bytes and steps: nobody ever sees half of a version, and at the end the whole of it is there.
+
+use crate::proxy::Proxy;
+use crate::send::{Patience, Sender};
+use crate::support::succeeds;
+use crate::{Dice, Server, intent, local, tree};
+use kilwa_server::object::Manifest;
+use kilwa_server::object::checksums::{Checksums, sha256};
+use kilwa_server::upload::wire::{FileSaid, Intent};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+const CUTS: u32 = 50;
+/// What the client that is to be killed is told in its environment.
+const CLIENT: &str = "KILWA_TEST_CLIENT";
+
+/// One attempt: whatever breaks, breaks it off.
+fn once() -> Patience {
+    Patience { attempts: 1, first: Duration::ZERO, longest: Duration::ZERO }
+}
+
+fn publish(address: &str, token: &str, number: u32, site: &Path, patience: Patience) -> Result<u32, String> {
+    let sender = Sender::new(address, token.to_owned(), patience);
+    let intent = intent(site, number);
+    sender.publish(&intent, &at(site, &intent), &|_| ()).map(|p| p.version)
+}
+
+/// Where the files of a version lie.
+fn at(site: &Path, intent: &Intent) -> impl Fn(&FileSaid) -> PathBuf + use<> {
+    let folder = site.join("fort").join(format!("v{}", intent.version));
+    move |file| folder.join(&file.path)
+}
+
+/// Run by the next test in a process of its own, to be killed.
+#[test]
+fn publishes_until_it_is_killed() {
+    let Ok(text) = std::env::var(CLIENT) else { return };
+    let parts: Vec<&str> = text.splitn(4, ' ').collect();
+    drop(publish(parts[0], parts[1], parts[2].parse().unwrap(), Path::new(parts[3]), once()));
+}
+
+fn killed_client(address: &str, token: &str, number: u32, site: &Path, after: Duration) {
+    let mut child = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "cuts::publishes_until_it_is_killed", "--quiet"])
+        .env(CLIENT, format!("{address} {token} {number} {}", site.display()))
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(after);
+    drop(child.kill());
+    drop(child.wait());
+}
+
+/// The object as everybody sees it: nothing, or every file that its manifest names, whole; how many versions.
+fn seen(folder: &Path) -> usize {
+    let object = folder.join("fort");
+    let Ok(bytes) = std::fs::read(object.join("manifest.json")) else {
+        assert!(!object.exists(), "an object without a manifest");
+        return 0;
+    };
+    let manifest = Manifest::parse(&bytes).unwrap();
+    for version in &manifest.versions {
+        let list = std::fs::read(object.join(&version.checksums.url)).unwrap();
+        assert_eq!(sha256(&list), version.checksums.sha256);
+        for (path, sum) in Checksums::parse(std::str::from_utf8(&list).unwrap()).unwrap().iter() {
+            assert_eq!(sha256(&std::fs::read(object.join(&version.folder).join(path)).unwrap()), sum, "{path}");
+        }
+    }
+    manifest.versions.len()
+}
+
+/// What the portal says of it.
+fn portal(address: std::net::SocketAddr) -> u16 {
+    let agent: ureq::Agent = ureq::Agent::config_builder()
+        .http_status_as_error(false)
+        .timeout_global(Some(Duration::from_secs(10)))
+        .build()
+        .into();
+    agent.get(format!("http://{address}/fort/manifest.json")).call().unwrap().status().as_u16()
+}
+
+#[test]
+fn cut_off_fifty_times_there_is_the_old_object_or_the_new_one_and_at_the_end_the_bytes_of_publishing_here() {
+    let site = local();
+    let mut dice = Dice(0x1234_5678_9abc_def1);
+    let mut server = Server::start();
+    let (mut cuts, mut kinds) = (0, [0; 3]);
+    for number in [1, 2] {
+        let all: u64 = intent(&site, number).files.iter().map(|f| f.bytes).sum();
+        let (mut done, wanted) = (false, cuts + CUTS / 2);
+        while !done && cuts < wanted {
+            let before = seen(&server.folder());
+            let kind = dice.below(3) as usize;
+            // Mostly little, so that there is something left to cut; now and then enough to come to the end.
+            let bytes = if dice.below(8) == 0 { all * 2 } else { 1 + dice.below(all / 20) };
+            let proxy = Proxy::before(server.address);
+            let address = format!("http://{}", proxy.address);
+            match kind {
+                // The line breaks after so many bytes, of the request or of the answer.
+                0 => {
+                    proxy.allow(bytes as i64);
+                    done = publish(&address, &server.token, number, &site, once()).is_ok();
+                }
+                // The client dies after some time.
+                1 => killed_client(&address, &server.token, number, &site, Duration::from_millis(dice.below(120))),
+                // The server dies, while the client sends, verifies or waits.
+                _ => {
+                    proxy.allow(bytes as i64);
+                    let (token, from) = (server.token.clone(), site.clone());
+                    let client = std::thread::spawn(move || publish(&address, &token, number, &from, once()));
+                    std::thread::sleep(Duration::from_millis(dice.below(60)));
+                    server.restart();
+                    done = client.join().unwrap().is_ok();
+                }
+            }
+            cuts += 1;
+            kinds[kind] += 1;
+            let now = seen(&server.folder());
+            assert!(now == before || now == number as usize, "{before} versions became {now}");
+            assert_eq!(portal(server.address), if now == 0 { 404 } else { 200 }, "cut {cuts}");
+            done |= now == number as usize && kind != 1;
+        }
+        // Without a cut it goes on from where it is.
+        let address = format!("http://{}", server.address);
+        let published = publish(&address, &server.token, number, &site, Patience::default()).unwrap();
+        assert_eq!(published, number);
+        if number == 1 {
+            // What is cut after it was published changes nothing.
+            assert_eq!(publish(&address, &server.token, 1, &site, Patience::default()), Ok(1));
+        }
+        while cuts < wanted {
+            // It is published: what comes after is told so, however it is cut.
+            let proxy = Proxy::before(server.address);
+            proxy.allow(1 + dice.below(3000) as i64);
+            drop(publish(&format!("http://{}", proxy.address), &server.token, number, &site, once()));
+            assert!(seen(&server.folder()) == number as usize && (proxy.is_cut() || cuts < wanted));
+            cuts += 1;
+            kinds[0] += 1;
+        }
+    }
+    println!("{cuts} cuts: {} of the line, {} of the client, {} of the server", kinds[0], kinds[1], kinds[2]);
+    assert_eq!(cuts, CUTS);
+    let (here, there) = (tree(&site.join("fort"), true), tree(&server.folder().join("fort"), false));
+    assert_eq!(here.keys().collect::<Vec<_>>(), there.keys().collect::<Vec<_>>());
+    for (path, bytes) in &here {
+        assert!(*bytes == there[path], "{path} differs from publishing here");
+    }
+    assert_eq!(server.audit().matches("\"published\"").count(), 2, "each version was published once");
+    succeeds(&["verify", server.folder().join("fort").to_str().unwrap()]);
+    succeeds(&["verify", &format!("http://{}/fort/", server.address)]);
+}
+
+#[test]
+fn a_line_that_breaks_again_and_again_is_waited_for_in_one_run() {
+    let site = local();
+    let server = Server::start();
+    let proxy = Proxy::before(server.address);
+    let (address, left) = (format!("http://{}", proxy.address), std::sync::Arc::new(proxy));
+    left.allow(60_000);
+    let patience = Patience { attempts: 5, first: Duration::from_millis(10), longest: Duration::from_millis(50) };
+    let intent = intent(&site, 1);
+    let sender = Sender::new(&address, server.token.clone(), patience);
+    let waits = std::cell::Cell::new(0);
+    let told = |told: crate::send::Told<'_>| {
+        if let crate::send::Told::Waits(..) = told {
+            waits.set(waits.get() + 1);
+            left.allow(300_000);
+        }
+    };
+    let published = sender.publish(&intent, &at(&site, &intent), &told).unwrap();
+    assert_eq!((published.version, published.already), (1, false));
+    assert!(waits.get() >= 2, "{} waits", waits.get());
+}

@@ -1,0 +1,226 @@
+//! Publishing to a server, cut off in every way: `kilwa serve` as a process that is killed and started again, a line that breaks at any byte,
+//! a client that is killed.
+//!
+//! What is sent is made once by `kilwa publish` to a folder; what the server has at the end must be the same bytes.
+
+#[path = "../../src/publish/send.rs"]
+#[allow(dead_code, reason = "the program uses all of it")]
+mod send;
+#[path = "../support/mod.rs"]
+mod support;
+
+mod cuts;
+mod proxy;
+mod whole;
+
+use kilwa_server::access::{Accounts, Grant, Purpose};
+use kilwa_server::object::checksums::sha256;
+use kilwa_server::object::{Manifest, Metadata};
+use kilwa_server::upload::wire::{Drawing, FORM, FileSaid, Intent, PreviewSaid};
+use std::collections::BTreeMap;
+use std::io::{BufRead as _, BufReader};
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{SystemTime, UNIX_EPOCH};
+use support::{Input, built_once, succeeds, text};
+
+/// What is published, in two versions.
+pub(crate) const METADATA: &str = "title = \"Fort & <b>\"\nslug = \"fort\"\npublisher = \"Museum\"\nurl = \"https://museum.example/fort/\"\n\
+    description = \"First.\\n\\nSecond.\"\n[rights]\nuri = \"CC BY 4.0\"\n[model]\nunits = \"m\"\n[[creators]]\nname = \"Rüther, Heinz\"\n";
+
+/// The pack.
+pub(crate) fn pack() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("remote");
+    built_once(&folder, "torus", |path| Input::torus(150, 60, [1.0, 2.0, 3.0]).write(path), &[])
+}
+
+/// A page of a few small files, in `folder/www`.
+pub(crate) fn page(folder: &Path) -> PathBuf {
+    let www = folder.join("www");
+    std::fs::create_dir_all(www.join("plain")).unwrap();
+    for name in
+        ["boot.js", "viewer.js", "viewer_bg.wasm", "viewer-gl.js", "viewer-gl_bg.wasm", "decode.js", "decode_bg.wasm"]
+    {
+        std::fs::write(www.join(name), name).unwrap();
+    }
+    for name in ["index.html", "style.css", "plain/plain.css", "plain/plain.js"] {
+        std::fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join("www").join(name), www.join(name)).unwrap();
+    }
+    www
+}
+
+/// The same two versions published to a folder, by the first test that asks.
+pub(crate) fn local() -> PathBuf {
+    let pack = pack();
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("remote");
+    let lock = std::fs::File::create(folder.join("local.lock")).unwrap();
+    lock.lock().unwrap();
+    let (site, done) = (folder.join("site"), folder.join("site.done"));
+    let changed = |of: &Path| std::fs::metadata(of).and_then(|m| m.modified());
+    let programs = [PathBuf::from(env!("CARGO_BIN_EXE_kilwa")), std::env::current_exe().unwrap()];
+    if changed(&done).is_ok_and(|at| programs.iter().all(|p| changed(p).unwrap() < at)) {
+        return site;
+    }
+    drop(std::fs::remove_dir_all(&site));
+    let (www, file) = (page(&folder), folder.join("fort.toml"));
+    for (day, more, metadata) in [
+        ("2026-11-19", &[][..], METADATA.to_owned()),
+        ("2026-11-20", &["--version-note", "Better text"][..], METADATA.replace("First.", "Better.")),
+    ] {
+        std::fs::write(&file, metadata).unwrap();
+        let args = ["publish", text(&pack), "--to", text(&site), "--metadata", text(&file), "--www", text(&www)];
+        succeeds(&[&args[..], &["--software", "--date", day], more].concat());
+    }
+    std::fs::write(done, "").unwrap();
+    site
+}
+
+/// What is meant with version `number` of the object in `site`, made of what is published there.
+pub(crate) fn intent(site: &Path, number: u32) -> Intent {
+    let object = site.join("fort");
+    let manifest = Manifest::parse(&std::fs::read(object.join("manifest.json")).unwrap()).unwrap();
+    let version = &manifest.versions[number as usize - 1];
+    let folder = object.join(&version.folder);
+    let json = |path: &str| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(folder.join(path)).unwrap()).unwrap()
+    };
+    let metadata: Metadata = serde_json::from_value(json("metadata/metadata.json")).unwrap();
+    let preview = &json("metadata/paradata.json")["preview"];
+    // The crate names the files in the order in which they were made.
+    let graph = json("ro-crate-metadata.json")["@graph"].clone();
+    let root = graph.as_array().unwrap().iter().find(|e| e["@id"] == "./").unwrap();
+    let parts: Vec<String> =
+        root["hasPart"].as_array().unwrap().iter().map(|p| p["@id"].as_str().unwrap().to_owned()).collect();
+    let is_sent = |p: &&String| {
+        p.starts_with("pack.") || p.starts_with("poster") || p.starts_with("drawings/") || *p == "preview.glb"
+    };
+    let said = |path: &String| {
+        let bytes = std::fs::read(folder.join(path)).unwrap();
+        FileSaid { path: path.clone(), bytes: bytes.len() as u64, sha256: sha256(&bytes) }
+    };
+    let html = std::fs::read_to_string(object.join("index.html")).unwrap();
+    let words = |path: &str| {
+        let rest = html.split(&format!("/{path}\" alt=\"")).nth(1).unwrap();
+        rest.split('"').next().unwrap().to_owned()
+    };
+    let drawing = |p: &String| Drawing { path: p.clone(), words: words(p) };
+    Intent {
+        kilwa_upload: FORM,
+        slug: "fort".to_owned(),
+        version: number,
+        published: version.published.clone(),
+        note: version.note.clone(),
+        location_redacted: false,
+        same_object: false,
+        metadata,
+        preview: Some(PreviewSaid {
+            triangles: preview["triangles"].as_u64().unwrap(),
+            error: preview["error_m"].as_f64().unwrap(),
+        }),
+        drawings: parts.iter().filter(|p| p.starts_with("drawings/") && p.ends_with(".png")).map(drawing).collect(),
+        files: parts.iter().filter(is_sent).map(said).collect(),
+    }
+}
+
+/// `kilwa serve --accept-uploads` over an empty folder, which can be killed and started again at the same address.
+pub(crate) struct Server {
+    child: Option<Child>,
+    pub(crate) address: SocketAddr,
+    pub(crate) token: String,
+    dir: tempfile::TempDir,
+}
+
+impl Server {
+    pub(crate) fn start() -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::create_dir(dir.path().join("models")).unwrap();
+        page(dir.path());
+        let mut accounts = Accounts::new().unwrap();
+        accounts.set_user("robot", &Grant::All, None).unwrap();
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
+        let token = accounts.add_token("robot", Purpose::Publish, 30, now).unwrap();
+        accounts.write(&dir.path().join("access.json"), true).unwrap();
+        let mut server = Self { child: None, address: "127.0.0.1:0".parse().unwrap(), token, dir };
+        server.restart();
+        server
+    }
+
+    pub(crate) fn folder(&self) -> PathBuf {
+        self.dir.path().join("models")
+    }
+
+    /// Kill it, as a power cut would, and start it again.
+    pub(crate) fn restart(&mut self) {
+        self.kill();
+        let path = |name: &str| self.dir.path().join(name);
+        let log = std::fs::OpenOptions::new().create(true).append(true).open(path("log")).unwrap();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_kilwa"))
+            .arg("serve")
+            .arg(self.folder())
+            .args(["--listen", &self.address.to_string(), "--accept-uploads", "--access"])
+            .arg(path("access.json"))
+            .arg("--audit")
+            .arg(path("audit.jsonl"))
+            .arg("--www")
+            .arg(path("www"))
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(log)
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
+        let address = line.split("http://").nth(1).and_then(|rest| rest.split('/').next());
+        self.address = address.unwrap_or_else(|| panic!("no address: {line}")).parse().unwrap();
+        self.child = Some(child);
+    }
+
+    pub(crate) fn kill(&mut self) {
+        if let Some(mut child) = self.child.take() {
+            drop(child.kill());
+            drop(child.wait());
+        }
+    }
+
+    pub(crate) fn audit(&self) -> String {
+        std::fs::read_to_string(self.dir.path().join("audit.jsonl")).unwrap_or_default()
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+/// Every file below a folder; those that are hidden where it is asked for.
+pub(crate) fn tree(folder: &Path, hidden: bool) -> BTreeMap<String, Vec<u8>> {
+    let mut all = BTreeMap::new();
+    let Ok(entries) = std::fs::read_dir(folder) else { return all };
+    for entry in entries {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if name.starts_with('.') && !hidden {
+            continue;
+        }
+        if path.is_dir() {
+            all.extend(tree(&path, hidden).into_iter().map(|(p, b)| (format!("{name}/{p}"), b)));
+        } else {
+            all.insert(name, std::fs::read(&path).unwrap());
+        }
+    }
+    all
+}
+
+/// A reproducible sequence (xorshift64*).
+pub(crate) struct Dice(pub(crate) u64);
+
+impl Dice {
+    pub(crate) fn below(&mut self, n: u64) -> u64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) % n
+    }
+}

@@ -1,0 +1,90 @@
+//! `kilwa publish --to http://…` as a program: what it says, what it refuses, and that it ends what was killed.
+
+use crate::support::text;
+use crate::{METADATA, Server, local, pack, page, tree};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
+
+fn command(to: &str, metadata: &Path, www: &Path, token: &str, more: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
+    command.args([
+        "publish",
+        text(&pack()),
+        "--to",
+        to,
+        "--metadata",
+        text(metadata),
+        "--www",
+        text(www),
+        "--software",
+    ]);
+    command.args(more).env("KILWA_TOKEN", token).env_remove("SOURCE_DATE_EPOCH").stdin(Stdio::null());
+    command
+}
+
+fn bench(metadata: &str) -> (tempfile::TempDir, PathBuf, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let (www, file) = (page(folder.path()), folder.path().join("fort.toml"));
+    std::fs::write(&file, metadata).unwrap();
+    (folder, file, www)
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout)
+}
+
+#[test]
+fn killed_while_it_sends_the_same_command_ends_it_with_the_bytes_of_publishing_here_and_once() {
+    let site = local();
+    let server = Server::start();
+    let (_folder, metadata, www) = bench(METADATA);
+    let to = format!("http://{}/", server.address);
+    let make = || command(&to, &metadata, &www, &server.token, &["--date", "2026-11-19"]);
+    let mut child = make().stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    // As soon as something of it is there.
+    for _ in 0..6000 {
+        let staged = server.folder().join(".kilwa-uploads/fort/upload.json");
+        if staged.exists() || child.try_wait().unwrap().is_some() {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    drop(child.kill());
+    drop(child.wait());
+    let output = make().output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    let again = make().arg("--json").output().unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&again.stdout).unwrap();
+    assert_eq!((&report["already"], &report["version"]), (&true.into(), &1.into()), "{}", said(&again));
+    let (here, there) = (tree(&site.join("fort/v1"), true), tree(&server.folder().join("fort/v1"), true));
+    assert_eq!(here.keys().collect::<Vec<_>>(), there.keys().collect::<Vec<_>>());
+    assert!(here.iter().all(|(path, bytes)| *bytes == there[path]));
+    assert!(!said(&output).contains(&server.token[6..]));
+}
+
+#[test]
+fn what_cannot_be_sent_is_refused_with_what_to_do() {
+    let server = Server::start();
+    let (folder, metadata, www) = bench(METADATA);
+    let to = format!("http://{}/", server.address);
+    let run = |to: &str, token: &str, more: &[&str]| {
+        let output = command(to, &metadata, &www, token, more).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+        said(&output)
+    };
+    assert!(run("http://museum.example/", &server.token, &[]).contains("--allow-http"));
+    assert!(run(&to, "", &[]).contains("holds no token"));
+    assert!(run(&to, &server.token, &["--site"]).contains("is for folders"));
+    let unknown = format!("kilwa-{}", "0".repeat(64));
+    let refused = run(&to, &unknown, &[]);
+    assert!(refused.contains("kilwa access token"), "{refused}");
+    let mut none = command(&to, &metadata, &www, "", &[]);
+    let none = none.env_remove("KILWA_TOKEN").output().unwrap();
+    assert!(said(&none).contains("KILWA_TOKEN") && said(&none).contains("--token-file"), "{}", said(&none));
+    let file = folder.path().join("token");
+    std::fs::write(&file, format!("{}\n", server.token)).unwrap();
+    let dry = command(&to, &metadata, &www, "", &["--dry-run", "--token-file", text(&file)]).output().unwrap();
+    assert!(dry.status.success() && said(&dry).contains("Nothing was written"), "{}", said(&dry));
+    assert!(tree(&server.folder(), true).is_empty());
+}
