@@ -62,7 +62,11 @@ fn run(cli: Cli) -> anyhow::Result<()> {
 
 /// Exit 0 done, 1 the input or the world is wrong, 2 usage (clap's own), 130 stopped by Ctrl-C. A closed pipe is success.
 fn main() -> ExitCode {
-    match run(Cli::parse()) {
+    let cli = Cli::parse();
+    if matches!(cli.verb, Verb::Publish(_) | Verb::Render(_)) {
+        without_wayland();
+    }
+    match run(cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) if broken_pipe(&e) => ExitCode::SUCCESS,
         Err(e) if e.is::<build::Interrupted>() => {
@@ -75,6 +79,24 @@ fn main() -> ExitCode {
         }
     }
 }
+
+/// Where nobody is signed in to a desktop, a layer of Mesa's looks for one all the same, and prints an error of its own among ours for each
+/// picture. It is told not to, by beginning again with that said in the environment, which cannot be changed safely in a running program.
+#[cfg(target_os = "linux")]
+fn without_wayland() {
+    use std::os::unix::process::CommandExt;
+    const LAYER: &str = "NODEVICE_SELECT";
+    if std::env::var_os("XDG_RUNTIME_DIR").is_some() || std::env::var_os(LAYER).is_some() {
+        return;
+    }
+    if let Ok(program) = std::env::current_exe() {
+        // Comes back only where it could not begin again: then there are some lines more.
+        drop(std::process::Command::new(program).args(std::env::args_os().skip(1)).env(LAYER, "1").exec());
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn without_wayland() {}
 
 fn broken_pipe(e: &anyhow::Error) -> bool {
     e.chain().any(|c| c.downcast_ref::<std::io::Error>().is_some_and(|io| io.kind() == std::io::ErrorKind::BrokenPipe))

@@ -3,7 +3,6 @@
 use crate::new_file::NewFile;
 use crate::source::open_pack;
 use anyhow::{Context, bail};
-use kilwa_server::object::Metadata;
 use kilwa_server::object::metadata::template::{self, Known};
 use kilwa_server::object::rights::{self, Rights};
 use std::io::{BufRead, IsTerminal, Write};
@@ -40,13 +39,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     match &args.what {
         What::Init { pack, output, quiet } => init(pack.as_ref(), output.as_ref(), *quiet),
         What::Check { file } => {
-            let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
-            match Metadata::parse(&text) {
-                Ok(m) => {
-                    Ok(writeln!(std::io::stdout(), "{}: right. \"{}\", {}", file.display(), m.title, m.rights.uri)?)
-                }
-                Err(problems) => bail!("{} cannot be used:\n  {problems}", file.display()),
-            }
+            let m = crate::publish::read_metadata(file)?;
+            Ok(writeln!(std::io::stdout(), "{}: right. \"{}\", {}", file.display(), m.title, m.rights.uri)?)
         }
     }
 }
@@ -101,12 +95,14 @@ fn ask(known: &mut Known, input: &mut impl BufRead, out: &mut impl Write) -> any
     question("Who holds the rights", &mut known.holder, any, input, out)?;
     loop {
         let mut name = None;
-        let ask = if known.creators.is_empty() { "Made by (Family, Given; or an organisation)" } else { "And by" };
+        let ask = if known.creators.is_empty() {
+            "Made by (a person as Family, Given; or an organisation)"
+        } else {
+            "And by"
+        };
         question(ask, &mut name, any, input, out)?;
         let Some(name) = name else { break };
-        // People have a comma between family name and given name.
-        let is_organisation = !name.contains(',');
-        known.creators.push((name, is_organisation));
+        known.creators.push(who(name, input, out)?);
     }
     question("What it shows, in a sentence", &mut known.description, any, input, out)?;
     question("Published by", &mut known.publisher, any, input, out)?;
@@ -127,6 +123,68 @@ fn ask(known: &mut Known, input: &mut impl BufRead, out: &mut impl Write) -> any
         if all.contains(&text) { Ok(text.to_owned()) } else { Err(format!("one of {}", all.join(", "))) }
     };
     question("Units of the mesh that was scanned", &mut known.units, units, input, out)
+}
+
+/// Words that names of organisations have and names of people do not.
+const ORGANISATIONS: [&str; 31] = [
+    "museum",
+    "museums",
+    "muse",
+    "musée",
+    "museu",
+    "universit",
+    "institut",
+    "archiv",
+    "department",
+    "division",
+    "ministry",
+    "project",
+    "foundation",
+    "trust",
+    "fund",
+    "society",
+    "association",
+    "authority",
+    "service",
+    "agency",
+    "council",
+    "centre",
+    "center",
+    "library",
+    "college",
+    "school",
+    "laborator",
+    "ltd",
+    "gmbh",
+    "inc",
+    "unesco",
+];
+
+/// A name as it is written in citations, and whether it is an organisation's: asked where the name does not say so itself.
+fn who(name: String, input: &mut impl BufRead, out: &mut impl Write) -> anyhow::Result<(String, bool)> {
+    // People have a comma between family name and given name.
+    if name.contains(',') {
+        return Ok((name, false));
+    }
+    let is_likely = name.split(|c: char| !c.is_alphanumeric()).any(|word| {
+        let word = word.to_lowercase();
+        ORGANISATIONS.iter().any(|o| word == *o || o.len() > 5 && word.starts_with(o))
+    });
+    let mut kind = Some(if is_likely { "organisation" } else { "person" }.to_owned());
+    let known = |text: &str| match text.to_lowercase().as_str() {
+        "p" | "person" => Ok("person".to_owned()),
+        "o" | "organisation" | "organization" => Ok("organisation".to_owned()),
+        _ => Err("person or organisation (p or o)".to_owned()),
+    };
+    question("  A person or an organisation", &mut kind, known, input, out)?;
+    if kind.as_deref() == Some("organisation") {
+        return Ok((name, true));
+    }
+    // The last word is the family name of most; whoever has another says so.
+    let Some((given, family)) = name.rsplit_once(' ') else { return Ok((name, false)) };
+    let mut written = Some(format!("{family}, {given}"));
+    question("  Family name first", &mut written, |text| Ok(text.to_owned()), input, out)?;
+    Ok((written.unwrap_or(name), false))
 }
 
 /// One question, until the answer can be used.
@@ -166,17 +224,29 @@ fn question(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use kilwa_server::object::Metadata;
+    use kilwa_server::object::metadata::AgentKind;
 
     #[test]
     fn answers_fill_the_file_and_wrong_ones_are_asked_again() {
-        let answers = "\nsecret\nCC BY 4.0\nMuseum\nRüther, Heinz\nZamani Project\n\nA fort.\n\nKilwa\nTanzania\nTZ\n2009-7\n2009-07\nscan\nmiles\nmm\n";
+        let answers = "\nsecret\nCC BY 4.0\nMuseum\nRüther, Heinz\nZamani Project\n\nAmina Juma\nx\n\n\nOmar\no\n\nA fort.\n\nKilwa\nTanzania\nTZ\n2009-7\n2009-07\nscan\nmiles\nmm\n";
         let mut known = Known { title: Some("Fort".to_owned()), ..Known::default() };
         let mut shown = Vec::new();
         ask(&mut known, &mut answers.as_bytes(), &mut shown).unwrap();
         let m = Metadata::parse(&template::write(&known)).unwrap();
         assert_eq!((m.title.as_str(), m.model.units.as_str()), ("Fort", "mm"));
         assert_eq!(m.rights.uri, "https://creativecommons.org/licenses/by/4.0/");
-        assert_eq!(m.creators.len(), 2);
+        let names: Vec<(&str, AgentKind)> = m.creators.iter().map(|c| (c.name.as_str(), c.kind)).collect();
+        let (person, organisation) = (AgentKind::Person, AgentKind::Organisation);
+        assert_eq!(
+            names,
+            [
+                ("Rüther, Heinz", person),
+                ("Zamani Project", organisation),
+                ("Juma, Amina", person),
+                ("Omar", organisation)
+            ]
+        );
         assert_eq!(m.place.unwrap().country.as_deref(), Some("TZ"));
         assert_eq!(m.capture.unwrap().date.as_deref(), Some("2009-07"));
         let shown = String::from_utf8(shown).unwrap();

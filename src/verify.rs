@@ -69,8 +69,7 @@ struct Item {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let (place, items) =
-        if is_address(&args.target) { at_address(&args.target)? } else { in_folder(&args.target)? };
+    let (place, items) = if is_address(&args.target) { at_address(&args.target)? } else { in_folder(&args.target)? };
     let mut state = match &args.state {
         Some(path) => State::open(path, &canonical(&args.target), args.resume, args.older_than)?,
         None => State::default(),

@@ -150,6 +150,9 @@ fn text(plan: &Plan) -> String {
     if plan.given.place.is_some() {
         s.push_str("\n  place: taken out; words in titles and descriptions stay as they are");
     }
+    for warning in plan.warnings() {
+        let _ = write!(s, "\n  is this meant? {warning}");
+    }
     for advice in plan.advice() {
         let _ = write!(s, "\n  better with: {advice}");
     }
@@ -167,5 +170,5 @@ fn json(plan: &Plan) -> Value {
         })
         .collect();
     json!({ "object": plan.at, "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
-        "fields": fields, "advice": plan.advice() })
+        "fields": fields, "warnings": plan.warnings(), "advice": plan.advice() })
 }

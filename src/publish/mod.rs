@@ -13,6 +13,7 @@ mod write;
 
 use anyhow::{Context, ensure};
 use kilwa_server::object::date::{day_of, is_day};
+pub(crate) use plan::read_metadata;
 use serde::Serialize;
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -55,7 +56,7 @@ pub(crate) struct Args {
     #[arg(long)]
     site: bool,
     /// Withdraw an object instead: its files go to --keep, a page that says so is left.
-    #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "bag", "redact_location", "dry_run"])]
+    #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "bag", "redact_location"])]
     withdraw: Option<String>,
     /// Why it is withdrawn; everybody can read it.
     #[arg(long, value_name = "TEXT", requires = "withdraw")]
@@ -110,6 +111,8 @@ struct Report {
     bag: Option<String>,
     /// What could not be made, and why.
     left_out: Vec<String>,
+    /// What is hardly meant.
+    warnings: Vec<String>,
     /// What would make the object better.
     advice: Vec<String>,
 }
@@ -148,6 +151,9 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
     writeln!(out, "{object}: version {version} published, {files} files, {}", plan::human(report.bytes))?;
     for line in &report.left_out {
         writeln!(out, "  left out: {line}")?;
+    }
+    for line in &report.warnings {
+        writeln!(out, "  is this meant? {line}")?;
     }
     for line in &report.advice {
         writeln!(out, "  better with: {line}")?;

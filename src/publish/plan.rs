@@ -7,6 +7,7 @@ use anyhow::{Context, bail, ensure};
 use kilwa_builder::machine;
 use kilwa_server::Page;
 use kilwa_server::object::assemble::{Facts, Following, agree, existing, further};
+use kilwa_server::object::metadata::plausible;
 use kilwa_server::object::rights::Rights;
 use kilwa_server::object::{Manifest, Metadata, Slug};
 use std::path::{Path, PathBuf};
@@ -158,6 +159,13 @@ impl Plan {
         Ok(())
     }
 
+    /// What is hardly meant.
+    pub(super) fn warnings(&self) -> Vec<String> {
+        let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+        let today = kilwa_server::object::date::day_of(now.as_secs());
+        plausible::warnings(&self.facts.metadata, &self.given.of_pack, &today)
+    }
+
     /// What would make the object better.
     pub(super) fn advice(&self) -> Vec<String> {
         let m = &self.facts.metadata;
@@ -178,7 +186,22 @@ impl Plan {
     }
 }
 
-fn read_metadata(file: &Path) -> anyhow::Result<Metadata> {
+/// A text, or which line has what is not UTF-8, as it was most likely meant.
+pub(crate) fn in_utf8(bytes: Vec<u8>) -> Result<String, String> {
+    String::from_utf8(bytes).map_err(|e| {
+        let (bytes, at) = (e.as_bytes(), e.utf8_error().valid_up_to());
+        let line = bytes.iter().take(at).filter(|b| **b == b'\n').count();
+        let whole = bytes.split(|b| *b == b'\n').nth(line).unwrap_or_default();
+        // Latin-1 is the first 256 characters of Unicode.
+        let meant: String = whole.iter().map(|b| char::from(*b)).filter(|c| !c.is_control()).take(80).collect();
+        format!(
+            "line {}: the file is not UTF-8 but seems to be Latin-1 (`{meant}`); save it as UTF-8 (in Notepad: Save as, Encoding), or: iconv -f LATIN1 -t UTF-8",
+            line + 1
+        )
+    })
+}
+
+pub(crate) fn read_metadata(file: &Path) -> anyhow::Result<Metadata> {
     let in_file = || file.display().to_string();
     let length = std::fs::metadata(file).with_context(|| format!("cannot read the metadata {}", in_file()))?.len();
     ensure!(
@@ -187,13 +210,7 @@ fn read_metadata(file: &Path) -> anyhow::Result<Metadata> {
         in_file()
     );
     let bytes = std::fs::read(file).with_context(|| format!("cannot read the metadata {}", in_file()))?;
-    let text = String::from_utf8(bytes).map_err(|e| {
-        let line = e.as_bytes().iter().take(e.utf8_error().valid_up_to()).filter(|b| **b == b'\n').count() + 1;
-        anyhow::anyhow!(
-            "{}: line {line}: the file is not UTF-8; save it as UTF-8 (in Notepad: Save as, Encoding)",
-            in_file()
-        )
-    })?;
+    let text = in_utf8(bytes).map_err(|said| anyhow::anyhow!("{}: {said}", in_file()))?;
     let lines = Metadata::parse(&text);
     lines.map_err(|problems| anyhow::anyhow!("{} cannot be used:\n  {problems}", in_file()))
 }

@@ -120,6 +120,7 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
         pack: PackEntry { identity, ..version.pack.clone() },
         bag: None,
         left_out,
+        warnings: plan.warnings(),
         advice: plan.advice(),
     })
 }
@@ -160,6 +161,7 @@ fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) 
         pack: last.pack.clone(),
         bag: None,
         left_out: Vec::new(),
+        warnings: Vec::new(),
         advice: Vec::new(),
     }))
 }

@@ -4,8 +4,9 @@ use super::Args;
 use anyhow::{Context, bail, ensure};
 use kilwa_server::object::Slug;
 use kilwa_server::object::draft::Lock;
-use kilwa_server::object::withdraw::withdraw;
+use kilwa_server::object::withdraw::{Outlook, outlook, withdraw};
 use std::io::Write as _;
+use std::path::Path;
 
 pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
     let slug = Slug::new(slug)?;
@@ -26,6 +27,14 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
     if !args.to.join(slug.as_str()).is_dir() {
         bail!("there is no {} in {}", slug, args.to.display());
     }
+    let there = outlook(&args.to, &slug)?;
+    let is_done = there.going.0 == 0 && !there.bag;
+    if let Some(day) = there.withdrawn.as_ref().filter(|_| is_done) {
+        bail!("{}/{slug} was withdrawn on {day} already; nothing was changed", args.to.display());
+    }
+    if args.dry_run {
+        return say_outlook(args, &slug, keep, &there);
+    }
     let _lock = Lock::take(&args.to)?;
     std::fs::create_dir_all(keep).with_context(|| format!("cannot make the folder {}", keep.display()))?;
     let kept = withdraw(&args.to, &slug, reason, &day, keep, &|_| Ok(()))?;
@@ -40,4 +49,23 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
         writeln!(out, "{}/{slug}: withdrawn; its files are in {}", args.to.display(), kept.display())?;
     }
     Ok(())
+}
+
+/// What would be done.
+fn say_outlook(args: &Args, slug: &Slug, keep: &Path, there: &Outlook) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    let (files, bytes) = there.going;
+    if args.json {
+        let report = serde_json::json!({ "would_withdraw": slug.as_str(), "title": there.title, "files": files, "bytes": bytes, "bag": there.bag, "keep": keep.display().to_string() });
+        return Ok(writeln!(out, "{report:#}")?);
+    }
+    let bag = if there.bag { ", and its bag" } else { "" };
+    Ok(writeln!(
+        out,
+        "Would withdraw {}/{slug}, \"{}\": {files} files, {}{bag}, would leave it for {}; metadata, citations and a page with the reason would stay.\nNothing was written.",
+        args.to.display(),
+        there.title,
+        super::plan::human(bytes),
+        keep.join(slug.as_str()).display()
+    )?)
 }

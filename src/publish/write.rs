@@ -76,6 +76,7 @@ pub(super) fn run(args: &Args, plan: &Plan) -> anyhow::Result<Report> {
         pack: publication.pack,
         bag,
         left_out,
+        warnings: plan.warnings(),
         advice: plan.advice(),
     })
 }

@@ -143,7 +143,11 @@ impl Check<'_> {
     ///
     /// # Errors
     /// When the state cannot be written.
-    pub(crate) fn pack(&mut self, path: &str, expected: Option<(&str, &str)>) -> anyhow::Result<Option<sound::Checked>> {
+    pub(crate) fn pack(
+        &mut self,
+        path: &str,
+        expected: Option<(&str, &str)>,
+    ) -> anyhow::Result<Option<sound::Checked>> {
         let list = expected.map_or(MANIFEST, |(_, list)| list);
         let Some(file) = self.open(path, list) else { return Ok(None) };
         let of_state = self.path(path);

@@ -37,6 +37,50 @@ pub fn is_date_or_span(text: &str) -> bool {
     }
 }
 
+/// What a date in another form says in this one, in words; nothing where it is no date.
+pub fn iso(text: &str) -> Option<String> {
+    const MONTHS: [&str; 12] = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"];
+    let parts: Vec<&str> = text.split(|c: char| !c.is_alphanumeric()).filter(|p| !p.is_empty()).collect();
+    let number = |part: &str| part.trim_end_matches(['s', 't', 'n', 'd', 'r', 'h']).parse::<u32>().ok();
+    let month = |part: &str| {
+        let start: String = part.to_lowercase().chars().take(3).collect();
+        MONTHS.iter().position(|m| *m == start).map(|at| at as u32 + 1)
+    };
+    let written = |year: u32, month: u32, day: u32| format!("{year:04}-{month:02}-{day:02}");
+    let says = |day: String| is_day(&day).then(|| format!("write {day}"));
+    match parts[..] {
+        [year, m, d] if year.len() == 4 => says(written(number(year)?, month(m).or_else(|| number(m))?, number(d)?)),
+        [a, b, year] if year.len() == 4 => {
+            let year = number(year)?;
+            if let Some(m) = month(b) {
+                return says(written(year, m, number(a)?));
+            }
+            if let Some(m) = month(a) {
+                return says(written(year, m, number(b)?));
+            }
+            let (first, second) = (number(a)?, number(b)?);
+            let ways = [written(year, second, first), written(year, first, second)];
+            match [is_day(&ways[0]), is_day(&ways[1])] {
+                [true, true] if first != second => {
+                    Some(format!("write {} or {}, whichever is meant", ways[0], ways[1]))
+                }
+                [true, _] => says(ways[0].clone()),
+                [_, true] => says(ways[1].clone()),
+                _ => None,
+            }
+        }
+        [m, year] if year.len() == 4 => {
+            let (year, m) = (number(year)?, month(m).or_else(|| number(m))?);
+            (1..=12).contains(&m).then(|| format!("write {year:04}-{m:02}"))
+        }
+        [year, m] if year.len() == 4 => {
+            let (year, m) = (number(year)?, month(m).or_else(|| number(m))?);
+            (1..=12).contains(&m).then(|| format!("write {year:04}-{m:02}"))
+        }
+        _ => None,
+    }
+}
+
 fn days_of(year: u32, month: u32) -> u32 {
     match month {
         4 | 6 | 9 | 11 => 30,
@@ -89,6 +133,26 @@ mod tests {
         }
         for bad in ["2010/2009", "2009/", "/2009", "2009/2010/2011"] {
             assert!(!is_date_or_span(bad), "{bad}");
+        }
+    }
+
+    #[test]
+    fn dates_of_other_forms_are_understood_and_said_in_ours() {
+        for (text, said) in [
+            ("21.7.2009", "write 2009-07-21"),
+            ("21/07/2009", "write 2009-07-21"),
+            ("7/21/2009", "write 2009-07-21"),
+            ("4/5/2009", "write 2009-05-04 or 2009-04-05, whichever is meant"),
+            ("2009/7/21", "write 2009-07-21"),
+            ("2009-7", "write 2009-07"),
+            ("21 July 2009", "write 2009-07-21"),
+            ("July 21st, 2009", "write 2009-07-21"),
+            ("Nov 2009", "write 2009-11"),
+        ] {
+            assert_eq!(iso(text).as_deref(), Some(said), "{text}");
+        }
+        for none in ["", "summer", "31.2.2009", "c. 1505", "13/2009", "99/99/2009"] {
+            assert_eq!(iso(none), None, "{none}");
         }
     }
 

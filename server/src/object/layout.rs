@@ -26,7 +26,7 @@ pub const PREVIEW_MAX: u64 = 5_000_000;
 pub const IIIF: &str = "iiif/manifest.json";
 /// Dublin Core.
 pub const DUBLIN_CORE: &str = "metadata/dc.xml";
-/// DataCite 4.6, as its REST interface takes it.
+/// DataCite 4.5, as its REST interface takes it.
 pub const DATACITE: &str = "metadata/datacite.json";
 /// Europeana Data Model, RDF/XML.
 pub const EDM: &str = "metadata/edm.xml";

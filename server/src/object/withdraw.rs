@@ -12,6 +12,53 @@ use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
+/// What is to be withdrawn, or was.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Outlook {
+    /// Its title.
+    pub title: String,
+    /// The day on which it was withdrawn already.
+    pub withdrawn: Option<String>,
+    /// Files that go, in all versions, and their bytes.
+    pub going: (usize, u64),
+    /// The bag of it, which goes too.
+    pub bag: bool,
+}
+
+/// What withdrawing the object `slug` of the folder `shelf` would do; changes nothing.
+///
+/// # Errors
+/// [`DraftError`] when it has no manifest that can be read.
+pub fn outlook(shelf: &Path, slug: &Slug) -> Result<Outlook, DraftError> {
+    let object = shelf.join(slug.as_str());
+    let failed = |path: &Path| {
+        let path = path.to_owned();
+        move |source| DraftError::Disk { what: "read", path, source }
+    };
+    let path = object.join(MANIFEST);
+    let manifest = Manifest::parse(&fs::read(&path).map_err(failed(&path))?)?;
+    let mut going = (0, 0);
+    for version in &manifest.versions {
+        let folder = object.join(&version.folder);
+        count(&folder, "", &mut going).map_err(failed(&folder))?;
+    }
+    let withdrawn = manifest.access.withdrawn.filter(|_| manifest.access.state == AccessState::Withdrawn);
+    Ok(Outlook { title: manifest.title, withdrawn, going, bag: shelf.join(format!("{slug}.bag")).is_dir() })
+}
+
+fn count(folder: &Path, prefix: &str, going: &mut (usize, u64)) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let path = format!("{prefix}{}", entry.file_name().to_string_lossy());
+        if entry.file_type()?.is_dir() {
+            count(&entry.path(), &format!("{path}/"), going)?;
+        } else if !stays(&path) {
+            *going = (going.0 + 1, going.1 + entry.metadata()?.len());
+        }
+    }
+    Ok(())
+}
+
 /// Withdraw the object `slug` of the folder `shelf`; where its files are now.
 ///
 /// # Errors

@@ -1,12 +1,13 @@
 //! From a TOML file to [`Metadata`]: which fields there are, what each may hold, which are needed.
 
+use super::lines::{strays, syntax};
 use super::reader::{File, Found, Table};
 use super::{
     AccessField, Agent, AgentKind, Capture, CaptureStep, Funding, Heritage, Metadata, Model, Place, Problem, Problems,
     Related, RightsField, crs,
 };
 use crate::object::AccessState;
-use crate::object::date::{is_date_or_span, is_day};
+use crate::object::date::{is_date_or_span, is_day, iso};
 use crate::object::layout::Slug;
 use crate::object::metadata::problem::nearest;
 use crate::object::rights::{self, Rights};
@@ -18,8 +19,8 @@ pub(super) const FILE_MAX: usize = 1 << 20;
 /// Units of a mesh, as `kilwa build --units` names them.
 pub(super) const UNITS: [&str; 8] = ["m", "dm", "cm", "mm", "km", "ft", "us-ft", "in"];
 
-/// DataCite 4.6, relationType.
-const RELATIONS: [&str; 37] = [
+/// DataCite 4.5, relationType: the schema that what is written is checked with.
+const RELATIONS: [&str; 36] = [
     "IsCitedBy",
     "Cites",
     "IsSupplementTo",
@@ -56,7 +57,6 @@ const RELATIONS: [&str; 37] = [
     "Obsoletes",
     "IsCollectedBy",
     "Collects",
-    "IsTranslationOf",
 ];
 
 pub(super) fn parse(text: &str) -> Result<Metadata, Problems> {
@@ -66,28 +66,23 @@ pub(super) fn parse(text: &str) -> Result<Metadata, Problems> {
     }
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let file = File::new(text);
+    let strays = strays(text);
     let root = DeTable::parse(text).map_err(|e| {
         let line = e.span().map_or(1, |s| file.line(s.start));
-        alone(syntax(e.message(), text, line), line)
+        // A field below a block that is a comment may be the second of its name.
+        let stray = strays.iter().find(|p| p.line == line).cloned();
+        stray.map_or_else(|| alone(syntax(e.message(), text, line), line), |p| Problems(vec![p]))
     })?;
     let metadata = metadata(Table::new(&file, "", 0, root.get_ref()));
-    match (metadata, file.into_problems()) {
+    let mut problems = file.into_problems();
+    // What is said of where a field stands explains what is said of the field.
+    problems.retain(|p| strays.iter().all(|s| s.line != p.line));
+    problems.extend(strays);
+    problems.sort_by_key(|p| p.line);
+    match (metadata, problems) {
         (Some(metadata), problems) if problems.is_empty() => Ok(metadata),
         (_, problems) => Err(Problems(problems)),
     }
-}
-
-/// What TOML's reader says, and what it mostly is.
-fn syntax(message: &str, text: &str, line: usize) -> String {
-    let written = text.lines().nth(line.saturating_sub(1)).unwrap_or_default();
-    let hint = match written.split_once('=') {
-        Some((_, value)) if !value.trim_start().starts_with(['"', '\'', '[', '{']) => {
-            ". Texts stand in quotation marks: name = \"text\""
-        }
-        None if written.contains(':') => ". A field is written name = \"text\", with an equals sign",
-        _ => "",
-    };
-    format!("{}{hint}", message.trim().replace('\n', ", "))
 }
 
 fn metadata(t: Table<'_, '_>) -> Option<Metadata> {
@@ -377,7 +372,8 @@ fn checked(t: &Table<'_, '_>, key: &'static str, is_right: fn(&str) -> bool, wan
     let f = t.text(key)?;
     let right = is_right(&f.value);
     if !right {
-        t.wrong(key, f.at, format!("\"{}\": {wanted}", f.value));
+        let meant = iso(&f.value).map_or_else(String::new, |meant| format!("; {meant}"));
+        t.wrong(key, f.at, format!("\"{}\": {wanted}{meant}", f.value));
     }
     right.then_some(f.value)
 }

@@ -6,6 +6,8 @@
 
 pub mod crs;
 mod fields;
+mod lines;
+pub mod plausible;
 pub mod problem;
 mod reader;
 pub mod template;

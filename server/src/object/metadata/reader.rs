@@ -14,6 +14,15 @@ const TEXT_MAX: usize = 50_000;
 /// Most entries of a list.
 const LIST_MAX: usize = 1000;
 
+/// Examples of templates that earlier versions wrote, where nobody can mean them.
+const EXAMPLES: [&str; 5] = [
+    "Family, Given",
+    "Museum of …",
+    "A fort of coral rag on the shore …",
+    "https://www.wikidata.org/wiki/Q…",
+    "doi:10.1234/abcd",
+];
+
 /// The file, and what is wrong with it.
 pub(super) struct File<'a> {
     text: &'a str,
@@ -38,6 +47,11 @@ impl<'a> File<'a> {
     pub(super) fn into_problems(self) -> Vec<Problem> {
         let mut problems = self.problems.into_inner();
         problems.sort_by_key(|p| p.line);
+        // What is still an example counts as absent: that it is needed goes without saying.
+        let is_example = |p: &Problem| p.message.contains("still the example");
+        let examples: Vec<(usize, String)> =
+            problems.iter().filter(|p| is_example(p)).map(|p| (p.line, p.field.clone())).collect();
+        problems.retain(|p| is_example(p) || !examples.contains(&(p.line, p.field.clone())));
         problems
     }
 }
@@ -100,7 +114,24 @@ impl<'a, 'i> Table<'a, 'i> {
         self.as_text(key, at, value.get_ref(), true)
     }
 
+    /// Whether the value is still an example of the template's, which is then said.
+    fn is_example(&self, key: &str, at: usize, value: &DeValue<'_>) -> bool {
+        let DeValue::String(text) = value else { return false };
+        let text = text.trim();
+        let is_example = text.len() > 2 && text.starts_with('<') && text.ends_with('>') || EXAMPLES.contains(&text);
+        if is_example {
+            let told = format!(
+                "{text} is still the example of the template; write what is true of this model, without < and >, or put a # before the line"
+            );
+            self.wrong(key, at, told);
+        }
+        is_example
+    }
+
     fn as_text(&self, key: &str, at: usize, value: &DeValue<'_>, is_long: bool) -> Option<String> {
+        if self.is_example(key, at, value) {
+            return None;
+        }
         let text = match value {
             DeValue::String(text) => text.trim().replace("\r\n", "\n"),
             // Dates may stand without quotation marks.
@@ -140,6 +171,9 @@ impl<'a, 'i> Table<'a, 'i> {
     /// A finite number.
     pub(super) fn number(&self, key: &'static str) -> Option<Found<f64>> {
         let (at, value) = self.get(key)?;
+        if self.is_example(key, at, value.get_ref()) {
+            return None;
+        }
         let number = match value.get_ref() {
             DeValue::Integer(n) => i64::from_str_radix(&n.as_str().replace('_', ""), n.radix()).ok().map(|n| n as f64),
             DeValue::Float(n) => n.as_str().replace('_', "").parse::<f64>().ok().filter(|n| n.is_finite()),

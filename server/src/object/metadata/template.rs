@@ -60,7 +60,7 @@ pub fn write(known: &Known) -> String {
         known.rights.as_deref(),
     );
     optional(&mut s, "# Who holds the rights.", "holder", known.holder.as_deref(), "Antiquities Division");
-    s.push_str("# How to give credit, in words.\n# statement = \"Please name the Antiquities Division.\"\n");
+    s.push_str("# How to give credit, in words.\n# statement = \"<Please name the Antiquities Division.>\"\n");
     s.push_str("\n[model]\n");
     needed(
         &mut s,
@@ -79,7 +79,7 @@ pub fn write(known: &Known) -> String {
         "\n# One block [[creators]] for each person or organisation that made the model, the most important first.\n",
     );
     if known.creators.is_empty() {
-        s.push_str("# [[creators]]\n# name = \"Family, Given\"\n");
+        s.push_str("# [[creators]]\n# name = \"<Family, Given>\"\n");
     }
     for (name, is_organisation) in &known.creators {
         let _ = writeln!(s, "[[creators]]\nname = {}", quoted(name));
@@ -101,7 +101,7 @@ fn place(s: &mut String, known: &Known) {
     s.push_str(if begun { "[place]\n" } else { "# [place]\n" });
     optional(s, "", "name", known.place.as_deref(), "Kilwa Kisiwani");
     optional(s, "# Two letters of ISO 3166.", "country", known.country.as_deref(), "TZ");
-    s.push_str("# latitude = -8.9577\n# longitude = 39.5228\n# Entry in a gazetteer: GeoNames, Wikidata, Getty TGN.\n# uri = \"https://www.wikidata.org/wiki/Q…\"\n");
+    s.push_str("# latitude = \"<-8.9577>\"\n# longitude = \"<39.5228>\"\n# Entry in a gazetteer: GeoNames, Wikidata, Getty TGN.\n# uri = \"<https://www.wikidata.org/wiki/Q…>\"\n");
 }
 
 fn capture(s: &mut String, known: &Known) {
@@ -110,10 +110,10 @@ fn capture(s: &mut String, known: &Known) {
     s.push_str(if begun { "[capture]\n" } else { "# [capture]\n" });
     optional(s, "# A year, month or day, or a span of two.", "date", known.captured.as_deref(), "2009-07/2009-08");
     optional(s, "", "method", known.method.as_deref(), "Terrestrial laser scanning");
-    s.push_str("# instruments = [\"Leica HDS 3000\"]\n# software = [\"MeshLab 2023.12\"]\n# Standard uncertainty of a point in metres.\n");
+    s.push_str("# instruments = [\"<Leica HDS 3000>\"]\n# software = [\"<MeshLab 2023.12>\"]\n# Standard uncertainty of a point in metres.\n");
     match known.accuracy {
         Some(accuracy) => drop(writeln!(s, "accuracy = {accuracy:?}")),
-        None => s.push_str("# accuracy = 0.003\n"),
+        None => s.push_str("# accuracy = \"<0.003>\"\n"),
     }
     s.push_str(STEPS);
 }
@@ -128,7 +128,7 @@ fn optional(s: &mut String, comment: &str, key: &str, value: Option<&str>, examp
     }
     let _ = match value {
         Some(value) => writeln!(s, "{key} = {}", quoted(value)),
-        None => writeln!(s, "# {key} = {}", quoted(example)),
+        None => writeln!(s, "# {key} = {}", quoted(&format!("<{example}>"))),
     };
 }
 
@@ -149,78 +149,79 @@ fn quoted(text: &str) -> String {
 
 const HEAD: &str = "\
 # What kilwa publish has to know of a model. Each field is explained in docs/metadata.md.
-# A line that begins with # is a comment: take the # away to use the field. Texts stand in quotation marks.
+# A line that begins with # is a comment: take the # away to use the field, and that of the [block] above it. Texts stand in quotation
+# marks. What stands in < and > is an example: replace it, < and > too; kilwa publish takes no examples.
 ";
 
 const TOP: &str = "\
 # Day of publication; without it, the day on which kilwa publish runs.
-# published = 2026-11-21
+# published = \"<2026-11-21>\"
 # Language of these texts.
-# language = \"en\"
+# language = \"<en>\"
 # Other titles, also in other languages.
-# alternative_titles = [\"Ngome ya Kilwa\"]
+# alternative_titles = [\"<Ngome ya Kilwa>\"]
 # Keywords.
-# subjects = [\"fort\", \"Swahili coast\"]
+# subjects = [\"<fort>\", \"<Swahili coast>\"]
 # Its name in the address; without it, made from the title.
-# slug = \"gereza\"
+# slug = \"<gereza>\"
 # The address where the object will be, for links that have to be complete (oEmbed, IIIF, citation).
-# url = \"https://museum.example/models/gereza/\"
+# url = \"<https://museum.example/models/gereza/>\"
 # An identifier that lasts: DOI, ARK, handle.
-# identifier = \"doi:10.1234/abcd\"
+# identifier = \"<doi:10.1234/abcd>\"
 ";
 
 const PEOPLE: &str = "\
-# kind = \"organisation\"
-# orcid = \"0000-0002-1825-0097\"
-# ror = \"https://ror.org/03p74gp79\"
-# affiliation = \"University of Cape Town\"
-# role = \"scanning\"
+# kind = \"<organisation>\"
+# orcid = \"<0000-0002-1825-0097>\"
+# ror = \"<https://ror.org/03p74gp79>\"
+# affiliation = \"<University of Cape Town>\"
+# role = \"<scanning>\"
 
 # Who helped, in the same form.
 # [[contributors]]
-# name = \"Family, Given\"
-# role = \"conservation\"
+# name = \"<Family, Given>\"
+# role = \"<conservation>\"
 ";
 
 const OBJECT: &str = "
 # The site or thing itself.
 # [object]
-# kind = \"Fort\"
-# date = \"1505, rebuilt about 1800\"
-# period = \"Portuguese, Omani\"
-# materials = [\"coral rag\", \"lime\"]
-# identifiers = [\"UNESCO WHL 144\"]
-# uri = \"https://www.wikidata.org/wiki/Q…\"
+# kind = \"<Fort>\"
+# date = \"<1505, rebuilt about 1800>\"
+# period = \"<Portuguese, Omani>\"
+# materials = [\"<coral rag>\", \"<lime>\"]
+# identifiers = [\"<UNESCO WHL 144>\"]
+# uri = \"<https://www.wikidata.org/wiki/Q…>\"
 ";
 
 const STEPS: &str = "\
-# description = \"What was captured and what was not, and what was filled in by hand.\"
+# description = \"<What was captured and what was not, and what was filled in by hand.>\"
 # Each step from the scan to the mesh, in order.
 # [[capture.steps]]
-# what = \"Registration of 42 scans\"
-# tool = \"Cyclone 6.0\"
-# by = \"Family, Given\"
-# date = \"2009-09\"
+# what = \"<Registration of 42 scans>\"
+# tool = \"<Cyclone 6.0>\"
+# by = \"<Family, Given>\"
+# date = \"<2009-09>\"
 ";
 
 const REST: &str = "
 # Who may see it: public, embargo (until a day) or restricted. Without this block, public.
 # [access]
-# state = \"embargo\"
-# until = 2027-06-01
-# reason = \"The excavation is not published yet.\"
-# contact = \"archive@museum.example\"
+# state = \"<embargo>\"
+# until = \"<2027-06-01>\"
+# reason = \"<The excavation is not published yet.>\"
+# contact = \"<archive@museum.example>\"
 
 # What belongs to it elsewhere: IsDescribedBy, IsDerivedFrom, IsPartOf, IsDocumentedBy …
 # [[related]]
-# relation = \"IsDescribedBy\"
-# uri = \"doi:10.1234/article\"
-# title = \"The survey of 2009\"
+# relation = \"<IsDescribedBy>\"
+# uri = \"<doi:10.1234/article>\"
+# title = \"<The survey of 2009>\"
 
 # Who paid.
 # [[funding]]
-# funder = \"World Monuments Fund\"
-# award = \"12-345\"
+# funder = \"<World Monuments Fund>\"
+# award = \"<12-345>\"
 ";
 
 #[cfg(test)]
@@ -269,9 +270,9 @@ mod tests {
         );
     }
 
-    /// Without their `#`, the examples are right: a person who takes them away has a file that is taken.
+    /// Without their `#` the examples are refused, each with its line; without `<` and `>` they are right.
     #[test]
-    fn every_example_in_it_is_right() {
+    fn every_example_in_it_is_right_and_none_is_taken_for_true() {
         let known =
             Known { title: Some("t".into()), rights: Some("CC0".into()), units: Some("m".into()), ..Known::default() };
         let is_example = |l: &str| {
@@ -280,6 +281,16 @@ mod tests {
         };
         let text: String =
             write(&known).lines().map(|l| if is_example(l) { &l[2..] } else { l }).collect::<Vec<_>>().join("\n");
+        let examples = text.lines().filter(|l| l.contains("= \"<") || l.contains("= [\"<")).count();
+        let problems = Metadata::parse(&text).unwrap_err().0;
+        let told = problems.iter().filter(|p| p.message.contains("still the example")).map(|p| p.line);
+        assert_eq!(told.collect::<std::collections::BTreeSet<_>>().len(), examples, "{problems:?}");
+        let is_number = |l: &str| ["latitude", "longitude", "accuracy"].iter().any(|k| l.starts_with(k));
+        let filled = |l: &str| if is_number(l) { l.replace(['<', '>', '"'], "") } else { l.replace(['<', '>'], "") };
+        let text = text.lines().map(filled).collect::<Vec<_>>().join("\n");
+        // Nobody can mean these, whether or not they are marked.
+        let text =
+            text.replace("Family, Given", "Juma, Amina").replace("Q…", "Q1").replace("abcd", "1").replace(" …\"", "\"");
         let m = Metadata::parse(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
         assert!(m.access.is_some() && m.funding.len() == 1 && m.related.len() == 1 && m.contributors.len() == 1);
         assert_eq!(m.capture.unwrap().steps.len(), 1);
