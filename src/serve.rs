@@ -248,7 +248,12 @@ fn door(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Ar
             );
         }
     }
-    Ok(Some(Arc::new(Door::open(file, args.audit.as_deref())?)))
+    let door = Door::open(file, args.audit.as_deref())?;
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs());
+    if let Some(doubt) = door.doubt_of_clock(now) {
+        tracing::error!("{doubt}");
+    }
+    Ok(Some(Arc::new(door)))
 }
 
 /// An address that others can be told.

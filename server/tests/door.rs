@@ -258,3 +258,45 @@ async fn without_accounts_there_is_no_door() {
     assert_eq!(get(&app, &m.address).await.status, StatusCode::FORBIDDEN);
     assert_eq!(get(&app, "/sign-in").await.status, StatusCode::NOT_FOUND);
 }
+
+#[tokio::test]
+async fn a_clock_that_is_wrong_lets_nobody_in_that_it_should_not_and_the_server_says_so() {
+    let m = Museum::new();
+    let tomb = kilwa_server::object::Manifest::parse(&get(&m.app, "/tomb/manifest.json").await.body).unwrap();
+    let tomb = format!("/tomb/{}", tomb.versions[0].pack.url);
+    let session = m.sign_in("amina", "a long sentence").await.expect("signs in");
+    let capability = cookie(&m.post("/cave/open", &[("cookie", &session)], "").await).unwrap();
+    let bearer = format!("Bearer {}", m.token);
+    let with_token = || async { ask(&m.app, "GET", &m.address, &[("authorization", &bearer)]).await.status };
+    let (day, new_year) = (86_400, 1_798_761_600);
+    assert_eq!(with_token().await, StatusCode::OK);
+    // Back, to before everything was given, and to 1970: nothing that was given later works, and the embargo stays.
+    for back in [NOW - 2 * day, 0] {
+        m.clock.store(back, Ordering::Relaxed);
+        assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED, "{back}");
+        assert_eq!(m.post("/cave/open", &[("cookie", &session)], "").await.status, StatusCode::UNAUTHORIZED, "{back}");
+        assert_eq!(with_token().await, StatusCode::UNAUTHORIZED, "{back}");
+        let closed = get(&m.app, &tomb).await;
+        assert_eq!(closed.status, StatusCode::UNAUTHORIZED);
+        assert!(closed.text().contains("Public from 2027-01-01"), "{}", closed.text());
+        assert_eq!(get(&m.app, "/fort/").await.status, StatusCode::OK, "what is public stays so");
+    }
+    // Forth and back again around the end of the embargo: it is closed whenever the clock says so.
+    for (now, status) in
+        [(new_year, StatusCode::OK), (new_year - 1, StatusCode::UNAUTHORIZED), (NOW, StatusCode::UNAUTHORIZED)]
+    {
+        m.clock.store(now, Ordering::Relaxed);
+        assert_eq!(get(&m.app, &tomb).await.status, status, "{now}");
+    }
+    assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::OK, "right again, as before");
+    // What is given while the clock is ahead is worth nothing when it is right.
+    m.clock.store(NOW + 400 * day, Ordering::Relaxed);
+    assert_eq!(with_token().await, StatusCode::UNAUTHORIZED, "the token has ended");
+    let ahead = m.sign_in("amina", "a long sentence").await.expect("signs in");
+    m.clock.store(NOW, Ordering::Relaxed);
+    assert_eq!(m.post("/cave/open", &[("cookie", &ahead)], "").await.status, StatusCode::UNAUTHORIZED);
+    let door = Door::open(&m.accounts(), None).unwrap();
+    let said = door.doubt_of_clock(NOW - 2 * day).expect("a doubt");
+    assert!(said.contains("the clock of this computer says 2026-11-19") && said.contains("set right"), "{said}");
+    assert_eq!(door.doubt_of_clock(NOW), None);
+}

@@ -323,7 +323,7 @@ impl Sender {
                 })
             }
             // After a restart it knows of nothing until it is begun again; what was damaged on the way is sent again.
-            404 | 409 if !is_first => Err(passing(said(response))),
+            404 | 460 if !is_first => Err(passing(said(response))),
             _ => Err(self.refused(response)),
         }
     }

@@ -290,7 +290,7 @@ impl Accounts {
         user.filter(|_| is_right && kept.is_some())
     }
 
-    /// Whose token this is, where it still works at `now`, and its name.
+    /// Whose token this is, where it works at `now`, and its name.
     pub fn of_token(&self, token: &str, now: u64) -> Option<(&User, &Token)> {
         let hash = token_hash(token);
         let all = self.users.iter().flat_map(|u| u.tokens.iter().map(move |t| (u, t)));
@@ -301,7 +301,14 @@ impl Accounts {
                 found = Some((user, kept));
             }
         }
-        found.filter(|(_, kept)| day_of(now) < kept.until)
+        // Before it was made it cannot be used: a clock that was set back must not give life back to one that has ended.
+        let today = day_of(now);
+        found.filter(|(_, kept)| kept.made <= today && today < kept.until)
+    }
+
+    /// The last day on which a token was made: an honest clock is not before it.
+    pub fn newest(&self) -> Option<&str> {
+        self.users.iter().flat_map(|u| u.tokens.iter().map(|t| t.made.as_str())).max()
     }
 
     fn unknown(&self, name: &str) -> AccountsError {

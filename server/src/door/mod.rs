@@ -19,6 +19,7 @@ pub(crate) mod routes;
 use crate::access::audit::{Action, Event};
 use crate::access::{Accounts, AccountsError, Attempts, Audit, Purpose, User};
 use crate::content::text;
+use crate::object::date::day_of;
 use crate::store::Identity;
 use axum::http::HeaderMap;
 use axum::http::header::{AUTHORIZATION, COOKIE};
@@ -67,6 +68,18 @@ impl Door {
         let known = Mutex::new(Known { accounts, mark, looked: Instant::now() });
         let (addresses, names) = (Mutex::new(Attempts::of_addresses()), Mutex::new(Attempts::of_names()));
         Ok(Self { file: file.to_owned(), known, addresses, names, audit })
+    }
+
+    /// What is wrong with the clock, as far as the accounts tell, for the log: whoever is then kept out should find out why.
+    pub fn doubt_of_clock(&self, now: u64) -> Option<String> {
+        let accounts = self.accounts()?;
+        let (today, newest) = (day_of(now), accounts.newest()?);
+        (today.as_str() < newest).then(|| {
+            format!(
+                "the clock of this computer says {today} (UTC), and a token in {} was made on {newest}: until the clock is set right, sessions and tokens do not work and embargoes stay",
+                self.file.display()
+            )
+        })
     }
 
     /// The accounts as they are now; `None` where they cannot be read.

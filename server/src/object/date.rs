@@ -46,11 +46,12 @@ pub fn iso(text: &str) -> Option<String> {
         let start: String = part.to_lowercase().chars().take(3).collect();
         MONTHS.iter().position(|m| *m == start).map(|at| at as u32 + 1)
     };
+    let is_year = |part: &str| part.len() == 4 && part.bytes().all(|b| b.is_ascii_digit());
     let written = |year: u32, month: u32, day: u32| format!("{year:04}-{month:02}-{day:02}");
     let says = |day: String| is_day(&day).then(|| format!("write {day}"));
     match parts[..] {
-        [year, m, d] if year.len() == 4 => says(written(number(year)?, month(m).or_else(|| number(m))?, number(d)?)),
-        [a, b, year] if year.len() == 4 => {
+        [year, m, d] if is_year(year) => says(written(number(year)?, month(m).or_else(|| number(m))?, number(d)?)),
+        [a, b, year] if is_year(year) => {
             let year = number(year)?;
             if let Some(m) = month(b) {
                 return says(written(year, m, number(a)?));
@@ -69,11 +70,11 @@ pub fn iso(text: &str) -> Option<String> {
                 _ => None,
             }
         }
-        [m, year] if year.len() == 4 => {
+        [m, year] if is_year(year) => {
             let (year, m) = (number(year)?, month(m).or_else(|| number(m))?);
             (1..=12).contains(&m).then(|| format!("write {year:04}-{m:02}"))
         }
-        [year, m] if year.len() == 4 => {
+        [year, m] if is_year(year) => {
             let (year, m) = (number(year)?, month(m).or_else(|| number(m))?);
             (1..=12).contains(&m).then(|| format!("write {year:04}-{m:02}"))
         }

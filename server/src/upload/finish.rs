@@ -67,7 +67,7 @@ pub(super) fn publish(uploads: &Uploads, staging: Staging, job: &Arc<Job>, now: 
     let intent = staging.record.intent.clone();
     let meant = intent.check(&uploads.limits, now)?;
     if !staging.lacking().is_empty() {
-        return Err(Refusal::conflict("files are lacking; run the same command again"));
+        return Err(Refusal::new(StatusCode::TOO_EARLY, "files are lacking; run the same command again"));
     }
     let _lock = shelf_lock(uploads)?;
     let object = uploads.shelf.join(&intent.slug);
@@ -164,7 +164,7 @@ fn verified(
         job.done.fetch_add(bytes, Ordering::Relaxed);
         if (bytes, &sum) != (file.bytes, &file.sha256) {
             staging.discard(file);
-            return Err(Refusal::conflict(format!(
+            return Err(Refusal::altered(format!(
                 "{} arrived with another content than was announced; run the same command again to send it anew",
                 file.path
             )));
@@ -208,7 +208,7 @@ fn check_pack(staging: &Staging, said: &FileSaid, done: &AtomicU64) -> Result<(k
         staging.discard(said);
         let what =
             "the pack arrived with another content than was announced; run the same command again to send it anew";
-        return Err(Refusal::conflict(what));
+        return Err(Refusal::altered(what));
     }
     if let Some(damage) = checked.damage() {
         return Err(Refusal::content(format!("the pack is damaged: {damage}")));

@@ -150,6 +150,11 @@ impl Refusal {
         Self::new(StatusCode::CONFLICT, why)
     }
 
+    /// It arrived with another content than was announced (tus 1.0.0, "Checksum").
+    fn altered(why: impl Into<String>) -> Self {
+        Self::new(StatusCode::from_u16(460).unwrap_or(StatusCode::UNPROCESSABLE_ENTITY), why)
+    }
+
     /// Another request of this upload is under way.
     fn busy() -> Self {
         let status = StatusCode::LOCKED;

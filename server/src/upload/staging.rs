@@ -285,9 +285,7 @@ impl Part {
             if sum != self.said.sha256 {
                 drop(fs::remove_file(&self.path));
                 let said = format!("{} arrived with another content than was announced; send it again", self.said.path);
-                // tus 1.0.0, "Checksum".
-                let status = StatusCode::from_u16(460).unwrap_or(StatusCode::UNPROCESSABLE_ENTITY);
-                return Err(Refusal { offset: Some(0), ..Refusal::new(status, said) });
+                return Err(Refusal { offset: Some(0), ..Refusal::altered(said) });
             }
         }
         Ok(self.offset)
