@@ -6,6 +6,14 @@ import { t } from "./i18n.js";
 import { why } from "./said.js";
 import { get } from "./store.js";
 
+/** The program behind the tools: it comes while their code does. */
+async function compiled() {
+  const url = new URL("measure_bg.wasm", import.meta.url);
+  const response = await fetch(url);
+  if (!response.ok) throw new Error(`${url.pathname}: ${response.status}`);
+  return WebAssembly.compile(await response.arrayBuffer());
+}
+
 export class Measuring {
   /** @param {object} page the page (app.js) */
   constructor(page) {
@@ -37,12 +45,22 @@ export class Measuring {
     this.seen = false;
   }
 
+  /** A promise of the program, for the worker; what failed is fetched again the next time. */
+  program() {
+    this.compiling ??= compiled().catch((error) => {
+      this.compiling = null;
+      throw error;
+    });
+    return this.compiling;
+  }
+
   /** The tools, loaded where they are not. */
   load() {
     const { page } = this;
     if (!page.info || !this.viewer) return Promise.reject(new Error("the model is not open"));
     this.loading ??= (async () => {
       const { pack } = page;
+      this.program().catch(() => {}); // whoever measures hears of it
       try {
         const { Measure } = await import("./measure/measure.js");
         if (page.pack !== pack) throw new Error("another model was opened");

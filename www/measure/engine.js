@@ -1,8 +1,9 @@
 // Measuring, as the page sees it: questions go to a worker (measure/worker.js, wasm), bytes are fetched here through the page's own loader.
 //
-// const engine = await Engine.open({ pack, head, viewer, pages, footer });
+// const engine = await Engine.open({ pack, head, viewer, pages, footer, program });
 //   pack    loader.js Pack or LocalPack; head  its first bytes; viewer  a function that gives the wasm Viewer in force, for provisional values;
-//   pages   a function that gives what the viewer has of the directory (offset in the file → bytes); footer  the pack's last bytes, or a promise of them
+//   pages   a function that gives what the viewer has of the directory (offset in the file → bytes); footer  the pack's last bytes, or null;
+//   program  a promise of the compiled module
 // engine.pack        { identity, title, crs, lattice: { origin, step_log2 }, step, capture, bytes, triangles, borders }
 // engine.pick({ origin, direction }, { clip, snap, within, provisional, progress, signal })
 //   → { local, world, normal, ray, snapped: "vertex" | "crease" | "border" | null, fetched }, or null where the ray meets nothing
@@ -39,9 +40,10 @@ const aborted = () => new DOMException("the question was taken back", "AbortErro
 
 export class Engine {
   /** Open a pack for measuring: what is missing of its directory comes while the program does. */
-  static async open({ pack, head, viewer = () => null, pages = () => new Map(), footer = null }) {
+  static async open({ pack, head, viewer = () => null, pages = () => new Map(), footer = null, program }) {
     const engine = new Engine(pack, viewer);
     try {
+      program.then((module) => engine.worker.postMessage({ module }), (error) => engine.#lost(error.message));
       await engine.#open(head, pages(), footer);
     } catch (error) {
       engine.close();
@@ -71,8 +73,7 @@ export class Engine {
     const count = Math.ceil(view.getUint32(ENTRIES_AT, true) / PAGE_ENTRIES);
     const wanted = { offset: number(PAGES_AT), count: Math.max(0, count - 1) };
     const ask = async (fresh) => {
-      const last = fresh ? null : await given;
-      const parts = [this.#directory(wanted, fresh ? new Map() : kept, fresh), last ?? this.#range(number(FILE_BYTES_AT) - FOOTER_BYTES, FOOTER_BYTES, fresh)];
+      const parts = [this.#directory(wanted, fresh ? new Map() : kept, fresh), (fresh ? null : given) ?? this.#range(number(FILE_BYTES_AT) - FOOTER_BYTES, FOOTER_BYTES, fresh)];
       const [pages, footer] = await Promise.all(parts);
       // The worker gets copies: the page keeps its own.
       return this.#call("open", [head, pages, footer]);

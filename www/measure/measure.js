@@ -61,7 +61,7 @@ export class Measure {
     if (this.current?.closed) this.opened = this.current = null;
     this.opened ??= Engine.open({
       pack: this.page.pack, head: this.page.headBytes, viewer: () => (this.session?.closed ? null : this.viewer),
-      pages: () => this.session?.pages ?? new Map(), footer: this.page.identity.footer,
+      pages: () => this.session?.pages ?? new Map(), footer: this.page.identity.footer, program: this.page.measuring.program(),
     }).then(
       (engine) => (this.current = engine),
       (error) => {

@@ -2,7 +2,10 @@
 // for (`need`) and come (`got`). Messages: see engine.js.
 import init, { Engine } from "../measure.js";
 
-const ready = init({ module_or_path: new URL("../measure_bg.wasm", import.meta.url) });
+// The page fetches the program while this code is on its way, and sends it.
+let begin;
+const ready = new Promise((resolve) => (begin = resolve)).then((module) => init({ module_or_path: module }));
+ready.catch(() => {}); // whoever asks hears of it
 let engine;
 let drawing; // the drawing to scale that is being made
 let broken; // what a trap said: the instance is of no use after it
@@ -68,6 +71,7 @@ function cancel(call) {
 }
 
 onmessage = async ({ data }) => {
+  if (data.module) return begin(data.module);
   if (data.got) return got(data);
   if (data.cancel) return cancel(data.cancel);
   const { call, method, args } = data;
