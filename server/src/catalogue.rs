@@ -10,6 +10,7 @@ use crate::object::Manifest;
 use crate::object::layout::{MANIFEST, RESERVED};
 use crate::object::manifest::{Access, AccessState};
 use crate::store::{self, Identity, Place, S3, is_away};
+use axum::http::StatusCode;
 use kilwa_pack::{HEADER_BYTES, Header, Metadata};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -301,6 +302,12 @@ impl Catalogue {
             self.relist();
             known()
         })
+    }
+
+    /// What a slug that is not known is answered with: of a store that does not answer nobody can say what it has.
+    pub(crate) fn missing(&self) -> StatusCode {
+        let is_away = self.root.store().is_some_and(|store| store.away().is_some());
+        if is_away { StatusCode::SERVICE_UNAVAILABLE } else { StatusCode::NOT_FOUND }
     }
 
     /// Whether the folder can be read now.

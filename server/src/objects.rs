@@ -102,6 +102,16 @@ pub(crate) async fn current_pack(holding: &Arc<Holding>, clock: &Clock) -> Resul
     source(holding, &table, &version.pack.url).await
 }
 
+/// Why the pack of the current version is not for everybody.
+pub(crate) async fn closed(holding: &Arc<Holding>, clock: &Clock) -> Result<Option<Response<Body>>, StatusCode> {
+    let table = table(holding).await?;
+    Ok(match verdict(&table.manifest.access, clock) {
+        Verdict::Open => None,
+        Verdict::WithoutGeometry(why) => Some(withheld(&why)),
+        Verdict::Gone(why) => Some(gone(&table, PAGE, &why).await),
+    })
+}
+
 async fn table(holding: &Arc<Holding>) -> Result<Arc<Table>, StatusCode> {
     let holding = Arc::clone(holding);
     blocking(move || {
@@ -296,7 +306,7 @@ fn locked(slug: &str, why: &str) -> Response<Body> {
 /// The manifest of an object.
 pub(crate) async fn manifest(site: &Site, slug: &str) -> Result<Manifest, StatusCode> {
     let (catalogue, slug) = (Arc::clone(&site.catalogue), slug.to_owned());
-    let model = blocking(move || catalogue.model(&slug)).await?.ok_or(StatusCode::NOT_FOUND)?;
+    let model = blocking(move || catalogue.model(&slug).ok_or_else(|| catalogue.missing())).await??;
     let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
     Ok(table(&object.holding).await?.manifest.clone())
 }

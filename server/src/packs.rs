@@ -40,13 +40,24 @@ async fn pack(
     headers: &HeaderMap,
 ) -> Result<Response<Body>, StatusCode> {
     for _ in 0..2 {
-        let (source, model) = find(catalogue, name, clock).await?;
+        let (source, model) = match find(catalogue, name, clock).await {
+            Err(StatusCode::FORBIDDEN | StatusCode::GONE) => return closed(catalogue, name, clock).await,
+            found => found?,
+        };
         match answer(source, method, headers).await {
             Ok(response) => return Ok(response),
             Err(e) => objects::again(&model, &e),
         }
     }
     Err(StatusCode::SERVICE_UNAVAILABLE)
+}
+
+/// Why the pack of a URL is not given out, as at the object's own address.
+async fn closed(catalogue: &Arc<Catalogue>, name: &str, clock: &Clock) -> Result<Response<Body>, StatusCode> {
+    let (c, slug) = (Arc::clone(catalogue), name.split('.').next().unwrap_or_default().to_owned());
+    let model = blocking(move || c.model(&slug).ok_or_else(|| c.missing())).await??;
+    let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
+    objects::closed(&object.holding, clock).await?.ok_or(StatusCode::SERVICE_UNAVAILABLE)
 }
 
 /// Open the pack of a URL. A file that changed since it was listed is listed again.
@@ -58,7 +69,7 @@ async fn find(catalogue: &Arc<Catalogue>, name: &str, clock: &Clock) -> Result<(
     };
     for _ in 0..3 {
         let (c, s) = (Arc::clone(catalogue), slug.clone());
-        let model = blocking(move || c.model(&s)).await?.ok_or(StatusCode::NOT_FOUND)?;
+        let model = blocking(move || c.model(&s).ok_or_else(|| c.missing())).await??;
         if let Some(object) = model.object() {
             let source = objects::current_pack(&object.holding, clock).await?;
             return pinned(source, pin).map(|source| (source, model));
@@ -108,7 +119,7 @@ async fn notes(
     headers: &HeaderMap,
 ) -> Result<Response<Body>, StatusCode> {
     let (c, s) = (Arc::clone(catalogue), slug.to_owned());
-    let model = blocking(move || c.model(&s)).await?.ok_or(StatusCode::NOT_FOUND)?;
+    let model = blocking(move || c.model(&s).ok_or_else(|| c.missing())).await??;
     let path = match &model.kind {
         Kind::Object(_) => return Ok(objects::respond(&model, objects::NOTES, clock, None, method, headers).await),
         Kind::Pack { notes } => notes.clone().ok_or(StatusCode::NOT_FOUND)?,

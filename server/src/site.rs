@@ -202,12 +202,10 @@ async fn list(State(site): State<Site>, RawQuery(query): RawQuery, headers: Head
 }
 
 async fn list_json(State(site): State<Site>) -> Response {
-    match models(&site).await {
-        Ok(models) => (
-            [(CONTENT_TYPE, "application/json"), (ACCESS_CONTROL_ALLOW_ORIGIN, "*")],
-            html::list_json(&models).to_string(),
-        )
-            .into_response(),
+    // Of thousands of models, writing it takes a while too.
+    let catalogue = Arc::clone(&site.catalogue);
+    match blocking(move || html::list_json(&catalogue.models()).to_string()).await {
+        Ok(json) => ([(CONTENT_TYPE, "application/json"), (ACCESS_CONTROL_ALLOW_ORIGIN, "*")], json).into_response(),
         Err(status) => status.into_response(),
     }
 }
@@ -227,7 +225,7 @@ async fn model(State(site): State<Site>, Path(slug): Path<String>, headers: Head
 
 async fn find(site: &Site, slug: &str) -> Result<Arc<Model>, StatusCode> {
     let (catalogue, slug) = (Arc::clone(&site.catalogue), slug.to_owned());
-    blocking(move || catalogue.model(&slug)).await?.ok_or(StatusCode::NOT_FOUND)
+    blocking(move || catalogue.model(&slug).ok_or_else(|| catalogue.missing())).await?
 }
 
 async fn has_notes(model: &Model) -> bool {

@@ -224,6 +224,8 @@ async fn restricted_models_keep_their_geometry_and_say_why() {
     let a = ask(&app, "GET", &format!("/fort/{}", manifest.versions[0].pack.url), &[("range", "bytes=0-9")]).await;
     assert_eq!(a.status, 403);
     assert!(a.text().contains("Rock art."));
+    let by_name = get(&app, "/packs/fort.kilwa").await;
+    assert_eq!((by_name.status, by_name.text()), (a.status, a.text()), "its other address says the same");
     assert_eq!(get(&app, "/fort/v1/poster.jpg").await.status, 200);
     let list = get(&app, "/").await.text();
     assert!(list.contains("Rock art.") && !list.contains("Download pack"), "{list}");

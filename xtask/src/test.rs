@@ -33,6 +33,9 @@ enum Suite {
     Soak,
 }
 
+/// A store in Python, for the tests of the server, and where they look for it.
+const STORE_PACKAGES: &str = "server/tests/store/requirements.txt";
+const STORE_VARIABLE: &str = "KILWA_MOTO";
 /// Crates that have to build for wasm32: the page's own and every pure crate below them.
 const WASM_PACKAGES: [&str; 6] =
     ["kilwa-viewer", "kilwa-decode", "kilwa-stream", "kilwa-pack", "kilwa-geometry", "kilwa-measure"];
@@ -131,6 +134,7 @@ fn set_up() -> Result<Tally> {
     setup::npm_packages("tests/browser")?;
     setup::vulkan()?;
     println!("second opinions: {}", setup::python_packages(trust::PACKAGES)?.display());
+    println!("a store to test with: {}", setup::python_packages(STORE_PACKAGES)?.display());
     println!("browser: {}", setup::chromium()?.display());
     Ok(Tally::default())
 }
@@ -180,7 +184,8 @@ fn rust_tests() -> Result<Tally> {
             test
         };
         // Without the packages the tests that need them say so; with them they are second opinions.
-        let counts = suite(runner.env(trust::VARIABLE, setup::python_packages(trust::PACKAGES)?));
+        runner.env(trust::VARIABLE, setup::python_packages(trust::PACKAGES)?);
+        let counts = suite(runner.env(STORE_VARIABLE, setup::python_packages(STORE_PACKAGES)?));
         tally.add_all(counts.unwrap_or_else(|error| failure(&error)));
     }
     Ok(tally)

@@ -43,6 +43,11 @@ pub enum IndexError {
 }
 
 impl IndexError {
+    /// Whether the store of the objects gave no answer, which is said elsewhere.
+    pub(crate) fn is_away(&self) -> bool {
+        matches!(self, Self::Folder { source, .. } if crate::store::is_away(source))
+    }
+
     /// Whether the file is damaged, so that making it anew helps.
     fn is_damage(&self) -> bool {
         use rusqlite::ErrorCode::{DatabaseCorrupt, NotADatabase};

@@ -38,7 +38,9 @@ async fn ask<T: Send + 'static>(
     let refreshed = Arc::clone(index);
     let refresh = blocking(move || {
         let began = Instant::now();
-        if let Err(e) = refreshed.refresh_if_older(FRESH) {
+        if let Err(e) = refreshed.refresh_if_older(FRESH)
+            && !e.is_away()
+        {
             tracing::warn!("the index is not brought up to the folder: {e}");
         }
         began.elapsed()
@@ -108,7 +110,8 @@ pub(crate) async fn feed(State(site): State<Site>, headers: HeaderMap) -> Respon
 /// `/sitemap.xml`
 pub(crate) async fn sitemap(State(site): State<Site>, headers: HeaderMap) -> Response {
     let Some(index) = &site.index else { return plain(StatusCode::NOT_FOUND) };
-    let all = |index: &Index| {
+    let base = site_base(&site, &headers);
+    let all = move |index: &Index| {
         let mut all: Vec<Entry> = Vec::new();
         while all.len() < feeds::SITEMAP_MAX {
             let page = index.after(all.last().map(|e| e.slug.as_str()).unwrap_or_default(), 1000)?;
@@ -117,10 +120,10 @@ pub(crate) async fn sitemap(State(site): State<Site>, headers: HeaderMap) -> Res
             }
             all.extend(page);
         }
-        Ok(all)
+        Ok(feeds::sitemap(&base, &all))
     };
     match ask(index, all).await {
-        Ok(entries) => document(XML, feeds::sitemap(&site_base(&site, &headers), &entries)),
+        Ok(sitemap) => document(XML, sitemap),
         Err(status) => plain(status),
     }
 }

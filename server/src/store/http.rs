@@ -122,11 +122,8 @@ impl HttpService for Service {
             Ok(Ok(Ok(response))) => response,
             Ok(Ok(Err(e))) => {
                 let is_connect = e.is_connect();
-                seen.note(format!(
-                    "{}: {}",
-                    if is_connect { "no connection" } else { "the connection broke" },
-                    root(&e)
-                ));
+                let what = if is_connect { "no connection" } else { "the connection broke" };
+                seen.note(format!("the store does not answer: {what}: {}", root(&e)));
                 let kind = if is_connect { HttpErrorKind::Connect } else { HttpErrorKind::Request };
                 return Err(HttpError::new(kind, e));
             }
@@ -137,14 +134,14 @@ impl HttpService for Service {
             Err(e) => return Err(HttpError::new(HttpErrorKind::Unknown, e)),
         };
         if !response.status().is_success() {
-            seen.note(format!("it says {}", response.status()));
+            seen.note(format!("the store says {}", response.status()));
         }
         Ok(response.map(|body| HttpResponseBody::new(Timed { body, timeout, patience: None, seen })))
     }
 }
 
 fn silence(timeout: Duration) -> String {
-    format!("no answer within {timeout:?}")
+    format!("the store does not answer: nothing within {timeout:?}")
 }
 
 /// The innermost reason, which names no address.
@@ -173,7 +170,7 @@ impl Body for Timed {
             self.patience = None;
             return Poll::Ready(frame.map(|frame| {
                 frame.map_err(|e| {
-                    self.seen.note(format!("the connection broke: {}", root(&e)));
+                    self.seen.note(format!("the store does not answer: the connection broke: {}", root(&e)));
                     HttpError::new(HttpErrorKind::Interrupted, e)
                 })
             }));

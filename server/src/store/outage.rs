@@ -20,13 +20,13 @@ const COME_AGAIN: &str = "10";
 /// Outages that follow each other more closely than this are logged as one.
 const ONE: Duration = Duration::from_secs(60);
 
-/// The store does not answer, and why.
+/// The store does not answer, or refuses: what was seen of it.
 #[derive(Debug, Clone)]
 pub(crate) struct Away(pub(crate) String);
 
 impl fmt::Display for Away {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "the store does not answer: {}", self.0)
+        f.write_str(&self.0)
     }
 }
 

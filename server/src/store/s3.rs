@@ -375,10 +375,9 @@ impl S3 {
     /// An error in our words; one that is the store's begins an outage.
     fn told(self: &Arc<Self>, e: Error) -> io::Error {
         match e {
-            Error::NotFound { source, .. } if source.to_string().contains("NoSuchBucket") => {
-                io::Error::other("there is no such bucket")
+            Error::NotFound { ref source, .. } if !source.to_string().contains("NoSuchBucket") => {
+                io::Error::new(io::ErrorKind::NotFound, "it is not in the store")
             }
-            Error::NotFound { .. } => io::Error::new(io::ErrorKind::NotFound, "it is not in the store"),
             Error::Precondition { .. } | Error::NotModified { .. } => changed(),
             Error::InvalidPath { source } => io::Error::other(source.to_string()),
             e => {
@@ -396,8 +395,9 @@ impl S3 {
         let seen = self.seen.last();
         let word = told.split_once("<Code>").and_then(|(_, rest)| rest.split_once("</Code>")).map(|(code, _)| code);
         match word.filter(|code| code.len() <= 64 && code.bytes().all(|b| b.is_ascii_alphanumeric())) {
+            Some("NoSuchBucket") => "the store has no such bucket".to_owned(),
             Some(code) => format!("{seen} ({code})"),
-            None if seen.is_empty() => "it cannot be asked".to_owned(),
+            None if seen.is_empty() => "the store cannot be asked".to_owned(),
             None => seen,
         }
     }
