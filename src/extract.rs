@@ -11,6 +11,7 @@ mod glb;
 mod obj;
 mod output;
 mod ply;
+mod portal;
 pub(crate) mod preview;
 mod region;
 mod stl;
@@ -23,6 +24,7 @@ use choose::Chosen;
 use format::{Format, Target};
 use kilwa_pack::{Metadata, Reader};
 use output::Output;
+pub(crate) use portal::ForPortal;
 use region::Region;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -74,8 +76,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let target = Target::new(&reader, &chosen, region.as_ref());
     let mut encoder = format.encoder(&target);
     let mut scratch = output.scratch()?;
-    let counts =
-        stream::stream(&reader, &chosen, region.as_ref(), &mut *encoder, &mut scratch).with_context(of_pack)?;
+    let counts = stream::stream(&reader, &chosen, region.as_ref(), &mut *encoder, &mut scratch, &|_| {})
+        .with_context(of_pack)?;
     if counts.triangles == 0 {
         anyhow::bail!("{}: {}", args.pack.display(), nothing_there(reader.metadata(), args.region.as_ref()));
     }

@@ -2,10 +2,11 @@
 
 use anyhow::Context;
 use kilwa_server::door::Door;
+use kilwa_server::extracts::Extracts;
 use kilwa_server::index::Index;
 use kilwa_server::store::{S3, S3Options};
 use kilwa_server::upload::{UploadLimits, Uploads};
-use kilwa_server::{Audience, Catalogue, Limits, Page, Policy, Site, app, listen};
+use kilwa_server::{Audience, Catalogue, Collections, Limits, Page, Policy, Site, app, listen};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -32,6 +33,8 @@ pub(crate) struct Args {
     pages: PageArgs,
     #[command(flatten)]
     catalogue: CatalogueArgs,
+    #[command(flatten)]
+    extracts: ExtractArgs,
     #[command(flatten)]
     access: AccessArgs,
     #[command(flatten)]
@@ -79,9 +82,23 @@ struct CatalogueArgs {
     /// Address of the site for the world, such as https://museum.example (default: as each request names it).
     #[arg(long, value_name = "URL")]
     url: Option<String>,
+    /// The file that says which models belong together (default: collections.toml in the folder).
+    #[arg(long, value_name = "FILE")]
+    collections: Option<PathBuf>,
     /// Address for mail about harvesting (default: webmaster at the site).
     #[arg(long, value_name = "ADDRESS")]
     contact: Option<String>,
+}
+
+#[derive(clap::Args)]
+#[command(next_help_heading = "Extracts")]
+struct ExtractArgs {
+    /// Where to keep meshes that readers asked for; they can be deleted at any time (default: kilwa/extracts in the user's cache folder).
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
+    /// Megabytes that these may take; the oldest go. 0: no mesh is made on request.
+    #[arg(long, default_value_t = 4096, value_name = "MB")]
+    cache_size: u64,
 }
 
 #[derive(clap::Args)]
@@ -174,6 +191,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     site.index = index(&site, args.catalogue.index.as_deref())?;
     site.url = args.catalogue.url.as_deref().map(site_url).transpose()?;
     site.contact.clone_from(&args.catalogue.contact);
+    let in_folder = || site.catalogue.folder().map(|folder| folder.join(kilwa_server::COLLECTIONS_FILE));
+    site.collections =
+        args.catalogue.collections.clone().or_else(in_folder).map(|file| Arc::new(Collections::new(file)));
+    // Meshes are made from packs that lie on this computer.
+    let cache = if store_url(args).is_none() { extracts(&args.extracts)? } else { None };
+    site.extracts = cache.as_ref().map(|(_, extracts)| Arc::clone(extracts));
     site.door = door(&args.access, &args.path)?;
     site.behind_proxy = args.reports.behind_proxy;
     site.metrics_for = match args.reports.metrics {
@@ -233,6 +256,46 @@ fn uploads(args: &AccessArgs, site: &Site, page: Page) -> anyhow::Result<Option<
         ..UploadLimits::default()
     };
     Ok(Some(Arc::new(Uploads::new(folder.to_owned(), page, limits))))
+}
+
+/// The cache of extracts, and the folder that goes with the program where there was no better place.
+fn extracts(args: &ExtractArgs) -> anyhow::Result<Option<(Option<tempfile::TempDir>, Arc<Extracts>)>> {
+    if args.cache_size == 0 {
+        return Ok(None);
+    }
+    let (folder, own) = if let Some(folder) = args.cache.clone().or_else(cache_folder) {
+        (folder, None)
+    } else {
+        let own = tempfile::Builder::new().prefix("kilwa-extracts-").tempdir();
+        let own = own.context("cannot make a folder for extracts")?;
+        (own.path().to_owned(), Some(own))
+    };
+    let bytes = args.cache_size.saturating_mul(1_000_000);
+    match Extracts::open(folder.clone(), bytes, Arc::new(crate::extract::ForPortal)) {
+        Ok(extracts) => Ok(Some((own, extracts))),
+        // What was asked for must be possible; what was not is left out.
+        Err(e) if args.cache.is_some() => {
+            Err(e).with_context(|| format!("cannot keep extracts in {}", folder.display()))
+        }
+        Err(e) => {
+            tracing::warn!(
+                "no meshes are made on request: cannot keep them in {}: {e}; give --cache DIR",
+                folder.display()
+            );
+            Ok(None)
+        }
+    }
+}
+
+/// The service's cache folder under systemd, else the user's.
+fn cache_folder() -> Option<PathBuf> {
+    let folder = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let service = || folder("CACHE_DIRECTORY").map(|path| path.join("extracts"));
+    let user = || {
+        let base = folder("XDG_CACHE_HOME").or_else(|| folder("HOME").map(|home| home.join(".cache")))?;
+        Some(base.join("kilwa/extracts"))
+    };
+    service().or_else(user)
 }
 
 /// The accounts, which must not lie where they are served.

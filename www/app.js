@@ -680,7 +680,8 @@ class Page {
     const list = document.body.dataset.list;
     for (const id of ["back", "trouble-back"]) {
       $(id).hidden = !list;
-      if (list) $(id).href = list;
+      // A language that came by the address goes on by it: the list has no other memory.
+      if (list) $(id).href = this.parameters.has("lang") ? `${list}?lang=${document.documentElement.lang}` : list;
     }
     this.#settingsControls();
     $("language").value = document.documentElement.lang;

@@ -62,6 +62,20 @@ export class Trouble {
     $("trouble-download").hidden = ["missing", "empty", "closed"].includes(kind);
     const signIn = $("trouble-sign-in");
     signIn.hidden = !error?.signIn;
-    if (error?.signIn) signIn.href = error.signIn;
+    if (error?.signIn) signIn.href = signInAddress(error.signIn);
   }
+}
+
+/** Longest way back that the form takes (server/src/door/routes.rs). */
+const LONGEST_NEXT = 4000;
+
+/** The form, in the language of the page, and from there back to what was to be seen: the view and the measurements of a link are in the address. */
+function signInAddress(form) {
+  const address = new URL(form);
+  const { pathname, search, hash } = location;
+  const ways = [pathname + search + hash, pathname + search];
+  const next = ways.find((way) => way.length <= LONGEST_NEXT);
+  if (next) address.searchParams.set("next", next);
+  address.searchParams.set("lang", document.documentElement.lang);
+  return address.href;
 }

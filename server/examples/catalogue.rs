@@ -1,12 +1,18 @@
-//! How long the catalogue's index takes: `cargo run --release -p kilwa-server --example catalogue -- [OBJECTS]`.
+//! How long the catalogue takes: `cargo run --release -p kilwa-server --example catalogue -- [OBJECTS]`.
 //!
-//! Writes so many small objects (10,000 unless told) to a temporary folder, then prints: first reading, warm start, a refresh when
-//! nothing and when one object changed, and searches (median, 95 and 99 %) with two threads asking at once.
+//! Writes so many small objects (10,000 unless told) to a temporary folder, then prints: first reading, warm start (the index, and all of the server's:
+//! folder and index), a refresh when nothing and when one object changed, and searches (median, 95 and 99 %) with two threads asking at
+//! once; then the same of whole pages (list, search, filters, map, collection, model) through the site's own router, without a socket.
 
+use axum::body::Body;
+use axum::http::Request;
 use kilwa_server::index::{Facet, Index, Query, Sort};
-use std::collections::BTreeSet;
+use kilwa_server::{COLLECTIONS_FILE, Catalogue, Collections, Page, Site, app};
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
+use tower::ServiceExt as _;
 
 const KINDS: [&str; 8] = ["fort", "mosque", "palace", "tomb", "well", "house", "wall", "rock art"];
 const COUNTRIES: [&str; 6] = ["TZ", "KE", "MZ", "OM", "PT", "FR"];
@@ -35,7 +41,7 @@ fn write(folder: &Path, i: usize) -> std::io::Result<()> {
     });
     let metadata = serde_json::json!({
         "title": title, "language": "en", "rights": {"uri": "https://creativecommons.org/licenses/by/4.0/"},
-        "place": {"country": pick(&COUNTRIES, 2)}, "object": {"kind": pick(&KINDS, 5), "period": pick(&WORDS, 11)}, "model": {"units": "m"},
+        "place": {"country": pick(&COUNTRIES, 2), "latitude": (i * 37 % 1200) as f64 / 10.0 - 60.0, "longitude": (i * 53 % 3400) as f64 / 10.0 - 170.0}, "object": {"kind": pick(&KINDS, 5), "period": pick(&WORDS, 11)}, "model": {"units": "m"},
     });
     std::fs::write(home.join("v1/metadata/metadata.json"), metadata.to_string())?;
     std::fs::write(home.join("manifest.json"), manifest.to_string())
@@ -85,9 +91,69 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         mine.extend(other.join().unwrap_or_default());
         mine
     });
+    shares("search", &mut times);
+    pages(folder.path(), &file)
+}
+
+fn shares(what: &str, times: &mut [Duration]) {
     times.sort();
     for share in [50, 95, 99] {
-        println!("search p{share}: {:.1} ms", times[(times.len() - 1) * share / 100].as_secs_f64() * 1e3);
+        println!("{what} p{share}: {:.1} ms", times[(times.len() - 1) * share / 100].as_secs_f64() * 1e3);
+    }
+}
+
+/// Pages as a browser asks for them, from two threads.
+fn pages(folder: &Path, file: &Path) -> Result<(), Box<dyn std::error::Error>> {
+    let members: Vec<String> = (100..400).map(|i| format!("\"object-{i}\"")).collect();
+    let collection = format!("[[collection]]\nslug = \"some\"\ntitle = \"Some\"\nmembers = [{}]\n", members.join(", "));
+    std::fs::write(folder.join(COLLECTIONS_FILE), collection)?;
+    let start = Instant::now();
+    let mut site = Site::new(Catalogue::open(folder)?, Page::from_files(BTreeMap::new()));
+    let index = Index::open(folder, Some(file))?;
+    index.refresh()?;
+    println!("warm start of all: {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
+    site.index = Some(Arc::new(index));
+    site.collections = Some(Arc::new(Collections::new(folder.join(COLLECTIONS_FILE))));
+    let app = app(site);
+    let kinds = [
+        ("list", vec!["/", "/?page=200", "/?sort=newest", "/?sort=largest&lang=ar"]),
+        (
+            "search page",
+            vec![
+                "/?q=coral",
+                "/?q=coral%20st",
+                "/?q=harbour",
+                "/?q=stone&kind=fort&sort=title",
+                "/?q=tower&country=TZ",
+            ],
+        ),
+        ("map", vec!["/map", "/map?q=harbour", "/map?country=KE"]),
+        ("collection", vec!["/collections/some/"]),
+    ];
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+    for (what, addresses) in kinds {
+        let ask = |app: axum::Router, addresses: Vec<&'static str>| async move {
+            let mut times = Vec::new();
+            for _ in 0..40 {
+                for address in &addresses {
+                    let start = Instant::now();
+                    let request = Request::get(*address)
+                        .header("accept-encoding", "gzip")
+                        .body(Body::empty())
+                        .unwrap_or_default();
+                    let answered = app.clone().oneshot(request).await.is_ok_and(|r| r.status().is_success());
+                    times.push(if answered { start.elapsed() } else { Duration::MAX });
+                }
+            }
+            times
+        };
+        let mut times = runtime.block_on(async {
+            let other = tokio::spawn(ask(app.clone(), addresses.clone()));
+            let mut mine = ask(app.clone(), addresses).await;
+            mine.extend(other.await.unwrap_or_default());
+            mine
+        });
+        shares(what, &mut times);
     }
     Ok(())
 }

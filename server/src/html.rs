@@ -1,11 +1,11 @@
-//! The HTML that the server writes: the list of models, one model's facts inside the viewer page, "not found".
+//! HTML about one model: its facts inside the viewer page, its landing page as served, what is left of it, "not found".
 //!
-//! Everything from a pack is escaped. The pages work without JavaScript: the list is a list of links, and a model's
-//! page holds its facts and the download in plain HTML.
+//! Everything from a pack is escaped. The pages work without JavaScript: a model's page holds its facts and the download in plain HTML. The list is
+//! in [`crate::portal`].
 
-use crate::access::{Clock, Verdict};
 use crate::catalogue::{Kind, Model, Summary};
 use crate::object::record::xml::escape;
+use crate::portal::language::Language;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -16,94 +16,21 @@ pub(crate) const HEAD: &str = "<!doctype html>\n<html lang=\"en\">\n<head>\n<met
     <link rel=\"icon\" href=\"/viewer/icons/kilwa.svg\" type=\"image/svg+xml\">\n\
     <link rel=\"stylesheet\" href=\"/viewer/style.css\">\n";
 
-/// The list of models.
-pub(crate) fn list(models: &[Arc<Model>], clock: &Clock) -> String {
-    let mut s = String::from(HEAD);
-    s.push_str("<title>Models - Kilwa</title>\n</head>\n<body class=\"list\">\n");
-    s.push_str("<header class=\"site\"><a class=\"brand\" href=\"/\"><img src=\"/viewer/icons/kilwa.svg\" alt=\"\" width=\"28\" height=\"28\"> Kilwa</a></header>\n<main>\n<h1>Models</h1>\n");
-    let triangles: u64 = models.iter().filter_map(|m| m.summary.as_ref().ok()).map(|x| x.triangles).sum();
-    let bytes: u64 = models.iter().map(|m| m.bytes).sum();
-    if models.is_empty() {
-        s.push_str(
-            "<p class=\"lead\">There is no pack in this folder yet. Make one with \
-             <code>kilwa build MESH.ply -o NAME.kilwa</code>, put it here, and load this page again.</p>\n",
-        );
-    } else {
-        let _ = writeln!(
-            s,
-            "<p class=\"lead\">{} {}, {} triangles, {}.</p>\n<ul class=\"cards\">",
-            models.len(),
-            if models.len() == 1 { "model" } else { "models" },
-            grouped(triangles),
-            size(bytes)
-        );
-        for m in models {
-            card(&mut s, m, clock);
-        }
-        s.push_str("</ul>\n");
-    }
-    s.push_str("</main>\n</body>\n</html>\n");
-    s
-}
-
-/// Cards of models, without the list around them.
-pub(crate) fn cards(models: &[Arc<Model>], clock: &Clock) -> String {
-    models.iter().fold(String::new(), |mut s, m| {
-        card(&mut s, m, clock);
-        s
-    })
-}
-
-fn card(s: &mut String, m: &Model, clock: &Clock) {
-    let title = escape(m.title());
-    let verdict = m.verdict(clock);
-    if let Verdict::Gone(why) = &verdict {
-        let _ = writeln!(
-            s,
-            "<li class=\"card broken\">\n<h2><a href=\"{}\">{title}</a></h2>\n<p><strong>Withdrawn.</strong> {}</p>\n</li>",
-            m.page(),
-            escape(why)
-        );
-        return;
-    }
-    match &m.summary {
-        Ok(summary) => {
-            let _ = write!(s, "<li class=\"card\">\n{}", extent(summary));
-            let _ = write!(s, "<h2><a href=\"{}\">{title}</a></h2>\n{}", m.page(), facts(m, summary));
-        }
-        Err(why) => {
-            let _ = write!(
-                s,
-                "<li class=\"card broken\">\n<h2>{title}</h2>\n<p><strong>This file cannot be shown.</strong> {}</p>\n",
-                escape(why)
-            );
-        }
-    }
-    if let Verdict::WithoutGeometry(why) = &verdict {
-        let _ = writeln!(s, "<p><strong>The model itself is not public.</strong> {}</p>", escape(why));
-    } else if let Some(pack) = m.pack() {
-        let _ = writeln!(
-            s,
-            "<p class=\"actions\"><a href=\"{}\" download>Download pack<span class=\"hidden\"> of {title}</span></a> <span>{}</span></p>",
-            escape(&pack),
-            size(m.bytes)
-        );
-    }
-    s.push_str("</li>\n");
-}
-
-fn facts(m: &Model, summary: &Summary) -> String {
+/// What a pack says of itself.
+pub(crate) fn facts(m: &Model, summary: &Summary, l: &'static Language) -> String {
     let e = dimensions(summary);
     let mut s = String::from("<dl class=\"facts\">\n");
-    let mut row = |name: &str, value: &str| {
-        let _ = writeln!(s, "<div><dt>{name}</dt><dd>{value}</dd></div>");
+    let mut row = |name: &str, value: &str, dir: &str| {
+        let _ = writeln!(s, "<div><dt>{}</dt><dd{dir}>{value}</dd></div>", l.t(name));
     };
-    row("Triangles", &grouped(summary.triangles));
-    row("Extent", &size_in_space(e));
-    row("Finest spacing", &length(summary.spacing));
-    row("File", &size(m.bytes));
-    row("Reference system", &summary.crs.as_deref().map_or_else(|| "local".to_owned(), escape));
-    row("Licence", &m.object().and_then(|o| o.rights.as_deref()).map_or_else(|| "not stated".to_owned(), escape));
+    let ltr = " dir=\"ltr\"";
+    row("triangles", &l.count(summary.triangles), "");
+    row("extent", &l.decimals(&size_in_space(e)), ltr);
+    row("spacing", &l.decimals(&length(summary.spacing)), ltr);
+    row("file", &l.size(m.bytes), "");
+    row("reference", &summary.crs.as_deref().map_or_else(|| l.t("local").to_owned(), escape), " dir=\"auto\"");
+    let rights = m.object().and_then(|o| o.rights.as_deref());
+    row("licence", &rights.map_or_else(|| l.t("notStated").to_owned(), escape), " dir=\"auto\"");
     s.push_str("</dl>\n");
     s
 }
@@ -114,7 +41,7 @@ fn dimensions(summary: &Summary) -> [f64; 3] {
 }
 
 /// The model's box, drawn in proportion, with its longest side: what can be said of its shape without drawing it.
-fn extent(summary: &Summary) -> String {
+pub(crate) fn extent(summary: &Summary) -> String {
     let e = dimensions(summary);
     if e.iter().any(|v| !v.is_finite()) {
         return String::new();
@@ -155,7 +82,8 @@ pub(crate) fn model(page: &str, m: &Model, notes: bool) -> String {
         (Kind::Object(_), true) => format!(" data-annotations=\"/{}/annotations.json\"", m.slug),
     };
     let body = match &m.summary {
-        Ok(summary) => facts(m, summary),
+        // The viewer writes them anew in the reader's language.
+        Ok(summary) => facts(m, summary, Language::english()),
         Err(why) => format!("<p><strong>This file cannot be shown.</strong> {}</p>\n", escape(why)),
     };
     page.replacen("<base href=\"./\">", "<base href=\"/viewer/\">", 1)
@@ -177,6 +105,19 @@ pub(crate) fn landing(page: &str, head: &str, notes: Option<&str>) -> String {
     };
     // Published without a list of its own; whatever it was published with, here this list is the one.
     page.replacen("data-list=\"\"", "data-list=\"/\"", 1)
+}
+
+/// A model's page with the way to its extracts: in the lists of files of an object, and below the facts of a pack. The words are the same in all
+/// languages, because the page changes its own.
+pub(crate) fn with_extracts(page: String, slug: Option<&str>) -> String {
+    let Some(slug) = slug else { return page };
+    let link = format!("<a href=\"/{}/extract\">PLY, GLB, OBJ, STL …</a>", escape(slug));
+    let list = "<ul class=\"files\">";
+    if page.contains(list) {
+        page.replace(list, &format!("{list}<li>{link}</li>"))
+    } else {
+        page.replacen("</dl>\n", &format!("</dl>\n<ul class=\"files\"><li>{link}</li></ul>\n"), 1)
+    }
 }
 
 /// What is left of something that was withdrawn and has no tombstone of its own.

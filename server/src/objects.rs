@@ -15,11 +15,12 @@ use crate::door::Door;
 use crate::holding::{Entry, Holding, Table};
 use crate::html;
 use crate::object::Manifest;
-use crate::object::layout::{MANIFEST, PAGE, VIEWER};
+use crate::object::layout::{MANIFEST, PAGE, PREVIEW, VIEWER};
+use crate::object::manifest::Version;
 use crate::packs::blocking;
 use crate::page::content_type;
 use crate::site::{Site, accepts};
-use crate::store::{is_away, warn};
+use crate::store::{Place, is_away, warn};
 use axum::body::{Body, Bytes};
 use axum::http::header::{
     ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE, ETAG, VARY, WWW_AUTHENTICATE,
@@ -270,7 +271,7 @@ pub(crate) fn whole(bytes: impl Into<Bytes>, kind: &str, method: &Method, header
 }
 
 /// What the door says; it may have to read its file.
-async fn lets_out(door: &Arc<Door>, headers: &HeaderMap, slug: &str, content: &str, clock: &Clock) -> bool {
+pub(crate) async fn lets_out(door: &Arc<Door>, headers: &HeaderMap, slug: &str, content: &str, clock: &Clock) -> bool {
     let (door, headers, now) = (Arc::clone(door), headers.clone(), clock.seconds());
     let (slug, content) = (slug.to_owned(), content.to_owned());
     blocking(move || door.lets_out(&headers, &slug, &content, now)).await.unwrap_or(false)
@@ -309,6 +310,33 @@ pub(crate) async fn manifest(site: &Site, slug: &str) -> Result<Manifest, Status
     let model = blocking(move || catalogue.model(&slug).ok_or_else(|| catalogue.missing())).await??;
     let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
     Ok(table(&object.holding).await?.manifest.clone())
+}
+
+/// The manifest of an object that was found.
+pub(crate) async fn manifest_of(holding: &Arc<Holding>) -> Result<Manifest, StatusCode> {
+    Ok(table(holding).await?.manifest.clone())
+}
+
+/// The pack of a version, and where it lies.
+pub(crate) struct FoundPack {
+    pub(crate) place: Place,
+    pub(crate) version: Version,
+    /// Address of the version's preview in the object, where there is one.
+    pub(crate) preview: Option<String>,
+}
+
+/// The pack of a version, of the current one unless told.
+pub(crate) async fn pack_of(holding: &Arc<Holding>, version: Option<u32>) -> Result<FoundPack, StatusCode> {
+    let table = table(holding).await?;
+    let manifest = &table.manifest;
+    let version = match version {
+        Some(number) => manifest.versions.iter().find(|v| v.version == number),
+        None => manifest.current(),
+    };
+    let version = version.ok_or(StatusCode::NOT_FOUND)?.clone();
+    let entry = table.get(&version.pack.url).ok_or(StatusCode::NOT_FOUND)?;
+    let preview = Some(format!("{}/{PREVIEW}", version.folder)).filter(|name| table.get(name).is_some());
+    Ok(FoundPack { place: entry.place().clone(), version, preview })
 }
 
 /// 403: why the geometry cannot be had.

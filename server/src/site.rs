@@ -3,8 +3,10 @@
 //! | URL | what |
 //! |---|---|
 //! | `/` | the catalogue ([`crate::portal`]), or the list of packs; readable without JavaScript |
+//! | `/map`, `/collections/…` | where the models are; models that belong together |
 //! | `/oai`, `/oembed`, `/feed.xml`, `/sitemap.xml`, `/robots.txt` | the catalogue for other systems |
 //! | `/<slug>/` | landing page of an archive object; its files are below ([`crate::objects`]) |
+//! | `/<slug>/extract…` | meshes for other programs, made on request ([`crate::extracts`]) |
 //! | `/m/<slug>` | a pack that lies in the folder: the viewer page, with its facts in the HTML |
 //! | `/packs/<slug>.kilwa` | the pack ([`crate::packs`]) |
 //! | `/viewer/<file>` | the page's files |
@@ -16,6 +18,7 @@ use crate::access::Clock;
 use crate::catalogue::{Catalogue, Kind, Model};
 use crate::content::{share, text};
 use crate::door::{self, Door};
+use crate::extracts::{self, Extracts};
 use crate::html;
 use crate::index::Index;
 use crate::metrics::Metrics;
@@ -24,6 +27,7 @@ use crate::observe::{Observer, observe};
 use crate::packs::{self, blocking};
 use crate::page::{Asset, Page};
 use crate::policy::Policy;
+use crate::portal::collections::Collections;
 use crate::portal::{base, routes, signposting};
 use crate::range::lists;
 use crate::socket::Peer;
@@ -84,6 +88,10 @@ pub struct Site {
     pub url: Option<String>,
     /// Whom harvesters may write to.
     pub contact: Option<String>,
+    /// Meshes for other programs, made on request; without it there are none.
+    pub extracts: Option<Arc<Extracts>>,
+    /// Models that belong together.
+    pub collections: Option<Arc<Collections>>,
     /// Who is let in to what is not public; without it nobody is.
     pub door: Option<Arc<Door>>,
     /// Where versions are taken that are published from elsewhere; without it none are.
@@ -105,6 +113,8 @@ impl Site {
             index: None,
             url: None,
             contact: None,
+            extracts: None,
+            collections: None,
             door: None,
             uploads: None,
         }
@@ -131,6 +141,10 @@ pub fn app(site: Site) -> Router {
         .route("/packs/{file}", get(pack).options(preflight))
         .route("/viewer/", get(viewer))
         .route("/viewer/{*file}", get(asset).options(preflight))
+        .route("/map", get(routes::map))
+        .route("/collections/", get(routes::all_collections))
+        .route("/collections/{slug}/", get(routes::collection))
+        .route("/collections/{slug}/feed.xml", get(routes::collection_feed))
         .route("/oai", get(routes::harvest).post(routes::harvest))
         .route("/oembed", get(routes::embed))
         .route("/feed.xml", get(routes::feed))
@@ -140,6 +154,8 @@ pub fn app(site: Site) -> Router {
         .route("/metrics", get(metrics))
         .route("/{slug}", get(towards))
         .route("/{slug}/", get(landing))
+        .route("/{slug}/extract", get(extracts::routes::ask).post(extracts::routes::begin))
+        .route("/{slug}/extract/{name}", get(extracts::routes::file))
         .route("/sign-in", get(door::routes::ask).post(door::routes::sign_in))
         .route("/sign-out", post(door::routes::sign_out))
         .route("/{slug}/{*file}", get(object).post(door::routes::open).options(preflight))
@@ -196,7 +212,7 @@ async fn list(State(site): State<Site>, RawQuery(query): RawQuery, headers: Head
         return routes::list(&site, index, query, &headers).await;
     }
     match models(&site).await {
-        Ok(models) => page(html::list(&models, &site.clock), &headers),
+        Ok(models) => routes::plain_list(&site, &models, query, &headers).await,
         Err(status) => status.into_response(),
     }
 }
@@ -218,12 +234,15 @@ async fn models(site: &Site) -> Result<Vec<Arc<Model>>, StatusCode> {
 async fn model(State(site): State<Site>, Path(slug): Path<String>, headers: HeaderMap) -> Response {
     match find(&site, &slug).await {
         Ok(model) if model.object().is_some() => to(&model.page()),
-        Ok(model) => page(html::model(site.page.html(), &model, has_notes(&model).await), &headers),
+        Ok(model) => {
+            let html = html::model(site.page.html(), &model, has_notes(&model).await);
+            page(html::with_extracts(html, site.extracts.as_ref().map(|_| slug.as_str())), &headers)
+        }
         Err(status) => or_lost(status),
     }
 }
 
-async fn find(site: &Site, slug: &str) -> Result<Arc<Model>, StatusCode> {
+pub(crate) async fn find(site: &Site, slug: &str) -> Result<Arc<Model>, StatusCode> {
     let (catalogue, slug) = (Arc::clone(&site.catalogue), slug.to_owned());
     blocking(move || catalogue.model(&slug).ok_or_else(|| catalogue.missing())).await?
 }
@@ -258,7 +277,8 @@ async fn landing(State(site): State<Site>, Path(slug): Path<String>, headers: He
         Some(html) => html::landing(&html, &site.policy.meta(), notes.as_deref()),
         None => html::model(site.page.html(), &model, notes.is_some()),
     };
-    let mut response = page(html, &headers);
+    let offered = site.extracts.as_ref().filter(|_| status == StatusCode::OK);
+    let mut response = page(html::with_extracts(html, offered.map(|_| slug.as_str())), &headers);
     *response.status_mut() = status;
     if status == StatusCode::OK {
         let base = base(site.url.as_deref(), &headers, site.behind_proxy);
@@ -382,6 +402,6 @@ fn or_lost(status: StatusCode) -> Response {
     if status == StatusCode::NOT_FOUND { lost() } else { status.into_response() }
 }
 
-fn lost() -> Response {
+pub(crate) fn lost() -> Response {
     (StatusCode::NOT_FOUND, Html(html::lost())).into_response()
 }

@@ -48,7 +48,7 @@ async fn a_model_page_carries_its_pack_and_facts_in_plain_html() {
 async fn a_model_added_to_the_folder_appears_and_a_single_pack_can_be_served() {
     let dir = tempfile::tempdir().unwrap();
     let app = site(dir.path());
-    assert!(get(&app, "/").await.text().contains("no pack in this folder"));
+    assert!(get(&app, "/").await.text().contains("no model here"));
     write(dir.path().join("late.kilwa"), pack("Late")).unwrap();
     std::thread::sleep(std::time::Duration::from_millis(1100));
     assert_eq!(get(&app, "/m/late").await.status, 200);
@@ -85,7 +85,7 @@ async fn page_files_are_compressed_where_that_is_accepted() {
     assert_ne!(both.header("etag"), one.header("etag"));
     assert_eq!(get(&app, "/viewer/i18n/sw.json.br").await.status, 404);
     let list = ask(&app, "GET", "/", &[("accept-encoding", "gzip")]).await;
-    assert_eq!((list.header("content-encoding"), list.header("vary")), ("gzip", "Accept-Encoding"));
+    assert_eq!((list.header("content-encoding"), list.header("vary")), ("gzip", "Accept-Encoding, Accept-Language"));
     assert_eq!(get(&app, "/").await.header("content-encoding"), "");
     assert_eq!(get(&app, "/healthz").await.text(), "ok\n");
 }

@@ -5,7 +5,7 @@ mod common;
 use common::{Answer, ask, get, object, pack, page, public};
 use kilwa_server::index::Index;
 use kilwa_server::object::manifest::{Access, AccessState, Manifest};
-use kilwa_server::{Catalogue, Clock, Site, app};
+use kilwa_server::{COLLECTIONS_FILE, Catalogue, Clock, Collections, Site, app};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -15,6 +15,7 @@ fn portal(folder: &Path) -> axum::Router {
     let index = Index::open(folder, None).unwrap();
     index.refresh().unwrap();
     site.index = Some(Arc::new(index));
+    site.collections = Some(Arc::new(Collections::new(folder.join(COLLECTIONS_FILE))));
     site.url = Some("https://museum.example".to_owned());
     // 2026-11-21T12:00:00Z
     site.clock = Clock::new(|| 1_795_262_400);
@@ -102,6 +103,87 @@ async fn the_catalogue_speaks_five_languages() {
     assert!(arabic.contains("href=\"/?q=coral&amp;lang=sw\""), "the other languages keep the question");
     let a = ask(&app, "GET", "/", &[("accept-language", "sw, en;q=0.5")]).await;
     assert!(a.text().contains("<html lang=\"sw\"") && a.header("vary").contains("Accept-Language"));
+}
+
+#[tokio::test]
+async fn cards_of_packs_without_metadata_are_in_the_readers_language_too() {
+    let dir = archive();
+    let swahili = get(&portal(dir.path()), "/?lang=sw").await.text();
+    assert!(swahili.contains("Pakua furushi") && !swahili.contains("Download pack"), "{swahili}");
+    let alone = tempfile::tempdir().unwrap();
+    std::fs::write(alone.path().join("plain.kilwa"), pack("Plain pack")).unwrap();
+    let list = get(&portal(alone.path()), "/?lang=fr").await.text();
+    assert!(list.contains("<html lang=\"fr\"") && list.contains("Télécharger le paquet"), "{list}");
+    assert!(list.contains("href=\"/m/plain?lang=fr\""), "the language goes along: {list}");
+}
+
+/// Where a model is by its box alone: UTM 37 S.
+fn stands(m: &mut Manifest, east: f64, north: f64) {
+    let figures = &mut m.versions[0].figures;
+    figures.crs = Some("EPSG:32737".to_owned());
+    figures.bounds = [[east, north, 0.0], [east + 50.0, north + 50.0, 9.0]];
+}
+
+#[tokio::test]
+async fn the_map_shows_what_is_public_and_says_nothing_of_the_rest() {
+    let dir = tempfile::tempdir().unwrap();
+    published(dir.path(), "gereza", |m| stands(m, 556_800.0, 9_009_000.0));
+    published(dir.path(), "songo", |m| stands(m, 560_000.0, 8_996_000.0));
+    published(dir.path(), "nowhere", |_| {});
+    let whole = get(&portal(dir.path()), "/map").await;
+    assert_eq!(whole.status, 200);
+    published(dir.path(), "hidden", |m| {
+        stands(m, 300_000.0, 9_300_000.0);
+        m.versions[0].location_redacted = true;
+    });
+    published(dir.path(), "closed", |m| {
+        stands(m, 310_000.0, 9_300_000.0);
+        m.access = Access { state: AccessState::Restricted, ..public() };
+    });
+    published(dir.path(), "gone", |m| {
+        stands(m, 320_000.0, 9_300_000.0);
+        m.access = Access { state: AccessState::Withdrawn, withdrawn: Some("2026-11-19".to_owned()), ..public() };
+    });
+    let app = portal(dir.path());
+    let with_hidden = get(&app, "/map").await.text();
+    assert_eq!(with_hidden, whole.text(), "not even a gap, another middle or a number tells of them");
+    assert!(with_hidden.contains("href=\"/gereza/\"") && with_hidden.contains("href=\"/songo/\""));
+    assert!(with_hidden.contains("Models on the map: 2") && with_hidden.contains("class=\"land\""));
+    assert!(!with_hidden.contains("<script") && !with_hidden.contains(" style="));
+    assert!(get(&app, "/map?q=songo&lang=ar").await.text().contains("href=\"/songo/?lang=ar\""));
+    assert!(!get(&app, "/map?q=songo").await.text().contains("gereza"));
+    for odd in ["/map?box=1,2", "/map?box=0,0,1,1", "/map?box=%22%3E", "/map?q=xyzzy"] {
+        assert_eq!(get(&app, odd).await.status, 200, "{odd}");
+    }
+}
+
+const COLLECTION: &str = "[[collection]]\nslug = \"coast\"\ntitle = \"The <coast>\"\ntext = \"\"\"One.\n\nTwo.\"\"\"\nmembers = [\"songo-mnara\", \"gone\", \"none\", \"gereza\"]\n";
+
+#[tokio::test]
+async fn a_collection_has_a_page_a_feed_and_is_a_set() {
+    let dir = archive();
+    std::fs::write(dir.path().join(COLLECTIONS_FILE), COLLECTION).unwrap();
+    let app = portal(dir.path());
+    let front = get(&app, "/").await.text();
+    assert!(front.contains("href=\"/collections/coast/\"") && front.contains("The &lt;coast&gt;"), "{front}");
+    assert!(get(&app, "/collections/").await.text().contains("The &lt;coast&gt;"));
+    let page = get(&app, "/collections/coast/").await;
+    assert_eq!(titles(&page), ["Gereza &lt;Kilwa&gt;", "Songo Mnara"], "{}", page.text());
+    let text = page.text();
+    assert!(text.find("Songo").unwrap() < text.find("Gereza").unwrap(), "in the order of the file");
+    assert_eq!(text.matches("class=\"prose\"").count(), 2);
+    let feed = get(&app, "/collections/coast/feed.xml").await.text();
+    assert_eq!(feed.matches("<entry>").count(), 2, "{feed}");
+    assert!(feed.contains("<id>https://museum.example/collections/coast/</id>"));
+    assert_eq!(get(&app, "/collections/none/").await.status, 404);
+    assert!(get(&app, "/sitemap.xml").await.text().contains("https://museum.example/collections/coast/"));
+    let sets = get(&app, "/oai?verb=ListSets").await.text();
+    assert!(sets.contains("<setSpec>coast</setSpec>\n<setName>The &lt;coast&gt;</setName>"), "{sets}");
+    let set = get(&app, "/oai?verb=ListIdentifiers&metadataPrefix=oai_dc&set=coast").await.text();
+    assert_eq!(set.matches("<identifier>").count(), 3, "what was withdrawn is a deleted record of it: {set}");
+    assert!(set.contains("<setSpec>coast</setSpec>") && !set.contains(":panel<"));
+    let other = get(&app, "/oai?verb=ListRecords&metadataPrefix=oai_dc&set=none").await.text();
+    assert!(other.contains("noRecordsMatch"), "{other}");
 }
 
 #[tokio::test]
@@ -201,7 +283,7 @@ async fn harvesters_get_what_oai_pmh_promises() {
         ("verb=ListRecords&metadataPrefix=marc", "cannotDisseminateFormat"),
         ("verb=ListRecords&metadataPrefix=oai_dc&from=yesterday", "badArgument"),
         ("verb=ListRecords&metadataPrefix=oai_dc&from=2030-01-01", "noRecordsMatch"),
-        ("verb=ListRecords&resumptionToken=x", "badResumptionToken"),
+        ("verb=ListRecords&resumptionToken=x,y,z,w", "badResumptionToken"),
         ("verb=ListRecords&metadataPrefix=oai_dc&set=a", "noSetHierarchy"),
         ("verb=ListSets", "noSetHierarchy"),
         ("verb=GetRecord&metadataPrefix=oai_dc&identifier=oai:museum.example:none", "idDoesNotExist"),

@@ -39,7 +39,8 @@ pub(crate) fn write(pack: &Path, to: &Path, most_bytes: u64) -> anyhow::Result<P
         let mut encoder = Format::Glb.encoder(&target);
         let output = Output::prepare(to, false)?;
         let mut scratch = output.scratch()?;
-        let counts = stream::stream(&reader, &chosen, None, &mut *encoder, &mut scratch).with_context(of_pack)?;
+        let counts =
+            stream::stream(&reader, &chosen, None, &mut *encoder, &mut scratch, &|_| {}).with_context(of_pack)?;
         anyhow::ensure!(counts.triangles > 0, "{}: it holds no triangle", pack.display());
         let mut bytes = Vec::new();
         encoder.assemble(&mut bytes, &mut scratch, counts).with_context(|| format!("cannot make {}", to.display()))?;

@@ -32,17 +32,19 @@ pub(super) struct Counts {
     pub(super) triangles: u64,
 }
 
-/// Write the vertices and the triangles of the cut to the scratch files.
+/// Write the vertices and the triangles of the cut to the scratch files; `told` hears the share that is done.
 pub(super) fn stream(
     reader: &Reader<FileSource>,
     chosen: &Chosen,
     region: Option<&Steps>,
     encoder: &mut dyn Encoder,
     scratch: &mut Scratch,
+    told: &dyn Fn(f64),
 ) -> anyhow::Result<Counts> {
     let axis = longest_side(reader);
     let chunks = in_order(reader, chosen, region, axis);
     let bar = progress_bar(chunks.len() as u64, "extracting");
+    let mut done = 0;
     let mut weld = Weld { axis, known: HashMap::new(), kept: 0, counts: Counts::default(), bytes: Vec::new() };
     for batch in chunks.chunks(BATCH) {
         let decoded: Vec<Result<Chunk, PackError>> = batch.par_iter().map(|&i| reader.chunk(i)).collect();
@@ -59,6 +61,8 @@ pub(super) fn stream(
             weld.add(&chunk, chosen, region, encoder, scratch)?;
         }
         bar.inc(batch.len() as u64);
+        done += batch.len();
+        told(done as f64 / chunks.len() as f64);
     }
     bar.finish_and_clear();
     Ok(weld.counts)

@@ -45,7 +45,7 @@ test("who may not see it reads why, with its poster, facts and citation, and fin
   await page.locator("#trouble-poster").waitFor({ state: "visible" });
   assert.ok(!(await page.locator("#trouble-download").isVisible()), "what cannot be had is not offered");
   assert.match(await page.locator("#panel").innerText(), /How to cite/);
-  assert.equal(await page.locator("#trouble-sign-in").getAttribute("href"), `${server.url}/sign-in?next=%2Fcave%2F`);
+  assert.equal(await page.locator("#trouble-sign-in").getAttribute("href"), `${server.url}/sign-in?next=%2Fcave%2F&lang=en`);
   await close();
 });
 

@@ -8,6 +8,7 @@
 mod client;
 mod limits;
 mod logs;
+mod portal;
 mod process;
 mod proxies;
 mod ranges;

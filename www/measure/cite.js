@@ -9,13 +9,18 @@ import { readingName, text } from "./values.js";
 /**
  * @param {object} engine
  * @param {object} measurement as in files
- * @param {{kind: object, unit: string, lang: string}} how `kind`: its tool
+ * @param {{kind: object, unit: string, lang: string, published: string}} how `kind`: its tool; `published`: the title that the model was
+ * published under, which is what others find; without it, the pack's own
  */
-export async function citation(engine, measurement, { kind, unit, lang }) {
-  if (lang === "en") return engine.cite(measurement, { unit });
+export async function citation(engine, measurement, { kind, unit, lang, published }) {
+  if (lang === "en") {
+    const sentence = await engine.cite(measurement, { unit });
+    return published ? sentence.replace(`“${engine.pack.title}”`, () => `“${published}”`) : sentence;
+  }
   const { name, readings, uncertainty, date } = measurement;
   const values = readings.map((r) => `${readingName(r.name)} ${isolate(text(r, unit))}`);
-  const { title, identity, program } = engine.pack;
+  const { identity, program } = engine.pack;
+  const title = published || engine.pack.title;
   const capture = Number.isFinite(uncertainty.capture) ? t("citeCapture", { value: isolate(`${uncertainty.capture} m`) }) : t("citeCaptureUnknown");
   const given = date ? t("citeDate", { date: isolate(date) }) : "";
   return t("citeSentence", { name, tool: kindName(kind), values: values.join(", "), title, identity: isolate(identity), program: isolate(program), capture, date: given });

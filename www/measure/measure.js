@@ -7,6 +7,7 @@
 
 import { notice, hint, openTab, peek } from "../chrome.js";
 import { apply, t } from "../i18n.js";
+import { writeState } from "../link.js";
 import { moved } from "../list.js";
 import { sentence, why } from "../said.js";
 import { get, put, unique } from "../store.js";
@@ -650,9 +651,15 @@ export class Measure {
 
   async cite(item) {
     try {
-      const sentence = await citation(await this.engine, this.files.measurement(item), { kind: item.task.kind, lang: document.documentElement.lang, unit: this.unit });
-      this.panel.cited(item.id, sentence);
-      await this.copy(sentence, "measureCited");
+      const sentence = await citation(await this.engine, this.files.measurement(item), {
+        kind: item.task.kind,
+        lang: document.documentElement.lang,
+        unit: this.unit,
+        published: this.page.pack.isLocal ? "" : (document.body.dataset.title ?? ""),
+      });
+      const address = this.addressOf(item);
+      this.panel.cited(item.id, sentence, address);
+      await this.copy(address ? `${sentence} ${address}` : sentence, "measureCited");
     } catch (error) {
       notice(t("measureFailed", { why: why(error) }), 10000);
     }
@@ -693,6 +700,16 @@ export class Measure {
     const across = Math.hypot(...high.map((v, i) => v - low[i]));
     this.page.lookAtRegion(middle, across);
     peek();
+  }
+
+  /** Where a citation leads: this model, seen as now, with this one measurement; null for a file of this computer. */
+  addressOf({ name, color, task }) {
+    if (this.page.pack.isLocal) return null;
+    const measurements = writeAddress([{ ...task.record(), name, color: color === COLOR ? undefined : color }]);
+    const given = new URLSearchParams(location.search).get("pack");
+    const search = given ? `?pack=${encodeURIComponent(given)}` : "";
+    const state = { ...this.page.state(), measurements: measurements.length > LONGEST ? null : measurements, annotation: null };
+    return `${location.origin}${location.pathname}${search}${writeState(state)}`;
   }
 
   /** What the address holds; null where it would be too long. */

@@ -202,7 +202,10 @@ export class Panel {
     }
     out.append(this.#words(item));
     const sentence = this.sentences.get(item.id);
-    if (sentence) out.append(h("p", { className: "cited", text: sentence, dir: "auto" }));
+    if (sentence) {
+      out.append(h("p", { className: "cited", text: sentence.words, dir: "auto" }));
+      if (sentence.address) out.append(h("p", { className: "cited-address" }, h("a", { href: sentence.address, text: sentence.address, dir: "ltr" })));
+    }
     if (task.fitted && task.kind.plane && task.isFinal) {
       out.append(h("p", { className: "actions" }, h("button", { type: "button", className: "button outlined", key: "measureMap", data: { act: "map" }, onclick: () => measure.map(item) })));
     }
@@ -259,9 +262,9 @@ export class Panel {
     return h("div", { className: "editor" }, h("label", {}, h("span", { key: "name" }), name), h("label", {}, h("span", { key: "note" }), note));
   }
 
-  /** The sentence that cites a measurement, below it. */
-  cited(id, sentence) {
-    this.sentences.set(id, sentence);
+  /** The sentence that cites a measurement, below it, and the address that leads back to it. */
+  cited(id, words, address) {
+    this.sentences.set(id, { words, address });
     this.show();
   }
 }

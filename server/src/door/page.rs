@@ -54,11 +54,12 @@ pub(crate) fn form(language: &'static Language, said: Said, next: &str, name: Op
     }
     let _ = write!(
         s,
-        "<form method=\"post\" action=\"/sign-in\">\n<input type=\"hidden\" name=\"next\" value=\"{}\">\n\
+        "<form method=\"post\" action=\"/sign-in\">\n<input type=\"hidden\" name=\"next\" value=\"{}\"><input type=\"hidden\" name=\"lang\" value=\"{}\">\n\
          <p><label for=\"name\">{}</label><br><input id=\"name\" name=\"name\" autocomplete=\"username\" autocapitalize=\"none\" spellcheck=\"false\" required value=\"{}\" dir=\"ltr\"></p>\n\
          <p><label for=\"password\">{}</label><br><input id=\"password\" name=\"password\" type=\"password\" autocomplete=\"current-password\" required dir=\"ltr\"></p>\n\
          <p class=\"actions\"><button class=\"button filled\">{}</button></p>\n</form>\n</main>\n</body>\n</html>\n",
         escape(next),
+        language.code,
         t("userName"),
         escape(name.unwrap_or_default()),
         t("password"),

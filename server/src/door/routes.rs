@@ -29,6 +29,8 @@ use tokio::sync::Semaphore;
 /// A form must be there within this, and no longer than this.
 const FORM: Duration = Duration::from_secs(10);
 const FORM_BYTES: usize = 16 * 1024;
+/// Longest address to go on to: a link holds a view and measurements.
+const NEXT_MAX: usize = 4000;
 /// Passwords hashed at once; each takes 19 MiB and some 20 ms. The permit goes with the work: who hangs up does not free it.
 static HASHING: LazyLock<Arc<Semaphore>> = LazyLock::new(|| Arc::new(Semaphore::new(2)));
 
@@ -61,7 +63,8 @@ pub(crate) async fn sign_in(State(site): State<Site>, request: Request) -> Respo
     let value = |wanted: &str| pairs.iter().find(|(n, _)| n == wanted).map(|(_, v)| v.clone()).unwrap_or_default();
     let (name, password, next) = (value("name").trim().to_lowercase(), value("password"), value("next"));
     let next = inside(&next).to_owned();
-    let language = Language::choose(None, text(&headers, &ACCEPT_LANGUAGE).unwrap_or_default());
+    let lang = value("lang");
+    let language = Language::choose(Some(&lang), text(&headers, &ACCEPT_LANGUAGE).unwrap_or_default());
     let now = site.clock.seconds();
     let session = match check(&door, &name, password, client, now).await {
         Ok(session) => session,
@@ -144,30 +147,17 @@ pub(crate) async fn open(
         Ok(manifest) => manifest,
         Err(status) => return plain(status).into_response(),
     };
-    let now = site.clock.seconds();
     let why = match verdict(&manifest.access, &site.clock) {
         Verdict::Open => return StatusCode::NO_CONTENT.into_response(),
         Verdict::Gone(why) => return refused(StatusCode::GONE, &why, None),
         Verdict::WithoutGeometry(why) => why,
     };
-    let (Some(door), Some(version)) = (site.door.clone(), manifest.current()) else {
+    let (true, Some(version)) = (site.door.is_some(), manifest.current()) else {
         return refused(StatusCode::FORBIDDEN, &why, None);
     };
-    let (asked, object, pack) = (headers.clone(), slug.clone(), version.pack.sha256.clone());
-    let found = blocking(move || {
-        let visitor = door.visitor(&asked, now)?;
-        let capability = if door.sees(&visitor, &object) { door.capability(&pack, &visitor, now) } else { None };
-        let action = if capability.is_some() { Action::Opened } else { Action::Refused };
-        door.record(action, Some(&visitor), &address, Some(&object), now);
-        Some(capability)
-    });
-    let Ok(found) = found.await else { return plain(StatusCode::SERVICE_UNAVAILABLE).into_response() };
-    match found {
-        Some(Some(capability)) => {
-            let secure = secure(&site, &headers);
+    match capability(&site, &headers, &slug, &version.pack.sha256, address).await {
+        Some(Some(cookie)) => {
             let mut response = StatusCode::NO_CONTENT.into_response();
-            let cookie =
-                format!("{PACK_COOKIE}={capability}; Path=/{slug}/; HttpOnly; SameSite=Strict; Max-Age={LIFE}{secure}");
             insert(&mut response, SET_COOKIE, &cookie);
             insert(&mut response, CACHE_CONTROL, "no-store");
             response
@@ -177,6 +167,32 @@ pub(crate) async fn open(
             refused(StatusCode::UNAUTHORIZED, &why, Some(&format!("/sign-in?next={}", encoded(&format!("/{slug}/")))))
         }
     }
+}
+
+/// The cookie with a capability for the pack of an object, for a visitor who is signed in and may see it; `Some(None)` for one who may not, `None` for
+/// who is not signed in. Recorded.
+pub(crate) async fn capability(
+    site: &Site,
+    headers: &HeaderMap,
+    slug: &str,
+    content: &str,
+    address: String,
+) -> Option<Option<String>> {
+    let door = site.door.clone()?;
+    let now = site.clock.seconds();
+    let (asked, object, content) = (headers.clone(), slug.to_owned(), content.to_owned());
+    let found = blocking(move || {
+        let visitor = door.visitor(&asked, now)?;
+        let capability = if door.sees(&visitor, &object) { door.capability(&content, &visitor, now) } else { None };
+        let action = if capability.is_some() { Action::Opened } else { Action::Refused };
+        door.record(action, Some(&visitor), &address, Some(&object), now);
+        Some(capability)
+    });
+    let capability = found.await.ok().flatten()?;
+    let secure = secure(site, headers);
+    Some(capability.map(|capability| {
+        format!("{PACK_COOKIE}={capability}; Path=/{slug}/; HttpOnly; SameSite=Strict; Max-Age={LIFE}{secure}")
+    }))
 }
 
 /// Why an object is not opened, for the page.
@@ -202,12 +218,12 @@ fn insert(response: &mut Response<Body>, name: HeaderName, value: &str) {
 
 /// Where to go next: an address of this site, never of another.
 fn inside(next: &str) -> &str {
-    let is_plain = next.starts_with('/') && !next.starts_with("//") && next.len() <= 500;
+    let is_plain = next.starts_with('/') && !next.starts_with("//") && next.len() <= NEXT_MAX;
     if is_plain && next.bytes().all(|b| b.is_ascii_graphic() && b != b'\\') { next } else { "/" }
 }
 
 /// Whether the request comes from a page of this site, or from no page.
-fn from_here(headers: &HeaderMap) -> bool {
+pub(crate) fn from_here(headers: &HeaderMap) -> bool {
     let fetch_site = text(headers, &HeaderName::from_static("sec-fetch-site"));
     if fetch_site.is_some_and(|s| !matches!(s, "same-origin" | "none")) {
         return false;

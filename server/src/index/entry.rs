@@ -54,6 +54,8 @@ pub struct Entry {
     pub language: String,
     /// Where the site is.
     pub place: Option<Place>,
+    /// Latitude and longitude, degrees of WGS 84, where that is public.
+    pub at: Option<[f64; 2]>,
     /// What it is: fort, mosque, rock art panel.
     pub kind: Option<String>,
     /// Period or culture.
@@ -95,6 +97,7 @@ impl Entry {
             title: manifest.title.clone(),
             description: manifest.description.clone(),
             language: manifest.language.clone(),
+            at: super::location::of(manifest, place.as_ref()),
             place: place.or_else(named),
             kind: object.kind,
             period: object.period,
@@ -135,10 +138,13 @@ impl Entry {
     /// What is searched, in the order of the columns of `text`.
     pub(super) fn texts(&self) -> [String; 5] {
         let place = self.place.as_ref();
+        let country = place.and_then(|p| p.country.as_deref());
+        // Who searches writes the country's name, in whichever language.
+        let names = country.map(crate::countries::names).unwrap_or_default();
         let join = |parts: &[Option<&str>]| parts.iter().flatten().copied().collect::<Vec<_>>().join(" \n");
         [
             self.title.clone(),
-            join(&[place.and_then(|p| p.name.as_deref()), place.and_then(|p| p.country.as_deref())]),
+            join(&[place.and_then(|p| p.name.as_deref()), country, Some(&names.join(" \n"))]),
             join(&[self.kind.as_deref(), self.period.as_deref(), Some(&self.subjects.join(" \n"))]),
             join(&[Some(&self.creators.join(" \n")), self.rights.holder.as_deref(), self.identifier.as_deref()]),
             join(&[self.description.as_deref(), self.captured.as_deref(), Some(&self.slug)]),

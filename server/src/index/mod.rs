@@ -5,16 +5,17 @@
 //! as an index of this form (damaged, of another version, half written) is made anew from the folder; where no file can be written the index
 //! is held in memory. A store that does not answer changes nothing. An object that cannot be read is kept in a list with the reason, so that nothing vanishes silently.
 //!
-//! One file per part: `schema` (opening and tables), `entry` (what is known of an object), `refresh` (folder to index), `search`.
+//! One file per part: `schema` (opening and tables), `entry` (what is known of an object), `location` (where it is), `refresh` (folder to index), `search`.
 
 mod entry;
+mod location;
 mod refresh;
 mod schema;
 mod search;
 
 pub use entry::{Entry, SizeClass};
 pub use refresh::{Changes, Refused};
-pub use search::{Count, Facet, FacetCounts, Found, PER_PAGE_MAX, Query, Sort};
+pub use search::{Count, Facet, FacetCounts, Found, Located, PER_PAGE_MAX, Query, Sort};
 
 use crate::store::Place;
 use rusqlite::Connection;
@@ -173,6 +174,14 @@ impl Index {
     /// When the index is damaged beyond being made anew.
     pub fn search(&self, query: &Query) -> Result<Found, IndexError> {
         self.reading(|c| search::search(c, query))
+    }
+
+    /// Where the objects that answer a query are, as far as that is public; by title.
+    ///
+    /// # Errors
+    /// As [`Index::search`].
+    pub fn located(&self, query: &Query) -> Result<Vec<Located>, IndexError> {
+        self.reading(|c| search::located(c, query))
     }
 
     /// One object.

@@ -140,8 +140,8 @@ fn read(folder: &Place, slug: &str, manifest: &Identity) -> io::Result<Result<En
 fn add(transaction: &Transaction<'_>, mark: &str, entry: &Entry) -> Result<(), IndexError> {
     let json = serde_json::to_string(entry).map_err(|e| rusqlite::Error::ToSqlConversionFailure(Box::new(e)))?;
     let triangles = i64::try_from(entry.triangles).unwrap_or(i64::MAX);
-    let statement =
-        "INSERT INTO object (slug, mark, title, published, triangles, shown, json) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)";
+    let statement = "INSERT INTO object (slug, mark, title, published, triangles, shown, language, place, latitude, longitude, json) \
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)";
     transaction.prepare_cached(statement)?.execute(params![
         entry.slug,
         mark,
@@ -149,6 +149,10 @@ fn add(transaction: &Transaction<'_>, mark: &str, entry: &Entry) -> Result<(), I
         entry.published[1],
         triangles,
         entry.is_shown(),
+        entry.language,
+        entry.place.as_ref().and_then(|p| p.name.as_deref()),
+        entry.at.map(|at| at[0]),
+        entry.at.map(|at| at[1]),
         json
     ])?;
     let id = transaction.last_insert_rowid();

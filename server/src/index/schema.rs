@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Version of the tables below.
-const VERSION: i64 = 1;
+const VERSION: i64 = 2;
 /// "Kilw": marks the file as ours, so that no other database is ever removed.
 const APPLICATION: i64 = 0x4b69_6c77;
 /// A writer waits so long for another program that looks into the file.
@@ -27,6 +27,10 @@ const TABLES: &str = "
         published TEXT NOT NULL,
         triangles INTEGER NOT NULL,
         shown INTEGER NOT NULL,
+        language TEXT NOT NULL,
+        place TEXT,
+        latitude REAL,
+        longitude REAL,
         json TEXT NOT NULL
     );
     CREATE INDEX object_title ON object (shown, title COLLATE NOCASE);

@@ -111,6 +111,21 @@ pub struct Found {
     pub facets: FacetCounts,
 }
 
+/// An object on the map.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Located {
+    /// Its name in the address.
+    pub slug: String,
+    /// Title.
+    pub title: String,
+    /// Language of the title, BCP 47.
+    pub language: String,
+    /// Name of the place.
+    pub place: Option<String>,
+    /// Latitude and longitude, degrees of WGS 84.
+    pub at: [f64; 2],
+}
+
 /// Letters that have no accents to lose but are written with plain ones too; `unicode61` leaves them as they are.
 pub(super) fn folded(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
@@ -223,6 +238,20 @@ fn counts(connection: &Connection, query: &Query, of: Option<Facet>) -> Result<F
         }
     }
     Ok(facets)
+}
+
+pub(super) fn located(connection: &Connection, query: &Query) -> Result<Vec<Located>, IndexError> {
+    let (sql, values) = condition(query, None);
+    let sql = format!(
+        "SELECT slug, title, language, place, latitude, longitude FROM object WHERE {sql} AND latitude IS NOT NULL \
+         ORDER BY title COLLATE NOCASE, slug"
+    );
+    let mut statement = connection.prepare_cached(&sql)?;
+    let rows = statement.query_map(params_from_iter(&values), |row| {
+        let at = [row.get(4)?, row.get(5)?];
+        Ok(Located { slug: row.get(0)?, title: row.get(1)?, language: row.get(2)?, place: row.get(3)?, at })
+    })?;
+    Ok(rows.collect::<Result<_, _>>()?)
 }
 
 pub(super) fn entry(connection: &Connection, slug: &str) -> Result<Option<Entry>, IndexError> {

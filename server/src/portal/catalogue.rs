@@ -2,9 +2,10 @@
 //!
 //! Its state is its address: `?q=…&country=…&kind=…&sort=newest&page=2&lang=sw`.
 
+use super::collections::{self, Collection};
 use super::encoded;
+use super::frame::{FOOT, Reader, feed_link, head};
 use super::language::Language;
-use crate::html::{grouped, size};
 use crate::index::{Entry, Facet, Found, Query, Sort};
 use crate::object::AccessState;
 use crate::object::layout::THUMBNAILS;
@@ -44,8 +45,8 @@ pub(crate) fn query(pairs: &[(String, String)]) -> Query {
     }
 }
 
-/// The address of a query, with another page.
-fn address(query: &Query, page: u32, lang: Option<&str>) -> String {
+/// The address of a query, with another page. `path` is the catalogue or the map.
+pub(super) fn address(path: &str, query: &Query, page: u32, lang: Option<&str>) -> String {
     let mut parts = Vec::new();
     if !query.text.is_empty() {
         parts.push(format!("q={}", encoded(&query.text)));
@@ -60,71 +61,75 @@ fn address(query: &Query, page: u32, lang: Option<&str>) -> String {
         parts.push(format!("page={}", page + 1));
     }
     parts.extend(lang.map(|lang| format!("lang={}", encoded(lang))));
-    if parts.is_empty() { "/".to_owned() } else { format!("/?{}", parts.join("&")) }
+    if parts.is_empty() { path.to_owned() } else { format!("{path}?{}", parts.join("&")) }
 }
 
 /// What else the page is made of.
 pub(crate) struct Around<'a> {
-    pub(crate) language: &'static Language,
-    /// The language that the address names, which its links keep.
-    pub(crate) lang: Option<&'a str>,
+    pub(crate) reader: Reader<'a>,
     /// Today, UTC: embargoes that have ended are not spoken of.
     pub(crate) today: &'a str,
     /// Cards of what is not in the index: packs without metadata, and what cannot be read.
     pub(crate) others: &'a str,
+    /// Collections, in their order.
+    pub(crate) collections: &'a [Collection],
 }
 
 /// The page.
 pub(crate) fn page(query: &Query, found: &Found, around: &Around<'_>) -> String {
-    let l = around.language;
-    let mut s = head(l, around, &|code| address(query, query.page, Some(code)));
+    let l = around.reader.language;
+    let more = feed_link("/feed.xml", l.t("feed"));
+    let mut s = head(&around.reader, l.t("title"), &|code| address("/", query, query.page, Some(code)), &more);
     let _ = writeln!(s, "<h1>{}</h1>", l.t("title"));
-    search_form(&mut s, query, around);
+    search_form(&mut s, "/", query, &around.reader);
     let _ = writeln!(s, "<div class=\"portal-body\">\n<section class=\"results\" aria-label=\"{}\">", l.t("title"));
     let _ = writeln!(
         s,
-        "<p class=\"lead\" role=\"status\">{} <a class=\"jump\" href=\"#filters\">{}</a></p>",
-        l.with("results", &[("count", &grouped(found.total))]),
+        "<p class=\"lead\" role=\"status\">{} <a class=\"way\" href=\"{}\">{}</a> <a class=\"jump\" href=\"#filters\">{}</a></p>",
+        l.with("results", &[("count", &l.count(found.total))]),
+        escape(&address("/map", query, 0, around.reader.lang)),
+        l.t("map"),
         l.t("filters")
     );
-    chosen(&mut s, query, around);
+    chosen(&mut s, "/", query, &around.reader);
     if found.entries.is_empty() {
         let _ = writeln!(
             s,
             "<p><strong>{}</strong> {} <a href=\"{}\">{}</a></p>",
             l.t("none"),
             l.t("noneNext"),
-            home(around),
+            around.reader.to("/"),
             l.t("all")
         );
     } else {
         s.push_str("<ul class=\"cards\">\n");
         for entry in &found.entries {
-            card(&mut s, entry, around);
+            card(&mut s, entry, &around.reader, around.today);
         }
         s.push_str("</ul>\n");
         pages(&mut s, query, found.total, around);
     }
-    if !around.others.is_empty() && query.text.is_empty() && query.facets.is_empty() && query.page == 0 {
+    let is_start = query.text.is_empty() && query.facets.is_empty() && query.page == 0;
+    if is_start && !around.collections.is_empty() {
+        let _ = writeln!(s, "<h2 class=\"others\">{}</h2>", l.t("collections"));
+        s.push_str(&collections::list(around.collections, &around.reader));
+    }
+    if is_start && !around.others.is_empty() {
         let _ = writeln!(s, "<h2 class=\"others\">{}</h2>\n<ul class=\"cards\">\n{}</ul>", l.t("packs"), around.others);
     }
     s.push_str("</section>\n");
     facets(&mut s, query, found, around);
-    let _ = writeln!(
-        s,
-        "</div>\n<p class=\"lead feed\"><a href=\"/feed.xml\">{}</a></p>\n</main>\n</body>\n</html>",
-        l.t("feed")
-    );
+    let _ = writeln!(s, "</div>\n<p class=\"lead feed\"><a href=\"/feed.xml\">{}</a></p>\n{FOOT}", l.t("feed"));
     s
 }
 
 /// The page while the index gives no answer.
 pub(crate) fn failed(around: &Around<'_>) -> String {
-    let l = around.language;
-    let mut s = head(l, around, &|code| format!("/?lang={code}"));
+    let l = around.reader.language;
+    let mut s = head(&around.reader, l.t("title"), &|code| format!("/?lang={code}"), "");
     let _ = writeln!(
         s,
-        "<h1>{}</h1>\n<p class=\"lead\"><strong>{}</strong> {}</p>\n<ul class=\"cards\">\n{}</ul>\n</main>\n</body>\n</html>",
+        "<h1>{}</h1>\n<p class=\"lead\"><strong>{}</strong> {}</p>\n<ul class=\"cards\">\n{}</ul>\n{FOOT}",
         l.t("title"),
         l.t("failed"),
         l.t("failedNext"),
@@ -133,58 +138,33 @@ pub(crate) fn failed(around: &Around<'_>) -> String {
     s
 }
 
-fn home(around: &Around<'_>) -> String {
-    escape(&address(&Query::default(), 0, around.lang))
-}
-
-fn head(l: &'static Language, around: &Around<'_>, other: &dyn Fn(&str) -> String) -> String {
-    let mut s = format!(
-        "<!doctype html>\n<html lang=\"{}\" dir=\"{}\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta name=\"color-scheme\" content=\"light dark\">\n\
-         <title>{}</title>\n<link rel=\"icon\" href=\"/viewer/icons/kilwa.svg\" type=\"image/svg+xml\">\n\
-         <link rel=\"stylesheet\" href=\"/viewer/style.css\">\n\
-         <link rel=\"alternate\" type=\"application/atom+xml\" href=\"/feed.xml\" title=\"{}\">\n</head>\n<body class=\"list portal\">\n\
-         <header class=\"site\"><a class=\"brand\" href=\"{}\"><img src=\"/viewer/icons/kilwa.svg\" alt=\"\" width=\"28\" height=\"28\"> Kilwa</a>\n\
-         <nav class=\"languages\" aria-label=\"{}\">",
-        l.code,
-        l.t("dir"),
-        l.t("title"),
-        l.t("feed"),
-        home(around),
-        l.t("language")
-    );
-    for one in Language::all() {
-        let current = if one.code == l.code { " aria-current=\"true\"" } else { "" };
-        let _ = write!(
-            s,
-            "<a href=\"{}\" lang=\"{code}\" hreflang=\"{code}\"{current}>{}</a> ",
-            escape(&other(one.code)),
-            one.t("name"),
-            code = one.code
-        );
-    }
-    s.push_str("</nav></header>\n<main>\n");
-    s
-}
-
-fn search_form(s: &mut String, query: &Query, around: &Around<'_>) {
-    let l = around.language;
+/// The form, whose answer is at `path`.
+pub(super) fn search_form(s: &mut String, path: &str, query: &Query, reader: &Reader<'_>) {
+    let l = reader.language;
     let _ = write!(
         s,
-        "<form id=\"search\" class=\"search\" role=\"search\" action=\"/\" method=\"get\">\n\
+        "<form id=\"search\" class=\"search\" role=\"search\" action=\"{path}\" method=\"get\">\n\
          <label class=\"hidden\" for=\"q\">{label}</label>\
-         <input id=\"q\" name=\"q\" type=\"search\" value=\"{}\" placeholder=\"{label}\" maxlength=\"{TEXT_MAX}\" dir=\"auto\" autocomplete=\"off\">\n\
-         <label class=\"hidden\" for=\"sort\">{}</label><select id=\"sort\" name=\"sort\">",
+         <input id=\"q\" name=\"q\" type=\"search\" value=\"{}\" placeholder=\"{label}\" maxlength=\"{TEXT_MAX}\" dir=\"auto\" autocomplete=\"off\">\n",
         escape(&query.text),
-        l.t("sort"),
         label = l.t("searchLabel"),
     );
-    for (name, text, sort) in SORTS {
-        let selected = if sort == query.sort { " selected" } else { "" };
-        let _ = write!(s, "<option value=\"{name}\"{selected}>{}</option>", l.t(text));
+    if path == "/" {
+        let _ =
+            write!(s, "<label class=\"hidden\" for=\"sort\">{}</label><select id=\"sort\" name=\"sort\">", l.t("sort"));
+        for (name, text, sort) in SORTS {
+            let selected = if sort == query.sort { " selected" } else { "" };
+            let _ = write!(s, "<option value=\"{name}\"{selected}>{}</option>", l.t(text));
+        }
+        s.push_str("</select>\n");
+    } else {
+        // Where there is no order to choose there are no filters either: what was chosen in the list stays.
+        for (facet, value) in query.facets.iter().flat_map(|(facet, values)| values.iter().map(move |v| (facet, v))) {
+            let _ = writeln!(s, "<input type=\"hidden\" name=\"{}\" value=\"{}\">", facet.name(), escape(value));
+        }
     }
-    let _ = writeln!(s, "</select>\n<button class=\"button filled\">{}</button>", l.t("search"));
-    if let Some(lang) = around.lang {
+    let _ = writeln!(s, "<button class=\"button filled\">{}</button>", l.t("search"));
+    if let Some(lang) = reader.lang {
         let _ = writeln!(s, "<input type=\"hidden\" name=\"lang\" value=\"{}\">", escape(lang));
     }
     s.push_str("</form>\n");
@@ -192,12 +172,16 @@ fn search_form(s: &mut String, query: &Query, around: &Around<'_>) {
 
 /// The text of a facet's value.
 fn named(l: &'static Language, facet: Facet, value: &str) -> String {
-    if facet == Facet::Size { l.t(value).to_owned() } else { escape(value) }
+    match facet {
+        Facet::Size => l.t(value).to_owned(),
+        Facet::Country => escape(l.country(value)),
+        _ => escape(value),
+    }
 }
 
 /// What is chosen, each with a link that takes it away.
-fn chosen(s: &mut String, query: &Query, around: &Around<'_>) {
-    let l = around.language;
+pub(super) fn chosen(s: &mut String, path: &str, query: &Query, reader: &Reader<'_>) {
+    let l = reader.language;
     if query.facets.is_empty() {
         return;
     }
@@ -212,7 +196,7 @@ fn chosen(s: &mut String, query: &Query, around: &Around<'_>) {
             let _ = write!(
                 s,
                 "<li><a class=\"button outlined\" href=\"{}\"><span dir=\"auto\">{}</span> <span aria-hidden=\"true\">×</span><span class=\"hidden\">{}</span></a></li>",
-                escape(&address(&without, 0, around.lang)),
+                escape(&address(path, &without, 0, reader.lang)),
                 named(l, *facet, value),
                 l.t("remove")
             );
@@ -222,13 +206,13 @@ fn chosen(s: &mut String, query: &Query, around: &Around<'_>) {
     let _ = writeln!(
         s,
         "<li><a class=\"button outlined\" href=\"{}\">{}</a></li></ul>",
-        escape(&address(&all, 0, around.lang)),
+        escape(&address(path, &all, 0, reader.lang)),
         l.t("clear")
     );
 }
 
 fn facets(s: &mut String, query: &Query, found: &Found, around: &Around<'_>) {
-    let l = around.language;
+    let l = around.reader.language;
     let _ = writeln!(s, "<aside class=\"filters\" id=\"filters\" aria-label=\"{}\">", l.t("filters"));
     for facet in Facet::ALL {
         let counts = found.facets.get(&facet).map(Vec::as_slice).unwrap_or_default();
@@ -252,7 +236,7 @@ fn facets(s: &mut String, query: &Query, found: &Found, around: &Around<'_>) {
                 facet.name(),
                 escape(value),
                 named(l, facet, value),
-                grouped(count)
+                l.count(count)
             );
         }
         s.push_str("</fieldset>\n");
@@ -260,8 +244,9 @@ fn facets(s: &mut String, query: &Query, found: &Found, around: &Around<'_>) {
     let _ = writeln!(s, "<button class=\"button filled\" form=\"search\">{}</button>\n</aside>", l.t("apply"));
 }
 
-fn card(s: &mut String, entry: &Entry, around: &Around<'_>) {
-    let l = around.language;
+/// A card in a list.
+pub(super) fn card(s: &mut String, entry: &Entry, reader: &Reader<'_>, today: &str) {
+    let l = reader.language;
     let slug = escape(&entry.slug);
     let place = entry.place.as_ref().and_then(|p| p.name.as_deref());
     let line: Vec<String> = [place, entry.captured.as_deref()]
@@ -271,11 +256,12 @@ fn card(s: &mut String, entry: &Entry, around: &Around<'_>) {
         .collect();
     let [(wide, width), (small, small_width)] = THUMBNAILS;
     let folder = format!("/{slug}/v{}", entry.version);
+    let page = reader.to(&format!("/{}/", entry.slug));
     let _ = write!(
         s,
         "<li class=\"card\">\n<img class=\"poster\" src=\"{folder}/{small}\" srcset=\"{folder}/{small} {small_width}w, {folder}/{wide} {width}w\" \
          sizes=\"(max-width: 720px) 100vw, 360px\" alt=\"\" width=\"{width}\" height=\"{}\" loading=\"lazy\">\n\
-         <h2 lang=\"{lang}\" dir=\"auto\"><a href=\"/{slug}/\">{}</a></h2>\n<p class=\"quiet\">{}</p>\n<dl class=\"facts\">\n",
+         <h2 lang=\"{lang}\" dir=\"auto\"><a href=\"{page}\">{}</a></h2>\n<p class=\"quiet\">{}</p>\n<dl class=\"facts\">\n",
         width * 630 / 1200,
         escape(&entry.title),
         line.join(" · "),
@@ -284,13 +270,13 @@ fn card(s: &mut String, entry: &Entry, around: &Around<'_>) {
     let mut row = |name: &str, value: &str| {
         let _ = writeln!(s, "<div><dt>{}</dt><dd>{}</dd></div>", l.t(name), escape(value));
     };
-    row("triangles", &grouped(entry.triangles));
-    row("file", &size(entry.pack_bytes));
+    row("triangles", &l.count(entry.triangles));
+    row("file", &l.size(entry.pack_bytes));
     row("licence", &entry.rights.short);
     s.push_str("</dl>\n");
     let until = entry.access.until.as_deref().unwrap_or("9999-12-31");
     match entry.access.state {
-        AccessState::Embargo if until > around.today => {
+        AccessState::Embargo if until > today => {
             let _ = writeln!(
                 s,
                 "<p class=\"state\"><strong>{}</strong></p>",
@@ -306,7 +292,7 @@ fn card(s: &mut String, entry: &Entry, around: &Around<'_>) {
 }
 
 fn pages(s: &mut String, query: &Query, total: u64, around: &Around<'_>) {
-    let l = around.language;
+    let l = around.reader.language;
     let pages = u32::try_from(total.div_ceil(u64::from(PER_PAGE))).unwrap_or(u32::MAX);
     if pages < 2 {
         return;
@@ -316,7 +302,7 @@ fn pages(s: &mut String, query: &Query, total: u64, around: &Around<'_>) {
         let _ = write!(
             s,
             "<a class=\"button outlined\" rel=\"{rel}\" href=\"{}\">{text}</a> ",
-            escape(&address(query, page, around.lang))
+            escape(&address("/", query, page, around.reader.lang))
         );
     };
     if query.page > 0 {
@@ -338,11 +324,11 @@ mod tests {
     fn an_address_is_a_query_and_back() {
         for text in ["", "q=fort%20x&country=TZ&kind=fort&kind=wall&sort=newest&page=3", "q=%22%3E&subject=a%26b"] {
             let asked = query(&pairs(text));
-            let again = address(&asked, asked.page, None);
+            let again = address("/", &asked, asked.page, None);
             assert_eq!(query(&pairs(again.trim_start_matches(['/', '?']))), asked, "{again}");
         }
         let odd = query(&pairs("page=0&sort=x&nothing=y&country=&q=%20a%20"));
         assert_eq!((odd.page, odd.sort, odd.facets.len(), odd.text.as_str()), (0, Sort::Relevance, 0, "a"));
-        assert_eq!(address(&Query::default(), 0, Some("sw")), "/?lang=sw");
+        assert_eq!(address("/", &Query::default(), 0, Some("sw")), "/?lang=sw");
     }
 }

@@ -29,6 +29,11 @@ impl Language {
         &ALL
     }
 
+    /// English, for what is not written for one reader.
+    pub(crate) fn english() -> &'static Language {
+        &ALL[0]
+    }
+
     /// The one of a code, else the first that a browser's `Accept-Language` names, else English.
     pub(crate) fn choose(code: Option<&str>, accepted: &str) -> &'static Language {
         let of =
@@ -49,6 +54,38 @@ impl Language {
     /// A text, or its key where there is none.
     pub(crate) fn t<'k>(&'static self, key: &'k str) -> &'k str {
         self.texts.get(key).map_or(key, String::as_str)
+    }
+
+    /// A number with its thousands apart. As in the viewer: the language's signs between the digits 0 to 9.
+    pub(crate) fn count(&self, n: u64) -> String {
+        let between = match self.code {
+            "fr" => '\u{202f}',
+            "pt" => '.',
+            _ => ',',
+        };
+        crate::html::grouped(n).replace('\u{202f}', &between.to_string())
+    }
+
+    /// A length of a file.
+    pub(crate) fn size(&'static self, bytes: u64) -> String {
+        let b = bytes as f64;
+        let (value, unit) = match bytes {
+            0..1_000 => (bytes.to_string(), "bytes"),
+            1_000..1_000_000 => (format!("{:.0}", b / 1e3), "kB"),
+            1_000_000..1_000_000_000 => (format!("{:.1}", b / 1e6), "MB"),
+            _ => (format!("{:.2}", b / 1e9), "GB"),
+        };
+        format!("{} {}", self.decimals(&value), self.t(unit))
+    }
+
+    /// A number that was written with a point.
+    pub(crate) fn decimals(&self, number: &str) -> String {
+        if matches!(self.code, "fr" | "pt") { number.replace('.', ",") } else { number.to_owned() }
+    }
+
+    /// The name of a country, or its code where it has none.
+    pub(crate) fn country<'c>(&self, code: &'c str) -> &'c str {
+        crate::countries::name(code, self.code).unwrap_or(code)
     }
 
     /// A text with a place filled in.
@@ -78,6 +115,18 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn numbers_are_written_as_each_language_does() {
+        let of = |code: &str| Language::choose(Some(code), "");
+        assert_eq!(of("en").count(1_234_567), "1,234,567");
+        assert_eq!(of("fr").count(1_234_567), "1\u{202f}234\u{202f}567");
+        assert_eq!(of("pt").count(1_234_567), "1.234.567");
+        assert_eq!(of("ar").count(1_234), "1,234");
+        assert_eq!((of("en").size(5_230_000), of("fr").size(5_230_000)), ("5.2 MB".into(), "5,2 Mo".into()));
+        assert_eq!((of("en").size(12), of("pt").size(2_500_000_000)), ("12 bytes".into(), "2,50 GB".into()));
+        assert_eq!((of("fr").country("TZ"), of("fr").country("QQ")), ("Tanzanie", "QQ"));
     }
 
     #[test]

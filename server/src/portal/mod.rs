@@ -3,6 +3,8 @@
 //! | URL | what |
 //! |---|---|
 //! | `/` | catalogue: search, facets, pages; plain HTML, works without JavaScript ([`catalogue`]) |
+//! | `/map` | where the models are ([`map`], over the outline of the [`land`]) |
+//! | `/collections/…` | models that belong together ([`mod@collections`]) |
 //! | `/oai` | OAI-PMH 2.0, `oai_dc` ([`oai`]) |
 //! | `/oembed` | oEmbed 1.0 ([`oembed`]) |
 //! | `/feed.xml` | what is new, Atom ([`feeds`]) |
@@ -14,10 +16,15 @@
 //! index gives no answer, 503 with a sentence; the objects themselves are served all the same.
 
 pub(crate) mod catalogue;
+pub(crate) mod collections;
 pub(crate) mod feeds;
+pub(crate) mod frame;
+pub(crate) mod land;
 pub(crate) mod language;
+pub(crate) mod map;
 pub(crate) mod oai;
 pub(crate) mod oembed;
+pub(crate) mod plain;
 pub(crate) mod routes;
 pub(crate) mod signposting;
 

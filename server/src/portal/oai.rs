@@ -1,9 +1,10 @@
 //! `/oai`: the Open Archives Initiative Protocol for Metadata Harvesting, version 2.0, with the format `oai_dc`.
 //!
 //! Records are the `metadata/dc.xml` that publishing wrote; an item's identifier is `oai:HOST:SLUG`, its datestamp the day of its current
-//! version; what was withdrawn is a deleted record. Lists have pages of 100; a resumption token is the state itself (no state is kept
+//! version; what was withdrawn is a deleted record. Sets are the collections. Lists have pages of 100; a resumption token is the state itself (no state is kept
 //! here), so it lasts. Errors of the protocol are answered 200 with their code, as it wants.
 
+use super::collections::Collection;
 use super::pairs;
 use crate::index::Entry;
 use crate::object::AccessState;
@@ -25,6 +26,8 @@ pub(crate) trait Source {
     fn dublin_core(&self, slug: &str) -> Option<String>;
     /// Address of its page.
     fn page(&self, slug: &str) -> String;
+    /// The collections, which are the sets.
+    fn sets(&self) -> &[Collection];
 }
 
 /// Where and when the question was asked.
@@ -74,7 +77,7 @@ pub(crate) fn answer(source: &dyn Source, asked: &Asked<'_>, query: &str) -> Res
     let body = match verb {
         "Identify" => Ok(identify(source, asked)?),
         "ListMetadataFormats" => formats(source, asked, get("identifier"))?,
-        "ListSets" => Err(("noSetHierarchy", "this archive has no sets".to_owned())),
+        "ListSets" => sets(source, get("resumptionToken")),
         "GetRecord" => one(source, asked, get("identifier"), get("metadataPrefix"))?,
         _ => list(source, asked, &arguments, verb == "ListRecords")?,
     };
@@ -128,6 +131,24 @@ fn identify(source: &dyn Source, asked: &Asked<'_>) -> Result<String, String> {
     ))
 }
 
+fn sets(source: &dyn Source, token: Option<&str>) -> Result<String, Problem> {
+    if token.is_some() {
+        return Err(("badResumptionToken", "the list of sets has one page".to_owned()));
+    }
+    if source.sets().is_empty() {
+        return Err(("noSetHierarchy", "this archive has no sets".to_owned()));
+    }
+    Ok(source.sets().iter().fold(String::new(), |mut s, set| {
+        let _ = writeln!(
+            s,
+            "<set>\n<setSpec>{}</setSpec>\n<setName>{}</setName>\n</set>",
+            escape(&set.slug),
+            escape(&set.title)
+        );
+        s
+    }))
+}
+
 fn slug_of<'i>(asked: &Asked<'_>, identifier: &'i str) -> Option<&'i str> {
     identifier.strip_prefix("oai:")?.strip_prefix(asked.host.as_str())?.strip_prefix(':')
 }
@@ -176,10 +197,12 @@ fn one(
     Ok(found(source, asked, identifier)?.map(|entry| record(source, asked, &entry)))
 }
 
-fn header(asked: &Asked<'_>, entry: &Entry) -> String {
+fn header(source: &dyn Source, asked: &Asked<'_>, entry: &Entry) -> String {
+    let sets = source.sets().iter().filter(|set| set.members.contains(&entry.slug));
+    let sets = sets.fold(String::new(), |s, set| s + &format!("<setSpec>{}</setSpec>\n", escape(&set.slug)));
     let deleted = if entry.access.state == AccessState::Withdrawn { " status=\"deleted\"" } else { "" };
     format!(
-        "<header{deleted}>\n<identifier>oai:{}:{}</identifier>\n<datestamp>{}</datestamp>\n</header>\n",
+        "<header{deleted}>\n<identifier>oai:{}:{}</identifier>\n<datestamp>{}</datestamp>\n{sets}</header>\n",
         escape(&asked.host),
         escape(&entry.slug),
         escape(stamp(entry))
@@ -192,7 +215,7 @@ fn stamp(entry: &Entry) -> &str {
 }
 
 fn record(source: &dyn Source, asked: &Asked<'_>, entry: &Entry) -> String {
-    let mut s = format!("<record>\n{}", header(asked, entry));
+    let mut s = format!("<record>\n{}", header(source, asked, entry));
     if entry.access.state != AccessState::Withdrawn {
         let dc = source.dublin_core(&entry.slug).unwrap_or_else(|| least(source, entry));
         let dc = dc.trim_start_matches('\u{feff}');
@@ -215,30 +238,39 @@ fn least(source: &dyn Source, entry: &Entry) -> String {
     )
 }
 
-/// What a list is of, also as its resumption token: `from,until,slug`.
+/// What a list is of, also as its resumption token: `from,until,set,slug`.
 struct Selection {
     from: String,
     until: String,
+    /// Slug of a collection, empty for all.
+    set: String,
     after: String,
 }
 
 impl Selection {
-    fn of(arguments: &BTreeMap<String, String>) -> Result<Self, Problem> {
+    fn of(arguments: &BTreeMap<String, String>, sets: &[Collection]) -> Result<Self, Problem> {
         let get = |name: &str| arguments.get(name).map(String::as_str);
         if let Some(token) = get("resumptionToken") {
             let parts: Vec<&str> = token.split(',').collect();
             return match parts[..] {
-                [from, until, after]
-                    if arguments.len() == 2 && [from, until].iter().all(|d| d.is_empty() || is_day(d)) =>
+                [from, until, set, after]
+                    if arguments.len() == 2
+                        && [from, until].iter().all(|d| d.is_empty() || is_day(d))
+                        && (set.is_empty() || sets.iter().any(|s| s.slug == set)) =>
                 {
-                    Ok(Self { from: from.to_owned(), until: until.to_owned(), after: after.to_owned() })
+                    let [from, until, set, after] = [from, until, set, after].map(str::to_owned);
+                    Ok(Self { from, until, set, after })
                 }
                 _ => Err(("badResumptionToken", "this resumption token is none of ours".to_owned())),
             };
         }
         is_known_format(get("metadataPrefix"))?;
-        if get("set").is_some() {
+        let set = get("set").unwrap_or_default().to_owned();
+        if !set.is_empty() && sets.is_empty() {
             return Err(("noSetHierarchy", "this archive has no sets".to_owned()));
+        }
+        if !set.is_empty() && !sets.iter().any(|s| s.slug == set) {
+            return Err(("noRecordsMatch", format!("there is no set {set}; ListSets names all")));
         }
         let day = |name: &str| match get(name) {
             None => Ok(String::new()),
@@ -249,11 +281,14 @@ impl Selection {
         if !from.is_empty() && !until.is_empty() && from > until {
             return Err(("badArgument", "from is after until".to_owned()));
         }
-        Ok(Self { from, until, after: String::new() })
+        Ok(Self { from, until, set, after: String::new() })
     }
 
-    fn has(&self, entry: &Entry) -> bool {
+    fn has(&self, entry: &Entry, sets: &[Collection]) -> bool {
         let day = stamp(entry);
+        if !self.set.is_empty() && !sets.iter().any(|s| s.slug == self.set && s.members.contains(&entry.slug)) {
+            return false;
+        }
         (self.from.is_empty() || *self.from <= *day) && (self.until.is_empty() || *day <= *self.until)
     }
 }
@@ -264,7 +299,7 @@ fn list(
     arguments: &BTreeMap<String, String>,
     whole: bool,
 ) -> Result<Result<String, Problem>, String> {
-    let selection = match Selection::of(arguments) {
+    let selection = match Selection::of(arguments, source.sets()) {
         Ok(selection) => selection,
         Err(problem) => return Ok(Err(problem)),
     };
@@ -274,7 +309,7 @@ fn list(
         let page = source.after(&after, PAGE)?;
         let Some(last) = page.last() else { break };
         after.clone_from(&last.slug);
-        entries.extend(page.into_iter().filter(|entry| selection.has(entry)));
+        entries.extend(page.into_iter().filter(|entry| selection.has(entry, source.sets())));
     }
     if entries.is_empty() {
         return Ok(Err(("noRecordsMatch", "there is nothing from these days".to_owned())));
@@ -283,12 +318,18 @@ fn list(
     entries.truncate(PAGE as usize);
     let mut s = String::new();
     for entry in &entries {
-        s.push_str(&if whole { record(source, asked, entry) } else { header(asked, entry) });
+        s.push_str(&if whole { record(source, asked, entry) } else { header(source, asked, entry) });
     }
     let last = entries.last().map(|entry| entry.slug.as_str()).unwrap_or_default();
     if more {
-        let _ =
-            writeln!(s, "<resumptionToken>{},{},{}</resumptionToken>", selection.from, selection.until, escape(last));
+        let _ = writeln!(
+            s,
+            "<resumptionToken>{},{},{},{}</resumptionToken>",
+            selection.from,
+            selection.until,
+            selection.set,
+            escape(last)
+        );
     } else if !selection.after.is_empty() {
         s.push_str("<resumptionToken/>\n");
     }

@@ -1,16 +1,20 @@
 //! The portal's routes: they bring index, objects and pages together.
 
 use super::catalogue::{self, Around};
+use super::collections::{self, Collection};
+use super::frame::Reader;
 use super::language::Language;
-use super::{base, feeds, oai, oembed, pairs};
+use super::plain::{cards, page as plain_page};
+use super::{base, feeds, map, oai, oembed, pairs};
+use crate::catalogue::Model;
 use crate::content::{plain, text};
-use crate::html;
 use crate::index::{Entry, Index, IndexError, Query, Sort};
+use crate::object::AccessState;
 use crate::object::layout::DUBLIN_CORE;
 use crate::packs::blocking;
-use crate::site::{Site, page};
+use crate::site::{Site, lost, page};
 use axum::body::Body;
-use axum::extract::{RawQuery, State};
+use axum::extract::{Path, RawQuery, State};
 use axum::http::header::{ACCEPT_LANGUAGE, ACCESS_CONTROL_ALLOW_ORIGIN, CONTENT_TYPE, RETRY_AFTER, VARY};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{IntoResponse as _, Response};
@@ -29,6 +33,7 @@ const FORM: Duration = Duration::from_secs(10);
 const FORM_BYTES: usize = 16 * 1024;
 
 const XML: &str = "application/xml; charset=utf-8";
+const ATOM: &str = "application/atom+xml; charset=utf-8";
 
 /// Bring the index up to the folder, and ask it.
 async fn ask<T: Send + 'static>(
@@ -54,37 +59,166 @@ async fn ask<T: Send + 'static>(
     })
 }
 
-/// `/`
-pub(crate) async fn list(site: &Site, index: &Arc<Index>, query: Option<String>, headers: &HeaderMap) -> Response {
-    let pairs = pairs(query.as_deref().unwrap_or_default());
-    let lang = pairs.iter().find(|(name, _)| name == "lang").map(|(_, value)| value.as_str());
-    let language = Language::choose(lang, text(headers, &ACCEPT_LANGUAGE).unwrap_or_default());
-    let asked = catalogue::query(&pairs);
-    let others = others(site).await;
-    let today = site.clock.day();
-    let around = Around { language, lang, today: &today, others: &others };
-    let question = asked.clone();
-    let mut response = match ask(index, move |index| index.search(&question)).await {
-        Ok(found) => page(catalogue::page(&asked, &found, &around), headers),
-        Err(status) => {
-            let mut response = page(catalogue::failed(&around), headers);
-            *response.status_mut() = status;
-            response.headers_mut().insert(RETRY_AFTER, HeaderValue::from_static("60"));
-            response
-        }
-    };
+/// What of a request's address and headers decides how it is read.
+struct Asked {
+    pairs: Vec<(String, String)>,
+    collections: Arc<Vec<Collection>>,
+    has_map: bool,
+}
+
+impl Asked {
+    async fn of(site: &Site, query: Option<&str>) -> Self {
+        let pairs = pairs(query.unwrap_or_default());
+        let collections = collections(site).await;
+        Self { pairs, collections, has_map: site.index.is_some() && site.catalogue.has_objects() }
+    }
+
+    fn get(&self, name: &str) -> Option<&str> {
+        self.pairs.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str())
+    }
+
+    fn reader(&self, headers: &HeaderMap) -> Reader<'_> {
+        let lang = self.get("lang");
+        let language = Language::choose(lang, text(headers, &ACCEPT_LANGUAGE).unwrap_or_default());
+        Reader { language, lang, has_collections: !self.collections.is_empty(), has_map: self.has_map }
+    }
+}
+
+/// The collections as they are now.
+async fn collections(site: &Site) -> Arc<Vec<Collection>> {
+    let Some(collections) = site.collections.clone() else { return Arc::default() };
+    blocking(move || collections.all()).await.unwrap_or_default()
+}
+
+/// A page for one reader.
+fn for_reader(html: String, headers: &HeaderMap) -> Response {
+    let mut response = page(html, headers);
     response.headers_mut().insert(VARY, HeaderValue::from_static("Accept-Encoding, Accept-Language"));
     response
 }
 
+/// A page that says that the index gives no answer.
+fn failed(around: &Around<'_>, status: StatusCode, headers: &HeaderMap) -> Response {
+    let mut response = for_reader(catalogue::failed(around), headers);
+    *response.status_mut() = status;
+    response.headers_mut().insert(RETRY_AFTER, HeaderValue::from_static("60"));
+    response
+}
+
+/// `/`
+pub(crate) async fn list(site: &Site, index: &Arc<Index>, query: Option<String>, headers: &HeaderMap) -> Response {
+    let given = Asked::of(site, query.as_deref()).await;
+    let reader = given.reader(headers);
+    let asked = catalogue::query(&given.pairs);
+    let others = others(site, &reader).await;
+    let today = site.clock.day();
+    let around = Around { reader, today: &today, others: &others, collections: &given.collections };
+    let question = asked.clone();
+    match ask(index, move |index| index.search(&question)).await {
+        Ok(found) => for_reader(catalogue::page(&asked, &found, &around), headers),
+        Err(status) => failed(&around, status, headers),
+    }
+}
+
+/// `/` of a folder that holds packs alone.
+pub(crate) async fn plain_list(
+    site: &Site,
+    models: &[Arc<Model>],
+    query: Option<String>,
+    headers: &HeaderMap,
+) -> Response {
+    let given = Asked::of(site, query.as_deref()).await;
+    for_reader(plain_page(models, &site.clock, &given.reader(headers)), headers)
+}
+
+/// `/map`
+pub(crate) async fn map(State(site): State<Site>, RawQuery(query): RawQuery, headers: HeaderMap) -> Response {
+    let Some(index) = &site.index else { return lost() };
+    let given = Asked::of(&site, query.as_deref()).await;
+    let reader = given.reader(&headers);
+    let asked = catalogue::query(&given.pairs);
+    let question = asked.clone();
+    match ask(index, move |index| index.located(&question)).await {
+        Ok(places) => {
+            let window = given.get("box").and_then(map::Window::parse);
+            for_reader(map::page(&map::Shown { query: &asked, places: &places, window }, &reader), &headers)
+        }
+        Err(status) => {
+            let around = Around { reader, today: &site.clock.day(), others: "", collections: &[] };
+            failed(&around, status, &headers)
+        }
+    }
+}
+
+/// `/collections/`
+pub(crate) async fn all_collections(
+    State(site): State<Site>,
+    RawQuery(query): RawQuery,
+    headers: HeaderMap,
+) -> Response {
+    let given = Asked::of(&site, query.as_deref()).await;
+    for_reader(collections::all_page(&given.collections, &given.reader(&headers)), &headers)
+}
+
+/// A collection, and those of its members that are shown, in its order.
+async fn members(site: &Site, slug: &str) -> Result<(Collection, Vec<Entry>), StatusCode> {
+    let (Some(index), Some(collections)) = (&site.index, site.collections.clone()) else {
+        return Err(StatusCode::NOT_FOUND);
+    };
+    let slug = slug.to_owned();
+    let collection = blocking(move || collections.get(&slug)).await?.ok_or(StatusCode::NOT_FOUND)?;
+    let named = collection.members.clone();
+    let members = ask(index, move |index| {
+        let found = named.iter().map(|slug| index.entry(slug)).collect::<Result<Vec<_>, _>>()?;
+        let is_shown = |entry: &Entry| entry.access.state != AccessState::Withdrawn;
+        Ok(found.into_iter().flatten().filter(is_shown).collect())
+    });
+    Ok((collection, members.await?))
+}
+
+/// `/collections/<slug>/`
+pub(crate) async fn collection(
+    State(site): State<Site>,
+    Path(slug): Path<String>,
+    RawQuery(query): RawQuery,
+    headers: HeaderMap,
+) -> Response {
+    let given = Asked::of(&site, query.as_deref()).await;
+    match members(&site, &slug).await {
+        Ok((collection, members)) => {
+            let today = site.clock.day();
+            for_reader(collections::page(&collection, &members, &given.reader(&headers), &today), &headers)
+        }
+        Err(StatusCode::NOT_FOUND) => lost(),
+        Err(status) => plain(status),
+    }
+}
+
+/// `/collections/<slug>/feed.xml`: latest first, whatever the order of the page.
+pub(crate) async fn collection_feed(
+    State(site): State<Site>,
+    Path(slug): Path<String>,
+    headers: HeaderMap,
+) -> Response {
+    match members(&site, &slug).await {
+        Ok((collection, mut members)) => {
+            members.sort_by(|a, b| b.published[1].cmp(&a.published[1]).then_with(|| a.slug.cmp(&b.slug)));
+            members.truncate(feeds::NEWEST as usize);
+            let path = format!("/collections/{}/", collection.slug);
+            document(ATOM, feeds::atom(&site_base(&site, &headers), &path, &collection.title, &members))
+        }
+        Err(status) => plain(status),
+    }
+}
+
 /// Cards of packs without metadata, and of objects that cannot be read.
-async fn others(site: &Site) -> String {
+async fn others(site: &Site, reader: &Reader<'_>) -> String {
     let catalogue = Arc::clone(&site.catalogue);
     // Given up here, it still goes on; what is new is there for the next reader.
     drop(tokio::time::timeout(PATIENCE, blocking(move || catalogue.refresh())).await);
     let mut others = site.catalogue.others();
     others.truncate(OTHERS);
-    html::cards(&others, &site.clock)
+    cards(&others, &site.clock, reader)
 }
 
 fn site_base(site: &Site, headers: &HeaderMap) -> String {
@@ -100,9 +234,7 @@ pub(crate) async fn feed(State(site): State<Site>, headers: HeaderMap) -> Respon
     let Some(index) = &site.index else { return plain(StatusCode::NOT_FOUND) };
     let newest = Query { sort: Sort::Newest, per_page: feeds::NEWEST, ..Query::default() };
     match ask(index, move |index| index.search(&newest)).await {
-        Ok(found) => {
-            document("application/atom+xml; charset=utf-8", feeds::atom(&site_base(&site, &headers), &found.entries))
-        }
+        Ok(found) => document(ATOM, feeds::atom(&site_base(&site, &headers), "/", "3D models", &found.entries)),
         Err(status) => plain(status),
     }
 }
@@ -110,7 +242,7 @@ pub(crate) async fn feed(State(site): State<Site>, headers: HeaderMap) -> Respon
 /// `/sitemap.xml`
 pub(crate) async fn sitemap(State(site): State<Site>, headers: HeaderMap) -> Response {
     let Some(index) = &site.index else { return plain(StatusCode::NOT_FOUND) };
-    let base = site_base(&site, &headers);
+    let (base, collections) = (site_base(&site, &headers), collections(&site).await);
     let all = move |index: &Index| {
         let mut all: Vec<Entry> = Vec::new();
         while all.len() < feeds::SITEMAP_MAX {
@@ -120,7 +252,7 @@ pub(crate) async fn sitemap(State(site): State<Site>, headers: HeaderMap) -> Res
             }
             all.extend(page);
         }
-        Ok(feeds::sitemap(&base, &all))
+        Ok(feeds::sitemap(&base, &all, &collections))
     };
     match ask(index, all).await {
         Ok(sitemap) => document(XML, sitemap),
@@ -157,6 +289,7 @@ struct Archive {
     site: Site,
     index: Arc<Index>,
     base: String,
+    sets: Arc<Vec<Collection>>,
 }
 
 impl oai::Source for Archive {
@@ -179,6 +312,10 @@ impl oai::Source for Archive {
     fn page(&self, slug: &str) -> String {
         format!("{}/{slug}/", self.base)
     }
+
+    fn sets(&self) -> &[Collection] {
+        &self.sets
+    }
 }
 
 /// `/oai`, by GET or as a form by POST.
@@ -198,7 +335,8 @@ pub(crate) async fn harvest(
     };
     let base = site_base(&site, &headers);
     let now = site.clock.instant();
-    let archive = Archive { site, index: Arc::clone(&index), base };
+    let sets = collections(&site).await;
+    let archive = Archive { site, index: Arc::clone(&index), base, sets };
     let answered = ask(&index, move |_| {
         let base = archive.base.clone();
         let host = base.split("://").nth(1).unwrap_or_default().split(':').next().unwrap_or_default().to_owned();

@@ -1,0 +1,457 @@
+//! Extracts: the mesh of a pack for other programs, made when somebody asks, and kept for the next.
+//!
+//! | URL | what |
+//! |---|---|
+//! | `/<slug>/extract` | what there is to download, and a form for the rest ([`page`], [`routes`]) |
+//! | POST there | asks for a file and leads to it |
+//! | `/<slug>/extract/<name>` | the file; 202 with how far it is while it is being made; 404 where nobody asked for it |
+//!
+//! [`order`] says what can be asked for and how it is called, this module makes it: as many at once as there are cores, others wait in a
+//! line that ends somewhere, and who asks for what is being made gets the same. How a mesh is taken out of a pack is not known here: the program
+//! gives an [`Extract`].
+//!
+//! Invariants: the cache holds complete files only, under names made from the pack's hash and the order, never from an address; its size stays below
+//! the limit, the oldest go first; a file is given to whoever may have the pack, and nobody else. Failures: a full disk and a pack that cannot
+//! be read are told to whoever waits, and tried again when somebody asks again.
+
+pub(crate) mod order;
+pub(crate) mod page;
+pub(crate) mod routes;
+
+pub use order::{Detail, Format};
+
+use order::Order;
+use std::collections::{BTreeMap, VecDeque};
+use std::panic::AssertUnwindSafe;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
+
+/// Orders that wait; for more, who asks is told to come back.
+const LINE: usize = 16;
+/// Orders of one network that begin something new, in [`WHILE`].
+const STARTS: usize = 20;
+const WHILE: Duration = Duration::from_secs(600);
+/// Networks that are remembered; an older one is forgotten for a new one.
+const NETWORKS: usize = 10_000;
+/// A failure is told for so long.
+const TOLD: Duration = Duration::from_secs(600);
+/// Where something could not be made, the same is not tried again before this.
+const AGAIN: Duration = Duration::from_secs(10);
+/// What a crash left half written is taken away after this.
+const STALE: Duration = Duration::from_secs(24 * 3600);
+/// Endings of files of this cache.
+const ENDINGS: [&str; 4] = ["ply", "glb", "obj", "stl"];
+
+/// Why a file was not made.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Failure {
+    /// No room on the disk.
+    Full,
+    /// Anything else, in a sentence for the log.
+    Other(String),
+}
+
+/// Takes a mesh out of a pack.
+pub trait Extract: Send + Sync {
+    /// Write the mesh of the pack at `pack` to `to`, which is there only when it is complete. `progress` is told the share that is done, 0 to 1.
+    ///
+    /// # Errors
+    /// [`Failure`]; nothing is left then.
+    fn extract(
+        &self,
+        pack: &Path,
+        to: &Path,
+        format: Format,
+        detail: Detail,
+        progress: &(dyn Fn(f64) + Sync),
+    ) -> Result<(), Failure>;
+}
+
+/// How an order stands.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Standing {
+    /// The file is there.
+    Ready(PathBuf),
+    /// So many are before it.
+    Waiting(usize),
+    /// So much of it is done, percent.
+    Running(u32),
+    /// It could not be made.
+    Failed(Failure),
+    /// Nobody asked for it, or it was so long ago that it went for others.
+    Unknown,
+}
+
+/// Why an order is not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Refusal {
+    /// The line is full: seconds to wait.
+    Busy(u64),
+    /// This network has begun too many: seconds to wait.
+    TooMany(u64),
+}
+
+struct Job {
+    pack: PathBuf,
+    order: Order,
+    share: Arc<AtomicU32>,
+    phase: Phase,
+}
+
+enum Phase {
+    Waiting,
+    Running,
+    Failed(Failure, Instant),
+}
+
+#[derive(Default)]
+struct State {
+    jobs: BTreeMap<String, Job>,
+    line: VecDeque<String>,
+    running: usize,
+    starts: BTreeMap<String, VecDeque<Instant>>,
+}
+
+/// The cache, and what is being made for it.
+pub struct Extracts {
+    cache: PathBuf,
+    most_bytes: u64,
+    workers: usize,
+    extractor: Arc<dyn Extract>,
+    state: Mutex<State>,
+}
+
+impl Extracts {
+    /// With a cache in the folder `cache`, which is made where it is missing, of at most `most_bytes`.
+    ///
+    /// # Errors
+    /// When the folder cannot be made or listed.
+    pub fn open(cache: PathBuf, most_bytes: u64, extractor: Arc<dyn Extract>) -> std::io::Result<Arc<Self>> {
+        let mut builder = std::fs::DirBuilder::new();
+        builder.recursive(true);
+        // What is not public for the web is not public for other users of the machine.
+        #[cfg(unix)]
+        std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+        builder.create(&cache)?;
+        for entry in std::fs::read_dir(&cache)? {
+            let entry = entry?;
+            let name = entry.file_name();
+            let is_ours = name.to_str().is_some_and(|n| n.starts_with(".kilwa-"));
+            let age = entry.metadata().and_then(|m| m.modified()).ok().and_then(|t| t.elapsed().ok());
+            if is_ours && age.is_some_and(|age| age > STALE) {
+                // Another server that uses the cache may have been faster.
+                drop(std::fs::remove_file(entry.path()));
+            }
+        }
+        let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let extracts = Self { cache, most_bytes, workers, extractor, state: Mutex::default() };
+        extracts.tidy(None);
+        Ok(Arc::new(extracts))
+    }
+
+    /// Bytes that the cache may hold.
+    pub(crate) fn most_bytes(&self) -> u64 {
+        self.most_bytes
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn path(&self, key: &str) -> PathBuf {
+        self.cache.join(key)
+    }
+
+    /// Have a file made, unless it is there or being made. Blocks on the file system.
+    pub(crate) fn ask(self: &Arc<Self>, pack: &Path, hash: &str, order: Order, network: &str) -> Result<(), Refusal> {
+        let key = order.key(hash);
+        if self.path(&key).is_file() {
+            return Ok(());
+        }
+        let now = Instant::now();
+        {
+            let mut state = self.lock();
+            state.jobs.retain(|_, job| !matches!(&job.phase, Phase::Failed(_, at) if now.duration_since(*at) > TOLD));
+            match state.jobs.get(&key).map(|job| &job.phase) {
+                Some(Phase::Waiting | Phase::Running) => return Ok(()),
+                Some(Phase::Failed(_, at)) if now.duration_since(*at) < AGAIN => return Ok(()),
+                _ => {}
+            }
+            if state.line.len() >= LINE {
+                return Err(Refusal::Busy(30));
+            }
+            begin(&mut state.starts, network, now).map_err(Refusal::TooMany)?;
+            let (share, pack) = (Arc::default(), pack.to_owned());
+            state.jobs.insert(key.clone(), Job { pack, order, share, phase: Phase::Waiting });
+            state.line.push_back(key);
+        }
+        self.go_on();
+        Ok(())
+    }
+
+    /// How an order stands. Blocks on the file system.
+    pub(crate) fn standing(&self, hash: &str, order: Order) -> Standing {
+        let key = order.key(hash);
+        {
+            let state = self.lock();
+            match state.jobs.get(&key) {
+                Some(Job { phase: Phase::Running, share, .. }) => {
+                    return Standing::Running(share.load(Ordering::Relaxed));
+                }
+                Some(Job { phase: Phase::Waiting, .. }) => {
+                    return Standing::Waiting(state.line.iter().position(|k| *k == key).unwrap_or(0) + 1);
+                }
+                Some(Job { phase: Phase::Failed(failure, _), .. }) => return Standing::Failed(failure.clone()),
+                None => {}
+            }
+        }
+        let path = self.path(&key);
+        if path.is_file() { Standing::Ready(path) } else { Standing::Unknown }
+    }
+
+    /// Begin what can be begun.
+    fn go_on(self: &Arc<Self>) {
+        loop {
+            let (key, pack, order, share) = {
+                let mut state = self.lock();
+                if state.running >= self.workers {
+                    return;
+                }
+                let Some(key) = state.line.pop_front() else { return };
+                let Some(job) = state.jobs.get_mut(&key) else { continue };
+                job.phase = Phase::Running;
+                let begun = (key, job.pack.clone(), job.order, Arc::clone(&job.share));
+                state.running += 1;
+                begun
+            };
+            let (extracts, name) = (Arc::clone(self), key.clone());
+            let make = move || extracts.make(&name, &pack, order, &share);
+            // A thread of its own: hours of work must not stand in the way of reading files.
+            if let Err(e) = std::thread::Builder::new().name("extract".to_owned()).spawn(make) {
+                self.ended(&key, Err(Failure::Other(format!("no thread: {e}"))));
+            }
+        }
+    }
+
+    fn make(self: &Arc<Self>, key: &str, pack: &Path, order: Order, share: &AtomicU32) {
+        let progress = |done: f64| share.store((done.clamp(0.0, 1.0) * 100.0) as u32, Ordering::Relaxed);
+        let work = || self.extractor.extract(pack, &self.path(key), order.format, order.detail, &progress);
+        // A defect in it must not leave a place taken for ever.
+        let made = std::panic::catch_unwind(AssertUnwindSafe(work));
+        let made = made.unwrap_or_else(|_| Err(Failure::Other("the program failed".to_owned())));
+        match &made {
+            Ok(()) => self.tidy(Some(key)),
+            Err(failure) => tracing::warn!("{}: {} could not be made: {failure:?}", pack.display(), order.name(1)),
+        }
+        self.ended(key, made);
+        self.go_on();
+    }
+
+    fn ended(&self, key: &str, made: Result<(), Failure>) {
+        let mut state = self.lock();
+        state.running = state.running.saturating_sub(1);
+        match made {
+            Ok(()) => drop(state.jobs.remove(key)),
+            Err(failure) => {
+                if let Some(job) = state.jobs.get_mut(key) {
+                    job.phase = Phase::Failed(failure, Instant::now());
+                }
+            }
+        }
+    }
+
+    /// Take the oldest files away until the rest is below the limit; `new` stays.
+    fn tidy(&self, new: Option<&str>) {
+        let Ok(entries) = std::fs::read_dir(&self.cache) else { return };
+        let mut files: Vec<(SystemTime, u64, PathBuf)> = entries
+            .flatten()
+            .filter(|e| e.file_name().to_str().is_some_and(|n| !n.starts_with('.') && is_ours(n)))
+            .filter_map(|e| {
+                let metadata = e.metadata().ok()?;
+                Some((metadata.modified().ok()?, metadata.len(), e.path()))
+            })
+            .collect();
+        files.sort();
+        let mut total: u64 = files.iter().map(|(_, bytes, _)| bytes).sum();
+        for (_, bytes, path) in files {
+            if total <= self.most_bytes {
+                break;
+            }
+            if new.is_some_and(|new| path == self.path(new)) {
+                continue;
+            }
+            match std::fs::remove_file(&path) {
+                Ok(()) => total = total.saturating_sub(bytes),
+                Err(e) => tracing::warn!("cannot remove {}: {e}", path.display()),
+            }
+        }
+    }
+}
+
+/// Whether a file of the cache's folder is one of the cache.
+fn is_ours(name: &str) -> bool {
+    let mut parts = name.split('.');
+    let is_hash = parts.next().is_some_and(|hash| hash.len() == 64 && hash.bytes().all(|b| b.is_ascii_hexdigit()));
+    is_hash && name.rsplit('.').next().is_some_and(|end| ENDINGS.contains(&end))
+}
+
+/// Count a start; seconds to wait where there were too many.
+fn begin(starts: &mut BTreeMap<String, VecDeque<Instant>>, network: &str, now: Instant) -> Result<(), u64> {
+    if starts.len() >= NETWORKS && !starts.contains_key(network) {
+        starts.retain(|_, times| times.back().is_some_and(|at| now.duration_since(*at) < WHILE));
+        if starts.len() >= NETWORKS {
+            starts.pop_first();
+        }
+    }
+    let times = starts.entry(network.to_owned()).or_default();
+    while times.front().is_some_and(|at| now.duration_since(*at) >= WHILE) {
+        times.pop_front();
+    }
+    if times.len() >= STARTS {
+        let first = times.front().map_or(Duration::ZERO, |at| now.duration_since(*at));
+        return Err((WHILE.saturating_sub(first)).as_secs().max(1));
+    }
+    times.push_back(now);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Condvar;
+
+    /// Writes its order; waits for a sign where one is wanted.
+    #[derive(Default)]
+    struct Slow {
+        gate: Mutex<bool>,
+        open: Condvar,
+        made: AtomicU32,
+        fails: Option<Failure>,
+    }
+
+    impl Slow {
+        fn let_go(&self) {
+            *self.gate.lock().unwrap() = true;
+            self.open.notify_all();
+        }
+    }
+
+    impl Extract for Slow {
+        fn extract(
+            &self,
+            _: &Path,
+            to: &Path,
+            _: Format,
+            _: Detail,
+            progress: &(dyn Fn(f64) + Sync),
+        ) -> Result<(), Failure> {
+            progress(0.25);
+            let gate = self.gate.lock().unwrap();
+            drop(self.open.wait_while(gate, |open| !*open).unwrap());
+            self.made.fetch_add(1, Ordering::SeqCst);
+            if let Some(failure) = &self.fails {
+                return Err(failure.clone());
+            }
+            std::fs::write(to, vec![0; 1000]).map_err(|e| Failure::Other(e.to_string()))
+        }
+    }
+
+    fn order(triangles: u64) -> Order {
+        Order { format: Format::Ply, detail: Detail::Triangles(triangles) }
+    }
+
+    fn hash() -> String {
+        "a".repeat(64)
+    }
+
+    fn wait_for(extracts: &Extracts, order: Order, is_so: impl Fn(&Standing) -> bool) {
+        for _ in 0..2000 {
+            if is_so(&extracts.standing(&hash(), order)) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        panic!("{:?}", extracts.standing(&hash(), order));
+    }
+
+    fn shop(slow: Slow, most: u64, workers: usize) -> (tempfile::TempDir, Arc<Slow>, Arc<Extracts>) {
+        let dir = tempfile::tempdir().unwrap();
+        let slow = Arc::new(slow);
+        let mut extracts = Extracts::open(dir.path().join("cache"), most, Arc::<Slow>::clone(&slow)).unwrap();
+        Arc::get_mut(&mut extracts).unwrap().workers = workers;
+        (dir, slow, extracts)
+    }
+
+    #[test]
+    fn the_same_order_is_made_once_and_others_wait_their_turn() {
+        let (_dir, slow, extracts) = shop(Slow::default(), 1 << 20, 1);
+        let ask = |n| extracts.ask(Path::new("p"), &hash(), order(n), "net");
+        for _ in 0..5 {
+            ask(1).unwrap();
+        }
+        ask(2).unwrap();
+        ask(3).unwrap();
+        wait_for(&extracts, order(1), |s| *s == Standing::Running(25));
+        assert_eq!(extracts.standing(&hash(), order(3)), Standing::Waiting(2));
+        assert_eq!(extracts.standing(&hash(), order(9)), Standing::Unknown);
+        slow.let_go();
+        for n in 1..=3 {
+            wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
+        }
+        ask(1).unwrap();
+        assert_eq!(slow.made.load(Ordering::SeqCst), 3, "what is there is not made again");
+    }
+
+    #[test]
+    fn the_line_ends_somewhere_and_nobody_fills_it_alone() {
+        let (_dir, slow, extracts) = shop(Slow::default(), 1 << 20, 1);
+        let ask = |n, net: &str| extracts.ask(Path::new("p"), &hash(), order(n), net);
+        ask(0, "first").unwrap();
+        wait_for(&extracts, order(0), |s| matches!(s, Standing::Running(_)));
+        for n in 1..=LINE as u64 {
+            ask(n, &format!("net {n}")).unwrap();
+        }
+        assert!(matches!(ask(99, "another"), Err(Refusal::Busy(_))));
+        assert_eq!(ask(3, "another"), Ok(()), "what waits already can be joined");
+        slow.let_go();
+        wait_for(&extracts, order(LINE as u64), |s| matches!(s, Standing::Ready(_)));
+        let refused = (0..40).find(|n| {
+            let refused = matches!(ask(200 + n, "greedy"), Err(Refusal::TooMany(1..=600)));
+            wait_for(&extracts, order(200 + n), |s| refused || matches!(s, Standing::Ready(_)));
+            refused
+        });
+        assert_eq!(refused, Some(STARTS as u64));
+        assert_eq!(ask(999, "another"), Ok(()));
+    }
+
+    #[test]
+    fn the_oldest_go_when_the_cache_is_full_and_what_is_not_ours_stays() {
+        let (dir, slow, extracts) = shop(Slow::default(), 2500, 1);
+        std::fs::write(dir.path().join("cache/notes.ply"), vec![0; 5000]).unwrap();
+        slow.let_go();
+        for n in 1..=4 {
+            extracts.ask(Path::new("p"), &hash(), order(n), "net").unwrap();
+            wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
+            // Times of files are told apart by more than the clock's steps.
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let left: Vec<bool> =
+            (1..=4).map(|n| matches!(extracts.standing(&hash(), order(n)), Standing::Ready(_))).collect();
+        assert_eq!(left, [false, false, true, true]);
+        assert!(dir.path().join("cache/notes.ply").exists());
+    }
+
+    #[test]
+    fn a_failure_is_told_and_not_tried_again_at_once() {
+        let (_dir, slow, extracts) = shop(Slow { fails: Some(Failure::Full), ..Slow::default() }, 1000, 1);
+        slow.let_go();
+        let ask = || extracts.ask(Path::new("p"), &hash(), order(1), "net").unwrap();
+        ask();
+        wait_for(&extracts, order(1), |s| *s == Standing::Failed(Failure::Full));
+        ask();
+        std::thread::sleep(Duration::from_millis(50));
+        assert_eq!(slow.made.load(Ordering::SeqCst), 1);
+    }
+}

@@ -1,0 +1,188 @@
+//! What can be asked for: a format and how fine; and how that is called in addresses and in the cache.
+//!
+//! `v1-whole.ply`, `v1-100000.glb` (at most so many triangles), `v1-0.01m.stl` (within so many metres). The name is read back exactly or not at all.
+
+use std::fmt;
+
+/// Of the files; a change of what is written makes older ones another key.
+const FORM: u32 = 1;
+
+/// A format of meshes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// PLY, binary.
+    Ply,
+    /// glTF, one file.
+    Glb,
+    /// Wavefront OBJ.
+    Obj,
+    /// STL, binary.
+    Stl,
+}
+
+impl Format {
+    /// All of them, in the order of the form.
+    pub const ALL: [Self; 4] = [Self::Ply, Self::Glb, Self::Obj, Self::Stl];
+
+    /// The ending of its files.
+    pub fn ending(self) -> &'static str {
+        match self {
+            Self::Ply => "ply",
+            Self::Glb => "glb",
+            Self::Obj => "obj",
+            Self::Stl => "stl",
+        }
+    }
+
+    /// The format of an ending.
+    pub fn of(ending: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|f| f.ending() == ending)
+    }
+
+    /// Bytes of a triangle with its share of the vertices, on the high side.
+    pub(crate) fn bytes_per_triangle(self) -> u64 {
+        match self {
+            Self::Ply | Self::Glb => 30,
+            Self::Obj => 75,
+            Self::Stl => 50,
+        }
+    }
+}
+
+/// How fine.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Detail {
+    /// Every triangle.
+    Whole,
+    /// The best surface of at most so many triangles.
+    Triangles(u64),
+    /// The coarsest surface within so many metres.
+    Error(f64),
+}
+
+impl Detail {
+    /// A number of triangles as people type it, with whatever they put between thousands.
+    pub(crate) fn triangles(text: &str) -> Option<Self> {
+        let digits: String =
+            text.chars().filter(|c| !matches!(c, ' ' | ',' | '.' | '\'' | '\u{a0}' | '\u{202f}')).collect();
+        digits.parse().ok().filter(|n| *n > 0).map(Self::Triangles)
+    }
+
+    /// Metres as people type them.
+    pub(crate) fn error(text: &str) -> Option<Self> {
+        let metres: f64 = text.trim().replace(',', ".").parse().ok()?;
+        // What is written is what is read back: six digits after the point are a thousandth of a millimetre.
+        let metres = (metres * 1e6).round() / 1e6;
+        (metres > 0.0 && metres <= 1e4).then_some(Self::Error(metres))
+    }
+}
+
+impl fmt::Display for Detail {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Whole => f.write_str("whole"),
+            Self::Triangles(n) => write!(f, "{n}"),
+            Self::Error(metres) => write!(f, "{metres}m"),
+        }
+    }
+}
+
+/// What is asked for of a pack.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Order {
+    pub(crate) format: Format,
+    pub(crate) detail: Detail,
+}
+
+impl Order {
+    /// Its name in addresses, for a version.
+    pub(crate) fn name(self, version: u32) -> String {
+        format!("v{version}-{}.{}", self.detail, self.format.ending())
+    }
+
+    /// The version and the order of a name.
+    pub(crate) fn parse(name: &str) -> Option<(u32, Self)> {
+        let (version, rest) = name.strip_prefix('v')?.split_once('-')?;
+        let (detail, ending) = rest.rsplit_once('.')?;
+        let detail = match detail.strip_suffix('m') {
+            Some(metres) => Detail::error(metres)?,
+            None if detail == "whole" => Detail::Whole,
+            None => Detail::Triangles(detail.parse().ok().filter(|n| *n > 0)?),
+        };
+        let (version, order) = (version.parse().ok()?, Self { format: Format::of(ending)?, detail });
+        // One name for one file.
+        (order.name(version) == name).then_some((version, order))
+    }
+
+    /// Its name in the cache, for a pack by its hash.
+    pub(crate) fn key(self, hash: &str) -> String {
+        format!("{hash}.{FORM}.{}.{}", self.detail, self.format.ending())
+    }
+
+    /// What the file will be about as long as, at most.
+    pub(crate) fn estimate(self, triangles: u64) -> u64 {
+        let written = match self.detail {
+            Detail::Triangles(most) => most.min(triangles),
+            Detail::Whole => triangles,
+            // How many these are is known only when it is done; a tenth is much.
+            Detail::Error(_) => triangles / 10,
+        };
+        written.saturating_mul(self.format.bytes_per_triangle())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_an_order_and_back_and_nothing_else_is_one() {
+        for name in ["v1-whole.ply", "v12-100000.glb", "v1-0.01m.stl", "v3-0.000001m.obj"] {
+            let (version, order) = Order::parse(name).unwrap();
+            assert_eq!(order.name(version), name);
+        }
+        for bad in [
+            "",
+            "v1",
+            "v1-whole",
+            "v1-whole.gltf",
+            "v01-whole.ply",
+            "v1-0100.ply",
+            "v1-0.ply",
+            "v1--5.ply",
+            "v1-+5.ply",
+            "v1-0.010m.ply",
+            "v1-nanm.ply",
+            "v1-infm.ply",
+            "v1-1e3m.ply",
+            "v1-../../x.ply",
+            "v-1-whole.ply",
+            "v1-whole.ply/..",
+            "v1-20000m.ply",
+        ] {
+            assert_eq!(Order::parse(bad), None, "{bad}");
+        }
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn any_name_is_read_or_refused(name in "v?[0-9]{0,12}[-.]?[a-z0-9.\\-+]{0,24}(\\.(ply|glb|obj|stl))?") {
+            if let Some((version, order)) = Order::parse(&name) {
+                proptest::prop_assert_eq!(order.name(version), name);
+                proptest::prop_assert!(!order.key("hash").contains(['/', '\\']));
+            }
+        }
+    }
+
+    #[test]
+    fn what_people_type_is_understood_or_refused() {
+        assert_eq!(Detail::triangles("1 000,000"), Some(Detail::Triangles(1_000_000)));
+        assert_eq!(Detail::error(" 0,01 "), Some(Detail::Error(0.01)));
+        for bad in ["", "0", "-1", "x", "1e5"] {
+            assert_eq!(Detail::triangles(bad), None, "{bad}");
+        }
+        for bad in ["", "0", "-1", "x", "nan", "inf", "0.0000001", "99999"] {
+            assert_eq!(Detail::error(bad), None, "{bad}");
+        }
+    }
+}

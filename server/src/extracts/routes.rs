@@ -1,0 +1,346 @@
+//! Answers about extracts. Who may have the pack may have an extract of it: for everybody where it is public, for whoever holds a capability or a
+//! token where it is not; a visitor who is signed in and granted it gets the capability here, so that no script is needed, and it is recorded.
+
+use super::order::{Detail, Format, Order};
+use super::page::{About, Said, Stage, closed, form, stage};
+use super::{Extracts, Failure, Refusal, Standing};
+use crate::access::{Verdict, verdict};
+use crate::catalogue::Model;
+use crate::content::{ASK_AGAIN, Source, answer, insert, plain, text};
+use crate::door::routes::{capability, from_here};
+use crate::objects;
+use crate::observe::client_of;
+use crate::packs::blocking;
+use crate::page::content_type;
+use crate::portal::frame::Reader;
+use crate::portal::language::Language;
+use crate::portal::{encoded, pairs};
+use crate::site::{Site, find, lost, page};
+use crate::store::Content;
+use axum::extract::{Path, Request, State};
+use axum::http::header::{
+    ACCEPT_LANGUAGE, CACHE_CONTROL, CONTENT_DISPOSITION, LOCATION, RETRY_AFTER, SET_COOKIE, VARY,
+};
+use axum::http::{HeaderMap, Method, StatusCode};
+use axum::response::{IntoResponse as _, Response};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A form must be there within this, and no longer than this.
+const FORM: Duration = Duration::from_secs(10);
+const FORM_BYTES: usize = 16 * 1024;
+
+/// What is asked of, and who asks.
+struct Asked {
+    extracts: Arc<Extracts>,
+    about: About,
+    /// Where the pack lies, and its hash.
+    pack: (PathBuf, Arc<str>),
+    /// Whether only some may have it.
+    is_closed: bool,
+    /// Leave that was given now, to be kept by the browser.
+    cookie: Option<String>,
+}
+
+/// What the address and the browser say of the reader.
+struct Given {
+    pairs: Vec<(String, String)>,
+    language: &'static Language,
+}
+
+impl Given {
+    fn of(words: &str, headers: &HeaderMap) -> Self {
+        let pairs = pairs(words);
+        let lang = pairs.iter().find(|(name, _)| name == "lang").map(|(_, value)| value.as_str());
+        let language = Language::choose(lang, text(headers, &ACCEPT_LANGUAGE).unwrap_or_default());
+        Self { pairs, language }
+    }
+
+    fn get(&self, wanted: &str) -> Option<&str> {
+        self.pairs.iter().find(|(name, _)| name == wanted).map(|(_, value)| value.as_str())
+    }
+
+    fn reader(&self) -> Reader<'_> {
+        Reader { language: self.language, lang: self.get("lang"), has_collections: false, has_map: false }
+    }
+}
+
+/// `GET /<slug>/extract`
+pub(crate) async fn ask(State(site): State<Site>, Path(slug): Path<String>, request: Request) -> Response {
+    let given = Given::of(request.uri().query().unwrap_or_default(), request.headers());
+    let (address, _) = client_of(&request, site.behind_proxy);
+    let (parts, _) = request.into_parts();
+    let headers = &parts.headers;
+    match admit(&site, &slug, None, headers, address, &given).await {
+        Ok(asked) => {
+            let said = if given.get("unknown").is_some() { Said::Unknown } else { Said::Nothing };
+            html(&asked, form(&asked.about, &given.reader(), said, None), StatusCode::OK, headers)
+        }
+        Err(refused) => refused,
+    }
+}
+
+/// `POST /<slug>/extract`
+pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, request: Request) -> Response {
+    if !from_here(request.headers()) {
+        return plain(StatusCode::FORBIDDEN).into_response();
+    }
+    let (address, network) = client_of(&request, site.behind_proxy);
+    let (parts, body) = request.into_parts();
+    let read = tokio::time::timeout(FORM, axum::body::to_bytes(body, FORM_BYTES)).await;
+    let Ok(Ok(words)) = read else { return plain(StatusCode::REQUEST_TIMEOUT).into_response() };
+    let headers = &parts.headers;
+    let given = Given::of(&String::from_utf8_lossy(&words), headers);
+    let asked = match admit(&site, &slug, None, headers, address, &given).await {
+        Ok(asked) => asked,
+        Err(refused) => return refused,
+    };
+    let reader = given.reader();
+    let Some(order) = order(&given) else {
+        let html_ = form(&asked.about, &reader, Said::Wrong, None);
+        return html(&asked, html_, StatusCode::UNPROCESSABLE_ENTITY, headers);
+    };
+    let (size, most) = (order.estimate(asked.about.triangles), asked.extracts.most_bytes());
+    if size > most {
+        let said = form(&asked.about, &reader, Said::TooLarge(size, most), Some(order));
+        return html(&asked, said, StatusCode::UNPROCESSABLE_ENTITY, headers);
+    }
+    let (extracts, pack) = (Arc::clone(&asked.extracts), asked.pack.clone());
+    let taken = blocking(move || extracts.ask(&pack.0, &pack.1, order, &network)).await;
+    match taken {
+        Err(status) => plain(status).into_response(),
+        Ok(Err(Refusal::Busy(seconds))) => {
+            busy(&asked, &reader, order, seconds, StatusCode::SERVICE_UNAVAILABLE, headers)
+        }
+        Ok(Err(Refusal::TooMany(seconds))) => {
+            busy(&asked, &reader, order, seconds, StatusCode::TOO_MANY_REQUESTS, headers)
+        }
+        Ok(Ok(())) => {
+            let lang = reader.lang.map(|lang| format!("&lang={}", encoded(lang))).unwrap_or_default();
+            let to = format!("/{slug}/extract/{}?page=1{lang}", order.name(asked.about.version));
+            let mut response = StatusCode::SEE_OTHER.into_response();
+            insert(&mut response, LOCATION, &to);
+            keep(&mut response, &asked);
+            response
+        }
+    }
+}
+
+fn busy(
+    asked: &Asked,
+    reader: &Reader<'_>,
+    order: Order,
+    seconds: u64,
+    status: StatusCode,
+    headers: &HeaderMap,
+) -> Response {
+    let mut response = html(asked, form(&asked.about, reader, Said::Busy(seconds), Some(order)), status, headers);
+    insert(&mut response, RETRY_AFTER, &seconds.to_string());
+    response
+}
+
+/// What the form holds.
+fn order(given: &Given) -> Option<Order> {
+    let format = Format::of(given.get("format")?)?;
+    let detail = match given.get("detail")? {
+        "whole" => Detail::Whole,
+        "triangles" => Detail::triangles(given.get("triangles")?)?,
+        "error" => Detail::error(given.get("error")?)?,
+        _ => return None,
+    };
+    Some(Order { format, detail })
+}
+
+/// `GET /<slug>/extract/<name>`: the file, or with `?page=1` the page that leads to it.
+pub(crate) async fn file(
+    State(site): State<Site>,
+    Path((slug, name)): Path<(String, String)>,
+    method: Method,
+    request: Request,
+) -> Response {
+    let (address, _) = client_of(&request, site.behind_proxy);
+    let (parts, _) = request.into_parts();
+    let headers = &parts.headers;
+    let given = Given::of(parts.uri.query().unwrap_or_default(), headers);
+    let Some((version, order)) = Order::parse(&name) else { return lost() };
+    let asked = match admit(&site, &slug, Some(version), headers, address, &given).await {
+        Ok(asked) => asked,
+        Err(refused) => return refused,
+    };
+    let (extracts, hash) = (Arc::clone(&asked.extracts), Arc::clone(&asked.pack.1));
+    let standing = match blocking(move || extracts.standing(&hash, order)).await {
+        Ok(standing) => standing,
+        Err(status) => return plain(status).into_response(),
+    };
+    let wants_page = given.get("page").is_some();
+    let shown = |stage_: &Stage, status: StatusCode| {
+        html(&asked, stage(&asked.about, &given.reader(), order, stage_), status, headers)
+    };
+    match standing {
+        Standing::Waiting(before) => soon(shown(&Stage::Waiting(before), StatusCode::ACCEPTED)),
+        Standing::Running(percent) => soon(shown(&Stage::Running(percent), StatusCode::ACCEPTED)),
+        Standing::Failed(failure) => {
+            let status = if failure == Failure::Full {
+                StatusCode::INSUFFICIENT_STORAGE
+            } else {
+                StatusCode::INTERNAL_SERVER_ERROR
+            };
+            shown(&Stage::Failed(failure), status)
+        }
+        Standing::Unknown => html(
+            &asked,
+            form(&asked.about, &given.reader(), Said::Unknown, Some(order)),
+            StatusCode::NOT_FOUND,
+            headers,
+        ),
+        Standing::Ready(path) => {
+            let opened = blocking(move || {
+                let file = std::fs::File::open(path)?;
+                let bytes = file.metadata()?.len();
+                Ok::<_, std::io::Error>((file, bytes))
+            });
+            match opened.await {
+                Ok(Ok((_, bytes))) if wants_page => shown(&Stage::Ready(bytes), StatusCode::OK),
+                Ok(Ok((file, bytes))) => send(&asked, order, &name, (file, bytes), &method, headers).await,
+                // It went for others in this moment.
+                _ => html(
+                    &asked,
+                    form(&asked.about, &given.reader(), Said::Unknown, Some(order)),
+                    StatusCode::NOT_FOUND,
+                    headers,
+                ),
+            }
+        }
+    }
+}
+
+fn soon(mut response: Response) -> Response {
+    insert(&mut response, RETRY_AFTER, "2");
+    response
+}
+
+/// The file, whole or a range of it. The same pack and order give the same bytes, so their hash is a strong tag.
+async fn send(
+    asked: &Asked,
+    order: Order,
+    name: &str,
+    (file, bytes): (std::fs::File, u64),
+    method: &Method,
+    headers: &HeaderMap,
+) -> Response {
+    let hash = blake3::hash(order.key(&asked.pack.1).as_bytes()).to_hex();
+    let kind = content_type(name);
+    let source = Source {
+        content: Content::File(file),
+        bytes,
+        hash: hash.as_str().into(),
+        content_type: kind,
+        cache: ASK_AGAIN,
+    };
+    let mut response = answer(source, method, headers).await.unwrap_or_else(|_| plain(StatusCode::SERVICE_UNAVAILABLE));
+    let disposition = format!("attachment; filename=\"{}-{name}\"", asked.about.slug);
+    insert(&mut response, CONTENT_DISPOSITION, &disposition);
+    keep(&mut response, asked);
+    response
+}
+
+fn html(asked: &Asked, html: String, status: StatusCode, headers: &HeaderMap) -> Response {
+    let mut response = page(html, headers);
+    *response.status_mut() = status;
+    insert(&mut response, CACHE_CONTROL, "no-store");
+    insert(&mut response, VARY, "Accept-Encoding, Accept-Language, Cookie");
+    keep(&mut response, asked);
+    response
+}
+
+/// Leave that was given now goes with the answer; what is not for everybody is kept by nobody on the way.
+fn keep(response: &mut Response, asked: &Asked) {
+    if asked.is_closed {
+        insert(response, CACHE_CONTROL, "private, no-store");
+    }
+    if let Some(cookie) = &asked.cookie {
+        insert(response, SET_COOKIE, cookie);
+    }
+}
+
+/// The model, its pack, and whether this visitor may have it; else the answer that says why not.
+async fn admit(
+    site: &Site,
+    slug: &str,
+    version: Option<u32>,
+    headers: &HeaderMap,
+    address: String,
+    given: &Given,
+) -> Result<Asked, Response> {
+    let extracts = site.extracts.clone().ok_or_else(lost)?;
+    let or_lost =
+        |status: StatusCode| if status == StatusCode::NOT_FOUND { lost() } else { plain(status).into_response() };
+    let model = find(site, slug).await.map_err(or_lost)?;
+    let (about, pack) = match model.object() {
+        Some(_) => of_object(&model, version).await.map_err(or_lost)?,
+        None => of_pack(&model, version).await.map_err(or_lost)?,
+    };
+    let mut asked = Asked { extracts, about, pack, is_closed: false, cookie: None };
+    let Some(object) = model.object() else { return Ok(asked) };
+    let manifest = objects::manifest_of(&object.holding).await.map_err(or_lost)?;
+    let why = match verdict(&manifest.access, &site.clock) {
+        Verdict::Open => return Ok(asked),
+        Verdict::Gone(_) => return Err(plain(StatusCode::GONE).into_response()),
+        Verdict::WithoutGeometry(why) => why,
+    };
+    asked.is_closed = true;
+    // Capabilities are for the content of the current version, as in `objects`.
+    let content = manifest.current().map(|v| v.pack.sha256.clone()).unwrap_or_default();
+    if let Some(door) = &site.door {
+        if objects::lets_out(door, headers, slug, &content, &site.clock).await {
+            return Ok(asked);
+        }
+        if let Some(Some(cookie)) = capability(site, headers, slug, &content, address).await {
+            asked.cookie = Some(cookie);
+            return Ok(asked);
+        }
+    }
+    let sign_in = site.door.as_ref().map(|_| format!("/sign-in?next={}", encoded(&format!("/{slug}/extract"))));
+    let said = closed(&asked.about, &given.reader(), &why, sign_in.as_deref());
+    Err(html(&asked, said, StatusCode::FORBIDDEN, headers))
+}
+
+type Found = (About, (PathBuf, Arc<str>));
+
+async fn of_object(model: &Arc<Model>, version: Option<u32>) -> Result<Found, StatusCode> {
+    let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
+    let found = objects::pack_of(&object.holding, version).await?;
+    let slug = &model.slug;
+    let about = About {
+        slug: slug.clone(),
+        title: model.title().to_owned(),
+        page: model.page(),
+        triangles: found.version.figures.triangles,
+        version: found.version.version,
+        pack: (format!("/{slug}/{}", found.version.pack.url), found.version.pack.bytes),
+        preview: found.preview.map(|name| format!("/{slug}/{name}")),
+    };
+    let path = found.place.path().ok_or(StatusCode::NOT_FOUND)?.to_owned();
+    Ok((about, (path, found.version.pack.sha256.as_str().into())))
+}
+
+/// A pack of the folder has one version, which is what it is now.
+async fn of_pack(model: &Arc<Model>, version: Option<u32>) -> Result<Found, StatusCode> {
+    if version.is_some_and(|v| v != 1) {
+        return Err(StatusCode::NOT_FOUND);
+    }
+    let summary = model.summary.as_ref().map_err(|_| StatusCode::NOT_FOUND)?;
+    let hash = model.hash().await.map_err(|_| StatusCode::SERVICE_UNAVAILABLE)?;
+    let about = About {
+        slug: model.slug.clone(),
+        title: model.title().to_owned(),
+        page: model.page(),
+        triangles: summary.triangles,
+        version: 1,
+        pack: (model.pack().unwrap_or_default(), model.bytes),
+        preview: None,
+    };
+    let path = model.place.path().ok_or(StatusCode::NOT_FOUND)?.to_owned();
+    Ok((about, (path, hash)))
+}

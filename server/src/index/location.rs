@@ -1,0 +1,81 @@
+//! Where on earth an object is, for the map: what its metadata say, else the middle of its box through its reference system.
+//!
+//! Nothing is told of an object any version of which was published without its place, nor, where only its geometry would tell, of one whose
+//! geometry is not for everybody. A system that is not known gives no place, never a wrong one.
+
+use crate::object::manifest::Version;
+use crate::object::metadata::Place;
+use crate::object::{AccessState, Manifest};
+use proj4rs::Proj;
+
+/// Latitude and longitude, degrees of WGS 84.
+pub(super) fn of(manifest: &Manifest, place: Option<&Place>) -> Option<[f64; 2]> {
+    if manifest.access.state == AccessState::Withdrawn || manifest.versions.iter().any(|v| v.location_redacted) {
+        return None;
+    }
+    let said = place.and_then(|p| Some([p.latitude?, p.longitude?]));
+    let derived = || {
+        let version = manifest.current().filter(|_| manifest.access.state == AccessState::Public)?;
+        of_box(version)
+    };
+    said.or_else(derived).filter(|[lat, lon]| lat.abs() <= 90.0 && lon.abs() <= 180.0)
+}
+
+/// The middle of a version's box, in degrees.
+fn of_box(version: &Version) -> Option<[f64; 2]> {
+    let code = version.figures.crs.as_deref()?.strip_prefix("EPSG:")?.parse::<u16>().ok()?;
+    let from = Proj::from_epsg_code(code).ok()?;
+    // Packs have x to the east; systems that count otherwise are left alone.
+    if from.is_latlong() || from.is_geocent() || !from.is_normalized_axis() {
+        return None;
+    }
+    let to = Proj::from_proj_string("+proj=longlat +datum=WGS84 +no_defs").ok()?;
+    let [min, max] = version.figures.bounds;
+    // Packs are in metres, whatever the system counts in.
+    let middle = |k: usize| f64::midpoint(min[k], max[k]) / from.to_meter();
+    let mut point = (middle(0), middle(1), 0.0);
+    proj4rs::transform::transform(&from, &to, &mut point).ok()?;
+    let (lon, lat) = (point.0.to_degrees(), point.1.to_degrees());
+    (lat.is_finite() && lon.is_finite()).then_some([lat, lon])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::object::manifest::Figures;
+
+    fn figures(crs: &str, at: [f64; 2]) -> Version {
+        let figures = serde_json::json!({
+            "bounds": [[at[0] - 10.0, at[1] - 10.0, 0.0], [at[0] + 10.0, at[1] + 10.0, 5.0]], "crs": crs, "units": "m",
+            "source_units": "m", "triangles": 1, "vertices": 3, "spacing": 0.1,
+        });
+        let figures: Figures = serde_json::from_value(figures).unwrap();
+        let hash = "a".repeat(64);
+        let version = serde_json::json!({
+            "version": 1, "folder": "v1", "published": "2026-01-01", "note": "first",
+            "pack": {"url": format!("v1/pack.{hash}.kilwa"), "bytes": 7, "sha256": hash, "identity": "b".repeat(32)},
+            "checksums": {"url": "v1/checksums.sha256", "bytes": 3, "sha256": hash}, "figures": figures,
+        });
+        serde_json::from_value(version).unwrap()
+    }
+
+    /// Second opinion: pyproj 3.7.2 (PROJ 9.5.1) for the same coordinates.
+    #[test]
+    fn projected_coordinates_become_degrees() {
+        for (crs, at, wanted) in [
+            // Kilwa Kisiwani, UTM 37 S.
+            ("EPSG:32737", [556_800.0, 9_009_000.0], [-8.964_796, 39.516_711]),
+            // The Eiffel tower, Lambert 93.
+            ("EPSG:2154", [648_237.3, 6_862_271.7], [48.858_400, 2.294_500]),
+            // The Statue of Liberty, in US feet, of which the pack has metres.
+            ("EPSG:2263", [971_570.0 * 1200.0 / 3937.0, 190_550.0 * 1200.0 / 3937.0], [40.689_683, -74.045_723]),
+        ] {
+            let found = of_box(&figures(crs, at)).unwrap();
+            let off = (found[0] - wanted[0]).abs().max((found[1] - wanted[1]).abs());
+            assert!(off < 1e-5, "{crs}: {found:?} instead of {wanted:?}");
+        }
+        for unknown in ["EPSG:4326", "EPSG:1025", "local", "PROJCS[\"x\"]", "EPSG:99999"] {
+            assert_eq!(of_box(&figures(unknown, [5e5, 5e6])), None, "{unknown}");
+        }
+    }
+}

@@ -1,0 +1,278 @@
+//! Collections: models that belong together, with a title, a text and an order, in one file of the archive.
+//!
+//! `collections.toml` lies in the folder of the objects, or where `--collections` says:
+//!
+//! ```toml
+//! [[collection]]
+//! slug = "kilwa"
+//! title = "Kilwa Kisiwani and Songo Mnara"
+//! text = """One or more paragraphs."""
+//! language = "en"
+//! members = ["gereza", "husuni-kubwa"]
+//! ```
+//!
+//! Pages: `/collections/`, `/collections/<slug>/` and its `feed.xml`; in OAI-PMH each is a set. Invariants: slugs are as those of objects, and none is
+//! there twice; a member that is not in the index, or was withdrawn, is passed over. The file is looked at when somebody asks, at most once a second.
+//! Failures: a file that cannot be read leaves what was read before, and says in the log what is wrong and on which line.
+
+use super::catalogue::card;
+use super::frame::{FOOT, Reader, feed_link, head};
+use crate::index::Entry;
+use crate::object::layout::Slug;
+use crate::object::record::xml::escape;
+use crate::store::Identity;
+use serde::Deserialize;
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Its name in a folder of objects.
+pub const FILE: &str = "collections.toml";
+/// Longest file that is read, bytes.
+const FILE_MAX: u64 = 4 << 20;
+/// The file is looked at at most this often.
+const LOOK_AGAIN: Duration = Duration::from_secs(1);
+
+/// One collection.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Collection {
+    /// Its name in the address.
+    pub(crate) slug: String,
+    pub(crate) title: String,
+    /// Paragraphs, separated by empty lines.
+    #[serde(default)]
+    pub(crate) text: String,
+    /// Language of title and text, BCP 47.
+    #[serde(default = "english")]
+    pub(crate) language: String,
+    /// Slugs of objects, in order.
+    pub(crate) members: Vec<String>,
+}
+
+fn english() -> String {
+    "en".to_owned()
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    #[serde(default)]
+    collection: Vec<Collection>,
+}
+
+/// Read the text of a file.
+///
+/// # Errors
+/// A sentence that says what is wrong and where.
+pub(crate) fn parse(text: &str) -> Result<Vec<Collection>, String> {
+    let file: File = toml::from_str(text.trim_start_matches('\u{feff}')).map_err(|e| {
+        let line = e.span().map_or(1, |span| text.get(..span.start).unwrap_or_default().matches('\n').count() + 1);
+        format!("line {line}: {}", e.message())
+    })?;
+    let mut seen = BTreeSet::new();
+    for collection in &file.collection {
+        let Collection { slug, title, language, members, .. } = collection;
+        Slug::new(slug).map_err(|e| format!("collection \"{slug}\": {e}"))?;
+        if !seen.insert(slug.as_str()) {
+            return Err(format!("there are two collections with slug = \"{slug}\"; each needs its own"));
+        }
+        if title.trim().is_empty() {
+            return Err(format!("collection \"{slug}\" has an empty title"));
+        }
+        let is_language = !language.is_empty() && language.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-');
+        if !is_language {
+            return Err(format!(
+                "collection \"{slug}\": \"{language}\" is no language; write a code such as en, fr or pt-BR"
+            ));
+        }
+        let mut named = BTreeSet::new();
+        if let Some(twice) = members.iter().find(|member| !named.insert(member.as_str())) {
+            return Err(format!("collection \"{slug}\" names {twice} twice"));
+        }
+    }
+    Ok(file.collection)
+}
+
+/// The collections of an archive, as its file says now.
+#[derive(Debug)]
+pub struct Collections {
+    file: PathBuf,
+    known: Mutex<Known>,
+}
+
+#[derive(Debug, Default)]
+struct Known {
+    looked: Option<Instant>,
+    mark: Option<Identity>,
+    all: Arc<Vec<Collection>>,
+}
+
+impl Collections {
+    /// Those that `file` says; it need not be there yet.
+    #[must_use]
+    pub fn new(file: PathBuf) -> Self {
+        Self { file, known: Mutex::default() }
+    }
+
+    /// All of them, in the order of the file. Blocks on the file system, at most once a second.
+    pub(crate) fn all(&self) -> Arc<Vec<Collection>> {
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        if known.looked.is_some_and(|at| at.elapsed() < LOOK_AGAIN) {
+            return Arc::clone(&known.all);
+        }
+        known.looked = Some(Instant::now());
+        let mark = std::fs::metadata(&self.file).ok().map(|m| Identity::of(&m));
+        if mark != known.mark {
+            known.mark = mark;
+            match read(&self.file) {
+                Ok(all) => known.all = Arc::new(all),
+                Err(why) => {
+                    tracing::warn!("{}: {why}; the collections are those that were read before", self.file.display());
+                }
+            }
+        }
+        Arc::clone(&known.all)
+    }
+
+    /// One of them.
+    pub(crate) fn get(&self, slug: &str) -> Option<Collection> {
+        self.all().iter().find(|c| c.slug == slug).cloned()
+    }
+}
+
+fn read(file: &Path) -> Result<Vec<Collection>, String> {
+    use std::io::Read as _;
+    let opened = match std::fs::File::open(file) {
+        Ok(opened) => opened,
+        // Taken away: there are none.
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(e) => return Err(e.to_string()),
+    };
+    let mut text = String::new();
+    opened.take(FILE_MAX + 1).read_to_string(&mut text).map_err(|e| e.to_string())?;
+    if text.len() as u64 > FILE_MAX {
+        return Err(format!("more than {FILE_MAX} bytes"));
+    }
+    parse(&text)
+}
+
+/// Collections as links with their numbers.
+pub(crate) fn list(all: &[Collection], reader: &Reader<'_>) -> String {
+    let mut s = String::from("<ul class=\"collections\">\n");
+    for collection in all {
+        let count = reader.language.count(collection.members.len() as u64);
+        let _ = writeln!(
+            s,
+            "<li><a href=\"{}\" lang=\"{}\" dir=\"auto\">{}</a> <span class=\"quiet\">{}</span></li>",
+            reader.to(&format!("/collections/{}/", collection.slug)),
+            escape(&collection.language),
+            escape(&collection.title),
+            reader.language.with("members", &[("count", &count)])
+        );
+    }
+    s.push_str("</ul>\n");
+    s
+}
+
+/// `/collections/`
+pub(crate) fn all_page(all: &[Collection], reader: &Reader<'_>) -> String {
+    let l = reader.language;
+    let mut s = head(reader, l.t("collections"), &|code| format!("/collections/?lang={code}"), "");
+    let _ = writeln!(s, "<h1>{}</h1>", l.t("collections"));
+    if all.is_empty() {
+        let _ = writeln!(s, "<p>{} <a href=\"{}\">{}</a></p>", l.t("noCollections"), reader.to("/"), l.t("all"));
+    } else {
+        s.push_str(&list(all, reader));
+    }
+    s.push_str(FOOT);
+    s
+}
+
+/// `/collections/<slug>/`: `members` are those that are there, in order.
+pub(crate) fn page(collection: &Collection, members: &[Entry], reader: &Reader<'_>, today: &str) -> String {
+    let l = reader.language;
+    let path = format!("/collections/{}/", collection.slug);
+    let title = escape(&collection.title);
+    let feed = format!("{path}feed.xml");
+    let mut s = head(reader, &title, &|code| format!("{path}?lang={code}"), &feed_link(&feed, &title));
+    let words = format!("lang=\"{}\" dir=\"auto\"", escape(&collection.language));
+    let _ = writeln!(
+        s,
+        "<p class=\"crumb\"><a href=\"{}\">{}</a></p>\n<h1 {words}>{title}</h1>",
+        reader.to("/collections/"),
+        l.t("collections")
+    );
+    for paragraph in collection.text.split("\n\n").map(str::trim).filter(|p| !p.is_empty()) {
+        let _ = writeln!(s, "<p class=\"prose\" {words}>{}</p>", escape(paragraph));
+    }
+    let count = l.count(members.len() as u64);
+    let _ = writeln!(s, "<p class=\"lead\">{}</p>\n<ul class=\"cards\">", l.with("members", &[("count", &count)]));
+    for entry in members {
+        card(&mut s, entry, reader, today);
+    }
+    let _ = writeln!(s, "</ul>\n<p class=\"lead feed\"><a href=\"{feed}\">{}</a></p>", l.t("collectionFeed"));
+    s.push_str(FOOT);
+    s
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = "[[collection]]\nslug = \"kilwa\"\ntitle = \"Kilwa\"\nmembers = [\"b\", \"a\"]\n";
+
+    #[test]
+    fn a_file_is_read_with_its_order_and_every_mistake_is_named() {
+        let all = parse(GOOD).unwrap();
+        assert_eq!(
+            (all[0].members.as_slice(), all[0].language.as_str()),
+            (&["b".to_owned(), "a".to_owned()][..], "en")
+        );
+        assert_eq!(parse("").unwrap(), []);
+        for (bad, said) in [
+            ("[[collection]]\nslug = \"a\"\n", "line"),
+            ("[[collection]]\nslug = \"A b\"\ntitle = \"x\"\nmembers = []\n", "collection \"A b\""),
+            (&format!("{GOOD}{GOOD}"), "two collections"),
+            (&GOOD.replace("\"Kilwa\"", "\" \""), "empty title"),
+            (&GOOD.replace("\"b\", \"a\"", "\"a\", \"a\""), "names a twice"),
+            (&format!("{GOOD}language = \"<x>\"\n"), "no language"),
+            (&format!("{GOOD}order = 1\n"), "line 5"),
+        ] {
+            let e = parse(bad).unwrap_err();
+            assert!(e.contains(said), "{bad}: {e}");
+        }
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn any_text_is_read_or_refused(cut in 0usize..80, more in ".{0,40}") {
+            let cut = (0..=cut.min(GOOD.len())).rev().find(|at| GOOD.is_char_boundary(*at)).unwrap_or(0);
+            for text in [format!("{}{more}{}", &GOOD[..cut], &GOOD[cut..]), format!("{}{more}", &GOOD[..cut]), more] {
+                if let Ok(all) = parse(&text) {
+                    proptest::prop_assert!(all.iter().all(|c| Slug::new(&c.slug).is_ok()));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_damaged_leaves_what_was_read_before() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join(FILE);
+        let look = |c: &Collections| {
+            c.known.lock().unwrap().looked = None;
+            c.all().len()
+        };
+        let collections = Collections::new(file.clone());
+        assert_eq!(look(&collections), 0, "it need not be there");
+        std::fs::write(&file, GOOD).unwrap();
+        assert_eq!(look(&collections), 1);
+        std::fs::write(&file, "[[collection").unwrap();
+        assert_eq!(look(&collections), 1);
+        std::fs::remove_file(&file).unwrap();
+        assert_eq!(look(&collections), 0);
+    }
+}

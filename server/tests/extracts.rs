@@ -1,0 +1,226 @@
+//! Meshes for other programs: asked for by a form, waited for by a page, given as a file, to whoever may have the model.
+
+mod common;
+
+use axum::Router;
+use axum::body::Body;
+use axum::http::Request;
+use common::{Answer, ask, get, object, pack, page, public};
+use kilwa_server::access::{Accounts, Grant};
+use kilwa_server::door::Door;
+use kilwa_server::extracts::{Detail, Extract, Extracts, Failure, Format};
+use kilwa_server::object::manifest::{Access, AccessState};
+use kilwa_server::{Catalogue, Clock, Site, app};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use tower::ServiceExt;
+
+/// Writes what it was asked for, when it is let.
+#[derive(Default)]
+struct Clerk {
+    waits: AtomicBool,
+    is_full: AtomicBool,
+}
+
+impl Extract for Clerk {
+    fn extract(
+        &self,
+        pack: &Path,
+        to: &Path,
+        format: Format,
+        detail: Detail,
+        progress: &(dyn Fn(f64) + Sync),
+    ) -> Result<(), Failure> {
+        progress(0.37);
+        while self.waits.load(Ordering::SeqCst) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        if self.is_full.load(Ordering::SeqCst) {
+            return Err(Failure::Full);
+        }
+        assert!(pack.is_file());
+        std::fs::write(to, format!("{} {detail} of it", format.ending())).map_err(|e| Failure::Other(e.to_string()))
+    }
+}
+
+struct Archive {
+    app: Router,
+    clerk: Arc<Clerk>,
+    _folder: tempfile::TempDir,
+}
+
+fn archive() -> Archive {
+    let folder = tempfile::tempdir().unwrap();
+    let models = folder.path().join("models");
+    std::fs::create_dir(&models).unwrap();
+    let closed = |state| Access { state, reason: Some("Graves.".to_owned()), ..public() };
+    let mut fort = object(&models, "fort", &[pack("fort"), pack("fort again")], public());
+    fort.versions[1].figures.triangles = 1_000_000;
+    std::fs::write(models.join("fort/manifest.json"), fort.to_bytes().unwrap()).unwrap();
+    object(&models, "cave", &[pack("cave")], closed(AccessState::Restricted));
+    object(&models, "gone", &[pack("gone")], closed(AccessState::Withdrawn));
+    std::fs::write(models.join("plain.kilwa"), pack("Plain pack")).unwrap();
+    let mut accounts = Accounts::new().unwrap();
+    accounts.set_user("amina", &Grant::Objects(vec!["cave".to_owned()]), Some("a long sentence")).unwrap();
+    accounts.set_user("omar", &Grant::Objects(Vec::new()), Some("another sentence")).unwrap();
+    accounts.write(&folder.path().join("access.json"), true).unwrap();
+    let clerk = Arc::new(Clerk::default());
+    let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
+    site.clock = Clock::new(|| 1_795_262_400);
+    site.door = Some(Arc::new(Door::open(&folder.path().join("access.json"), None).unwrap()));
+    let cache = folder.path().join("cache");
+    site.extracts = Some(Extracts::open(cache, 60_000_000, Arc::<Clerk>::clone(&clerk)).unwrap());
+    Archive { app: app(site), clerk, _folder: folder }
+}
+
+impl Archive {
+    async fn post(&self, uri: &str, cookie: &str, form: &str) -> Answer {
+        let request = Request::post(uri).header("host", "museum.example").header("cookie", cookie);
+        let response = self.app.clone().oneshot(request.body(Body::from(form.to_owned())).unwrap()).await.unwrap();
+        Answer::of(response).await
+    }
+
+    async fn sign_in(&self, name: &str, password: &str) -> String {
+        let form = format!("name={name}&password={}&next=%2F", password.replace(' ', "+"));
+        let answer = self.post("/sign-in", "", &form).await;
+        answer.header("set-cookie").split(';').next().unwrap_or_default().to_owned()
+    }
+
+    /// Until the file of an address is there.
+    async fn made(&self, uri: &str, cookie: &str) -> Answer {
+        for _ in 0..1000 {
+            let answer = ask(&self.app, "GET", uri, &[("cookie", cookie)]).await;
+            if answer.status != 202 {
+                return answer;
+            }
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+        panic!("{uri} is not made");
+    }
+}
+
+#[tokio::test]
+async fn a_form_leads_to_a_page_that_waits_and_to_the_file() {
+    let a = archive();
+    let form = get(&a.app, "/fort/extract").await;
+    assert_eq!(form.status, 200);
+    let html = form.text();
+    assert!(
+        html.contains("action=\"/fort/extract\"") && html.contains("value=\"stl\"") && html.contains("1,000,000"),
+        "{html}"
+    );
+    assert!(!html.contains("<script") && !html.contains(" style="));
+    a.clerk.waits.store(true, Ordering::SeqCst);
+    let begun = a.post("/fort/extract", "", "format=ply&detail=triangles&triangles=100%20000&lang=fr").await;
+    assert_eq!((begun.status.as_u16(), begun.header("location")), (303, "/fort/extract/v2-100000.ply?page=1&lang=fr"));
+    let waits = get(&a.app, "/fort/extract/v2-100000.ply?page=1&lang=fr").await;
+    assert_eq!(waits.status, 202);
+    assert!(
+        waits.text().contains("http-equiv=\"refresh\"") && waits.text().contains("en préparation"),
+        "{}",
+        waits.text()
+    );
+    assert_eq!(get(&a.app, "/fort/extract/v2-100000.ply").await.status, 202, "a program waits at the same address");
+    a.clerk.waits.store(false, Ordering::SeqCst);
+    let ready = a.made("/fort/extract/v2-100000.ply?page=1", "").await;
+    assert_eq!(ready.status, 200);
+    assert!(ready.text().contains("url=/fort/extract/v2-100000.ply\""), "the download begins: {}", ready.text());
+    let file = get(&a.app, "/fort/extract/v2-100000.ply").await;
+    assert_eq!((file.status.as_u16(), file.text().as_str()), (200, "ply 100000 of it"));
+    assert_eq!(file.header("content-disposition"), "attachment; filename=\"fort-v2-100000.ply\"");
+    let etag = file.header("etag").to_owned();
+    let part = ask(&a.app, "GET", "/fort/extract/v2-100000.ply", &[("range", "bytes=4-9"), ("if-range", &etag)]).await;
+    assert_eq!((part.status.as_u16(), part.text().as_str()), (206, "100000"));
+    assert_eq!(ask(&a.app, "GET", "/fort/extract/v2-100000.ply", &[("if-none-match", &etag)]).await.status, 304);
+    // Every kind, of an earlier version, and of a pack without metadata.
+    for (post, form, name) in [
+        ("/fort/extract", "format=stl&detail=whole", "/fort/extract/v2-whole.stl"),
+        ("/fort/extract", "format=obj&detail=error&error=0,05", "/fort/extract/v2-0.05m.obj"),
+        ("/plain/extract", "format=glb&detail=whole", "/plain/extract/v1-whole.glb"),
+    ] {
+        assert_eq!(a.post(post, "", form).await.status, 303, "{form}");
+        assert_eq!(a.made(name, "").await.status, 200, "{name}");
+    }
+    assert_ne!(get(&a.app, "/fort/extract/v2-whole.stl").await.header("etag"), etag);
+}
+
+#[tokio::test]
+async fn what_nobody_asked_for_and_what_is_no_order_is_refused_with_a_sentence() {
+    let a = archive();
+    let never = get(&a.app, "/fort/extract/v1-whole.ply").await;
+    assert_eq!(never.status, 404);
+    assert!(never.text().contains("Nothing is being made"), "{}", never.text());
+    for lost in [
+        "/fort/extract/x",
+        "/fort/extract/v9-whole.ply",
+        "/fort/extract/v1-whole.exe",
+        "/none/extract",
+        "/plain/extract/v2-whole.ply",
+    ] {
+        assert_eq!(get(&a.app, lost).await.status, 404, "{lost}");
+    }
+    for bad in [
+        "",
+        "format=ply",
+        "format=ply&detail=triangles&triangles=0",
+        "format=exe&detail=whole",
+        "format=ply&detail=error&error=nan",
+    ] {
+        let said = a.post("/fort/extract", "", bad).await;
+        assert_eq!(said.status, 422, "{bad}");
+        assert!(said.text().contains("That is no size"), "{bad}: {}", said.text());
+    }
+    let large = a.post("/fort/extract", "", "format=obj&detail=whole").await;
+    assert_eq!(large.status, 422);
+    assert!(large.text().contains("75.0 MB") && large.text().contains("60.0 MB"), "{}", large.text());
+    a.clerk.is_full.store(true, Ordering::SeqCst);
+    assert_eq!(a.post("/fort/extract", "", "format=ply&detail=triangles&triangles=7").await.status, 303);
+    let full = a.made("/fort/extract/v2-7.ply?page=1", "").await;
+    assert_eq!(full.status, 507);
+    assert!(full.text().contains("disk is full") && !full.text().contains("http-equiv=\"refresh\""), "{}", full.text());
+    let foreign =
+        Request::post("/fort/extract").header("host", "museum.example").header("origin", "https://evil.example");
+    let refused = a.app.clone().oneshot(foreign.body(Body::from("format=ply&detail=whole")).unwrap()).await.unwrap();
+    assert_eq!(refused.status(), 403);
+}
+
+#[tokio::test]
+async fn an_extract_is_for_whoever_may_have_the_model_and_needs_no_script() {
+    let a = archive();
+    let closed = get(&a.app, "/cave/extract").await;
+    assert_eq!(closed.status, 403);
+    assert!(closed.text().contains("Graves.") && closed.text().contains("/sign-in?next="), "{}", closed.text());
+    let form = "format=ply&detail=whole";
+    assert_eq!(a.post("/cave/extract", "", form).await.status, 403);
+    assert_eq!(get(&a.app, "/gone/extract").await.status, 410);
+    let omar = a.sign_in("omar", "another sentence").await;
+    assert_eq!(a.post("/cave/extract", &omar, form).await.status, 403, "signed in, and not granted it");
+    let amina = a.sign_in("amina", "a long sentence").await;
+    let begun = a.post("/cave/extract", &amina, form).await;
+    assert_eq!(begun.status, 303);
+    let set = begun.header("set-cookie").to_owned();
+    assert!(set.starts_with("kilwa_pack=") && set.contains("HttpOnly") && set.contains("Path=/cave/"), "{set}");
+    let leave = set.split(';').next().unwrap().to_owned();
+    let file = a.made("/cave/extract/v1-whole.ply", &leave).await;
+    assert_eq!((file.status.as_u16(), file.header("cache-control")), (200, "private, no-store"));
+    for stranger in ["", omar.as_str(), "kilwa_pack=x"] {
+        let refused = ask(&a.app, "GET", "/cave/extract/v1-whole.ply", &[("cookie", stranger)]).await;
+        assert_eq!(refused.status, 403, "it is made, and still not for {stranger:?}");
+        assert!(!refused.text().contains("of it"));
+    }
+}
+
+#[tokio::test]
+async fn a_models_page_leads_to_its_downloads() {
+    let a = archive();
+    let plain = get(&a.app, "/m/plain").await.text();
+    assert!(plain.contains("href=\"/plain/extract\""), "{plain}");
+    // Without a cache there is nothing to lead to.
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("plain.kilwa"), pack("Plain pack")).unwrap();
+    let app = app(Site::new(Catalogue::open(folder.path()).unwrap(), page()));
+    assert!(!get(&app, "/m/plain").await.text().contains("/extract"));
+    assert_eq!(get(&app, "/plain/extract").await.status, 404);
+}

@@ -1,0 +1,113 @@
+// The portal's pages as people meet them: map, collections and downloads, in both themes, on a phone, in Arabic, and without scripts.
+
+import assert from "node:assert/strict";
+import { execFile } from "node:child_process";
+import { mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
+import { createRequire } from "node:module";
+import { tmpdir } from "node:os";
+import path from "node:path";
+import { after, before, test } from "node:test";
+import { promisify } from "node:util";
+import { KILWA, WWW, launch, open, packFolder, serve } from "./harness.mjs";
+
+const run = promisify(execFile);
+const OBJECTS = [
+  ["gereza", "Gereza fort", "country = \"TZ\"\nname = \"Kilwa Kisiwani\"\nlatitude = -8.957\nlongitude = 39.513"],
+  ["husuni", "Husuni Kubwa", "country = \"TZ\"\nname = \"Kilwa Kisiwani\"\nlatitude = -8.951\nlongitude = 39.522"],
+  ["gede", "Great mosque of Gede", "country = \"KE\"\nname = \"Gede\"\nlatitude = -3.309\nlongitude = 40.018"],
+];
+const PAGES = ["/", "/map", "/collections/", "/collections/coast/", "/gereza/extract", "/gereza/extract/v1-whole.ply"];
+let scratch;
+let server;
+let browser;
+
+before(async () => {
+  scratch = await mkdtemp(path.join(tmpdir(), "kilwa-portal-"));
+  const folder = await packFolder();
+  const site = path.join(scratch, "site");
+  for (const [slug, title, place] of OBJECTS) {
+    const metadata = path.join(scratch, `${slug}.toml`);
+    await writeFile(metadata, `title = "${title}"\nslug = "${slug}"\n[rights]\nuri = "CC BY 4.0"\n[place]\n${place}\n[model]\nunits = "m"\n`);
+    await run(KILWA, ["publish", path.join(folder, "fort.kilwa"), "--to", site, "--metadata", metadata, "--www", WWW, "--software"]);
+  }
+  await rm(folder, { recursive: true });
+  await writeFile(path.join(site, "collections.toml"), '[[collection]]\nslug = "coast"\ntitle = "The Swahili coast"\ntext = "Towns of stone."\nmembers = ["gede", "gereza"]\n');
+  server = await serve(site, "--cache", path.join(scratch, "cache"));
+  browser = await launch();
+});
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+  await rm(scratch, { recursive: true });
+});
+
+const look = (address, options = {}) => open(browser, `${server.url}${address}`, { size: [1200, 800], wait: null, ...options });
+
+test("axe-core finds nothing serious, in both themes and in Arabic", async () => {
+  const axe = await readFile(path.join(path.dirname(createRequire(import.meta.url).resolve("axe-core")), "axe.min.js"), "utf8");
+  const found = [];
+  for (const [colorScheme, locale] of [["light", "en"], ["dark", "en"], ["light", "ar"]]) {
+    for (const address of PAGES) {
+      const { page, close } = await look(address, { colorScheme, locale });
+      await page.evaluate(axe);
+      const { violations } = await page.evaluate(() => globalThis.axe.run());
+      const serious = violations.filter((v) => ["serious", "critical"].includes(v.impact));
+      found.push(...serious.map((v) => `${address} ${colorScheme} ${locale}: ${v.id}: ${v.nodes.map((n) => n.failureSummary).join("; ")}`));
+      await close();
+    }
+  }
+  assert.deepEqual(found, []);
+});
+
+test("on a phone nothing is wider than the screen and every control is large enough for a finger", async () => {
+  for (const address of PAGES) {
+    const { page, close } = await look(address, { size: [390, 844], hasTouch: true, isMobile: true });
+    assert.equal(await page.evaluate(() => document.documentElement.scrollWidth), 390, address);
+    const small = await page.evaluate(() =>
+      [...document.querySelectorAll("a, button, select, input:not([type=radio], [type=checkbox], [type=hidden]), label:has(input)")]
+        // Words inside text and links of a drawing that stand in the list beside it, and a card, all of which is its link.
+        .filter((e) => !e.closest("svg, .card") && e.checkVisibility())
+        .map((e) => [e.textContent.trim() || e.name, e.getBoundingClientRect()])
+        .filter(([, b]) => b.height < 43.5)
+        .map(([name, b]) => `${name}: ${b.width} × ${b.height}`),
+    );
+    assert.deepEqual(small, [], address);
+    await close();
+  }
+});
+
+test("the map leads to models and closer, without scripts and by keyboard", async () => {
+  const { page, close } = await look("/map", { javaScriptEnabled: false });
+  const dots = page.locator(".map svg a");
+  assert.deepEqual(await dots.locator("title").allTextContents(), ["Models here: 2. Look closer", "Great mosque of Gede, Gede"]);
+  assert.deepEqual(await page.locator(".places li a").allInnerTexts(), ["Gereza fort", "Great mosque of Gede", "Husuni Kubwa"]);
+  await dots.first().focus();
+  await Promise.all([page.waitForURL(/#places|box=/), page.keyboard.press("Enter")]);
+  await page.goto(`${server.url}/map?q=gede`);
+  await dots.first().focus();
+  await Promise.all([page.waitForURL(/\/gede\/$/), page.keyboard.press("Enter")]);
+  await close();
+});
+
+test("a mesh is asked for, waited for and saved, without scripts", async () => {
+  const { page, close } = await look("/gereza/extract", { javaScriptEnabled: false, acceptDownloads: true });
+  await page.locator('input[value="stl"]').check();
+  await page.locator('input[name="detail"][value="triangles"]').check();
+  await page.locator('input[name="triangles"]').fill("5 000");
+  const [download] = await Promise.all([page.waitForEvent("download"), page.locator("form.extract button").click()]);
+  assert.equal(download.suggestedFilename(), "gereza-v1-5000.stl");
+  const bytes = await readFile(await download.path());
+  const triangles = bytes.readUInt32LE(80);
+  assert.ok(triangles > 3000 && triangles <= 5000, String(triangles));
+  assert.equal(bytes.length, 84 + 50 * triangles);
+  await close();
+});
+
+test("a model's page leads to its downloads, and they lead back", async () => {
+  const { page, close } = await look("/gereza/", { javaScriptEnabled: false });
+  await page.locator('a[href="/gereza/extract"]').last().click();
+  assert.equal(await page.locator("h1").innerText(), "Downloads");
+  await page.locator(".crumb a").click();
+  assert.equal(new URL(page.url()).pathname, "/gereza/");
+  await close();
+});

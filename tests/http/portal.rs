@@ -1,0 +1,187 @@
+//! Many readers of the portal at the same time: catalogue, search, map, collection, landing page, downloads, and the pack by ranges.
+
+use crate::client::{Client, loopback};
+use crate::process::Server;
+use crate::{Dice, claim, claim_none, claim_when_quiet, full, noise, quantile};
+use serde_json::json;
+use sha2::{Digest as _, Sha256};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::Barrier;
+
+const OBJECTS: usize = 40;
+const CHUNK: u64 = 64 * 1024;
+
+fn sha256(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    Sha256::digest(bytes).iter().fold(String::new(), |mut s, b| {
+        let _ = write!(s, "{b:02x}");
+        s
+    })
+}
+
+/// An object as publishing writes it, as far as serving looks; the address of its pack.
+fn object(folder: &Path, number: usize, pack: &[u8]) -> String {
+    let slug = format!("fort-{number}");
+    let home = folder.join(&slug);
+    std::fs::create_dir_all(home.join("v1/metadata")).unwrap();
+    let sum = sha256(pack);
+    let name = format!("pack.{sum}.kilwa");
+    let page = format!(
+        "<!doctype html><html><head><title>{slug}</title></head><body data-list=\"\"><ul class=\"files\"></ul></body></html>"
+    );
+    let list = format!("{sum}  {name}\n");
+    std::fs::write(home.join("v1").join(&name), pack).unwrap();
+    std::fs::write(home.join("v1/checksums.sha256"), &list).unwrap();
+    std::fs::write(home.join("index.html"), &page).unwrap();
+    let rights = json!({"uri": "https://creativecommons.org/licenses/by/4.0/", "label": "Attribution 4.0", "short": "CC BY 4.0"});
+    let title = format!("Fort {number} of coral stone");
+    let metadata = json!({
+        "title": title, "language": "en", "rights": {"uri": rights["uri"]}, "model": {"units": "m"},
+        "place": {"country": "TZ", "latitude": number as f64 - 20.0, "longitude": 39.0},
+    });
+    std::fs::write(home.join("v1/metadata/metadata.json"), metadata.to_string()).unwrap();
+    let manifest = json!({
+        "kilwa": 1, "slug": slug, "title": title, "language": "en", "rights": rights, "citation": "Example.", "tool": "test",
+        "access": {"state": "public"}, "current": 1, "page": {"url": "index.html", "bytes": page.len(), "sha256": sha256(page.as_bytes())},
+        "versions": [{
+            "version": 1, "folder": "v1", "published": "2026-11-21", "note": "first",
+            "pack": {"url": format!("v1/{name}"), "bytes": pack.len(), "sha256": sum, "identity": "b".repeat(32)},
+            "checksums": {"url": "v1/checksums.sha256", "bytes": list.len(), "sha256": sha256(list.as_bytes())},
+            "figures": {"bounds": [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]], "units": "m", "source_units": "m", "triangles": 1000, "vertices": 500, "spacing": 0.1},
+        }],
+    });
+    std::fs::write(home.join("manifest.json"), manifest.to_string()).unwrap();
+    format!("/{slug}/v1/{name}")
+}
+
+/// One reader's round: pages, each with a word that it must have, and ranges of a pack.
+async fn round(
+    client: &mut Client,
+    dice: &mut Dice,
+    packs: &[String],
+    bytes: &[u8],
+    wrong: &mut Vec<String>,
+    times: &mut Vec<f64>,
+) {
+    let number = dice.below(packs.len() as u64) as usize;
+    let pages = [
+        ("/?sort=newest".to_owned(), "class=\"card\""),
+        (format!("/?q=fort+{number}&lang=sw"), "of coral stone"),
+        ("/map?country=TZ".to_owned(), "class=\"land\""),
+        ("/collections/some/".to_owned(), "class=\"card\""),
+        (format!("/fort-{number}/"), "PLY, GLB, OBJ, STL"),
+        (format!("/fort-{number}/extract"), "value=\"stl\""),
+    ];
+    for (address, word) in pages {
+        let began = Instant::now();
+        match client.get(&address, "").await {
+            Ok(a) if a.status == 200 && String::from_utf8_lossy(&a.body).contains(word) => {}
+            Ok(a) => wrong.push(format!("{address}: {}", a.head)),
+            Err(e) => wrong.push(format!("{address}: {e}")),
+        }
+        times.push(began.elapsed().as_secs_f64() * 1e3);
+    }
+    for _ in 0..10 {
+        let from = dice.below(bytes.len() as u64 - CHUNK);
+        match client.get(&packs[number], &format!("Range: bytes={from}-{}\r\n", from + CHUNK - 1)).await {
+            Ok(a) if a.status == 206 && a.body == bytes[from as usize..(from + CHUNK) as usize] => {}
+            Ok(a) => wrong.push(a.head),
+            Err(e) => wrong.push(e.to_string()),
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_crowd_of_readers_gets_every_page_and_every_byte_and_leaves_nothing_behind() {
+    let (readers, rounds) = if full() { (500, 12) } else { (30, 3) };
+    let bytes: &'static [u8] = Vec::leak(noise(1 << 20, 17));
+    let cache = tempfile::tempdir().unwrap();
+    let index = cache.path().join("index.sqlite");
+    let options = ["--cache", cache.path().to_str().unwrap(), "--index", index.to_str().unwrap()];
+    let server = Server::start(&[("plain", bytes)], &options);
+    let packs: Vec<String> = (0..OBJECTS).map(|number| object(&server.folder(), number, bytes)).collect();
+    let members: Vec<String> = (0..30).map(|n| format!("\"fort-{n}\"")).collect();
+    let collection = format!("[[collection]]\nslug = \"some\"\ntitle = \"Some\"\nmembers = [{}]\n", members.join(", "));
+    std::fs::write(server.folder().join("collections.toml"), collection).unwrap();
+    let address = server.address;
+    // Until what was put there is noticed: the folder is looked at once a second.
+    for attempt in 0.. {
+        let mut client = Client::connect(address).await.unwrap();
+        let found = client.get("/?q=coral", "").await.unwrap();
+        let set = client.get("/collections/some/", "").await.unwrap();
+        if String::from_utf8_lossy(&found.body).contains("Models found: 40")
+            && String::from_utf8_lossy(&set.body).contains("Models: 30")
+        {
+            break;
+        }
+        assert!(attempt < 100, "the objects are not found");
+        tokio::time::sleep(Duration::from_millis(200)).await;
+    }
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let files_before = server.files();
+    let packs = Arc::new(packs);
+    // All meet after a third, while memory is read.
+    let barrier = Arc::new(Barrier::new(readers + 1));
+    let crowd: Vec<_> = (0..readers)
+        .map(|number| {
+            let (barrier, packs) = (Arc::clone(&barrier), Arc::clone(&packs));
+            tokio::spawn(async move {
+                let mut client = Client::connect_from(loopback(number / 4), address, None).await.unwrap();
+                let mut dice = Dice(number as u64 + 1);
+                let (mut wrong, mut times) = (Vec::new(), Vec::new());
+                for at in 0..rounds {
+                    if at == rounds / 3 {
+                        barrier.wait().await;
+                        barrier.wait().await;
+                    }
+                    round(&mut client, &mut dice, &packs, bytes, &mut wrong, &mut times).await;
+                }
+                barrier.wait().await;
+                barrier.wait().await;
+                (wrong, times)
+            })
+        })
+        .collect();
+    barrier.wait().await;
+    let early = server.memory();
+    barrier.wait().await;
+    barrier.wait().await;
+    let late = server.memory();
+    barrier.wait().await;
+    let (mut wrong, mut times) = (Vec::new(), Vec::new());
+    for reader in crowd {
+        let (w, t) = reader.await.unwrap();
+        wrong.extend(w);
+        times.extend(t);
+    }
+    println!(
+        "{readers} readers of the portal, {} pages: median {:.1} ms, 95th percentile {:.1} ms",
+        times.len(),
+        quantile(&times, 0.5),
+        quantile(&times, 0.95)
+    );
+    claim_none(&format!("errors of {readers} readers of the portal"), times.len(), &wrong);
+    let (Some(early), Some(late), Some(files_before)) = (early, late, files_before) else {
+        println!("skipped: memory and descriptors of readers of the portal, which this system does not tell");
+        return;
+    };
+    let grown = (late - early) / 1_048_576.0;
+    claim_when_quiet(&format!("memory that grows while {readers} readers of the portal go on"), "MiB", 64.0, grown);
+    let mut left = usize::MAX;
+    for _ in 0..100 {
+        left = server.files().unwrap();
+        // The index keeps a few connections of its own.
+        if left <= files_before + 8 {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    claim(
+        "descriptors left when readers of the portal have gone",
+        "above before",
+        8.0,
+        left.saturating_sub(files_before) as f64,
+    );
+}
