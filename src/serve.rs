@@ -49,14 +49,14 @@ pub(crate) struct Args {
 #[command(next_help_heading = "Object storage (s3://…; keys from AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY)")]
 struct StoreArgs {
     /// Address of a store that is not Amazon's (default: AWS_ENDPOINT_URL).
-    #[arg(long, value_name = "URL")]
-    s3_endpoint: Option<String>,
+    #[arg(long = "s3-endpoint", value_name = "URL")]
+    endpoint: Option<String>,
     /// Seconds that each step of a request to the store may take.
-    #[arg(long, default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=600))]
-    s3_timeout: u64,
+    #[arg(long = "s3-timeout", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=600))]
+    timeout: u64,
     /// Seconds after which the list of objects is asked for anew.
-    #[arg(long, default_value_t = 30, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=86_400))]
-    s3_refresh: u64,
+    #[arg(long = "s3-refresh", default_value_t = 30, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    refresh: u64,
 }
 
 #[derive(clap::Args)]
@@ -223,9 +223,9 @@ fn store_url(args: &Args) -> Option<&str> {
 fn catalogue(args: &Args) -> anyhow::Result<Catalogue> {
     let Some(url) = store_url(args) else { return Ok(Catalogue::open(&args.path)?) };
     let mut options = S3Options::from_environment(url);
-    options.endpoint.clone_from(&args.store.s3_endpoint);
-    options.timeout = Duration::from_secs(args.store.s3_timeout);
-    options.refresh = Duration::from_secs(args.store.s3_refresh);
+    options.endpoint.clone_from(&args.store.endpoint);
+    options.timeout = Duration::from_secs(args.store.timeout);
+    options.refresh = Duration::from_secs(args.store.refresh);
     Ok(Catalogue::of_store(&S3::open(&options)?)?)
 }
 

@@ -1,13 +1,14 @@
 //! `kilwa publish`: a pack and its metadata become an archive object.
 //!
 //! `plan` reads and checks everything and changes nothing; `pictures` draws; `write` puts the object on disk through
-//! `kilwa_server::object::draft`; `remote` sends it to a server by `send`; `mapping` shows where each field goes; `withdraw` leaves a tombstone.
+//! `kilwa_server::object::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `withdraw` leaves a tombstone.
 
 mod mapping;
 mod pictures;
 mod plan;
 mod remote;
 mod send;
+mod store;
 mod withdraw;
 mod write;
 
@@ -22,13 +23,13 @@ use std::path::PathBuf;
 ///
 /// DIR/NAME/ is made, or gets another version. Nothing is written before everything was checked; what is published never
 /// changes. `kilwa metadata init` writes the metadata file to begin with.
-#[derive(clap::Args)]
+#[derive(clap::Args, Clone)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(crate) struct Args {
     /// The pack.
     #[arg(required_unless_present = "withdraw")]
     pack: Option<PathBuf>,
-    /// The folder that holds the objects, made where it is not there; or the address of a server that takes uploads.
+    /// The folder that holds the objects, made where it is not there; the address of a server that takes uploads; or `s3://bucket/prefix`.
     #[arg(long, value_name = "DIR|URL")]
     to: PathBuf,
     /// What is known about the model, a TOML file.
@@ -67,6 +68,9 @@ pub(crate) struct Args {
     /// A file with the token for the server, in place of the environment's KILWA_TOKEN.
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
+    /// Address of a store that is not Amazon's, for --to s3://… (default: AWS_ENDPOINT_URL); keys come from AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY.
+    #[arg(long, value_name = "URL")]
+    s3_endpoint: Option<String>,
     /// Send the token over http, where everybody on the way can read it, to other computers too.
     #[arg(long)]
     allow_http: bool,
@@ -121,9 +125,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(address) = remote::address(args) {
         return remote::run(args, address);
     }
+    if let Some(address) = store::address(args) {
+        return store::run(args, address);
+    }
     ensure!(
-        args.token_file.is_none() && !args.allow_http,
-        "--token-file and --allow-http are for servers; --to {} is a folder",
+        args.token_file.is_none() && !args.allow_http && args.s3_endpoint.is_none(),
+        "--token-file and --allow-http are for servers, --s3-endpoint for stores; --to {} is a folder",
         args.to.display()
     );
     if let Some(slug) = &args.withdraw {

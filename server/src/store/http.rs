@@ -26,6 +26,8 @@ use tokio::time::Sleep;
 const BUFFER: usize = 32 * 1024;
 /// Connections that wait for use, and how long.
 const IDLE: usize = 64;
+/// A connection is there within this.
+const CONNECT: Duration = Duration::from_secs(10);
 const IDLE_FOR: Duration = Duration::from_secs(20);
 
 /// What was seen last of the store when it failed, in words without addresses or keys.
@@ -70,7 +72,7 @@ fn connector(timeout: Duration, is_plain: bool) -> io::Result<HttpsConnector<Tcp
     let mut tcp = Tcp::new();
     tcp.enforce_http(false);
     tcp.set_nodelay(true);
-    tcp.set_connect_timeout(Some(timeout));
+    tcp.set_connect_timeout(Some(timeout.min(CONNECT)));
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     if is_plain {
         let tls = rustls::ClientConfig::builder_with_provider(provider)

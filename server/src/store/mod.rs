@@ -10,8 +10,10 @@ mod folder;
 mod held;
 mod http;
 mod outage;
+mod publish;
 mod s3;
 
+pub use publish::{Against, Sent};
 pub use s3::{S3, S3Options, StoreError};
 
 pub(crate) use folder::{Identity, read_small};

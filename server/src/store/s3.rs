@@ -56,6 +56,8 @@ pub struct S3Options {
     pub timeout: Duration,
     /// How old the list of objects may be.
     pub refresh: Duration,
+    /// How often a step that failed is tried again.
+    pub retries: usize,
 }
 
 impl S3Options {
@@ -65,7 +67,7 @@ impl S3Options {
             std::env::vars_os().filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
         let settings = settings.filter(|(name, value)| name.starts_with("AWS_") && !value.is_empty()).collect();
         let (timeout, refresh) = (Duration::from_secs(10), Duration::from_secs(30));
-        Self { url: url.to_owned(), endpoint: None, settings, timeout, refresh }
+        Self { url: url.to_owned(), endpoint: None, settings, timeout, refresh, retries: 1 }
     }
 
     fn has(&self, name: &str) -> bool {
@@ -100,20 +102,20 @@ pub enum StoreError {
 }
 
 /// The objects that there were, of which key, and when.
-type Listed = (String, Instant, Arc<BTreeMap<String, Identity>>);
+pub(super) type Listed = (String, Instant, Arc<BTreeMap<String, Identity>>);
 
 /// A part of a store.
 pub struct S3 {
     /// Its address, as it was given.
     name: String,
     prefix: Path,
-    client: AmazonS3,
+    pub(super) client: AmazonS3,
     /// `None` only while it is dropped.
     threads: Option<Runtime>,
     seen: Arc<Seen>,
     outage: Outage,
     held: Mutex<Held>,
-    objects: Mutex<Option<Listed>>,
+    pub(super) objects: Mutex<Option<Listed>>,
     timeout: Duration,
     refresh: Duration,
 }
@@ -347,7 +349,7 @@ impl S3 {
     }
 
     /// The library's name of a key.
-    fn at(&self, key: &str) -> io::Result<Path> {
+    pub(super) fn at(&self, key: &str) -> io::Result<Path> {
         let whole = if self.prefix.as_ref().is_empty() { key.to_owned() } else { format!("{}/{key}", self.prefix) };
         Path::parse(whole.trim_end_matches('/')).map_err(|e| io::Error::new(io::ErrorKind::NotFound, e.to_string()))
     }
@@ -358,7 +360,7 @@ impl S3 {
     }
 
     /// Do something on the store's threads and wait for it. Every step of it has its limit in time.
-    fn wait<T, F>(self: &Arc<Self>, work: impl FnOnce(Arc<Self>) -> F) -> io::Result<T>
+    pub(super) fn wait<T, F>(self: &Arc<Self>, work: impl FnOnce(Arc<Self>) -> F) -> io::Result<T>
     where
         T: Send + 'static,
         F: Future<Output = Result<T, Error>> + Send + 'static,
@@ -439,7 +441,7 @@ fn client(options: &S3Options, bucket: &str, threads: &Runtime, seen: &Arc<Seen>
     let is_plain = endpoint.is_some_and(|endpoint| endpoint.starts_with("http://"));
     let backoff =
         BackoffConfig { init_backoff: Duration::from_millis(50), max_backoff: Duration::from_millis(500), base: 2.0 };
-    let retry = RetryConfig { backoff, max_retries: 1, retry_timeout: options.timeout * 2 };
+    let retry = RetryConfig { backoff, max_retries: options.retries, retry_timeout: options.timeout * 2 };
     let connector =
         Connector { threads: threads.handle().clone(), timeout: options.timeout, is_plain, seen: Arc::clone(seen) };
     builder.with_bucket_name(bucket).with_allow_http(is_plain).with_retry(retry).with_http_connector(connector).build()
@@ -458,11 +460,20 @@ fn identity_of(meta: &ObjectMeta) -> Identity {
     Identity::of_store(meta.size, meta.e_tag.as_deref(), SystemTime::from(meta.last_modified))
 }
 
+/// The store has another file than the one that was asked for.
+#[derive(Debug, ThisError)]
+#[error("the file changed since it was listed")]
+struct Changed;
+
 fn changed() -> io::Error {
-    io::Error::other("the file changed since it was listed")
+    io::Error::other(Changed)
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(super) fn is_changed(e: &io::Error) -> bool {
+    e.get_ref().and_then(|inner| inner.downcast_ref::<Changed>()).is_some()
+}
+
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

@@ -78,6 +78,7 @@ impl Bucket {
             settings: settings.map(|(n, v)| (n.to_owned(), v.to_owned())).to_vec(),
             timeout,
             refresh: Duration::from_millis(100),
+            retries: 1,
         }
     }
 

@@ -6,6 +6,7 @@
 mod bucket;
 #[path = "../common/mod.rs"]
 mod common;
+mod publishing;
 
 use axum::Router;
 use axum::body::Body;

@@ -1,0 +1,229 @@
+//! A version into a store: the object's folder is made on this computer, against what the store has, and sent.
+//!
+//! Order: the files of the version, the landing page, the manifest last and only if it still is the one that the version was made
+//! against (`If-Match`; `If-None-Match: *` for a new object). So whatever fails, the store has the old object, whole, or the new one; files of a
+//! version that no manifest names are served by nobody. A file carries its SHA-256 as metadata: what an earlier attempt has sent is not sent
+//! again. Before the manifest, what lies in the version's folder is compared with what was sent, so that two who publish the same
+//! version at once make no mixture.
+
+use super::folder::walk;
+use super::s3::lock;
+use super::{S3, read_small};
+use crate::content::{ASK_AGAIN, FOR_EVER};
+use crate::holding::SMALL;
+use crate::object::Manifest;
+use crate::object::checksums::{sha256, sha256_of};
+use crate::object::layout::{MANIFEST, METADATA, PAGE, Slug, version_folder};
+use crate::page::content_type;
+use axum::body::Bytes;
+use object_store::{
+    Attribute, Attributes, Error, GetOptions, MultipartUpload, ObjectMeta, ObjectStore as _, PutMode,
+    PutMultipartOptions, PutOptions, PutPayload, UpdateVersion,
+};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Longer files are sent in parts of this length, or of a nine-thousandth of theirs: a store takes ten thousand.
+const PART: u64 = 16 << 20;
+const PARTS: u64 = 9000;
+/// Name of the SHA-256 in a file's metadata.
+const SUM: &str = "sha256";
+
+/// Which manifest a version is made against; none for a new object.
+#[derive(Debug, Clone)]
+pub struct Against(Option<String>);
+
+/// What was sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sent {
+    /// Files of the version.
+    pub files: usize,
+    /// Of these, there already from an earlier attempt.
+    pub there: usize,
+}
+
+impl S3 {
+    /// Put what a further version is made against into `shelf`: manifest, page, and the metadata of the last version.
+    ///
+    /// # Errors
+    /// When the store does not answer, or what it has is no object.
+    pub fn fetch(self: &Arc<Self>, slug: &Slug, shelf: &Path) -> io::Result<Against> {
+        let key = |name: &str| format!("{slug}/{name}");
+        let identity = match self.identity(&key(MANIFEST)) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Against(None)),
+            identity => identity?,
+        };
+        let bytes = self.read_listed(&key(MANIFEST), &identity, SMALL)?;
+        let manifest = Manifest::parse(&bytes).map_err(io::Error::other)?;
+        let object = shelf.join(slug.as_str());
+        std::fs::create_dir_all(&object)?;
+        let mut names = vec![PAGE.to_owned()];
+        names.extend(manifest.versions.last().map(|v| format!("{}/{METADATA}", v.folder)));
+        for name in names {
+            match self.read(&key(&name), SMALL) {
+                Ok(bytes) => {
+                    let to = object.join(&name);
+                    to.parent().map_or(Ok(()), std::fs::create_dir_all)?;
+                    std::fs::write(to, bytes)?;
+                }
+                Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+                Err(e) => return Err(e),
+            }
+        }
+        std::fs::write(object.join(MANIFEST), &bytes)?;
+        Ok(Against(Some(identity.tag().unwrap_or_default().to_owned())))
+    }
+
+    /// Send version `version` of the object `slug`, which lies complete in `shelf`. `told` hears the name of each file before it is sent.
+    ///
+    /// # Errors
+    /// When the store does not answer, somebody else has published meanwhile, or files cannot be read. The same again goes on
+    /// where it stopped.
+    pub fn send(
+        self: &Arc<Self>,
+        slug: &Slug,
+        shelf: &Path,
+        version: u32,
+        against: &Against,
+        told: &dyn Fn(&str),
+    ) -> io::Result<Sent> {
+        let (object, folder) = (shelf.join(slug.as_str()), version_folder(version));
+        let mut files = BTreeMap::new();
+        walk(&object.join(&folder), "", 0, &mut files)?;
+        let (mut sent, mut tags) = (Sent { files: files.len(), there: 0 }, BTreeMap::new());
+        for (name, identity) in &files {
+            let key = format!("{slug}/{folder}/{name}");
+            told(&key);
+            let path = object.join(&folder).join(name);
+            let (_, sum) = sha256_of(File::open(&path)?)?;
+            let tag = match self.there(&key, identity.bytes(), &sum)? {
+                Some(meta) => {
+                    sent.there += 1;
+                    meta.e_tag
+                }
+                None => self.put_file(&key, &path, identity.bytes(), &attributes(name, FOR_EVER, &sum))?,
+            };
+            tags.insert(name.clone(), (identity.bytes(), tag));
+        }
+        let listed = self.files(&format!("{slug}/{folder}"))?;
+        let is_ours = |(name, (bytes, tag)): (&String, &(u64, Option<String>))| {
+            let there = listed.get(name);
+            there.is_some_and(|there| there.bytes() == *bytes && (tag.is_none() || there.tag() == tag.as_deref()))
+        };
+        if !tags.iter().all(is_ours) {
+            return Err(others());
+        }
+        for name in [PAGE, MANIFEST] {
+            told(&format!("{slug}/{name}"));
+            let bytes = read_small(&object.join(name), SMALL)?;
+            // The page is not under the manifest's condition: nothing is replaced once somebody else has published.
+            if name == PAGE && self.manifest_tag(slug)? != against.0 {
+                return Err(others());
+            }
+            let mode = match &against.0 {
+                _ if name == PAGE => PutMode::Overwrite,
+                None => PutMode::Create,
+                Some(tag) => PutMode::Update(UpdateVersion { e_tag: Some(tag.clone()), version: None }),
+            };
+            let attributes = attributes(name, ASK_AGAIN, &sha256(&bytes));
+            self.put(&format!("{slug}/{name}"), bytes.into(), mode, attributes)?;
+        }
+        *lock(&self.objects) = None;
+        Ok(sent)
+    }
+
+    fn manifest_tag(self: &Arc<Self>, slug: &Slug) -> io::Result<Option<String>> {
+        match self.identity(&format!("{slug}/{MANIFEST}")) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+            identity => Ok(Some(identity?.tag().unwrap_or_default().to_owned())),
+        }
+    }
+
+    /// A file that is there already with this length and SHA-256.
+    fn there(self: &Arc<Self>, key: &str, bytes: u64, sum: &str) -> io::Result<Option<ObjectMeta>> {
+        let path = self.at(key)?;
+        let asked = self.wait(move |store| async move {
+            let head = GetOptions { head: true, ..GetOptions::default() };
+            store.client.get_opts(&path, head).await
+        });
+        match asked {
+            Ok(there) => {
+                let said = there.attributes.get(&Attribute::Metadata(SUM.into())).map(AsRef::as_ref);
+                Ok((there.meta.size == bytes && said == Some(sum)).then_some(there.meta))
+            }
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(e) => Err(e),
+        }
+    }
+
+    /// A file, in parts where it is long; its tag.
+    fn put_file(
+        self: &Arc<Self>,
+        key: &str,
+        path: &Path,
+        length: u64,
+        said: &Attributes,
+    ) -> io::Result<Option<String>> {
+        if length <= PART {
+            return self.put(key, read_small(path, PART)?.into(), PutMode::Overwrite, said.clone());
+        }
+        let (to, said) =
+            (self.at(key)?, PutMultipartOptions { attributes: said.clone(), ..PutMultipartOptions::default() });
+        let mut upload = self.wait(move |store| async move { store.client.put_multipart_opts(&to, said).await })?;
+        let (mut file, part) = (File::open(path)?, PART.max(length / PARTS));
+        loop {
+            let mut bytes = Vec::new();
+            (&mut file).take(part).read_to_end(&mut bytes)?;
+            if bytes.is_empty() {
+                break;
+            }
+            upload = self.wait(move |_| async move { add(upload, bytes.into()).await })?;
+        }
+        self.wait(move |_| async move { upload.complete().await.map(|done| done.e_tag) })
+    }
+
+    fn put(
+        self: &Arc<Self>,
+        key: &str,
+        bytes: Bytes,
+        mode: PutMode,
+        attributes: Attributes,
+    ) -> io::Result<Option<String>> {
+        let path = self.at(key)?;
+        let options = PutOptions { mode, attributes, ..PutOptions::default() };
+        self.wait(move |store| async move {
+            let put = store.client.put_opts(&path, PutPayload::from_bytes(bytes), options).await;
+            put.map(|done| done.e_tag).map_err(|e| match e {
+                Error::AlreadyExists { path, source } => Error::Precondition { path, source },
+                e => e,
+            })
+        })
+        .map_err(|e| if super::s3::is_changed(&e) { others() } else { e })
+    }
+}
+
+/// One part more; what was begun is given up where that fails.
+async fn add(mut upload: Box<dyn MultipartUpload>, bytes: Bytes) -> Result<Box<dyn MultipartUpload>, Error> {
+    match upload.put_part(PutPayload::from_bytes(bytes)).await {
+        Ok(()) => Ok(upload),
+        Err(e) => {
+            drop(upload.abort().await);
+            Err(e)
+        }
+    }
+}
+
+fn attributes(name: &str, cache: &'static str, sum: &str) -> Attributes {
+    let mut all = Attributes::new();
+    all.insert(Attribute::ContentType, content_type(name).into());
+    all.insert(Attribute::CacheControl, cache.into());
+    all.insert(Attribute::Metadata(SUM.into()), sum.to_owned().into());
+    all
+}
+
+fn others() -> io::Error {
+    io::Error::other("somebody else has published this object meanwhile; look at what is there, and publish again")
+}

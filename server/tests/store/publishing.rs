@@ -1,0 +1,104 @@
+//! Versions that are sent to a store: whole or not at all, whoever else does the same and wherever it is cut off.
+
+use super::bucket::Bucket;
+use super::common::{get, noise, object, page, public};
+use super::{PATIENCE, SHORT};
+use kilwa_server::object::layout::Slug;
+use kilwa_server::object::manifest::Manifest;
+use kilwa_server::store::Sent;
+use kilwa_server::{Catalogue, Site, app};
+use std::path::Path;
+
+/// What the store shows of the object: the number of its current version, whose every file is there and right.
+async fn shown(bucket: &Bucket, packs: &[Vec<u8>]) -> Option<u32> {
+    let store = bucket.open("s3://museum/shelf", PATIENCE).unwrap();
+    let app = app(Site::new(Catalogue::of_store(&store).unwrap(), page()));
+    let answer = get(&app, "/fort/manifest.json").await;
+    if answer.status == 404 {
+        return None;
+    }
+    let manifest = Manifest::parse(&answer.body).unwrap();
+    assert!(get(&app, "/fort/").await.text().contains("landing of fort"));
+    for (version, pack) in manifest.versions.iter().zip(packs) {
+        let list = get(&app, &format!("/fort/{}", version.checksums.url)).await.text();
+        assert_eq!(list.lines().count(), 7);
+        for line in list.lines() {
+            let (_, name) = line.split_once("  ").unwrap();
+            let answer = get(&app, &format!("/fort/{}/{name}", version.folder)).await;
+            assert_eq!(answer.status, 200, "{name}");
+            assert!(!name.starts_with("pack.") || answer.body == *pack, "{name}");
+        }
+    }
+    Some(manifest.current)
+}
+
+fn send(bucket: &Bucket, shelf: &Path, version: u32) -> Result<Sent, String> {
+    let slug = Slug::new("fort").unwrap();
+    let fetched = tempfile::tempdir().unwrap();
+    let store = bucket.open("s3://museum/shelf", SHORT).map_err(|e| e.to_string())?;
+    let against = store.fetch(&slug, fetched.path()).map_err(|e| e.to_string())?;
+    store.send(&slug, shelf, version, &against, &|_| ()).map_err(|e| e.to_string())
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_version_is_sent_whole_and_only_against_what_it_was_made_against() {
+    let Some(bucket) = Bucket::start("a_version_is_sent_whole_and_only_against…") else { return };
+    // Long enough for parts.
+    let packs = [noise(20_000_000, 1), noise(300_000, 2), noise(300_000, 3)];
+    let shelves: Vec<_> = (1..=3)
+        .map(|n| {
+            let dir = tempfile::tempdir().unwrap();
+            object(dir.path(), "fort", &packs[..n], public());
+            dir
+        })
+        .collect();
+    assert_eq!(shown(&bucket, &packs).await, None);
+    assert_eq!(send(&bucket, shelves[0].path(), 1), Ok(Sent { files: 8, there: 0 }));
+    assert_eq!(shown(&bucket, &packs).await, Some(1));
+    let slug = Slug::new("fort").unwrap();
+    let store = bucket.open("s3://museum/shelf", PATIENCE).unwrap();
+    let fetched = tempfile::tempdir().unwrap();
+    let before = store.fetch(&slug, fetched.path()).unwrap();
+    for name in ["manifest.json", "index.html"] {
+        let here = std::fs::read(fetched.path().join("fort").join(name)).unwrap();
+        assert_eq!(here, std::fs::read(shelves[0].path().join("fort").join(name)).unwrap(), "{name}");
+    }
+    assert_eq!(send(&bucket, shelves[1].path(), 2), Ok(Sent { files: 8, there: 0 }));
+    // Made against the first version, while there is a second by now.
+    let late = store.send(&slug, shelves[1].path(), 2, &before, &|_| ()).unwrap_err().to_string();
+    assert!(late.contains("somebody else"), "{late}");
+    assert_eq!(shown(&bucket, &packs).await, Some(2));
+    assert_eq!(send(&bucket, shelves[2].path(), 3), Ok(Sent { files: 8, there: 0 }));
+    assert_eq!(shown(&bucket, &packs).await, Some(3));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn cut_off_anywhere_it_shows_the_old_object_or_the_new_one_and_goes_on() {
+    let Some(bucket) = Bucket::start("cut_off_anywhere_it_shows_the_old_object…") else { return };
+    let packs = [noise(100_000, 1), noise(100_000, 2)];
+    let (first, second) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    object(first.path(), "fort", &packs[..1], public());
+    object(second.path(), "fort", &packs, public());
+    for (version, shelf) in [(1, first.path()), (2, second.path())] {
+        // Answers are short: so many bytes of them are so many steps.
+        let mut cut = 0;
+        for i in 0..10 {
+            bucket.line.cut_after(i * 700 * i64::from(version));
+            let sent = send(&bucket, shelf, version);
+            bucket.line.down();
+            bucket.line.up();
+            let now = shown(&bucket, &packs).await.unwrap_or(0);
+            cut += u32::from(sent.is_err());
+            assert!(now == version || (now == version - 1 && sent.is_err()), "cut {i}: {now}, {sent:?}");
+            if now == version {
+                break;
+            }
+        }
+        assert!(cut > 1, "it was cut in the middle");
+        if shown(&bucket, &packs).await.unwrap_or(0) < version {
+            let sent = send(&bucket, shelf, version).unwrap();
+            assert!(sent.there > 0, "version {version}: what was sent before is not sent again: {sent:?}");
+        }
+        assert_eq!(shown(&bucket, &packs).await, Some(version));
+    }
+}

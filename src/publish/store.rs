@@ -1,0 +1,57 @@
+//! `kilwa publish --to s3://bucket/prefix`: made here as for a folder, then sent to a store, manifest last.
+
+use super::plan::{Given, Plan};
+use super::write::spinner;
+use super::{Args, mapping, write};
+use anyhow::{Context, ensure};
+use kilwa_server::store::{S3, S3Options};
+use std::time::Duration;
+
+/// A part of a pack may take so long on a slow line.
+const PATIENCE: Duration = Duration::from_secs(600);
+
+/// The address of a store that `--to` names, where it names one.
+pub(super) fn address(args: &Args) -> Option<&str> {
+    args.to.to_str().filter(|to| to.starts_with("s3://"))
+}
+
+pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
+    for (given, what) in [
+        (args.site, "--site"),
+        (args.bag, "--bag"),
+        (args.withdraw.is_some(), "--withdraw"),
+        (args.token_file.is_some(), "--token-file"),
+        (args.allow_http, "--allow-http"),
+    ] {
+        ensure!(
+            !given,
+            "{what} is not for stores: keys come from AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, and the rest is for folders"
+        );
+    }
+    let given = Given::read(args)?;
+    let slug = given.slug.clone();
+    let mut options = S3Options::from_environment(address);
+    options.endpoint.clone_from(&args.s3_endpoint);
+    options.timeout = PATIENCE;
+    options.retries = 5;
+    let store = S3::open(&options)?;
+    let at = format!("{}/{slug}", store.name());
+    let shelf =
+        tempfile::Builder::new().prefix("kilwa-publish-").tempdir().context("cannot make a temporary folder")?;
+    let against = store.fetch(&slug, shelf.path()).with_context(|| at.clone())?;
+    let here = Args { to: shelf.path().to_owned(), ..args.clone() };
+    let mut plan = Plan::for_folder(&here)?;
+    plan.at.clone_from(&at);
+    if args.dry_run {
+        return mapping::print(&here, &plan);
+    }
+    let mut report = write::run(&here, &plan)?;
+    let bar = spinner();
+    let told = |key: &str| bar.set_message(format!("sending {key}"));
+    store
+        .send(&slug, shelf.path(), report.version, &against, &told)
+        .with_context(|| format!("{at}: not published; what was sent stays, and the same command goes on"))?;
+    bar.finish_and_clear();
+    report.object = format!("{at}/");
+    super::say(args, &report)
+}
