@@ -62,6 +62,8 @@ pub(crate) struct Sender {
     token: String,
     patience: Patience,
     piece: Cell<usize>,
+    /// What was lacking when an attempt last began: less of it is progress, however the attempt ended.
+    lacking: Cell<u64>,
 }
 
 /// Why an attempt ended.
@@ -104,7 +106,7 @@ impl Sender {
             )
             .build();
         let base = base.trim_end_matches('/').to_owned();
-        Self { agent: agent.into(), base, token, patience, piece: Cell::new(PIECE) }
+        Self { agent: agent.into(), base, token, patience, piece: Cell::new(PIECE), lacking: Cell::new(u64::MAX) }
     }
 
     /// A small public file of the site; `None` where there is none.
@@ -194,9 +196,10 @@ impl Sender {
         let begun =
             self.status(self.ask("POST", "uploads", &[("Content-Type", "application/json")], Some(&text))?, true)?;
         let all: u64 = intent.files.iter().map(|f| f.bytes).sum();
-        let sent = Cell::new(all - begun.lacks.iter().map(|l| l.bytes - l.offset).sum::<u64>().min(all));
+        let lacking = begun.lacks.iter().map(|l| l.bytes.saturating_sub(l.offset)).sum::<u64>().min(all);
+        let mut progressed = lacking < self.lacking.replace(lacking);
+        let sent = Cell::new(all - lacking);
         told(Told::Sent(sent.get(), all));
-        let mut progressed = false;
         for lack in &begun.lacks {
             let file = intent.files.iter().find(|f| f.sha256 == lack.sha256);
             let file = file.ok_or_else(|| Failure::Final("the server asks for a file that there is not".to_owned()))?;

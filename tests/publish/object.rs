@@ -168,6 +168,13 @@ fn a_dry_run_shows_every_field_and_writes_nothing() {
     ] {
         assert!(said.contains(word), "{word} in {said}");
     }
+    assert!(!said.contains("is this meant?"), "{said}");
+    let hardly = FULL.replace("-8.9577", "8.9577").replace("accuracy = 0.003", "accuracy = 30");
+    let hardly = String::from_utf8(bench.publish(&pack(), &hardly, &["--dry-run"]).stdout).unwrap();
+    assert!(
+        hardly.contains("is this meant? place.latitude is 8.9577") && hardly.contains("3 mm are 0.003"),
+        "{hardly}"
+    );
     // Each value that was given is on a line of its own.
     for value in ["Held, Christoph", "-8.9577", "coral rag", "Registration", "World Monuments Fund", "EPSG:32737"] {
         assert!(said.contains(value), "{value} in {said}");
@@ -204,6 +211,25 @@ fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
     assert!(
         String::from_utf8_lossy(&refused.stderr).contains("outside with --keep") && object.join(&pack_file).exists()
     );
+    let before = tree(&site);
+    let would = run(&[
+        "publish",
+        "--withdraw",
+        "gereza",
+        "--to",
+        text(&site),
+        "--keep",
+        text(&keep),
+        "--reason",
+        "x",
+        "--dry-run",
+    ]);
+    let would = String::from_utf8_lossy(&would.stdout).into_owned();
+    assert!(
+        would.contains("Would withdraw") && would.contains("and its bag") && would.contains("Nothing was written"),
+        "{would}"
+    );
+    assert!(tree(&site) == before && !keep.exists());
     let done = withdraw(text(&keep));
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     assert!(
@@ -217,6 +243,9 @@ fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
     assert!(html.contains("The family asked for it") && html.contains("2027-01-01"));
     let manifest = json_of(&object.join("manifest.json"));
     assert_eq!(manifest["access"]["state"], "withdrawn");
+    let twice = withdraw(text(&keep));
+    let said = String::from_utf8_lossy(&twice.stderr).into_owned();
+    assert!(twice.status.code() == Some(1) && said.contains("was withdrawn on 2027-01-01 already"), "{said}");
     assert!(!std::fs::read_to_string(site.join("feed.xml")).unwrap().contains("gereza/"));
     let again =
         bench.refused(&other_pack(), &LEAST.replace("title =", "slug = \"gereza\"\ntitle ="), &["--version-note", "x"]);
@@ -237,6 +266,11 @@ fn init_writes_a_file_that_publish_takes_when_the_rights_are_filled_in() {
     let said = bench.refused(&pack(), &begun, &["--dry-run"]);
     assert!(said.contains("rights.uri") && said.matches("line ").count() == 1, "{said}");
     let filled = begun.replacen("uri = \"\"", "uri = \"CC BY 4.0\"", 1);
+    // An example whose # was taken away, and nothing else.
+    let left = filled.replacen("# publisher", "publisher", 1);
+    let line = left.lines().position(|l| l.starts_with("publisher")).unwrap() + 1;
+    let said = bench.refused(&pack(), &left, &["--dry-run"]);
+    assert!(said.contains(&format!("line {line}: publisher: <Museum of …> is still the example")), "{said}");
     assert!(bench.publish(&pack(), &filled, &["--dry-run"]).status.success());
     let plain = succeeds(&["metadata", "init"]);
     assert!(plain.contains("# NEEDED") && plain.contains("[rights]"));

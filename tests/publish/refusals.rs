@@ -38,6 +38,10 @@ fn missing_and_wrong_metadata_is_told_with_line_field_and_what_to_write() {
     let output =
         run(&["publish", text(&other_pack()), "--to", text(&bench.path("site")), "--metadata", text(&metadata)]);
     assert!(String::from_utf8_lossy(&output.stderr).contains("line 2: the file is not UTF-8"));
+    std::fs::write(bench.path("metadata.toml"), b"title = \"Ch\xe2teau\"\n").unwrap();
+    let output = run(&["metadata", "check", text(&metadata)]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("line 1") && said.contains("seems to be Latin-1 (`title = \"Château\"`)"), "{said}");
 }
 
 #[test]
