@@ -12,6 +12,8 @@ mod report;
 mod state;
 mod web;
 
+pub(crate) use web::is_distrusted;
+
 use crate::source::FileSource;
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};

@@ -309,6 +309,7 @@ impl Sender {
             ureq::Error::BadUri(_) | ureq::Error::RequireHttpsOnly(_) | ureq::Error::Tls(_) => {
                 Failure::Final(format!("{url}: {e}"))
             }
+            e if crate::verify::is_distrusted(&e) => Failure::Final(format!("{url}: {e}")),
             e => passing(format!("{url}: {e}")),
         })
     }

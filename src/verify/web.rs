@@ -145,6 +145,10 @@ fn attempt_once(agent: &Agent, url: &str, from: u64, length: u64) -> io::Result<
             | ureq::Error::RequireHttpsOnly(_)
             | ureq::Error::Tls(_)),
         ) => return Err(io::Error::other(e.to_string())),
+        Err(e) if is_distrusted(&e) => {
+            let hint = "the server is not who its address says, or its authority is not known here; SSL_CERT_FILE names a file with others";
+            return Err(io::Error::other(format!("{e}: {hint}")));
+        }
         Err(e) => return Ok(Outcome::Passing(e.to_string(), None)),
     };
     let status = response.status();
@@ -160,6 +164,16 @@ fn attempt_once(agent: &Agent, url: &str, from: u64, length: u64) -> io::Result<
             Ok(Outcome::Passing(said(status), after))
         }
         _ => Err(io::Error::other(said(status))),
+    }
+}
+
+/// Whether a certificate or what else a server says of itself is not to be trusted: trying again changes nothing.
+pub(crate) fn is_distrusted(error: &ureq::Error) -> bool {
+    match error {
+        ureq::Error::Rustls(_) => true,
+        // What fails while hands are shaken comes as this.
+        ureq::Error::Io(e) => e.kind() == io::ErrorKind::InvalidData,
+        _ => false,
     }
 }
 
