@@ -38,10 +38,21 @@ pub(crate) fn pack() -> PathBuf {
 /// A page of a few small files, in `folder/www`.
 pub(crate) fn page(folder: &Path) -> PathBuf {
     let www = folder.join("www");
-    std::fs::create_dir_all(www.join("plain")).unwrap();
-    for name in
-        ["boot.js", "viewer.js", "viewer_bg.wasm", "viewer-gl.js", "viewer-gl_bg.wasm", "decode.js", "decode_bg.wasm"]
-    {
+    for folder in ["plain", "icons"] {
+        std::fs::create_dir_all(www.join(folder)).unwrap();
+    }
+    for name in [
+        "app.js",
+        "boot.js",
+        "viewer.js",
+        "viewer_bg.wasm",
+        "viewer-gl.js",
+        "viewer-gl_bg.wasm",
+        "decode.js",
+        "decode_bg.wasm",
+        "icons/kilwa.svg",
+        "icons/sprite.svg",
+    ] {
         std::fs::write(www.join(name), name).unwrap();
     }
     for name in ["index.html", "style.css", "plain/plain.css", "plain/plain.js"] {

@@ -145,7 +145,7 @@ mod tests {
             "country = \"GB\"\nlatitude = 51.5\nlongitude = 0.1",
             "country = \"NZ\"\nlatitude = -43.9\nlongitude = -176.5",
         ] {
-            assert_eq!(said(&format!("[place]\n{place}\n[capture]\naccuracy = 0.003\ndate = 2026"), None), "");
+            assert_eq!(said(&format!("[place]\n{place}\n[capture]\naccuracy = 0.003\ndate = \"2026\""), None), "");
         }
         let fort = "[place]\nlatitude = -8.9577\nlongitude = 39.5228\n";
         assert_eq!(said(fort, Some("EPSG:32737")), "");
@@ -162,7 +162,7 @@ mod tests {
         let swapped = said("[place]\nlatitude = 39.5228\nlongitude = -8.9577\n", Some("EPSG:32737"));
         assert!(swapped.contains("UTM zone 37 S"), "{swapped}");
         assert!(said("[capture]\naccuracy = 3.0\n", None).contains("3 mm are 0.003"));
-        assert!(said("[capture]\ndate = 2027-01\n", None).contains("today is 2026-11-21"));
+        assert!(said("[capture]\ndate = \"2027-01\"\n", None).contains("today is 2026-11-21"));
         assert!(said("[access]\nstate = \"embargo\"\nuntil = 2026-11-21\n", None).contains("everybody may have it"));
     }
 
