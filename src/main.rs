@@ -2,6 +2,7 @@
 
 mod access;
 mod build;
+mod distrust;
 mod extract;
 mod info;
 mod inputs;

@@ -12,7 +12,6 @@ mod report;
 mod state;
 mod web;
 
-pub(crate) use web::is_distrusted;
 
 use crate::source::FileSource;
 use anyhow::{Context, bail};

@@ -4,7 +4,7 @@
 //! program, the line, the server) is gone on with in the same way, by waiting and trying again, or by running the same command again.
 //! Waits grow; what makes progress is not given up. The token goes to the address that was given, to no other, and into no message.
 //!
-//! Stands by itself, so that tests can drive it without a command line.
+//! Stands by itself (with `distrust`), so that tests can drive it without a command line.
 
 use kilwa_server::upload::wire::{FileSaid, Intent, Lacking, State, Status};
 use std::cell::Cell;
@@ -309,7 +309,7 @@ impl Sender {
             ureq::Error::BadUri(_) | ureq::Error::RequireHttpsOnly(_) | ureq::Error::Tls(_) => {
                 Failure::Final(format!("{url}: {e}"))
             }
-            e if crate::verify::is_distrusted(&e) => Failure::Final(format!("{url}: {e}")),
+            e if crate::distrust::is_distrusted(&e) => Failure::Final(format!("{url}: {e}")),
             e => passing(format!("{url}: {e}")),
         })
     }

@@ -5,6 +5,7 @@
 //! between is an error, not damage.
 
 use super::place::{Bytes, Place};
+use crate::distrust::is_distrusted;
 use crate::source::FileSource;
 use kilwa_pack::Source;
 use std::fmt::Write as _;
@@ -164,16 +165,6 @@ fn attempt_once(agent: &Agent, url: &str, from: u64, length: u64) -> io::Result<
             Ok(Outcome::Passing(said(status), after))
         }
         _ => Err(io::Error::other(said(status))),
-    }
-}
-
-/// Whether a certificate or what else a server says of itself is not to be trusted: trying again changes nothing.
-pub(crate) fn is_distrusted(error: &ureq::Error) -> bool {
-    match error {
-        ureq::Error::Rustls(_) => true,
-        // What fails while hands are shaken comes as this.
-        ureq::Error::Io(e) => e.kind() == io::ErrorKind::InvalidData,
-        _ => false,
     }
 }
 

@@ -3,6 +3,8 @@
 //!
 //! What is sent is made once by `kilwa publish` to a folder; what the server has at the end must be the same bytes.
 
+#[path = "../../src/distrust.rs"]
+mod distrust;
 #[path = "../../src/publish/send.rs"]
 #[allow(dead_code, reason = "the program uses all of it")]
 mod send;
