@@ -10,6 +10,7 @@ use crate::spread::Spread;
 use crate::work::Work;
 use kilwa_geometry::{Aabb, DiamondKey, Sphere};
 use kilwa_pack::chunk::{self, MAX_CHUNK_TRIANGLES, PatchRange};
+use kilwa_pack::directory::link_children;
 use kilwa_pack::{DirectoryEntry, Header, Metadata, NO_DIAMOND, PackWriter};
 use rustc_hash::FxHashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -56,6 +57,7 @@ pub fn assemble<W: std::io::Write>(
     entries.extend(refined.iter().map(|r| entry_of(r, &tree, &number, step)));
     saturate(&mut entries);
     let parts = Parts { refined: &refined, root: (root.patches, root.body), number: &number, chunks: &chunks };
+    link_children(&mut entries, |i| parts.patches(i).iter().all(|p| p.count == 0 || number.contains_key(&p.diamond)));
     let total = entries.len() as u64;
     let done = AtomicU64::new(0);
     let announced = work.run_jobs(
@@ -192,6 +194,7 @@ fn root_of(levels: &Levels) -> Result<Root, BuildError> {
         bounds: encoded.bounds,
         parents: [NO_DIAMOND; 4],
         checksum: [0; 16],
+        children: None,
     };
     Ok(Root { entry, patches: encoded.patches, body: encoded.body })
 }
@@ -222,6 +225,7 @@ fn entry_of(r: &Refined, tree: &Partition, number: &FxHashMap<u32, u32>, step: f
         bounds: r.bounds,
         parents,
         checksum: [0; 16],
+        children: None,
     }
 }
 

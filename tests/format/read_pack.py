@@ -520,11 +520,15 @@ PAGE = 16384
 
 class Entry:
     def __init__(self, data):
-        fields = struct.unpack("<QIIIffI4d6i4I16s8x", data)
+        fields = struct.unpack("<QIIIffI4d6i4I16sIBBH", data)
         self.offset, self.length, self.vertices, self.triangles, self.error, self.color_error, self.level = fields[:7]
         self.centre, self.radius, self.low, self.high = fields[7:10], fields[10], fields[11:14], fields[14:17]
         self.places, self.checksum = fields[17:21], fields[21]
         self.parents = [p for p in self.places if p != NONE]
+        # First child, how many, pages from the first's to the last's, 65535ths of the error; no children told where their number is 0.
+        first, count, pages, share = fields[22:26]
+        self.children = (first, count, pages & 127, share) if count else None
+        self.whole = count > 0 and pages >= 128
 
 
 class Pack:
@@ -582,6 +586,7 @@ class Pack:
         parents = entry.parents
         need((len(parents) > 0) == (i > 0) and all(p < i for p in parents), f"the parents of entry {i} are unusable")
         need(len(set(parents)) == len(parents), f"entry {i} has one parent twice")
+        need(not entry.children or entry.children[0] > i, f"the children of entry {i} do not come after it")
 
     def chunk(self, i):
         entry = self.entries[i]

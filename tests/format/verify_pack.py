@@ -64,7 +64,15 @@ def verify(pack):
     need(sum(e.triangles for e in entries) == pack.triangles, "the triangles do not sum to the header's")
     need(sum(e.vertices for e in entries) == pack.vertices, "the vertices do not sum to the header's")
     leaves, borders, finest = 0, 0, set()
+    children = [[i for i, e in enumerate(entries) if index in e.parents] for index in range(len(entries))]
     for i, (entry, chunk) in enumerate(zip(entries, chunks)):
+        if entry.children:
+            first, last, share = (children[i] or [0])[0], (children[i] or [0])[-1], entry.children[3]
+            need(entry.children[:3] == (first, len(children[i]), last // 127 - first // 127), f"entry {i} tells wrong children")
+            bound = entry.error * share / 65535 if share < 65535 else entry.error
+            # The bound is rounded up to 32 bits.
+            need(all(entries[k].error <= bound * (1 + 2**-23) + 2**-149 for k in children[i]), f"a child of entry {i} has a larger error")
+        need(not entry.whole or all(d is not None or a == b for d, a, b in chunk.by_patch()), f"the children of entry {i} do not replace all of it")
         need(i == 0 or entries[i - 1].level <= entry.level, f"entry {i} is not in the order of levels")
         for p in entry.parents:
             parent = entries[p]

@@ -46,6 +46,88 @@ pub struct DirectoryEntry {
     pub parents: [u32; 4],
     /// First 16 bytes of the chunk's BLAKE3 hash.
     pub checksum: [u8; 16],
+    /// The entries that name this one as a parent, where there are any and the directory tells them.
+    pub children: Option<Children>,
+}
+
+/// The entries that refine patches of another: what a reader needs to know of them before it has their pages, or without the chunk.
+/// FORMAT section 4.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Children {
+    /// The first of them; larger than the index of the entry itself.
+    pub first: u32,
+    /// How many, at least 1.
+    pub count: u8,
+    /// Number of the directory page of the last one, less that of the first; at most 127.
+    pub pages: u8,
+    /// They replace every triangle of the chunk: it has no leaf patch, or only empty ones.
+    pub is_whole: bool,
+    /// No child has a larger error than so many 65535ths of the entry's own.
+    pub share: u16,
+}
+
+/// Bit of the byte of [`Children::pages`] that says [`Children::is_whole`].
+const WHOLE: u8 = 0x80;
+
+impl Children {
+    /// The directory pages that the children stand on, others between them included.
+    pub fn pages(&self) -> std::ops::RangeInclusive<u32> {
+        let first = page_of(self.first);
+        first..=first.saturating_add(u32::from(self.pages))
+    }
+
+    /// Bound of the children's errors, metres, where the entry's own error is `own`.
+    pub fn error(&self, own: f32) -> f32 {
+        if self.share == u16::MAX {
+            own
+        } else {
+            round_up(f64::from(own) * f64::from(self.share) / f64::from(u16::MAX))
+        }
+    }
+
+    /// With the smallest share that bounds `largest`.
+    fn bounding(self, largest: f32, own: f32) -> Self {
+        let quotient = (f64::from(largest) / f64::from(own) * f64::from(u16::MAX)).ceil();
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates, and NaN becomes 0")]
+        let mut of = Self { share: quotient as u16, ..self };
+        while of.error(own) < largest && of.share < u16::MAX {
+            of.share += 1; // The quotient was rounded.
+        }
+        of
+    }
+}
+
+/// The directory page that an entry stands on.
+fn page_of(index: u32) -> u32 {
+    u32::try_from(ENTRIES_PER_PAGE).map_or(0, |per_page| index / per_page)
+}
+
+/// Tell every entry its children, from the parents that entries name; `is_whole` says, by index, whether they replace all of its triangles.
+/// An entry whose numbers are too large for their fields is not told.
+pub fn link_children(entries: &mut [DirectoryEntry], is_whole: impl Fn(usize) -> bool) {
+    let found = children_of(entries);
+    for (index, (entry, children)) in entries.iter_mut().zip(found).enumerate() {
+        entry.children = children.map(|c| Children { is_whole: is_whole(index), ..c });
+    }
+}
+
+/// What [`DirectoryEntry::children`] has to be, but for [`Children::is_whole`]; none where the fields are too small, or nothing names the entry.
+pub(crate) fn children_of(entries: &[DirectoryEntry]) -> Vec<Option<Children>> {
+    let mut found = vec![(0u32, 0u32, 0u32, 0f32); entries.len()];
+    for (index, entry) in (0u32..).zip(entries) {
+        for parent in entry.parents() {
+            if let Some((first, last, count, error)) = usize::try_from(parent).ok().and_then(|p| found.get_mut(p)) {
+                *first = if *count == 0 { index } else { *first };
+                (*last, *count, *error) = (index, *count + 1, error.max(entry.error));
+            }
+        }
+    }
+    let told = |(&(first, last, count, error), entry): (&(u32, u32, u32, f32), &DirectoryEntry)| {
+        let (count, pages) = (u8::try_from(count).ok()?, u8::try_from(page_of(last) - page_of(first)).ok()?);
+        let children = Children { first, count, pages, is_whole: false, share: u16::MAX };
+        (count > 0 && pages < WHOLE).then(|| children.bounding(error, entry.error))
+    };
+    found.iter().zip(entries).map(told).collect()
 }
 
 impl DirectoryEntry {
@@ -128,8 +210,12 @@ fn parse_entry(c: &mut Cursor<'_>) -> Result<DirectoryEntry, PackError> {
         bounds: Aabb { min: [c.i32()?, c.i32()?, c.i32()?], max: [c.i32()?, c.i32()?, c.i32()?] },
         parents: [c.u32()?, c.u32()?, c.u32()?, c.u32()?],
         checksum: c.array()?,
+        children: {
+            let (first, [count, pages], share) = (c.u32()?, c.array()?, c.u16()?);
+            let (pages, is_whole) = (pages & !WHOLE, pages & WHOLE != 0);
+            (count > 0).then_some(Children { first, count, pages, is_whole, share })
+        },
     };
-    c.take(8)?;
     Ok(entry)
 }
 
@@ -154,6 +240,9 @@ impl DirectoryEntry {
         let b = &self.bounds;
         if !(b.is_empty() && self.vertices == 0 || in_lattice(b.min) && in_lattice(b.max) && !b.is_empty()) {
             return bad("its box is not possible".to_owned());
+        }
+        if self.children.is_some_and(|c| c.first <= index) {
+            return bad("a child does not come after it".to_owned());
         }
         if index == 0 {
             if self.parents().next().is_some() || self.error != f32::INFINITY {
@@ -196,7 +285,13 @@ impl DirectoryEntry {
             out.extend(x.to_le_bytes());
         }
         out.extend(self.checksum);
-        out.extend([0; 8]);
+        let Some(c) = self.children else {
+            out.extend([0; 8]);
+            return;
+        };
+        out.extend(c.first.to_le_bytes());
+        out.extend([c.count, c.pages | if c.is_whole { WHOLE } else { 0 }]);
+        out.extend(c.share.to_le_bytes());
     }
 }
 

@@ -39,7 +39,7 @@ pub mod writer;
 pub use bytes::checksum;
 pub use chunk::{Attributes, Chunk, PatchRange};
 pub use cut::Cut;
-pub use directory::{DirectoryEntry, ENTRIES_PER_PAGE, NO_DIAMOND, PAGE_BYTES};
+pub use directory::{Children, DirectoryEntry, ENTRIES_PER_PAGE, NO_DIAMOND, PAGE_BYTES};
 pub use error::PackError;
 pub use head::{Head, parse_head};
 pub use header::{HEAD_BYTES, HEADER_BYTES, Header};

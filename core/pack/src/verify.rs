@@ -2,8 +2,9 @@
 //! chunk, and that nothing of the finest level is lost. [`crate::Reader::open`] has checked header, metadata,
 //! directory and footer before.
 
+use crate::directory::children_of;
 use crate::reader::check_spheres;
-use crate::{Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, PackError};
+use crate::{Children, Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, PackError};
 use kilwa_geometry::Aabb;
 
 /// Rounding that a sphere may be short of, relative to its radius and to the coordinates.
@@ -75,11 +76,19 @@ impl Totals {
     }
 }
 
-/// The directory on its own: every sphere contains the spheres below it.
+/// The directory on its own: children that are told are those that name an entry as a parent; every sphere contains the spheres below it.
 ///
 /// # Errors
 /// [`PackError::Invalid`] naming the entry.
 pub fn directory(entries: &[DirectoryEntry]) -> Result<(), PackError> {
+    for (index, (entry, found)) in entries.iter().zip(children_of(entries)).enumerate() {
+        let told = entry.children.map(|c| Children { is_whole: false, ..c });
+        if told.is_some() && told != found {
+            let why =
+                format!("the children that it tells ({told:?}) are not those that name it as a parent ({found:?})");
+            return Err(PackError::invalid(format!("directory entry {index}"), why));
+        }
+    }
     check_spheres(entries)
 }
 
@@ -118,6 +127,9 @@ pub fn chunk(index: u32, chunk: &Chunk, entries: &[DirectoryEntry]) -> Result<To
         if patch.diamond == NO_DIAMOND {
             totals.finest_triangles += count;
             totals.finest_borders += bits;
+            if count > 0 && entry.children.is_some_and(|c| c.is_whole) {
+                return bad("it has a leaf patch, but by the directory its children replace all of it".to_owned());
+            }
             for position in of_patch.flatten().filter_map(|&v| chunk.mesh.positions.get(v as usize)) {
                 totals.finest_bounds.add(*position);
             }

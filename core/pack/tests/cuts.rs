@@ -40,6 +40,7 @@ fn directory(count: u32, seed: u64) -> (Vec<DirectoryEntry>, Vec<u64>) {
             bounds: Aabb::EMPTY,
             parents,
             checksum: [0; 16],
+            children: None,
         });
     }
     (entries, coarse)

@@ -159,8 +159,8 @@ pub struct DrawPatch {
     pub diamond: u32,
     /// Level of the chunk it comes from.
     pub level: u8,
-    /// Certified error in metres: 0 for a leaf. Where the directory page of its diamond is not there yet, the larger
-    /// error of its chunk.
+    /// Certified error in metres: 0 for a leaf. Where the directory page of its diamond is not there yet, the bound
+    /// that its chunk's entry gives.
     pub error: f32,
     /// Whether it may lie in the view; a renderer of that view can skip the others.
     pub visible: bool,

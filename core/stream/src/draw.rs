@@ -1,4 +1,4 @@
-//! The cut that is drawn: refined from the root while chunks are resident.
+//! The cut that is drawn: the finest that the view asks for and that what is resident can show.
 
 use crate::command::DrawPatch;
 use crate::nodes::{Nodes, State};
@@ -17,19 +17,38 @@ pub(crate) struct Quality {
 }
 
 impl Streamer {
-    /// Refined entries, closed under parents, every one resident. Updates what hysteresis remembers.
-    pub(crate) fn refine(&mut self, view: &View) -> BTreeSet<u32> {
+    /// The finest cut that can be drawn, no finer than the view asks for: closed under parents, and every entry of it is resident
+    /// or all of its children are in the cut. It becomes [`Streamer::refined`]; hysteresis remembers it.
+    pub(crate) fn refine(&mut self, view: &View) {
+        let asked = self.asked_for(view);
+        let refined = self.drawable(asked);
+        for index in std::mem::take(&mut self.refined) {
+            if let Some(node) = self.nodes.get_mut(index) {
+                node.refined = false;
+            }
+        }
+        for &index in &refined {
+            if let Some(node) = self.nodes.get_mut(index) {
+                node.refined = true;
+            }
+        }
+        self.refined = refined;
+    }
+
+    /// Entries that the view asks to be refined, closed under parents, as far as what is resident or told reaches.
+    fn asked_for(&self, view: &View) -> BTreeSet<u32> {
         let step = self.header.lattice.step();
-        let mut refined = BTreeSet::new();
+        let mut asked = BTreeSet::new();
         let mut parents_in = BTreeMap::<u32, usize>::new();
         let mut queue = BTreeSet::from([0u32]);
         while let Some(index) = queue.pop_first() {
             let Some(node) = self.nodes.get(index) else { continue };
             let bar = if node.refined { view.target_pixels / HELD_BONUS } else { view.target_pixels };
-            if node.state != State::Resident || raw_priority(index, node, view, step) <= bar {
+            let is_there = node.state == State::Resident || index > 0 && self.nodes.whole_family(index).is_some();
+            if !is_there || raw_priority(index, node, view, step) <= bar {
                 continue;
             }
-            refined.insert(index);
+            asked.insert(index);
             for &child in self.nodes.children(index) {
                 let Some(node) = self.nodes.get(child) else { continue };
                 let count = parents_in.entry(child).or_insert(0);
@@ -39,12 +58,32 @@ impl Streamer {
                 }
             }
         }
-        for &index in &self.held {
-            if let Some(node) = self.nodes.get_mut(index) {
-                node.refined = refined.contains(&index);
+        asked
+    }
+
+    /// Without the entries that are not resident while a child is not refined, and without what lies below those, until none is left: the
+    /// union of two cuts that can be drawn can be drawn, so there is one largest.
+    fn drawable(&self, mut cut: BTreeSet<u32>) -> BTreeSet<u32> {
+        let is_resident = |i: u32| self.nodes.get(i).is_some_and(|n| n.state == State::Resident);
+        let is_replaced = |cut: &BTreeSet<u32>, i: u32| {
+            self.nodes.whole_family(i).is_some_and(|children| children.iter().all(|c| cut.contains(c)))
+        };
+        let mut doubtful: Vec<u32> = cut.iter().copied().filter(|&i| !is_resident(i)).collect();
+        while let Some(index) = doubtful.pop() {
+            if is_resident(index) || is_replaced(&cut, index) || !cut.contains(&index) {
+                continue;
+            }
+            let mut falling = vec![index];
+            while let Some(index) = falling.pop() {
+                if !cut.remove(&index) {
+                    continue;
+                }
+                falling.extend(self.nodes.children(index).iter().filter(|c| cut.contains(c)));
+                let parents = self.nodes.get(index).into_iter().flat_map(|n| n.entry.parents());
+                doubtful.extend(parents.filter(|&p| !is_resident(p)));
             }
         }
-        refined
+        cut
     }
 
     /// The patches of the cut, and its quality in the view.
@@ -68,7 +107,7 @@ impl Streamer {
                 let (sphere, error) = match known {
                     None => (node.box_sphere(), 0.0),
                     Some(Some(d)) => (d.entry.sphere, d.entry.error),
-                    Some(None) => (node.entry.sphere, node.entry.error),
+                    Some(None) => (node.entry.sphere, node.error_below()),
                 };
                 let visible = view.may_see(&sphere);
                 if visible {

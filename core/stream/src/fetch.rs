@@ -14,12 +14,14 @@ const PAGES_PER_REQUEST: u32 = 16;
 /// Up to this many pages, the whole directory is loaded once the picture is complete, so that a flight never waits for it.
 const WHOLE_DIRECTORY: u32 = 64;
 /// Pages that are asked for beyond the needed ones: those that the next levels need follow soon.
-const READ_AHEAD: u32 = 4;
-/// Bytes between two wanted parts that are fetched and thrown away to save a request: about what a tenth of the delay of a common
-/// link is worth. Measured in docs/decisions.md, 19.
-const GAP_BYTES: u64 = 12 << 10;
-/// All gaps of a request together: so many bytes...
-const GAPS_BYTES: u64 = 48 << 10;
+const READ_AHEAD: u32 = 1;
+/// Bytes between two wanted parts that are fetched and thrown away to save a request. Measured in docs/decisions.md, 19 and 23.
+const GAP_BYTES: u64 = 16 << 10;
+/// Of a picture of which much is missing a gap may be this part, up to [`WIDE_GAP_BYTES`]: it costs the same share of the time.
+const GAP_PART: u64 = 88;
+const WIDE_GAP_BYTES: u64 = 32 << 10;
+/// All gaps of a request together: so many times one gap...
+const GAPS: u64 = 4;
 /// ... or this part of the bytes that are wanted.
 const GAPS_PART: u64 = 8;
 
@@ -97,7 +99,7 @@ impl Streamer {
         for (&index, &rank) in &wanted.ranks {
             let waits = self.nodes.get(index).is_some_and(|n| n.state == State::Absent && n.retry_at <= now_ms);
             if waits {
-                candidates.push(Candidate { rank, kind: FetchKind::Chunks, index });
+                candidates.push(Candidate { rank: wanted.urgency(index, rank), kind: FetchKind::Chunks, index });
             }
         }
         // While something in the picture is on its way, what it shows next is not known yet: the link is kept free for it.
@@ -128,7 +130,7 @@ impl Streamer {
 
     /// Whether a visible part is being asked for, on its way, being decoded or uploaded; one that failed and has to wait does not count.
     fn waits_for_visible(&self, wanted: &Wanted, needed: &BTreeMap<u32, Rank>, now_ms: f64) -> bool {
-        let chunks = wanted.ranks.iter().filter(|(_, r)| r.visible).filter_map(|(&i, _)| self.nodes.get(i));
+        let chunks = wanted.ranks.keys().filter(|&&i| wanted.is_visible(i)).filter_map(|&i| self.nodes.get(i));
         let mut waiting = chunks.filter(|n| match n.state {
             State::Requested(_) | State::Decoding | State::Decoded => true,
             State::Absent => n.retry_at <= now_ms,
@@ -141,8 +143,8 @@ impl Streamer {
         waiting.next().is_some() || needed.iter().any(|p| is_page_coming(&p))
     }
 
-    /// Unknown pages that a held and wanted chunk refers to; once there are none of these and nothing else is missing, all unknown
-    /// pages of a directory that is not large.
+    /// Unknown pages with children of a wanted chunk that may be wanted, too, where the chunk is held or the directory tells; once there are
+    /// none of these and nothing else is missing, all unknown pages of a directory that is not large.
     fn needed_pages(&self, wanted: &Wanted) -> BTreeMap<u32, Rank> {
         let page_count = self.header.page_count();
         let mut needed = BTreeMap::<u32, Rank>::new();
@@ -153,13 +155,16 @@ impl Streamer {
         for (&index, &rank) in &wanted.ranks {
             let Some(node) = self.nodes.get(index) else { continue };
             is_complete &= node.state == State::Resident;
-            for patch in &node.patches {
-                let page = Nodes::page_of(patch.diamond);
-                if patch.diamond < self.header.entry_count && !self.nodes.has_page(page) {
-                    let best = needed.entry(page).or_insert(rank);
-                    if rank.total_cmp(best).is_gt() {
-                        *best = rank;
-                    }
+            if !self.nodes.lacks_children(index) || !wanted.may_want_below(index, &self.nodes) {
+                continue;
+            }
+            let of_patches = node.patches.iter().map(|p| p.diamond).filter(|&d| d < self.header.entry_count);
+            let of_patches = of_patches.map(Nodes::page_of).filter(|&page| !self.nodes.has_page(page));
+            let told = self.nodes.pages_of_children(index).filter(|&page| page < page_count);
+            for page in of_patches.chain(told) {
+                let best = needed.entry(page).or_insert(rank);
+                if rank.total_cmp(best).is_gt() {
+                    *best = rank;
                 }
             }
         }
@@ -224,8 +229,7 @@ impl Streamer {
     /// Decode a chunk that lies in the head; whether it does.
     fn decode_from_head(&mut self, index: u32, wanted: &Wanted, commands: &mut Vec<Command>) -> bool {
         let Some(node) = self.nodes.get(index) else { return false };
-        let end = node.entry.offset.saturating_add(u64::from(node.entry.encoded_bytes));
-        if end > self.head_bytes || node.damaged {
+        if node.end() > self.head_bytes || node.damaged {
             return false; // After a failure the head itself is suspected: ask for the range again.
         }
         if self.hold(index, State::Decoding, wanted, commands) {
@@ -244,16 +248,17 @@ impl Streamer {
         let alone = self.nodes.get(index).is_some_and(|n| n.damaged);
         let mut parts = vec![index];
         let mut useful = end - start;
+        let widest = self.widest_gap(wanted);
         let ways: &[bool] = if alone { &[] } else { &[true, false] };
         for &forward in ways {
             let mut at = index;
-            while let Some(next) = self.next_in_file(at, forward, wanted, now_ms, wanted.is_visible(index)) {
+            while let Some(next) = self.next_in_file(at, forward, wanted, now_ms, wanted.is_visible(index), widest) {
                 let Some((from, to)) = self.range(next) else { break };
                 let (new_start, new_end) = (start.min(from), end.max(to));
                 let length = new_end - new_start;
                 let gaps = length.saturating_sub(useful + (to - from));
                 if length > self.budgets.request_bytes
-                    || gaps > GAPS_BYTES.max(useful / GAPS_PART)
+                    || gaps > (GAPS * widest).max(useful / GAPS_PART)
                     || !self.may_request(length)
                     || !self.hold(next, State::Requested(self.next_request), wanted, commands)
                 {
@@ -278,15 +283,31 @@ impl Streamer {
         self.send(Request { kind: FetchKind::Chunks, offset: start, length: end - start, parts }, commands);
     }
 
+    /// Bytes between two wanted chunks that are read for nothing at most.
+    fn widest_gap(&self, wanted: &Wanted) -> u64 {
+        let needed = wanted.order.iter().filter(|&&i| wanted.is_visible(i)).filter_map(|&i| self.nodes.get(i));
+        let missing = needed.filter(|n| matches!(n.state, State::Absent | State::Requested(_)));
+        let bytes: u64 = missing.map(|n| u64::from(n.entry.encoded_bytes)).sum();
+        (bytes / GAP_PART).clamp(GAP_BYTES, WIDE_GAP_BYTES)
+    }
+
     /// The next chunk after (or before) `at` that may be asked for together with it, not farther than a gap.
-    fn next_in_file(&self, at: u32, forward: bool, wanted: &Wanted, now_ms: f64, visible: bool) -> Option<u32> {
+    fn next_in_file(
+        &self,
+        at: u32,
+        forward: bool,
+        wanted: &Wanted,
+        now_ms: f64,
+        visible: bool,
+        widest: u64,
+    ) -> Option<u32> {
         let (from, to) = self.range(at)?;
         let mut next = at;
         loop {
             next = if forward { next.checked_add(1)? } else { next.checked_sub(1)? };
             let (next_from, next_to) = self.range(next)?;
             let gap = if forward { next_from.checked_sub(to)? } else { from.checked_sub(next_to)? };
-            if gap > GAP_BYTES {
+            if gap > widest {
                 return None;
             }
             if self.may_join(next, wanted, now_ms) && wanted.is_visible(next) >= visible {

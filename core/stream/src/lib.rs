@@ -4,8 +4,8 @@
 //! [`Event`]s and where the camera is as a [`View`], and gets [`Command`]s to carry out and the cut to draw
 //! ([`DrawPatch`]) from [`Streamer::step`]. The same calls in the same order give the same answers.
 //!
-//! Invariants, whatever the order of events: every drawn chunk is resident; the drawn cut is closed under parents, so
-//! it has neither a hole nor an overlap; what is held never exceeds the budgets ([`Budgets`]), the root chunk excepted.
+//! Invariants, whatever the order of events: every drawn chunk is resident; the drawn cut is closed under parents, and a chunk of it that
+//! is not resident is wholly replaced by its children, so it has neither a hole nor an overlap; what is held never exceeds the budgets ([`Budgets`]), the root chunk excepted.
 //! With a network that works in the end and a camera at rest, the drawn pixel error falls to the target or to what the
 //! budgets allow, and then nothing moves.
 //!
@@ -23,6 +23,7 @@ pub mod pace;
 mod predict;
 mod select;
 pub mod sim;
+mod skip;
 pub mod streamer;
 pub mod view;
 

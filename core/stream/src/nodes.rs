@@ -26,9 +26,12 @@ pub(crate) struct Node {
     pub(crate) retry_at: f64,
     /// The last failure was one of its bytes, not of the network: it is asked for alone, and a working network helps nothing.
     pub(crate) damaged: bool,
-    /// Refined in the cut of the last step.
+    /// Refined in the cut of the last step; it may be so without being held ([`crate::skip`]).
     pub(crate) refined: bool,
 }
+
+/// Children that stand on pages farther apart than this are looked for by the chunk's own table: most pages between would be of others.
+const CLOSE_PAGES: u8 = 2;
 
 /// Bytes of one vertex in GPU memory.
 pub(crate) const GPU_VERTEX_BYTES: u64 = 20;
@@ -59,6 +62,16 @@ impl Node {
     pub(crate) fn cpu_bytes(&self, scalars: u8) -> u64 {
         u64::from(self.entry.vertices) * (CPU_VERTEX_BYTES + 4 * u64::from(scalars))
             + u64::from(self.entry.triangles) * CPU_TRIANGLE_BYTES
+    }
+
+    /// First byte of the file behind the chunk.
+    pub(crate) fn end(&self) -> u64 {
+        self.entry.offset.saturating_add(u64::from(self.entry.encoded_bytes))
+    }
+
+    /// Bound of the errors of what refines this chunk further, metres.
+    pub(crate) fn error_below(&self) -> f32 {
+        self.entry.children.map_or(self.entry.error, |c| c.error(self.entry.error))
     }
 
     pub(crate) fn is_held(&self) -> bool {
@@ -132,6 +145,26 @@ impl Nodes {
     /// Known children, each once.
     pub(crate) fn children(&self, index: u32) -> &[u32] {
         self.children.get(&index).map_or(&[], Vec::as_slice)
+    }
+
+    /// The children, where the directory tells that they replace all of a chunk and every one of them is known.
+    pub(crate) fn whole_family(&self, index: u32) -> Option<&[u32]> {
+        let told = self.get(index)?.entry.children.filter(|c| c.is_whole)?;
+        let known = self.children(index);
+        (known.len() == usize::from(told.count)).then_some(known)
+    }
+
+    /// Whether a child of a chunk may be an entry that is not known.
+    pub(crate) fn lacks_children(&self, index: u32) -> bool {
+        let told = self.get(index).and_then(|node| node.entry.children);
+        told.is_none_or(|c| self.children(index).len() < usize::from(c.count))
+    }
+
+    /// Unknown pages on which children of a chunk stand, where the directory tells them closely.
+    pub(crate) fn pages_of_children(&self, index: u32) -> impl Iterator<Item = u32> + '_ {
+        let told = self.get(index).and_then(|node| node.entry.children).filter(|c| c.pages <= CLOSE_PAGES);
+        let missing = told.filter(|c| self.children(index).len() < usize::from(c.count));
+        missing.into_iter().flat_map(|c| c.pages()).filter(|&page| !self.has_page(page))
     }
 
     pub(crate) fn iter_mut(&mut self) -> impl Iterator<Item = &mut Node> {

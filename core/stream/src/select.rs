@@ -7,8 +7,9 @@
 
 use crate::command::Budgets;
 use crate::nodes::{Node, Nodes};
+use crate::skip;
 use crate::view::View;
-use std::collections::{BTreeMap, BinaryHeap};
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
 /// How much more a chunk counts that is already held, and how much farther one that is drawn stays drawn.
 pub(crate) const HELD_BONUS: f64 = 1.2;
@@ -51,6 +52,17 @@ impl Cameras {
         let seen = self.predicted.as_ref().filter(|p| p.may_see(&node.entry.sphere));
         seen.map_or(now, |p| now.max(PREDICTED_WEIGHT * raw_priority(index, node, p, self.step)))
     }
+
+    /// The priority that children of a chunk have at most.
+    fn bound_below(&self, index: u32, node: &Node) -> f64 {
+        if index == 0 {
+            return f64::INFINITY;
+        }
+        let error = f64::from(node.error_below()) / self.step;
+        let now = self.view.priority(&node.entry.sphere, error);
+        let seen = self.predicted.as_ref().filter(|p| p.may_see(&node.entry.sphere));
+        seen.map_or(now, |p| now.max(PREDICTED_WEIGHT * p.priority(&node.entry.sphere, error)))
+    }
 }
 
 /// The outcome.
@@ -61,6 +73,8 @@ pub(crate) struct Wanted {
     pub(crate) order: Vec<u32>,
     /// The same with their ranks.
     pub(crate) ranks: BTreeMap<u32, Rank>,
+    /// Those of them that the picture does not need ([`crate::skip`]).
+    pub(crate) skipped: BTreeSet<u32>,
     /// Something above the target did not fit.
     pub(crate) limited: bool,
 }
@@ -74,8 +88,20 @@ impl Wanted {
         self.ranks.contains_key(&index)
     }
 
+    /// Whether the picture needs it.
     pub(crate) fn is_visible(&self, index: u32) -> bool {
-        self.ranks.get(&index).is_some_and(|r| r.visible)
+        self.ranks.get(&index).is_some_and(|r| r.visible) && !self.skipped.contains(&index)
+    }
+
+    /// Whether a child of this chunk may be wanted, by what the directory tells before the children are known.
+    pub(crate) fn may_want_below(&self, index: u32, nodes: &Nodes) -> bool {
+        let bound = nodes.get(index).map(|node| self.cameras.bound_below(index, node));
+        bound.is_some_and(|bound| bound > self.cameras.view.target_pixels)
+    }
+
+    /// How urgently a chunk is asked for: one that the picture does not need comes with those beside the picture.
+    pub(crate) fn urgency(&self, index: u32, rank: Rank) -> Rank {
+        Rank { visible: rank.visible && !self.skipped.contains(&index), ..rank }
     }
 }
 
@@ -151,13 +177,26 @@ pub(crate) fn pinned(nodes: &Nodes, budgets: &Budgets, scalars: u8) -> Vec<u32> 
 }
 
 /// What the cameras want of the known part of the directory.
-pub(crate) fn wanted(nodes: &Nodes, cameras: &Cameras, budgets: &Budgets, scalars: u8, pinned: &[u32]) -> Wanted {
+pub(crate) fn wanted(
+    nodes: &Nodes,
+    cameras: &Cameras,
+    budgets: &Budgets,
+    scalars: u8,
+    pinned: &[u32],
+    head_bytes: u64,
+) -> Wanted {
     let mut room = Room { gpu: budgets.gpu_bytes, cpu: budgets.cpu_bytes };
     for node in pinned.iter().filter_map(|&i| nodes.get(i)) {
         room.force(node, scalars);
     }
     let target = cameras.view.target_pixels;
-    let mut out = Wanted { cameras: *cameras, order: Vec::new(), ranks: BTreeMap::new(), limited: false };
+    let mut out = Wanted {
+        cameras: *cameras,
+        order: Vec::new(),
+        ranks: BTreeMap::new(),
+        skipped: BTreeSet::new(),
+        limited: false,
+    };
     let mut parents_in = BTreeMap::<u32, usize>::new();
     let mut full = false;
     let mut heap = BinaryHeap::from([Candidate { priority: f64::INFINITY, index: 0 }]);
@@ -180,12 +219,14 @@ pub(crate) fn wanted(nodes: &Nodes, cameras: &Cameras, budgets: &Budgets, scalar
             let count = parents_in.entry(child).or_insert(0);
             *count += 1;
             if *count == Nodes::parent_count(node) {
-                let bonus = if node.is_held() { HELD_BONUS } else { 1.0 };
+                let bonus = if node.is_held() || node.refined { HELD_BONUS } else { 1.0 };
                 let own = cameras.priority(child, node) * bonus;
                 heap.push(Candidate { priority: own.min(priority), index: child });
             }
         }
     }
+    let is_free = |index: u32, node: &Node| pinned.binary_search(&index).is_ok() || node.end() <= head_bytes;
+    out.skipped = skip::skipped(nodes, &out.ranks, |index| out.may_want_below(index, nodes), is_free);
     let mut order: Vec<(u32, Rank)> = out.ranks.iter().map(|(&i, &r)| (i, r)).collect();
     order.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     out.order = order.into_iter().map(|(i, _)| i).collect();

@@ -30,6 +30,8 @@ pub struct Streamer {
     /// Encoded bytes of the chunks being decoded.
     pub(crate) decoding_bytes: u64,
     pinned: Vec<u32>,
+    /// The cut of the last step.
+    pub(crate) refined: BTreeSet<u32>,
     predictor: Predictor,
     /// Pages that the view waits for, as of the last step.
     pub(crate) pages_missing: usize,
@@ -58,6 +60,7 @@ impl Streamer {
             requests_made: 0,
             decoding_bytes: 0,
             pinned: Vec::new(),
+            refined: BTreeSet::new(),
             predictor: Predictor::default(),
             pages_missing: 0,
             gpu_bytes: 0,
@@ -116,7 +119,7 @@ impl Streamer {
         let scalars = self.header.attributes.scalars;
         let step = self.header.lattice.step();
         let cameras = Cameras { view: *view, predicted: self.predictor.update(now_ms, view), step };
-        let wanted = select::wanted(&self.nodes, &cameras, &self.budgets, scalars, &self.pinned);
+        let wanted = select::wanted(&self.nodes, &cameras, &self.budgets, scalars, &self.pinned, self.head_bytes);
         // Answers first: their decoding frees no memory, but the bytes are here now.
         for (chunk, request, offset) in arrived {
             self.push_decode(chunk, request, offset, &mut commands);
@@ -125,8 +128,8 @@ impl Streamer {
         self.make_room(0, 0, &wanted, &mut commands);
         self.schedule(&wanted, now_ms, &mut commands);
         self.upload(&wanted, &mut commands);
-        let refined = self.refine(view);
-        let (draw, quality) = self.cut(view, &refined);
+        self.refine(view);
+        let (draw, quality) = self.cut(view, &self.refined);
         let mut stats = self.stats(&wanted, now_ms);
         stats.patches_drawn = draw.len() as u32;
         stats.triangles_drawn = quality.triangles;
@@ -328,7 +331,6 @@ impl Streamer {
             self.decoding_bytes -= u64::from(node.entry.encoded_bytes);
         }
         node.state = State::Absent;
-        node.refined = false;
         node.patches = Vec::new();
         self.gpu_bytes -= node.gpu_bytes();
         self.cpu_bytes -= node.cpu_bytes(scalars);

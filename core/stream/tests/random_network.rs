@@ -155,6 +155,42 @@ fn rest(pack: &Pack, view: &View) -> (Step, u64, Vec<u32>) {
     unreachable!("the loop ends when nothing moves");
 }
 
+/// Bytes of the chunks decoded until the target is reached, and the cut then.
+fn until_the_target(pack: &Pack, view: &View) -> (u64, BTreeSet<(u32, u32)>) {
+    let mut streamer = Streamer::new(&pack.head, pack.head_bytes, Budgets::default());
+    let mut world = World::new(pack, 1, Budgets::default(), Faults { fail: 0, garble: 0 });
+    let mut bytes = 0;
+    for now in (0..).step_by(10) {
+        let events = world.due(now);
+        let step = streamer.step(view, now as f64, events);
+        world.take(now, &step, &streamer);
+        for command in &step.commands {
+            if let Command::Decode { length, .. } = command {
+                bytes += u64::from(*length);
+            }
+        }
+        if step.stats.target_reached {
+            return (bytes, step.draw.iter().filter(|d| d.visible).map(|d| (d.chunk, d.patch)).collect());
+        }
+    }
+    unreachable!("the loop ends when the target is reached");
+}
+
+#[test]
+fn what_only_leads_to_the_picture_is_not_loaded_before_it() {
+    let (mut with, mut without) = (0, 0);
+    for seed in 0..40 {
+        let view = View { clip: Clip::default(), ..random_view(&mut Random(seed)) };
+        let told = until_the_target(&Pack::random(seed, 400).telling(true), &view);
+        let untold = until_the_target(&Pack::random(seed, 400).telling(false), &view);
+        assert_eq!(told.1, untold.1, "both show the same in the end, seed {seed}");
+        assert!(told.0 <= untold.0, "{} bytes where the directory tells, {} where not, seed {seed}", told.0, untold.0);
+        (with, without) = (with + told.0, without + untold.0);
+    }
+    println!("{with} bytes of chunks where the directory tells children, {without} where it does not");
+    assert!(with * 10 < without * 9, "{with} bytes where the directory tells children, {without} where it does not");
+}
+
 #[test]
 fn events_that_nobody_asked_for_change_nothing() {
     let pack = Pack::random(3, 50);

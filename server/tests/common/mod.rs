@@ -117,6 +117,7 @@ pub(crate) fn pack_in(title: &str, crs: Option<&str>) -> Vec<u8> {
         bounds,
         parents: [NO_DIAMOND; 4],
         checksum: kilwa_pack::checksum(&encoded),
+        children: None,
     };
     let header = Header {
         lattice,

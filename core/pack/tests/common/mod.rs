@@ -101,6 +101,7 @@ pub(crate) fn entry_of(chunk: &Chunk, encoded: &[u8], level: u8, error: f32, par
         bounds: if chunk.mesh.positions.is_empty() { Aabb::EMPTY } else { chunk.mesh.bounds() },
         parents: all,
         checksum: kilwa_pack::checksum(encoded),
+        children: None,
     }
 }
 

@@ -105,6 +105,7 @@ impl Pack {
                 bounds: Aabb::of(&points),
                 parents: slots,
                 checksum: [0; 16],
+                children: None,
             });
             offset += u64::from(encoded_bytes);
         }
@@ -116,8 +117,26 @@ impl Pack {
             }
         }
         entries[0].error = f32::INFINITY;
+        // Most packs tell children, for most of the chunks that have no leaf.
+        let mut chance = Random(random.0 ^ 0x7e11);
+        let tells = chance.below(4) > 0;
+        let is_told: Vec<bool> = patches
+            .iter()
+            .map(|p| tells && chance.below(10) > 0 && p.iter().all(|p| p.diamond != NO_DIAMOND))
+            .collect();
+        directory::link_children(&mut entries, |i| is_told[i]);
         let head = head(&entries, offset);
         Self { head, head_bytes: 40_000 + random.below(60_000) as u64, entries, patches, place, split }
+    }
+
+    /// The same pack, telling all children that may be told, or none.
+    pub(crate) fn telling(mut self, tells: bool) -> Self {
+        let patches = &self.patches;
+        let is_whole = |i: usize| tells && patches[i].iter().all(|p| p.diamond != NO_DIAMOND);
+        directory::link_children(&mut self.entries, is_whole);
+        let end = self.entries.last().map_or(0, |e| e.offset + u64::from(e.encoded_bytes));
+        self.head = head(&self.entries, end);
+        self
     }
 
     fn page(&self, page: u32) -> Vec<u8> {
