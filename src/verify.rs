@@ -12,7 +12,6 @@ mod report;
 mod state;
 mod web;
 
-
 use crate::source::FileSource;
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};

@@ -10,7 +10,7 @@ use kilwa_server::upload::wire::{FileSaid, Intent, Lacking, State, Status};
 use std::cell::Cell;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 use ureq::http::Response;
@@ -207,7 +207,7 @@ impl Sender {
                 sent.set(sent.get() + n);
                 told(Told::Sent(sent.get(), all));
             };
-            self.send(&intent.slug, lack, at(file), &advance).map_err(|e| with_progress(e, &mut progressed))?;
+            self.send(&intent.slug, lack, &at(file), &advance).map_err(|e| with_progress(e, &mut progressed))?;
             progressed = true;
         }
         let mut now = begun;
@@ -232,9 +232,9 @@ impl Sender {
     }
 
     /// Send what is lacking of a file, piece by piece.
-    fn send(&self, slug: &str, lack: &Lacking, from: PathBuf, advance: &dyn Fn(u64)) -> Result<(), Failure> {
+    fn send(&self, slug: &str, lack: &Lacking, from: &Path, advance: &dyn Fn(u64)) -> Result<(), Failure> {
         let unreadable = |e: std::io::Error| Failure::Final(format!("{}: {e}", from.display()));
-        let mut file = File::open(&from).map_err(unreadable)?;
+        let mut file = File::open(from).map_err(unreadable)?;
         file.seek(SeekFrom::Start(lack.offset)).map_err(unreadable)?;
         let (mut at, mut progressed) = (lack.offset, false);
         let address = format!("uploads/{slug}/{}", lack.sha256);
@@ -353,7 +353,7 @@ impl Sender {
 fn with_progress(e: Failure, progressed: &mut bool) -> Failure {
     match e {
         Failure::Passing { why, after, progressed: p } => Failure::Passing { why, after, progressed: p || *progressed },
-        last => last,
+        last @ Failure::Final(_) => last,
     }
 }
 

@@ -131,7 +131,11 @@ pub(crate) fn intent(site: &Path, number: u32) -> Intent {
             triangles: preview["triangles"].as_u64().unwrap(),
             error: preview["error_m"].as_f64().unwrap(),
         }),
-        drawings: parts.iter().filter(|p| p.starts_with("drawings/") && p.ends_with(".png")).map(drawing).collect(),
+        drawings: parts
+            .iter()
+            .filter(|p| p.starts_with("drawings/") && Path::new(p).extension().is_some_and(|e| e == "png"))
+            .map(drawing)
+            .collect(),
         files: parts.iter().filter(is_sent).map(said).collect(),
     }
 }

@@ -232,7 +232,7 @@ pub fn agree(m: &Metadata, pack: &kilwa_pack::Metadata) -> Result<Option<String>
         ));
     }
     if let Some(text) = &in_pack {
-        crs::holds(text, pack.bounds_min, pack.bounds_max).map_err(|e| e.to_string())?;
+        crs::holds(text, pack.bounds_min, pack.bounds_max)?;
     }
     let accuracy = m.capture.as_ref().and_then(|c| c.accuracy);
     if let (Some(said), Some(built)) = (accuracy, pack.capture_accuracy)

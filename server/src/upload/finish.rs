@@ -156,11 +156,11 @@ fn verified(
         })?;
     }
     let steps = |what: &str| (uploads.steps)(what);
-    let mut draft = Draft::begin(&uploads.shelf, &facts.slug, facts.version(), &steps).map_err(refused)?;
+    let mut draft = Draft::begin(&uploads.shelf, &facts.slug, facts.version(), &steps).map_err(|e| refused(&e))?;
     // In the order in which publishing to a folder writes them.
     for file in &intent.files {
         put(staging, file, &draft.folder())?;
-        let (bytes, sum) = draft.adopt(&file.path).map_err(refused)?;
+        let (bytes, sum) = draft.adopt(&file.path).map_err(|e| refused(&e))?;
         job.done.fetch_add(bytes, Ordering::Relaxed);
         if (bytes, &sum) != (file.bytes, &file.sha256) {
             staging.discard(file);
@@ -173,7 +173,7 @@ fn verified(
     let entry = facts.pack_entry(meant.pack.bytes, meant.pack.sha256.clone(), identity);
     let publication = facts.publication(entry, of_pack, meant.preview);
     let drawings = intent.drawings.iter().map(|d| (d.path.clone(), d.words.clone())).collect();
-    complete(draft, &facts, &publication, &uploads.page, drawings, None).map_err(refused)?;
+    complete(draft, &facts, &publication, &uploads.page, drawings, None).map_err(|e| refused(&e))?;
     Ok(publication.version)
 }
 
@@ -229,8 +229,8 @@ fn put(staging: &Staging, said: &FileSaid, folder: &Path) -> Result<(), Refusal>
     linked.map_err(|e| Refusal::disk("write the version", &e))
 }
 
-fn refused(e: DraftError) -> Refusal {
-    match &e {
+fn refused(e: &DraftError) -> Refusal {
+    match e {
         DraftError::Disk { source, what, path } => {
             let refusal = Refusal::disk(&format!("{what} the version"), source);
             tracing::error!("{}: {e}", path.display());
