@@ -85,8 +85,11 @@ impl Children {
         }
     }
 
-    /// With the smallest share that bounds `largest`.
+    /// With the smallest share that bounds `largest`; all of an infinite error, which that of the root entry is.
     fn bounding(self, largest: f32, own: f32) -> Self {
+        if !own.is_finite() {
+            return Self { share: u16::MAX, ..self };
+        }
         let quotient = (f64::from(largest) / f64::from(own) * f64::from(u16::MAX)).ceil();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates, and NaN becomes 0")]
         let mut of = Self { share: quotient as u16, ..self };

@@ -6,7 +6,8 @@ use kilwa_geometry::Sphere;
 use kilwa_pack::directory::{parse_page, round_up, write_page};
 use kilwa_pack::verify::{self, Totals};
 use kilwa_pack::{
-    Attributes, HEAD_BYTES, Header, PackError, PackWriter, Reader, SliceSource, Source, checksum, parse_head,
+    Attributes, DirectoryEntry, HEAD_BYTES, Header, PackError, PackWriter, Reader, SliceSource, Source, checksum,
+    parse_head,
 };
 
 const COLORED: Attributes = Attributes { colors: true, scalars: 0 };
@@ -377,4 +378,72 @@ fn lies_of_the_directory_are_found_by_verify() {
     assert!(said(&|e| e[1].sphere.radius = 10.0, 48).contains("outside its bounding sphere"));
     assert!(said(&|e| e[0].sphere.radius = 30_000.0, 48).contains("sphere of its parent 0"));
     assert!(said(&|e| e[1].vertices += 1, 48).contains("chunk 1"));
+}
+
+#[test]
+fn children_are_told_with_a_bound_of_their_errors_that_holds_and_is_close() {
+    use kilwa_pack::directory::link_children;
+    let mut random = 0x2545_f491u32;
+    let mut next = || {
+        random ^= random << 13;
+        random ^= random >> 17;
+        random ^= random << 5;
+        random
+    };
+    let entry = |parents: [u32; 4], error: f32| DirectoryEntry { parents, error, ..blank() };
+    let none = kilwa_pack::NO_DIAMOND;
+    let mut entries = vec![entry([none; 4], f32::INFINITY)];
+    for index in 1..400u32 {
+        let parent = next() % index;
+        let above = entries[parent as usize].error.min(1.0);
+        // Down to nothing, and to what 32 bits can hardly tell apart.
+        let error = match next() % 10 {
+            0 => above,
+            1 => above.next_down().max(0.0),
+            2 => 0.0,
+            3 => above * 1e-30,
+            _ => above * (next() % 1000) as f32 / 1000.0,
+        };
+        entries.push(entry([parent, none, none, none], error));
+    }
+    link_children(&mut entries, |index| index % 3 == 0);
+    kilwa_pack::verify::directory(&entries).unwrap();
+    for (index, entry) in (0u32..).zip(&entries) {
+        let below: Vec<u32> =
+            (0u32..).zip(&entries).filter(|(_, e)| e.parents().any(|p| p == index)).map(|(i, _)| i).collect();
+        let Some(told) = entry.children else {
+            assert!(below.is_empty());
+            continue;
+        };
+        assert_eq!((told.first, usize::from(told.count), told.is_whole), (below[0], below.len(), index % 3 == 0));
+        assert!(below.iter().all(|&i| told.pages().contains(&(i / 127))));
+        let (bound, largest) =
+            (told.error(entry.error), below.iter().map(|&i| entries[i as usize].error).fold(0.0, f32::max));
+        assert!(largest <= bound && bound <= entry.error, "{index}: {largest} <= {bound} <= {}", entry.error);
+        assert!(
+            index == 0 || f64::from(bound - largest) <= f64::from(entry.error) / 65_000.0,
+            "{index}: {bound} is far above {largest}"
+        );
+    }
+    let back = parse_page(&write_page(&entries[..127], 0), 0, 400).unwrap();
+    assert_eq!(back, entries[..127]);
+    entries[0].children.as_mut().unwrap().count += 1;
+    assert!(kilwa_pack::verify::directory(&entries).is_err(), "a wrong number of children is found");
+}
+
+fn blank() -> DirectoryEntry {
+    DirectoryEntry {
+        offset: 1000,
+        encoded_bytes: 1,
+        vertices: 0,
+        triangles: 0,
+        level: 0,
+        error: 0.0,
+        color_error: 0.0,
+        sphere: kilwa_geometry::Sphere::EMPTY,
+        bounds: kilwa_geometry::Aabb::EMPTY,
+        parents: [kilwa_pack::NO_DIAMOND; 4],
+        checksum: [0; 16],
+        children: None,
+    }
 }

@@ -5,10 +5,12 @@
 //! as an index of this form (damaged, of another version, half written) is made anew from the folder; where no file can be written the index
 //! is held in memory. A store that does not answer changes nothing. An object that cannot be read is kept in a list with the reason, so that nothing vanishes silently.
 //!
-//! One file per part: `schema` (opening and tables), `entry` (what is known of an object), `location` (where it is), `refresh` (folder to index), `search`.
+//! One file per part: `schema` (opening and tables), `entry` (what is known of an object), `location` (where it is), `refresh` (folder to index), `search`,
+//! `readers` (its connections).
 
 mod entry;
 mod location;
+mod readers;
 mod refresh;
 mod schema;
 mod search;
@@ -18,14 +20,12 @@ pub use refresh::{Changes, Refused};
 pub use search::{Count, Facet, FacetCounts, Found, Located, PER_PAGE_MAX, Query, Sort};
 
 use crate::store::Place;
+use readers::Readers;
 use rusqlite::Connection;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use thiserror::Error;
-
-/// Readers kept open.
-const READERS: usize = 4;
 
 /// Why the index gives no answer.
 #[derive(Debug, Error)]
@@ -62,8 +62,8 @@ pub struct Index {
     /// Where it is; `None` in memory.
     file: Option<PathBuf>,
     writer: Mutex<Connection>,
-    /// Idle connections that only read; searches do not wait for each other nor for a refresh.
-    readers: Mutex<Vec<Connection>>,
+    /// Searches do not wait for a refresh.
+    readers: Readers,
     refreshed: Mutex<Option<Instant>>,
     /// One refresh at a time.
     refreshing: Mutex<()>,
@@ -95,7 +95,7 @@ impl Index {
             Some((connection, file)) => (connection, Some(file)),
             None => (schema::in_memory()?, None),
         };
-        let (readers, refreshed, refreshing) = (Mutex::default(), Mutex::default(), Mutex::default());
+        let (readers, refreshed, refreshing) = (Readers::default(), Mutex::default(), Mutex::default());
         Ok(Self { folder: folder.clone(), file, writer: Mutex::new(writer), readers, refreshed, refreshing })
     }
 
@@ -158,7 +158,7 @@ impl Index {
     /// An empty index in place of the one that is there.
     fn start_anew(&self) -> Result<(), IndexError> {
         let mut writer = self.lock();
-        self.readers.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        self.readers.clear();
         // The connection lets go of the file before the file goes.
         *writer = schema::in_memory()?;
         if let Some(file) = &self.file {
@@ -222,17 +222,7 @@ impl Index {
 
     fn read_once<T>(&self, what: impl Fn(&Connection) -> Result<T, IndexError>) -> Result<T, IndexError> {
         let Some(file) = &self.file else { return what(&self.lock()) };
-        let idle = self.readers.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let reader = match idle {
-            Some(reader) => reader,
-            None => schema::reader(file)?,
-        };
-        let result = what(&reader);
-        let mut readers = self.readers.lock().unwrap_or_else(PoisonError::into_inner);
-        if result.is_ok() && readers.len() < READERS {
-            readers.push(reader);
-        }
-        result
+        self.readers.with(file, what)
     }
 
     fn lock(&self) -> MutexGuard<'_, Connection> {
