@@ -3,8 +3,10 @@
 //! Order: the files of the version, the landing page, the manifest last and only if it still is the one that the version was made
 //! against (`If-Match`; `If-None-Match: *` for a new object). So whatever fails, the store has the old object, whole, or the new one; files of a
 //! version that no manifest names are served by nobody. A file carries its SHA-256 as metadata: what an earlier attempt has sent is not sent
-//! again. Before the manifest, what lies in the version's folder is compared with what was sent, so that two who publish the same
-//! version at once make no mixture.
+//! again. Before each file the store's manifest must still be the one that the version was made against, and a small file is put only where there
+//! is none or over exactly the one that was seen (a long one is the pack, whose name is its hash): so a version that somebody else has
+//! published meanwhile is not written over. Before the manifest, what lies in the version's folder is compared with what was sent, so that
+//! two who publish the same version at once make no mixture.
 
 use super::folder::walk;
 use super::s3::lock;
@@ -17,7 +19,7 @@ use crate::object::layout::{MANIFEST, METADATA, PAGE, Slug, version_folder};
 use crate::page::content_type;
 use axum::body::Bytes;
 use object_store::{
-    Attribute, Attributes, Error, GetOptions, MultipartUpload, ObjectMeta, ObjectStore as _, PutMode,
+    Attribute, AttributeValue, Attributes, Error, GetOptions, MultipartUpload, ObjectMeta, ObjectStore as _, PutMode,
     PutMultipartOptions, PutOptions, PutPayload, UpdateVersion,
 };
 use std::collections::BTreeMap;
@@ -29,6 +31,8 @@ use std::sync::Arc;
 /// Longer files are sent in parts of this length, or of a nine-thousandth of theirs: a store takes ten thousand.
 const PART: u64 = 16 << 20;
 const PARTS: u64 = 9000;
+/// How often a file that somebody else writes at the same time is tried.
+const TRIES: usize = 3;
 /// Name of the SHA-256 in a file's metadata.
 const SUM: &str = "sha256";
 
@@ -94,18 +98,14 @@ impl S3 {
         let mut files = BTreeMap::new();
         walk(&object.join(&folder), "", 0, &mut files)?;
         let (mut sent, mut tags) = (Sent { files: files.len(), there: 0 }, BTreeMap::new());
+        self.still(slug, against)?;
         for (name, identity) in &files {
             let key = format!("{slug}/{folder}/{name}");
             told(&key);
             let path = object.join(&folder).join(name);
             let (_, sum) = sha256_of(File::open(&path)?)?;
-            let tag = match self.there(&key, identity.bytes(), &sum)? {
-                Some(meta) => {
-                    sent.there += 1;
-                    meta.e_tag
-                }
-                None => self.put_file(&key, &path, identity.bytes(), &attributes(name, FOR_EVER, &sum))?,
-            };
+            let (is_there, tag) = self.send_file((slug, against), &key, &path, &attributes(name, FOR_EVER, &sum))?;
+            sent.there += usize::from(is_there);
             tags.insert(name.clone(), (identity.bytes(), tag));
         }
         let listed = self.files(&format!("{slug}/{folder}"))?;
@@ -120,8 +120,8 @@ impl S3 {
             told(&format!("{slug}/{name}"));
             let bytes = read_small(&object.join(name), SMALL)?;
             // The page is not under the manifest's condition: nothing is replaced once somebody else has published.
-            if name == PAGE && self.manifest_tag(slug)? != against.0 {
-                return Err(others());
+            if name == PAGE {
+                self.still(slug, against)?;
             }
             let mode = match &against.0 {
                 _ if name == PAGE => PutMode::Overwrite,
@@ -129,21 +129,58 @@ impl S3 {
                 Some(tag) => PutMode::Update(UpdateVersion { e_tag: Some(tag.clone()), version: None }),
             };
             let attributes = attributes(name, ASK_AGAIN, &sha256(&bytes));
-            self.put(&format!("{slug}/{name}"), bytes.into(), mode, attributes)?;
+            self.put(&format!("{slug}/{name}"), bytes.into(), mode, attributes).map_err(or_others)?;
         }
         *lock(&self.objects) = None;
         Ok(sent)
     }
 
-    fn manifest_tag(self: &Arc<Self>, slug: &Slug) -> io::Result<Option<String>> {
-        match self.identity(&format!("{slug}/{MANIFEST}")) {
-            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
-            identity => Ok(Some(identity?.tag().unwrap_or_default().to_owned())),
-        }
+    /// Nobody has published since.
+    fn still(self: &Arc<Self>, slug: &Slug, against: &Against) -> io::Result<()> {
+        let now = match self.identity(&format!("{slug}/{MANIFEST}")) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => None,
+            identity => Some(identity?.tag().unwrap_or_default().to_owned()),
+        };
+        if now == against.0 { Ok(()) } else { Err(others()) }
     }
 
-    /// A file that is there already with this length and SHA-256.
-    fn there(self: &Arc<Self>, key: &str, bytes: u64, sum: &str) -> io::Result<Option<ObjectMeta>> {
+    /// A file of the version: whether it was there already, and its tag.
+    fn send_file(
+        self: &Arc<Self>,
+        (slug, against): (&Slug, &Against),
+        key: &str,
+        path: &Path,
+        said: &Attributes,
+    ) -> io::Result<(bool, Option<String>)> {
+        let length = std::fs::metadata(path)?.len();
+        for _ in 0..TRIES {
+            let there = self.there(key)?;
+            if let Some((meta, sum)) = &there
+                && meta.size == length
+                && sum.as_ref() == said.get(&Attribute::Metadata(SUM.into()))
+            {
+                return Ok((true, meta.e_tag.clone()));
+            }
+            // After the look at the file: what a version that is published by now has put since has another tag.
+            self.still(slug, against)?;
+            if length > PART {
+                return Ok((false, self.put_parts(key, path, length, said)?));
+            }
+            let mode = match there {
+                None => PutMode::Create,
+                Some((meta, _)) => PutMode::Update(UpdateVersion { e_tag: meta.e_tag, version: None }),
+            };
+            match self.put(key, read_small(path, PART)?.into(), mode, said.clone()) {
+                // Somebody else's, or ours, whose answer was lost: look again.
+                Err(e) if super::s3::is_changed(&e) => {}
+                tag => return Ok((false, tag?)),
+            }
+        }
+        Err(others())
+    }
+
+    /// The file that is there now, and the SHA-256 that it was sent with.
+    fn there(self: &Arc<Self>, key: &str) -> io::Result<Option<(ObjectMeta, Option<AttributeValue>)>> {
         let path = self.at(key)?;
         let asked = self.wait(move |store| async move {
             let head = GetOptions { head: true, ..GetOptions::default() };
@@ -151,25 +188,22 @@ impl S3 {
         });
         match asked {
             Ok(there) => {
-                let said = there.attributes.get(&Attribute::Metadata(SUM.into())).map(AsRef::as_ref);
-                Ok((there.meta.size == bytes && said == Some(sum)).then_some(there.meta))
+                let sum = there.attributes.get(&Attribute::Metadata(SUM.into())).cloned();
+                Ok(Some((there.meta, sum)))
             }
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(e) => Err(e),
         }
     }
 
-    /// A file, in parts where it is long; its tag.
-    fn put_file(
+    /// A long file, in parts; its tag.
+    fn put_parts(
         self: &Arc<Self>,
         key: &str,
         path: &Path,
         length: u64,
         said: &Attributes,
     ) -> io::Result<Option<String>> {
-        if length <= PART {
-            return self.put(key, read_small(path, PART)?.into(), PutMode::Overwrite, said.clone());
-        }
         let (to, said) =
             (self.at(key)?, PutMultipartOptions { attributes: said.clone(), ..PutMultipartOptions::default() });
         let mut upload = self.wait(move |store| async move { store.client.put_multipart_opts(&to, said).await })?;
@@ -201,7 +235,6 @@ impl S3 {
                 e => e,
             })
         })
-        .map_err(|e| if super::s3::is_changed(&e) { others() } else { e })
     }
 }
 
@@ -222,6 +255,10 @@ fn attributes(name: &str, cache: &'static str, sum: &str) -> Attributes {
     all.insert(Attribute::CacheControl, cache.into());
     all.insert(Attribute::Metadata(SUM.into()), sum.to_owned().into());
     all
+}
+
+fn or_others(e: io::Error) -> io::Error {
+    if super::s3::is_changed(&e) { others() } else { e }
 }
 
 fn others() -> io::Error {

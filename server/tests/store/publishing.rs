@@ -3,6 +3,7 @@
 use super::bucket::Bucket;
 use super::common::{get, noise, object, page, public};
 use super::{PATIENCE, SHORT};
+use kilwa_server::object::checksums::sha256;
 use kilwa_server::object::layout::Slug;
 use kilwa_server::object::manifest::Manifest;
 use kilwa_server::store::Sent;
@@ -11,7 +12,11 @@ use std::path::Path;
 
 /// What the store shows of the object: the number of its current version, whose every file is there and right.
 async fn shown(bucket: &Bucket, packs: &[Vec<u8>]) -> Option<u32> {
-    let store = bucket.open("s3://museum/shelf", PATIENCE).unwrap();
+    shown_at(bucket, "s3://museum/shelf", packs).await
+}
+
+async fn shown_at(bucket: &Bucket, name: &str, packs: &[Vec<u8>]) -> Option<u32> {
+    let store = bucket.open(name, PATIENCE).unwrap();
     let app = app(Site::new(Catalogue::of_store(&store).unwrap(), page()));
     let answer = get(&app, "/fort/manifest.json").await;
     if answer.status == 404 {
@@ -22,10 +27,12 @@ async fn shown(bucket: &Bucket, packs: &[Vec<u8>]) -> Option<u32> {
     for (version, pack) in manifest.versions.iter().zip(packs) {
         let list = get(&app, &format!("/fort/{}", version.checksums.url)).await.text();
         assert_eq!(list.lines().count(), 7);
+        assert_eq!(sha256(list.as_bytes()), version.checksums.sha256);
         for line in list.lines() {
-            let (_, name) = line.split_once("  ").unwrap();
+            let (sum, name) = line.split_once("  ").unwrap();
             let answer = get(&app, &format!("/fort/{}/{name}", version.folder)).await;
             assert_eq!(answer.status, 200, "{name}");
+            assert_eq!(sha256(&answer.body).to_string(), sum, "{name}");
             assert!(!name.starts_with("pack.") || answer.body == *pack, "{name}");
         }
     }
@@ -33,9 +40,13 @@ async fn shown(bucket: &Bucket, packs: &[Vec<u8>]) -> Option<u32> {
 }
 
 fn send(bucket: &Bucket, shelf: &Path, version: u32) -> Result<Sent, String> {
+    send_to(bucket, "s3://museum/shelf", shelf, version)
+}
+
+fn send_to(bucket: &Bucket, name: &str, shelf: &Path, version: u32) -> Result<Sent, String> {
     let slug = Slug::new("fort").unwrap();
     let fetched = tempfile::tempdir().unwrap();
-    let store = bucket.open("s3://museum/shelf", SHORT).map_err(|e| e.to_string())?;
+    let store = bucket.open(name, SHORT).map_err(|e| e.to_string())?;
     let against = store.fetch(&slug, fetched.path()).map_err(|e| e.to_string())?;
     store.send(&slug, shelf, version, &against, &|_| ()).map_err(|e| e.to_string())
 }
@@ -100,5 +111,42 @@ async fn cut_off_anywhere_it_shows_the_old_object_or_the_new_one_and_goes_on() {
             assert!(sent.there > 0, "version {version}: what was sent before is not sent again: {sent:?}");
         }
         assert_eq!(shown(&bucket, &packs).await, Some(version));
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_somebody_else_published_meanwhile_stays_as_it_is() {
+    let Some(bucket) = Bucket::start("what_somebody_else_published_meanwhile…") else { return };
+    let first = noise(100_000, 1);
+    // Before anything of ours is sent, and when some of it is.
+    for at in [0, 4] {
+        let (ours, theirs) = ([first.clone(), noise(100_000, 2)], [first.clone(), noise(100_000, 3)]);
+        let shelves = [&ours[..1], &ours[..], &theirs[..]].map(|packs| {
+            let dir = tempfile::tempdir().unwrap();
+            object(dir.path(), "fort", packs, public());
+            dir
+        });
+        let name = format!("s3://museum/shelf{at}");
+        assert!(send_to(&bucket, &name, shelves[0].path(), 1).is_ok());
+        let (slug, fetched) = (Slug::new("fort").unwrap(), tempfile::tempdir().unwrap());
+        let store = bucket.open(&name, PATIENCE).unwrap();
+        let against = store.fetch(&slug, fetched.path()).unwrap();
+        let heard = std::cell::Cell::new(0);
+        let publish = |i: usize| {
+            if i == at {
+                assert!(send_to(&bucket, &name, shelves[2].path(), 2).is_ok());
+            }
+        };
+        if at == 0 {
+            publish(0);
+        }
+        let told = |_: &str| {
+            heard.set(heard.get() + 1);
+            publish(heard.get());
+        };
+        let late = store.send(&slug, shelves[1].path(), 2, &against, &told).unwrap_err().to_string();
+        assert!(late.contains("somebody else"), "{late}");
+        assert!(heard.get() >= at);
+        assert_eq!(shown_at(&bucket, &name, &theirs).await, Some(2));
     }
 }
