@@ -16,7 +16,7 @@ use kilwa_server::{Catalogue, Clock, Site, app};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 use tower::ServiceExt;
 
@@ -29,6 +29,8 @@ struct Museum {
     clock: Arc<AtomicU64>,
     /// How many more steps the disk allows.
     steps: Arc<AtomicU64>,
+    /// Whether verifying comes to a defect of the program.
+    falls: Arc<AtomicBool>,
     folder: tempfile::TempDir,
     robot: String,
     amina: String,
@@ -59,7 +61,10 @@ impl Museum {
         site.door = Some(Arc::new(Door::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap()));
         let steps = Arc::new(AtomicU64::new(u64::MAX));
         let left = Arc::clone(&steps);
-        let uploads = Uploads::new(models.canonicalize().unwrap(), page(), limits).with_steps(move |_| {
+        let falls = Arc::new(AtomicBool::new(false));
+        let fall = Arc::clone(&falls);
+        let uploads = Uploads::new(models.canonicalize().unwrap(), page(), limits).with_steps(move |what| {
+            assert!(matches!(what, "stage" | "receive") || !fall.load(Ordering::Relaxed), "a defect at {what}");
             let take = |n: u64| n.checked_sub(1);
             match left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take) {
                 Ok(_) => Ok(()),
@@ -67,7 +72,7 @@ impl Museum {
             }
         });
         site.uploads = Some(Arc::new(uploads));
-        Self { app: app(site), clock, steps, folder, robot, amina, viewer }
+        Self { app: app(site), clock, steps, falls, folder, robot, amina, viewer }
     }
 
     fn models(&self) -> PathBuf {
@@ -326,6 +331,22 @@ async fn a_file_is_gone_on_with_where_it_broke_off_and_nowhere_else() {
         let answer = m.send(Method::GET, &address, &m.robot, &[], Vec::new()).await;
         assert!(matches!(answer.status, StatusCode::NOT_FOUND | StatusCode::METHOD_NOT_ALLOWED), "{address}");
     }
+    // Nor is anything outside of the folder of uploads reached, or made.
+    let outside = m.models().join("outside");
+    std::fs::create_dir(&outside).unwrap();
+    std::fs::write(outside.join("lock"), "precious").unwrap();
+    let whole = outside.to_string_lossy().replace('/', "%2F");
+    for slug in [whole.as_str(), "..%2Foutside", "%2E%2E%2Foutside", "..%2F.kilwa-uploads%2Ffort", ".%2Ffort", "viewer"]
+    {
+        let (of, file) = (format!("/uploads/{slug}"), format!("/uploads/{slug}/{name}"));
+        for (method, uri) in [(Method::GET, &of), (Method::POST, &of), (Method::DELETE, &of), (Method::HEAD, &file)] {
+            let answer = m.send(method.clone(), uri, &m.robot, &[], Vec::new()).await;
+            assert_eq!(answer.status, StatusCode::NOT_FOUND, "{method} {uri}");
+        }
+        assert_eq!(m.patch(slug, name, 0, b"x").await.status, StatusCode::NOT_FOUND, "{slug}");
+    }
+    assert_eq!(std::fs::read(outside.join("lock")).unwrap(), b"precious");
+    std::fs::remove_dir_all(&outside).unwrap();
     let given_up = m.send(Method::DELETE, "/uploads/fort", &m.robot, &[], Vec::new()).await;
     assert_eq!((given_up.status, m.has_nothing()), (StatusCode::NO_CONTENT, true));
 }
@@ -524,4 +545,65 @@ async fn uploads_are_limited_in_size_number_and_time() {
     std::thread::sleep(Duration::from_millis(1100));
     m.begin(&token, &Version::new("mosque", 1, fort_pack()).intent).await;
     assert!(!m.models().join(".kilwa-uploads/fort").exists());
+}
+
+#[tokio::test]
+async fn an_upload_never_opens_what_is_closed() {
+    let closed = |number: u32, access: &str| {
+        let mut version = Version::new("fort", number, fort_pack());
+        version.intent.metadata = Metadata::parse(&format!("{METADATA}{access}")).unwrap();
+        version.intent.metadata.description = Some(format!("Version {number}"));
+        version
+    };
+    let embargo = |day: &str| format!("[access]\nstate = \"embargo\"\nuntil = {day}\n");
+    let (restricted, public) = ("[access]\nstate = \"restricted\"\n", "");
+    let (early, late) = (embargo("2026-12-01"), embargo("2026-12-10"));
+    // What it is, what is refused then, what is not.
+    let cases: [(&str, &[&str], &str); 3] =
+        [(restricted, &[public, &late], restricted), (&late, &[public, &early], restricted), (public, &[], &early)];
+    for (is, refused, taken) in cases {
+        let m = Museum::new();
+        assert_eq!(m.publish(&closed(1, is)).await.1.version, 1, "{is}");
+        for open in refused {
+            let (code, said) = m.publish(&closed(2, open)).await;
+            let why = said.error.unwrap_or_default();
+            assert!(code == StatusCode::CONFLICT && why.contains("--open-access"), "{is} {open}: {code} {why}");
+        }
+        assert_eq!(m.publish(&closed(2, taken)).await.1.version, 2, "{is} {taken}");
+    }
+    // An embargo that has ended keeps nothing closed.
+    let m = Museum::new();
+    assert_eq!(m.publish(&closed(1, &early)).await.1.version, 1);
+    m.clock.store(NOW + 10 * 86_400, Ordering::Relaxed);
+    assert_eq!(m.publish(&closed(2, public)).await.1.version, 2);
+}
+
+#[tokio::test]
+async fn a_defect_while_it_is_verified_ends_the_upload_and_it_can_be_gone_on_with_or_given_up() {
+    let (m, version) = (Museum::new(), Version::new("fort", 1, fort_pack()));
+    m.falls.store(true, Ordering::Relaxed);
+    let (code, said) = m.publish(&version).await;
+    assert_eq!((code, said.state), (StatusCode::SERVICE_UNAVAILABLE, State::Refused), "{said:?}");
+    let given_up = m.send(Method::DELETE, "/uploads/fort", &m.robot, &[], Vec::new()).await;
+    assert_eq!(given_up.status, StatusCode::NO_CONTENT);
+    let after = m.send(Method::GET, "/uploads/fort", &m.robot, &[], Vec::new()).await;
+    assert_eq!(after.status, StatusCode::NOT_FOUND, "it is given up");
+    assert_eq!(m.publish(&version).await.1.state, State::Refused);
+    m.falls.store(false, Ordering::Relaxed);
+    assert_eq!(m.publish(&version).await.1.state, State::Published);
+}
+
+#[cfg(unix)]
+#[tokio::test]
+async fn what_has_a_name_in_a_version_too_is_not_appended_to() {
+    let (m, version) = (Museum::new(), Version::new("fort", 1, fort_pack()));
+    let (pack, name) = (&version.files[0], &version.intent.files[0].sha256);
+    m.begin(&m.robot, &version.intent).await;
+    m.patch("fort", name, 0, &pack[..100]).await;
+    let published = m.folder.path().join("published");
+    std::fs::hard_link(m.models().join(".kilwa-uploads/fort").join(name), &published).unwrap();
+    let answer = m.patch("fort", name, 100, &pack[100..]).await;
+    assert_eq!((answer.status, answer.header("upload-offset")), (StatusCode::CONFLICT, "0"));
+    assert_eq!(m.publish(&version).await.1.state, State::Published);
+    assert_eq!(std::fs::read(&published).unwrap(), &pack[..100]);
 }

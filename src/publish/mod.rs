@@ -41,6 +41,9 @@ pub(crate) struct Args {
     /// It is a new version of the object that has this name, however different it looks.
     #[arg(long)]
     same_object: bool,
+    /// Open the object to more people than its metadata did so far; its earlier versions are opened with it. Not by upload.
+    #[arg(long)]
+    open_access: bool,
     /// Day of publication, in place of the metadata's, of SOURCE_DATE_EPOCH and of today.
     #[arg(long, value_name = "YYYY-MM-DD", value_parser = parse_day)]
     date: Option<String>,

@@ -96,6 +96,8 @@ impl Plan {
                     identity: &given.identity,
                     redacted: given.place.is_some(),
                     same_object: args.same_object,
+                    open_access: args.open_access,
+                    today: &published,
                     note,
                     published: &published,
                 };

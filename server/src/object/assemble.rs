@@ -258,6 +258,10 @@ pub struct Following<'a> {
     pub redacted: bool,
     /// It was said that it is the same object.
     pub same_object: bool,
+    /// It was said that it may be opened to more people, with its earlier versions.
+    pub open_access: bool,
+    /// The day it is, for embargoes.
+    pub today: &'a str,
     /// What is new in it.
     pub note: Option<&'a str>,
     /// Day of publication.
@@ -273,6 +277,19 @@ pub fn further(m: &Manifest, v: &Following<'_>) -> Result<String, String> {
     if m.access.state == AccessState::Withdrawn {
         let day = m.access.withdrawn.as_ref().map(|d| format!(" on {d}")).unwrap_or_default();
         return Err(format!("{at} was withdrawn{day}; publish under another name"));
+    }
+    let access = v.metadata.access.as_ref();
+    let (was, is) = (
+        closedness(m.access.state, m.access.until.as_deref(), v.today),
+        closedness(v.metadata.access(), access.and_then(|a| a.until.as_deref()), v.today),
+    );
+    if is < was && !v.open_access {
+        return Err(format!(
+            "{at} is {}, and this version would be {}; that opens its earlier versions too. Write the same [access] in the metadata; \
+             if it is to be opened, whoever keeps the folder or store does so there: kilwa publish --to DIR --open-access",
+            said_of(was),
+            said_of(is)
+        ));
     }
     let doubts = if v.same_object { Vec::new() } else { doubts(m, v) };
     if !doubts.is_empty() {
@@ -312,6 +329,26 @@ pub fn further(m: &Manifest, v: &Following<'_>) -> Result<String, String> {
         ));
     }
     Ok(note.to_owned())
+}
+
+/// How closed something is on a day: greater is more closed; an embargo that has ended is public.
+fn closedness<'a>(state: AccessState, until: Option<&'a str>, today: &str) -> (u8, &'a str) {
+    match (state, until) {
+        (AccessState::Withdrawn, _) => (3, ""),
+        (AccessState::Restricted, _) => (2, ""),
+        (AccessState::Embargo, Some(day)) if day <= today => (0, ""),
+        (AccessState::Embargo, day) => (1, day.unwrap_or("9999-12-31")),
+        (AccessState::Public, _) => (0, ""),
+    }
+}
+
+fn said_of((rank, until): (u8, &str)) -> String {
+    match rank {
+        0 => "public".to_owned(),
+        1 => format!("under embargo until {until}"),
+        2 => "restricted".to_owned(),
+        _ => "withdrawn".to_owned(),
+    }
 }
 
 /// What speaks for another model than the object's.

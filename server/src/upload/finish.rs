@@ -4,6 +4,7 @@ use super::staging::Staging;
 use super::wire::{FileSaid, Intent, Meant, State, Status};
 use super::{Refusal, Uploads, files, lock};
 use crate::object::assemble::{Facts, Following, agree, complete, existing, further, is_published, next_version};
+use crate::object::date::day_of;
 use crate::object::draft::{Draft, DraftError, Lock};
 use crate::object::manifest::Manifest;
 use crate::object::sound;
@@ -27,6 +28,16 @@ pub(super) struct Job {
     done: AtomicU64,
     of: u64,
     pub(super) ended: Mutex<Option<Result<Done, Refusal>>>,
+}
+
+/// However the work on a job ends, by a panic or for want of a thread too, the job has ended with it.
+pub(super) struct Ending(pub(super) Arc<Job>);
+
+impl Drop for Ending {
+    fn drop(&mut self) {
+        let said = "the server failed while it verified the version; nothing was published. Run the same command again";
+        lock(&self.0.ended).get_or_insert_with(|| Err(Refusal::new(StatusCode::SERVICE_UNAVAILABLE, said)));
+    }
 }
 
 /// What was published.
@@ -78,7 +89,7 @@ pub(super) fn publish(uploads: &Uploads, staging: Staging, job: &Arc<Job>, now: 
         return Ok(Done { version, already: true });
     }
     check_version(&intent, before.as_ref())?;
-    match verified(uploads, &staging, &intent, &meant, before, job) {
+    match verified(uploads, &staging, &intent, &meant, before, job, now) {
         Ok(version) => {
             staging.remove();
             Ok(Done { version, already: false })
@@ -129,11 +140,12 @@ fn verified(
     meant: &Meant,
     before: Option<Manifest>,
     job: &Arc<Job>,
+    now: u64,
 ) -> Result<u32, Refusal> {
     let (of_pack, identity) = check_pack(staging, &meant.pack, &job.done)?;
     let crs = agree(&intent.metadata, &of_pack).map_err(Refusal::content)?;
     let note = match &before {
-        Some(m) => further(m, &following(intent, &of_pack, &identity)).map_err(Refusal::conflict)?,
+        Some(m) => further(m, &following(intent, &of_pack, &identity, &day_of(now))).map_err(Refusal::conflict)?,
         None => intent.note.clone(),
     };
     let accuracy = intent.metadata.capture.as_ref().and_then(|c| c.accuracy);
@@ -177,7 +189,12 @@ fn verified(
     Ok(publication.version)
 }
 
-fn following<'a>(intent: &'a Intent, pack: &'a kilwa_pack::Metadata, identity: &'a str) -> Following<'a> {
+fn following<'a>(
+    intent: &'a Intent,
+    pack: &'a kilwa_pack::Metadata,
+    identity: &'a str,
+    today: &'a str,
+) -> Following<'a> {
     Following {
         at: &intent.slug,
         metadata: &intent.metadata,
@@ -185,6 +202,8 @@ fn following<'a>(intent: &'a Intent, pack: &'a kilwa_pack::Metadata, identity: &
         identity,
         redacted: intent.location_redacted,
         same_object: intent.same_object,
+        open_access: false,
+        today,
         note: Some(&intent.note),
         published: &intent.published,
     }

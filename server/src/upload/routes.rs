@@ -1,6 +1,6 @@
 //! The requests of an upload. Errors are JSON, `{"error": "…"}`, with what to do.
 
-use super::finish::{Job, check_version, publish};
+use super::finish::{Ending, Job, check_version, publish};
 use super::staging::{Part, Staging, none};
 use super::wire::{Intent, State as At, Status};
 use super::{Refusal, Uploads, lock};
@@ -8,6 +8,7 @@ use crate::access::audit::Action;
 use crate::content::{insert, text};
 use crate::door::{Door, Publisher};
 use crate::object::assemble::{existing, is_published};
+use crate::object::layout::Slug;
 use crate::observe::client_of;
 use crate::packs::blocking;
 use crate::site::Site;
@@ -69,6 +70,10 @@ async fn allowed(
         let said = "this server takes no uploads; whoever keeps it starts it with `kilwa serve --accept-uploads --access FILE`";
         return Err(Refusal::new(StatusCode::NOT_IMPLEMENTED, said));
     };
+    // Paths are made of it: `..%2Fx` in an address is `../x` here.
+    if slug.is_some_and(|s| Slug::new(s).is_err()) {
+        return Err(none());
+    }
     let now = site.clock.seconds();
     let (asked, headers, object, network) = (Arc::clone(&door), headers.clone(), slug.map(str::to_owned), client.1);
     let publisher = blocking(move || asked.publisher(&headers, object.as_deref(), &network, now)).await;
@@ -126,6 +131,7 @@ async fn begun(
             "this is no version to be published: {e}; use the same version of kilwa on both sides"
         ))
     })?;
+    Slug::new(&intent.slug).map_err(|e| Refusal::content(format!("slug: {e}")))?;
     let Allowed { uploads, who, now, .. } = allowed(site, client, headers, Some(&intent.slug)).await?;
     uploads.brake(&who, now)?;
     let work = move || -> Result<(StatusCode, Status), Refusal> {
@@ -137,6 +143,10 @@ async fn begun(
         let object = uploads.shelf.join(meant.slug.as_str());
         let before = existing(&object).map_err(Refusal::conflict)?;
         if let Some(m) = before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata)) {
+            // A crash after the last step leaves what was sent behind.
+            if let Ok(Some(left)) = uploads.staging(&intent.slug, &who) {
+                left.remove();
+            }
             return Ok((StatusCode::OK, Status { already: true, ..Status::new(At::Published, m.current) }));
         }
         check_version(&intent, before.as_ref())?;
@@ -195,6 +205,7 @@ async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCod
     let (status, said) = job.status();
     let catalogue = Arc::clone(&site.catalogue);
     let turn = Arc::clone(&uploads.turn);
+    let ending = Ending(Arc::clone(&job));
     tokio::spawn(async move {
         let turn = turn.acquire_owned().await;
         let work = move || {
@@ -211,6 +222,7 @@ async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCod
                 Err(refusal) => tracing::warn!("{slug} was not published: {}", refusal.why),
             }
             *lock(&job.ended) = Some(ended);
+            drop(ending);
         };
         // A thread of its own: those that read files for readers are not for this. It is waited for by whoever asks for the status.
         if let Err(e) = std::thread::Builder::new().name("publish".to_owned()).spawn(move || (work(), drop(turn)).0) {
@@ -227,7 +239,13 @@ async fn give_up(State(site): State<Site>, Path(slug): Path<String>, request: Re
     let headers = request.into_parts().0.headers;
     let given = async {
         let Allowed { uploads, who, .. } = allowed(&site, client, &headers, Some(&slug)).await?;
-        let remove = move || uploads.staging(&slug, &who)?.ok_or_else(none).map(Staging::remove);
+        let remove = move || {
+            let staging = uploads.staging(&slug, &who)?;
+            if uploads.job(&slug).is_some_and(|j| j.who == who && !j.is_running()) {
+                lock(&uploads.jobs).remove(&slug);
+            }
+            staging.ok_or_else(none).map(Staging::remove)
+        };
         blocking(remove).await.map_err(|status| Refusal::new(status, "the server could not look"))?
     };
     match given.await {

@@ -155,6 +155,8 @@ impl Uploads {
     /// Whether nothing was written there for longer than uploads are kept.
     fn is_stale(&self, folder: &Path, now: u64) -> bool {
         let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+        // Whoever only looks makes the lock, too.
+        let entries = entries.filter(|e| e.file_name() != LOCK);
         let written = entries.filter_map(|e| e.metadata().ok()?.modified().ok()?.duration_since(UNIX_EPOCH).ok());
         let last = written.max().unwrap_or(Duration::ZERO).as_secs();
         now.saturating_sub(last) > u64::from(self.limits.days) * DAY
@@ -178,11 +180,12 @@ impl Staging {
         found.cloned().ok_or_else(|| Refusal::new(StatusCode::NOT_FOUND, "this upload has no such file"))
     }
 
-    /// How much of a file is there. What is no plain file, or too long, is taken away.
+    /// How much of a file is there. What is no plain file, too long, or has another name elsewhere is taken away.
     fn length(&self, said: &FileSaid) -> io::Result<u64> {
         let path = self.at(said);
         match fs::symlink_metadata(&path) {
-            Ok(m) if m.is_file() && m.len() <= said.bytes => Ok(m.len()),
+            // A second name of it is in a version, or was to be: nothing must be appended to that.
+            Ok(m) if m.is_file() && m.len() <= said.bytes && names_of(&m) == 1 => Ok(m.len()),
             Ok(m) if m.is_dir() => fs::remove_dir_all(&path).map(|()| 0),
             Ok(_) => fs::remove_file(&path).map(|()| 0),
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(0),
@@ -311,11 +314,40 @@ fn private_folder(path: &Path) -> io::Result<()> {
 
 /// The lock of a folder; `None` while another holds it.
 fn locked(folder: &Path) -> Result<Option<File>, Refusal> {
-    let file = File::create(folder.join(LOCK)).map_err(|e| Refusal::disk("write the lock of the upload", &e))?;
+    let path = folder.join(LOCK);
+    let opened = OpenOptions::new().create(true).write(true).truncate(false).open(&path);
+    let file = opened.map_err(|e| Refusal::disk("write the lock of the upload", &e))?;
     match file.try_lock() {
-        Ok(()) => Ok(Some(file)),
+        // Between opening and locking, the folder may have been removed, and another have its name.
+        Ok(()) => Ok(Some(file).filter(|f| is_at(f, &path))),
         Err(fs::TryLockError::WouldBlock) => Ok(None),
         Err(fs::TryLockError::Error(e)) => Err(Refusal::disk("lock the upload", &e)),
+    }
+}
+
+/// How many names a file has.
+#[cfg(unix)]
+fn names_of(file: &fs::Metadata) -> u64 {
+    std::os::unix::fs::MetadataExt::nlink(file)
+}
+
+#[cfg(not(unix))]
+fn names_of(_: &fs::Metadata) -> u64 {
+    1
+}
+
+/// Whether an open file is the one that a path leads to.
+fn is_at(file: &File, path: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt as _;
+        let (Ok(open), Ok(there)) = (file.metadata(), fs::symlink_metadata(path)) else { return false };
+        (open.dev(), open.ino()) == (there.dev(), there.ino())
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = file;
+        path.exists()
     }
 }
 
