@@ -71,7 +71,7 @@ fn archive() -> Archive {
     site.clock = Clock::new(|| 1_795_262_400);
     site.door = Some(Arc::new(Door::open(&folder.path().join("access.json"), None).unwrap()));
     let cache = folder.path().join("cache");
-    site.extracts = Some(Extracts::open(cache, 60_000_000, Arc::<Clerk>::clone(&clerk)).unwrap());
+    site.extracts = Some(Extracts::open(cache, 140_000_000, Arc::<Clerk>::clone(&clerk)).unwrap());
     Archive { app: app(site), clerk, _folder: folder }
 }
 
@@ -137,7 +137,7 @@ async fn a_form_leads_to_a_page_that_waits_and_to_the_file() {
     // Every kind, of an earlier version, and of a pack without metadata.
     for (post, form, name) in [
         ("/fort/extract", "format=stl&detail=whole", "/fort/extract/v2-whole.stl"),
-        ("/fort/extract", "format=obj&detail=error&error=0,05", "/fort/extract/v2-0.05m.obj"),
+        ("/fort/extract", "format=ply&detail=error&error=0,05", "/fort/extract/v2-0.05m.ply"),
         ("/plain/extract", "format=glb&detail=whole", "/plain/extract/v1-whole.glb"),
     ] {
         assert_eq!(a.post(post, "", form).await.status, 303, "{form}");
@@ -172,9 +172,12 @@ async fn what_nobody_asked_for_and_what_is_no_order_is_refused_with_a_sentence()
         assert_eq!(said.status, 422, "{bad}");
         assert!(said.text().contains("That is no size"), "{bad}: {}", said.text());
     }
-    let large = a.post("/fort/extract", "", "format=obj&detail=whole").await;
-    assert_eq!(large.status, 422);
-    assert!(large.text().contains("75.0 MB") && large.text().contains("60.0 MB"), "{}", large.text());
+    // Within next to nothing is every triangle.
+    for large in ["format=obj&detail=whole", "format=obj&detail=error&error=0.000001"] {
+        let large = a.post("/fort/extract", "", large).await;
+        assert_eq!(large.status, 422);
+        assert!(large.text().contains("150") && large.text().contains("140"), "{}", large.text());
+    }
     a.clerk.is_full.store(true, Ordering::SeqCst);
     assert_eq!(a.post("/fort/extract", "", "format=ply&detail=triangles&triangles=7").await.status, 303);
     let full = a.made("/fort/extract/v2-7.ply?page=1", "").await;

@@ -7,7 +7,7 @@
 //! | `/<slug>/extract/<name>` | the file; 202 with how far it is while it is being made; 404 where nobody asked for it |
 //!
 //! [`order`] says what can be asked for and how it is called, this module makes it: as many at once as there are cores, others wait in a
-//! line that ends somewhere, and who asks for what is being made gets the same. How a mesh is taken out of a pack is not known here: the program
+//! line that ends somewhere, and while what is being made may take as much room as the cache is large, and who asks for what is being made gets the same. How a mesh is taken out of a pack is not known here: the program
 //! gives an [`Extract`].
 //!
 //! Invariants: the cache holds complete files only, under names made from the pack's hash and the order, never from an address; its size stays below
@@ -95,6 +95,8 @@ pub(crate) enum Refusal {
 
 struct Job {
     pack: PathBuf,
+    /// Bytes on the disk while it is made, at most.
+    room: u64,
     order: Order,
     share: Arc<AtomicU32>,
     phase: Phase,
@@ -111,6 +113,8 @@ struct State {
     jobs: BTreeMap<String, Job>,
     line: VecDeque<String>,
     running: usize,
+    /// Of those that run.
+    room: u64,
     starts: BTreeMap<String, VecDeque<Instant>>,
 }
 
@@ -164,8 +168,14 @@ impl Extracts {
         self.cache.join(key)
     }
 
-    /// Have a file made, unless it is there or being made. Blocks on the file system.
-    pub(crate) fn ask(self: &Arc<Self>, pack: &Path, hash: &str, order: Order, network: &str) -> Result<(), Refusal> {
+    /// Have a file of a pack of so many triangles made, unless it is there or being made. Blocks on the file system.
+    pub(crate) fn ask(
+        self: &Arc<Self>,
+        (pack, hash): (&Path, &str),
+        triangles: u64,
+        order: Order,
+        network: &str,
+    ) -> Result<(), Refusal> {
         let key = order.key(hash);
         if self.path(&key).is_file() {
             return Ok(());
@@ -183,8 +193,8 @@ impl Extracts {
                 return Err(Refusal::Busy(30));
             }
             begin(&mut state.starts, network, now).map_err(Refusal::TooMany)?;
-            let (share, pack) = (Arc::default(), pack.to_owned());
-            state.jobs.insert(key.clone(), Job { pack, order, share, phase: Phase::Waiting });
+            let (share, pack, room) = (Arc::default(), pack.to_owned(), order.room(triangles));
+            state.jobs.insert(key.clone(), Job { pack, room, order, share, phase: Phase::Waiting });
             state.line.push_back(key);
         }
         self.go_on();
@@ -219,11 +229,22 @@ impl Extracts {
                 if state.running >= self.workers {
                     return;
                 }
-                let Some(key) = state.line.pop_front() else { return };
-                let Some(job) = state.jobs.get_mut(&key) else { continue };
+                let Some(key) = state.line.front().cloned() else { return };
+                let beside = state.room;
+                let Some(job) = state.jobs.get_mut(&key) else {
+                    state.line.pop_front();
+                    continue;
+                };
+                // Whatever is in the cache already goes for it; what is being made beside it does not. Alone it always fits.
+                let room = beside.saturating_add(job.room);
+                if beside > 0 && room > self.most_bytes {
+                    return;
+                }
                 job.phase = Phase::Running;
                 let begun = (key, job.pack.clone(), job.order, Arc::clone(&job.share));
+                state.line.pop_front();
                 state.running += 1;
+                state.room = room;
                 begun
             };
             let (extracts, name) = (Arc::clone(self), key.clone());
@@ -252,6 +273,7 @@ impl Extracts {
     fn ended(&self, key: &str, made: Result<(), Failure>) {
         let mut state = self.lock();
         state.running = state.running.saturating_sub(1);
+        state.room = state.room.saturating_sub(state.jobs.get(key).map_or(0, |job| job.room));
         match made {
             Ok(()) => drop(state.jobs.remove(key)),
             Err(failure) => {
@@ -387,7 +409,7 @@ mod tests {
     #[test]
     fn the_same_order_is_made_once_and_others_wait_their_turn() {
         let (_dir, slow, extracts) = shop(Slow::default(), 1 << 20, 1);
-        let ask = |n| extracts.ask(Path::new("p"), &hash(), order(n), "net");
+        let ask = |n| extracts.ask((Path::new("p"), &hash()), 10, order(n), "net");
         for _ in 0..5 {
             ask(1).unwrap();
         }
@@ -405,9 +427,27 @@ mod tests {
     }
 
     #[test]
+    fn what_does_not_fit_beside_what_is_being_made_waits() {
+        let room = order(1000).room(1000);
+        let (_dir, slow, extracts) = shop(Slow::default(), room * 2 + room / 2, 4);
+        let within = |n: u32| Order { format: Format::Ply, detail: Detail::Error(f64::from(n) / 1e6) };
+        for n in 1..=4 {
+            extracts.ask((Path::new("p"), &hash()), 1000, within(n), "net").unwrap();
+        }
+        wait_for(&extracts, within(2), |s| *s == Standing::Running(25));
+        assert_eq!(extracts.standing(&hash(), within(3)), Standing::Waiting(1));
+        assert_eq!(extracts.standing(&hash(), within(4)), Standing::Waiting(2));
+        slow.let_go();
+        for n in 1..=4 {
+            wait_for(&extracts, within(n), |s| matches!(s, Standing::Ready(_)));
+        }
+        assert_eq!(extracts.lock().room, 0);
+    }
+
+    #[test]
     fn the_line_ends_somewhere_and_nobody_fills_it_alone() {
         let (_dir, slow, extracts) = shop(Slow::default(), 1 << 20, 1);
-        let ask = |n, net: &str| extracts.ask(Path::new("p"), &hash(), order(n), net);
+        let ask = |n, net: &str| extracts.ask((Path::new("p"), &hash()), 10, order(n), net);
         ask(0, "first").unwrap();
         wait_for(&extracts, order(0), |s| matches!(s, Standing::Running(_)));
         for n in 1..=LINE as u64 {
@@ -432,7 +472,7 @@ mod tests {
         std::fs::write(dir.path().join("cache/notes.ply"), vec![0; 5000]).unwrap();
         slow.let_go();
         for n in 1..=4 {
-            extracts.ask(Path::new("p"), &hash(), order(n), "net").unwrap();
+            extracts.ask((Path::new("p"), &hash()), 10, order(n), "net").unwrap();
             wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
             // Times of files are told apart by more than the clock's steps.
             std::thread::sleep(Duration::from_millis(20));
@@ -447,7 +487,7 @@ mod tests {
     fn a_failure_is_told_and_not_tried_again_at_once() {
         let (_dir, slow, extracts) = shop(Slow { fails: Some(Failure::Full), ..Slow::default() }, 1000, 1);
         slow.let_go();
-        let ask = || extracts.ask(Path::new("p"), &hash(), order(1), "net").unwrap();
+        let ask = || extracts.ask((Path::new("p"), &hash()), 10, order(1), "net").unwrap();
         ask();
         wait_for(&extracts, order(1), |s| *s == Standing::Failed(Failure::Full));
         ask();

@@ -119,15 +119,19 @@ impl Order {
         format!("{hash}.{FORM}.{}.{}", self.detail, self.format.ending())
     }
 
-    /// What the file will be about as long as, at most.
+    /// What the file will be about as long as, at most. What is made beside it while it is written is as long again: see [`Self::room`].
     pub(crate) fn estimate(self, triangles: u64) -> u64 {
         let written = match self.detail {
             Detail::Triangles(most) => most.min(triangles),
-            Detail::Whole => triangles,
-            // How many these are is known only when it is done; a tenth is much.
-            Detail::Error(_) => triangles / 10,
+            // How many are within an error is known only when it is done: where it is small, all of them.
+            Detail::Whole | Detail::Error(_) => triangles,
         };
         written.saturating_mul(self.format.bytes_per_triangle())
+    }
+
+    /// Room that it takes while it is made: the file, and scratch files of its length.
+    pub(crate) fn room(self, triangles: u64) -> u64 {
+        self.estimate(triangles).saturating_mul(2)
     }
 }
 
@@ -172,6 +176,15 @@ mod tests {
                 proptest::prop_assert!(!order.key("hash").contains(['/', '\\']));
             }
         }
+    }
+
+    #[test]
+    fn an_error_may_be_every_triangle_and_scratch_is_counted() {
+        let order = |detail| Order { format: Format::Stl, detail };
+        let whole = order(Detail::Whole).estimate(1_000_000);
+        assert_eq!(order(Detail::Error(0.000_001)).estimate(1_000_000), whole);
+        assert!(order(Detail::Triangles(10)).estimate(1_000_000) < whole);
+        assert!(order(Detail::Whole).room(1_000_000) >= 2 * whole);
     }
 
     #[test]

@@ -101,13 +101,14 @@ pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, re
         let html_ = form(&asked.about, &reader, Said::Wrong, None);
         return html(&asked, html_, StatusCode::UNPROCESSABLE_ENTITY, headers);
     };
-    let (size, most) = (order.estimate(asked.about.triangles), asked.extracts.most_bytes());
+    let triangles = asked.about.triangles;
+    let (size, most) = (order.room(triangles), asked.extracts.most_bytes());
     if size > most {
         let said = form(&asked.about, &reader, Said::TooLarge(size, most), Some(order));
         return html(&asked, said, StatusCode::UNPROCESSABLE_ENTITY, headers);
     }
     let (extracts, pack) = (Arc::clone(&asked.extracts), asked.pack.clone());
-    let taken = blocking(move || extracts.ask(&pack.0, &pack.1, order, &network)).await;
+    let taken = blocking(move || extracts.ask((&pack.0, &pack.1), triangles, order, &network)).await;
     match taken {
         Err(status) => plain(status).into_response(),
         Ok(Err(Refusal::Busy(seconds))) => {
