@@ -2,7 +2,6 @@
 // from another document, and that kilwa-viewer.d.ts declares. Everything that crosses it is plain data.
 
 import { safeLink } from "./annotations.js";
-import { takePicture } from "./screenshot.js";
 
 const VIEWS = ["plan", "north", "east", "south", "west", "iso", "below"];
 /** What another document may call by message. */
@@ -177,7 +176,8 @@ export class Api {
   }
 
   /** A PNG of the view. */
-  picture({ width, height, scaleBar = true, transparent = false } = {}) {
+  async picture({ width, height, scaleBar = true, transparent = false } = {}) {
+    const { takePicture } = await import("./screenshot.js");
     const [viewer, { session }] = [this.#viewer, this.page];
     const { canvas } = session;
     return takePicture({ viewer, session }, { width: width ?? canvas.width, height: height ?? canvas.height, scaleBar, transparent });

@@ -21,7 +21,6 @@ import { readJson } from "./store.js";
 import { Notes, fetchPublished } from "./notes.js";
 import { otherProgram, whyNoGpu } from "./program.js";
 import { Saved } from "./saved.js";
-import { PictureDialog } from "./screenshot.js";
 import { Section } from "./section.js";
 import { Session } from "./session.js";
 import { Status } from "./status.js";
@@ -54,7 +53,8 @@ class Page {
     this.undo = new Undo(() => this.#undoButtons());
     this.address = new Address(() => (this.session && !this.session.closed && this.api.isReady ? this.state() : null), (state) => this.restore(state));
     this.cube = new Cube((view) => this.standardView(view));
-    this.pictures = new PictureDialog(() => ({ viewer: this.viewer, session: this.session, title: this.title, engine: () => this.engine() }));
+    /** The dialog of pictures and drawings, once it was opened. */
+    this.pictures = null;
     const pickPoints = (use) => this.#pickPoints(use);
     this.look = new Display({ onChange: () => this.#displayed(), pickPoints });
     this.section = new Section({ display: this.look, pickPoints });
@@ -121,6 +121,17 @@ class Page {
   /** What measures (measure/engine.js), loaded when it is first asked for. */
   async engine() {
     return (await this.measuring.load()).engine;
+  }
+
+  /** The dialog of pictures and drawings; its code comes when it is first opened. */
+  async openPictures() {
+    try {
+      const { PictureDialog } = await import("./screenshot.js");
+      this.pictures ??= new PictureDialog(() => ({ viewer: this.viewer, session: this.session, title: this.title, engine: () => this.engine() }));
+      this.pictures.open();
+    } catch (error) {
+      chrome.notice(t("pictureFailed", { why: error.message }));
+    }
   }
 
   /** A pack of this computer, in place of what is open. */
@@ -318,7 +329,7 @@ class Page {
     tool: (name) => this.tool(name),
     place: (x, y, how) => this.#place(x, y, how),
     save: () => this.#save(),
-    picture: () => this.session && !this.session.closed && this.pictures.open(),
+    picture: () => this.session && !this.session.closed && this.openPictures(),
     back: () => this.flight.back(),
     forward: () => this.flight.forward(),
   };

@@ -207,7 +207,7 @@ test("by keyboard alone: found, opened, measured, cited, followed back; signed i
   await page.keyboard.type("gereza");
   await Promise.all([page.waitForURL(/q=gereza/), keys("Enter")]);
   await tabTo(".card h2 a");
-  await keys("Enter");
+  await Promise.all([page.waitForURL((url) => url.pathname !== "/"), keys("Enter")]);
   await ready(page);
   await tabTo("#tool-measure");
   await keys("Enter");
@@ -233,10 +233,11 @@ test("by keyboard alone: found, opened, measured, cited, followed back; signed i
   await keys("Enter");
   await page.locator("#q").waitFor();
   await tabTo('.card h2 a[href^="/cave/"]');
-  await keys("Enter");
+  await Promise.all([page.waitForURL(/\/cave\//), keys("Enter")]);
   await waitFor(page, "trouble");
   await tabTo("#trouble-sign-in");
   await keys("Enter");
+  await page.locator("#name").waitFor();
   await tabTo("#name");
   await page.keyboard.type("amina");
   await tabTo("#password");
