@@ -1,7 +1,7 @@
 //! `kilwa publish --to https://…`: made here as for a folder, then sent to a server, which verifies it and publishes it.
 
 use super::plan::{Given, Plan};
-use super::send::{Patience, Sender, Told};
+use super::send::{Patience, Sender, Told, is_loopback};
 use super::write::{picture, spinner, without_place};
 use super::{Args, Report, mapping};
 use crate::verify::{is_address, sound};
@@ -38,6 +38,10 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     ] {
         ensure!(!given, "{what} is for folders: {instead}");
     }
+    ensure!(
+        !args.open_access,
+        "--open-access opens earlier versions too, which no upload may; whoever keeps the server publishes that version to its folder"
+    );
     check_address(address, args.allow_http)?;
     let base = address.trim_end_matches('/');
     let token = token(args)?;
@@ -177,13 +181,8 @@ fn check_address(address: &str, allow_http: bool) -> anyhow::Result<()> {
     if address.get(..5).is_some_and(|start| start.eq_ignore_ascii_case("https")) || allow_http {
         return Ok(());
     }
-    let name = match host.strip_prefix('[') {
-        Some(v6) => v6.split(']').next().unwrap_or_default(),
-        None => host.split(':').next().unwrap_or_default(),
-    };
-    let is_loopback = name == "localhost" || name.parse::<std::net::IpAddr>().is_ok_and(|a| a.is_loopback());
     ensure!(
-        is_loopback,
+        is_loopback(address),
         "{address}: over http everybody on the way can read the token and publish with it; give https://, or --allow-http where the network is your own"
     );
     Ok(())

@@ -6,10 +6,11 @@
 //!
 //! Stands by itself (with `distrust`), so that tests can drive it without a command line.
 
+use kilwa_server::object::checksums::sha256_of;
 use kilwa_server::upload::wire::{FileSaid, Intent, Lacking, State, Status};
 use std::cell::Cell;
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -64,6 +65,8 @@ pub(crate) struct Sender {
     piece: Cell<usize>,
     /// What was lacking when an attempt last began: less of it is progress, however the attempt ended.
     lacking: Cell<u64>,
+    /// How often a file arrived with another content than was announced.
+    altered: Cell<u32>,
 }
 
 /// Why an attempt ended.
@@ -72,6 +75,8 @@ enum Failure {
     Final(String),
     /// It may, after so long at least; whether anything was got done.
     Passing { why: String, after: Option<Duration>, progressed: bool },
+    /// A file arrived with another content than was announced, and has to be sent anew: nothing was got done.
+    Altered(String),
 }
 
 fn passing(why: impl Into<String>) -> Failure {
@@ -89,7 +94,7 @@ pub(crate) struct Published {
 impl Sender {
     /// For the site at `base`, with a token for publishing.
     pub(crate) fn new(base: &str, token: String, patience: Patience) -> Self {
-        let agent = Agent::config_builder()
+        let mut agent = Agent::config_builder()
             .http_status_as_error(false)
             .https_only(base.starts_with("https:"))
             // The token goes nowhere else.
@@ -103,10 +108,22 @@ impl Sender {
             .tls_config(
                 // The certificates of the system: institutions have their own.
                 ureq::tls::TlsConfig::builder().root_certs(ureq::tls::RootCerts::PlatformVerifier).build(),
-            )
-            .build();
+            );
+        if is_loopback(base) {
+            // No proxy of the environment is between a computer and itself: over http it would read the token.
+            agent = agent.proxy(None);
+        }
+        let agent = agent.build();
         let base = base.trim_end_matches('/').to_owned();
-        Self { agent: agent.into(), base, token, patience, piece: Cell::new(PIECE), lacking: Cell::new(u64::MAX) }
+        Self {
+            agent: agent.into(),
+            base,
+            token,
+            patience,
+            piece: Cell::new(PIECE),
+            lacking: Cell::new(u64::MAX),
+            altered: Cell::new(0),
+        }
     }
 
     /// A small public file of the site; `None` where there is none.
@@ -156,7 +173,30 @@ impl Sender {
         at: &dyn Fn(&FileSaid) -> PathBuf,
         told: &dyn Fn(Told<'_>),
     ) -> Result<Published, String> {
-        self.persist(told, || self.attempt(intent, at, told))
+        self.persist(told, || self.attempt(intent, at, told).map_err(|e| self.looked_at(e, intent, at)))
+    }
+
+    /// When files arrive altered again, whether they are still what was announced.
+    fn looked_at(&self, e: Failure, intent: &Intent, at: &dyn Fn(&FileSaid) -> PathBuf) -> Failure {
+        if !matches!(e, Failure::Altered(_)) {
+            return e;
+        }
+        self.altered.set(self.altered.get() + 1);
+        if self.altered.get() < 2 {
+            return e;
+        }
+        for file in &intent.files {
+            let path = at(file);
+            match File::open(&path).and_then(|f| sha256_of(BufReader::with_capacity(1 << 20, f))) {
+                Ok((_, sum)) if sum == file.sha256 => {}
+                Ok(_) => {
+                    let said = "the file changed while it was sent; run the same command again when nothing writes to it any more";
+                    return Failure::Final(format!("{}: {said}", path.display()));
+                }
+                Err(e) => return Failure::Final(format!("{}: {e}", path.display())),
+            }
+        }
+        e
     }
 
     /// Try until it is done, refused, or nothing gets on for long.
@@ -166,6 +206,7 @@ impl Sender {
             let (why, after) = match attempt() {
                 Ok(done) => return Ok(done),
                 Err(Failure::Final(why)) => return Err(why),
+                Err(Failure::Altered(why)) => (why, None),
                 Err(Failure::Passing { why, after, progressed }) => {
                     if progressed {
                         (tries, wait) = (0, self.patience.first);
@@ -261,7 +302,8 @@ impl Sender {
                     continue;
                 }
                 // The file, or all of the upload, is at another place than was thought.
-                404 | 409 | 460 => return Err(with_progress(passing(said(response)), &mut progressed)),
+                460 => return Err(Failure::Altered(said(response))),
+                404 | 409 => return Err(with_progress(passing(said(response)), &mut progressed)),
                 _ => return Err(with_progress(self.refused(response), &mut progressed)),
             }
             at += length as u64;
@@ -327,7 +369,8 @@ impl Sender {
                 })
             }
             // After a restart it knows of nothing until it is begun again; what was damaged on the way is sent again.
-            404 | 460 if !is_first => Err(passing(said(response))),
+            460 if !is_first => Err(Failure::Altered(said(response))),
+            404 if !is_first => Err(passing(said(response))),
             _ => Err(self.refused(response)),
         }
     }
@@ -353,8 +396,19 @@ impl Sender {
 fn with_progress(e: Failure, progressed: &mut bool) -> Failure {
     match e {
         Failure::Passing { why, after, progressed: p } => Failure::Passing { why, after, progressed: p || *progressed },
-        last @ Failure::Final(_) => last,
+        other => other,
     }
+}
+
+/// Whether an address is one of this computer itself.
+pub(crate) fn is_loopback(address: &str) -> bool {
+    let rest = address.split_once("://").map_or("", |(_, rest)| rest);
+    let host = rest.split(['/', '?', '#']).next().unwrap_or_default();
+    let name = match host.strip_prefix('[') {
+        Some(v6) => v6.split(']').next().unwrap_or_default(),
+        None => host.split(':').next().unwrap_or_default(),
+    };
+    name == "localhost" || name.parse::<std::net::IpAddr>().is_ok_and(|a| a.is_loopback())
 }
 
 fn body(mut response: Response<Body>) -> Result<Vec<u8>, Failure> {

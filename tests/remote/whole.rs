@@ -88,3 +88,37 @@ fn what_cannot_be_sent_is_refused_with_what_to_do() {
     assert!(dry.status.success() && said(&dry).contains("Nothing was written"), "{}", said(&dry));
     assert!(tree(&server.folder(), true).is_empty());
 }
+
+#[test]
+fn a_token_for_this_computer_goes_through_no_proxy() {
+    let server = Server::start();
+    let (_folder, file, www) = bench(METADATA);
+    let proxy = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    proxy.set_nonblocking(true).unwrap();
+    let named = format!("http://{}", proxy.local_addr().unwrap());
+    let mut command = command(&format!("http://{}", server.address), &file, &www, &server.token, &["--dry-run"]);
+    for name in ["HTTP_PROXY", "http_proxy", "HTTPS_PROXY", "ALL_PROXY", "all_proxy"] {
+        command.env(name, &named);
+    }
+    let output = command.env_remove("NO_PROXY").env_remove("no_proxy").output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(proxy.accept().is_err(), "the proxy was asked");
+}
+
+#[test]
+fn a_file_that_changes_while_it_is_sent_is_named_and_not_sent_for_ever() {
+    let (site, server, folder) = (local(), Server::start(), tempfile::tempdir().unwrap());
+    let intent = crate::intent(&site, 1);
+    let changed = folder.path().join("changed");
+    let mut bytes = std::fs::read(site.join("fort/v1/poster.jpg")).unwrap();
+    bytes[20] ^= 1;
+    std::fs::write(&changed, bytes).unwrap();
+    let (first, longest) = (Duration::ZERO, Duration::ZERO);
+    let patience = crate::send::Patience { attempts: 10, first, longest };
+    let sender = crate::send::Sender::new(&format!("http://{}", server.address), server.token.clone(), patience);
+    let at = |file: &kilwa_server::upload::wire::FileSaid| {
+        if file.path == "poster.jpg" { changed.clone() } else { site.join("fort/v1").join(&file.path) }
+    };
+    let why = sender.publish(&intent, &at, &|_| ()).unwrap_err();
+    assert!(why.contains("changed while it was sent") && why.contains(text(&changed)), "{why}");
+}
