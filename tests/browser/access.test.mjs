@@ -80,6 +80,7 @@ test("at 200 % zoom nothing is cut off sideways, and the model keeps its place",
   assert.ok(canvas.height >= 120 && canvas.width >= 400, JSON.stringify(canvas));
   for (const [open, dialog] of [["#help-open", "#help"], ["#picture-open", "#picture"]]) {
     await page.locator(open).click();
+    await page.locator(dialog).waitFor();
     const box = await page.locator(dialog).boundingBox();
     assert.ok(box.x >= 0 && box.x + box.width <= 720 && box.y >= 0 && box.y + box.height <= 450, `${dialog}: ${JSON.stringify(box)}`);
     await page.keyboard.press("Escape");
@@ -108,6 +109,7 @@ test("Tab reaches every control and shows where it stands; Escape closes what is
     assert.ok(seen.includes(id), `Tab does not reach ${id}: ${seen}`);
   }
   await page.locator("#picture-open").click();
+  await page.locator("#picture").waitFor();
   await page.keyboard.press("Escape");
   assert.ok(await page.locator("#picture").isHidden());
   assert.equal(await page.evaluate(() => document.activeElement.id), "picture-open", "the focus returns");

@@ -401,6 +401,7 @@ test("axe-core finds nothing serious, in both themes, on the list, the viewer, i
     }
     for (const [button, dialog] of [["#help-open", "#help"], ["#picture-open", "#picture"]]) {
       await page.locator(button).click();
+      await page.locator(dialog).waitFor();
       found.push(...(await serious(page, `${dialog} ${colorScheme}`)));
       await page.locator(`${dialog} form[method=dialog] button`).click();
     }
