@@ -19,6 +19,7 @@ import { Measuring } from "./measuring.js";
 import { factsList } from "./facts.js";
 import { readJson } from "./store.js";
 import { Notes, fetchPublished } from "./notes.js";
+import { Pictures } from "./pictures.js";
 import { otherProgram, whyNoGpu } from "./program.js";
 import { Saved } from "./saved.js";
 import { Section } from "./section.js";
@@ -53,8 +54,7 @@ class Page {
     this.undo = new Undo(() => this.#undoButtons());
     this.address = new Address(() => (this.session && !this.session.closed && this.api.isReady ? this.state() : null), (state) => this.restore(state));
     this.cube = new Cube((view) => this.standardView(view));
-    /** The dialog of pictures and drawings, once it was opened. */
-    this.pictures = null;
+    this.pictures = new Pictures(() => ({ viewer: this.viewer, session: this.session, title: this.title, engine: () => this.engine() }));
     const pickPoints = (use) => this.#pickPoints(use);
     this.look = new Display({ onChange: () => this.#displayed(), pickPoints });
     this.section = new Section({ display: this.look, pickPoints });
@@ -121,17 +121,6 @@ class Page {
   /** What measures (measure/engine.js), loaded when it is first asked for. */
   async engine() {
     return (await this.measuring.load()).engine;
-  }
-
-  /** The dialog of pictures and drawings; its code comes when it is first opened. */
-  async openPictures() {
-    try {
-      const { PictureDialog } = await import("./screenshot.js");
-      this.pictures ??= new PictureDialog(() => ({ viewer: this.viewer, session: this.session, title: this.title, engine: () => this.engine() }));
-      this.pictures.open();
-    } catch (error) {
-      chrome.notice(t("pictureFailed", { why: error.message }));
-    }
   }
 
   /** A pack of this computer, in place of what is open. */
@@ -329,7 +318,7 @@ class Page {
     tool: (name) => this.tool(name),
     place: (x, y, how) => this.#place(x, y, how),
     save: () => this.#save(),
-    picture: () => this.session && !this.session.closed && this.openPictures(),
+    picture: () => this.session && !this.session.closed && this.pictures.open(),
     back: () => this.flight.back(),
     forward: () => this.flight.forward(),
   };

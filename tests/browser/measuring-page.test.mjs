@@ -313,7 +313,7 @@ test("what the engine remarks, refuses and cannot read is said in the language o
       await give(bad);
       await page.waitForFunction((text) => new RegExp(text).test(document.getElementById("notice-text").textContent), pattern(here[key]).source);
     }
-    await page.evaluate(() => globalThis.kilwa.openPictures());
+    await page.evaluate(() => globalThis.kilwa.pictures.open());
     await page.locator("input[name=picture-size][value=sheet]").check();
     await page.locator("#sheet-scale").fill("1");
     await page.locator("#picture-make").click();

@@ -86,7 +86,7 @@ function tiff(bytes) {
 
 /** What the dialog saves. */
 async function save(page, { view, format, paper = "", custom = "", scale = SCALE, bare = false }) {
-  await page.evaluate(() => globalThis.kilwa.openPictures());
+  await page.evaluate(() => globalThis.kilwa.pictures.open());
   await page.locator("input[name=picture-size][value=sheet]").check();
   await page.locator("#sheet-view").selectOption(view);
   await page.locator("#sheet-format").selectOption(format);
@@ -163,7 +163,7 @@ test("an elevation as PDF is a sound file of the paper's size, and paper that is
     inflateSync(bytes.subarray(from, from + Number(match[1])));
   }
   assert.ok(streams.length >= 1);
-  await page.evaluate(() => globalThis.kilwa.openPictures());
+  await page.evaluate(() => globalThis.kilwa.pictures.open());
   await page.locator("#sheet-scale").fill("1");
   await page.locator("#picture-make").click();
   await page.locator("#picture-error:not([hidden])").waitFor();
