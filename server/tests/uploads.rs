@@ -519,10 +519,12 @@ async fn a_disk_that_is_full_at_any_step_publishes_nothing_keeps_what_came_and_g
 async fn uploads_are_limited_in_size_number_and_time() {
     let fort = Version::new("fort", 1, fort_pack());
     let bytes: u64 = fort.intent.files.iter().map(|f| f.bytes).sum();
-    let limits = UploadLimits { version_bytes: 100_000, staged_bytes: bytes + 400, days: 3, per_minute: 4 };
+    let limits = UploadLimits { version_bytes: 100_000, staged_bytes: bytes + 400, days: 3, per_minute: 5 };
     let m = Museum::with(limits);
     assert_eq!(m.begin(&m.robot, &fort.intent).await.status, StatusCode::CREATED);
     let first = &fort.intent.files[0];
+    let cave = m.begin(&m.robot, &Version::new("cave", 1, fort_pack()).intent).await;
+    assert_eq!(cave.status, StatusCode::INSUFFICIENT_STORAGE, "what is announced counts before it is sent");
     m.patch("fort", &first.sha256, 0, &fort.files[0][..500]).await;
     let other = Version::new("cave", 1, fort_pack());
     assert_eq!(m.begin(&m.robot, &other.intent).await.status, StatusCode::INSUFFICIENT_STORAGE);
@@ -606,4 +608,17 @@ async fn what_has_a_name_in_a_version_too_is_not_appended_to() {
     assert_eq!((answer.status, answer.header("upload-offset")), (StatusCode::CONFLICT, "0"));
     assert_eq!(m.publish(&version).await.1.state, State::Published);
     assert_eq!(std::fs::read(&published).unwrap(), &pack[..100]);
+}
+
+#[tokio::test]
+async fn what_was_sent_is_checked_while_somebody_else_publishes_to_the_folder() {
+    let m = Museum::new();
+    let other = kilwa_server::object::draft::Lock::take(&m.models()).unwrap();
+    let mut bytes = fort_pack();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    let (code, said) = m.publish(&Version::new("fort", 1, bytes)).await;
+    assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY, "{said:?}");
+    drop(other);
+    assert_eq!(m.publish(&Version::new("fort", 1, fort_pack())).await.1.version, 1);
 }

@@ -80,19 +80,12 @@ pub(super) fn publish(uploads: &Uploads, staging: Staging, job: &Arc<Job>, now: 
     if !staging.lacking().is_empty() {
         return Err(Refusal::new(StatusCode::TOO_EARLY, "files are lacking; run the same command again"));
     }
-    let _lock = shelf_lock(uploads)?;
-    let object = uploads.shelf.join(&intent.slug);
-    let before = existing(&object).map_err(Refusal::conflict)?;
-    if let Some(m) = before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata)) {
-        let version = m.current;
-        staging.remove();
-        return Ok(Done { version, already: true });
-    }
-    check_version(&intent, before.as_ref())?;
-    match verified(uploads, &staging, &intent, &meant, before, job, now) {
-        Ok(version) => {
+    // What needs only the upload, whose lock is held, keeps nobody else from the folder.
+    let checked = checked(&staging, &intent, &meant, job);
+    match checked.and_then(|pack| placed(uploads, &staging, &intent, &meant, pack, job, now)) {
+        Ok(done) => {
             staging.remove();
-            Ok(Done { version, already: false })
+            Ok(done)
         }
         Err(refusal) => {
             // What cannot be published, however often it is tried, is not kept.
@@ -102,6 +95,21 @@ pub(super) fn publish(uploads: &Uploads, staging: Staging, job: &Arc<Job>, now: 
             Err(refusal)
         }
     }
+}
+
+/// What a pack says of itself, and its identity.
+type OfPack = (kilwa_pack::Metadata, String);
+
+/// Whether every file that was sent is what it must be.
+fn checked(staging: &Staging, intent: &Intent, meant: &Meant, job: &Job) -> Result<OfPack, Refusal> {
+    let of_pack = check_pack(staging, &meant.pack, &job.done)?;
+    for file in intent.files.iter().filter(|f| f.path != meant.pack.path) {
+        files::check(&file.path, &staging.at(file)).map_err(|e| match e.kind() {
+            io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => Refusal::content(e.to_string()),
+            _ => Refusal::disk("read what was sent", &e),
+        })?;
+    }
+    Ok(of_pack)
 }
 
 /// Versions are added, one after the other.
@@ -133,16 +141,23 @@ fn shelf_lock(uploads: &Uploads) -> Result<Lock, Refusal> {
     }
 }
 
-fn verified(
+/// Publish what was checked, while nobody else publishes to the folder.
+fn placed(
     uploads: &Uploads,
     staging: &Staging,
     intent: &Intent,
     meant: &Meant,
-    before: Option<Manifest>,
-    job: &Arc<Job>,
+    (of_pack, identity): OfPack,
+    job: &Job,
     now: u64,
-) -> Result<u32, Refusal> {
-    let (of_pack, identity) = check_pack(staging, &meant.pack, &job.done)?;
+) -> Result<Done, Refusal> {
+    let _lock = shelf_lock(uploads)?;
+    let object = uploads.shelf.join(&intent.slug);
+    let before = existing(&object).map_err(Refusal::conflict)?;
+    if let Some(m) = before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata)) {
+        return Ok(Done { version: m.current, already: true });
+    }
+    check_version(intent, before.as_ref())?;
     let crs = agree(&intent.metadata, &of_pack).map_err(Refusal::content)?;
     let note = match &before {
         Some(m) => further(m, &following(intent, &of_pack, &identity, &day_of(now))).map_err(Refusal::conflict)?,
@@ -161,12 +176,6 @@ fn verified(
         accuracy: of_pack.capture_accuracy.or(accuracy),
         tool: format!("kilwa {}", env!("CARGO_PKG_VERSION")),
     };
-    for file in intent.files.iter().filter(|f| f.path != meant.pack.path) {
-        files::check(&file.path, &staging.at(file)).map_err(|e| match e.kind() {
-            io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => Refusal::content(e.to_string()),
-            _ => Refusal::disk("read what was sent", &e),
-        })?;
-    }
     let steps = |what: &str| (uploads.steps)(what);
     let mut draft = Draft::begin(&uploads.shelf, &facts.slug, facts.version(), &steps).map_err(|e| refused(&e))?;
     // In the order in which publishing to a folder writes them.
@@ -186,7 +195,7 @@ fn verified(
     let publication = facts.publication(entry, of_pack, meant.preview);
     let drawings = intent.drawings.iter().map(|d| (d.path.clone(), d.words.clone())).collect();
     complete(draft, &facts, &publication, &uploads.page, drawings, None).map_err(|e| refused(&e))?;
-    Ok(publication.version)
+    Ok(Done { version: publication.version, already: false })
 }
 
 fn following<'a>(
@@ -210,7 +219,7 @@ fn following<'a>(
 }
 
 /// Every byte and chunk of the pack.
-fn check_pack(staging: &Staging, said: &FileSaid, done: &AtomicU64) -> Result<(kilwa_pack::Metadata, String), Refusal> {
+fn check_pack(staging: &Staging, said: &FileSaid, done: &AtomicU64) -> Result<OfPack, Refusal> {
     let path = staging.at(said);
     let failed = |e: io::Error| Refusal::disk("read the pack", &e);
     let source = FileSource::open(&path).map_err(failed)?;

@@ -72,6 +72,8 @@ pub struct Uploads {
     page: Page,
     limits: UploadLimits,
     steps: Steps,
+    /// Held while room for an upload is looked for, until its record claims it.
+    room: Mutex<()>,
     jobs: Mutex<HashMap<String, Arc<Job>>>,
     /// One version is verified at a time: readers come first.
     turn: Arc<Semaphore>,
@@ -87,6 +89,7 @@ impl Uploads {
             page,
             limits,
             steps: Arc::new(|_| Ok(())),
+            room: Mutex::default(),
             jobs: Mutex::default(),
             turn: Arc::new(Semaphore::new(1)),
             begun: Mutex::default(),

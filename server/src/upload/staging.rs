@@ -5,7 +5,7 @@
 //! servers, from writing at once. Paths are made of slugs and SHA-256 only. Links and folders that stand where a file would are taken away.
 
 use super::wire::{FileSaid, Intent, Lacking};
-use super::{Refusal, Uploads};
+use super::{Refusal, Uploads, lock};
 use crate::object::checksums::{is_sha256, sha256_of};
 use crate::object::date::day_of;
 use axum::http::StatusCode;
@@ -63,7 +63,7 @@ impl Uploads {
         let folder = self.folder(&intent.slug);
         (self.steps)("stage").map_err(|e| Refusal::disk("make a folder for the upload", &e))?;
         private_folder(&root).and_then(|()| private_folder(&folder)).map_err(|e| Refusal::disk("make a folder", &e))?;
-        let lock = locked(&folder)?.ok_or_else(Refusal::busy)?;
+        let held = locked(&folder)?.ok_or_else(Refusal::busy)?;
         let before = record(&folder);
         if let Some(other) = before.as_ref().filter(|r| r.who != who && !self.is_stale(&folder, now)) {
             return Err(Refusal::conflict(format!(
@@ -74,8 +74,9 @@ impl Uploads {
             )));
         }
         let begun = before.filter(|r| r.who == who).map_or(now, |r| r.begun);
-        let staging = Staging { folder, record: Record { who: who.to_owned(), begun, intent }, _lock: lock };
+        let staging = Staging { folder, record: Record { who: who.to_owned(), begun, intent }, _lock: held };
         staging.remove_others().map_err(|e| Refusal::disk("remove what an earlier upload left", &e))?;
+        let _room = lock(&self.room);
         self.check_room(&staging)?;
         staging.write_record().map_err(|e| Refusal::disk("write what is meant", &e))?;
         Ok(staging)
@@ -90,10 +91,10 @@ impl Uploads {
             return Err(Refusal::full(format!("{free} bytes are free, about {needed} are needed")));
         }
         let all: u64 = files.iter().map(|f| f.bytes).sum();
-        let others: u64 = self.staged().iter().filter(|f| **f != staging.folder).map(|f| bytes_in(f)).sum();
+        let others: u64 = self.staged().iter().filter(|f| **f != staging.folder).map(|f| claimed(f)).sum();
         if others.saturating_add(all) > self.limits.staged_bytes {
             let said = format!(
-                "uploads that are not finished hold {others} bytes, and {} are possible; run the same command again when they are published or have lapsed",
+                "uploads that are not finished have announced {others} bytes, and {} are possible; run the same command again when they are published or have lapsed",
                 self.limits.staged_bytes
             );
             return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, said));
@@ -125,6 +126,10 @@ impl Uploads {
             let said =
                 format!("{there} bytes of it are there, so that what follows begins at {there}, not at {offset}");
             return Err(Refusal { offset: Some(there), ..Refusal::conflict(said) });
+        }
+        // Others may have filled the disk since there was room for it.
+        if let Some(free) = fs4::available_space(&self.shelf).ok().filter(|free| *free < ROOM) {
+            return Err(Refusal::full(format!("{free} bytes are free, {ROOM} are kept free")));
         }
         let opened = (|| {
             let mut file = OpenOptions::new().create(true).write(true).truncate(false).open(&path)?;
@@ -355,6 +360,12 @@ fn record(folder: &Path) -> Option<Record> {
     let bytes = crate::store::read_small(&folder.join(RECORD), crate::holding::SMALL).ok()?;
     let record: Record = serde_json::from_slice(&bytes).ok()?;
     record.intent.files.iter().all(|f| is_sha256(&f.sha256)).then_some(record)
+}
+
+/// What an upload has announced, or holds where that is more.
+fn claimed(folder: &Path) -> u64 {
+    let announced = record(folder).map_or(0, |r| r.intent.files.iter().map(|f| f.bytes).sum());
+    bytes_in(folder).max(announced)
 }
 
 fn bytes_in(folder: &Path) -> u64 {
