@@ -31,6 +31,8 @@ struct Museum {
     steps: Arc<AtomicU64>,
     /// Whether verifying comes to a defect of the program.
     falls: Arc<AtomicBool>,
+    /// Whether verifying goes no further than its first step.
+    waits: Arc<AtomicBool>,
     folder: tempfile::TempDir,
     robot: String,
     amina: String,
@@ -63,8 +65,14 @@ impl Museum {
         let left = Arc::clone(&steps);
         let falls = Arc::new(AtomicBool::new(false));
         let fall = Arc::clone(&falls);
+        let waits = Arc::new(AtomicBool::new(false));
+        let wait = Arc::clone(&waits);
         let uploads = Uploads::new(models.canonicalize().unwrap(), page(), limits).with_steps(move |what| {
-            assert!(matches!(what, "stage" | "receive") || !fall.load(Ordering::Relaxed), "a defect at {what}");
+            let is_verifying = !matches!(what, "stage" | "receive");
+            assert!(!is_verifying || !fall.load(Ordering::Relaxed), "a defect at {what}");
+            while is_verifying && wait.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(2));
+            }
             let take = |n: u64| n.checked_sub(1);
             match left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take) {
                 Ok(_) => Ok(()),
@@ -72,7 +80,7 @@ impl Museum {
             }
         });
         site.uploads = Some(Arc::new(uploads));
-        Self { app: app(site), clock, steps, falls, folder, robot, amina, viewer }
+        Self { app: app(site), clock, steps, falls, waits, folder, robot, amina, viewer }
     }
 
     fn models(&self) -> PathBuf {
@@ -95,6 +103,10 @@ impl Museum {
     }
 
     async fn patch(&self, slug: &str, sha256: &str, offset: u64, bytes: &[u8]) -> Answer {
+        self.patch_as(&self.robot, slug, sha256, offset, bytes).await
+    }
+
+    async fn patch_as(&self, token: &str, slug: &str, sha256: &str, offset: u64, bytes: &[u8]) -> Answer {
         let offset = offset.to_string();
         let headers = [
             ("tus-resumable", "1.0.0"),
@@ -102,7 +114,18 @@ impl Museum {
             ("content-type", "application/offset+octet-stream"),
         ];
         let uri = format!("/uploads/{slug}/{sha256}");
-        self.send(Method::PATCH, &uri, &self.robot, &headers, bytes.to_vec()).await
+        self.send(Method::PATCH, &uri, token, &headers, bytes.to_vec()).await
+    }
+
+    /// Everything of a version, and that it be published.
+    async fn hand_in(&self, token: &str, version: &Version) -> Answer {
+        let slug = &version.intent.slug;
+        assert_eq!(self.begin(token, &version.intent).await.status, StatusCode::CREATED);
+        for (said, bytes) in version.intent.files.iter().zip(&version.files) {
+            let answer = self.patch_as(token, slug, &said.sha256, 0, bytes).await;
+            assert_eq!(answer.status, StatusCode::NO_CONTENT, "{}", answer.text());
+        }
+        self.send(Method::POST, &format!("/uploads/{slug}"), token, &[], Vec::new()).await
     }
 
     /// Everything that is lacking, then the end; how it ended.
@@ -124,14 +147,20 @@ impl Museum {
 
     async fn finish(&self, slug: &str) -> (StatusCode, Status) {
         let uri = format!("/uploads/{slug}");
-        let mut answer = self.send(Method::POST, &uri, &self.robot, &[], Vec::new()).await;
+        let answer = self.send(Method::POST, &uri, &self.robot, &[], Vec::new()).await;
+        let said = status(&answer);
+        if said.state == State::Verifying { self.ended(slug).await } else { (answer.status, said) }
+    }
+
+    /// How verifying ends.
+    async fn ended(&self, slug: &str) -> (StatusCode, Status) {
         for _ in 0..3000 {
+            let answer = self.send(Method::GET, &format!("/uploads/{slug}"), &self.robot, &[], Vec::new()).await;
             let said = status(&answer);
             if said.state != State::Verifying {
                 return (answer.status, said);
             }
             tokio::time::sleep(Duration::from_millis(10)).await;
-            answer = self.send(Method::GET, &uri, &self.robot, &[], Vec::new()).await;
         }
         panic!("it is verified for ever");
     }
@@ -611,7 +640,7 @@ async fn what_has_a_name_in_a_version_too_is_not_appended_to() {
 }
 
 #[tokio::test]
-async fn what_was_sent_is_checked_while_somebody_else_publishes_to_the_folder() {
+async fn what_was_sent_is_checked_to_its_last_byte_while_somebody_else_publishes_to_the_folder() {
     let m = Museum::new();
     let other = kilwa_server::object::draft::Lock::take(&m.models()).unwrap();
     let mut bytes = fort_pack();
@@ -619,6 +648,60 @@ async fn what_was_sent_is_checked_while_somebody_else_publishes_to_the_folder() 
     bytes[middle] ^= 1;
     let (code, said) = m.publish(&Version::new("fort", 1, bytes)).await;
     assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY, "{said:?}");
+    assert_eq!(m.hand_in(&m.robot, &Version::new("fort", 1, fort_pack())).await.status, StatusCode::ACCEPTED);
+    let mut checked = false;
+    for _ in 0..2000 {
+        let said = status(&m.send(Method::GET, "/uploads/fort", &m.robot, &[], Vec::new()).await);
+        assert_eq!(said.state, State::Verifying, "the folder is somebody else's: {said:?}");
+        checked = said.done == said.of;
+        if checked {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    assert!(checked, "nothing is left to be read when the folder is locked");
     drop(other);
-    assert_eq!(m.publish(&Version::new("fort", 1, fort_pack())).await.1.version, 1);
+    assert_eq!(m.ended("fort").await.1.version, 1);
+}
+
+#[tokio::test]
+async fn who_publishes_many_versions_lets_others_go_between_them() {
+    let m = Museum::new();
+    m.waits.store(true, Ordering::Relaxed);
+    for slug in ["fort", "wall", "tower"] {
+        assert_eq!(m.hand_in(&m.robot, &Version::new(slug, 1, fort_pack())).await.status, StatusCode::ACCEPTED);
+    }
+    assert_eq!(m.hand_in(&m.amina, &Version::new("cave", 1, fort_pack())).await.status, StatusCode::ACCEPTED);
+    m.waits.store(false, Ordering::Relaxed);
+    for slug in ["wall", "tower"] {
+        assert_eq!(m.ended(slug).await.1.version, 1, "{slug}");
+    }
+    let record = std::fs::read_to_string(m.folder.path().join("audit.jsonl")).unwrap();
+    let when = |slug: &str| record.lines().position(|l| l.contains("\"published\"") && l.contains(slug)).unwrap();
+    assert!(when("fort") < when("cave") && when("cave") < when("wall") && when("wall") < when("tower"), "{record}");
+}
+
+#[tokio::test]
+async fn room_that_was_announced_is_no_longer_free_until_nothing_follows() {
+    let limits = UploadLimits { version_bytes: u64::MAX / 4, staged_bytes: u64::MAX / 2, ..UploadLimits::default() };
+    let m = Museum::with(limits);
+    let most_of_the_disk = fs4::available_space(m.models()).unwrap() / 10 * 6;
+    let large = |slug: &str| {
+        let mut version = Version::new(slug, 1, fort_pack());
+        version.intent.files[0].bytes = most_of_the_disk;
+        version
+    };
+    let written = |at: u64| {
+        let file = std::fs::File::options().append(true).open(m.models().join(".kilwa-uploads/fort/upload.json"));
+        file.unwrap().set_modified(std::time::UNIX_EPOCH + Duration::from_secs(at)).unwrap();
+    };
+    assert_eq!(m.begin(&m.robot, &large("fort").intent).await.status, StatusCode::CREATED);
+    written(NOW - 600);
+    let both = m.begin(&m.robot, &large("wall").intent).await;
+    assert_eq!(both.status, StatusCode::INSUFFICIENT_STORAGE, "together they would fill the disk");
+    assert!(both.text().contains("for other uploads"), "{}", both.text());
+    assert_eq!(m.begin(&m.robot, &Version::new("tower", 1, fort_pack()).intent).await.status, StatusCode::CREATED);
+    written(NOW - 2 * 3600);
+    let alone = m.begin(&m.robot, &large("wall").intent).await;
+    assert_eq!(alone.status, StatusCode::CREATED, "who announces and sends nothing keeps nobody out: {}", alone.text());
 }

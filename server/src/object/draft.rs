@@ -145,13 +145,33 @@ impl<'a> Draft<'a> {
     /// # Errors
     /// [`DraftError::Disk`].
     pub fn adopt(&mut self, path: &str) -> Result<(u64, Checksum), DraftError> {
+        let (at, file) = self.settle(path)?;
+        let (bytes, sum) = sha256_of(BufReader::new(file)).map_err(disk("read", &at))?;
+        self.files.push((path.to_owned(), bytes, sum.clone()));
+        Ok((bytes, sum))
+    }
+
+    /// As [`Self::adopt`], of a file whose length and SHA-256 the caller has found out and that nobody can have written to since: a pack may
+    /// take an hour to be hashed.
+    ///
+    /// # Errors
+    /// [`DraftError::Disk`], also where it has another length.
+    pub fn adopt_known(&mut self, path: &str, bytes: u64, sum: &str) -> Result<(), DraftError> {
+        let (at, file) = self.settle(path)?;
+        if file.metadata().map_err(disk("read", &at))?.len() != bytes {
+            return Err(disk("read", &at)(io::Error::other(format!("it is not {bytes} bytes long"))));
+        }
+        self.files.push((path.to_owned(), bytes, sum.to_owned()));
+        Ok(())
+    }
+
+    /// A file that somebody else has written: on disk, and for a web server to read.
+    fn settle(&self, path: &str) -> Result<(PathBuf, File), DraftError> {
         let at = self.prepare(path)?;
         let file = File::open(&at).map_err(disk("read", &at))?;
         file.sync_all().map_err(disk("write", &at))?;
         readable(&file).map_err(disk("write", &at))?;
-        let (bytes, sum) = sha256_of(BufReader::new(file)).map_err(disk("read", &at))?;
-        self.files.push((path.to_owned(), bytes, sum.clone()));
-        Ok((bytes, sum))
+        Ok((at, file))
     }
 
     /// As [`Self::adopt`], under another name, which is made of its SHA-256.

@@ -4,6 +4,7 @@ use super::staging::Staging;
 use super::wire::{FileSaid, Intent, Meant, State, Status};
 use super::{Refusal, Uploads, files, lock};
 use crate::object::assemble::{Facts, Following, agree, complete, existing, further, is_published, next_version};
+use crate::object::checksums::sha256_of;
 use crate::object::date::day_of;
 use crate::object::draft::{Draft, DraftError, Lock};
 use crate::object::manifest::Manifest;
@@ -49,9 +50,7 @@ pub(super) struct Done {
 
 impl Job {
     pub(super) fn new(who: &str, intent: &Intent) -> Self {
-        // The pack is read twice, everything else once.
-        let pack = intent.files.iter().map(|f| f.bytes).max().unwrap_or(0);
-        let of = intent.files.iter().map(|f| f.bytes).sum::<u64>() + pack;
+        let of = intent.files.iter().map(|f| f.bytes).sum();
         let (who, version) = (who.to_owned(), intent.version);
         Self { who, version, done: AtomicU64::new(0), of, ended: Mutex::default() }
     }
@@ -80,9 +79,9 @@ pub(super) fn publish(uploads: &Uploads, staging: Staging, job: &Arc<Job>, now: 
     if !staging.lacking().is_empty() {
         return Err(Refusal::new(StatusCode::TOO_EARLY, "files are lacking; run the same command again"));
     }
-    // What needs only the upload, whose lock is held, keeps nobody else from the folder.
+    // Whatever takes long needs only the upload, whose lock is held, and keeps nobody else from the folder.
     let checked = checked(&staging, &intent, &meant, job);
-    match checked.and_then(|pack| placed(uploads, &staging, &intent, &meant, pack, job, now)) {
+    match checked.and_then(|pack| placed(uploads, &staging, &intent, &meant, pack, now)) {
         Ok(done) => {
             staging.remove();
             Ok(done)
@@ -100,16 +99,31 @@ pub(super) fn publish(uploads: &Uploads, staging: Staging, job: &Arc<Job>, now: 
 /// What a pack says of itself, and its identity.
 type OfPack = (kilwa_pack::Metadata, String);
 
-/// Whether every file that was sent is what it must be.
+/// Whether every file that was sent is what it must be, byte for byte.
 fn checked(staging: &Staging, intent: &Intent, meant: &Meant, job: &Job) -> Result<OfPack, Refusal> {
     let of_pack = check_pack(staging, &meant.pack, &job.done)?;
     for file in intent.files.iter().filter(|f| f.path != meant.pack.path) {
-        files::check(&file.path, &staging.at(file)).map_err(|e| match e.kind() {
+        let at = staging.at(file);
+        let (_, sum) = fs::File::open(&at).and_then(sha256_of).map_err(|e| Refusal::disk("read what was sent", &e))?;
+        if sum != file.sha256 {
+            return Err(altered(staging, file));
+        }
+        files::check(&file.path, &at).map_err(|e| match e.kind() {
             io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => Refusal::content(e.to_string()),
             _ => Refusal::disk("read what was sent", &e),
         })?;
+        job.done.fetch_add(file.bytes, Ordering::Relaxed);
     }
     Ok(of_pack)
+}
+
+/// A file is not what was announced; it is taken away, to be sent anew.
+fn altered(staging: &Staging, said: &FileSaid) -> Refusal {
+    staging.discard(said);
+    let path = &said.path;
+    Refusal::altered(format!(
+        "{path} arrived with another content than was announced; run the same command again to send it anew"
+    ))
 }
 
 /// Versions are added, one after the other.
@@ -148,7 +162,6 @@ fn placed(
     intent: &Intent,
     meant: &Meant,
     (of_pack, identity): OfPack,
-    job: &Job,
     now: u64,
 ) -> Result<Done, Refusal> {
     let _lock = shelf_lock(uploads)?;
@@ -180,15 +193,12 @@ fn placed(
     let mut draft = Draft::begin(&uploads.shelf, &facts.slug, facts.version(), &steps).map_err(|e| refused(&e))?;
     // In the order in which publishing to a folder writes them.
     for file in &intent.files {
-        put(staging, file, &draft.folder())?;
-        let (bytes, sum) = draft.adopt(&file.path).map_err(|e| refused(&e))?;
-        job.done.fetch_add(bytes, Ordering::Relaxed);
-        if (bytes, &sum) != (file.bytes, &file.sha256) {
-            staging.discard(file);
-            return Err(Refusal::altered(format!(
-                "{} arrived with another content than was announced; run the same command again to send it anew",
-                file.path
-            )));
+        let is_same_file = put(staging, file, &draft.folder())?;
+        if is_same_file {
+            // Checked a moment ago, and nobody else writes while the upload's lock is held: it is not hashed a second time.
+            draft.adopt_known(&file.path, file.bytes, &file.sha256).map_err(|e| refused(&e))?;
+        } else if draft.adopt(&file.path).map_err(|e| refused(&e))? != (file.bytes, file.sha256.clone()) {
+            return Err(altered(staging, file));
         }
     }
     let entry = facts.pack_entry(meant.pack.bytes, meant.pack.sha256.clone(), identity);
@@ -233,10 +243,7 @@ fn check_pack(staging: &Staging, said: &FileSaid, done: &AtomicU64) -> Result<Of
     let checked = pool.install(|| sound::check(&source, &told));
     let checked = checked.map_err(failed)?;
     if checked.sha256.as_ref() != Some(&said.sha256) {
-        staging.discard(said);
-        let what =
-            "the pack arrived with another content than was announced; run the same command again to send it anew";
-        return Err(Refusal::altered(what));
+        return Err(altered(staging, said));
     }
     if let Some(damage) = checked.damage() {
         return Err(Refusal::content(format!("the pack is damaged: {damage}")));
@@ -246,13 +253,14 @@ fn check_pack(staging: &Staging, said: &FileSaid, done: &AtomicU64) -> Result<Of
 }
 
 /// Give a file of the upload its name in the draft: as a link, so that a failure later costs nothing; as a copy where there are no links.
-fn put(staging: &Staging, said: &FileSaid, folder: &Path) -> Result<(), Refusal> {
+/// Whether it is the same file.
+fn put(staging: &Staging, said: &FileSaid, folder: &Path) -> Result<bool, Refusal> {
     let (from, to) = (staging.at(said), folder.join(&said.path));
     let linked = (|| {
         if let Some(parent) = to.parent() {
             fs::create_dir_all(parent)?;
         }
-        fs::hard_link(&from, &to).or_else(|_| fs::copy(&from, &to).map(drop))
+        fs::hard_link(&from, &to).map(|()| true).or_else(|_| fs::copy(&from, &to).map(|_| false))
     })();
     linked.map_err(|e| Refusal::disk("write the version", &e))
 }

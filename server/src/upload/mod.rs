@@ -77,6 +77,8 @@ pub struct Uploads {
     jobs: Mutex<HashMap<String, Arc<Job>>>,
     /// One version is verified at a time: readers come first.
     turn: Arc<Semaphore>,
+    /// One of each user waits for that, so that who sends many lets others go between them.
+    queues: Mutex<HashMap<String, Arc<Semaphore>>>,
     /// Which minute it is, and who began how many in it.
     begun: Mutex<(u64, HashMap<String, u32>)>,
 }
@@ -92,6 +94,7 @@ impl Uploads {
             room: Mutex::default(),
             jobs: Mutex::default(),
             turn: Arc::new(Semaphore::new(1)),
+            queues: Mutex::default(),
             begun: Mutex::default(),
         }
     }
@@ -105,6 +108,14 @@ impl Uploads {
 
     fn job(&self, slug: &str) -> Option<Arc<Job>> {
         lock(&self.jobs).get(slug).cloned()
+    }
+
+    /// The line of a user's own versions.
+    fn queue(&self, who: &str) -> Arc<Semaphore> {
+        let mut queues = lock(&self.queues);
+        // One that nobody waits in is held by nobody else.
+        queues.retain(|_, queue| Arc::strong_count(queue) > 1);
+        Arc::clone(queues.entry(who.to_owned()).or_insert_with(|| Arc::new(Semaphore::new(1))))
     }
 
     /// Count what a user begins.

@@ -204,10 +204,10 @@ async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCod
     lock(&uploads.jobs).insert(slug.clone(), Arc::clone(&job));
     let (status, said) = job.status();
     let catalogue = Arc::clone(&site.catalogue);
-    let turn = Arc::clone(&uploads.turn);
+    let (own, turn) = (uploads.queue(&who), Arc::clone(&uploads.turn));
     let ending = Ending(Arc::clone(&job));
     tokio::spawn(async move {
-        let turn = turn.acquire_owned().await;
+        let turn = (own.acquire_owned().await, turn.acquire_owned().await);
         let work = move || {
             let ended = publish(&uploads, staging, &job, now);
             match &ended {

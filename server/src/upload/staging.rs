@@ -24,6 +24,8 @@ const HASHED_AT_ONCE: u64 = 64 << 20;
 /// Room that a version takes beside its files: records and viewer.
 const ROOM: u64 = 64 << 20;
 const DAY: u64 = 86_400;
+/// Room that was announced is kept for an upload as long as something of it comes at least this often, seconds.
+const CLAIM: u64 = 3600;
 
 /// Who uploads what.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -77,24 +79,33 @@ impl Uploads {
         let staging = Staging { folder, record: Record { who: who.to_owned(), begun, intent }, _lock: held };
         staging.remove_others().map_err(|e| Refusal::disk("remove what an earlier upload left", &e))?;
         let _room = lock(&self.room);
-        self.check_room(&staging)?;
+        self.check_room(&staging, now)?;
         staging.write_record().map_err(|e| Refusal::disk("write what is meant", &e))?;
         Ok(staging)
     }
 
-    /// Whether there is room for what is still to come, and for the version.
-    fn check_room(&self, staging: &Staging) -> Result<(), Refusal> {
-        let files = &staging.record.intent.files;
-        let coming: u64 = staging.lacking().iter().map(|l| l.bytes - l.offset).sum();
-        let needed = coming + self.page.bytes() + ROOM;
-        if let Some(free) = fs4::available_space(&self.shelf).ok().filter(|free| *free < needed) {
-            return Err(Refusal::full(format!("{free} bytes are free, about {needed} are needed")));
+    /// Whether there is room for what is still to come, of this upload and of the others, and for the version.
+    fn check_room(&self, staging: &Staging, now: u64) -> Result<(), Refusal> {
+        let (mut others, mut others_come) = (0_u64, 0_u64);
+        for folder in self.staged().into_iter().filter(|f| *f != staging.folder) {
+            let there = bytes_in(&folder);
+            // Announcing costs nothing: it keeps nobody out for longer than it takes to see that nothing follows.
+            let is_claimed = now.saturating_sub(last_written(&folder)) <= CLAIM;
+            let announced = if is_claimed { announced(&folder) } else { 0 };
+            others = others.saturating_add(there.max(announced));
+            others_come = others_come.saturating_add(announced.saturating_sub(there));
         }
-        let all: u64 = files.iter().map(|f| f.bytes).sum();
-        let others: u64 = self.staged().iter().filter(|f| **f != staging.folder).map(|f| claimed(f)).sum();
+        let coming: u64 = staging.lacking().iter().map(|l| l.bytes - l.offset).sum();
+        let needed = coming.saturating_add(others_come).saturating_add(self.page.bytes() + ROOM);
+        if let Some(free) = fs4::available_space(&self.shelf).ok().filter(|free| *free < needed) {
+            let said =
+                format!("{free} bytes are free, about {needed} are needed, {others_come} of them for other uploads");
+            return Err(Refusal::full(said));
+        }
+        let all: u64 = staging.record.intent.files.iter().map(|f| f.bytes).sum();
         if others.saturating_add(all) > self.limits.staged_bytes {
             let said = format!(
-                "uploads that are not finished have announced {others} bytes, and {} are possible; run the same command again when they are published or have lapsed",
+                "uploads that are not finished have sent or announced {others} bytes, and {} are possible; run the same command again when they are published or have lapsed",
                 self.limits.staged_bytes
             );
             return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, said));
@@ -159,12 +170,7 @@ impl Uploads {
 
     /// Whether nothing was written there for longer than uploads are kept.
     fn is_stale(&self, folder: &Path, now: u64) -> bool {
-        let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-        // Whoever only looks makes the lock, too.
-        let entries = entries.filter(|e| e.file_name() != LOCK);
-        let written = entries.filter_map(|e| e.metadata().ok()?.modified().ok()?.duration_since(UNIX_EPOCH).ok());
-        let last = written.max().unwrap_or(Duration::ZERO).as_secs();
-        now.saturating_sub(last) > u64::from(self.limits.days) * DAY
+        now.saturating_sub(last_written(folder)) > u64::from(self.limits.days) * DAY
     }
 
     /// Day on which what was sent now lapses.
@@ -362,10 +368,18 @@ fn record(folder: &Path) -> Option<Record> {
     record.intent.files.iter().all(|f| is_sha256(&f.sha256)).then_some(record)
 }
 
-/// What an upload has announced, or holds where that is more.
-fn claimed(folder: &Path) -> u64 {
-    let announced = record(folder).map_or(0, |r| r.intent.files.iter().map(|f| f.bytes).sum());
-    bytes_in(folder).max(announced)
+/// Bytes of all files that an upload has announced.
+fn announced(folder: &Path) -> u64 {
+    record(folder).map_or(0, |r| r.intent.files.iter().map(|f| f.bytes).sum())
+}
+
+/// When something was written there last, seconds since 1970.
+fn last_written(folder: &Path) -> u64 {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    // Whoever only looks makes the lock, too.
+    let entries = entries.filter(|e| e.file_name() != LOCK);
+    let written = entries.filter_map(|e| e.metadata().ok()?.modified().ok()?.duration_since(UNIX_EPOCH).ok());
+    written.max().unwrap_or(Duration::ZERO).as_secs()
 }
 
 fn bytes_in(folder: &Path) -> u64 {
