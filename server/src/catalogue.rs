@@ -9,7 +9,7 @@ use crate::holding::{Holding, SMALL, Tables};
 use crate::object::Manifest;
 use crate::object::layout::{MANIFEST, RESERVED};
 use crate::object::manifest::{Access, AccessState};
-use crate::store::{self, Identity, Place, S3, is_away};
+use crate::store::{self, Identity, Place, S3, is_away, is_refused, is_silent};
 use axum::http::StatusCode;
 use kilwa_pack::{HEADER_BYTES, Header, Metadata};
 use std::collections::{BTreeMap, BTreeSet};
@@ -80,6 +80,8 @@ pub struct Model {
     pub(crate) place: Place,
     pub(crate) identity: Identity,
     pub(crate) kind: Kind,
+    /// Its store refused to tell of it: it is asked again.
+    is_unsure: bool,
     hash: OnceCell<Arc<str>>,
 }
 
@@ -239,7 +241,15 @@ impl Catalogue {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => false,
             Err(e) => return Err(silent(e)),
         };
-        Self::begin(root, single).map_err(silent)
+        let catalogue = Self::begin(root, single).map_err(silent)?;
+        // One that is refused is named in the list; where all are, it is the keys.
+        let listing = catalogue.listing();
+        let refused = listing.models.values().next().filter(|_| listing.models.values().all(|m| m.is_unsure));
+        if let Some(why) = refused.and_then(|model| model.summary.as_ref().err()) {
+            let said = format!("{why}; every object is refused: see AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY");
+            return Err(silent(std::io::Error::other(said)));
+        }
+        Ok(catalogue)
     }
 
     fn begin(root: Place, single: bool) -> std::io::Result<Self> {
@@ -331,8 +341,14 @@ impl Catalogue {
         let objects: Vec<_> =
             self.objects()?.into_iter().map(|(place, id)| (free_slug(&place, &mut slugs), place, id)).collect();
         let listed = store::each(&self.root, &objects, |(slug, place, identity)| {
-            listed_before(&before.models, slug, place, identity)
-                .map_or_else(|| object_of(place, slug, identity, &self.tables), Ok)
+            match listed_before(&before.models, slug, place, identity) {
+                Some(model) => Ok(model),
+                None => object_of(place, slug, identity, &self.tables).map(|model| {
+                    // What a store refuses now stays as it is known.
+                    let known = before.models.get(slug).filter(|known| model.is_unsure && known.place.is(place));
+                    known.cloned().unwrap_or(model)
+                }),
+            }
         });
         // A store that went away is no reason to forget what is there.
         let mut models: BTreeMap<_, _> =
@@ -361,7 +377,7 @@ impl Catalogue {
         }
         match self.root.join(MANIFEST).identity() {
             Ok(identity) => Ok(vec![(self.root.clone(), identity)]),
-            Err(e) if is_away(&e) => Err(e),
+            Err(e) if is_silent(&e) => Err(e),
             Err(_) => Ok(Vec::new()),
         }
     }
@@ -410,7 +426,8 @@ fn listed_before(
         Kind::Pack { notes } => place.path().is_some_and(|path| *notes == notes_of(path)),
         Kind::Object(_) => true,
     };
-    (same_notes && model.place.is(place) && model.identity == *identity).then(|| Arc::clone(model))
+    let same = same_notes && !model.is_unsure && model.place.is(place) && model.identity == *identity;
+    same.then(|| Arc::clone(model))
 }
 
 fn pack_of(place: Place, slug: &str, identity: Identity) -> Arc<Model> {
@@ -421,6 +438,7 @@ fn pack_of(place: Place, slug: &str, identity: Identity) -> Arc<Model> {
         hash: OnceCell::new(),
         slug: slug.to_owned(),
         kind: Kind::Pack { notes: place.path().and_then(notes_of) },
+        is_unsure: false,
         place,
         identity,
     })
@@ -436,10 +454,14 @@ fn notes_of(pack: &Path) -> Option<PathBuf> {
 fn object_of(place: &Place, slug: &str, identity: &Identity, tables: &Arc<Tables>) -> std::io::Result<Arc<Model>> {
     let holding = Holding::new(place.clone(), Arc::clone(tables));
     let mut object = Object { holding, title: String::new(), rights: None, access: None, pack: None };
-    let (mut bytes, mut summary) = (0, Err("it was withdrawn".to_owned()));
+    let (mut bytes, mut summary, mut is_unsure) = (0, Err("it was withdrawn".to_owned()), false);
     let read = place.join(MANIFEST).read_listed(identity, SMALL);
     match read.and_then(|bytes| Manifest::parse(&bytes).map_err(std::io::Error::other)) {
         Err(e) if is_away(&e) => return Err(e),
+        Err(e) if is_refused(&e) => {
+            is_unsure = true;
+            summary = Err(format!("its store does not give its manifest: {e}; see to its rights there"));
+        }
         Err(e) => summary = Err(format!("cannot be read as an archive object: {e}; run kilwa verify on it")),
         Ok(manifest) => {
             object.rights = Some(manifest.rights.short.clone());
@@ -450,6 +472,8 @@ fn object_of(place: &Place, slug: &str, identity: &Identity, tables: &Arc<Tables
                 let length = match place.join(name).identity() {
                     Ok(identity) => Some(identity.bytes()),
                     Err(e) if is_away(&e) => return Err(e),
+                    // Who asks for it is told; that it is not there nobody can say.
+                    Err(e) if is_refused(&e) => Some(version.pack.bytes),
                     Err(_) => None,
                 };
                 if length == Some(version.pack.bytes) {
@@ -479,6 +503,7 @@ fn object_of(place: &Place, slug: &str, identity: &Identity, tables: &Arc<Tables
         place: place.clone(),
         identity: identity.clone(),
         kind: Kind::Object(object),
+        is_unsure,
     }))
 }
 

@@ -11,7 +11,7 @@ use crate::object::layout::{CHECKSUMS, MANIFEST, PAGE, version_of};
 use crate::object::manifest::Version;
 use crate::object::{Checksums, Manifest};
 use crate::objects::NOTES;
-use crate::store::{Content, HELD_MAX, Identity, Place, is_away};
+use crate::store::{Content, HELD_MAX, Identity, Place, is_away, is_refused, is_silent};
 use axum::body::Bytes;
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
@@ -96,6 +96,8 @@ pub(crate) struct Table {
     files: BTreeMap<String, Entry>,
     root: BTreeMap<String, Option<Identity>>,
     pub(crate) manifest: Manifest,
+    /// Not where the store refused a version's list: it is asked for again.
+    is_whole: bool,
 }
 
 impl Table {
@@ -157,12 +159,12 @@ impl Holding {
                 return Ok(Arc::clone(table));
             }
             match root_of(&self.folder) {
-                Ok(root) if root == table.root => {
+                Ok(root) if root == table.root && table.is_whole => {
                     *looked = Instant::now();
                     return Ok(Arc::clone(table));
                 }
-                // A store that went away says nothing new: what was seen last holds.
-                Err(e) if is_away(&e) => return Ok(Arc::clone(table)),
+                // A store that went away, or refuses, says nothing new: what was seen last holds.
+                Err(e) if is_silent(&e) => return Ok(Arc::clone(table)),
                 Err(e) => {
                     *current = None;
                     return Err(e);
@@ -173,7 +175,7 @@ impl Holding {
         let table = match self.read() {
             Ok(table) => Arc::new(table),
             Err(e) => {
-                let before = current.as_ref().map(|(table, _)| Arc::clone(table)).filter(|_| is_away(&e));
+                let before = current.as_ref().map(|(table, _)| Arc::clone(table)).filter(|_| is_silent(&e));
                 if before.is_none() {
                     *current = None;
                 }
@@ -204,6 +206,7 @@ impl Holding {
         let manifest =
             files.get(MANIFEST).ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "no manifest.json"))?;
         let manifest = Manifest::parse(&manifest.read()?).map_err(io::Error::other)?;
+        let mut is_whole = true;
         for version in &manifest.versions {
             if root.get(&version.folder) != Some(&None) {
                 continue;
@@ -211,13 +214,14 @@ impl Holding {
             let place = self.folder.join(&version.folder);
             match version_files(version, &place, &mut files) {
                 Err(e) if is_away(&e) => return Err(e),
+                Err(e) if is_refused(&e) => is_whole = false,
                 Err(e) => {
                     tracing::warn!("{place}: {e}; nothing of it is served; run kilwa verify on the object");
                 }
                 Ok(()) => {}
             }
         }
-        Ok(Table { files, root, manifest })
+        Ok(Table { files, root, manifest, is_whole })
     }
 }
 

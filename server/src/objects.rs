@@ -20,7 +20,7 @@ use crate::object::manifest::Version;
 use crate::packs::blocking;
 use crate::page::content_type;
 use crate::site::{Site, accepts};
-use crate::store::{Place, is_away, warn};
+use crate::store::{Place, is_silent, warn};
 use axum::body::{Body, Bytes};
 use axum::http::header::{
     ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE, ETAG, VARY, WWW_AUTHENTICATE,
@@ -167,7 +167,7 @@ async fn sent(
 /// What was listed is not what is there: it is listed anew when next asked for.
 fn look_again(holding: &Holding, e: &io::Error) {
     warn(holding.folder(), e);
-    if !is_away(e) {
+    if !is_silent(e) {
         holding.forget();
     }
 }
@@ -214,7 +214,7 @@ async fn source(holding: &Arc<Holding>, table: &Arc<Table>, name: &str) -> Resul
             Ok(opened) => Ok(entry.sha256.map(|sum| (opened, sum))),
             Err(e) => {
                 warn(entry.place(), &e);
-                if is_away(&e) { Err(StatusCode::SERVICE_UNAVAILABLE) } else { Ok(None) }
+                if is_silent(&e) { Err(StatusCode::SERVICE_UNAVAILABLE) } else { Ok(None) }
             }
         })
     };
@@ -246,7 +246,7 @@ async fn read_entry(table: &Arc<Table>, name: &str) -> Result<Bytes, StatusCode>
     let read = move || {
         entry.read().map_err(|e| {
             warn(entry.place(), &e);
-            if is_away(&e) { StatusCode::SERVICE_UNAVAILABLE } else { StatusCode::NOT_FOUND }
+            if is_silent(&e) { StatusCode::SERVICE_UNAVAILABLE } else { StatusCode::NOT_FOUND }
         })
     };
     blocking(read).await?

@@ -3,14 +3,15 @@
 //! An object's mark is the size and the time of its manifest (in a store, its size and tag), which is replaced last when a version is
 //! published: as long as it is the same, nothing else is looked at. Everything is read before anything is written, a part of the objects at
 //! a time, and each part is one short transaction: who searches meanwhile waits for no disk and no store, and sees each object as it was or as
-//! it is. A store that goes away in the middle ends the refresh; what was not reached stays as it is known.
+//! it is. A store that goes away in the middle ends the refresh; what was not reached stays as it is known. So does what the store refuses, which is
+//! asked for again at the next refresh: it has an empty mark where nothing was known.
 
 use super::entry::Entry;
 use super::{IndexError, search};
 use crate::object::layout::{MANIFEST, METADATA, Slug};
 use crate::object::manifest::MANIFEST_MAX;
 use crate::object::{Manifest, Metadata};
-use crate::store::{self, Identity, Place, is_away};
+use crate::store::{self, Identity, Place, is_away, is_refused};
 use rusqlite::{Connection, Transaction, params};
 use std::collections::BTreeMap;
 use std::io;
@@ -64,12 +65,14 @@ pub(super) fn refresh(
     let new: Vec<_> = there.iter().filter(|(slug, (mark, _))| before.get(*slug) != Some(mark)).collect();
     for part in new.chunks(PART) {
         let read = store::each(folder, part, |(slug, (_, manifest))| read(folder, slug, manifest));
-        let read: Vec<_> = read.into_iter().collect::<io::Result<_>>().map_err(failed)?;
+        let read: Vec<Seen> = read.into_iter().collect::<io::Result<_>>().map_err(failed)?;
+        let stays = |slug: &String, seen: &Seen| seen.is_unsure && before.get(slug).is_some_and(|m| !m.is_empty());
         write(&mut |connection| {
             let transaction = connection.transaction()?;
-            for ((slug, (mark, _)), entry) in part.iter().zip(&read) {
+            for ((slug, (mark, _)), seen) in part.iter().zip(&read).filter(|((slug, _), seen)| !stays(slug, seen)) {
+                let mark = if seen.is_unsure { "" } else { mark };
                 remove(&transaction, slug)?;
-                match entry {
+                match &seen.entry {
                     Ok(entry) => add(&transaction, mark, entry)?,
                     Err(why) => {
                         let statement = "INSERT INTO refused (slug, mark, why) VALUES (?1, ?2, ?3)";
@@ -79,12 +82,16 @@ pub(super) fn refresh(
             }
             Ok(transaction.commit()?)
         })?;
-        for ((slug, _), entry) in part.iter().zip(&read) {
-            match entry {
+        for ((slug, _), seen) in part.iter().zip(&read) {
+            match &seen.entry {
+                _ if stays(slug, seen) => changes.refused += 1,
                 Ok(_) if before.contains_key(*slug) => changes.changed += 1,
                 Ok(_) => changes.added += 1,
                 Err(why) => {
-                    tracing::warn!("{slug} is not in the catalogue: {why}");
+                    // What a store refuses it has said itself, once.
+                    if !seen.is_unsure {
+                        tracing::warn!("{slug} is not in the catalogue: {why}");
+                    }
                     changes.refused += 1;
                 }
             }
@@ -108,33 +115,46 @@ fn known(transaction: &Transaction<'_>) -> Result<BTreeMap<String, String>, Inde
     Ok(rows.collect::<Result<_, _>>()?)
 }
 
-/// An object, or why it cannot be shown; an error where the store went away.
-fn read(folder: &Place, slug: &str, manifest: &Identity) -> io::Result<Result<Entry, String>> {
+/// What was seen of an object: what the catalogue knows of it, or why it cannot be shown.
+struct Seen {
+    entry: Result<Entry, String>,
+    /// The store refused a part of it.
+    is_unsure: bool,
+}
+
+/// An object as it is; an error where the store went away.
+fn read(folder: &Place, slug: &str, manifest: &Identity) -> io::Result<Seen> {
     let object = folder.join(slug);
-    let refused = |why: String| Ok(Err(format!("{MANIFEST}: {why}")));
+    let refused = |why: String, is_unsure| Ok(Seen { entry: Err(format!("{MANIFEST}: {why}")), is_unsure });
     let manifest = match object.join(MANIFEST).read_listed(manifest, MANIFEST_MAX) {
         Err(e) if is_away(&e) => return Err(e),
-        Err(e) => return refused(e.to_string()),
+        Err(e) => return refused(e.to_string(), is_refused(&e)),
         Ok(bytes) => match Manifest::parse(&bytes) {
             Ok(manifest) => manifest,
-            Err(e) => return refused(e.to_string()),
+            Err(e) => return refused(e.to_string(), false),
         },
     };
     if manifest.slug != slug {
         let why = format!("the folder is named {slug}, its manifest says {}; rename the folder", manifest.slug);
-        return Ok(Err(why));
+        return Ok(Seen { entry: Err(why), is_unsure: false });
     }
     // Without its metadata an object is still shown: the manifest has what counts.
     let folder = manifest.current().map(|v| v.folder.clone()).unwrap_or_default();
+    let mut is_unsure = false;
     let metadata = match object.join(&folder).join(METADATA).read(METADATA_MAX) {
         Err(e) if is_away(&e) => return Err(e),
-        Err(e) => Err(format!("{METADATA}: {e}")),
+        Err(e) => {
+            is_unsure = is_refused(&e);
+            Err(format!("{METADATA}: {e}"))
+        }
         Ok(bytes) => serde_json::from_slice::<Metadata>(&bytes).map_err(|e| format!("{METADATA}: {e}")),
     };
-    if let Err(why) = &metadata {
+    if let Err(why) = &metadata
+        && !is_unsure
+    {
         tracing::warn!("{slug}: {why}; the catalogue has what the manifest says");
     }
-    Ok(Ok(Entry::of(&manifest, metadata.ok())))
+    Ok(Seen { entry: Ok(Entry::of(&manifest, metadata.ok())), is_unsure })
 }
 
 fn add(transaction: &Transaction<'_>, mark: &str, entry: &Entry) -> Result<(), IndexError> {

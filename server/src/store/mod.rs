@@ -3,14 +3,15 @@
 //! [`Place`] is a spot in either: list what is there, read a small file, open a large one. Inputs: a path, or `s3://bucket/prefix` with
 //! [`S3Options`]. Invariants: a place is joined from names that were listed there or that a manifest's reader let through, never from an
 //! address; what was listed under one [`Identity`] is opened under that or not at all; a file of the store is never loaded whole unless
-//! it is small. Failures: [`is_away`] tells that the store does not answer from that a thing is not there, so that nothing is dropped
-//! from a list because of a silence; [`outage`] says it to readers.
+//! it is small. Failures: [`is_silent`] tells that the store gives no answer, or not this file, from that a thing is not there, so that nothing is
+//! dropped from a list because of a silence or a refusal; [`outage`] says the former to readers.
 
 mod folder;
 mod held;
 mod http;
 mod outage;
 mod publish;
+mod refused;
 mod s3;
 
 pub use publish::{Against, Sent};
@@ -18,6 +19,7 @@ pub use s3::{S3, S3Options, StoreError};
 
 pub(crate) use folder::{Identity, read_small};
 pub(crate) use outage::{is_away, tell};
+pub(crate) use refused::is_refused;
 pub(crate) use s3::HELD_MAX;
 
 use axum::body::Bytes;
@@ -177,9 +179,14 @@ impl fmt::Display for Place {
     }
 }
 
-/// A warning about a place; that its store does not answer is said once, and not here.
+/// Whether the store gave no answer, or not this file, which says nothing about what there is.
+pub(crate) fn is_silent(e: &io::Error) -> bool {
+    is_away(e) || is_refused(e)
+}
+
+/// A warning about a place; that its store does not answer, or refuses it, is said once, and not here.
 pub(crate) fn warn(place: &Place, e: &io::Error) {
-    if !is_away(e) {
+    if !is_silent(e) {
         tracing::warn!("{place}: {e}");
     }
 }

@@ -182,7 +182,7 @@ impl S3 {
     /// The file that is there now, and the SHA-256 that it was sent with.
     fn there(self: &Arc<Self>, key: &str) -> io::Result<Option<(ObjectMeta, Option<AttributeValue>)>> {
         let path = self.at(key)?;
-        let asked = self.wait(move |store| async move {
+        let asked = self.wait(key, move |store| async move {
             let head = GetOptions { head: true, ..GetOptions::default() };
             store.client.get_opts(&path, head).await
         });
@@ -206,7 +206,8 @@ impl S3 {
     ) -> io::Result<Option<String>> {
         let (to, said) =
             (self.at(key)?, PutMultipartOptions { attributes: said.clone(), ..PutMultipartOptions::default() });
-        let mut upload = self.wait(move |store| async move { store.client.put_multipart_opts(&to, said).await })?;
+        let mut upload =
+            self.wait(key, move |store| async move { store.client.put_multipart_opts(&to, said).await })?;
         let (mut file, part) = (File::open(path)?, PART.max(length / PARTS));
         loop {
             let mut bytes = Vec::new();
@@ -214,9 +215,9 @@ impl S3 {
             if bytes.is_empty() {
                 break;
             }
-            upload = self.wait(move |_| async move { add(upload, bytes.into()).await })?;
+            upload = self.wait(key, move |_| async move { add(upload, bytes.into()).await })?;
         }
-        self.wait(move |_| async move { upload.complete().await.map(|done| done.e_tag) })
+        self.wait(key, move |_| async move { upload.complete().await.map(|done| done.e_tag) })
     }
 
     fn put(
@@ -228,7 +229,7 @@ impl S3 {
     ) -> io::Result<Option<String>> {
         let path = self.at(key)?;
         let options = PutOptions { mode, attributes, ..PutOptions::default() };
-        self.wait(move |store| async move {
+        self.wait(key, move |store| async move {
             let put = store.client.put_opts(&path, PutPayload::from_bytes(bytes), options).await;
             put.map(|done| done.e_tag).map_err(|e| match e {
                 Error::AlreadyExists { path, source } => Error::Precondition { path, source },

@@ -3,11 +3,13 @@
 //! Inputs: [`S3Options`]. Whoever lists or reads small files waits for it on a thread of the pool for blocking work; what is long is
 //! streamed. The store's requests run on threads of their own, each step within `timeout`, and are tried a second time. Invariants: a file
 //! is taken only under the ETag and length that it was listed with; no message holds a key or a signed address. Failures: a store that
-//! does not answer, or refuses, begins an [`super::outage`], during which nothing is asked of it but whether it answers.
+//! does not answer, or refuses to be listed, begins an [`super::outage`], during which nothing is asked of it but whether it answers; what one that
+//! answers does not give is [`super::refused`], one file at a time.
 
 use super::held::Held;
 use super::http::{Connector, Seen};
 use super::outage::{Away, Outage};
+use super::refused::{Refusals, Refused, is_refused};
 use super::{AT_ONCE, DEPTH, Identity, MOST_FILES};
 use crate::object::checksums::hex;
 use crate::object::layout::MANIFEST;
@@ -15,6 +17,7 @@ use axum::body::Bytes;
 use futures_util::stream::{self, BoxStream};
 use futures_util::{StreamExt as _, TryStreamExt as _};
 use object_store::aws::{AmazonS3, AmazonS3Builder, AmazonS3ConfigKey};
+use object_store::client::HttpError;
 use object_store::path::Path;
 use object_store::{
     BackoffConfig, Error, GetOptions, GetRange, GetResult, ObjectMeta, ObjectStore as _, ObjectStoreExt as _,
@@ -114,6 +117,7 @@ pub struct S3 {
     threads: Option<Runtime>,
     seen: Arc<Seen>,
     outage: Outage,
+    refusals: Refusals,
     held: Mutex<Held>,
     pub(super) objects: Mutex<Option<Listed>>,
     timeout: Duration,
@@ -163,13 +167,14 @@ impl S3 {
             threads: Some(threads),
             seen,
             outage: Outage::default(),
+            refusals: Refusals::default(),
             held: Mutex::default(),
             objects: Mutex::default(),
             timeout: options.timeout,
             refresh: options.refresh,
         });
         // A bucket that is not there, keys that are refused: better now than at the first reader.
-        match store.wait(|store| async move { store.first().await }) {
+        match store.check() {
             Ok(()) => Ok(store),
             Err(e) => Err(StoreError::Unreachable { name, why: e.to_string() }),
         }
@@ -195,12 +200,14 @@ impl S3 {
 
     /// Ask for one page of the list: that answers exactly where the rest will.
     async fn first(&self) -> Result<(), Error> {
-        self.client.list(Some(&self.prefix)).next().await.transpose().map(drop)
+        self.client.list(Some(&self.prefix)).next().await.transpose()?;
+        self.refusals.answers();
+        Ok(())
     }
 
     pub(super) fn identity(self: &Arc<Self>, key: &str) -> io::Result<Identity> {
         let path = self.at(key)?;
-        self.wait(|store| async move { store.client.head(&path).await.map(|meta| identity_of(&meta)) })
+        self.wait(key, |store| async move { store.client.head(&path).await.map(|meta| identity_of(&meta)) })
     }
 
     /// All of a small file, as it is now.
@@ -218,7 +225,7 @@ impl S3 {
             return Ok(bytes);
         }
         let (path, wanted) = (self.at(key)?, identity.clone());
-        let bytes = self.wait(move |store| async move {
+        let bytes = self.wait(key, move |store| async move {
             if wanted.bytes() == 0 {
                 return Ok(Bytes::new());
             }
@@ -242,15 +249,22 @@ impl S3 {
     ) -> io::Result<BoxStream<'static, io::Result<Bytes>>> {
         self.gate()?;
         let path = self.at(key)?;
-        let result = self.get(&path, identity, range).await.map_err(|e| self.told(e))?;
-        let store = Arc::clone(self);
-        Ok(result.into_stream().map_err(move |e| store.told(e)).boxed())
+        let result = match self.get(&path, identity, range).await {
+            Ok(result) => result,
+            Err(e) => return Err(self.told(key, e).await),
+        };
+        let (store, key) = (Arc::clone(self), key.to_owned());
+        let told = move |e| {
+            let (store, key) = (Arc::clone(&store), key.clone());
+            async move { Err(store.told(&key, e).await) }
+        };
+        Ok(result.into_stream().or_else(told).boxed())
     }
 
     /// SHA-256 of a file as it was listed, in hexadecimal digits.
     pub(crate) fn sha256(self: &Arc<Self>, key: &str, identity: &Identity) -> io::Result<String> {
         let (path, wanted) = (self.at(key)?, identity.clone());
-        self.wait(move |store| async move {
+        self.wait(key, move |store| async move {
             let mut hasher = Sha256::new();
             if wanted.bytes() > 0 {
                 let mut stream = store.get(&path, &wanted, 0..wanted.bytes()).await?.into_stream();
@@ -264,7 +278,7 @@ impl S3 {
 
     /// Whether it answers now.
     pub(crate) fn check(self: &Arc<Self>) -> io::Result<()> {
-        self.wait(|store| async move { store.first().await })
+        self.wait("", |store| async move { store.first().await })
     }
 
     async fn get(&self, path: &Path, identity: &Identity, range: Range<u64>) -> Result<GetResult, Error> {
@@ -296,19 +310,16 @@ impl S3 {
             return Ok(Arc::clone(known));
         }
         let path = self.at(key)?;
-        let found = self.wait(move |store| async move {
-            let folders = store.client.list_with_delimiter(Some(&path)).await?.common_prefixes;
-            let shown = folders.into_iter().filter(|f| f.filename().is_some_and(|name| !name.starts_with('.')));
-            let heads = shown.map(|folder| {
-                let store = Arc::clone(&store);
-                async move {
-                    let name = folder.filename().unwrap_or_default().to_owned();
-                    match store.client.head(&folder.clone().join(MANIFEST)).await {
-                        Ok(meta) => Ok(Some((name, identity_of(&meta)))),
-                        Err(Error::NotFound { .. }) => Ok(None),
-                        Err(e) => Err(e),
-                    }
-                }
+        let before = objects.as_ref().filter(|(of, ..)| of == key).map(|(.., known)| Arc::clone(known));
+        let listed = self.wait(key, move |store| async move { store.client.list_with_delimiter(Some(&path)).await })?;
+        let found = self.wait_told(move |store| async move {
+            let heads = listed.common_prefixes.into_iter().filter_map(|folder| {
+                let name = folder.filename().filter(|name| !name.starts_with('.'))?.to_owned();
+                let (store, before) = (Arc::clone(&store), before.clone());
+                Some(async move {
+                    let found = store.head_of(&folder.join(MANIFEST), &name, before.as_deref()).await?;
+                    Ok(found.map(|identity| (name, identity)))
+                })
             });
             stream::iter(heads)
                 .buffer_unordered(AT_ONCE)
@@ -321,9 +332,30 @@ impl S3 {
         Ok(found)
     }
 
+    /// The identity of an object's manifest. Where the store refuses that one, the object stays in the list, as it was known or as something that
+    /// cannot be read.
+    async fn head_of(
+        self: &Arc<Self>,
+        path: &Path,
+        name: &str,
+        before: Option<&BTreeMap<String, Identity>>,
+    ) -> io::Result<Option<Identity>> {
+        match self.client.head(path).await {
+            Ok(meta) => Ok(Some(identity_of(&meta))),
+            Err(e) => match self.told(&format!("{name}/{MANIFEST}"), e).await {
+                e if e.kind() == io::ErrorKind::NotFound => Ok(None),
+                e if is_refused(&e) => {
+                    let unknown = || Identity::of_store(1, None, SystemTime::UNIX_EPOCH);
+                    Ok(Some(before.and_then(|known| known.get(name).cloned()).unwrap_or_else(unknown)))
+                }
+                e => Err(e),
+            },
+        }
+    }
+
     pub(super) fn directly_below(self: &Arc<Self>, key: &str) -> io::Result<BTreeMap<String, Option<Identity>>> {
         let path = self.at(key)?;
-        let listed = self.wait(move |store| async move { store.client.list_with_delimiter(Some(&path)).await })?;
+        let listed = self.wait(key, move |store| async move { store.client.list_with_delimiter(Some(&path)).await })?;
         let folders = listed.common_prefixes.iter().map(|p| (p.filename(), None));
         let files = listed.objects.iter().map(|meta| (meta.location.filename(), Some(identity_of(meta))));
         let all = folders.chain(files).filter_map(|(name, identity)| Some((name?.to_owned(), identity)));
@@ -333,10 +365,9 @@ impl S3 {
     pub(super) fn files(self: &Arc<Self>, key: &str) -> io::Result<BTreeMap<String, Identity>> {
         let path = self.at(key)?;
         let below = path.clone();
-        let listed: Vec<ObjectMeta> =
-            self.wait(
-                move |store| async move { store.client.list(Some(&path)).take(MOST_FILES + 1).try_collect().await },
-            )?;
+        let listed: Vec<ObjectMeta> = self.wait(key, move |store| async move {
+            store.client.list(Some(&path)).take(MOST_FILES + 1).try_collect().await
+        })?;
         if listed.len() > MOST_FILES {
             return Err(io::Error::other(format!("more than {MOST_FILES} files; the rest is not served")));
         }
@@ -359,23 +390,40 @@ impl S3 {
         self.outage.why().map_or(Ok(()), |away| Err(away.into()))
     }
 
-    /// Do something on the store's threads and wait for it. Every step of it has its limit in time.
-    pub(super) fn wait<T, F>(self: &Arc<Self>, work: impl FnOnce(Arc<Self>) -> F) -> io::Result<T>
+    /// Do something about a key on the store's threads and wait for it. Every step of it has its limit in time.
+    pub(super) fn wait<T, F>(self: &Arc<Self>, key: &str, work: impl FnOnce(Arc<Self>) -> F) -> io::Result<T>
     where
         T: Send + 'static,
         F: Future<Output = Result<T, Error>> + Send + 'static,
+    {
+        let key = key.to_owned();
+        self.wait_told(|store| {
+            let work = work(Arc::clone(&store));
+            async move {
+                match work.await {
+                    Ok(done) => Ok(done),
+                    Err(e) => Err(store.told(&key, e).await),
+                }
+            }
+        })
+    }
+
+    /// The same of what says its errors in our words.
+    fn wait_told<T, F>(self: &Arc<Self>, work: impl FnOnce(Arc<Self>) -> F) -> io::Result<T>
+    where
+        T: Send + 'static,
+        F: Future<Output = io::Result<T>> + Send + 'static,
     {
         self.gate()?;
         let Some(threads) = &self.threads else { return Err(io::Error::other("the program ends")) };
         let (send, receive) = std::sync::mpsc::sync_channel(1);
         let work = work(Arc::clone(self));
         threads.spawn(async move { send.send(work.await) });
-        let done = receive.recv().map_err(|_| io::Error::other("the program ends"))?;
-        done.map_err(|e| self.told(e))
+        receive.recv().map_err(|_| io::Error::other("the program ends"))?
     }
 
-    /// An error in our words; one that is the store's begins an outage.
-    fn told(self: &Arc<Self>, e: Error) -> io::Error {
+    /// An error in our words. One that is the store's begins an outage; where the store answers otherwise, it is this key's alone.
+    async fn told(self: &Arc<Self>, key: &str, e: Error) -> io::Error {
         match e {
             Error::NotFound { ref source, .. } if !source.to_string().contains("NoSuchBucket") => {
                 io::Error::new(io::ErrorKind::NotFound, "it is not in the store")
@@ -383,7 +431,13 @@ impl S3 {
             Error::Precondition { .. } | Error::NotModified { .. } => changed(),
             Error::InvalidPath { source } => io::Error::other(source.to_string()),
             e => {
-                let away = Away(self.reason(&e.to_string()));
+                let why = self.reason(&e.to_string());
+                if !is_silence(&e) && (self.refusals.has_answered() || self.first().await.is_ok()) {
+                    let refused = Refused(why);
+                    self.refusals.say(&self.name, key, &refused);
+                    return refused.into();
+                }
+                let away = Away(why);
                 if self.outage.begin(&self.name, &away) {
                     self.ask_again();
                 }
@@ -458,6 +512,18 @@ fn parse(url: &str) -> Option<(&str, &str)> {
 
 fn identity_of(meta: &ObjectMeta) -> Identity {
     Identity::of_store(meta.size, meta.e_tag.as_deref(), SystemTime::from(meta.last_modified))
+}
+
+/// Whether an error means that no answer came, or that it broke off.
+fn is_silence(e: &Error) -> bool {
+    let mut at: Option<&(dyn std::error::Error + 'static)> = Some(e);
+    while let Some(e) = at {
+        if e.is::<HttpError>() {
+            return true;
+        }
+        at = e.source();
+    }
+    false
 }
 
 /// The store has another file than the one that was asked for.

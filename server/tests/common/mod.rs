@@ -207,10 +207,12 @@ fn version(root: &Path, number: u32, pack: &[u8]) -> Version {
     let name = format!("pack.{}.kilwa", sha256(pack));
     let mut list = Checksums::default();
     std::fs::create_dir_all(root.join(&folder).join("viewer")).unwrap();
+    // As of a true model, the picture is another one when the pack is.
+    let poster = [b"JPEG", sha256(pack).as_bytes()].concat();
     let files: [(&str, &[u8]); 7] = [
         (name.as_str(), pack),
         ("preview.glb", b"glTF"),
-        ("poster.jpg", b"JPEG"),
+        ("poster.jpg", &poster),
         ("metadata/dc.xml", b"<dc/>"),
         ("viewer/app.js", b"export {};"),
         ("viewer/app.js.br", b"(brotli)"),

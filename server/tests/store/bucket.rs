@@ -1,11 +1,11 @@
-//! A store that was made by others (moto, over Python), and a line to it that can be cut.
+//! A store that was made by others (moto, over Python), and a line to it that can be cut, and can hold or refuse requests.
 
 use kilwa_server::store::{S3, S3Options, StoreError};
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream};
@@ -27,10 +27,9 @@ impl Bucket {
             println!("skipped: {test}: KILWA_MOTO is not set (cargo xtask test sets it)");
             return None;
         };
-        let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/store/server.py");
         let mut child = Command::new("python3")
             .env("PYTHONPATH", packages)
-            .arg(program)
+            .args(["-c", include_str!("server.py")])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
@@ -82,6 +81,12 @@ impl Bucket {
         }
     }
 
+    /// The store without the line.
+    pub(crate) fn open_directly(&self, url: &str, timeout: Duration) -> Result<Arc<S3>, StoreError> {
+        let endpoint = Some(format!("http://127.0.0.1:{}", self.line.upstream));
+        S3::open(&S3Options { endpoint, ..self.options(url, timeout) })
+    }
+
     /// The store.
     pub(crate) fn open(&self, url: &str, timeout: Duration) -> Result<Arc<S3>, StoreError> {
         S3::open(&self.options(url, timeout))
@@ -96,6 +101,15 @@ impl Drop for Bucket {
     }
 }
 
+/// What becomes of requests whose first line has certain words in it.
+#[derive(Clone, Copy, PartialEq)]
+enum Fate {
+    /// The store says 403.
+    Refused,
+    /// They come no further for now.
+    Held,
+}
+
 /// What goes through the line.
 struct Traffic {
     /// Bytes of answers that still go through.
@@ -103,6 +117,19 @@ struct Traffic {
     /// Whether what comes after these is held back; else the connection ends.
     holds: AtomicBool,
     connections: AtomicU64,
+    rule: Mutex<Option<(String, Fate)>>,
+    /// Whether a request is held.
+    is_holding: AtomicBool,
+}
+
+impl Traffic {
+    /// What becomes of a request that begins with these bytes.
+    fn fate(&self, begins: &[u8]) -> Option<Fate> {
+        let line = begins.split(|b| *b == b'\r').next().unwrap_or_default();
+        let line = String::from_utf8_lossy(line);
+        let rule = self.rule.lock().expect("no panic");
+        rule.as_ref().filter(|(words, _)| line.ends_with(" HTTP/1.1") && line.contains(words)).map(|(_, fate)| *fate)
+    }
 }
 
 /// A line to a port, which can be cut, silent, or go dead in the middle.
@@ -121,8 +148,13 @@ impl Line {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
         let port = listener.local_addr().expect("a port").port();
         drop(listener);
-        let traffic =
-            Traffic { left: AtomicI64::new(i64::MAX), holds: AtomicBool::new(false), connections: AtomicU64::new(0) };
+        let traffic = Traffic {
+            left: AtomicI64::new(i64::MAX),
+            holds: AtomicBool::new(false),
+            connections: AtomicU64::new(0),
+            rule: Mutex::new(None),
+            is_holding: AtomicBool::new(false),
+        };
         let line = Self {
             port,
             upstream,
@@ -186,6 +218,32 @@ impl Line {
         self.traffic.left.store(bytes, Ordering::SeqCst);
     }
 
+    /// From now on the store refuses requests with these words in their first line.
+    pub(crate) fn refuse(&self, words: &str) {
+        *self.traffic.rule.lock().expect("no panic") = Some((words.to_owned(), Fate::Refused));
+    }
+
+    /// From now on requests with these words in their first line come no further.
+    pub(crate) fn hold(&self, words: &str) {
+        *self.traffic.rule.lock().expect("no panic") = Some((words.to_owned(), Fate::Held));
+    }
+
+    /// Until a request is held.
+    pub(crate) fn wait_until_held(&self) {
+        for _ in 0..4000 {
+            if self.traffic.is_holding.load(Ordering::SeqCst) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        panic!("no such request came");
+    }
+
+    /// No request is refused or held any more.
+    pub(crate) fn allow(&self) {
+        *self.traffic.rule.lock().expect("no panic") = None;
+    }
+
     /// Connections so far.
     pub(crate) fn connections(&self) -> u64 {
         self.traffic.connections.load(Ordering::SeqCst)
@@ -206,9 +264,27 @@ async fn carry(near: TcpStream, upstream: u16, traffic: &Traffic) {
     let Ok(far) = TcpStream::connect(("127.0.0.1", upstream)).await else { return };
     let (mut near_read, mut near_write) = near.into_split();
     let (mut far_read, mut far_write) = far.into_split();
+    // True where the request is refused.
     let asked = async {
-        tokio::io::copy(&mut near_read, &mut far_write).await.ok();
+        let mut buffer = vec![0; 64 * 1024];
+        loop {
+            let n = near_read.read(&mut buffer).await.unwrap_or(0);
+            if n == 0 {
+                break;
+            }
+            while traffic.fate(&buffer[..n]) == Some(Fate::Held) {
+                traffic.is_holding.store(true, Ordering::SeqCst);
+                tokio::time::sleep(Duration::from_millis(5)).await;
+            }
+            if traffic.fate(&buffer[..n]) == Some(Fate::Refused) {
+                return true;
+            }
+            if far_write.write_all(&buffer[..n]).await.is_err() {
+                break;
+            }
+        }
         far_write.shutdown().await.ok();
+        false
     };
     let answered = async {
         let mut buffer = vec![0; 16 * 1024];
@@ -231,6 +307,11 @@ async fn carry(near: TcpStream, upstream: u16, traffic: &Traffic) {
     };
     tokio::select! {
         () = answered => {}
-        () = async { asked.await; std::future::pending::<()>().await } => {}
+        () = async { if !asked.await { std::future::pending::<()>().await } } => {
+            let said = "<Error><Code>AccessDenied</Code><Message>Access Denied</Message></Error>";
+            let head = format!("HTTP/1.1 403 Forbidden\r\ncontent-type: application/xml\r\ncontent-length: {}\r\nconnection: close\r\n\r\n", said.len());
+            near_write.write_all(format!("{head}{said}").as_bytes()).await.ok();
+            near_write.shutdown().await.ok();
+        }
     }
 }

@@ -13,6 +13,7 @@ use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use bucket::Bucket;
 use common::{Answer, ask, get, noise, object, page, public};
+use futures_util::{StreamExt as _, TryStreamExt as _};
 use kilwa_server::index::{Index, Query};
 use kilwa_server::object::manifest::{Access, AccessState, Manifest};
 use kilwa_server::store::S3;
@@ -364,6 +365,86 @@ async fn a_transfer_that_is_cut_ends_early_or_is_carried_on_and_never_looks_comp
         let again = until(|| async { Some(get(&app, &url).await).filter(|a| a.status == 200) }).await;
         assert!(again.body == bytes, "cut {i}: it recovers by itself");
     }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_file_that_the_store_refuses_takes_nothing_else_away_and_is_there_as_soon_as_it_is_given() {
+    let Some(mut bucket) = Bucket::start("a_file_that_the_store_refuses_takes_nothing_else_away…") else { return };
+    let said = Said::listen();
+    let dir = tempfile::tempdir().unwrap();
+    let all = archive(dir.path());
+    bucket.sync(dir.path(), "refusing");
+    let app = app(of_store(&bucket.open("s3://museum/refusing", PATIENCE).unwrap()));
+    let (fort, wall) =
+        (format!("/fort/{}", all[0].versions[1].pack.url), format!("/wall/{}", all[1].versions[0].pack.url));
+    let range = [("range", "bytes=1000-99999")];
+    let whole = ask(&app, "GET", &wall, &range).await;
+    assert_eq!(whole.status, 206);
+    bucket.line.refuse("/wall/v1/pack.");
+    for _ in 0..20 {
+        let refused = ask(&app, "GET", &wall, &range).await;
+        assert_eq!(refused.status, 503);
+        assert!(!refused.text().contains("storage does not answer"), "the storage does: {}", refused.text());
+        assert_eq!(ask(&app, "GET", &fort, &range).await.status, 206, "another file is served meanwhile");
+    }
+    for address in ["/healthz", "/wall/", "/wall/v1/poster.jpg", "/models.json"] {
+        assert_eq!(get(&app, address).await.status, 200, "{address}");
+    }
+    let lines = said.about("refusing/wall");
+    assert!(lines.len() == 1 && lines[0].contains("403") && lines[0].contains("/v1/pack."), "once: {lines:#?}");
+    assert!(!said.about("").iter().any(|line| line.contains("everything else is answered 503")));
+    bucket.line.allow();
+    let again = ask(&app, "GET", &wall, &range).await;
+    assert!(again.status == 206 && again.body == whole.body, "nothing has to be waited for: {}", again.status);
+    // In the middle of an answer: the line breaks, and what follows is refused.
+    bucket.line.cut_after(500_000);
+    let request = Request::get(&wall).body(Body::empty()).unwrap();
+    let mut body = app.clone().oneshot(request).await.unwrap().into_body().into_data_stream();
+    assert!(body.next().await.unwrap().is_ok());
+    bucket.line.refuse("/wall/v1/pack.");
+    bucket.line.down();
+    bucket.line.up();
+    let rest: Result<Vec<_>, _> = body.try_collect().await;
+    assert!(rest.is_err(), "a short body is no body");
+    assert_eq!(ask(&app, "GET", &fort, &range).await.status, 206, "no outage began");
+    assert_eq!(get(&app, "/healthz").await.status, 200);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_object_whose_manifest_is_refused_stays_known_or_is_named_and_comes_when_it_is_given() {
+    let Some(mut bucket) = Bucket::start("an_object_whose_manifest_is_refused_stays_known…") else { return };
+    let dir = tempfile::tempdir().unwrap();
+    archive(dir.path());
+    bucket.sync(dir.path(), "");
+    let fresh = || {
+        let site = of_store(&bucket.open("s3://museum", PATIENCE).unwrap());
+        (site.index.clone().unwrap(), app(site))
+    };
+    let (index, app) = fresh();
+    let known = index.search(&Query::default()).unwrap().total;
+    bucket.line.refuse("/wall/manifest.json");
+    tokio::time::sleep(Duration::from_millis(150)).await;
+    index.refresh().unwrap();
+    assert_eq!(index.search(&Query::default()).unwrap().total, known, "what was known stays");
+    assert!(get(&app, "/").await.text().contains("Title of wall"));
+    assert_eq!(get(&app, "/fort/").await.status, 200);
+    // A server that begins now has never seen it.
+    let (index, app) = fresh();
+    assert_eq!(index.search(&Query::default()).unwrap().total, known - 1);
+    let refused = index.refused().unwrap();
+    assert!(refused.iter().any(|r| r.slug == "wall" && r.why.contains("403")), "{refused:?}");
+    assert_eq!(get(&app, "/wall/").await.status, 503, "that there is nothing nobody can say");
+    assert_eq!((get(&app, "/fort/").await.status.as_u16(), get(&app, "/healthz").await.status.as_u16()), (200, 200));
+    bucket.line.allow();
+    until(|| async { get(&app, "/").await.text().contains("Title of wall").then_some(()) }).await;
+    assert_eq!(get(&app, "/wall/").await.status, 200);
+    // The list of one version: the other is served, and this one when it is given.
+    bucket.line.refuse("/fort/v1/checksums.sha256");
+    let (_, app) = fresh();
+    assert_eq!(get(&app, "/fort/v2/poster.jpg").await.status, 200);
+    assert_eq!(get(&app, "/fort/v1/poster.jpg").await.status, 404);
+    bucket.line.allow();
+    until(|| async { (get(&app, "/fort/v1/poster.jpg").await.status == 200).then_some(()) }).await;
 }
 
 #[test]

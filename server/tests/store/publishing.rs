@@ -150,3 +150,33 @@ async fn what_somebody_else_published_meanwhile_stays_as_it_is() {
         assert_eq!(shown_at(&bucket, &name, &theirs).await, Some(2));
     }
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_file_that_is_under_way_while_somebody_else_publishes_is_not_put_over_theirs() {
+    let Some(bucket) = Bucket::start("a_file_that_is_under_way_while_somebody_else_publishes…") else { return };
+    let first = noise(100_000, 1);
+    let (ours, theirs) = ([first.clone(), noise(100_000, 2)], [first.clone(), noise(100_000, 3)]);
+    let shelves = [&ours[..1], &ours[..], &theirs[..]].map(|packs| {
+        let dir = tempfile::tempdir().unwrap();
+        object(dir.path(), "fort", packs, public());
+        dir
+    });
+    assert!(send(&bucket, shelves[0].path(), 1).is_ok());
+    let (slug, fetched) = (Slug::new("fort").unwrap(), tempfile::tempdir().unwrap());
+    let store = bucket.open("s3://museum/shelf", PATIENCE).unwrap();
+    let against = store.fetch(&slug, fetched.path()).unwrap();
+    // Ours has looked at everything and is on its way; then theirs is published, whole.
+    bucket.line.hold("PUT /museum/shelf/fort/v2/poster.jpg");
+    let late = std::thread::scope(|scope| {
+        let sending = scope.spawn(|| store.send(&slug, shelves[1].path(), 2, &against, &|_| ()));
+        bucket.line.wait_until_held();
+        let direct = bucket.open_directly("s3://museum/shelf", PATIENCE).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let before = direct.fetch(&slug, folder.path()).unwrap();
+        assert!(direct.send(&slug, shelves[2].path(), 2, &before, &|_| ()).is_ok());
+        bucket.line.allow();
+        sending.join().unwrap().unwrap_err().to_string()
+    });
+    assert!(late.contains("somebody else"), "{late}");
+    assert_eq!(shown(&bucket, &theirs).await, Some(2));
+}
