@@ -49,14 +49,15 @@ pub(crate) async fn respond(
                 let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
                 match door {
                     Some(door) if lets_out(door, headers, &model.slug, content, clock).await => {
-                        closed_file(&object.holding, &table, name, method, headers).await
+                        file(&Asked { holding: &object.holding, table: &table, method, headers }, name)
+                            .await
+                            .map(keep_nowhere)
                     }
                     Some(_) => Ok(locked(&model.slug, &why)),
                     None => Ok(withheld(&why)),
                 }
             }
-            _ if name.contains('/') => file(&object.holding, &table, name, method, headers).await,
-            _ => small(&object.holding, name, method, headers).await,
+            _ => file(&Asked { holding: &object.holding, table: &table, method, headers }, name).await,
         },
         Err(status) => Err(status),
     };
@@ -126,39 +127,34 @@ async fn table(holding: &Arc<Holding>) -> Result<Arc<Table>, StatusCode> {
     .await?
 }
 
-/// A file of a version.
-async fn file(
-    holding: &Arc<Holding>,
-    table: &Arc<Table>,
-    name: &str,
-    method: &Method,
-    headers: &HeaderMap,
-) -> Result<Response<Body>, StatusCode> {
-    match table.get(name) {
-        Some(entry) if entry.sha256.is_none() => {
-            let bytes = read_entry(table, name).await?;
-            Ok(whole(bytes, content_type(name), method, headers))
+/// A request for a file of an object.
+struct Asked<'a> {
+    holding: &'a Arc<Holding>,
+    table: &'a Arc<Table>,
+    method: &'a Method,
+    headers: &'a HeaderMap,
+}
+
+/// A file of the root or of a version.
+async fn file(asked: &Asked<'_>, name: &str) -> Result<Response<Body>, StatusCode> {
+    match asked.table.get(name).ok_or(StatusCode::NOT_FOUND)?.sha256 {
+        None => {
+            let bytes = read_entry(asked.table, name).await?;
+            Ok(whole(bytes, content_type(name), asked.method, asked.headers))
         }
-        _ if is_viewer(name) => viewer_file(holding, table, name, method, headers).await,
-        _ => sent(holding, table, name, name, method, headers).await,
+        Some(_) if is_viewer(name) => viewer_file(asked, name).await,
+        Some(_) => sent(asked, name, name).await,
     }
 }
 
 /// A file of a version, under the name that says what kind it is; once more after looking again, where it is not what was listed.
-async fn sent(
-    holding: &Arc<Holding>,
-    table: &Arc<Table>,
-    name: &str,
-    kind: &str,
-    method: &Method,
-    headers: &HeaderMap,
-) -> Result<Response<Body>, StatusCode> {
+async fn sent(asked: &Asked<'_>, name: &str, kind: &str) -> Result<Response<Body>, StatusCode> {
     for _ in 0..2 {
-        let mut source = source(holding, table, name).await?;
+        let mut source = source(asked.holding, asked.table, name).await?;
         source.content_type = content_type(kind);
-        match answer(source, method, headers).await {
+        match answer(source, asked.method, asked.headers).await {
             Ok(response) => return Ok(response),
-            Err(e) => look_again(holding, &e),
+            Err(e) => look_again(asked.holding, &e),
         }
     }
     Err(StatusCode::SERVICE_UNAVAILABLE)
@@ -185,24 +181,15 @@ fn is_viewer(name: &str) -> bool {
 }
 
 /// A file of the viewer, in the smallest form that the client takes: it is what stands between a slow line and the first picture.
-async fn viewer_file(
-    holding: &Arc<Holding>,
-    table: &Arc<Table>,
-    name: &str,
-    method: &Method,
-    headers: &HeaderMap,
-) -> Result<Response<Body>, StatusCode> {
-    let accepted = text(headers, &ACCEPT_ENCODING).unwrap_or_default();
+async fn viewer_file(asked: &Asked<'_>, name: &str) -> Result<Response<Body>, StatusCode> {
+    let accepted = text(asked.headers, &ACCEPT_ENCODING).unwrap_or_default();
     let is_there =
-        |(coding, end): &(&str, &str)| accepts(coding, accepted) && table.get(&format!("{name}{end}")).is_some();
+        |(coding, end): &(&str, &str)| accepts(coding, accepted) && asked.table.get(&format!("{name}{end}")).is_some();
     let packed = [("br", ".br"), ("gzip", ".gz")].into_iter().find(is_there);
-    let mut response = if let Some((coding, end)) = packed {
-        let mut response = sent(holding, table, &format!("{name}{end}"), name, method, headers).await?;
+    let mut response = sent(asked, &format!("{name}{}", packed.map_or("", |(_, end)| end)), name).await?;
+    if let Some((coding, _)) = packed {
         insert(&mut response, CONTENT_ENCODING, coding);
-        response
-    } else {
-        sent(holding, table, name, name, method, headers).await?
-    };
+    }
     insert(&mut response, VARY, "Accept-Encoding");
     Ok(response)
 }
@@ -226,18 +213,6 @@ async fn source(holding: &Arc<Holding>, table: &Arc<Table>, name: &str) -> Resul
     }
     let ((content, bytes), hash) = found.ok_or(StatusCode::SERVICE_UNAVAILABLE)?;
     Ok(Source { content, bytes, hash, content_type: content_type(name), cache: FOR_EVER })
-}
-
-/// A file of the root, as it is now.
-pub(crate) async fn small(
-    holding: &Arc<Holding>,
-    name: &str,
-    method: &Method,
-    headers: &HeaderMap,
-) -> Result<Response<Body>, StatusCode> {
-    let table = table(holding).await?;
-    let bytes = read_entry(&table, name).await?;
-    Ok(whole(bytes, content_type(name), method, headers))
 }
 
 /// A file of the root, 404 where there is none.
@@ -277,21 +252,10 @@ pub(crate) async fn lets_out(door: &Arc<Door>, headers: &HeaderMap, slug: &str, 
     blocking(move || door.lets_out(&headers, &slug, &content, now)).await.unwrap_or(false)
 }
 
-/// A file that is not for everybody, for whoever may have it: kept by nobody on the way.
-async fn closed_file(
-    holding: &Arc<Holding>,
-    table: &Arc<Table>,
-    name: &str,
-    method: &Method,
-    headers: &HeaderMap,
-) -> Result<Response<Body>, StatusCode> {
-    let mut response = if name.contains('/') {
-        file(holding, table, name, method, headers).await?
-    } else {
-        small(holding, name, method, headers).await?
-    };
+/// What is not for everybody is kept by nobody on the way.
+fn keep_nowhere(mut response: Response<Body>) -> Response<Body> {
     insert(&mut response, CACHE_CONTROL, "private, no-store");
-    Ok(response)
+    response
 }
 
 /// 401: the geometry can be had by whoever is let in; `Kilwa-Open` is where the page asks for that.

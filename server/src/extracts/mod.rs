@@ -14,6 +14,8 @@
 //! the limit, the oldest go first; a file is given to whoever may have the pack, and nobody else. Failures: a full disk and a pack that cannot
 //! be read are told to whoever waits, and tried again when somebody asks again.
 
+#[cfg(test)]
+mod clerk;
 pub(crate) mod order;
 pub(crate) mod page;
 pub(crate) mod routes;
@@ -341,44 +343,8 @@ fn begin(starts: &mut BTreeMap<String, VecDeque<Instant>>, network: &str, now: I
 
 #[cfg(test)]
 mod tests {
+    use super::clerk::Clerk;
     use super::*;
-    use std::sync::Condvar;
-
-    /// Writes its order; waits for a sign where one is wanted.
-    #[derive(Default)]
-    struct Slow {
-        gate: Mutex<bool>,
-        open: Condvar,
-        made: AtomicU32,
-        fails: Option<Failure>,
-    }
-
-    impl Slow {
-        fn let_go(&self) {
-            *self.gate.lock().unwrap() = true;
-            self.open.notify_all();
-        }
-    }
-
-    impl Extract for Slow {
-        fn extract(
-            &self,
-            _: &Path,
-            to: &Path,
-            _: Format,
-            _: Detail,
-            progress: &(dyn Fn(f64) + Sync),
-        ) -> Result<(), Failure> {
-            progress(0.25);
-            let gate = self.gate.lock().unwrap();
-            drop(self.open.wait_while(gate, |open| !*open).unwrap());
-            self.made.fetch_add(1, Ordering::SeqCst);
-            if let Some(failure) = &self.fails {
-                return Err(failure.clone());
-            }
-            std::fs::write(to, vec![0; 1000]).map_err(|e| Failure::Other(e.to_string()))
-        }
-    }
 
     fn order(triangles: u64) -> Order {
         Order { format: Format::Ply, detail: Detail::Triangles(triangles) }
@@ -398,17 +364,18 @@ mod tests {
         panic!("{:?}", extracts.standing(&hash(), order));
     }
 
-    fn shop(slow: Slow, most: u64, workers: usize) -> (tempfile::TempDir, Arc<Slow>, Arc<Extracts>) {
+    /// With a clerk that waits to be let.
+    fn shop(most: u64, workers: usize) -> (tempfile::TempDir, Arc<Clerk>, Arc<Extracts>) {
         let dir = tempfile::tempdir().unwrap();
-        let slow = Arc::new(slow);
-        let mut extracts = Extracts::open(dir.path().join("cache"), most, Arc::<Slow>::clone(&slow)).unwrap();
+        let clerk = Arc::new(Clerk::waiting());
+        let mut extracts = Extracts::open(dir.path().join("cache"), most, Arc::<Clerk>::clone(&clerk)).unwrap();
         Arc::get_mut(&mut extracts).unwrap().workers = workers;
-        (dir, slow, extracts)
+        (dir, clerk, extracts)
     }
 
     #[test]
     fn the_same_order_is_made_once_and_others_wait_their_turn() {
-        let (_dir, slow, extracts) = shop(Slow::default(), 1 << 20, 1);
+        let (_dir, clerk, extracts) = shop(1 << 20, 1);
         let ask = |n| extracts.ask((Path::new("p"), &hash()), 10, order(n), "net");
         for _ in 0..5 {
             ask(1).unwrap();
@@ -418,18 +385,18 @@ mod tests {
         wait_for(&extracts, order(1), |s| *s == Standing::Running(25));
         assert_eq!(extracts.standing(&hash(), order(3)), Standing::Waiting(2));
         assert_eq!(extracts.standing(&hash(), order(9)), Standing::Unknown);
-        slow.let_go();
+        clerk.waits(false);
         for n in 1..=3 {
             wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
         }
         ask(1).unwrap();
-        assert_eq!(slow.made.load(Ordering::SeqCst), 3, "what is there is not made again");
+        assert_eq!(clerk.made.load(Ordering::SeqCst), 3, "what is there is not made again");
     }
 
     #[test]
     fn what_does_not_fit_beside_what_is_being_made_waits() {
         let room = order(1000).room(1000);
-        let (_dir, slow, extracts) = shop(Slow::default(), room * 2 + room / 2, 4);
+        let (_dir, clerk, extracts) = shop(room * 2 + room / 2, 4);
         let within = |n: u32| Order { format: Format::Ply, detail: Detail::Error(f64::from(n) / 1e6) };
         for n in 1..=4 {
             extracts.ask((Path::new("p"), &hash()), 1000, within(n), "net").unwrap();
@@ -437,7 +404,7 @@ mod tests {
         wait_for(&extracts, within(2), |s| *s == Standing::Running(25));
         assert_eq!(extracts.standing(&hash(), within(3)), Standing::Waiting(1));
         assert_eq!(extracts.standing(&hash(), within(4)), Standing::Waiting(2));
-        slow.let_go();
+        clerk.waits(false);
         for n in 1..=4 {
             wait_for(&extracts, within(n), |s| matches!(s, Standing::Ready(_)));
         }
@@ -446,7 +413,7 @@ mod tests {
 
     #[test]
     fn the_line_ends_somewhere_and_nobody_fills_it_alone() {
-        let (_dir, slow, extracts) = shop(Slow::default(), 1 << 20, 1);
+        let (_dir, clerk, extracts) = shop(1 << 20, 1);
         let ask = |n, net: &str| extracts.ask((Path::new("p"), &hash()), 10, order(n), net);
         ask(0, "first").unwrap();
         wait_for(&extracts, order(0), |s| matches!(s, Standing::Running(_)));
@@ -455,7 +422,7 @@ mod tests {
         }
         assert!(matches!(ask(99, "another"), Err(Refusal::Busy(_))));
         assert_eq!(ask(3, "another"), Ok(()), "what waits already can be joined");
-        slow.let_go();
+        clerk.waits(false);
         wait_for(&extracts, order(LINE as u64), |s| matches!(s, Standing::Ready(_)));
         let refused = (0..40).find(|n| {
             let refused = matches!(ask(200 + n, "greedy"), Err(Refusal::TooMany(1..=600)));
@@ -468,9 +435,9 @@ mod tests {
 
     #[test]
     fn the_oldest_go_when_the_cache_is_full_and_what_is_not_ours_stays() {
-        let (dir, slow, extracts) = shop(Slow::default(), 2500, 1);
+        let (dir, clerk, extracts) = shop(2500, 1);
         std::fs::write(dir.path().join("cache/notes.ply"), vec![0; 5000]).unwrap();
-        slow.let_go();
+        clerk.waits(false);
         for n in 1..=4 {
             extracts.ask((Path::new("p"), &hash()), 10, order(n), "net").unwrap();
             wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
@@ -485,13 +452,14 @@ mod tests {
 
     #[test]
     fn a_failure_is_told_and_not_tried_again_at_once() {
-        let (_dir, slow, extracts) = shop(Slow { fails: Some(Failure::Full), ..Slow::default() }, 1000, 1);
-        slow.let_go();
+        let (_dir, clerk, extracts) = shop(1000, 1);
+        clerk.fails(Failure::Full);
+        clerk.waits(false);
         let ask = || extracts.ask((Path::new("p"), &hash()), 10, order(1), "net").unwrap();
         ask();
         wait_for(&extracts, order(1), |s| *s == Standing::Failed(Failure::Full));
         ask();
         std::thread::sleep(Duration::from_millis(50));
-        assert_eq!(slow.made.load(Ordering::SeqCst), 1);
+        assert_eq!(clerk.made.load(Ordering::SeqCst), 1);
     }
 }
