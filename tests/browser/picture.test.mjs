@@ -2,9 +2,9 @@
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
-import { after, before, test } from "node:test";
+import { after, before } from "node:test";
 import { inflateSync } from "node:zlib";
-import { launch, open, packFolder, serve } from "./harness.mjs";
+import { launch, open, packFolder, serve, test } from "./harness.mjs";
 
 let server;
 let browser;
@@ -51,6 +51,24 @@ async function save(page) {
   assert.match(download.suggestedFilename(), /^fort\.png$/);
   return decode(await readFile(await download.path()));
 }
+
+test("a picture that is asked for while the camera still moves, in frames that take long, is made", async () => {
+  const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [700, 500] });
+  const size = await page.evaluate(async () => {
+    const { api } = globalThis.kilwa;
+    const frame = () => new Promise((resolve) => requestAnimationFrame(resolve));
+    for (let at = 0; at < 12; at += 1) {
+      const until = performance.now() + 120;
+      while (performance.now() < until);
+      await api.setCamera({ azimuth: at / 10 });
+      await frame();
+    }
+    return (await api.picture({ width: 320, height: 200 })).size;
+  });
+  assert.ok(size > 1000);
+  assert.deepEqual(complaints, []);
+  await close();
+});
 
 test("a picture of the canvas shows what the canvas shows; one twice as large shows the same, in tiles", async () => {
   const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [700, 500] });

@@ -84,8 +84,10 @@ impl Viewer {
     /// When JavaScript refuses an object, which does not happen.
     pub fn frame(&mut self, now_ms: f64) -> Result<JsValue, JsValue> {
         let mut view = self.wanted_view();
+        // A picture is made from any camera at its own error; that the camera rests meanwhile is noticed all the same.
+        let paced = self.pace.frame(now_ms, &view);
         if self.picture.is_none() {
-            view.target_pixels = self.pace.frame(now_ms, &view);
+            view.target_pixels = paced;
         }
         // Where a frame takes long for other reasons, more uploads in it are not felt, and the model is there sooner.
         let since = (now_ms - self.frame_at).clamp(1000.0 / 60.0, 8000.0 / 60.0);
