@@ -211,7 +211,7 @@ type Promised<T> = { [K in keyof T]: T[K] extends (...args: infer A) => infer R 
 /** `<kilwa-viewer>`. */
 export interface KilwaViewerElement extends HTMLElement, Promised<KilwaMethods> {
   src: string;
-  /** Resolves when the viewer answers. */
+  /** Resolves when the viewer answers; rejects ten seconds after its page has loaded and does not, as where it does not allow this origin. */
   readonly loaded: Promise<void>;
   call(name: string, ...args: unknown[]): Promise<unknown>;
   on<E extends keyof Events>(event: E, listener: (detail: Events[E]) => void): () => void;

@@ -13,6 +13,8 @@ const CALLS = [
   "stats", "info", "getCamera", "setCamera", "getMode", "setMode", "modes", "pick", "view", "fit", "home", "back", "forward", "setTool", "annotations",
   "addAnnotation", "openAnnotation", "closeAnnotation", "showAnnotations", "measurements", "addMeasurement", "removeMeasurement", "state", "setState", "link", "picture", "setLanguage",
 ];
+/** After the viewer's page has loaded, it speaks at once, if it may; milliseconds that are waited for it. */
+const PATIENCE = 10_000;
 const EVENTS = ["ready", "frame", "camera", "annotation", "annotations", "measurement", "measurements", "trouble"];
 
 export class KilwaViewerElement extends HTMLElement {
@@ -51,16 +53,23 @@ export class KilwaViewerElement extends HTMLElement {
     this.setAttribute("src", value);
   }
 
-  /** Resolves when the viewer answers. */
+  /** Resolves when the viewer answers; rejects where its page has loaded and does not. */
   get loaded() {
-    return this.#hello?.promise ?? Promise.reject(new Error("the element is not in a document"));
+    return this.#hello?.promise ?? Promise.reject(new Error("the element has no src, or is not in a document"));
   }
 
   #drop(why) {
-    for (const { reject } of this.#calls.values()) reject(new Error(why));
-    this.#calls.clear();
+    this.#hello?.end(new Error(why));
+    this.#hello = null;
+    this.#refuse(why);
     this.#frame?.remove();
     this.#frame = null;
+  }
+
+  /** What was asked of a viewer that is gone gets no answer. */
+  #refuse(why) {
+    for (const { reject } of this.#calls.values()) reject(new Error(why));
+    this.#calls.clear();
   }
 
   #load() {
@@ -76,12 +85,20 @@ export class KilwaViewerElement extends HTMLElement {
     page.hash = this.getAttribute("view") ?? "";
     this.#origin = page.origin;
     const hello = {};
-    hello.promise = new Promise((resolve) => (hello.resolve = resolve));
+    hello.promise = new Promise((resolve, reject) => Object.assign(hello, { resolve, end: reject }));
+    hello.promise.catch(() => {}); // whoever waits is told; nobody has to wait
     this.#hello = hello;
     const frame = document.createElement("iframe");
     frame.title = this.getAttribute("aria-label") ?? this.title ?? "3D model";
     frame.allow = "fullscreen; clipboard-write";
     frame.src = page.href;
+    let loads = 0;
+    frame.addEventListener("load", () => {
+      loads += 1;
+      // Another page than the one that was asked.
+      if (loads > 1) this.#refuse("the viewer was loaded anew");
+      setTimeout(() => hello.end(new Error(`the viewer's page at ${page.origin} does not answer: it is not there, or does not name ${location.origin} in <meta name="kilwa-origins">`)), PATIENCE);
+    });
     this.#frame = frame;
     this.shadowRoot.replaceChildren(frame);
   }
