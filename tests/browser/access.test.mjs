@@ -2,8 +2,8 @@
 // and numbers and directions of the language.
 
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
-import { launch, open, packFolder, serve } from "./harness.mjs";
+import { after, before } from "node:test";
+import { launch, open, packFolder, serve, test } from "./harness.mjs";
 
 let server;
 let browser;

@@ -2,40 +2,21 @@
 // is asked for again and nothing is lost.
 
 import assert from "node:assert/strict";
-import { execFile, spawn } from "node:child_process";
-import { mkdtemp, rm, writeFile } from "node:fs/promises";
-import { tmpdir } from "node:os";
-import path from "node:path";
-import { after, before, test } from "node:test";
-import { promisify } from "node:util";
-import { KILWA, WWW, launch, open, packFolder, serve, waitFor } from "./harness.mjs";
+import { after, before } from "node:test";
+import { AMINA, archive } from "./archive.mjs";
+import { launch, open, test, waitFor } from "./harness.mjs";
 
-const run = promisify(execFile);
-let scratch;
 let server;
 let browser;
 
 before(async () => {
-  scratch = await mkdtemp(path.join(tmpdir(), "kilwa-closed-"));
-  const folder = await packFolder();
-  const [metadata, accounts, site] = ["cave.toml", "access.json", "site"].map((name) => path.join(scratch, name));
-  await writeFile(
-    metadata,
-    'title = "A cave"\nslug = "cave"\n[rights]\nuri = "InC"\n[model]\nunits = "m"\n[access]\nstate = "restricted"\nreason = "Graves of the living."\n',
-  );
-  await run(KILWA, ["publish", path.join(folder, "fort.kilwa"), "--to", site, "--metadata", metadata, "--www", WWW, "--software"]);
-  await rm(folder, { recursive: true });
-  await run(KILWA, ["access", "init", accounts]);
-  const user = spawn(KILWA, ["access", "user", accounts, "amina", "--object", "cave"], { stdio: ["pipe", "ignore", "inherit"] });
-  user.stdin.end("a long sentence\n");
-  assert.equal(await new Promise((resolve) => user.once("exit", resolve)), 0);
-  server = await serve(site, "--access", accounts);
+  const cave = 'title = "A cave"\nslug = "cave"\n[rights]\nuri = "InC"\n[model]\nunits = "m"\n[access]\nstate = "restricted"\nreason = "Graves of the living."\n';
+  server = await archive([cave], { granted: ["cave"] });
   browser = await launch();
 });
 after(async () => {
   await browser?.close();
   await server?.stop();
-  await rm(scratch, { recursive: true });
 });
 
 test("who may not see it reads why, with its poster, facts and citation, and finds where to sign in", async () => {
@@ -53,12 +34,12 @@ test("whoever is granted it signs in by keyboard, sees it, and loses nothing whe
   const { page, close } = await open(browser, `${server.url}/cave/?error=16`, { wait: "trouble", size: [1200, 800] });
   await page.locator("#trouble-sign-in").focus();
   await page.keyboard.press("Enter");
-  await page.locator("#name").fill("amina");
+  await page.locator("#name").fill(AMINA.name);
   await page.locator("#password").fill("not this sentence");
   await page.keyboard.press("Enter");
   await page.locator("[role=alert]").filter({ hasText: "not right" }).waitFor();
-  assert.equal(await page.locator("#name").inputValue(), "amina", "what was typed is kept");
-  await page.locator("#password").fill("a long sentence");
+  assert.equal(await page.locator("#name").inputValue(), AMINA.name, "what was typed is kept");
+  await page.locator("#password").fill(AMINA.password);
   await page.keyboard.press("Enter");
   await waitFor(page, "settled");
   assert.equal(new URL(page.url()).pathname, "/cave/", "back where the reader came from");

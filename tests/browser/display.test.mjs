@@ -5,9 +5,9 @@ import { execFile } from "node:child_process";
 import { readFile, rm, writeFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
-import { after, before, test } from "node:test";
+import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { ROOT, launch, open, packFolder, picture, pixels, serve, waitFor } from "./harness.mjs";
+import { ROOT, launch, open, packFolder, picture, pixels, serve, test, waitFor } from "./harness.mjs";
 
 const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
 

@@ -4,9 +4,9 @@ import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
 import { rm, stat } from "node:fs/promises";
 import path from "node:path";
-import { after, before, test } from "node:test";
+import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { FAR, launch, open, packFolder, picture, serve, stats } from "./harness.mjs";
+import { FAR, launch, open, packFolder, picture, serve, stats, test } from "./harness.mjs";
 
 const GAP = 5 * 2 ** 30;
 let folder;

@@ -9,6 +9,7 @@ import { copyFile, mkdir, mkdtemp, rm, stat } from "node:fs/promises";
 import http from "node:http";
 import { tmpdir } from "node:os";
 import path from "node:path";
+import { test as nodeTest } from "node:test";
 import { fileURLToPath } from "node:url";
 import { promisify } from "node:util";
 import { chromium } from "playwright-core";
@@ -19,6 +20,12 @@ export const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROO
 export const FAR = path.join(path.dirname(KILWA), "examples/far");
 export const WWW = process.env.KILWA_WWW || path.join(ROOT, "www/dist");
 const TRIANGLES = 200_000;
+
+/** A test that ends: what waits for an answer that never comes fails by its name, and the others run. */
+export function test(name, ...rest) {
+  const run = rest.pop();
+  nodeTest(name, { timeout: 300_000, ...rest[0] }, run);
+}
 
 /** With these, WebGPU runs on SwiftShader and a screenshot shows the canvas too. */
 const FLAGS = [
@@ -67,7 +74,9 @@ export async function serve(folder, ...options) {
     url: `http://${address}`,
     stop: async () => {
       child.kill("SIGTERM");
+      const late = setTimeout(() => child.kill("SIGKILL"), 60_000);
       assert.equal(await ended, 0, "kilwa serve ends well when it is told to");
+      clearTimeout(late);
       await rm(folder, { recursive: true });
     },
   };
@@ -146,12 +155,12 @@ export async function open(browser, url, { size = [800, 600], wait = "settled", 
 /** Wait until the picture is there (`first`), at rest (`settled`), or refused (`trouble`). */
 export async function waitFor(page, what) {
   const done = {
-    first: () => document.body.dataset.state === "ready",
+    first: () => document.body?.dataset.state === "ready",
     settled: () => {
       const s = globalThis.kilwa?.session;
       return Boolean(s?.stats?.settled && !s.stats.more && !s.scheduled && s.answers.size === 0);
     },
-    trouble: () => document.body.dataset.state === "trouble",
+    trouble: () => document.body?.dataset.state === "trouble",
   };
   await page.waitForFunction(done[what], null, { polling: 50 });
 }

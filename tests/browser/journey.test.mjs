@@ -2,15 +2,10 @@
 // and find the same value; sign in to what is not public and come back to it. By pointer, in Arabic, and by keyboard alone.
 
 import assert from "node:assert/strict";
-import { execFile, spawn } from "node:child_process";
-import { mkdtemp, rm, writeFile } from "node:fs/promises";
-import { tmpdir } from "node:os";
-import path from "node:path";
-import { after, before, test } from "node:test";
-import { promisify } from "node:util";
-import { KILWA, WWW, launch, open, packFolder, serve, waitFor } from "./harness.mjs";
+import { after, before } from "node:test";
+import { AMINA, archive } from "./archive.mjs";
+import { launch, open, test, waitFor } from "./harness.mjs";
 
-const run = promisify(execFile);
 /** Coarse, because software draws; what is measured does not depend on it. */
 const COARSE = "error=16";
 const OBJECTS = [
@@ -18,31 +13,17 @@ const OBJECTS = [
   ["husuni", "Husuni Kubwa", 'description = "A palace."', ""],
   ["cave", "Painted cave", 'description = "Paintings of animals."', '[access]\nstate = "restricted"\nreason = "Graves of the living."\n'],
 ];
-let scratch;
 let server;
 let browser;
 
 before(async () => {
-  scratch = await mkdtemp(path.join(tmpdir(), "kilwa-journey-"));
-  const folder = await packFolder();
-  const [accounts, site] = ["access.json", "site"].map((name) => path.join(scratch, name));
-  for (const [slug, title, words, access] of OBJECTS) {
-    const metadata = path.join(scratch, `${slug}.toml`);
-    await writeFile(metadata, `title = "${title}"\nslug = "${slug}"\n${words}\n[rights]\nuri = "CC BY 4.0"\n[model]\nunits = "m"\n${access}`);
-    await run(KILWA, ["publish", path.join(folder, "fort.kilwa"), "--to", site, "--metadata", metadata, "--www", WWW, "--software"]);
-  }
-  await rm(folder, { recursive: true });
-  await run(KILWA, ["access", "init", accounts]);
-  const user = spawn(KILWA, ["access", "user", accounts, "amina", "--object", "cave"], { stdio: ["pipe", "ignore", "inherit"] });
-  user.stdin.end("a long sentence\n");
-  assert.equal(await new Promise((resolve) => user.once("exit", resolve)), 0);
-  server = await serve(site, "--access", accounts);
+  const texts = OBJECTS.map(([slug, title, words, access]) => `title = "${title}"\nslug = "${slug}"\n${words}\n[rights]\nuri = "CC BY 4.0"\n[model]\nunits = "m"\n${access}`);
+  server = await archive(texts, { granted: ["cave"] });
   browser = await launch();
 });
 after(async () => {
   await browser?.close();
   await server?.stop();
-  await rm(scratch, { recursive: true });
 });
 
 const reader = (address, options = {}) =>
@@ -112,8 +93,8 @@ test("who signs in to what is not public comes back to the view that the link he
   await waitFor(page, "trouble");
   assert.match(await page.locator("#trouble-detail").innerText(), /Graves of the living/);
   await page.locator("#trouble-sign-in").click();
-  await page.locator("#name").fill("amina");
-  await page.locator("#password").fill("a long sentence");
+  await page.locator("#name").fill(AMINA.name);
+  await page.locator("#password").fill(AMINA.password);
   await page.locator("main button").click();
   await ready(page);
   const at = new URL(page.url());
@@ -160,12 +141,12 @@ test("in Arabic all of it is from right to left, in Arabic, with figures as the 
   await waitFor(page, "trouble");
   await page.locator("#trouble-sign-in").click();
   await isArabic("the form");
-  await page.locator("#name").fill("amina");
+  await page.locator("#name").fill(AMINA.name);
   await page.locator("#password").fill("not this sentence");
   await page.locator("main button").click();
   await page.locator("[role=alert]").waitFor();
   await isArabic("the form after a wrong password");
-  await page.locator("#password").fill("a long sentence");
+  await page.locator("#password").fill(AMINA.password);
   await page.locator("main button").click();
   await ready(page);
   await isArabic("the model that is not public");
@@ -239,9 +220,9 @@ test("by keyboard alone: found, opened, measured, cited, followed back; signed i
   await keys("Enter");
   await page.locator("#name").waitFor();
   await tabTo("#name");
-  await page.keyboard.type("amina");
+  await page.keyboard.type(AMINA.name);
   await tabTo("#password");
-  await page.keyboard.type("a long sentence");
+  await page.keyboard.type(AMINA.password);
   await keys("Enter");
   await ready(page);
   assert.equal(new URL(page.url()).pathname, "/cave/");

@@ -5,9 +5,9 @@
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
 import path from "node:path";
-import { after, before, test } from "node:test";
+import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { ROOT, hostile, launch, open, packFolder, serve, waitFor } from "./harness.mjs";
+import { ROOT, hostile, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
 
 const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
 const run = promisify(execFile);

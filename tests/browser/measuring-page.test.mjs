@@ -7,9 +7,9 @@ import { mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import path from "node:path";
-import { after, before, test } from "node:test";
+import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { KILWA, launch, open, packFolder, serve, waitFor } from "./harness.mjs";
+import { KILWA, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
 
 let server;
 let browser;

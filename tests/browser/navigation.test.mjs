@@ -1,12 +1,12 @@
 // Moves of the camera beyond drags: free turning, walking, the cube, saved views, last views, and the address.
 
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
+import { after, before } from "node:test";
 import { execFile } from "node:child_process";
 import { readFile } from "node:fs/promises";
 import path from "node:path";
 import { promisify } from "node:util";
-import { KILWA, launch, open, packFolder, picture, serve, waitFor } from "./harness.mjs";
+import { KILWA, launch, open, packFolder, picture, serve, test, waitFor } from "./harness.mjs";
 
 let server;
 let browser;

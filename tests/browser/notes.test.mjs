@@ -3,8 +3,8 @@
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
-import { after, before, test } from "node:test";
-import { launch, open, packFolder, serve, waitFor } from "./harness.mjs";
+import { after, before } from "node:test";
+import { launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
 
 let server;
 let browser;

@@ -4,8 +4,8 @@ import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
-import { after, before, test } from "node:test";
-import { hostile, launch, open, packFolder, picture, serve, stats, waitFor } from "./harness.mjs";
+import { after, before } from "node:test";
+import { hostile, launch, open, packFolder, picture, serve, stats, test, waitFor } from "./harness.mjs";
 
 const HEAD = "bytes=0-65535";
 let folder;

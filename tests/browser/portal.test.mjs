@@ -1,44 +1,31 @@
 // The portal's pages as people meet them: map, collections and downloads, in both themes, on a phone, in Arabic, and without scripts.
 
 import assert from "node:assert/strict";
-import { execFile } from "node:child_process";
-import { mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
+import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
-import { tmpdir } from "node:os";
 import path from "node:path";
-import { after, before, test } from "node:test";
-import { promisify } from "node:util";
-import { KILWA, WWW, launch, open, packFolder, serve } from "./harness.mjs";
+import { after, before } from "node:test";
+import { archive } from "./archive.mjs";
+import { launch, open, test } from "./harness.mjs";
 
-const run = promisify(execFile);
 const OBJECTS = [
   ["gereza", "Gereza fort", "country = \"TZ\"\nname = \"Kilwa Kisiwani\"\nlatitude = -8.957\nlongitude = 39.513"],
   ["husuni", "Husuni Kubwa", "country = \"TZ\"\nname = \"Kilwa Kisiwani\"\nlatitude = -8.951\nlongitude = 39.522"],
   ["gede", "Great mosque of Gede", "country = \"KE\"\nname = \"Gede\"\nlatitude = -3.309\nlongitude = 40.018"],
 ];
 const PAGES = ["/", "/map", "/collections/", "/collections/coast/", "/gereza/extract", "/gereza/extract/v1-whole.ply"];
-let scratch;
+const COAST = '[[collection]]\nslug = "coast"\ntitle = "The Swahili coast"\ntext = "Towns of stone."\nmembers = ["gede", "gereza"]\n';
 let server;
 let browser;
 
 before(async () => {
-  scratch = await mkdtemp(path.join(tmpdir(), "kilwa-portal-"));
-  const folder = await packFolder();
-  const site = path.join(scratch, "site");
-  for (const [slug, title, place] of OBJECTS) {
-    const metadata = path.join(scratch, `${slug}.toml`);
-    await writeFile(metadata, `title = "${title}"\nslug = "${slug}"\n[rights]\nuri = "CC BY 4.0"\n[place]\n${place}\n[model]\nunits = "m"\n`);
-    await run(KILWA, ["publish", path.join(folder, "fort.kilwa"), "--to", site, "--metadata", metadata, "--www", WWW, "--software"]);
-  }
-  await rm(folder, { recursive: true });
-  await writeFile(path.join(site, "collections.toml"), '[[collection]]\nslug = "coast"\ntitle = "The Swahili coast"\ntext = "Towns of stone."\nmembers = ["gede", "gereza"]\n');
-  server = await serve(site, "--cache", path.join(scratch, "cache"));
+  const texts = OBJECTS.map(([slug, title, place]) => `title = "${title}"\nslug = "${slug}"\n[rights]\nuri = "CC BY 4.0"\n[place]\n${place}\n[model]\nunits = "m"\n`);
+  server = await archive(texts, { collections: COAST, options: (own) => ["--cache", path.join(own, "cache")] });
   browser = await launch();
 });
 after(async () => {
   await browser?.close();
   await server?.stop();
-  await rm(scratch, { recursive: true });
 });
 
 const look = (address, options = {}) => open(browser, `${server.url}${address}`, { size: [1200, 800], wait: null, ...options });

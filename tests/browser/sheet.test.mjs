@@ -5,10 +5,10 @@ import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
 import { readFile, rm } from "node:fs/promises";
 import path from "node:path";
-import { after, before, test } from "node:test";
+import { after, before } from "node:test";
 import { promisify } from "node:util";
 import { inflateSync } from "node:zlib";
-import { ROOT, launch, open, packFolder, serve, waitFor } from "./harness.mjs";
+import { ROOT, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
 
 const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
 const [SCALE, DPI] = [500, 200];

@@ -6,9 +6,9 @@ import { mkdir, mkdtemp, readFile, readdir, rm, writeFile } from "node:fs/promis
 import net from "node:net";
 import { tmpdir } from "node:os";
 import path from "node:path";
-import { after, before, test } from "node:test";
+import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { KILWA, WWW, launch, open, packFolder, picture, stats, waitFor } from "./harness.mjs";
+import { KILWA, WWW, launch, open, packFolder, picture, stats, test, waitFor } from "./harness.mjs";
 
 const run = promisify(execFile);
 const METADATA = `title = "Gereza"\ndescription = "A fort by the sea."\nslug = "gereza"\n[rights]\nuri = "CC BY 4.0"\n[[creators]]\nname = "Held, Christoph"\n[model]\nunits = "m"\n`;

@@ -1,8 +1,8 @@
 // What streaming costs before the first pixel, and a server that refuses every third request.
 
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
-import { hostile, launch, open, packFolder, picture, serve, stats, waitFor } from "./harness.mjs";
+import { after, before } from "node:test";
+import { hostile, launch, open, packFolder, picture, serve, stats, test, waitFor } from "./harness.mjs";
 
 /** All bytes over the wire before the first pixel, as the server packs them (issue 5): readers on slow links are the audience. */
 const FIRST_PIXEL_MAX = 380_000;

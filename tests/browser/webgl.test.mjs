@@ -1,8 +1,8 @@
 // The WebGL 2 build: chosen where no WebGPU adapter answers, alone downloaded, and the same pictures.
 
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
-import { launch, open, packFolder, pixels, serve, stats, waitFor } from "./harness.mjs";
+import { after, before } from "node:test";
+import { launch, open, packFolder, pixels, serve, stats, test, waitFor } from "./harness.mjs";
 
 let server;
 let browser;

@@ -6,9 +6,13 @@
 use anyhow::{Context, Result, bail};
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::sync::mpsc;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
+use std::time::{Duration, Instant};
+
+/// How long nothing may come from a command that has ended before what it left behind is no longer listened to; and how often it is looked at.
+const QUIET: Duration = Duration::from_secs(2);
 
 /// The repository root: the folder above `xtask/`.
 ///
@@ -107,13 +111,25 @@ pub(crate) fn output(command: &mut Command) -> Result<String> {
     Ok(String::from_utf8_lossy(&result.stdout).trim().to_owned())
 }
 
-/// Runs a command, handing its output line by line to `each` and passing on the lines that this keeps (true); true when the command ended with
-/// status 0.
+/// How a watched command ended.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Ended {
+    /// With status 0.
+    Well,
+    /// With another status.
+    Badly,
+    /// It was stopped, with all that it had started, for it took longer than it may.
+    Late,
+}
+
+/// Runs a command for at most `limit`, handing its output line by line to `each` and passing on the lines that this keeps (true). What a
+/// command leaves behind when it ends is not waited for, even where it holds the command's output open.
 ///
 /// # Errors
 /// It cannot be started.
-pub(crate) fn watch(command: &mut Command, mut each: impl FnMut(&str) -> bool) -> Result<bool> {
+pub(crate) fn watch(command: &mut Command, limit: Duration, mut each: impl FnMut(&str) -> bool) -> Result<Ended> {
     println!("  $ {}", shown(command));
+    let started = Instant::now();
     let mut child = command
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
@@ -122,25 +138,57 @@ pub(crate) fn watch(command: &mut Command, mut each: impl FnMut(&str) -> bool) -
         .with_context(|| format!("cannot start `{}`", shown(command)))?;
     // Bounded: a child that writes faster than we print waits.
     let (sender, lines) = mpsc::sync_channel::<String>(256);
-    let readers: Vec<_> = [child.stdout.take().map(boxed), child.stderr.take().map(boxed)]
-        .into_iter()
-        .flatten()
-        .map(|stream| {
-            let sender = sender.clone();
-            thread::spawn(move || pass_lines(stream, &sender))
-        })
-        .collect();
+    for stream in [child.stdout.take().map(boxed), child.stderr.take().map(boxed)].into_iter().flatten() {
+        let sender = sender.clone();
+        thread::spawn(move || pass_lines(stream, &sender));
+    }
     drop(sender);
-    for line in lines {
-        if each(&line) {
-            println!("{line}");
+    let mut is_late = false;
+    let mut has_ended = false;
+    loop {
+        match lines.recv_timeout(QUIET) {
+            Ok(line) if each(&line) => println!("{line}"),
+            Ok(_) => {}
+            Err(RecvTimeoutError::Disconnected) => break,
+            Err(RecvTimeoutError::Timeout) if has_ended => break,
+            Err(RecvTimeoutError::Timeout) => has_ended = child.try_wait().is_ok_and(|status| status.is_some()),
+        }
+        if !is_late && started.elapsed() > limit {
+            is_late = true;
+            println!("`{}` is stopped: it may take {} minutes", shown(command), limit.as_secs() / 60);
+            stop_tree(&mut child);
         }
     }
-    for reader in readers {
-        // A reader only ends with its stream; a panic there would have been printed.
-        let _ = reader.join();
+    let status = child.wait().with_context(|| format!("waiting for `{}`", shown(command)))?;
+    Ok(match status.success() {
+        _ if is_late => Ended::Late,
+        true => Ended::Well,
+        false => Ended::Badly,
+    })
+}
+
+/// Ends a process and all that it has started, as far as `ps` can tell.
+fn stop_tree(child: &mut Child) {
+    let listing = Command::new("ps").args(["-A", "-o", "pid=,ppid="]).output().map(|o| o.stdout).unwrap_or_default();
+    let listing = String::from_utf8_lossy(&listing);
+    let pairs: Vec<(u32, u32)> = listing
+        .lines()
+        .filter_map(|line| {
+            let mut ids = line.split_whitespace().map(|id| id.parse().ok());
+            Some((ids.next()??, ids.next()??))
+        })
+        .collect();
+    let mut tree = vec![child.id()];
+    let mut at = 0;
+    while let Some(&parent) = tree.get(at) {
+        tree.extend(pairs.iter().filter(|(_, of)| *of == parent).map(|(id, _)| *id));
+        at += 1;
     }
-    Ok(child.wait().with_context(|| format!("waiting for `{}`", shown(command)))?.success())
+    // Parents first, so that none goes on when its child ends.
+    let ids = tree.iter().map(u32::to_string);
+    // What has ended meanwhile is no failure; neither is a system without these programs, where the child itself is what can be ended.
+    let _ = Command::new("kill").arg("-KILL").args(ids).stderr(Stdio::null()).status();
+    let _ = child.kill();
 }
 
 fn boxed<R: Read + Send + 'static>(stream: R) -> Box<dyn Read + Send> {
@@ -164,4 +212,58 @@ pub(crate) fn on_path(names: &[&str]) -> Option<PathBuf> {
     let path = std::env::var_os("PATH")?;
     let folders: Vec<PathBuf> = std::env::split_paths(&path).collect();
     names.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|file| file.is_file())
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    fn shell(script: &str) -> Command {
+        let mut command = Command::new("sh");
+        command.args(["-c", script]);
+        command
+    }
+
+    const HOUR: Duration = Duration::from_secs(3600);
+
+    #[test]
+    fn lines_of_both_streams_are_read_to_the_last() {
+        let mut lines = Vec::new();
+        let ended = watch(&mut shell("echo a; echo b >&2; printf c; exit 3"), HOUR, |line| {
+            lines.push(line.to_owned());
+            false
+        });
+        lines.sort();
+        assert_eq!((ended.unwrap(), lines.join("")), (Ended::Badly, "abc".to_owned()));
+        assert_eq!(watch(&mut shell("exit 0"), HOUR, |_| true).unwrap(), Ended::Well);
+    }
+
+    #[test]
+    fn what_a_command_leaves_behind_is_not_waited_for() {
+        let mut child = 0;
+        let ended = watch(&mut shell("sleep 3000 & echo $!"), HOUR, |line| {
+            child = line.parse().unwrap();
+            false
+        });
+        assert_eq!(ended.unwrap(), Ended::Well);
+        assert!(Command::new("kill").arg(child.to_string()).status().unwrap().success(), "it went on");
+    }
+
+    #[test]
+    fn what_hangs_is_stopped_with_all_that_it_started() {
+        let mut child: u32 = 0;
+        let ended = watch(&mut shell("sh -c 'sleep 3000 & echo $!; wait'; echo never"), Duration::ZERO, |line| {
+            assert_ne!(line, "never");
+            child = line.parse().unwrap_or(child);
+            false
+        });
+        assert_eq!(ended.unwrap(), Ended::Late);
+        let is_there =
+            || Command::new("kill").args(["-0", &child.to_string()]).stderr(Stdio::null()).status().unwrap().success();
+        let begun = Instant::now();
+        while is_there() && begun.elapsed() < Duration::from_secs(20) {
+            thread::sleep(Duration::from_millis(20));
+        }
+        assert!(!is_there(), "it was stopped, too");
+    }
 }

@@ -6,7 +6,8 @@
 
 use crate::bench::archive;
 use crate::claims::Claims;
-use crate::process::{cargo, root, watch};
+use crate::process::{Ended, cargo, root, watch};
+use crate::test::SUITE_LIMIT;
 use anyhow::Result;
 use std::fmt::Write as _;
 
@@ -15,13 +16,13 @@ pub(crate) fn run() -> Result<()> {
     let mut remarks = String::new();
     let mut test = cargo(&["test", "--locked", "--package", "kilwa", "--test", "http", "--no-fail-fast"])?;
     test.args(["--", "--nocapture", "--test-threads", "1"]).env("KILWA_SOAK", "1");
-    let is_success = watch(&mut test, |line| {
+    let ended = watch(&mut test, SUITE_LIMIT, |line| {
         let is_other = claims.read(line);
         if is_other && (line.contains(" ms") || line.contains("transfers were")) {
             let _ = writeln!(remarks, "* {}", line.trim());
         }
         is_other
     })?;
-    claims.finish(is_success)?;
+    claims.finish(ended == Ended::Well)?;
     archive(&root()?, "soak", &format!("{}\n{remarks}", claims.table()), "dev")
 }

@@ -6,7 +6,7 @@
 //! failures; the last line is `N passed, N failed, N skipped` over all suites, where a stage that is not a suite counts only when it
 //! fails; a suite that ran no test has failed. The exit code is 1 when anything failed.
 
-use crate::process::{cargo, command, kilwa, on_path, run as run_command, watch};
+use crate::process::{Ended, cargo, command, kilwa, on_path, run as run_command, watch};
 use crate::tally::{Tally, is_noise};
 use crate::{demo, fuzz, setup, soak, trust, web};
 use anyhow::{Result, bail};
@@ -42,6 +42,10 @@ const WASM_PACKAGES: [&str; 6] =
 
 /// Seconds that each reader is fuzzed.
 const FUZZ_SECONDS: u64 = 30;
+
+/// A suite that takes longer hangs, and is stopped, so that the others run and the counts are printed. The longest took 18 minutes on a busy
+/// machine with two cores, compiling 8.
+pub(crate) const SUITE_LIMIT: Duration = Duration::from_secs(40 * 60);
 
 /// Triangles of the fort that the demo's check uses.
 const DEMO_TRIANGLES: u64 = 50_000;
@@ -237,12 +241,14 @@ fn check(command: &mut Command) -> Result<Tally> {
 /// Runs a test runner and reads its counts. A runner that fails without a failed test (it did not compile, it crashed) is an error.
 fn counted(command: &mut Command) -> Result<Tally> {
     let mut tally = Tally::default();
-    let is_success = watch(command, |line| {
+    let ended = watch(command, SUITE_LIMIT, |line| {
         tally.read(line);
         !is_noise(line)
     })?;
-    if !is_success && tally.failed == 0 {
-        bail!("the runner failed before or after its tests; see above");
+    match ended {
+        Ended::Late => tally.failed += 1,
+        Ended::Badly if tally.failed == 0 => bail!("the runner failed before or after its tests; see above"),
+        Ended::Badly | Ended::Well => {}
     }
     Ok(tally)
 }

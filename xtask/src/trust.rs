@@ -4,8 +4,9 @@
 //! and fail where it does not hold. Fails when a test does, or when none ran. Where the page is not built (`cargo xtask web`) its part is skipped, and says so.
 
 use crate::claims::Claims;
-use crate::process::{cargo, command, root, run as run_command, watch};
+use crate::process::{Ended, cargo, command, root, run as run_command, watch};
 use crate::setup;
+use crate::test::SUITE_LIMIT;
 use anyhow::Result;
 
 /// Python packages that second opinions come from.
@@ -18,7 +19,8 @@ pub(crate) fn run() -> Result<()> {
     let mut claims = Claims::of("trust");
     let mut test = cargo(&["test", "--locked", "--package", "kilwa", "--test", "trust", "--no-fail-fast"])?;
     test.args(["--", "--nocapture", "--test-threads", "1"]).env(VARIABLE, packages);
-    let is_success = watch(&mut test, |line| claims.read(line))? & in_browser(&mut claims)?;
+    let is_success =
+        (watch(&mut test, SUITE_LIMIT, |line| claims.read(line))? == Ended::Well) & in_browser(&mut claims)?;
     claims.sort();
     claims.finish(is_success)
 }
@@ -35,5 +37,5 @@ fn in_browser(claims: &mut Claims) -> Result<bool> {
     let folder = setup::npm_packages("tests/browser")?;
     let mut node = command("node", &["--test", "--test-concurrency=1", "measure.test.mjs", "sheet.test.mjs"])?;
     node.current_dir(folder).env("CHROMIUM", setup::chromium()?);
-    watch(&mut node, |line| claims.read(line))
+    Ok(watch(&mut node, SUITE_LIMIT, |line| claims.read(line))? == Ended::Well)
 }
