@@ -1,25 +1,12 @@
 //! `kilwa serve` as a process: it says where it is, ends when it is told to, and refuses what cannot be served.
 
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
-use std::net::{TcpListener, TcpStream};
-use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+mod support;
 
-/// The files that a built page must have; their content does not matter here.
-fn page(dir: &Path) {
-    for name in [
-        "index.html",
-        "boot.js",
-        "viewer.js",
-        "viewer_bg.wasm",
-        "viewer-gl.js",
-        "viewer-gl_bg.wasm",
-        "decode.js",
-        "decode_bg.wasm",
-    ] {
-        std::fs::write(dir.join(name), "x").unwrap();
-    }
-}
+use std::io::{Read as _, Write as _};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use support::serving::{address, page};
 
 fn kilwa(args: &[&str], www: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
@@ -33,14 +20,7 @@ fn refused(args: &[&str], www: &Path) -> String {
     String::from_utf8(stderr).unwrap()
 }
 
-/// The address that a running server prints.
-fn address(child: &mut Child) -> String {
-    let mut line = String::new();
-    BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
-    line.split("http://").nth(1).and_then(|rest| rest.split('/').next()).unwrap_or_else(|| panic!("{line}")).to_owned()
-}
-
-fn get(address: &str, path: &str) -> String {
+fn get(address: SocketAddr, path: &str) -> String {
     let mut stream = TcpStream::connect(address).unwrap();
     write!(stream, "GET {path} HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n").unwrap();
     let mut answer = Vec::new();
@@ -56,10 +36,10 @@ fn it_prints_its_address_answers_and_ends_well_at_sigterm() {
     let folder = dir.path().to_str().unwrap();
     let mut child = kilwa(&[folder, "--listen", "127.0.0.1:0"], dir.path()).spawn().unwrap();
     let address = address(&mut child);
-    assert!(get(&address, "/healthz").ends_with("ok\n"));
-    assert!(get(&address, "/").contains("cannot be shown"));
-    assert!(get(&address, "/packs/broken.kilwa").ends_with("no pack"));
-    assert!(get(&address, "/packs/../broken.kilwa").starts_with("HTTP/1.1 404"));
+    assert!(get(address, "/healthz").ends_with("ok\n"));
+    assert!(get(address, "/").contains("cannot be shown"));
+    assert!(get(address, "/packs/broken.kilwa").ends_with("no pack"));
+    assert!(get(address, "/packs/../broken.kilwa").starts_with("HTTP/1.1 404"));
     let told = Command::new("kill").arg("-TERM").arg(child.id().to_string()).status().unwrap();
     assert!(told.success());
     assert_eq!(child.wait().unwrap().code(), Some(0));

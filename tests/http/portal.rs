@@ -1,25 +1,16 @@
 //! Many readers of the portal at the same time: catalogue, search, map, collection, landing page, downloads, and the pack by ranges.
 
-use crate::client::{Client, loopback};
+use crate::client::Client;
+use crate::crowd::{Crowd, Reader};
 use crate::process::Server;
-use crate::{Dice, claim, claim_none, claim_when_quiet, full, noise, quantile};
+use crate::{full, noise, quantile};
+use kilwa_server::object::checksums::sha256;
 use serde_json::json;
-use sha2::{Digest as _, Sha256};
 use std::path::Path;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
-use tokio::sync::Barrier;
 
 const OBJECTS: usize = 40;
 const CHUNK: u64 = 64 * 1024;
-
-fn sha256(bytes: &[u8]) -> String {
-    use std::fmt::Write as _;
-    Sha256::digest(bytes).iter().fold(String::new(), |mut s, b| {
-        let _ = write!(s, "{b:02x}");
-        s
-    })
-}
 
 /// An object as publishing writes it, as far as serving looks; the address of its pack.
 fn object(folder: &Path, number: usize, pack: &[u8]) -> String {
@@ -57,15 +48,8 @@ fn object(folder: &Path, number: usize, pack: &[u8]) -> String {
 }
 
 /// One reader's round: pages, each with a word that it must have, and ranges of a pack.
-async fn round(
-    client: &mut Client,
-    dice: &mut Dice,
-    packs: &[String],
-    bytes: &[u8],
-    wrong: &mut Vec<String>,
-    times: &mut Vec<f64>,
-) {
-    let number = dice.below(packs.len() as u64) as usize;
+async fn round(mut r: Reader, packs: &[String], bytes: &[u8]) -> Reader {
+    let number = r.dice.below(packs.len() as u64) as usize;
     let pages = [
         ("/?sort=newest".to_owned(), "class=\"card\""),
         (format!("/?q=fort+{number}&lang=sw"), "of coral stone"),
@@ -76,21 +60,22 @@ async fn round(
     ];
     for (address, word) in pages {
         let began = Instant::now();
-        match client.get(&address, "").await {
+        match r.client.get(&address, "").await {
             Ok(a) if a.status == 200 && String::from_utf8_lossy(&a.body).contains(word) => {}
-            Ok(a) => wrong.push(format!("{address}: {}", a.head)),
-            Err(e) => wrong.push(format!("{address}: {e}")),
+            Ok(a) => r.wrong.push(format!("{address}: {}", a.head)),
+            Err(e) => r.wrong.push(format!("{address}: {e}")),
         }
-        times.push(began.elapsed().as_secs_f64() * 1e3);
+        r.times.push(began.elapsed().as_secs_f64() * 1e3);
     }
     for _ in 0..10 {
-        let from = dice.below(bytes.len() as u64 - CHUNK);
-        match client.get(&packs[number], &format!("Range: bytes={from}-{}\r\n", from + CHUNK - 1)).await {
+        let from = r.dice.below(bytes.len() as u64 - CHUNK);
+        match r.client.get(&packs[number], &format!("Range: bytes={from}-{}\r\n", from + CHUNK - 1)).await {
             Ok(a) if a.status == 206 && a.body == bytes[from as usize..(from + CHUNK) as usize] => {}
-            Ok(a) => wrong.push(a.head),
-            Err(e) => wrong.push(e.to_string()),
+            Ok(a) => r.wrong.push(a.head),
+            Err(e) => r.wrong.push(e.to_string()),
         }
     }
+    r
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -120,68 +105,15 @@ async fn a_crowd_of_readers_gets_every_page_and_every_byte_and_leaves_nothing_be
         tokio::time::sleep(Duration::from_millis(200)).await;
     }
     tokio::time::sleep(Duration::from_millis(300)).await;
-    let files_before = server.files();
-    let packs = Arc::new(packs);
-    // All meet after a third, while memory is read.
-    let barrier = Arc::new(Barrier::new(readers + 1));
-    let crowd: Vec<_> = (0..readers)
-        .map(|number| {
-            let (barrier, packs) = (Arc::clone(&barrier), Arc::clone(&packs));
-            tokio::spawn(async move {
-                let mut client = Client::connect_from(loopback(number / 4), address, None).await.unwrap();
-                let mut dice = Dice(number as u64 + 1);
-                let (mut wrong, mut times) = (Vec::new(), Vec::new());
-                for at in 0..rounds {
-                    if at == rounds / 3 {
-                        barrier.wait().await;
-                        barrier.wait().await;
-                    }
-                    round(&mut client, &mut dice, &packs, bytes, &mut wrong, &mut times).await;
-                }
-                barrier.wait().await;
-                barrier.wait().await;
-                (wrong, times)
-            })
-        })
-        .collect();
-    barrier.wait().await;
-    let early = server.memory();
-    barrier.wait().await;
-    barrier.wait().await;
-    let late = server.memory();
-    barrier.wait().await;
-    let (mut wrong, mut times) = (Vec::new(), Vec::new());
-    for reader in crowd {
-        let (w, t) = reader.await.unwrap();
-        wrong.extend(w);
-        times.extend(t);
-    }
+    let packs: &'static [String] = Vec::leak(packs);
+    let crowd =
+        Crowd::gather(&server, (readers, "readers of the portal"), rounds, |reader| round(reader, packs, bytes)).await;
     println!(
         "{readers} readers of the portal, {} pages: median {:.1} ms, 95th percentile {:.1} ms",
-        times.len(),
-        quantile(&times, 0.5),
-        quantile(&times, 0.95)
+        crowd.times.len(),
+        quantile(&crowd.times, 0.5),
+        quantile(&crowd.times, 0.95)
     );
-    claim_none(&format!("errors of {readers} readers of the portal"), times.len(), &wrong);
-    let (Some(early), Some(late), Some(files_before)) = (early, late, files_before) else {
-        println!("skipped: memory and descriptors of readers of the portal, which this system does not tell");
-        return;
-    };
-    let grown = (late - early) / 1_048_576.0;
-    claim_when_quiet(&format!("memory that grows while {readers} readers of the portal go on"), "MiB", 64.0, grown);
-    let mut left = usize::MAX;
-    for _ in 0..100 {
-        left = server.files().unwrap();
-        // The index keeps a few connections of its own.
-        if left <= files_before + 8 {
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(100)).await;
-    }
-    claim(
-        "descriptors left when readers of the portal have gone",
-        "above before",
-        8.0,
-        left.saturating_sub(files_before) as f64,
-    );
+    // The index keeps a few connections of its own.
+    crowd.claim(&server, 64.0, 8).await;
 }

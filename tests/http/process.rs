@@ -1,22 +1,10 @@
 //! `kilwa serve` over a temporary folder, until it is dropped.
 
-use std::io::{BufRead as _, BufReader};
+use crate::support::serving;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
-
-/// The files that a built page must have; their content does not matter here.
-const PAGE: [&str; 8] = [
-    "index.html",
-    "boot.js",
-    "viewer.js",
-    "viewer_bg.wasm",
-    "viewer-gl.js",
-    "viewer-gl_bg.wasm",
-    "decode.js",
-    "decode_bg.wasm",
-];
 
 pub(crate) struct Server {
     child: Child,
@@ -30,10 +18,7 @@ impl Server {
         let dir = tempfile::tempdir().unwrap();
         let (folder, www) = (dir.path().join("models"), dir.path().join("www"));
         std::fs::create_dir(&folder).unwrap();
-        std::fs::create_dir(&www).unwrap();
-        for name in PAGE {
-            std::fs::write(www.join(name), "x").unwrap();
-        }
+        serving::page(&www);
         for (name, bytes) in packs {
             std::fs::write(folder.join(format!("{name}.kilwa")), bytes).unwrap();
         }
@@ -49,10 +34,7 @@ impl Server {
             .stderr(log)
             .spawn()
             .unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
-        let address = line.split("http://").nth(1).and_then(|rest| rest.split('/').next());
-        let address = address.unwrap_or_else(|| panic!("no address: {line}")).parse().unwrap();
+        let address = serving::address(&mut child);
         Self { child, address, dir }
     }
 

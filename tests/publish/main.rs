@@ -13,7 +13,7 @@ mod refusals;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use support::{Input, built_once, text};
+use support::{Input, built_once, serving, text};
 
 /// Metadata with everything in it; `@` stands where tests put more at the top of the file.
 pub(crate) const FULL: &str = r#"
@@ -90,22 +90,7 @@ pub(crate) struct Bench {
 impl Bench {
     pub(crate) fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let www = folder.path().join("www");
-        std::fs::create_dir_all(www.join("plain")).unwrap();
-        for name in [
-            "boot.js",
-            "viewer.js",
-            "viewer_bg.wasm",
-            "viewer-gl.js",
-            "viewer-gl_bg.wasm",
-            "decode.js",
-            "decode_bg.wasm",
-        ] {
-            std::fs::write(www.join(name), name).unwrap();
-        }
-        for name in ["index.html", "style.css", "plain/plain.css", "plain/plain.js"] {
-            std::fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join("www").join(name), www.join(name)).unwrap();
-        }
+        serving::page(&folder.path().join("www"));
         Self { folder }
     }
 

@@ -20,12 +20,11 @@ use kilwa_server::object::checksums::sha256;
 use kilwa_server::object::{Manifest, Metadata};
 use kilwa_server::upload::wire::{Drawing, FORM, FileSaid, Intent, PreviewSaid};
 use std::collections::BTreeMap;
-use std::io::{BufRead as _, BufReader};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{SystemTime, UNIX_EPOCH};
-use support::{Input, built_once, succeeds, text};
+use support::{Input, built_once, serving, succeeds, text};
 
 /// What is published, in two versions.
 pub(crate) const METADATA: &str = "title = \"Fort & <b>\"\nslug = \"fort\"\npublisher = \"Museum\"\nurl = \"https://museum.example/fort/\"\n\
@@ -35,32 +34,6 @@ pub(crate) const METADATA: &str = "title = \"Fort & <b>\"\nslug = \"fort\"\npubl
 pub(crate) fn pack() -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("remote");
     built_once(&folder, "torus", |path| Input::torus(150, 60, [1.0, 2.0, 3.0]).write(path), &[])
-}
-
-/// A page of a few small files, in `folder/www`.
-pub(crate) fn page(folder: &Path) -> PathBuf {
-    let www = folder.join("www");
-    for folder in ["plain", "icons"] {
-        std::fs::create_dir_all(www.join(folder)).unwrap();
-    }
-    for name in [
-        "app.js",
-        "boot.js",
-        "viewer.js",
-        "viewer_bg.wasm",
-        "viewer-gl.js",
-        "viewer-gl_bg.wasm",
-        "decode.js",
-        "decode_bg.wasm",
-        "icons/kilwa.svg",
-        "icons/sprite.svg",
-    ] {
-        std::fs::write(www.join(name), name).unwrap();
-    }
-    for name in ["index.html", "style.css", "plain/plain.css", "plain/plain.js"] {
-        std::fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join("www").join(name), www.join(name)).unwrap();
-    }
-    www
 }
 
 /// The same two versions published to a folder, by the first test that asks.
@@ -76,7 +49,8 @@ pub(crate) fn local() -> PathBuf {
         return site;
     }
     drop(std::fs::remove_dir_all(&site));
-    let (www, file) = (page(&folder), folder.join("fort.toml"));
+    let (www, file) = (folder.join("www"), folder.join("fort.toml"));
+    serving::page(&www);
     for (day, more, metadata) in [
         ("2026-11-19", &[][..], METADATA.to_owned()),
         ("2026-11-20", &["--version-note", "Better text"][..], METADATA.replace("First.", "Better.")),
@@ -152,7 +126,7 @@ impl Server {
     pub(crate) fn start() -> Self {
         let dir = tempfile::tempdir().unwrap();
         std::fs::create_dir(dir.path().join("models")).unwrap();
-        page(dir.path());
+        serving::page(&dir.path().join("www"));
         let mut accounts = Accounts::new().unwrap();
         accounts.set_user("robot", &Grant::All, None).unwrap();
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
@@ -186,10 +160,7 @@ impl Server {
             .stderr(log)
             .spawn()
             .unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
-        let address = line.split("http://").nth(1).and_then(|rest| rest.split('/').next());
-        self.address = address.unwrap_or_else(|| panic!("no address: {line}")).parse().unwrap();
+        self.address = serving::address(&mut child);
         self.child = Some(child);
     }
 

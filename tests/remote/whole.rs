@@ -1,7 +1,7 @@
 //! `kilwa publish --to http://…` as a program: what it says, what it refuses, and that it ends what was killed.
 
-use crate::support::text;
-use crate::{METADATA, Server, local, pack, page, tree};
+use crate::support::{serving, text};
+use crate::{METADATA, Server, local, pack, tree};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
@@ -25,7 +25,8 @@ fn command(to: &str, metadata: &Path, www: &Path, token: &str, more: &[&str]) ->
 
 fn bench(metadata: &str) -> (tempfile::TempDir, PathBuf, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
-    let (www, file) = (page(folder.path()), folder.path().join("fort.toml"));
+    let (www, file) = (folder.path().join("www"), folder.path().join("fort.toml"));
+    serving::page(&www);
     std::fs::write(&file, metadata).unwrap();
     (folder, file, www)
 }

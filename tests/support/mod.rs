@@ -1,6 +1,8 @@
 //! Running `kilwa`, and a PLY reader of its own so that the program is not its own witness.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+pub(crate) mod serving;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
