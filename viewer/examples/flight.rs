@@ -1,7 +1,8 @@
 //! Figures of streaming and drawing for `cargo xtask bench view`.
 //!
 //! `flight sim PACK…`: the views of design/peers.md (all of it, obliquely and from the front; a place one metre wide) over simulated
-//! links: when the first picture and the target are there, what it cost, and that over the bytes of the chunks that are then shown.
+//! links: when the first picture and the target are there, what it cost, and that over the bytes of the chunks that are then shown. The pixel
+//! error is 1 or `ERR`; with `LOG` in the environment the requests over 10 Mbit/s are listed, too.
 //!
 //! `flight render PACK WIDTH HEIGHT FRAMES`: a recorded flight (all of it, down to the surface, along it, back) drawn
 //! without a window: times of whole frames (deciding, reading, decoding, uploading, drawing, waiting for the GPU) and of drawing alone.
@@ -74,6 +75,9 @@ fn simulate(pack: &str, error: f64) -> Result<(), Box<dyn Error>> {
                     reached = Some((now, step.stats, sim.totals().bytes + head));
                 }
                 now += 16.0;
+            }
+            if std::env::var_os("LOG").is_some() && link_name.starts_with("10 ") {
+                println!("{}", sim.log());
             }
             let Some((at, stats, cost)) = reached else {
                 println!("| {name} | {view_name} | {link_name} | the target was not reached |");
