@@ -63,6 +63,7 @@ fn publication(slug: &str, number: u32, bytes: &[u8]) -> Publication {
         of_pack: m.clone(),
         location_redacted: false,
         preview: None,
+        notes: None,
         tool: "kilwa".to_owned(),
     }
 }
@@ -102,6 +103,7 @@ fn publish(shelf: &Path, slug: &str, number: u32) -> PathBuf {
             note: p.note.clone(),
             pack: p.pack.clone(),
             checksums,
+            annotations: None,
             figures: p.figures.clone(),
             location_redacted: false,
         });

@@ -4,6 +4,7 @@
 //! in [`crate::portal`].
 
 use crate::catalogue::{Kind, Model, Summary};
+use crate::object::layout::THUMBNAILS;
 use crate::object::record::xml::escape;
 use crate::portal::language::Language;
 use serde_json::{Value, json};
@@ -118,6 +119,16 @@ pub(crate) fn with_extracts(page: String, slug: Option<&str>) -> String {
     } else {
         page.replacen("</dl>\n", &format!("</dl>\n<ul class=\"files\"><li>{link}</li></ul>\n"), 1)
     }
+}
+
+/// The poster of a version whose folder has this address, on a card of a list: as large as the card and the screen ask for.
+pub(crate) fn poster(folder: &str) -> String {
+    let [(wide, width), (small, small_width)] = THUMBNAILS;
+    format!(
+        "<img class=\"poster\" src=\"{folder}/{small}\" srcset=\"{folder}/{small} {small_width}w, {folder}/{wide} {width}w\" \
+         sizes=\"(max-width: 720px) 100vw, 360px\" alt=\"\" width=\"{width}\" height=\"{}\" loading=\"lazy\">",
+        width * 630 / 1200
+    )
 }
 
 /// What is left of something that was withdrawn and has no tombstone of its own.

@@ -1,5 +1,6 @@
 //! `--dry-run`: every field that was given, and where it goes.
 
+use super::notes;
 use super::plan::{Plan, human};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -33,7 +34,7 @@ const TABLE: [(&str, &str, &str, &str, &str); 43] = [
     ("place.country", "coverage", "geoLocations", "skos:prefLabel", "contentLocation"),
     ("place.latitude", "coverage", "geoLocations", "wgs84_pos:lat", "contentLocation.geo"),
     ("place.longitude", "coverage", "geoLocations", "wgs84_pos:long", "contentLocation.geo"),
-    ("place.uri", "", "", "skos:exactMatch", "contentLocation.sameAs"),
+    ("place.uri", "", "", "owl:sameAs", "contentLocation.sameAs"),
     ("object.kind", "subject", "", "dc:type", ""),
     ("object.date", "coverage", "", "dcterms:created", ""),
     ("object.period", "subject", "", "dcterms:temporal", ""),
@@ -147,6 +148,12 @@ fn text(plan: &Plan) -> String {
         plan.facts.crs.as_deref().unwrap_or("local coordinates"),
         plan.facts.rights.label,
     );
+    if let Some(notes) = &plan.given.notes {
+        let _ = write!(s, "\n  notes: {}", notes.notes.len());
+    }
+    for what in notes::left_out(plan) {
+        let _ = write!(s, "\n  left out: {what}");
+    }
     if plan.given.place.is_some() {
         s.push_str("\n  place: taken out; words in titles and descriptions stay as they are");
     }
@@ -170,5 +177,5 @@ fn json(plan: &Plan) -> Value {
         })
         .collect();
     json!({ "object": plan.at, "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
-        "fields": fields, "warnings": plan.warnings(), "advice": plan.advice() })
+        "fields": fields, "notes": plan.given.notes.as_ref().map_or(0, |n| n.notes.len()), "left_out": notes::left_out(plan), "warnings": plan.warnings(), "advice": plan.advice() })
 }

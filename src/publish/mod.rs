@@ -1,9 +1,10 @@
 //! `kilwa publish`: a pack and its metadata become an archive object.
 //!
 //! `plan` reads and checks everything and changes nothing; `pictures` draws; `write` puts the object on disk through
-//! `kilwa_server::object::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `withdraw` leaves a tombstone.
+//! `kilwa_server::object::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `notes` puts notes on the model into it; `withdraw` leaves a tombstone.
 
 mod mapping;
+mod notes;
 mod pictures;
 mod plan;
 mod remote;
@@ -38,6 +39,12 @@ pub(crate) struct Args {
     /// What is new in this version; needed for every version after the first.
     #[arg(long, value_name = "TEXT")]
     version_note: Option<String>,
+    /// Notes on the model, as the viewer saves them (Web Annotations): they become part of the version, and its page shows them.
+    #[arg(long, value_name = "FILE")]
+    notes: Option<PathBuf>,
+    /// Publish without notes, though the last version has some.
+    #[arg(long, conflicts_with = "notes")]
+    no_notes: bool,
     /// It is a new version of the object that has this name, however different it looks.
     #[arg(long)]
     same_object: bool,
@@ -60,7 +67,7 @@ pub(crate) struct Args {
     #[arg(long)]
     site: bool,
     /// Withdraw an object instead: its files go to --keep, a page that says so is left.
-    #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "bag", "redact_location"])]
+    #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "notes", "no_notes", "bag", "redact_location"])]
     withdraw: Option<String>,
     /// Why it is withdrawn; everybody can read it.
     #[arg(long, value_name = "TEXT", requires = "withdraw")]
@@ -114,6 +121,8 @@ struct Report {
     files: usize,
     bytes: u64,
     pack: kilwa_server::object::PackEntry,
+    /// How many notes it has.
+    notes: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     bag: Option<String>,
     /// What could not be made, and why.
@@ -159,6 +168,9 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
         return Ok(());
     }
     writeln!(out, "{object}: version {version} published, {files} files, {}", plan::human(report.bytes))?;
+    if report.notes > 0 {
+        writeln!(out, "  with {} notes", report.notes)?;
+    }
     for line in &report.left_out {
         writeln!(out, "  left out: {line}")?;
     }

@@ -1,6 +1,6 @@
 //! What is going to be published, checked: metadata, pack, name, version, day, viewer, room. Changes nothing on disk.
 
-use super::Args;
+use super::{Args, notes};
 use crate::redact::Place;
 use crate::source::open_pack;
 use anyhow::{Context, bail, ensure};
@@ -8,8 +8,9 @@ use kilwa_builder::machine;
 use kilwa_server::Page;
 use kilwa_server::object::assemble::{Facts, Following, agree, existing, further};
 use kilwa_server::object::metadata::plausible;
+use kilwa_server::object::record::europeana_lacks;
 use kilwa_server::object::rights::Rights;
-use kilwa_server::object::{Manifest, Metadata, Slug};
+use kilwa_server::object::{Manifest, Metadata, Notes, Slug};
 use std::path::{Path, PathBuf};
 
 /// Largest metadata file that is read, bytes; its reader names the limit.
@@ -30,6 +31,8 @@ pub(super) struct Given {
     crs: Option<String>,
     pub(super) slug: Slug,
     pub(super) place: Option<Place>,
+    /// Notes on it, at places of the pack that was given.
+    pub(super) notes: Option<Notes>,
 }
 
 impl Given {
@@ -63,7 +66,19 @@ impl Given {
             crs,
             slug,
             place: args.redact_location,
+            notes: args.notes.as_deref().map(notes::read).transpose()?,
         })
+    }
+
+    /// Language of the texts.
+    pub(super) fn language(&self) -> &str {
+        &self.metadata.language
+    }
+
+    /// Latitude and longitude of the place, where given.
+    pub(super) fn degrees(&self) -> Vec<f64> {
+        let place = self.metadata.place.as_ref();
+        place.iter().flat_map(|p| [p.latitude, p.longitude]).flatten().collect()
     }
 
     /// What will be published of the metadata.
@@ -86,6 +101,7 @@ impl Plan {
     /// What was given is going to follow what is there already, at `at`.
     pub(super) fn new(args: &Args, given: Given, before: Option<Manifest>, at: String) -> anyhow::Result<Self> {
         let published = day(args, &given.metadata, before.as_ref())?;
+        notes::check(args, &given, before.as_ref())?;
         let note = args.version_note.as_deref();
         let note = match &before {
             Some(m) => {
@@ -165,7 +181,9 @@ impl Plan {
     pub(super) fn warnings(&self) -> Vec<String> {
         let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
         let today = kilwa_server::object::date::day_of(now.as_secs());
-        plausible::warnings(&self.facts.metadata, &self.given.of_pack, &today)
+        let mut all = plausible::warnings(&self.facts.metadata, &self.given.of_pack, &today);
+        all.extend(notes::warnings(self));
+        all
     }
 
     /// What would make the object better.
@@ -178,12 +196,13 @@ impl Plan {
             }
         };
         say(m.creators.is_empty(), "[[creators]]: citations and DataCite name nobody");
-        say(m.publisher.is_none(), "publisher: DataCite and Europeana ask for one");
+        say(m.publisher.is_none(), "publisher: DataCite asks for one");
         say(m.description.is_none(), "description: search engines and cards show it");
         say(m.url.is_none(), "url: without it links are relative and there is no oembed.json");
         say(m.identifier.is_none(), "identifier: a DOI or ARK outlives the address");
         say(self.facts.accuracy.is_none(), "capture.accuracy: what a measurement on the model is worth");
         say(m.capture.is_none(), "[capture]: how it was captured");
+        all.extend(europeana_lacks(m, &self.facts.rights));
         all
     }
 }

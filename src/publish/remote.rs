@@ -3,13 +3,13 @@
 use super::plan::{Given, Plan};
 use super::send::{Patience, Sender, Told, is_loopback};
 use super::write::{picture, spinner, without_place};
-use super::{Args, Report, mapping};
+use super::{Args, Report, mapping, notes};
 use crate::verify::{is_address, sound};
 use anyhow::{Context, bail, ensure};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use kilwa_server::object::assemble::is_metadata;
-use kilwa_server::object::checksums::sha256_of;
-use kilwa_server::object::layout::{MANIFEST, METADATA, pack_name};
+use kilwa_server::object::checksums::{sha256, sha256_of};
+use kilwa_server::object::layout::{ANNOTATIONS, MANIFEST, METADATA, pack_name};
 use kilwa_server::object::{Manifest, PackEntry};
 use kilwa_server::upload::wire::{Drawing, FORM, FileSaid, Intent, PreviewSaid};
 use std::fs::File;
@@ -70,14 +70,23 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
 fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Result<Report> {
     let bar = spinner();
     let redacted = work.join("pack.kilwa");
-    let pack = if without_place(plan, &redacted)? { redacted } else { plan.given.pack.clone() };
+    let taken = without_place(plan, &redacted)?;
+    let pack = if taken.is_some() { redacted } else { plan.given.pack.clone() };
     bar.set_message("hashing the pack");
-    let (bytes, sha256) = hashed(&pack)?;
-    let identity = crate::source::open_pack(&pack)?.identity();
+    let (bytes, pack_sum) = hashed(&pack)?;
+    let reader = crate::source::open_pack(&pack)?;
+    let (of_pack, identity) = (reader.metadata().clone(), reader.identity());
+    drop(reader);
+    let noted = notes::published(plan, taken.as_ref(), &of_pack, &pack_sum, &identity)?;
     let pictured = picture(&pack, work, plan, args.software, &bar)?;
     bar.finish_and_clear();
-    let mut files = vec![FileSaid { path: pack_name(&sha256), bytes, sha256: sha256.clone() }];
-    for path in &pictured.files {
+    let mut paths = pictured.files;
+    if let Some(noted) = &noted {
+        std::fs::write(work.join(ANNOTATIONS), noted).context("cannot write the notes to the temporary folder")?;
+        paths.push(ANNOTATIONS.to_owned());
+    }
+    let mut files = vec![FileSaid { path: pack_name(&pack_sum), bytes, sha256: pack_sum.clone() }];
+    for path in &paths {
         let (bytes, sha256) = hashed(&work.join(path))?;
         files.push(FileSaid { path: path.clone(), bytes, sha256 });
     }
@@ -96,20 +105,21 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
         files,
     };
     let place =
-        |file: &FileSaid| -> PathBuf { if file.sha256 == sha256 { pack.clone() } else { work.join(&file.path) } };
+        |file: &FileSaid| -> PathBuf { if file.sha256 == pack_sum { pack.clone() } else { work.join(&file.path) } };
     let progress = Progress::new();
     let published = sender.publish(&intent, &place, &|told| progress.tell(&told));
     let published = published.map_err(anyhow::Error::msg).with_context(|| plan.at.clone())?;
     progress.0.finish_and_clear();
     let now = manifest(sender, &intent.slug, &plan.at)?;
     let version = now.as_ref().and_then(|m| m.versions.iter().find(|v| v.version == published.version));
-    let version = version.filter(|v| v.pack.sha256 == sha256).with_context(|| {
+    let version = version.filter(|v| v.pack.sha256 == pack_sum).with_context(|| {
         format!(
             "{}: the server says that version {} is published, and its manifest.json does not",
             plan.at, published.version
         )
     })?;
     let mut left_out = pictured.left_out;
+    left_out.extend(notes::left_out(plan));
     if facts.metadata.url.is_none() {
         left_out.push("oembed.json, which needs an address".to_owned());
     }
@@ -122,6 +132,7 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
         files: intent.files.len(),
         bytes: intent.files.iter().map(|f| f.bytes).sum(),
         pack: PackEntry { identity, ..version.pack.clone() },
+        notes: plan.given.notes.as_ref().map_or(0, |n| n.notes.len()),
         bag: None,
         left_out,
         warnings: plan.warnings(),
@@ -146,8 +157,9 @@ fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) 
     let last =
         before.and_then(|m| m.versions.last()).filter(|v| given.place.is_none() && v.pack.bytes == given.pack_bytes);
     let Some(last) = last else { return Ok(None) };
-    let (bytes, sha256) = hashed(&given.pack)?;
-    if sha256 != last.pack.sha256 {
+    let (bytes, pack_sum) = hashed(&given.pack)?;
+    let noted = given.notes.as_ref().map(|n| n.to_bytes(&pack_name(&pack_sum), &given.identity)).transpose()?;
+    if pack_sum != last.pack.sha256 || !last.has_notes(noted.as_deref().map(sha256).as_deref()) {
         return Ok(None);
     }
     let written = sender.fetch(&format!("{}/{}/{METADATA}", given.slug, last.folder)).map_err(anyhow::Error::msg)?;
@@ -163,6 +175,7 @@ fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) 
         files: 1,
         bytes,
         pack: last.pack.clone(),
+        notes: given.notes.as_ref().map_or(0, |n| n.notes.len()),
         bag: None,
         left_out: Vec::new(),
         warnings: Vec::new(),

@@ -1,14 +1,16 @@
 //! From a plan to the object on disk.
 
 use super::plan::Plan;
-use super::{Args, Report, pictures};
+use super::{Args, Report, notes, pictures};
 use crate::{extract, redact, source, verify};
 use anyhow::{Context, bail};
 use indicatif::ProgressBar;
+use kilwa_server::object::Manifest;
 use kilwa_server::object::assemble::{complete, is_published};
 use kilwa_server::object::bag::{self, BagInfo};
+use kilwa_server::object::checksums::sha256;
 use kilwa_server::object::draft::{Draft, Lock};
-use kilwa_server::object::layout::{PREVIEW, PREVIEW_MAX, pack_name};
+use kilwa_server::object::layout::{ANNOTATIONS, PREVIEW, PREVIEW_MAX, pack_name};
 use kilwa_server::object::record::{Preview, Publication};
 use std::fs::File;
 use std::io::{Read, Write};
@@ -32,28 +34,35 @@ pub(super) fn run(args: &Args, plan: &Plan) -> anyhow::Result<Report> {
     let folder = draft.folder();
     let part = folder.join(PART);
     bar.set_message("copying the pack");
-    if !without_place(plan, &part)? {
+    let taken = without_place(plan, &part)?;
+    if taken.is_none() {
         copy(&plan.given.pack, &part)?;
     }
     let reader = source::open_pack(&part)?;
     let (of_pack, identity) = (reader.metadata().clone(), reader.identity());
     drop(reader);
-    let (bytes, sha256) = draft.adopt_named(PART, pack_name)?;
-    if let Some(before) =
-        facts.before.as_ref().filter(|b| is_published(&shelf.join(facts.slug.as_str()), b, &sha256, &facts.metadata))
-    {
+    let (bytes, pack_sum) = draft.adopt_named(PART, pack_name)?;
+    let noted = notes::published(plan, taken.as_ref(), &of_pack, &pack_sum, &identity)?;
+    let notes_sum = noted.as_deref().map(sha256);
+    let object = shelf.join(facts.slug.as_str());
+    let is_there = |b: &&Manifest| is_published(&object, b, &pack_sum, &facts.metadata, notes_sum.as_deref());
+    if let Some(before) = facts.before.as_ref().filter(is_there) {
         bail!(
-            "{}: version {} has this very pack and metadata; there is nothing new to publish",
+            "{}: version {} has this very pack, metadata and notes; there is nothing new to publish",
             plan.at,
             before.versions.len()
         );
     }
-    let pack_path = folder.join(pack_name(&sha256));
+    let pack_path = folder.join(pack_name(&pack_sum));
     let pictured = picture(&pack_path, &folder, plan, args.software, &bar)?;
     for path in &pictured.files {
         draft.adopt(path)?;
     }
-    let publication = facts.publication(facts.pack_entry(bytes, sha256, identity), of_pack, pictured.preview);
+    if let Some(noted) = &noted {
+        draft.write(ANNOTATIONS, noted)?;
+    }
+    let publication = facts.publication(facts.pack_entry(bytes, pack_sum, identity), of_pack, pictured.preview);
+    let publication = publication.with_notes(&folder).context("cannot read the notes")?;
     let list = args.site.then(|| "../".to_owned());
     let completed = complete(draft, facts, &publication, &plan.page, pictured.drawings, list)?;
     let bag = if args.bag { Some(wrap(shelf, &publication, &say)?) } else { None };
@@ -62,6 +71,7 @@ pub(super) fn run(args: &Args, plan: &Plan) -> anyhow::Result<Report> {
     }
     bar.finish_and_clear();
     let mut left_out = pictured.left_out;
+    left_out.extend(notes::left_out(plan));
     if publication.url().is_none() {
         left_out.push("oembed.json, which needs an address".to_owned());
     }
@@ -73,6 +83,7 @@ pub(super) fn run(args: &Args, plan: &Plan) -> anyhow::Result<Report> {
         already: false,
         files: completed.files,
         bytes: completed.bytes,
+        notes: publication.notes.map_or(0, |n| n.notes.notes.len()),
         pack: publication.pack,
         bag,
         left_out,
@@ -81,12 +92,12 @@ pub(super) fn run(args: &Args, plan: &Plan) -> anyhow::Result<Report> {
     })
 }
 
-/// Write the pack without its place, where that is asked for; whether it was.
-pub(super) fn without_place(plan: &Plan, to: &Path) -> anyhow::Result<bool> {
-    let Some(place) = plan.given.place else { return Ok(false) };
-    redact::redact(&plan.given.pack, to, place, &plan.facts.metadata.title)?;
+/// Write the pack without its place, where that is asked for; what was taken out.
+pub(super) fn without_place(plan: &Plan, to: &Path) -> anyhow::Result<Option<redact::TakenOut>> {
+    let Some(place) = plan.given.place else { return Ok(None) };
+    let taken = redact::redact(&plan.given.pack, to, place, &plan.facts.metadata.title)?;
     verify::sound(to)?;
-    Ok(true)
+    Ok(Some(taken))
 }
 
 /// Pictures and preview of a version: their paths in its folder, and what is known of them.

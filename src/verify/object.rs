@@ -12,12 +12,13 @@ use super::state::{State, Unit, now};
 use kilwa_server::object::checksums::{Checksums, sha256};
 use kilwa_server::object::draft::HIDDEN;
 use kilwa_server::object::layout::{
-    CHECKSUMS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, LICENCE, LINKSET, MANIFEST, METADATA, PAGE,
-    PARADATA, POSTER, README, version_of,
+    ANNOTATIONS, CHECKSUMS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, LICENCE, LINKSET, MANIFEST, METADATA,
+    PAGE, PARADATA, POSTER, README, version_of,
 };
 use kilwa_server::object::manifest::{FileEntry, MANIFEST_MAX, Seal, seal_of};
+use kilwa_server::object::notes::NOTES_MAX;
 use kilwa_server::object::sound;
-use kilwa_server::object::{AccessState, Manifest, Metadata, Version};
+use kilwa_server::object::{AccessState, Manifest, Metadata, Notes, Version};
 use std::collections::BTreeSet;
 
 /// Longest list of checksums, landing page or record that is read into memory.
@@ -354,7 +355,30 @@ impl Check<'_> {
             }
         }
         self.agrees(manifest, version, &list);
+        self.notes(version, &list);
         Ok(true)
+    }
+
+    /// The notes are those that the manifest names, can be read, and are on the model. Damage is named where their checksum is compared.
+    fn notes(&mut self, version: &Version, list: &Checksums) {
+        let path = format!("{}/{ANNOTATIONS}", version.folder);
+        if !version.has_notes(list.get(ANNOTATIONS)) {
+            let what = format!("{CHECKSUMS} and {MANIFEST} do not say the same about the notes of the version");
+            self.add(&path, Kind::Incomplete, what);
+            return;
+        }
+        let Some(entry) = &version.annotations else { return };
+        let Ok(Some(bytes)) = self.place.read(&path, NOTES_MAX) else { return };
+        if sha256(&bytes) != entry.sha256 {
+            return;
+        }
+        let [min, max] = version.figures.bounds;
+        if bytes.len() as u64 != entry.bytes {
+            self.add(&path, Kind::Incomplete, format!("it has {} bytes; {MANIFEST} says {}", bytes.len(), entry.bytes));
+        }
+        if let Err(e) = Notes::parse(&bytes).and_then(|notes| notes.within(min, max)) {
+            self.add(&path, Kind::Incomplete, format!("its notes cannot be: {e}"));
+        }
     }
 
     /// A record as JSON. Damage is named where its checksum is compared.

@@ -12,6 +12,7 @@ import { KILWA, WWW, launch, open, packFolder, picture, stats, test, waitFor } f
 
 const run = promisify(execFile);
 const METADATA = `title = "Gereza"\ndescription = "A fort by the sea."\nslug = "gereza"\n[rights]\nuri = "CC BY 4.0"\n[[creators]]\nname = "Held, Christoph"\n[model]\nunits = "m"\n`;
+const TEXT = "Coral rag.\n<img src=x onerror=alert(1)>";
 let folder;
 let site;
 let browser;
@@ -21,7 +22,18 @@ before(async () => {
   site = path.join(folder, "site");
   const packs = await packFolder();
   await writeFile(path.join(folder, "m.toml"), METADATA);
-  const args = ["publish", path.join(packs, "fort.kilwa"), "--to", site, "--metadata", path.join(folder, "m.toml"), "--site", "--software", "--www", WWW];
+  const pack = path.join(packs, "fort.kilwa");
+  const { metadata } = JSON.parse((await run(KILWA, ["info", pack, "--json"])).stdout);
+  const [x, y, z] = metadata.bounds_min.map((low, k) => (low + metadata.bounds_max[k]) / 2);
+  const note = {
+    id: "urn:uuid:00000001-0000-4000-8000-000000000000",
+    type: "Annotation",
+    label: "The gate",
+    body: [{ type: "TextualBody", purpose: "describing", value: TEXT }, { type: "SpecificResource", purpose: "linking", source: "https://example.org/gate" }],
+    target: { selector: { type: "PointSelector", x, y, z } },
+  };
+  await writeFile(path.join(folder, "notes.json"), JSON.stringify({ type: "AnnotationPage", items: [note] }));
+  const args = ["publish", pack, "--notes", path.join(folder, "notes.json"), "--to", site, "--metadata", path.join(folder, "m.toml"), "--site", "--software", "--www", WWW];
   await run(KILWA, args);
   await rm(packs, { recursive: true });
   browser = await launch();
@@ -139,6 +151,30 @@ test("from Python's http.server the pack is read once, as a stream, and the page
     await close();
     const said = await run(KILWA, ["verify", `${server.url}/gereza/`]);
     assert.match(said.stdout, /1 of 1 object sound/);
+  } finally {
+    await server.stop();
+  }
+});
+
+test("notes that were published are seen on the model's page, as text, and have an address", async () => {
+  const server = await python();
+  try {
+    const { page, complaints, close } = await look(server.url);
+    await page.locator(".pin").waitFor();
+    await page.locator("#tab-notes").click();
+    assert.deepEqual(await page.locator("#notes-list .name").allInnerTexts(), ["The gate"]);
+    assert.ok(await page.locator("#notes-own").isHidden(), "nothing of the reader's own");
+    await page.locator("#notes-list .go").click();
+    assert.equal(await page.locator("#note-text").innerText(), TEXT);
+    assert.equal(await page.locator("#note-text img").count(), 0);
+    assert.equal(await page.locator("#note-link").getAttribute("href"), "https://example.org/gate");
+    assert.match(page.url(), /annotation=00000001-0000-4000-8000-000000000000/);
+    assert.deepEqual(complaints, []);
+    await close();
+    const plain = await open(browser, `${server.url}/gereza/`, { wait: null, javaScriptEnabled: false });
+    const said = await plain.page.innerText("body");
+    assert.ok(said.includes("The gate") && said.includes("<img src=x onerror=alert(1)>"), said);
+    await plain.close();
   } finally {
     await server.stop();
   }

@@ -15,8 +15,9 @@ use kilwa_pack::{
     Attributes, ENTRIES_PER_PAGE, HEADER_BYTES, PAGE_BYTES, Reader, directory::ENTRY_BYTES, parse_head, verify,
 };
 use kilwa_server::object::layout::safe;
+use kilwa_server::object::notes::Body as NoteBody;
 use kilwa_server::object::rights::Rights;
-use kilwa_server::object::{Checksums, Manifest, Metadata};
+use kilwa_server::object::{Checksums, Manifest, Metadata, Notes};
 use std::fmt::Display;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -26,7 +27,7 @@ use std::sync::LazyLock;
 pub(crate) type Body = fn(&[u8]) -> String;
 
 /// All targets by name.
-pub(crate) const ALL: [(&str, Body); 8] = [
+pub(crate) const ALL: [(&str, Body); 9] = [
     ("ply", ply),
     ("obj", obj_file),
     ("stl", stl_file),
@@ -35,6 +36,7 @@ pub(crate) const ALL: [(&str, Body); 8] = [
     ("decode_chunk", decode_chunk),
     ("metadata", metadata),
     ("manifest", manifest),
+    ("notes", notes),
 ];
 
 /// The words of an error, without numbers, quotations, what was found in the file and
@@ -308,4 +310,46 @@ pub(crate) fn manifest(bytes: &[u8]) -> String {
         Err(_) => "no UTF-8".to_owned(),
     };
     format!("{of_manifest} {of_list}")
+}
+
+/// Any bytes as published notes: refused, or finite places, addresses that may be followed, and a form that reads back as the same bytes, with
+/// its place and without.
+pub(crate) fn notes(bytes: &[u8]) -> String {
+    let notes = match Notes::parse(bytes) {
+        Ok(notes) => notes,
+        Err(e) => return complaint(e),
+    };
+    let (mut links, mut views) = (0, 0);
+    for note in &notes.notes {
+        assert!(note.place.iter().all(|v| v.is_finite()));
+        for body in &note.bodies {
+            if let NoteBody::Link { address, .. } = body {
+                let scheme = address.split("://").next().unwrap_or_default().to_ascii_lowercase();
+                assert!(["http", "https"].contains(&scheme.as_str()), "{address}");
+                links += 1;
+            }
+        }
+        views += usize::from(note.view.is_some());
+    }
+    let (pack, identity) = ("pack.kilwa", "0123456789abcdef");
+    let written = notes.to_bytes(pack, identity).expect("what was short stays short");
+    let again = Notes::parse(&written).expect("reads back");
+    assert_eq!(again.to_bytes(pack, identity).expect("is written again"), written);
+    let hidden = notes.clone().without_place([500_000.0, 9_000_000.0, 10.0], &[]);
+    assert!(hidden.notes.iter().all(|n| n.links().next().is_none() && n.made_on.is_none()));
+    // Without its links a note may say nothing any more.
+    if hidden.notes.iter().all(|n| n.label.is_some() || !n.bodies.is_empty()) {
+        let written = hidden.to_bytes(pack, identity).expect("is written");
+        let again = Notes::parse(&written).expect("reads back").without_place([0.0; 3], &[]);
+        assert_eq!(again.to_bytes(pack, identity).expect("is written again"), written);
+    }
+    let _ = notes.within([0.0; 3], [10.0; 3]);
+    let _ = notes.check_words([1e5; 3], [2e5; 3], &[1.5]);
+    format!(
+        "{} notes {} left {} links {} views",
+        notes.notes.len().min(3),
+        notes.left_out.min(2),
+        links.min(2),
+        views.min(2)
+    )
 }

@@ -193,3 +193,8 @@ fn any_bytes_are_metadata_or_refused() {
 fn any_bytes_are_a_manifest_or_refused() {
     fuzz("manifest");
 }
+
+#[test]
+fn any_bytes_are_notes_or_refused() {
+    fuzz("notes");
+}

@@ -14,6 +14,7 @@ pub(crate) fn of(target: &str) -> Vec<Vec<u8>> {
         "open_pack" => packs(),
         "metadata" => metadata(),
         "manifest" => manifests(),
+        "notes" => notes(),
         "decode_chunk" => packs().iter().flat_map(|pack| chunks(pack)).collect(),
         "gltf" => [malformed("gltf"), malformed("glb")].concat(),
         other => malformed(other),
@@ -99,6 +100,38 @@ fn manifests() -> Vec<Vec<u8>> {
         format!("{sum}  a\n{sum}  metadata/dc.xml\n"),
         format!("{sum}  ../a\n{sum} *b\n"),
         format!("{sum}  a\n{sum}  a\n"),
+    ]
+    .map(String::into_bytes)
+    .to_vec()
+}
+
+/// Web Annotations as the page and others write them, right and wrong.
+fn notes() -> Vec<Vec<u8>> {
+    let point = "{\"type\":\"PointSelector\",\"x\":1.5,\"y\":2,\"z\":-0.25}";
+    let state = "[{\"type\":\"urn:kilwa:pack\",\"identity\":\"9c7c0123456789abcdef0123456789ab\"},\
+        {\"type\":\"urn:kilwa:view\",\"camera\":[3.9,0.5,82,1,2,3,0],\"display\":{\"mode\":\"clay\"}}]";
+    let target = format!("{{\"type\":\"SpecificResource\",\"source\":\"x\",\"selector\":{point},\"state\":{state}}}");
+    let text =
+        "{\"type\":\"TextualBody\",\"purpose\":\"describing\",\"format\":\"text/plain\",\"value\":\"Coral rag\"}";
+    let link = "{\"type\":\"SpecificResource\",\"purpose\":\"linking\",\"source\":\"https://example.org/gate\"}";
+    let one = format!(
+        "{{\"id\":\"urn:uuid:1\",\"type\":\"Annotation\",\"label\":\"Gate\",\"created\":\"2026\",\"body\":[{text},{link}],\"target\":{target}}}"
+    );
+    let other = format!(
+        "{{\"label\":{{\"sw\":[\"Lango\",\"2\"],\"en\":\"Gate\"}},\"creator\":[{{\"name\":\"M\"}},\"N\"],\"bodyValue\":\"565977\",\"target\":[{{\"selector\":[{point}]}}]}}"
+    );
+    let html = text.replace("plain", "html");
+    [
+        format!("{{\"@context\":\"http://www.w3.org/ns/anno.jsonld\",\"type\":\"AnnotationPage\",\"items\":[{one},{other}]}}"),
+        format!("[{other},{{\"type\":\"Annotation\",\"target\":\"https://example.org/\"}}]"),
+        one.clone(),
+        format!("{{\"type\":\"AnnotationCollection\",\"first\":{{\"items\":[{one}]}}}}"),
+        "{\"type\":\"AnnotationCollection\",\"first\":\"https://example.org/1\"}".to_owned(),
+        one.replace("https://example.org/gate", "javascript:alert(1)"),
+        one.replace(text, &html),
+        one.replace("1.5", "1e999"),
+        format!("[{one},{one}]"),
+        "{\"type\":\"Feature\"}".to_owned(),
     ]
     .map(String::into_bytes)
     .to_vec()

@@ -48,6 +48,42 @@ def one(kind):
     [s] = g.subjects(RDF.type, kind); return s
 cho, aggregation = one(EDM.ProvidedCHO), one(ORE.Aggregation)
 needed = [EDM.aggregatedCHO, EDM.dataProvider, EDM.isShownAt, EDM.provider, EDM.rights, EDM.object]
+import re
+DC, DCT = rdflib.DC, rdflib.DCTERMS
+linked = [str(o) for p in [EDM.isShownBy, EDM.hasView, EDM.object] for o in g.objects(aggregation, p)]
+described = {str(s) for s in g.subjects(RDF.type, EDM.WebResource)}
+SVCS = rdflib.Namespace("http://rdfs.org/sioc/services#")
+services = list(g.subjects(RDF.type, SVCS.Service))
+# What Europeana's schema and its rules ask for; elements of a class in its order.
+ORDER = {
+    "WebResource": "dc:creator dc:description dc:format dc:rights dc:source dc:type dc:title dc:language dcterms:conformsTo dcterms:created dcterms:extent dcterms:hasPart dcterms:isFormatOf dcterms:isPartOf dcterms:issued dcterms:temporal edm:isNextInSequence edm:rights owl:sameAs edm:pointCount edm:polygonCount edm:vertexCount rdfs:seeAlso dcterms:isReferencedBy edm:preview svcs:has_service edm:type schema:digitalSourceType edm:intendedUsage",
+    "Aggregation": "edm:aggregatedCHO edm:dataProvider edm:hasView edm:isShownAt edm:isShownBy edm:object edm:provider dc:rights edm:rights edm:ugc",
+    "Place": "wgs84_pos:lat wgs84_pos:long wgs84_pos:alt skos:prefLabel skos:altLabel skos:note dcterms:hasPart dcterms:isPartOf owl:sameAs",
+    "Service": "dcterms:conformsTo doap:implements rdfs:label",
+}
+NAMES = {"dc": "http://purl.org/dc/elements/1.1/", "dcterms": "http://purl.org/dc/terms/", "edm": "http://www.europeana.eu/schemas/edm/",
+    "owl": "http://www.w3.org/2002/07/owl#", "rdfs": "http://www.w3.org/2000/01/rdf-schema#", "svcs": "http://rdfs.org/sioc/services#",
+    "schema": "https://schema.org/", "skos": "http://www.w3.org/2004/02/skos/core#", "wgs84_pos": "http://www.w3.org/2003/01/geo/wgs84_pos#", "doap": "http://usefulinc.com/ns/doap#"}
+import xml.etree.ElementTree as ET
+out_of_order = []
+for one in ET.parse(f"{v}/metadata/edm.xml").getroot():
+    kind = one.tag.split("}")[1]
+    tags = [c.tag for c in one]
+    if kind == "ProvidedCHO":
+        if tags.count(tags[-1]) != 1 or not tags[-1].endswith("}type") or "europeana" not in tags[-1]: out_of_order.append(kind)
+        continue
+    order = ["{%s}%s" % (NAMES[n.split(":")[0]], n.split(":")[1]) for n in ORDER[kind].split()]
+    places = [order.index(t) if t in order else -1 for t in tags]
+    if -1 in places or places != sorted(places): out_of_order.append([kind, tags])
+RIGHTS = r"http://(creativecommons\.org/(licenses/(by|by-sa|by-nd|by-nc|by-nc-sa|by-nc-nd)/[0-9.]+/([a-z]+/)?|publicdomain/(zero|mark)/1\.0/)|rightsstatements\.org/vocab/(NoC-NC|NoC-OKLR|InC|InC-EDU|InC-OW-EU|CNE)/1\.0/)"
+out["edm_rules"] = {
+    "order": out_of_order,
+    "rights": [str(o) for o in g.objects(None, EDM.rights) if not re.fullmatch(RIGHTS, str(o))],
+    "title": bool(g.value(cho, DC.title)), "what": any((cho, p, None) in g for p in [DC.subject, DC.type, DCT.temporal, DCT.spatial]),
+    "language": bool(g.value(cho, DC.language)), "shown": (aggregation, EDM.isShownAt, None) in g,
+    "undescribed": [l for l in linked if l not in described],
+    "viewer": [[str(g.value(s, DCT.conformsTo)), len(list(g.objects(w, DCT.isFormatOf))), str(g.value(w, EDM.type))] for s in services for w in g.subjects(SVCS.has_service, s)],
+    "loose": [str(o) for o in g.objects(None, DCT.isFormatOf) if str(o) not in described]}
 out["edm"] = {"missing": [str(p) for p in needed if (aggregation, p, None) not in g], "cho": (aggregation, EDM.aggregatedCHO, cho) in g,
     "type": str(g.value(cho, EDM.type)), "title": str(g.value(cho, rdflib.DC.title)), "rights": str(g.value(aggregation, EDM.rights)),
     "resources": len(list(g.subjects(RDF.type, EDM.WebResource)))}
@@ -99,8 +135,11 @@ fn second_implementations_take_everything() {
     let edm = &said["edm"];
     assert_eq!(
         (&edm["missing"], &edm["cho"], &edm["type"], &edm["resources"]),
-        (&serde_json::json!([]), &true.into(), &"3D".into(), &3.into())
+        (&serde_json::json!([]), &true.into(), &"3D".into(), &5.into())
     );
+    let expected = serde_json::json!({ "order": [], "rights": [], "title": true, "what": true, "language": true, "shown": true, "undescribed": [],
+        "viewer": [["https://oembed.com/", 2, "3D"]], "loose": [] });
+    assert_eq!(said["edm_rules"], expected);
     assert_eq!((&edm["title"], &edm["rights"]), (&title.into(), &"http://creativecommons.org/licenses/by/4.0/".into()));
     let dc = &said["dc"];
     assert_eq!(dc["root"], "{http://www.openarchives.org/OAI/2.0/oai_dc/}dc");
@@ -154,8 +193,18 @@ fn the_least_metadata_gives_valid_records_too() {
     let object = bench.published(&other_pack(), LEAST, &["--bag", "--site"]);
     assert!(!object.join("v1/oembed.json").exists(), "oEmbed needs an address");
     assert_eq!(json_of(&object.join("v1/metadata/datacite.json"))["creators"][0]["name"], ":unkn");
+    let report = bench.publish(&other_pack(), LEAST, &["--dry-run", "--version-note", "x"]);
+    let advice = String::from_utf8(report.stdout).unwrap();
+    for lacking in ["url: Europeana refuses", "publisher: Europeana refuses", "object.kind, object.period"] {
+        assert!(advice.contains(&format!("better with: {lacking}")), "{lacking} in {advice}");
+    }
     let Some(said) = python(PROGRAM, &bench.path("site")) else { return };
     assert_eq!((&said["bag"], &said["datacite"]), (&true.into(), &serde_json::json!([])));
+    let rules = &said["edm_rules"];
+    assert_eq!(
+        (&rules["order"], &rules["what"], &rules["undescribed"]),
+        (&serde_json::json!([]), &true.into(), &serde_json::json!([]))
+    );
     assert_eq!(
         (&said["crate"]["missing"], &said["edm"]["missing"], &said["bib"]["failed"]),
         (&serde_json::json!([]), &serde_json::json!([]), &0.into())

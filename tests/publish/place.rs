@@ -1,7 +1,7 @@
 //! `--redact-location`: no file of an object tells where the model was, as text or as a number.
 
 use crate::support::{json, text};
-use crate::{Bench, FULL, json_of, pack, run, tree};
+use crate::{Bench, FULL, json_of, notes, pack, run, tree};
 
 /// Numbers that tell the place: corners, middle and lattice of the true pack, east and north.
 fn telling() -> Vec<f64> {
@@ -54,7 +54,10 @@ fn no_file_tells_where_it_was() {
     let original = std::fs::read(pack()).unwrap();
     assert!(tells(&original, &numbers).is_some(), "the search would find it");
     let bench = Bench::new();
-    let object = bench.published(&pack(), FULL, &["--redact-location", "--bag", "--site"]);
+    // Notes tell it by their places, by how they are looked at, and by where they lead.
+    let notes = notes::file(&bench, &notes::annotations(&pack()));
+    assert!(tells(&std::fs::read(&notes).unwrap(), &numbers).is_some(), "the search would find it in the notes");
+    let object = bench.published(&pack(), FULL, &["--redact-location", "--bag", "--site", "--notes", text(&notes)]);
     let all = tree(&bench.path("site"));
     for (path, bytes) in &all {
         if let Some(what) = tells(bytes, &numbers) {
@@ -64,7 +67,7 @@ fn no_file_tells_where_it_was() {
             assert!(!bytes.windows(word.len()).any(|w| w == word.as_bytes()), "{path} has {word}");
         }
     }
-    assert!(all.len() > 60);
+    assert!(all.len() > 60 && all.contains_key("gereza/v1/annotations.json"));
     let manifest = json_of(&object.join("manifest.json"));
     assert_eq!(manifest["versions"][0]["location_redacted"], true);
     assert!(manifest["versions"][0]["figures"]["crs"].is_null());
@@ -94,7 +97,8 @@ fn what_was_published_with_its_place_cannot_be_hidden_by_a_further_version() {
 #[test]
 fn a_cell_tells_the_region_and_nothing_finer() {
     let bench = Bench::new();
-    let object = bench.published(&pack(), FULL, &["--redact-location=100000"]);
+    let notes = notes::file(&bench, &notes::annotations(&pack()));
+    let object = bench.published(&pack(), FULL, &["--redact-location=100000", "--notes", text(&notes)]);
     let numbers = telling();
     for (path, bytes) in tree(&object) {
         assert_eq!(tells(&bytes, &numbers), None, "{path}");

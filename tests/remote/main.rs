@@ -30,6 +30,11 @@ use support::{Input, built_once, serving, succeeds, text};
 pub(crate) const METADATA: &str = "title = \"Fort & <b>\"\nslug = \"fort\"\npublisher = \"Museum\"\nurl = \"https://museum.example/fort/\"\n\
     description = \"First.\\n\\nSecond.\"\n[rights]\nuri = \"CC BY 4.0\"\n[model]\nunits = \"m\"\n[[creators]]\nname = \"Rüther, Heinz\"\n";
 
+/// Notes on it, as the page saves them.
+pub(crate) const NOTES: &str = "{\"type\":\"AnnotationPage\",\"items\":[{\"id\":\"urn:uuid:1\",\"type\":\"Annotation\",\"label\":\"Gate\",\
+    \"body\":[{\"type\":\"TextualBody\",\"value\":\"Coral <b>rag</b>\"},\"https://example.org/gate\"],\
+    \"target\":{\"selector\":{\"type\":\"PointSelector\",\"x\":1.5,\"y\":2.25,\"z\":3.125}}}]}";
+
 /// The pack.
 pub(crate) fn pack() -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("remote");
@@ -49,11 +54,12 @@ pub(crate) fn local() -> PathBuf {
         return site;
     }
     drop(std::fs::remove_dir_all(&site));
-    let (www, file) = (folder.join("www"), folder.join("fort.toml"));
+    let (www, file, notes) = (folder.join("www"), folder.join("fort.toml"), folder.join("notes.json"));
     serving::page(&www);
+    std::fs::write(&notes, NOTES).unwrap();
     for (day, more, metadata) in [
-        ("2026-11-19", &[][..], METADATA.to_owned()),
-        ("2026-11-20", &["--version-note", "Better text"][..], METADATA.replace("First.", "Better.")),
+        ("2026-11-19", &["--notes", text(&notes)][..], METADATA.to_owned()),
+        ("2026-11-20", &["--version-note", "Better text", "--no-notes"][..], METADATA.replace("First.", "Better.")),
     ] {
         std::fs::write(&file, metadata).unwrap();
         let args = ["publish", text(&pack), "--to", text(&site), "--metadata", text(&file), "--www", text(&www)];
@@ -80,7 +86,11 @@ pub(crate) fn intent(site: &Path, number: u32) -> Intent {
     let parts: Vec<String> =
         root["hasPart"].as_array().unwrap().iter().map(|p| p["@id"].as_str().unwrap().to_owned()).collect();
     let is_sent = |p: &&String| {
-        p.starts_with("pack.") || p.starts_with("poster") || p.starts_with("drawings/") || *p == "preview.glb"
+        p.starts_with("pack.")
+            || p.starts_with("poster")
+            || p.starts_with("drawings/")
+            || *p == "preview.glb"
+            || *p == "annotations.json"
     };
     let said = |path: &String| {
         let bytes = std::fs::read(folder.join(path)).unwrap();

@@ -1,7 +1,7 @@
 //! `kilwa publish --to http://…` as a program: what it says, what it refuses, and that it ends what was killed.
 
 use crate::support::{serving, text};
-use crate::{METADATA, Server, local, pack, tree};
+use crate::{METADATA, NOTES, Server, local, pack, tree};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
@@ -39,9 +39,11 @@ fn said(output: &Output) -> String {
 fn killed_while_it_sends_the_same_command_ends_it_with_the_bytes_of_publishing_here_and_once() {
     let site = local();
     let server = Server::start();
-    let (_folder, metadata, www) = bench(METADATA);
-    let to = format!("http://{}/", server.address);
-    let make = || command(&to, &metadata, &www, &server.token, &["--date", "2026-11-19"]);
+    let (folder, metadata, www) = bench(METADATA);
+    let (to, notes) = (format!("http://{}/", server.address), folder.path().join("notes.json"));
+    std::fs::write(&notes, NOTES).unwrap();
+    let more = ["--date", "2026-11-19", "--notes", text(&notes)];
+    let make = || command(&to, &metadata, &www, &server.token, &more);
     let mut child = make().stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     // As soon as something of it is there.
     for _ in 0..6000 {

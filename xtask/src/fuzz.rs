@@ -19,7 +19,7 @@ pub(crate) struct Args {
     /// Seconds for each target
     #[arg(long, value_name = "N", default_value_t = 600)]
     seconds: u64,
-    /// Only this target: `ply`, `obj`, `stl`, `gltf`, `open_pack`, `decode_chunk`, `metadata` or `manifest`
+    /// Only this target: `ply`, `obj`, `stl`, `gltf`, `open_pack`, `decode_chunk`, `metadata`, `manifest` or `notes`
     #[arg(long, value_name = "NAME")]
     only: Option<String>,
     /// The stable compiler's runner also where cargo-fuzz is installed
@@ -28,7 +28,7 @@ pub(crate) struct Args {
 }
 
 /// Targets, and the tests of `tests/fuzzing` that run their bodies.
-const TARGETS: [(&str, &str); 8] = [
+const TARGETS: [(&str, &str); 9] = [
     ("ply", "any_bytes_are_a_ply_or_refused"),
     ("obj", "any_bytes_are_an_obj_or_refused"),
     ("stl", "any_bytes_are_an_stl_or_refused"),
@@ -37,6 +37,7 @@ const TARGETS: [(&str, &str); 8] = [
     ("decode_chunk", "any_bytes_are_a_chunk_or_refused"),
     ("metadata", "any_bytes_are_metadata_or_refused"),
     ("manifest", "any_bytes_are_a_manifest_or_refused"),
+    ("notes", "any_bytes_are_notes_or_refused"),
 ];
 
 /// Targets that run at a time.

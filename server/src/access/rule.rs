@@ -10,6 +10,7 @@
 //! Invariant: whatever is not certainly allowed is refused; a clock that was set back only keeps an embargo longer.
 
 use crate::object::date::day_of;
+use crate::object::layout::ANNOTATIONS;
 use crate::object::manifest::{Access, AccessState};
 use crate::objects::NOTES;
 use std::sync::Arc;
@@ -77,7 +78,7 @@ pub(crate) fn verdict(access: &Access, clock: &Clock) -> Verdict {
 /// Whether a file has the shape of the model in it: packs, and models in other forms.
 pub(crate) fn is_geometry(name: &str) -> bool {
     // Notes are places on the model.
-    if name == NOTES {
+    if name == NOTES || name.rsplit('/').next() == Some(ANNOTATIONS) {
         return true;
     }
     let end = name.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
@@ -127,6 +128,7 @@ mod tests {
     #[test]
     fn geometry_is_told_by_its_name() {
         assert!(is_geometry("v1/pack.00.kilwa") && is_geometry("v1/preview.GLB"));
+        assert!(is_geometry("v1/annotations.json") && is_geometry("v1/iiif/annotations.json"));
         assert!(is_geometry("annotations.json") && !is_geometry("v1/poster.jpg") && !is_geometry("manifest.json"));
     }
 }

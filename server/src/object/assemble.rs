@@ -6,7 +6,7 @@
 
 use super::draft::{Draft, DraftError};
 use super::layout::Slug;
-use super::layout::{CRATE, MANIFEST, METADATA, VIEWER, pack_name, version_folder};
+use super::layout::{ANNOTATIONS, CRATE, MANIFEST, METADATA, VIEWER, pack_name, version_folder};
 use super::manifest::{Access, AccessState, FORM, Figures, FileEntry, Manifest, PackEntry, RightsEntry, Version};
 use super::metadata::{Metadata, crs};
 use super::page::{self, Surroundings};
@@ -77,6 +77,7 @@ impl Facts {
             of_pack,
             location_redacted: self.location_redacted,
             preview,
+            notes: None,
             tool: self.tool.clone(),
         }
     }
@@ -91,6 +92,11 @@ impl Facts {
             note: p.note.clone(),
             pack: p.pack.clone(),
             checksums,
+            annotations: p.notes.as_ref().map(|n| FileEntry {
+                url: format!("{}/{ANNOTATIONS}", version_folder(p.version)),
+                bytes: n.bytes,
+                sha256: n.sha256.clone(),
+            }),
             figures: p.figures.clone(),
             location_redacted: p.location_redacted,
         });
@@ -174,9 +180,16 @@ pub fn complete(
     Ok(Completed { object, files, bytes })
 }
 
-/// Whether the last version of an object in a folder has this very pack and metadata.
-pub fn is_published(object: &Path, before: &Manifest, pack_sha256: &str, metadata: &Metadata) -> bool {
-    let Some(last) = before.versions.last().filter(|v| v.pack.sha256 == pack_sha256) else { return false };
+/// Whether the last version of an object in a folder has this very pack, metadata and notes (their SHA-256, where there are any).
+pub fn is_published(
+    object: &Path,
+    before: &Manifest,
+    pack_sha256: &str,
+    metadata: &Metadata,
+    notes: Option<&str>,
+) -> bool {
+    let is_last = |v: &&Version| v.pack.sha256 == pack_sha256 && v.has_notes(notes);
+    let Some(last) = before.versions.last().filter(is_last) else { return false };
     let written = std::fs::read(object.join(&last.folder).join(METADATA)).ok();
     written.is_some_and(|bytes| is_metadata(&bytes, metadata))
 }

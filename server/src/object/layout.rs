@@ -22,6 +22,10 @@ pub const DRAWINGS: &str = "drawings";
 pub const PREVIEW: &str = "preview.glb";
 /// Largest preview, bytes.
 pub const PREVIEW_MAX: u64 = 5_000_000;
+/// Notes on the model, where there are any: Web Annotations.
+pub const ANNOTATIONS: &str = "annotations.json";
+/// The same in the coordinates of the IIIF manifest's scene.
+pub const IIIF_ANNOTATIONS: &str = "iiif/annotations.json";
 /// IIIF Presentation manifest.
 pub const IIIF: &str = "iiif/manifest.json";
 /// Dublin Core.

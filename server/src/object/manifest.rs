@@ -6,7 +6,7 @@
 
 use super::checksums::{Checksum, is_sha256, sha256};
 use super::date::is_day;
-use super::layout::{Slug, pack_name, safe, version_folder};
+use super::layout::{ANNOTATIONS, Slug, pack_name, safe, version_folder};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -188,6 +188,9 @@ pub struct Version {
     pub pack: PackEntry,
     /// Its list of checksums: the hash of all hashes.
     pub checksums: FileEntry,
+    /// Its notes, where it has any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub annotations: Option<FileEntry>,
     /// Its numbers.
     pub figures: Figures,
     /// Whether reference system and place were taken away or made coarse before publication.
@@ -331,6 +334,11 @@ fn check_file(field: &str, folder: &str, url: &str, sha256: &str) -> Result<(), 
 }
 
 impl Version {
+    /// Whether its notes are those of this SHA-256, or it has none where there is none.
+    pub fn has_notes(&self, sha256: Option<&str>) -> bool {
+        self.annotations.as_ref().map(|n| n.sha256.as_str()) == sha256
+    }
+
     fn check(&self, number: u32) -> Result<(), ManifestError> {
         let at = |name: &str| format!("versions[{}].{name}", number - 1);
         let wrong = |name: &str, why: &str| Err(ManifestError::Wrong { field: at(name), why: why.to_owned() });
@@ -349,6 +357,12 @@ impl Version {
             return wrong("pack.identity", "32 hexadecimal digits are wanted");
         }
         self.checksums.check(&at("checksums"), &folder)?;
+        if let Some(notes) = &self.annotations {
+            notes.check(&at("annotations"), &folder)?;
+            if notes.url != format!("{folder}{ANNOTATIONS}") {
+                return wrong("annotations.url", "notes stand in annotations.json of the version");
+            }
+        }
         let [min, max] = self.figures.bounds;
         if min.iter().zip(max).any(|(a, b)| !a.is_finite() || !b.is_finite() || *a > b) {
             return wrong("figures.bounds", "the smallest and the largest corner are wanted");

@@ -14,6 +14,11 @@ pub(crate) fn sample() -> Manifest {
             identity: "0123456789abcdef".repeat(2),
         },
         checksums: FileEntry { url: format!("v{n}/checksums.sha256"), bytes: 1, sha256: sha256.clone() },
+        annotations: (n == 2).then(|| FileEntry {
+            url: "v2/annotations.json".to_owned(),
+            bytes: 1,
+            sha256: sha256.clone(),
+        }),
         figures: Figures {
             bounds: [[0.0; 3], [1.0; 3]],
             crs: None,
@@ -67,6 +72,7 @@ fn what_cannot_be_is_refused_with_its_field() {
     assert!(refuse(&|v| v["versions"][1]["pack"]["url"] = "v1/../../x".into()).starts_with("versions[1].pack.url"));
     assert!(refuse(&|v| v["versions"][1]["version"] = 3.into()).starts_with("versions[1].version"));
     assert!(refuse(&|v| v["versions"][0]["checksums"]["url"] = "v2/checksums.sha256".into()).contains("checksums.url"));
+    assert!(refuse(&|v| v["versions"][1]["annotations"]["url"] = "v2/x.json".into()).contains("annotations.url"));
     assert!(refuse(&|v| v["current"] = 9.into()).starts_with("current"));
     assert!(refuse(&|v| v["access"]["state"] = "embargo".into()).starts_with("access.until"));
     assert!(refuse(&|v| v["page"]["url"] = "/etc/passwd".into()).starts_with("page.url"));

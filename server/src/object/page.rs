@@ -5,8 +5,8 @@
 //! No inline script or style: it works under the server's Content-Security-Policy. Everything is escaped.
 
 use super::layout::{
-    CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, LINKSET, OEMBED, PARADATA, POSTER, PREVIEW, README, VIEWER,
-    version_folder,
+    ANNOTATIONS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, LINKSET, OEMBED, PARADATA, POSTER, PREVIEW,
+    README, THUMBNAILS, VIEWER, version_folder,
 };
 use super::manifest::{AccessState, Manifest, Version};
 use super::metadata::Metadata;
@@ -38,7 +38,9 @@ pub fn landing(viewer: &str, p: &Publication, around: &Surroundings) -> String {
     let folder = version_folder(p.version);
     let list = around.list.as_ref().map(|l| format!("{UP}{l}")).unwrap_or_default();
     let accuracy = p.figures.accuracy.map(|a| format!(" data-accuracy=\"{a:?}\"")).unwrap_or_default();
-    let body = format!("data-pack=\"{UP}{}\" data-title=\"{title}\"{accuracy}", escape(&p.pack.url));
+    // Relative to the pack.
+    let notes = if p.notes.is_some() { format!(" data-annotations=\"{ANNOTATIONS}\"") } else { String::new() };
+    let body = format!("data-pack=\"{UP}{}\" data-title=\"{title}\"{accuracy}{notes}", escape(&p.pack.url));
     viewer
         .replacen("<base href=\"./\">", &format!("<base href=\"{folder}/{VIEWER}/\">"), 1)
         .replacen("<title>Kilwa</title>", &format!("<title>{title}</title>\n{}", head(p)), 1)
@@ -199,6 +201,9 @@ fn downloads(p: &Publication, around: &Surroundings) -> String {
     for (path, what) in &around.drawings {
         item(path, &escape(what), "PNG");
     }
+    if let Some(n) = &p.notes {
+        item(ANNOTATIONS, "Web Annotations", &format!("{} notes", n.notes.notes.len()));
+    }
     for (path, name) in [
         (DATACITE, "DataCite"),
         (DUBLIN_CORE, "Dublin Core"),
@@ -259,7 +264,17 @@ fn article(p: &Publication, around: &Surroundings) -> String {
         s,
         "<p class=\"only-plain\">The model turns in a browser with JavaScript and WebGPU or WebGL 2, when this page comes from a web server.</p>"
     );
-    let _ = writeln!(s, "<img src=\"{}\" alt=\"{}\" width=\"1200\" height=\"630\">", href(p, POSTER), escape(&m.title));
+    // Lazy: where the viewer runs, this is not seen, and would be fetched before the model.
+    let [(wide, width), (small, small_width)] = THUMBNAILS;
+    let _ = writeln!(
+        s,
+        "<img src=\"{0}\" srcset=\"{1} {small_width}w, {2} {width}w, {0} 1200w\" sizes=\"(max-width: 1168px) 100vw, 1120px\" \
+         alt=\"{3}\" width=\"1200\" height=\"630\" loading=\"lazy\">",
+        href(p, POSTER),
+        href(p, small),
+        href(p, wide),
+        escape(&m.title)
+    );
     if let Some(text) = &m.description {
         let _ = writeln!(s, "<div class=\"prose\">{}</div>", paragraphs(text));
     }
@@ -271,6 +286,7 @@ fn article(p: &Publication, around: &Surroundings) -> String {
     let _ = writeln!(s, "</dl>\n<h2>Licence</h2>\n<p>{}</p>", rights(p));
     let _ =
         writeln!(s, "<h2>How to cite</h2>\n<p class=\"cite\">{}</p>\n<p>{}</p>", escape(&citation(p)), citations(p));
+    s.push_str(&notes(p));
     let _ = writeln!(s, "<h2>Versions</h2>\n{}", versions(p, around));
     if !around.drawings.is_empty() {
         s.push_str("<h2>Drawings</h2>\n<div class=\"drawings\">\n");
@@ -285,6 +301,33 @@ fn article(p: &Publication, around: &Surroundings) -> String {
         s.push_str("</div>\n");
     }
     s.push_str("</article>\n");
+    s
+}
+
+/// Notes that a page without scripts has; all of them are in the file.
+const NOTES_SHOWN: usize = 100;
+
+/// The notes as text; places on a closed model are for those who may have it.
+fn notes(p: &Publication) -> String {
+    let Some(published) = p.notes.as_ref().filter(|_| p.metadata.access() == AccessState::Public) else {
+        return String::new();
+    };
+    let (all, language) = (&published.notes.notes, p.metadata.language.as_str());
+    let mut s = String::from("<h2>Notes</h2>\n<ol class=\"notes\">\n");
+    for note in all.iter().take(NOTES_SHOWN) {
+        let title = note.title(language);
+        let title = if title.is_empty() { title } else { format!("<strong>{}</strong> ", escape(&title)) };
+        let texts: String = note.texts(language).iter().map(|t| paragraphs(t)).collect();
+        let links: Vec<String> = note
+            .links()
+            .map(|l| format!("<p><a href=\"{0}\" rel=\"noopener noreferrer\">{0}</a></p>", escape(l)))
+            .collect();
+        let _ = writeln!(s, "<li>{title}{texts}{}</li>", links.concat());
+    }
+    s.push_str("</ol>\n");
+    if all.len() > NOTES_SHOWN {
+        let _ = writeln!(s, "<p>The first {NOTES_SHOWN} of {}; all are in the file.</p>", all.len());
+    }
     s
 }
 

@@ -8,7 +8,7 @@ use super::draft::{DraftError, replace};
 use super::layout::{MANIFEST, Slug, is_object, version_folder};
 use super::manifest::{AccessState, MANIFEST_MAX, Manifest};
 use super::record::xml::{Xml, escape};
-use crate::html::{grouped, size, size_in_space};
+use crate::html::{grouped, poster, size, size_in_space};
 use crate::page::Page;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -230,10 +230,8 @@ fn card(s: &mut String, m: &Manifest) {
     let line: Vec<&str> = [m.place.as_deref(), m.captured.as_deref()].into_iter().flatten().collect();
     let _ = write!(
         s,
-        "<li class=\"card\">\n<img class=\"poster\" src=\"{}/{}/poster-600.jpg\" alt=\"\" width=\"600\" height=\"315\" loading=\"lazy\">\n\
-         <h2><a href=\"{}/\">{}</a></h2>\n<p class=\"quiet\">{}</p>\n<dl class=\"facts\">\n",
-        m.slug,
-        version_folder(v.version),
+        "<li class=\"card\">\n{}\n<h2><a href=\"{}/\">{}</a></h2>\n<p class=\"quiet\">{}</p>\n<dl class=\"facts\">\n",
+        poster(&format!("{}/{}", m.slug, version_folder(v.version))),
         m.slug,
         escape(&m.title),
         escape(&line.join(" · "))

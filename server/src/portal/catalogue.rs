@@ -6,9 +6,9 @@ use super::collections::{self, Collection};
 use super::encoded;
 use super::frame::{FOOT, Reader, feed_link, head};
 use super::language::Language;
+use crate::html::poster;
 use crate::index::{Entry, Facet, Found, Query, Sort};
 use crate::object::AccessState;
-use crate::object::layout::THUMBNAILS;
 use crate::object::record::xml::escape;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -254,15 +254,12 @@ pub(super) fn card(s: &mut String, entry: &Entry, reader: &Reader<'_>, today: &s
         .flatten()
         .map(|text| format!("<bdi>{}</bdi>", escape(text)))
         .collect();
-    let [(wide, width), (small, small_width)] = THUMBNAILS;
     let folder = format!("/{slug}/v{}", entry.version);
     let page = reader.to(&format!("/{}/", entry.slug));
     let _ = write!(
         s,
-        "<li class=\"card\">\n<img class=\"poster\" src=\"{folder}/{small}\" srcset=\"{folder}/{small} {small_width}w, {folder}/{wide} {width}w\" \
-         sizes=\"(max-width: 720px) 100vw, 360px\" alt=\"\" width=\"{width}\" height=\"{}\" loading=\"lazy\">\n\
-         <h2 lang=\"{lang}\" dir=\"auto\"><a href=\"{page}\">{}</a></h2>\n<p class=\"quiet\">{}</p>\n<dl class=\"facts\">\n",
-        width * 630 / 1200,
+        "<li class=\"card\">\n{}\n<h2 lang=\"{lang}\" dir=\"auto\"><a href=\"{page}\">{}</a></h2>\n<p class=\"quiet\">{}</p>\n<dl class=\"facts\">\n",
+        poster(&folder),
         escape(&entry.title),
         line.join(" · "),
         lang = escape(&entry.language),

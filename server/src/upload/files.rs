@@ -1,9 +1,12 @@
 //! What a file of an upload must be, by its name: nothing that a browser would run, nothing that leads elsewhere.
 //!
 //! Pictures must begin as what they are called and say their sizes; they are served with their type and `nosniff`, so that what follows
-//! cannot become a page. A preview must be glTF 2.0 that is whole in itself. Nothing here decodes pixels.
+//! cannot become a page. A preview must be glTF 2.0 that is whole in itself. Nothing here decodes pixels. Notes must be byte for byte what
+//! `kilwa publish` writes of them: nothing stands in them that was not looked at.
 
-use crate::object::layout::{DRAWINGS, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
+use crate::object::Notes;
+use crate::object::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
+use crate::object::notes::NOTES_MAX;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
@@ -22,6 +25,7 @@ pub(super) fn is_expected(path: &str) -> bool {
     path == POSTER
         || path == PREVIEW
         || path == WORLD
+        || path == ANNOTATIONS
         || THUMBNAILS.iter().any(|(name, _)| path == *name)
         || drawing.is_some_and(|d| ["plan", "north", "east", "south", "west"].contains(&d))
 }
@@ -31,6 +35,7 @@ pub(super) fn most(path: &str) -> u64 {
     match path {
         PREVIEW => PREVIEW_MAX,
         WORLD => TEXT_MAX,
+        ANNOTATIONS => NOTES_MAX,
         _ => PICTURE_MAX,
     }
 }
@@ -48,6 +53,10 @@ pub(super) fn check(path: &str, at: &Path) -> io::Result<()> {
         let numbers = text.lines().filter(|l| l.trim().parse::<f64>().is_ok_and(f64::is_finite)).count();
         return if numbers == 6 && text.lines().count() == 6 { Ok(()) } else { wrong("no world file of six numbers") };
     }
+    if path == ANNOTATIONS {
+        // With the pack, by [`check_notes`].
+        return Ok(());
+    }
     if path == PREVIEW {
         let mut bytes = Vec::new();
         file.take(PREVIEW_MAX + 1).read_to_end(&mut bytes)?;
@@ -62,6 +71,37 @@ pub(super) fn check(path: &str, at: &Path) -> io::Result<()> {
         Some("jpg") if is_jpeg => Ok(()),
         _ => wrong("no picture of the kind that its name says"),
     }
+}
+
+/// What notes belong to.
+pub(super) struct Noted<'a> {
+    /// The box of the pack, metres.
+    pub(super) bounds: [[f64; 3]; 2],
+    /// File name and identity of the pack.
+    pub(super) pack: (&'a str, &'a str),
+    /// Whether nothing in them may tell the place.
+    pub(super) location_redacted: bool,
+}
+
+/// Check the notes of a version.
+///
+/// # Errors
+/// As [`check`].
+pub(super) fn check_notes(at: &Path, noted: &Noted<'_>) -> io::Result<()> {
+    let wrong = |what: String| io::Error::new(io::ErrorKind::InvalidData, format!("{ANNOTATIONS}: {what}"));
+    let mut bytes = Vec::new();
+    File::open(at)?.take(NOTES_MAX + 1).read_to_end(&mut bytes)?;
+    let notes = Notes::parse(&bytes).map_err(|e| wrong(e.to_string()))?;
+    notes.within(noted.bounds[0], noted.bounds[1]).map_err(|e| wrong(e.to_string()))?;
+    let notes = if noted.location_redacted { notes.without_place([0.0; 3], &[]) } else { notes };
+    let written = notes.to_bytes(noted.pack.0, noted.pack.1).map_err(|e| wrong(e.to_string()))?;
+    if notes.left_out == 0 && written == bytes {
+        return Ok(());
+    }
+    let hidden = if noted.location_redacted { ", or with something in them that may tell the place" } else { "" };
+    Err(wrong(format!(
+        "the notes are not in the form in which kilwa publish writes them{hidden}; use the same version of kilwa on both sides"
+    )))
 }
 
 /// A header whose length is right, a first chunk of JSON, and no address in it.
@@ -85,7 +125,14 @@ mod tests {
 
     #[test]
     fn only_files_of_a_version_are_expected() {
-        for good in ["poster.jpg", "poster-600.jpg", "drawings/north.png", "drawings/plan.pgw", "preview.glb"] {
+        for good in [
+            "poster.jpg",
+            "poster-600.jpg",
+            "drawings/north.png",
+            "drawings/plan.pgw",
+            "preview.glb",
+            "annotations.json",
+        ] {
             assert!(is_expected(good), "{good}");
         }
         for bad in [
@@ -97,6 +144,7 @@ mod tests {
             "drawings/x.png",
             "/poster.jpg",
             "metadata/dc.xml",
+            "iiif/annotations.json",
             "checksums.sha256",
             "poster.jpg/",
             "drawings/plan.svg",
@@ -132,5 +180,36 @@ mod tests {
         let elsewhere = "{\"asset\":{},\"buffers\":[{\"uri\":\"http://x\"}]}";
         assert!(said("preview.glb", &glb(elsewhere)).unwrap_err().contains("whole in itself"));
         assert!(said("preview.glb", &glb("{\"asset\":{}}")[..30]).is_err());
+    }
+
+    #[test]
+    fn notes_are_taken_in_the_form_in_which_they_are_written_only() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path().join("x");
+        let said = |bytes: &[u8], location_redacted: bool| {
+            std::fs::write(&at, bytes).unwrap();
+            let noted =
+                Noted { bounds: [[0.0; 3], [9.0; 3]], pack: ("pack.kilwa", "0123456789abcdef"), location_redacted };
+            check_notes(&at, &noted).map_err(|e| e.to_string())
+        };
+        let one = |x: f64, more: &str| {
+            format!(
+                "[{{\"label\":\"Gate\",\"body\":[\"https://example.org/\"],\"target\":{{\"selector\":{{\"type\":\"PointSelector\",\"x\":{x},\"y\":1,\"z\":1}}}}{more}}}]"
+            )
+        };
+        let written = |notes: Notes| notes.to_bytes("pack.kilwa", "0123456789abcdef").unwrap();
+        let notes = Notes::parse(one(1.0, "").as_bytes()).unwrap();
+        assert!(said(&written(notes.clone()), false).is_ok());
+        assert!(said(&written(notes.clone().without_place([0.0; 3], &[])), true).is_ok());
+        assert!(said(&written(notes.clone()), true).unwrap_err().contains("may tell the place"), "it has a link");
+        for bad in [
+            one(1.0, "").into_bytes(),
+            notes.to_bytes("https://evil.example/", "0123456789abcdef").unwrap(),
+            b"<script>".to_vec(),
+        ] {
+            assert!(said(&bad, false).is_err());
+        }
+        let far = Notes::parse(one(50.0, "").as_bytes()).unwrap();
+        assert!(said(&written(far), false).unwrap_err().contains("outside of the model"));
     }
 }

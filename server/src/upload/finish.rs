@@ -7,6 +7,7 @@ use crate::object::assemble::{Facts, Following, agree, complete, existing, furth
 use crate::object::checksums::sha256_of;
 use crate::object::date::day_of;
 use crate::object::draft::{Draft, DraftError, Lock};
+use crate::object::layout::ANNOTATIONS;
 use crate::object::manifest::Manifest;
 use crate::object::sound;
 use crate::object::source::FileSource;
@@ -108,10 +109,15 @@ fn checked(staging: &Staging, intent: &Intent, meant: &Meant, job: &Job) -> Resu
         if sum != file.sha256 {
             return Err(altered(staging, file));
         }
-        files::check(&file.path, &at).map_err(|e| match e.kind() {
-            io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => Refusal::content(e.to_string()),
-            _ => Refusal::disk("read what was sent", &e),
-        })?;
+        files::check(&file.path, &at).map_err(|e| refused_file(&e))?;
+        if file.path == ANNOTATIONS {
+            let noted = files::Noted {
+                bounds: [of_pack.0.bounds_min, of_pack.0.bounds_max],
+                pack: (&meant.pack.path, &of_pack.1),
+                location_redacted: intent.location_redacted,
+            };
+            files::check_notes(&at, &noted).map_err(|e| refused_file(&e))?;
+        }
         job.done.fetch_add(file.bytes, Ordering::Relaxed);
     }
     Ok(of_pack)
@@ -167,7 +173,9 @@ fn placed(
     let _lock = shelf_lock(uploads)?;
     let object = uploads.shelf.join(&intent.slug);
     let before = existing(&object).map_err(Refusal::conflict)?;
-    if let Some(m) = before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata)) {
+    if let Some(m) =
+        before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata, intent.notes()))
+    {
         return Ok(Done { version: m.current, already: true });
     }
     check_version(intent, before.as_ref())?;
@@ -203,9 +211,18 @@ fn placed(
     }
     let entry = facts.pack_entry(meant.pack.bytes, meant.pack.sha256.clone(), identity);
     let publication = facts.publication(entry, of_pack, meant.preview);
+    let publication = publication.with_notes(&draft.folder()).map_err(|e| Refusal::disk("read the notes", &e))?;
     let drawings = intent.drawings.iter().map(|d| (d.path.clone(), d.words.clone())).collect();
     complete(draft, &facts, &publication, &uploads.page, drawings, None).map_err(|e| refused(&e))?;
     Ok(Done { version: publication.version, already: false })
+}
+
+/// What is wrong with a file that was sent, or with the disk.
+fn refused_file(e: &io::Error) -> Refusal {
+    match e.kind() {
+        io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => Refusal::content(e.to_string()),
+        _ => Refusal::disk("read what was sent", e),
+    }
 }
 
 fn following<'a>(

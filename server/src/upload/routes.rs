@@ -142,7 +142,9 @@ async fn begun(
         }
         let object = uploads.shelf.join(meant.slug.as_str());
         let before = existing(&object).map_err(Refusal::conflict)?;
-        if let Some(m) = before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata)) {
+        if let Some(m) =
+            before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata, intent.notes()))
+        {
             // A crash after the last step leaves what was sent behind.
             if let Ok(Some(left)) = uploads.staging(&intent.slug, &who) {
                 left.remove();

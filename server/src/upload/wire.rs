@@ -3,7 +3,7 @@
 use super::{Refusal, UploadLimits};
 use crate::object::checksums::is_sha256;
 use crate::object::date::{day_of, is_day};
-use crate::object::layout::{DRAWINGS, POSTER, PREVIEW, Slug, THUMBNAILS, pack_name};
+use crate::object::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, Slug, THUMBNAILS, pack_name};
 use crate::object::metadata::Metadata;
 use crate::object::record::Preview;
 use crate::object::rights::Rights;
@@ -43,7 +43,7 @@ pub struct Intent {
     pub preview: Option<PreviewSaid>,
     /// The drawings: path in the version and words.
     pub drawings: Vec<Drawing>,
-    /// The files: pack, pictures, preview.
+    /// The files: pack, pictures, preview, notes.
     pub files: Vec<FileSaid>,
 }
 
@@ -201,7 +201,7 @@ impl Intent {
             let is_pack = file.path == pack_name(&file.sha256);
             if !is_pack && !super::files::is_expected(&file.path) {
                 return Err(Refusal::content(format!(
-                    "{:?} is no file that can be uploaded: pack, posters, drawings and preview are; everything else of a version is made by the server",
+                    "{:?} is no file that can be uploaded: pack, posters, drawings, preview and notes are; everything else of a version is made by the server",
                     short(&file.path)
                 )));
             }
@@ -229,6 +229,11 @@ impl Intent {
             return Err(Refusal::content(format!("{lacking} is missing")));
         }
         pack.ok_or_else(|| Refusal::content("there is no pack; its name is pack.<sha256>.kilwa"))
+    }
+
+    /// The SHA-256 of the notes, where there are any.
+    pub(super) fn notes(&self) -> Option<&str> {
+        self.files.iter().find(|f| f.path == ANNOTATIONS).map(|f| f.sha256.as_str())
     }
 
     fn has(&self, path: &str) -> bool {

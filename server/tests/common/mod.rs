@@ -239,6 +239,7 @@ fn version(root: &Path, number: u32, pack: &[u8]) -> Version {
             bytes: text.len() as u64,
             sha256: sha256(text.as_bytes()),
         },
+        annotations: None,
         figures: Figures {
             bounds: [[0.0; 3], [1.0; 3]],
             crs: None,

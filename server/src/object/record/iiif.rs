@@ -2,17 +2,20 @@
 //!
 //! A Scene is right-handed with y up, as glTF is; `spatialScale` says that one unit is a metre. The preview stands at zero: where the model
 //! lies on earth is in the other records. A viewer of IIIF takes the model of the painting annotation, and shows poster, rights and metadata.
+//!
+//! `iiif/annotations.json`: the notes as commenting annotations of the scene, in its coordinates: the pack has z up and stands at its place. A page of its own,
+//! that the scene names: who may not have the model may not have the places on it either, and the manifest is for everybody.
 
 use super::Publication;
-use crate::object::layout::{CRATE, DATACITE, IIIF, POSTER, PREVIEW};
+use crate::object::layout::{CRATE, DATACITE, IIIF, IIIF_ANNOTATIONS, POSTER, PREVIEW};
+use crate::object::notes::{Body, Note, scene_point};
 use serde_json::{Value, json};
 
 pub(super) fn iiif(p: &Publication) -> Value {
     let m = &p.metadata;
     let lang = m.language.as_str();
     let text = |t: &str| json!({ lang: [t] });
-    let id = p.file(IIIF, 1);
-    let id = if p.url().is_some() { id } else { "manifest.json".to_owned() };
+    let id = address(p, IIIF);
     let part = |name: &str| format!("{id}#{name}");
     let mut v = json!({
         "@context": "http://iiif.io/api/presentation/4/context.json",
@@ -57,8 +60,93 @@ pub(super) fn iiif(p: &Publication) -> Value {
                 "selector": { "type": "PointSelector", "x": 0.0, "y": 0.0, "z": 0.0 } },
         }] }]);
     }
+    if p.notes.is_some() {
+        scene["annotations"] =
+            json!([{ "id": address(p, IIIF_ANNOTATIONS), "type": "AnnotationPage", "label": { "en": ["Notes"] } }]);
+    }
     v["items"] = json!([scene]);
     v
+}
+
+/// Of a file beside the manifest.
+fn address(p: &Publication, path: &str) -> String {
+    match p.url() {
+        Some(_) => p.file(path, 1),
+        None => path.rsplit('/').next().unwrap_or(path).to_owned(),
+    }
+}
+
+/// The notes in the scene.
+pub(super) fn annotations(p: &Publication) -> Option<Value> {
+    let published = p.notes.as_ref()?;
+    let id = address(p, IIIF_ANNOTATIONS);
+    let scene = json!({ "id": format!("{}#scene", address(p, IIIF)), "type": "Scene" });
+    let one = |(number, note): (usize, &Note)| {
+        let part = |name: &str| format!("{id}#{name}-{number}");
+        let [x, y, z] = scene_point(note.place, published.origin);
+        let mut v = json!({
+            "id": part("note"),
+            "type": "Annotation",
+            "motivation": ["commenting"],
+            "body": bodies(p, note),
+            "target": { "type": "SpecificResource", "id": part("target"), "source": scene,
+                "selector": { "type": "PointSelector", "x": x, "y": y, "z": z } },
+        });
+        if let Some(label) = &note.label {
+            v["label"] = by_language(label.all(), &p.metadata.language);
+        }
+        for (key, day) in ["created", "modified"].into_iter().zip(note.dates()) {
+            if let Some(day) = day {
+                v[key] = json!(day);
+            }
+        }
+        v
+    };
+    let items: Vec<Value> = (1..).zip(&published.notes.notes).map(one).collect();
+    Some(json!({
+        "@context": "http://iiif.io/api/presentation/4/context.json",
+        "id": id,
+        "type": "AnnotationPage",
+        "label": { "en": ["Notes"] },
+        "items": items,
+    }))
+}
+
+/// Texts of no named language are in that of the metadata.
+fn by_language(texts: Vec<(Option<&str>, &str)>, language: &str) -> Value {
+    let mut all = json!({});
+    for (named, text) in texts {
+        let list = &mut all[named.unwrap_or(language)];
+        match list.as_array_mut() {
+            Some(list) => list.push(text.into()),
+            None => *list = json!([text]),
+        }
+    }
+    all
+}
+
+/// What a note says; the title where it says nothing else.
+fn bodies(p: &Publication, note: &Note) -> Vec<Value> {
+    let text = |named: Option<&str>, text: &str| {
+        let language = named.unwrap_or(&p.metadata.language);
+        json!({ "type": "TextualBody", "format": "text/plain", "language": language, "value": text })
+    };
+    let mut all = Vec::new();
+    for body in &note.bodies {
+        match body {
+            Body::Text { language, words, .. } => {
+                all.extend(words.all().into_iter().map(|(named, t)| text(named.or(language.as_deref()), t)));
+            }
+            Body::Link { address, .. } => {
+                all.push(json!({ "type": "SpecificResource", "purpose": "linking", "source": address }));
+            }
+        }
+    }
+    let titles = note.label.iter().flat_map(|l| l.all());
+    if all.is_empty() {
+        all.extend(titles.map(|(named, t)| text(named, t)));
+    }
+    all
 }
 
 fn pairs(p: &Publication) -> Vec<Value> {

@@ -2,7 +2,7 @@
 
 use super::xml::escape;
 use super::{Publication, media_type};
-use crate::object::layout::{CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, OEMBED, POSTER, PREVIEW};
+use crate::object::layout::{ANNOTATIONS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, OEMBED, POSTER, PREVIEW};
 use serde_json::{Value, json};
 
 /// Size of the frame that others embed, CSS pixels.
@@ -25,6 +25,9 @@ pub(super) fn linkset(p: &Publication) -> Value {
     let mut items = vec![link(p.pack_file())];
     if p.preview.is_some() {
         items.push(link(PREVIEW));
+    }
+    if p.notes.is_some() {
+        items.push(json!({ "href": p.file(ANNOTATIONS, 0), "type": media_type(ANNOTATIONS), "profile": ["http://www.w3.org/ns/anno.jsonld"] }));
     }
     let authors: Vec<Value> = p
         .metadata

@@ -16,17 +16,22 @@ mod text;
 pub(crate) mod xml;
 
 pub use citation::citation;
+pub use edm::europeana_lacks;
 pub use ro_crate::ro_crate;
 pub use schema_org::schema_org;
 
+use super::checksums::{Checksum, sha256};
 use super::layout::{
-    CITATIONS, DATACITE, DUBLIN_CORE, EDM, IIIF, LICENCE, LINKSET, METADATA, OEMBED, PARADATA, README, Slug,
-    version_folder,
+    ANNOTATIONS, CITATIONS, DATACITE, DUBLIN_CORE, EDM, IIIF, IIIF_ANNOTATIONS, LICENCE, LINKSET, METADATA, OEMBED,
+    PARADATA, PREVIEW, PREVIEW_MAX, README, Slug, version_folder,
 };
 use super::manifest::{Figures, PackEntry};
 use super::metadata::{Agent, AgentKind, Metadata};
+use super::notes::{NOTES_MAX, Notes};
 use super::rights::Rights;
 use serde_json::Value;
+use std::io;
+use std::path::Path;
 
 /// One version about to be published: all that its records say.
 #[derive(Debug, Clone)]
@@ -55,6 +60,8 @@ pub struct Publication {
     pub location_redacted: bool,
     /// Largest distance of `preview.glb` from the finest surface in metres, and its triangles; where there is one.
     pub preview: Option<Preview>,
+    /// What people wrote about places on it, where anybody did.
+    pub notes: Option<PublishedNotes>,
     /// Program and version that publishes.
     pub tool: String,
 }
@@ -70,7 +77,49 @@ pub struct Preview {
     pub error: f64,
 }
 
+/// The notes of a version, as its file has them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PublishedNotes {
+    /// What stands in it.
+    pub notes: Notes,
+    /// Its length.
+    pub bytes: u64,
+    /// Its SHA-256.
+    pub sha256: Checksum,
+    /// Which place of the pack is zero in `preview.glb`, metres.
+    pub origin: [f64; 3],
+}
+
+/// Which place of the pack is zero in a preview that `kilwa publish` made.
+fn origin_of(glb: &[u8]) -> Option<[f64; 3]> {
+    let word = |at: usize| Some(u32::from_le_bytes(glb.get(at..at + 4)?.try_into().ok()?));
+    let json = glb.get(20..20usize.checked_add(word(12)? as usize)?)?;
+    let value: Value = serde_json::from_slice(json).ok()?;
+    let place: [f64; 3] = serde_json::from_value(value.pointer("/extras/world_from_local_m")?.clone()).ok()?;
+    place.iter().all(|v| v.is_finite()).then_some(place)
+}
+
 impl Publication {
+    /// With the notes that lie in the version's folder, where any do. They were checked before.
+    ///
+    /// # Errors
+    /// When they or the preview cannot be read.
+    pub fn with_notes(mut self, folder: &Path) -> io::Result<Self> {
+        let bytes = match crate::store::read_small(&folder.join(ANNOTATIONS), NOTES_MAX) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(self),
+            bytes => bytes?,
+        };
+        let notes = Notes::parse(&bytes).map_err(|e| io::Error::new(io::ErrorKind::InvalidData, e))?;
+        let origin = match self.preview {
+            Some(_) => origin_of(&crate::store::read_small(&folder.join(PREVIEW), PREVIEW_MAX)?),
+            None => None,
+        };
+        let [min, max] = self.figures.bounds;
+        let origin = origin.unwrap_or_else(|| [0, 1, 2].map(|k| f64::midpoint(min[k], max[k])));
+        self.notes = Some(PublishedNotes { notes, bytes: bytes.len() as u64, sha256: sha256(&bytes), origin });
+        Ok(self)
+    }
+
     /// Absolute address of the object, ending with `/`.
     pub fn url(&self) -> Option<&str> {
         self.metadata.url.as_deref()
@@ -147,6 +196,7 @@ pub fn records(p: &Publication) -> Vec<(&'static str, Vec<u8>)> {
         (README, text::readme(p).into_bytes()),
     ];
     all.extend(links::oembed(p).map(|value| (OEMBED, json(&value))));
+    all.extend(iiif::annotations(p).map(|value| (IIIF_ANNOTATIONS, json(&value))));
     all
 }
 
@@ -164,7 +214,7 @@ pub fn media_type(path: &str) -> &'static str {
         "glb" => "model/gltf-binary",
         "jpg" => "image/jpeg",
         "png" => "image/png",
-        "json" if path.ends_with(IIIF) => "application/ld+json",
+        "json" if path.ends_with(IIIF) || path.ends_with(ANNOTATIONS) => "application/ld+json",
         "json" if path.ends_with(LINKSET) => "application/linkset+json",
         "json" => "application/json",
         "xml" => "application/xml",

@@ -2,7 +2,7 @@
 
 use super::schema_org::agent;
 use super::{Publication, media_type};
-use crate::object::layout::{CHECKSUMS, CRATE, VIEWER};
+use crate::object::layout::{ANNOTATIONS, CHECKSUMS, CRATE, IIIF_ANNOTATIONS, VIEWER};
 use serde_json::{Value, json};
 
 /// The crate; `files` are all other files of the folder: path, bytes, SHA-256.
@@ -63,6 +63,11 @@ pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
         if path == p.pack_file() {
             one["@type"] = json!(["File", "3DModel"]);
             one["name"] = json!(format!("{} (all levels of detail)", m.title));
+        }
+        match path.as_str() {
+            ANNOTATIONS => one["name"] = json!("Notes on the model (Web Annotations)"),
+            IIIF_ANNOTATIONS => one["name"] = json!("Notes on the model, in the scene of the IIIF manifest"),
+            _ => {}
         }
         one
     }));

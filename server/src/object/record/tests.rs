@@ -77,6 +77,7 @@ award = "1"
         .unwrap(),
         location_redacted: false,
         preview: Some(Preview { bytes: 5, triangles: 9, error: 0.01 }),
+        notes: None,
         tool: "kilwa 0".to_owned(),
     }
 }
@@ -128,6 +129,37 @@ fn addresses_are_complete_where_the_place_is_known_and_relative_else() {
         all.iter().find(|(path, _)| *path == IIIF).map(|(_, b)| String::from_utf8_lossy(b).into_owned()).unwrap();
     assert!(iiif.contains("\"../preview.glb\"") && !iiif.contains("museum.example"), "{iiif}");
     assert!(!all.iter().any(|(path, _)| *path == OEMBED), "oEmbed needs an address");
+}
+
+#[test]
+fn europeana_gets_the_viewer_the_model_and_who_provides_it_and_what_it_would_refuse_is_said() {
+    let edm = text(EDM);
+    for part in [
+        "<edm:isShownBy rdf:resource=\"https://museum.example/gereza/v2/oembed.json\"/>",
+        "<edm:hasView rdf:resource=\"https://museum.example/gereza/v2/preview.glb\"/>",
+        "<dcterms:conformsTo rdf:resource=\"https://oembed.com/\"/>",
+        "<edm:polygonCount>1234567</edm:polygonCount>",
+        "<edm:vertexCount>600000</edm:vertexCount>",
+        "modelType/3DMesh",
+        "digitalCapture",
+        "<edm:dataProvider>Museum &amp; Sons</edm:dataProvider>",
+    ] {
+        assert!(edm.contains(part), "{part} in {edm}");
+    }
+    let full = full();
+    assert_eq!(europeana_lacks(&full.metadata, &full.rights), Vec::<String>::new());
+    let least = Metadata::parse("title = \"Fort\"\n[rights]\nuri = \"UND\"\n[model]\nunits = \"m\"\n").unwrap();
+    let rights = Rights::parse("UND").unwrap();
+    let lacks = europeana_lacks(&least, &rights);
+    for what in ["url:", "publisher:", "rights.uri: Europeana refuses UND", "object.kind"] {
+        assert!(lacks.iter().any(|l| l.starts_with(what)), "{what} in {lacks:?}");
+    }
+    // Without an address there is no viewer to embed, and nothing says that there is.
+    let mut p = full;
+    (p.metadata.url, p.metadata.publisher, p.metadata.rights.holder) = (None, None, None);
+    let edm = edm::edm(&p);
+    assert!(edm.contains("<edm:isShownBy rdf:resource=\"../preview.glb\"/>") && !edm.contains("svcs:Service"), "{edm}");
+    assert!(edm.contains("<edm:dataProvider>Zamani Project</edm:dataProvider>"), "an organisation that made it");
 }
 
 #[test]

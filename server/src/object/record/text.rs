@@ -1,7 +1,7 @@
 //! `LICENSE.txt` and `README.txt`: for a person who has this folder and nothing else, perhaps in fifty years.
 
 use super::{Publication, citation};
-use crate::object::layout::{CHECKSUMS, DRAWINGS, PREVIEW};
+use crate::object::layout::{ANNOTATIONS, CHECKSUMS, DRAWINGS, PREVIEW};
 use std::fmt::Write as _;
 
 pub(super) fn licence(p: &Publication) -> String {
@@ -73,6 +73,13 @@ fn files(s: &mut String, p: &Publication) {
             "The whole mesh".to_owned()
         };
         let _ = write!(s, "  {PREVIEW}\n      {what} as glTF 2.0, which most 3D programs open.\n");
+    }
+    if let Some(n) = &p.notes {
+        let _ = write!(
+            s,
+            "  {ANNOTATIONS}\n      {} notes on places of the model (W3C Web Annotations): x, y and z are metres, as in the pack.\n",
+            n.notes.notes.len()
+        );
     }
     let _ = write!(
         s,

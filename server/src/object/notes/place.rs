@@ -1,0 +1,146 @@
+//! Where notes are: near the model, in a scene with y up, and without the place on earth.
+
+use super::{MARGIN, Note, Notes, View, same_pack};
+use serde_json::{Map, Value, json};
+
+/// Map coordinates begin here: smaller numbers are lengths, years and house numbers.
+const MAP: f64 = 10_000.0;
+/// What is around the model tells its place as well, metres and degrees.
+const AROUND: f64 = 1000.0;
+const AROUND_DEGREES: f64 = 0.05;
+/// Digits behind the point from which on a number may be degrees of a place, and not a length.
+const DEGREE_DIGITS: usize = 4;
+/// Moved places are told to so many parts of a metre: a micrometre. Finer ones would be noise that tells how large the number was before.
+const PARTS: f64 = 1e6;
+
+/// Whether a place is in a box with its margin.
+pub(super) fn is_near(place: [f64; 3], min: [f64; 3], max: [f64; 3]) -> bool {
+    let diagonal = (0..3).map(|k| (max[k] - min[k]).powi(2)).sum::<f64>().sqrt();
+    let margin = diagonal * MARGIN;
+    (0..3).all(|k| place[k] >= min[k] - margin && place[k] <= max[k] + margin)
+}
+
+/// A place of the pack in a scene with y up whose zero is at `origin` of the pack: as the preview stands in it.
+pub fn scene_point(place: [f64; 3], origin: [f64; 3]) -> [f64; 3] {
+    let [x, y, z] = [0, 1, 2].map(|k| place[k] - origin[k]);
+    // Minus zero is no better zero.
+    [x, z, -y].map(|v| ((v * PARTS).round() / PARTS) + 0.0)
+}
+
+impl Notes {
+    /// The notes without what tells a place on earth: moved by `offset` (what has to be added to the new coordinates to get the old ones), without
+    /// links, display, names of packs and everything else that is not words, dates or a name. Those that were made on a pack of `already`,
+    /// whose place was taken out before, stand where they are to.
+    #[must_use]
+    pub fn without_place(mut self, offset: [f64; 3], already: &[&str]) -> Self {
+        for (number, note) in (1..).zip(&mut self.notes) {
+            let is_there = note.made_on.as_deref().is_some_and(|made_on| already.iter().any(|a| same_pack(a, made_on)));
+            note.without_place(if is_there { [0.0; 3] } else { offset }, number);
+        }
+        self
+    }
+
+    /// What [`Self::without_place`] would leave out, for people; empty where nothing.
+    pub fn telling(&self) -> Option<String> {
+        let links = self.notes.iter().filter(|n| n.links().next().is_some()).count();
+        let displays = self.notes.iter().filter(|n| n.view.as_ref().is_some_and(|v| v.display.is_some())).count();
+        let parts = [(links, "links"), (displays, "shading and sections")];
+        let said: Vec<String> =
+            parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{what} of {n} notes")).collect();
+        (!said.is_empty()).then(|| format!("{}, which may tell the place", said.join(" and ")))
+    }
+}
+
+impl Note {
+    fn without_place(&mut self, offset: [f64; 3], number: usize) {
+        let moved = |k: usize, v: f64| (((v - offset[k]) * PARTS).round() / PARTS) + 0.0;
+        self.place = [0, 1, 2].map(|k| moved(k, self.place[k]));
+        self.bodies.retain(|b| matches!(b, super::Body::Text { .. }));
+        self.made_on = None;
+        self.states.clear();
+        let camera = self.view.take().and_then(|v| v.camera);
+        self.view = camera.map(|mut camera| {
+            for (k, v) in camera.iter_mut().skip(3).take(3).enumerate() {
+                *v = moved(k, *v);
+            }
+            View { camera: Some(camera), display: None }
+        });
+        let mut rest = Map::new();
+        for key in ["created", "modified", "motivation"] {
+            if let Some(value) = self.rest.get(key).filter(|v| v.is_string()) {
+                rest.insert(key.to_owned(), value.clone());
+            }
+        }
+        let creators: Vec<Value> = self.creators().into_iter().map(|name| json!({ "name": name })).collect();
+        if !creators.is_empty() {
+            rest.insert("creator".to_owned(), creators.into());
+        }
+        self.rest = rest;
+        // A name may be an address, or made of the place as it was; a random one tells nothing.
+        if !self.id.starts_with("urn:uuid:") {
+            self.id = self.derived_id(number);
+        }
+    }
+}
+
+/// The first number in a text that is a map coordinate in or around this box, or a latitude or longitude near one of `degrees`.
+pub fn digits_of_a_place(text: &str, min: [f64; 3], max: [f64; 3], degrees: &[f64]) -> Option<String> {
+    let is_near = |v: f64| (0..2).any(|k| min[k].abs() >= MAP && v >= min[k] - AROUND && v <= max[k] + AROUND);
+    numbers(text).into_iter().find(|digits| {
+        let behind = digits.split_once('.').map_or(0, |(_, behind)| behind.len());
+        let Ok(v) = digits.parse::<f64>() else { return false };
+        let of_degrees = |d: &f64| behind >= DEGREE_DIGITS && (v - d.abs()).abs() < AROUND_DEGREES;
+        is_near(v) || is_near(-v) || degrees.iter().any(of_degrees)
+    })
+}
+
+/// Numbers as they are written by people: with a point or a comma, grouped by spaces, commas, points or apostrophes.
+fn numbers(text: &str) -> Vec<String> {
+    let chars: Vec<char> = text.chars().collect();
+    let digit = |i: usize| chars.get(i).is_some_and(char::is_ascii_digit);
+    let mut all = Vec::new();
+    let mut at = 0;
+    while at < chars.len() {
+        if !digit(at) {
+            at += 1;
+            continue;
+        }
+        // Runs of digits with a single other sign between them.
+        let (mut runs, mut signs) = (vec![String::new()], Vec::new());
+        loop {
+            while digit(at) {
+                if let (Some(run), Some(c)) = (runs.last_mut(), chars.get(at)) {
+                    run.push(*c);
+                }
+                at += 1;
+            }
+            let sign = chars.get(at).copied().filter(|c| ".,'’_ \u{a0}\u{2009}\u{202f}".contains(*c));
+            let Some(sign) = sign.filter(|_| digit(at + 1)) else { break };
+            signs.push(sign);
+            runs.push(String::new());
+            at += 1;
+        }
+        all.extend(readings(&runs, &signs));
+    }
+    all
+}
+
+/// What runs of digits can mean: each for itself, all as one number, and with the last sign, or any one point, as the decimal one.
+fn readings(runs: &[String], signs: &[char]) -> Vec<String> {
+    let mut all = runs.to_vec();
+    for from in 0..runs.len() {
+        // A group of a map coordinate has three digits; seven of them are the most that is looked at.
+        let mut whole = runs.get(from).cloned().unwrap_or_default();
+        for (sign, next) in signs.iter().zip(runs.iter().skip(1)).skip(from).take(7) {
+            if ".,".contains(*sign) {
+                all.push(format!("{whole}.{next}"));
+            }
+            if next.len() != 3 {
+                break;
+            }
+            whole.push_str(next);
+            all.push(whole.clone());
+        }
+    }
+    all
+}

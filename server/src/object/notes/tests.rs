@@ -1,0 +1,273 @@
+use super::*;
+use proptest::prelude::*;
+
+const IDENTITY: &str = "9c7c0123456789abcdef0123456789ab";
+
+/// As the page writes it.
+fn page(items: &Value) -> Vec<u8> {
+    json!({ "@context": CONTEXT, "type": "AnnotationPage", "items": items }).to_string().into_bytes()
+}
+
+fn note(title: &str, place: [f64; 3]) -> Value {
+    let [x, y, z] = place;
+    json!({
+        "id": format!("urn:uuid:{title}"), "type": "Annotation", "motivation": "describing", "label": title,
+        "created": "2026-11-20T10:00:00Z", "creator": { "name": "M. Juma", "homepage": "https://example.org/juma" },
+        "body": [{ "type": "TextualBody", "purpose": "describing", "format": "text/plain", "value": "Coral rag.\n<b>Lime</b>" },
+                 { "type": "SpecificResource", "purpose": "linking", "source": "https://example.org/gate" }],
+        "target": { "type": "SpecificResource", "source": "https://museum.example/packs/fort.kilwa",
+            "selector": { "type": "PointSelector", "x": x, "y": y, "z": z },
+            "state": [{ "type": "urn:kilwa:pack", "identity": IDENTITY },
+                      { "type": "urn:kilwa:view", "camera": [3.9, 0.5, 82, x, y, z, 0], "display": { "mode": "clay" } }] }
+    })
+}
+
+fn refused(items: &Value) -> String {
+    Notes::parse(&page(items)).unwrap_err().to_string()
+}
+
+#[test]
+fn what_the_page_saves_is_read_and_written_in_one_form() {
+    let notes = Notes::parse(&page(&json!([note("Gate", [1.0, 2.0, 3.0]), note("Well", [4.0, 5.0, 6.5])]))).unwrap();
+    assert_eq!((notes.notes.len(), notes.left_out), (2, 0));
+    let gate = &notes.notes[0];
+    assert_eq!(
+        (gate.title("en"), gate.place, gate.made_on.as_deref()),
+        ("Gate".to_owned(), [1.0, 2.0, 3.0], Some(IDENTITY))
+    );
+    assert_eq!(gate.texts("en"), ["Coral rag.\n<b>Lime</b>"]);
+    assert_eq!(gate.links().collect::<Vec<_>>(), ["https://example.org/gate"]);
+    let bytes = notes.to_bytes("pack.ab.kilwa", "ff").unwrap();
+    assert_eq!(Notes::parse(&bytes).unwrap(), notes);
+    assert_eq!(Notes::parse(&bytes).unwrap().to_bytes("pack.ab.kilwa", "ff").unwrap(), bytes);
+    let value: Value = serde_json::from_slice(&bytes).unwrap();
+    let first = &value["items"][0];
+    assert_eq!(
+        (&first["target"]["source"], &first["target"]["state"][0]["identity"]),
+        (&json!("pack.ab.kilwa"), &json!(IDENTITY))
+    );
+    assert_eq!(first["creator"]["homepage"], "https://example.org/juma", "what else it says is kept");
+}
+
+#[test]
+fn collections_lists_and_single_annotations_are_read_too() {
+    let one = note("Gate", [1.0, 2.0, 3.0]);
+    let forms = [
+        json!([one]),
+        one.clone(),
+        json!({ "type": "AnnotationPage", "items": [one] }),
+        json!({ "type": "AnnotationCollection", "first": { "items": [one] } }),
+    ];
+    for form in forms {
+        assert_eq!(Notes::parse(form.to_string().as_bytes()).unwrap().notes.len(), 1, "{form}");
+    }
+    let named = json!([{ "target": { "selector": [{ "type": "XPathSelector" }, { "type": "PointSelector", "x": 1, "y": 2, "z": 3 }] },
+        "label": { "sw": ["Lango"], "en": ["Gate"] }, "bodyValue": "Kept" },
+        { "type": "Annotation", "target": "https://example.org/a-page", "bodyValue": "about a page" }]);
+    let notes = Notes::parse(&page(&named)).unwrap();
+    assert_eq!((notes.notes.len(), notes.left_out), (1, 1));
+    let gate = &notes.notes[0];
+    assert_eq!((gate.title("sw"), gate.title("fr")), ("Lango".to_owned(), "Gate".to_owned()));
+    assert!(gate.id.starts_with("urn:kilwa:note:") && gate.texts("en") == ["Kept"], "{gate:?}");
+    assert_eq!(Notes::parse(&page(&named)).unwrap().notes[0].id, gate.id, "the same file, the same names");
+}
+
+/// What makes a note wrong.
+type Change = fn(&mut Value);
+
+#[test]
+fn what_cannot_be_is_refused_with_its_note_and_what_to_do() {
+    let changed = |change: &dyn Fn(&mut Value)| {
+        let mut bad = note("Bad", [1.0, 2.0, 3.0]);
+        change(&mut bad);
+        refused(&json!([note("Gate", [0.0; 3]), bad]))
+    };
+    let table: [(Change, &str); 14] = [
+        (
+            |v| v["body"][1]["source"] = "javascript:alert(1)".into(),
+            "note 2 (\"Bad\"): its link \"javascript:alert(1)\" is no http",
+        ),
+        (|v| v["body"][1]["source"] = "https://a b".into(), "no http or https address"),
+        (|v| v["body"][1]["source"] = "https://".into(), "no http or https address"),
+        (|v| v["body"][0]["format"] = "text/html".into(), "plain text: read the file in the viewer"),
+        (|v| v["body"][0]["value"] = "x".repeat(20_001).into(), "20001 characters are too long"),
+        (|v| v["label"] = "x".repeat(201).into(), "201 characters"),
+        (|v| v["body"][0]["value"] = "a\u{0}b".into(), "no text"),
+        (|v| v["target"]["selector"]["x"] = "1".into(), "no numbers x, y and z"),
+        (|v| v["target"] = json!([v["target"], v["target"]]), "two places"),
+        (|v| v["target"]["state"][0]["identity"] = "../../x".into(), "identity of its pack"),
+        (|v| v["target"]["state"][1]["camera"] = json!([1, 2, 0, 3, 4, 5, 6]), "its camera"),
+        (|v| v["target"]["state"][1]["display"] = json!("clay"), "display is no object"),
+        (|v| v["id"] = "urn:uuid:Gate".into(), "notes 1 and 2 have the same id"),
+        (|v| v["body"] = json!([{ "type": "Choice", "items": [] }]), "choice or composite"),
+    ];
+    for (change, said) in table {
+        let message = changed(&change);
+        assert!(message.contains(said), "{said} in {message}");
+    }
+    let empty = changed(&|v| (v["label"], v["body"]) = (json!(""), json!([])));
+    assert!(empty.contains("note 2 says nothing") && empty.contains("delete it"), "{empty}");
+    let parse = |text: &str| Notes::parse(text.as_bytes()).unwrap_err().to_string();
+    assert!(parse("{").contains("no JSON") && parse("{").contains("Save as a file"));
+    assert!(
+        parse("{\"type\":\"Feature\"}").contains("no Web Annotations") && parse("7").contains("no Web Annotations")
+    );
+    assert!(parse("[]").contains("has no annotation") && parse("[{}]").contains("none of its annotations"));
+    assert!(parse("{\"type\":\"AnnotationCollection\",\"first\":\"https://a/1\"}").contains("other addresses"));
+    assert!(parse("{\"items\":[],\"next\":\"https://a/2\"}").contains("other addresses"));
+    assert!(parse("[1]").contains("annotation 1 is no object"));
+    assert!(refused(&Value::Array(vec![json!({}); MOST + 1])).contains("5001 annotations are too many"));
+    assert!(Notes::parse(&vec![b' '; NOTES_MAX as usize + 1]).unwrap_err().to_string().contains("too long"));
+    // All problems at once, and no more lines than a person reads.
+    let many =
+        refused(&Value::Array((0..30).map(|i| json!({ "id": i, "target": note("x", [0.0; 3])["target"] })).collect()));
+    assert!(many.lines().count() == 11 && many.contains("and 20 more"), "{many}");
+}
+
+#[test]
+fn a_place_beside_the_model_is_refused_and_one_of_a_coarse_level_is_not() {
+    let at = |place: [f64; 3]| {
+        let notes = Notes::parse(&page(&json!([note("Gate", [3.0; 3]), note("Well", place)]))).unwrap();
+        notes.within([0.0; 3], [10.0, 10.0, 4.0]).map_err(|e| e.to_string())
+    };
+    assert!(at([10.1, 5.0, 4.1]).is_ok());
+    let said = at([5.0, 12.0, 1.0]).unwrap_err();
+    assert!(
+        said.contains("note 2 (\"Well\"): 5 12 1 is outside of the model") && said.contains("other coordinates"),
+        "{said}"
+    );
+    assert!(at([5.0, 5.0, -9_009_000.0]).is_err());
+}
+
+#[test]
+fn packs_that_notes_were_made_on_are_told_apart() {
+    let notes = Notes::parse(&page(&json!([note("Gate", [0.0; 3]), note("Well", [1.0; 3])]))).unwrap();
+    assert!(notes.strangers(&[IDENTITY]).is_empty());
+    assert!(notes.strangers(&[&IDENTITY[..12]]).is_empty(), "twelve digits tell");
+    assert_eq!(notes.strangers(&["0123456789abcdef0123456789abcdef"]).into_iter().collect::<Vec<_>>(), [(IDENTITY, 2)]);
+}
+
+#[test]
+fn without_its_place_a_note_keeps_words_and_view_and_nothing_that_tells_it() {
+    let offset = [565_977.25, 9_009_946.5, 31.75];
+    let true_place = [565_980.123_456_789, 9_009_950.5, 33.0];
+    let mut gate = note("Gate", true_place);
+    gate["id"] = "https://museum.example/kilwa-kisiwani/gate".into();
+    gate["location"] = json!({ "latitude": -8.9577 });
+    gate["target"]["state"].as_array_mut().unwrap().push(json!({ "type": "TimeState", "cached": "https://a/kilwa" }));
+    let notes = Notes::parse(&page(&json!([gate]))).unwrap();
+    assert!(notes.telling().unwrap().contains("links of 1 notes"), "{:?}", notes.telling());
+    let hidden = notes.clone().without_place(offset, &[]);
+    let near = hidden.notes[0].place;
+    assert_eq!(near, [2.873_457, 4.0, 1.25], "to a micrometre");
+    let bytes = hidden.to_bytes("pack.kilwa", "0123456789abcdef").unwrap();
+    let text = String::from_utf8(bytes.clone()).unwrap();
+    for told in ["5659", "90099", "8.9577", "kisiwani", "example.org", "clay", IDENTITY, "homepage", "cached"] {
+        assert!(!text.contains(told), "{told} in {text}");
+    }
+    for kept in ["Gate", "Coral rag", "M. Juma", "2026-11-20", "0123456789abcdef"] {
+        assert!(text.contains(kept), "{kept} in {text}");
+    }
+    let camera = hidden.notes[0].view.as_ref().unwrap().camera.as_ref().unwrap();
+    assert_eq!(camera[3..6], near, "it is looked at as before");
+    // Twice is once: so a server sees that nothing is left in it.
+    let again = Notes::parse(&bytes).unwrap().without_place([0.0; 3], &[]);
+    assert_eq!(again.to_bytes("pack.kilwa", "0123456789abcdef").unwrap(), bytes);
+    assert_ne!(
+        notes.clone().without_place([0.0; 3], &[]).to_bytes("p", "i").unwrap(),
+        notes.to_bytes("p", "i").unwrap()
+    );
+    // What was made on a model whose place was taken out before stands there already.
+    let there =
+        Notes::parse(&page(&json!([note("Gate", [2.0, 3.0, 4.0])]))).unwrap().without_place(offset, &[IDENTITY]);
+    assert_eq!(there.notes[0].place, [2.0, 3.0, 4.0]);
+}
+
+#[test]
+fn texts_that_tell_map_coordinates_are_found_however_they_are_written() {
+    let (min, max) = ([565_950.0, 9_009_900.0, 0.0], [566_000.0, 9_009_990.0, 20.0]);
+    let found = |text: &str| digits_of_a_place(text, min, max, &[-8.9577, 39.5228]).is_some();
+    for telling in [
+        "at 565977",
+        "E 565 977.25",
+        "N 9,009,946.5",
+        "9'009'946",
+        "9.009.946",
+        "565_977",
+        "(-8.9577, 39.5228)",
+        "lat 8,9577°",
+        "x=565977.25m",
+        "2026 565\u{a0}977",
+    ] {
+        assert!(found(telling), "{telling}");
+    }
+    for harmless in [
+        "built 1505",
+        "8.957 m high",
+        "8.95 m",
+        "1,234,567 bricks",
+        "UNESCO 144",
+        "565",
+        "no number",
+        "12:30",
+        "2009-07",
+    ] {
+        assert!(!found(harmless), "{harmless}");
+    }
+    assert!(digits_of_a_place("1505 and 12.5", [0.0; 3], [50.0; 3], &[]).is_none(), "local coordinates tell nothing");
+    let said = Notes::parse(&page(&json!([note("Gate/565977", [0.0; 3])])))
+        .unwrap()
+        .check_words(min, max, &[])
+        .unwrap_err()
+        .to_string();
+    assert!(said.contains("\"565977\" in it tells the place"), "{said}");
+    let mut bare = note("", [0.0; 3]);
+    bare["body"] = json!(["https://example.org/gate"]);
+    let said = Notes::parse(&page(&json!([bare]))).unwrap().check_words(min, max, &[]).unwrap_err().to_string();
+    assert!(said.contains("nothing but links"), "{said}");
+}
+
+proptest! {
+    #[test]
+    fn the_same_notes_are_the_same_bytes(
+        titles in proptest::collection::vec("[^\\x00-\\x1f\\x7f-\\x9f]{1,20}", 1..5),
+        at in proptest::collection::vec(proptest::array::uniform3(-1e7..1e7f64), 5),
+        offset in proptest::array::uniform3(-1e7..1e7f64),
+    ) {
+        let items: Vec<Value> = titles.iter().zip(&at).enumerate().map(|(i, (t, p))| {
+            let mut one = note(t, *p);
+            one["id"] = format!("urn:uuid:{i}").into();
+            one
+        }).collect();
+        let kept = titles.iter().all(|t| !t.trim().is_empty());
+        let notes = Notes::parse(&page(&json!(items))).unwrap();
+        let bytes = notes.to_bytes("p.kilwa", IDENTITY).unwrap();
+        let again = Notes::parse(&bytes).unwrap();
+        prop_assert_eq!(&again.to_bytes("p.kilwa", IDENTITY).unwrap(), &bytes);
+        prop_assert!(again == notes && (!kept || notes.notes.iter().zip(&titles).all(|(n, t)| n.title("en") == *t)));
+        let moved = notes.clone().without_place(offset, &[]);
+        for (a, b) in notes.notes.iter().zip(&moved.notes) {
+            prop_assert!((0..3).all(|k| (b.place[k] + offset[k] - a.place[k]).abs() < 1e-6));
+        }
+        let bytes = moved.to_bytes("p.kilwa", IDENTITY).unwrap();
+        prop_assert_eq!(Notes::parse(&bytes).unwrap().without_place([0.0; 3], &[]).to_bytes("p.kilwa", IDENTITY).unwrap(), bytes);
+    }
+
+    #[test]
+    fn a_scene_is_the_model_turned_so_that_y_is_up(
+        a in proptest::array::uniform3(-1e3..1e3f64), b in proptest::array::uniform3(-1e3..1e3f64), origin in proptest::array::uniform3(-1e3..1e3f64),
+    ) {
+        let (p, q) = (scene_point(a, origin), scene_point(b, origin));
+        let distance = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
+        prop_assert!((distance(p, q) - distance(a, b)).abs() < 1e-5);
+        prop_assert!((p[1] - q[1] - (a[2] - b[2])).abs() < 1e-5, "height is height");
+        prop_assert!((p[0] - q[0] - (a[0] - b[0])).abs() < 1e-5, "east is x");
+        prop_assert!((p[2] - q[2] + (a[1] - b[1])).abs() < 1e-5, "north is minus z, so that it stays right-handed");
+    }
+
+    #[test]
+    fn no_bytes_stop_the_reader(text in ".{0,300}") {
+        let _ = Notes::parse(text.as_bytes());
+        let _ = digits_of_a_place(&text, [1e5; 3], [2e5; 3], &[1.0]);
+    }
+}
