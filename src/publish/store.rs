@@ -3,7 +3,7 @@
 use super::plan::{Given, Plan};
 use super::write::spinner;
 use super::{Args, mapping, write};
-use anyhow::{Context, ensure};
+use anyhow::{Context, anyhow, ensure};
 use kilwa_server::store::{S3, S3Options};
 use std::time::Duration;
 
@@ -40,12 +40,14 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
         tempfile::Builder::new().prefix("kilwa-publish-").tempdir().context("cannot make a temporary folder")?;
     let against = store.fetch(&slug, shelf.path()).with_context(|| at.clone())?;
     let here = Args { to: shelf.path().to_owned(), ..args.clone() };
-    let mut plan = Plan::for_folder(&here)?;
+    // Nobody knows the folder that it is made in.
+    let in_words = |e: anyhow::Error| anyhow!(format!("{e:#}").replace(&*shelf.path().to_string_lossy(), store.name()));
+    let mut plan = Plan::for_folder(&here).map_err(in_words)?;
     plan.at.clone_from(&at);
     if args.dry_run {
         return mapping::print(&here, &plan);
     }
-    let mut report = write::run(&here, &plan)?;
+    let mut report = write::run(&here, &plan).map_err(in_words)?;
     let bar = spinner();
     let told = |key: &str| bar.set_message(format!("sending {key}"));
     store

@@ -1,0 +1,308 @@
+//! `kilwa publish --to s3://…` and `kilwa serve s3://…` as programs, over a store that others made.
+//!
+//! The store is moto, from PyPI: `cargo xtask test` puts it where `KILWA_MOTO` says; without that the tests say that they were skipped.
+//! What they check is what a person meets: the keys come from the environment, the object is published, opened, read and followed by a second version.
+
+#[path = "../../server/tests/store/bucket.rs"]
+#[allow(dead_code, reason = "the tests of the server use all of it")]
+mod bucket;
+#[path = "../http/client.rs"]
+#[allow(dead_code, reason = "the tests of the server use all of it")]
+mod client;
+#[path = "../support/mod.rs"]
+mod support;
+
+use bucket::Bucket;
+use client::{Answer, Client};
+use kilwa_server::object::Manifest;
+use kilwa_server::object::checksums::sha256;
+use std::io::{BufRead as _, BufReader};
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+use support::{Input, built_once, text};
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+
+const ARCHIVE: &str = "s3://museum/archive/of forts";
+const METADATA: &str = "title = \"Fort & <b>\"\nslug = \"fort\"\ndescription = \"@\"\npublished = 2026-11-21\n\
+    [rights]\nuri = \"CC BY 4.0\"\n[model]\nunits = \"m\"\n";
+
+fn pack() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("stored");
+    built_once(&folder, "torus", |path| Input::torus(150, 60, [1.0, 2.0, 3.0]).write(path), &[])
+}
+
+/// Who works with the store: a folder with a page and metadata, and the keys in the environment.
+struct Keeper {
+    folder: tempfile::TempDir,
+    endpoint: String,
+}
+
+impl Keeper {
+    fn of(bucket: &Bucket) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let www = folder.path().join("www");
+        std::fs::create_dir_all(www.join("plain")).unwrap();
+        let programs = ["viewer", "viewer-gl", "decode"].map(|name| [format!("{name}.js"), format!("{name}_bg.wasm")]);
+        for name in programs.as_flattened().iter().map(String::as_str).chain(["boot.js"]) {
+            std::fs::write(www.join(name), name).unwrap();
+        }
+        for name in ["index.html", "style.css", "plain/plain.css", "plain/plain.js"] {
+            std::fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join("www").join(name), www.join(name)).unwrap();
+        }
+        let endpoint = bucket.options(ARCHIVE, Duration::from_secs(20)).endpoint.unwrap();
+        Self { folder, endpoint }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn kilwa(&self) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
+        command
+            .env("AWS_ACCESS_KEY_ID", "test")
+            .env("AWS_SECRET_ACCESS_KEY", "secret-of-the-test")
+            .env_remove("AWS_ENDPOINT_URL")
+            .env_remove("SOURCE_DATE_EPOCH")
+            .stdin(Stdio::null());
+        command
+    }
+
+    /// Publish the pack with this description.
+    fn publish(&self, description: &str, more: &[&str]) -> Output {
+        let metadata = self.path("metadata.toml");
+        std::fs::write(&metadata, METADATA.replace('@', description)).unwrap();
+        let (pack, www) = (pack(), self.path("www"));
+        let args = ["publish", text(&pack), "--to", ARCHIVE, "--s3-endpoint", &self.endpoint, "--metadata"];
+        let rest = [text(&metadata), "--www", text(&www), "--software", "--json"];
+        self.kilwa().args(args).args(rest).args(more).output().unwrap()
+    }
+
+    /// Serve the archive.
+    fn serve(&self) -> Server {
+        let log = std::fs::File::create(self.path("log")).unwrap();
+        let mut child = self
+            .kilwa()
+            .args(["serve", ARCHIVE, "--s3-endpoint", &self.endpoint, "--s3-refresh", "1"])
+            .args(["--listen", "127.0.0.1:0", "--www"])
+            .arg(self.path("www"))
+            .stdout(Stdio::piped())
+            .stderr(log)
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
+        let address = line.split("http://").nth(1).and_then(|rest| rest.split('/').next());
+        let said = || format!("no address: {line} {}", std::fs::read_to_string(self.path("log")).unwrap());
+        let address = address.unwrap_or_else(|| panic!("{}", said())).parse().unwrap();
+        Server { child, address }
+    }
+}
+
+struct Server {
+    child: Child,
+    address: SocketAddr,
+}
+
+impl Server {
+    async fn get(&self, path: &str, headers: &str) -> Answer {
+        Client::connect(self.address).await.unwrap().get(path, headers).await.unwrap()
+    }
+
+    async fn json(&self, path: &str) -> serde_json::Value {
+        serde_json::from_slice(&self.get(path, "").await.body).unwrap_or_default()
+    }
+
+    async fn text(&self, path: &str) -> String {
+        String::from_utf8_lossy(&self.get(path, "").await.body).into_owned()
+    }
+}
+
+/// Put a pack of so many bytes, of no particular content, in the place of the one that was published to a folder: as much of an object as
+/// a server reads of it.
+fn grown(object: &Path, bytes: usize) -> String {
+    let mut manifest = Manifest::parse(&std::fs::read(object.join("manifest.json")).unwrap()).unwrap();
+    let version = &mut manifest.versions[0];
+    let folder = object.join(&version.folder);
+    let pack: Vec<u8> = (0..bytes).map(|i| (i * i >> 7) as u8).collect();
+    let (old, sum) = (version.pack.sha256.clone(), sha256(&pack));
+    std::fs::remove_file(object.join(&version.pack.url)).unwrap();
+    std::fs::write(folder.join(format!("pack.{sum}.kilwa")), &pack).unwrap();
+    let list = std::fs::read_to_string(object.join(&version.checksums.url)).unwrap().replace(&old, &sum);
+    std::fs::write(object.join(&version.checksums.url), &list).unwrap();
+    version.checksums.bytes = list.len() as u64;
+    version.checksums.sha256 = sha256(list.as_bytes());
+    version.pack.url = version.pack.url.replace(&old, &sum);
+    version.pack.bytes = bytes as u64;
+    version.pack.sha256 = sum;
+    let url = format!("/fort/{}", version.pack.url);
+    std::fs::write(object.join("manifest.json"), manifest.to_bytes().unwrap()).unwrap();
+    url
+}
+
+/// `KILWA_SOAK=1 KILWA_MOTO=… cargo nextest run --test stored slow_readers --no-capture`; archived in docs/bench.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn slow_readers_of_a_pack_in_a_store_cost_little_memory() {
+    // The store of the test holds the rest of each answer in its own memory: 100 times this.
+    const PACK: usize = 24 << 20;
+    if std::env::var_os("KILWA_SOAK").is_none() {
+        println!("skipped: slow readers of a pack in a store: KILWA_SOAK is not set");
+        return;
+    }
+    let Some(mut bucket) = Bucket::start("slow_readers_of_a_pack_in_a_store…") else { return };
+    let keeper = Keeper::of(&bucket);
+    let local = keeper.path("local");
+    let metadata = keeper.path("fort.toml");
+    std::fs::write(&metadata, METADATA).unwrap();
+    let (pack, www) = (pack(), keeper.path("www"));
+    let args = ["publish", text(&pack), "--to", text(&local), "--metadata", text(&metadata), "--www", text(&www)];
+    support::succeeds(&[&args[..], &["--software"]].concat());
+    let url = grown(&local.join("fort"), PACK);
+    bucket.sync(&local, "archive/of forts");
+    let server = keeper.serve();
+    let memory = || {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", server.child.id())).unwrap_or_default();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+        line.and_then(|line| line.split_whitespace().next()?.parse::<f64>().ok()).map(|kib| kib / 1024.0)
+    };
+    assert!(server.get(&url, "").await.body.len() == PACK);
+    let Some(before) = memory() else {
+        println!("skipped: memory of slow readers, which this system does not tell");
+        return;
+    };
+    let mut held = Vec::new();
+    for number in 0..100 {
+        let mut client = Client::connect_from(client::loopback(number), server.address, Some(4096)).await.unwrap();
+        client.stream.write_all(format!("GET {url} HTTP/1.1\r\nHost: x\r\n\r\n").as_bytes()).await.unwrap();
+        held.push(client);
+    }
+    let (mut most, mut buffer, mut read) = (before, vec![0; 4096], 0);
+    for _ in 0..60 {
+        tokio::time::sleep(Duration::from_millis(250)).await;
+        for client in &mut held {
+            let taken = tokio::time::timeout(Duration::from_millis(20), client.stream.read(&mut buffer)).await;
+            read += taken.map_or(0, |n| n.unwrap());
+        }
+        most = most.max(memory().unwrap_or_default());
+    }
+    println!(
+        "soak | memory for 100 slow readers of {} MiB each in a store, MiB | 32 | {:.1}",
+        PACK >> 20,
+        most - before
+    );
+    assert!(read > 1_000_000, "they are served: {read} bytes");
+    assert!(most - before <= 32.0, "{} MiB more than {before}", most - before);
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+/// Ask until it is so.
+async fn until<F: Future<Output = bool>>(what: &str, mut is_so: impl FnMut() -> F) {
+    let began = Instant::now();
+    while !is_so().await {
+        assert!(began.elapsed() < Duration::from_secs(30), "{what} does not come about");
+        tokio::time::sleep(Duration::from_millis(200)).await;
+    }
+}
+
+fn done(output: &Output) -> serde_json::Value {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_is_published_to_a_store_is_found_opened_and_read_from_it_and_a_second_version_follows() {
+    let Some(bucket) = Bucket::start("what_is_published_to_a_store_is_found_opened…") else { return };
+    let keeper = Keeper::of(&bucket);
+    let bytes = std::fs::read(pack()).unwrap();
+    done(&keeper.publish("With a tower.", &[]));
+    let server = keeper.serve();
+    let list = server.text("/?q=tower").await;
+    assert!(list.contains("Fort &amp; &lt;b&gt;") && list.contains("href=\"/fort/\""), "{list}");
+    let page = server.get("/fort/", "").await;
+    assert!(page.status == 200 && String::from_utf8_lossy(&page.body).contains("With a tower."));
+    let first = server.json("/fort/manifest.json").await;
+    let url = format!("/fort/{}", first["versions"][0]["pack"]["url"].as_str().unwrap());
+    assert!(server.get(&url, "").await.body == bytes, "the whole pack");
+    let mut x = 11_u64;
+    for _ in 0..60 {
+        x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let from = (x >> 33) as usize % bytes.len();
+        let to = (from + (x >> 13) as usize % 70_000).min(bytes.len() - 1);
+        let answer = server.get(&url, &format!("Range: bytes={from}-{to}\r\n")).await;
+        assert!(answer.status == 206 && answer.body == bytes[from..=to], "{from}-{to}: {}", answer.head);
+    }
+    // The same again is nothing new; other metadata are a second version, which appears without a restart.
+    let again = keeper.publish("With a tower.", &["--version-note", "Again"]);
+    let said = String::from_utf8_lossy(&again.stderr);
+    assert!(!again.status.success() && said.contains("this very pack and metadata"), "{said}");
+    let without = keeper.publish("Now with a cistern.", &[]);
+    let said = String::from_utf8_lossy(&without.stderr);
+    assert!(
+        !without.status.success() && said.contains("s3://museum/archive/of forts/fort is published already"),
+        "{said}"
+    );
+    let second = done(&keeper.publish("Now with a cistern.", &["--version-note", "Better text"]));
+    assert_eq!(second["version"], 2, "{second}");
+    until("the second version", || async { server.json("/fort/manifest.json").await["current"] == 2 }).await;
+    until("its page", || async { server.text("/fort/").await.contains("Now with a cistern.") }).await;
+    until("its place in the catalogue", || async { server.text("/?q=cistern").await.contains("href=\"/fort/\"") })
+        .await;
+    let manifest = server.json("/fort/manifest.json").await;
+    for version in manifest["versions"].as_array().unwrap() {
+        let url = format!("/fort/{}", version["pack"]["url"].as_str().unwrap());
+        assert!(server.get(&url, "").await.body == bytes, "{url}");
+    }
+    assert_eq!(server.get("/fort/v1/checksums.sha256", "").await.status, 200, "the first stays");
+}
+
+#[test]
+fn what_cannot_be_is_said_with_what_to_do_and_without_the_keys() {
+    let Some(bucket) = Bucket::start("what_cannot_be_is_said_with_what_to_do…") else { return };
+    let keeper = Keeper::of(&bucket);
+    let refused = |command: &mut Command| {
+        let output = command.output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(!said.contains("secret-of-the-test"), "{said}");
+        said
+    };
+    let serve = |address: &str, endpoint: &str| {
+        let mut command = keeper.kilwa();
+        command.args([
+            "serve",
+            address,
+            "--s3-endpoint",
+            endpoint,
+            "--s3-timeout",
+            "2",
+            "--listen",
+            "127.0.0.1:0",
+            "--www",
+        ]);
+        command.arg(keeper.path("www"));
+        command
+    };
+    done(&keeper.publish("With a tower.", &[]));
+    let said = refused(&mut serve("s3://no-such-bucket", &keeper.endpoint));
+    assert!(said.contains("no such bucket"), "{said}");
+    let said = refused(&mut serve(ARCHIVE, "http://127.0.0.1:9"));
+    assert!(said.contains("--s3-endpoint"), "{said}");
+    let said =
+        refused(serve(ARCHIVE, &keeper.endpoint).env_remove("AWS_ACCESS_KEY_ID").env_remove("AWS_SECRET_ACCESS_KEY"));
+    assert!(said.contains("403") && said.contains("AWS_ACCESS_KEY_ID"), "{said}");
+    bucket.line.down();
+    let second = ["--version-note", "Better text"];
+    let output = keeper.publish("Now with a cistern.", &second);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && said.contains("s3://museum"), "{said}");
+    bucket.line.up();
+    assert_eq!(done(&keeper.publish("Now with a cistern.", &second))["version"], 2, "the same command goes on");
+}
