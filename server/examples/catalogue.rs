@@ -1,13 +1,20 @@
-//! How long the catalogue takes: `cargo run --release -p kilwa-server --example catalogue -- [OBJECTS]`.
+//! How long the catalogue takes: `cargo run --release -p kilwa-server --example catalogue -- [OBJECTS] [store]`.
 //!
 //! Writes so many small objects (10,000 unless told) to a temporary folder, then prints: first reading, warm start (the index, and all of the server's:
 //! folder and index), a refresh when nothing and when one object changed, and searches (median, 95 and 99 %) with two threads asking at
 //! once; then the same of whole pages (list, search, filters, map, collection, model) through the site's own router, without a socket.
+//! With `store` the objects lie in an S3-compatible store (moto, where `KILWA_MOTO` says), not in a folder.
+
+#[path = "../tests/store/bucket.rs"]
+#[allow(dead_code, reason = "the tests use all of it")]
+mod bucket;
 
 use axum::body::Body;
 use axum::http::Request;
-use kilwa_server::index::{Facet, Index, Query, Sort};
-use kilwa_server::{COLLECTIONS_FILE, Catalogue, Collections, Page, Site, app};
+use bucket::Bucket;
+use kilwa_server::index::{Facet, Index, IndexError, Query, Sort};
+use kilwa_server::store::{Place, S3};
+use kilwa_server::{COLLECTIONS_FILE, Catalogue, CatalogueError, Collections, Page, Site, app};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
@@ -60,22 +67,67 @@ fn queries() -> Vec<Query> {
     all
 }
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let objects: usize = std::env::args().nth(1).map_or(Ok(10_000), |n| n.parse())?;
-    let (folder, home) = (tempfile::tempdir()?, tempfile::tempdir()?);
+/// Where the objects lie.
+enum Archive {
+    Folder(tempfile::TempDir),
+    Store(Box<Bucket>, Arc<S3>),
+}
+
+impl Archive {
+    fn open(&self) -> Result<Catalogue, CatalogueError> {
+        match self {
+            Self::Folder(folder) => Catalogue::open(folder.path()),
+            Self::Store(_, store) => Catalogue::of_store(store),
+        }
+    }
+
+    fn index(&self, file: &Path) -> Result<Index, IndexError> {
+        let place = match self {
+            Self::Folder(folder) => Place::Path(folder.path().to_owned()),
+            Self::Store(_, store) => Place::Key(Arc::clone(store), String::new()),
+        };
+        Index::of(&place, Some(file))
+    }
+
+    fn remove(&mut self, slug: &str) -> std::io::Result<()> {
+        match self {
+            Self::Folder(folder) => std::fs::remove_dir_all(folder.path().join(slug)),
+            Self::Store(bucket, _) => {
+                bucket.delete(&format!("{slug}/manifest.json"));
+                Ok(())
+            }
+        }
+    }
+}
+
+fn archive(objects: usize, in_store: bool) -> Result<Archive, Box<dyn std::error::Error>> {
+    let folder = tempfile::tempdir()?;
     for i in 0..objects {
         write(folder.path(), i)?;
     }
+    if !in_store {
+        return Ok(Archive::Folder(folder));
+    }
+    let mut bucket = Bucket::start("the catalogue of a store").ok_or("KILWA_MOTO is not set")?;
+    bucket.sync(folder.path(), "");
+    let store = S3::open(&bucket.options("s3://museum", Duration::from_secs(20)))?;
+    Ok(Archive::Store(Box::new(bucket), store))
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let objects: usize = std::env::args().nth(1).map_or(Ok(10_000), |n| n.parse())?;
+    let home = tempfile::tempdir()?;
+    let mut archive = archive(objects, std::env::args().nth(2).is_some_and(|word| word == "store"))?;
     let file = home.path().join("index.sqlite");
     let timed = |what: &str, f: &dyn Fn() -> Result<(), Box<dyn std::error::Error>>| {
         let start = Instant::now();
         f().map(|()| println!("{what}: {:.0} ms", start.elapsed().as_secs_f64() * 1e3))
     };
-    timed("first reading", &|| Ok(Index::open(folder.path(), Some(&file))?.refresh().map(drop)?))?;
-    timed("warm start", &|| Ok(Index::open(folder.path(), Some(&file))?.refresh().map(drop)?))?;
-    let index = Index::open(folder.path(), Some(&file))?;
+    timed("first reading", &|| Ok(archive.index(&file)?.refresh().map(drop)?))?;
+    timed("warm start", &|| Ok(archive.index(&file)?.refresh().map(drop)?))?;
+    let index = archive.index(&file)?;
     timed("refresh, nothing changed", &|| Ok(index.refresh().map(drop)?))?;
-    std::fs::remove_dir_all(folder.path().join("object-7"))?;
+    archive.remove("object-7")?;
     timed("refresh, one object gone", &|| Ok(index.refresh().map(drop)?))?;
     println!("index file: {} bytes", std::fs::metadata(&file)?.len());
     let ask = || -> Vec<Duration> {
@@ -92,7 +144,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         mine
     });
     shares("search", &mut times);
-    pages(folder.path(), &file)
+    pages(&archive, home.path(), &file)
 }
 
 fn shares(what: &str, times: &mut [Duration]) {
@@ -102,18 +154,27 @@ fn shares(what: &str, times: &mut [Duration]) {
     }
 }
 
+/// Processor time of the program so far, seconds, where the system tells it (Linux, in hundredths).
+fn processor() -> Option<f64> {
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    let mut fields = stat.rsplit(')').next()?.split_whitespace().skip(11);
+    let (user, system): (f64, f64) = (fields.next()?.parse().ok()?, fields.next()?.parse().ok()?);
+    Some((user + system) / 100.0)
+}
+
 /// Pages as a browser asks for them, from two threads.
-fn pages(folder: &Path, file: &Path) -> Result<(), Box<dyn std::error::Error>> {
+fn pages(archive: &Archive, home: &Path, file: &Path) -> Result<(), Box<dyn std::error::Error>> {
     let members: Vec<String> = (100..400).map(|i| format!("\"object-{i}\"")).collect();
     let collection = format!("[[collection]]\nslug = \"some\"\ntitle = \"Some\"\nmembers = [{}]\n", members.join(", "));
-    std::fs::write(folder.join(COLLECTIONS_FILE), collection)?;
+    std::fs::write(home.join(COLLECTIONS_FILE), collection)?;
     let start = Instant::now();
-    let mut site = Site::new(Catalogue::open(folder)?, Page::from_files(BTreeMap::new()));
-    let index = Index::open(folder, Some(file))?;
+    let catalogue = archive.open()?;
+    let index = archive.index(file)?;
     index.refresh()?;
+    let mut site = Site::new(catalogue, Page::from_files(BTreeMap::new()));
     println!("warm start of all: {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
     site.index = Some(Arc::new(index));
-    site.collections = Some(Arc::new(Collections::new(folder.join(COLLECTIONS_FILE))));
+    site.collections = Some(Arc::new(Collections::new(home.join(COLLECTIONS_FILE))));
     let app = app(site);
     let kinds = [
         ("list", vec!["/", "/?page=200", "/?sort=newest", "/?sort=largest&lang=ar"]),
@@ -147,6 +208,7 @@ fn pages(folder: &Path, file: &Path) -> Result<(), Box<dyn std::error::Error>> {
             }
             times
         };
+        let before = processor();
         let mut times = runtime.block_on(async {
             let other = tokio::spawn(ask(app.clone(), addresses.clone()));
             let mut mine = ask(app.clone(), addresses).await;
@@ -154,6 +216,9 @@ fn pages(folder: &Path, file: &Path) -> Result<(), Box<dyn std::error::Error>> {
             mine
         });
         shares(what, &mut times);
+        if let (Some(before), Some(after)) = (before, processor()) {
+            println!("{what}, processor time of one: {:.1} ms", (after - before) * 1e3 / times.len() as f64);
+        }
     }
     Ok(())
 }

@@ -217,6 +217,37 @@ fn pages_and_orders_show_every_object_once() {
 }
 
 #[test]
+fn what_is_counted_follows_every_change_also_of_another_program_and_agrees_with_what_is_found() {
+    let folder = some();
+    let file = file_in(folder.path());
+    let [ours, theirs] = [(); 2].map(|()| Index::open(folder.path(), Some(&file)).expect("opens"));
+    let agrees = |index: &Index| {
+        let found = index.search(&Query::default()).expect("searches");
+        for (facet, counts) in &found.facets {
+            for count in counts {
+                let chosen = BTreeSet::from([count.value.clone()]);
+                let query = Query { facets: [(*facet, chosen)].into(), ..Query::default() };
+                let total = index.search(&query).expect("searches").total;
+                assert_eq!(total, count.count, "{facet:?} {}", count.value);
+            }
+        }
+        found.facets[&Facet::Kind].iter().map(|c| (c.value.clone(), c.count)).collect::<Vec<_>>()
+    };
+    let kinds = |counts: &[(&str, u64)]| counts.iter().map(|(k, n)| ((*k).to_owned(), *n)).collect::<Vec<_>>();
+    assert_eq!(agrees(&ours), []);
+    theirs.refresh().expect("reads");
+    assert_eq!(agrees(&ours), kinds(&[("fort", 3), ("mosque", 1), ("palace", 1)]));
+    Object { kind: "palace", ..Object::default() }.write(folder.path());
+    Object { slug: "tomb", title: "A tomb", kind: "tomb", ..Object::default() }.write(folder.path());
+    std::fs::remove_dir_all(folder.path().join("husuni")).expect("removes");
+    theirs.refresh().expect("reads");
+    let now = kinds(&[("fort", 2), ("mosque", 1), ("palace", 1), ("tomb", 1)]);
+    assert_eq!((agrees(&ours), agrees(&theirs)), (now.clone(), now));
+    ours.rebuild().expect("reads");
+    assert_eq!(agrees(&ours).len(), 4);
+}
+
+#[test]
 fn what_changes_in_the_folder_changes_in_the_index() {
     let folder = some();
     let index = in_memory(folder.path());

@@ -6,9 +6,10 @@
 //! is held in memory. A store that does not answer changes nothing. An object that cannot be read is kept in a list with the reason, so that nothing vanishes silently.
 //!
 //! One file per part: `schema` (opening and tables), `entry` (what is known of an object), `location` (where it is), `refresh` (folder to index), `search`,
-//! `readers` (its connections).
+//! `facets` (what is counted), `readers` (its connections).
 
 mod entry;
+mod facets;
 mod location;
 mod readers;
 mod refresh;
@@ -64,6 +65,7 @@ pub struct Index {
     writer: Mutex<Connection>,
     /// Searches do not wait for a refresh.
     readers: Readers,
+    facets: facets::Held,
     refreshed: Mutex<Option<Instant>>,
     /// One refresh at a time.
     refreshing: Mutex<()>,
@@ -95,8 +97,15 @@ impl Index {
             Some((connection, file)) => (connection, Some(file)),
             None => (schema::in_memory()?, None),
         };
-        let (readers, refreshed, refreshing) = (Readers::default(), Mutex::default(), Mutex::default());
-        Ok(Self { folder: folder.clone(), file, writer: Mutex::new(writer), readers, refreshed, refreshing })
+        Ok(Self {
+            folder: folder.clone(),
+            file,
+            writer: Mutex::new(writer),
+            readers: Readers::default(),
+            facets: facets::Held::default(),
+            refreshed: Mutex::default(),
+            refreshing: Mutex::default(),
+        })
     }
 
     /// The folder of the objects.
@@ -173,7 +182,7 @@ impl Index {
     /// # Errors
     /// When the index is damaged beyond being made anew.
     pub fn search(&self, query: &Query) -> Result<Found, IndexError> {
-        self.reading(|c| search::search(c, query))
+        self.reading(|c| search::search(c, query, &self.facets))
     }
 
     /// Where the objects that answer a query are, as far as that is public; by title.

@@ -60,6 +60,9 @@ pub(super) fn refresh(
             remove(&transaction, slug)?;
             changes.removed += 1;
         }
+        if changes.removed > 0 {
+            count_up(&transaction)?;
+        }
         Ok(transaction.commit()?)
     })?;
     let new: Vec<_> = there.iter().filter(|(slug, (mark, _))| before.get(*slug) != Some(mark)).collect();
@@ -80,6 +83,7 @@ pub(super) fn refresh(
                     }
                 }
             }
+            count_up(&transaction)?;
             Ok(transaction.commit()?)
         })?;
         for ((slug, _), seen) in part.iter().zip(&read) {
@@ -155,6 +159,12 @@ fn read(folder: &Place, slug: &str, manifest: &Identity) -> io::Result<Seen> {
         tracing::warn!("{slug}: {why}; the catalogue has what the manifest says");
     }
     Ok(Seen { entry: Ok(Entry::of(&manifest, metadata.ok())), is_unsure })
+}
+
+/// The index is another one now.
+fn count_up(transaction: &Transaction<'_>) -> Result<(), IndexError> {
+    transaction.execute("UPDATE generation SET n = n + 1", [])?;
+    Ok(())
 }
 
 fn add(transaction: &Transaction<'_>, mark: &str, entry: &Entry) -> Result<(), IndexError> {

@@ -6,18 +6,19 @@
 use super::IndexError;
 use rusqlite::{Connection, OpenFlags};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 /// Version of the tables below.
-const VERSION: i64 = 2;
+const VERSION: i64 = 3;
 /// "Kilw": marks the file as ours, so that no other database is ever removed.
 const APPLICATION: i64 = 0x4b69_6c77;
 /// A writer waits so long for another program that looks into the file.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// `object.json` is an [`super::Entry`]; the other columns are what is sorted and filtered by. `has` says which values of
-/// which facets it has, by number, so that counting them compares no texts. `text` holds what is searched, by the
-/// same `rowid`.
+/// which facets it has, by number, so that counting them compares no texts. `generation` is counted up with every change, from a number that no
+/// other index began with. The orders of lists are those of the indexes, so that far pages read no object before theirs. `text` holds what is
+/// searched, by the same `rowid`.
 const TABLES: &str = "
     CREATE TABLE object (
         id INTEGER PRIMARY KEY,
@@ -33,9 +34,9 @@ const TABLES: &str = "
         longitude REAL,
         json TEXT NOT NULL
     );
-    CREATE INDEX object_title ON object (shown, title COLLATE NOCASE);
-    CREATE INDEX object_published ON object (shown, published);
-    CREATE INDEX object_triangles ON object (shown, triangles);
+    CREATE INDEX object_title ON object (shown, title COLLATE NOCASE, slug);
+    CREATE INDEX object_published ON object (shown, published DESC, title COLLATE NOCASE, slug);
+    CREATE INDEX object_triangles ON object (shown, triangles DESC, title COLLATE NOCASE, slug);
     CREATE TABLE value (id INTEGER PRIMARY KEY, facet INTEGER NOT NULL, value TEXT NOT NULL, UNIQUE (facet, value));
     CREATE TABLE has (
         object INTEGER NOT NULL REFERENCES object (id) ON DELETE CASCADE,
@@ -43,6 +44,7 @@ const TABLES: &str = "
         PRIMARY KEY (object, value)
     ) WITHOUT ROWID;
     CREATE INDEX has_value ON has (value, object);
+    CREATE TABLE generation (n INTEGER NOT NULL);
     CREATE TABLE refused (slug TEXT PRIMARY KEY, mark TEXT NOT NULL, why TEXT NOT NULL) WITHOUT ROWID;
     CREATE VIRTUAL TABLE text USING fts5 (
         title, place, subject, people, description,
@@ -95,9 +97,10 @@ fn open_sound(file: &Path) -> Result<Option<Connection>, IndexError> {
 
 fn make(connection: &Connection) -> Result<(), IndexError> {
     settings(connection)?;
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default().as_micros();
     // All or nothing: half of the tables would look like a sound index.
     connection.execute_batch(&format!(
-        "BEGIN; {TABLES} PRAGMA application_id = {APPLICATION}; PRAGMA user_version = {VERSION}; COMMIT;"
+        "BEGIN; {TABLES} INSERT INTO generation VALUES ({now}); PRAGMA application_id = {APPLICATION}; PRAGMA user_version = {VERSION}; COMMIT;"
     ))?;
     Ok(())
 }

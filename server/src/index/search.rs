@@ -4,6 +4,7 @@
 //! facet are those of the other filters, so that a person sees what choosing another value would give. What people type is never
 //! taken as SQL or as FTS5's own language: values are bound, words are quoted.
 
+use super::facets::Held;
 use super::refresh::Refused;
 use super::{Entry, IndexError};
 use rusqlite::types::Value;
@@ -180,17 +181,28 @@ fn condition(query: &Query, but: Option<Facet>) -> (String, Vec<Value>) {
     (sql, values)
 }
 
-pub(super) fn search(connection: &Connection, query: &Query) -> Result<Found, IndexError> {
-    let (sql, values) = condition(query, None);
-    let total: i64 = connection
-        .prepare_cached(&format!("SELECT count(*) FROM object WHERE {sql}"))?
-        .query_row(params_from_iter(&values), |row| row.get(0))?;
-    let entries = page(connection, query, &sql, values)?;
-    let mut facets = counts(connection, query, None)?;
+pub(super) fn search(connection: &Connection, query: &Query, held: &Held) -> Result<Found, IndexError> {
+    // All of it of one moment.
+    let connection = connection.unchecked_transaction()?;
+    let known = held.now(&connection)?;
+    let matching = matching(&connection, query, None)?;
+    let mut facets = known.count(&matching, None, VALUES_MAX);
+    // A facet that is chosen from counts as if it were not, so that a person sees what choosing another value would give.
     for facet in query.facets.iter().filter(|(_, chosen)| !chosen.is_empty()).map(|(facet, _)| *facet) {
-        facets.insert(facet, counts(connection, query, Some(facet))?.remove(&facet).unwrap_or_default());
+        let others = self::matching(&connection, query, Some(facet))?;
+        facets.insert(facet, known.count(&others, Some(facet), VALUES_MAX).remove(&facet).unwrap_or_default());
     }
-    Ok(Found { total: total.try_into().unwrap_or_default(), entries, facets })
+    let (sql, values) = condition(query, None);
+    let entries = page(&connection, query, &sql, values)?;
+    Ok(Found { total: matching.len() as u64, entries, facets })
+}
+
+/// The objects that answer a query, without the filter of the facet `but`.
+fn matching(connection: &Connection, query: &Query, but: Option<Facet>) -> Result<Vec<i64>, IndexError> {
+    let (sql, values) = condition(query, but);
+    let mut statement = connection.prepare_cached(&format!("SELECT object.id FROM object WHERE {sql}"))?;
+    let rows = statement.query_map(params_from_iter(&values), |row| row.get(0))?;
+    Ok(rows.collect::<Result<_, _>>()?)
 }
 
 fn page(connection: &Connection, query: &Query, sql: &str, mut values: Vec<Value>) -> Result<Vec<Entry>, IndexError> {
@@ -214,30 +226,6 @@ fn page(connection: &Connection, query: &Query, sql: &str, mut values: Vec<Value
     let mut statement = connection.prepare_cached(&sql)?;
     let rows = statement.query_map(params_from_iter(&values), |row| row.get::<_, String>(0))?;
     rows.map(|json| parse(&json?)).collect()
-}
-
-/// How many results each value has: of all facets under all filters, or of `of` without its own filter, as if each were chosen alone.
-fn counts(connection: &Connection, query: &Query, of: Option<Facet>) -> Result<FacetCounts, IndexError> {
-    let (sql, values) = condition(query, of);
-    let only = of.map(|f| format!("WHERE value.facet = {}", f as i64)).unwrap_or_default();
-    let sql = format!(
-        "WITH matched (id) AS MATERIALIZED (SELECT object.id FROM object WHERE {sql}), \
-         counted (id, n) AS (SELECT has.value, count(*) FROM matched CROSS JOIN has ON has.object = matched.id GROUP BY has.value) \
-         SELECT value.facet, value.value, counted.n FROM counted JOIN value ON value.id = counted.id {only} \
-         ORDER BY value.facet, counted.n DESC, value.value"
-    );
-    let mut statement = connection.prepare_cached(&sql)?;
-    let mut rows = statement.query(params_from_iter(&values))?;
-    let mut facets: FacetCounts = Facet::ALL.into_iter().map(|f| (f, Vec::new())).collect();
-    while let Some(row) = rows.next()? {
-        let (number, count): (i64, i64) = (row.get(0)?, row.get(2)?);
-        let Some(facet) = Facet::ALL.into_iter().find(|f| *f as i64 == number) else { continue };
-        let counts = facets.entry(facet).or_default();
-        if counts.len() < VALUES_MAX {
-            counts.push(Count { value: row.get(1)?, count: count.try_into().unwrap_or_default() });
-        }
-    }
-    Ok(facets)
 }
 
 pub(super) fn located(connection: &Connection, query: &Query) -> Result<Vec<Located>, IndexError> {
