@@ -120,7 +120,7 @@ async fn what_somebody_else_published_meanwhile_stays_as_it_is() {
     let first = noise(100_000, 1);
     // Before anything of ours is sent, and when some of it is.
     for at in [0, 4] {
-        let (ours, theirs) = ([first.clone(), noise(100_000, 2)], [first.clone(), noise(100_000, 3)]);
+        let (ours, theirs) = ([first.clone(), noise(100_000, 2)], [first.clone(), noise(100_000, 4)]);
         let shelves = [&ours[..1], &ours[..], &theirs[..]].map(|packs| {
             let dir = tempfile::tempdir().unwrap();
             object(dir.path(), "fort", packs, public());
@@ -155,7 +155,7 @@ async fn what_somebody_else_published_meanwhile_stays_as_it_is() {
 async fn a_file_that_is_under_way_while_somebody_else_publishes_is_not_put_over_theirs() {
     let Some(bucket) = Bucket::start("a_file_that_is_under_way_while_somebody_else_publishes…") else { return };
     let first = noise(100_000, 1);
-    let (ours, theirs) = ([first.clone(), noise(100_000, 2)], [first.clone(), noise(100_000, 3)]);
+    let (ours, theirs) = ([first.clone(), noise(100_000, 2)], [first.clone(), noise(100_000, 4)]);
     let shelves = [&ours[..1], &ours[..], &theirs[..]].map(|packs| {
         let dir = tempfile::tempdir().unwrap();
         object(dir.path(), "fort", packs, public());
