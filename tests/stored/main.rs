@@ -51,7 +51,7 @@ impl Keeper {
         self.folder.path().join(name)
     }
 
-    fn kilwa(&self) -> Command {
+    fn kilwa() -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
         command
             .env("AWS_ACCESS_KEY_ID", "test")
@@ -69,14 +69,13 @@ impl Keeper {
         let (pack, www) = (pack(), self.path("www"));
         let args = ["publish", text(&pack), "--to", ARCHIVE, "--s3-endpoint", &self.endpoint, "--metadata"];
         let rest = [text(&metadata), "--www", text(&www), "--software", "--json"];
-        self.kilwa().args(args).args(rest).args(more).output().unwrap()
+        Self::kilwa().args(args).args(rest).args(more).output().unwrap()
     }
 
     /// Serve the archive.
     fn serve(&self) -> Server {
         let log = std::fs::File::create(self.path("log")).unwrap();
-        let mut child = self
-            .kilwa()
+        let mut child = Self::kilwa()
             .args(["serve", ARCHIVE, "--s3-endpoint", &self.endpoint, "--s3-refresh", "1"])
             .args(["--listen", "127.0.0.1:0", "--www"])
             .arg(self.path("www"))
@@ -114,7 +113,7 @@ fn grown(object: &Path, bytes: usize) -> String {
     let mut manifest = Manifest::parse(&std::fs::read(object.join("manifest.json")).unwrap()).unwrap();
     let version = &mut manifest.versions[0];
     let folder = object.join(&version.folder);
-    let pack: Vec<u8> = (0..bytes).map(|i| (i * i >> 7) as u8).collect();
+    let pack: Vec<u8> = (0..bytes).map(|i| ((i * i) >> 7) as u8).collect();
     let (old, sum) = (version.pack.sha256.clone(), sha256(&pack));
     std::fs::remove_file(object.join(&version.pack.url)).unwrap();
     std::fs::write(folder.join(format!("pack.{sum}.kilwa")), &pack).unwrap();
@@ -263,7 +262,7 @@ fn what_cannot_be_is_said_with_what_to_do_and_without_the_keys() {
         said
     };
     let serve = |address: &str, endpoint: &str| {
-        let mut command = keeper.kilwa();
+        let mut command = Keeper::kilwa();
         command.args([
             "serve",
             address,
