@@ -211,12 +211,12 @@ type Promised<T> = { [K in keyof T]: T[K] extends (...args: infer A) => infer R 
 /** `<kilwa-viewer>`. */
 export interface KilwaViewerElement extends HTMLElement, Promised<KilwaMethods> {
   src: string;
-  /** Resolves when the viewer answers; rejects ten seconds after its page has loaded and does not, as where it does not allow this origin. */
+  /** Resolves when the viewer answers; rejects where it does not within `patience` after its page has loaded, as where it does not allow this origin. Asked again, it waits again. */
   readonly loaded: Promise<void>;
   call(name: string, ...args: unknown[]): Promise<unknown>;
   on<E extends keyof Events>(event: E, listener: (detail: Events[E]) => void): () => void;
 }
-export declare const KilwaViewerElement: { new (): KilwaViewerElement; prototype: KilwaViewerElement };
+export declare const KilwaViewerElement: { new (): KilwaViewerElement; prototype: KilwaViewerElement; /** Milliseconds; 15,000 unless set. */ patience: number };
 
 declare global {
   interface HTMLElementTagNameMap {

@@ -13,12 +13,12 @@ const CALLS = [
   "stats", "info", "getCamera", "setCamera", "getMode", "setMode", "modes", "pick", "view", "fit", "home", "back", "forward", "setTool", "annotations",
   "addAnnotation", "openAnnotation", "closeAnnotation", "showAnnotations", "measurements", "addMeasurement", "removeMeasurement", "state", "setState", "link", "picture", "setLanguage",
 ];
-/** After the viewer's page has loaded, it speaks at once, if it may; milliseconds that are waited for it. */
-const PATIENCE = 10_000;
 const EVENTS = ["ready", "frame", "camera", "annotation", "annotations", "measurement", "measurements", "trouble"];
 
 export class KilwaViewerElement extends HTMLElement {
   static observedAttributes = ["src", "annotations", "lang", "viewer", "controls"];
+  /** Milliseconds that whoever calls waits for the viewer's page, once that has loaded. */
+  static patience = 15_000;
   #frame = null;
   #calls = new Map();
   #last = 0;
@@ -72,6 +72,25 @@ export class KilwaViewerElement extends HTMLElement {
     this.#calls.clear();
   }
 
+  /** From now on the viewer is waited for. */
+  #wait() {
+    const hello = { heard: false };
+    hello.promise = new Promise((resolve, reject) => Object.assign(hello, { resolve, end: reject }));
+    hello.promise.catch(() => {}); // whoever waits is told; nobody has to wait
+    this.#hello = hello;
+  }
+
+  /** Who waits is told after a while; on a slow line the viewer may still come, and is there for the next call. */
+  #lose() {
+    const hello = this.#hello;
+    setTimeout(() => {
+      if (hello !== this.#hello || hello?.heard !== false) return;
+      this.#wait();
+      this.#lose();
+      hello.end(new Error(`the viewer's page at ${this.#origin} does not answer: it is slow, not there, or does not name ${location.origin} in <meta name="kilwa-origins">`));
+    }, KilwaViewerElement.patience);
+  }
+
   #load() {
     this.#drop("another model was chosen");
     if (!this.src) return;
@@ -84,21 +103,12 @@ export class KilwaViewerElement extends HTMLElement {
     }
     page.hash = this.getAttribute("view") ?? "";
     this.#origin = page.origin;
-    const hello = {};
-    hello.promise = new Promise((resolve, reject) => Object.assign(hello, { resolve, end: reject }));
-    hello.promise.catch(() => {}); // whoever waits is told; nobody has to wait
-    this.#hello = hello;
+    this.#wait();
     const frame = document.createElement("iframe");
     frame.title = this.getAttribute("aria-label") ?? this.title ?? "3D model";
     frame.allow = "fullscreen; clipboard-write";
     frame.src = page.href;
-    let loads = 0;
-    frame.addEventListener("load", () => {
-      loads += 1;
-      // Another page than the one that was asked.
-      if (loads > 1) this.#refuse("the viewer was loaded anew");
-      setTimeout(() => hello.end(new Error(`the viewer's page at ${page.origin} does not answer: it is not there, or does not name ${location.origin} in <meta name="kilwa-origins">`)), PATIENCE);
-    });
+    frame.addEventListener("load", () => this.#lose());
     this.#frame = frame;
     this.shadowRoot.replaceChildren(frame);
   }
@@ -110,11 +120,16 @@ export class KilwaViewerElement extends HTMLElement {
   #take({ data, origin, source }) {
     if (source !== this.#frame?.contentWindow || origin !== this.#origin || data?.kilwa !== 1) return;
     if (data.event === "listening") {
+      // Another page than the one that was asked.
+      if (this.#hello.heard) this.#refuse("the viewer was loaded anew");
       this.#send({ hello: 1, listen: EVENTS });
       return;
     }
     if (data.event) {
-      if (data.event === "hello") this.#hello.resolve();
+      if (data.event === "hello") {
+        this.#hello.heard = true;
+        this.#hello.resolve();
+      }
       if (data.event === "hello" && data.detail?.ready) this.dispatchEvent(new CustomEvent("ready"));
       else if (data.event !== "hello") this.dispatchEvent(new CustomEvent(data.event, { detail: data.detail }));
       return;
@@ -127,7 +142,9 @@ export class KilwaViewerElement extends HTMLElement {
 
   /** Call something of the API by its name. */
   async call(name, ...args) {
+    const hello = this.#hello;
     await this.loaded;
+    if (hello !== this.#hello) throw new Error("another model was chosen");
     return new Promise((resolve, reject) => {
       const id = (this.#last += 1);
       this.#calls.set(id, { resolve, reject });

@@ -159,9 +159,42 @@ test("<kilwa-viewer> of another origin answers a page that it is allowed to, wit
 test("a page of an origin that nobody allowed sees the model and gets no answer", async () => {
   const { page, frame, close } = await embed(hosts.stranger);
   const answer = await page.evaluate(() => globalThis.element.stats().then(() => "an answer", (error) => error.message));
-  assert.equal(answer, `the viewer's page at ${hosts.viewer.url} does not answer: it is not there, or does not name ${hosts.stranger.url} in <meta name="kilwa-origins">`);
+  assert.equal(answer, `the viewer's page at ${hosts.viewer.url} does not answer: it is slow, not there, or does not name ${hosts.stranger.url} in <meta name="kilwa-origins">`);
   assert.deepEqual(await page.evaluate(() => globalThis.heard), []);
   assert.ok(await frame.locator("#canvas").isVisible());
+  await close();
+});
+
+test("on a line so slow that whoever waits is told, the viewer comes later and answers", async () => {
+  const { page, close } = await open(browser, `${hosts.friend.url}/host.html`, { wait: null });
+  let let_go;
+  const held = new Promise((resolve) => (let_go = resolve));
+  await page.route("**/i18n/en.json", async (route) => {
+    await held;
+    await route.continue();
+  });
+  const first = await page.evaluate(async (viewer) => {
+    await customElements.whenDefined("kilwa-viewer");
+    customElements.get("kilwa-viewer").patience = 300;
+    const element = document.createElement("kilwa-viewer");
+    element.lang = "en";
+    element.src = `${viewer}/fort.kilwa`;
+    element.style.height = "400px";
+    document.body.append(element);
+    globalThis.element = element;
+    return element.stats().then(() => "an answer", (error) => error.message);
+  }, hosts.viewer.url);
+  assert.match(first, /does not answer: it is slow/);
+  let_go();
+  await page.waitForFunction(() => globalThis.element.loaded.then(() => true, () => false), null, { polling: 100 });
+  assert.ok((await page.evaluate(() => globalThis.element.modes())).includes("clay"));
+  // A call that another model overtakes is told.
+  const overtaken = await page.evaluate(() => {
+    const call = globalThis.element.fit();
+    globalThis.element.src += "?other";
+    return call.then(() => "an answer", (error) => error.message);
+  });
+  assert.equal(overtaken, "another model was chosen");
   await close();
 });
 

@@ -153,11 +153,22 @@ pub(crate) fn watch(command: &mut Command, limit: Duration, mut each: impl FnMut
             Err(RecvTimeoutError::Timeout) if has_ended => break,
             Err(RecvTimeoutError::Timeout) => has_ended = child.try_wait().is_ok_and(|status| status.is_some()),
         }
-        if !is_late && started.elapsed() > limit {
+        if is_late && started.elapsed() > limit + 5 * QUIET {
+            break; // Something that could not be found goes on writing.
+        }
+        if !is_late && !has_ended && started.elapsed() > limit {
             is_late = true;
             println!("`{}` is stopped: it may take {} minutes", shown(command), limit.as_secs() / 60);
             stop_tree(&mut child);
         }
+    }
+    // What has closed its output may still go on.
+    while child.try_wait().is_ok_and(|status| status.is_none()) {
+        if !is_late && started.elapsed() > limit {
+            is_late = true;
+            stop_tree(&mut child);
+        }
+        thread::sleep(QUIET / 20);
     }
     let status = child.wait().with_context(|| format!("waiting for `{}`", shown(command)))?;
     Ok(match status.success() {

@@ -84,8 +84,8 @@ impl Viewer {
     /// When JavaScript refuses an object, which does not happen.
     pub fn frame(&mut self, now_ms: f64) -> Result<JsValue, JsValue> {
         let mut view = self.wanted_view();
-        // A picture is made from any camera at its own error; that the camera rests meanwhile is noticed all the same.
-        let paced = self.pace.frame(now_ms, &view);
+        // A picture is loaded for at its own error; that the camera rests meanwhile is noticed all the same.
+        let paced = self.pace.frame(now_ms, &self.view());
         if self.picture.is_none() {
             view.target_pixels = paced;
         }
