@@ -49,6 +49,8 @@ pub(super) fn check(args: &Args, given: &Given, before: Option<&Manifest>) -> an
         return Ok(());
     };
     let in_notes = || args.notes.as_ref().map(|f| f.display().to_string()).unwrap_or_default();
+    // First: what is not too long to be published can be looked at, and copied, at no cost.
+    notes.to_bytes(&pack_name(&"0".repeat(64)), &given.identity).with_context(in_notes)?;
     let pack = &given.of_pack;
     let (mut here, mut there) = (Notes::default(), Vec::new());
     for note in &notes.notes {
@@ -74,8 +76,6 @@ pub(super) fn check(args: &Args, given: &Given, before: Option<&Manifest>) -> an
     if given.place.is_some() {
         notes.check_words(pack.bounds_min, pack.bounds_max, &given.degrees()).with_context(in_notes)?;
     }
-    // Also whether they are not too long.
-    notes.to_bytes(&pack_name(&"0".repeat(64)), &given.identity).with_context(in_notes)?;
     Ok(())
 }
 

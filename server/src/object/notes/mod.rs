@@ -8,10 +8,11 @@
 //! [`Notes::to_bytes`] writes one form: the same notes are the same bytes, and what was written reads back as the same notes. Whoever takes
 //! such a file from elsewhere can so see that it is in this form and holds nothing that was not looked at.
 //!
-//! Places are metres in the pack's reference system, z up. Allocation is bounded by the file's length, which is at most [`NOTES_MAX`].
+//! Places are metres in the pack's reference system, z up. Allocation is bounded by the file's length, which is at most [`NOTES_MAX`], read and written.
 
 mod place;
 mod read;
+mod write;
 
 pub use place::{digits_of_a_place, scene_point};
 
@@ -29,6 +30,9 @@ pub const MOST: usize = 5000;
 const LONGEST: [usize; 3] = [200, 20_000, 2000];
 /// How far from the model's box a place may be, of the box's diagonal: a coarse level, on which a place may have been chosen, reaches beyond the finest one.
 const MARGIN: f64 = 0.02;
+/// How deep what an annotation says may be nested, in levels: what is deeper grows without measure when it is laid out in lines, or cannot be
+/// read again.
+const DEEPEST: usize = 32;
 /// Digits of an identity that tell packs apart, as in links of the page.
 const DIGITS: usize = 12;
 /// Problems that are told; of more only the number is.
@@ -205,33 +209,6 @@ impl Note {
         };
         self.bodies.iter().map(one).collect()
     }
-
-    fn json(&self, pack_file: &str, identity: &str) -> Value {
-        let mut v = Value::Object(self.rest.clone());
-        v["id"] = json!(self.id);
-        v["type"] = json!("Annotation");
-        if let Some(label) = &self.label {
-            v["label"] = label.json();
-        }
-        v["body"] = self.bodies_json().into();
-        let [x, y, z] = self.place;
-        let made_on = self.made_on.as_deref().unwrap_or(identity);
-        let mut states = vec![json!({ "type": PACK_STATE, "identity": made_on })];
-        if let Some(view) = &self.view {
-            let mut state = json!({ "type": VIEW_STATE });
-            if let Some(camera) = &view.camera {
-                state["camera"] = json!(camera);
-            }
-            if let Some(display) = &view.display {
-                state["display"] = display.clone();
-            }
-            states.push(state);
-        }
-        states.extend(self.states.iter().cloned());
-        v["target"] = json!({ "type": "SpecificResource", "source": pack_file, "state": states,
-            "selector": { "type": "PointSelector", "x": x, "y": y, "z": z } });
-        v
-    }
 }
 
 /// `@context` of Web Annotations.
@@ -250,23 +227,6 @@ pub struct Notes {
 }
 
 impl Notes {
-    /// As they are published, beside the pack `pack_file` of this identity. Addresses are relative, so that the file is the same in every version and copy.
-    ///
-    /// # Errors
-    /// When that is longer than [`NOTES_MAX`].
-    pub fn to_bytes(&self, pack_file: &str, identity: &str) -> Result<Vec<u8>, NotesError> {
-        let items: Vec<Value> = self.notes.iter().map(|n| n.json(pack_file, identity)).collect();
-        let page = json!({ "@context": CONTEXT, "type": "AnnotationPage", "items": items });
-        let bytes = format!("{page:#}\n").into_bytes();
-        if bytes.len() as u64 > NOTES_MAX {
-            return Err(NotesError::one(format!(
-                "published, the notes would be {} bytes long, and {NOTES_MAX} are possible; leave some out",
-                bytes.len()
-            )));
-        }
-        Ok(bytes)
-    }
-
     /// Whether each note is on the model whose box this is, metres.
     ///
     /// # Errors

@@ -1,6 +1,8 @@
 //! Reading Web Annotations as notes: strictly, all problems at once, each with its note.
 
-use super::{Body, LONGEST, MOST, NOTES_MAX, Note, Notes, NotesError, PACK_STATE, VIEW_STATE, View, Words, name_of};
+use super::{
+    Body, DEEPEST, LONGEST, MOST, NOTES_MAX, Note, Notes, NotesError, PACK_STATE, VIEW_STATE, View, Words, name_of,
+};
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
 
@@ -94,9 +96,14 @@ fn items_of(value: Value) -> Result<Vec<Value>, NotesError> {
 fn note_of(item: Value, number: usize) -> Result<Option<Note>, String> {
     let Value::Object(mut map) = item else { return Err(format!("annotation {number} is no object")) };
     let at = |what: String| format!("note {number}: {what}");
-    let Some((place, states)) = target_of(map.get("target").unwrap_or(&Value::Null)).map_err(at)? else {
+    let is_deep = map.values().any(|v| is_deeper(v, DEEPEST - 1));
+    // By value: what is kept as it is may be most of the file.
+    let Some((place, states)) = target_of(map.remove("target").unwrap_or_default()).map_err(at)? else {
         return Ok(None);
     };
+    if is_deep {
+        return Err(at(format!("what it says is nested deeper than {DEEPEST} levels; take that out of the file")));
+    }
     let mut note = Note {
         id: String::new(),
         label: None,
@@ -158,13 +165,32 @@ fn list(value: &Value) -> &[Value] {
     }
 }
 
+/// The same, to be kept.
+fn many(value: Value) -> Vec<Value> {
+    match value {
+        Value::Null => Vec::new(),
+        Value::Array(list) => list,
+        one => vec![one],
+    }
+}
+
+/// Whether a value has more levels than these.
+fn is_deeper(value: &Value, levels: usize) -> bool {
+    let below = |v: &Value| is_deeper(v, levels - 1);
+    match value {
+        Value::Array(list) => levels == 0 || list.iter().any(below),
+        Value::Object(map) => levels == 0 || map.values().any(below),
+        _ => false,
+    }
+}
+
 /// A place and the states of its target.
-type Target<'a> = ([f64; 3], &'a [Value]);
+type Target = ([f64; 3], Vec<Value>);
 
 /// The point that a target names, and its states; of several selectors, which are ways to say the same, the first with a point.
-fn target_of(target: &Value) -> Result<Option<Target<'_>>, String> {
+fn target_of(target: Value) -> Result<Option<Target>, String> {
     let mut found = None;
-    for one in list(target) {
+    for mut one in many(target) {
         let selectors = one.get("selector").map_or(&[][..], list);
         let Some(selector) = selectors.iter().find(|s| is_type(s, &["PointSelector", "urn:kilwa:point"])) else {
             continue;
@@ -177,7 +203,7 @@ fn target_of(target: &Value) -> Result<Option<Target<'_>>, String> {
         let (Some(x), Some(y), Some(z)) = (axis("x"), axis("y"), axis("z")) else {
             return Err("its PointSelector has no numbers x, y and z".to_owned());
         };
-        let states = one.get("state").map_or(&[][..], list);
+        let states = one.get_mut("state").map(Value::take).map(many).unwrap_or_default();
         if found.replace(([x + 0.0, y + 0.0, z + 0.0], states)).is_some() {
             return Err("it names two places; make two notes of it".to_owned());
         }
@@ -199,27 +225,27 @@ struct States {
 }
 
 impl States {
-    fn of(states: &[Value]) -> Result<Self, String> {
+    fn of(states: Vec<Value>) -> Result<Self, String> {
         let mut all = Self::default();
-        for state in states {
-            if is_type(state, &[PACK_STATE]) {
+        for mut state in states {
+            if is_type(&state, &[PACK_STATE]) {
                 let identity = state.get("identity").and_then(Value::as_str).unwrap_or_default();
                 let is_hex = identity.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
                 if !(12..=64).contains(&identity.len()) || !is_hex {
                     return Err("the identity of its pack is not 12 to 64 digits of 0-9 and a-f".to_owned());
                 }
                 all.made_on.get_or_insert_with(|| identity.to_owned());
-            } else if is_type(state, &[VIEW_STATE]) && all.view.is_none() {
-                all.view = Some(view_of(state)?);
-            } else if !is_type(state, &[VIEW_STATE]) {
-                all.others.push(state.clone());
+            } else if is_type(&state, &[VIEW_STATE]) && all.view.is_none() {
+                all.view = Some(view_of(&mut state)?);
+            } else if !is_type(&state, &[VIEW_STATE]) {
+                all.others.push(state);
             }
         }
         Ok(all)
     }
 }
 
-fn view_of(state: &Value) -> Result<View, String> {
+fn view_of(state: &mut Value) -> Result<View, String> {
     let camera = match state.get("camera") {
         None | Some(Value::Null) => None,
         Some(camera) => {
@@ -233,9 +259,9 @@ fn view_of(state: &Value) -> Result<View, String> {
             Some(numbers.filter(whole).ok_or("its camera is not 7 to 9 numbers, the third of which is a distance")?)
         }
     };
-    let display = match state.get("display") {
+    let display = match state.get_mut("display").map(Value::take) {
         None | Some(Value::Null) => None,
-        Some(Value::Object(map)) => Some(Value::Object(map.clone())),
+        Some(display @ Value::Object(_)) => Some(display),
         Some(_) => return Err("its display is no object".to_owned()),
     };
     Ok(View { camera, display })

@@ -72,6 +72,45 @@ fn collections_lists_and_single_annotations_are_read_too() {
     assert_eq!(Notes::parse(&page(&named)).unwrap().notes[0].id, gate.id, "the same file, the same names");
 }
 
+/// A note beside whose words stand so many levels of lists, with these values in the innermost.
+fn nested(levels: usize, values: &str) -> String {
+    let target = note("Gate", [1.0, 2.0, 3.0])["target"].take();
+    format!(
+        "[{{\"label\":\"Gate\",\"target\":{target},\"more\":{}{values}{}}}]",
+        "[".repeat(levels),
+        "]".repeat(levels)
+    )
+}
+
+#[test]
+fn notes_that_would_grow_when_they_are_written_are_refused_and_never_held() {
+    // As long as is possible, and thirty times as long when each zero has a line of its own.
+    let wide = nested(DEEPEST - 1, &vec!["0"; 7_000_000].join(","));
+    assert!(wide.len() as u64 <= NOTES_MAX);
+    let notes = Notes::parse(wide.as_bytes()).unwrap();
+    let said = notes.to_bytes("pack.kilwa", IDENTITY).unwrap_err().to_string();
+    assert!(said.contains("would be longer than 16000000 bytes") && said.contains("leave some out"), "{said}");
+    let mut written = write::Bounded::default();
+    let page = write::Page { notes: &notes.notes, pack_file: "pack.kilwa", identity: IDENTITY };
+    assert!(serde_json::to_writer_pretty(&mut written, &page).is_err());
+    assert!(written.0.len() as u64 <= NOTES_MAX && written.0.len() > 15_000_000, "{}", written.0.len());
+}
+
+#[test]
+fn what_is_nested_deeper_than_can_be_read_again_is_refused_with_its_note() {
+    let parsed = |levels: usize| Notes::parse(nested(levels, "0").as_bytes());
+    for levels in [DEEPEST, 124] {
+        let said = parsed(levels).unwrap_err().to_string();
+        assert!(said.contains("note 1: what it says is nested deeper than 32 levels"), "{said}");
+    }
+    let bytes = parsed(DEEPEST - 1).unwrap().to_bytes("pack.kilwa", IDENTITY).unwrap();
+    assert_eq!(Notes::parse(&bytes).unwrap(), parsed(DEEPEST - 1).unwrap(), "what is taken is read again");
+    // Also in what is kept of its target.
+    let mut deep = note("Gate", [1.0; 3]);
+    deep["target"]["state"][1]["display"]["x"] = (0..30).fold(json!(0), |inner, _| json!([inner]));
+    assert!(refused(&json!([deep])).contains("nested deeper"));
+}
+
 /// What makes a note wrong.
 type Change = fn(&mut Value);
 
