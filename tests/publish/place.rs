@@ -54,8 +54,15 @@ fn no_file_tells_where_it_was() {
     let original = std::fs::read(pack()).unwrap();
     assert!(tells(&original, &numbers).is_some(), "the search would find it");
     let bench = Bench::new();
-    // Notes tell it by their places, by how they are looked at, and by where they lead.
-    let notes = notes::file(&bench, &notes::annotations(&pack()));
+    // Notes tell it by their places, by how they are looked at, by where they lead, and by what only looks like a date, a purpose or a name.
+    let mut telling = notes::annotations(&pack());
+    let (east, north) = (numbers[2].trunc(), numbers[8].trunc());
+    for (i, key) in ["created", "modified", "motivation"].into_iter().enumerate() {
+        telling["items"][i % 2][key] = format!("{east} {north}").into();
+    }
+    telling["items"][0]["body"][0]["purpose"] = format!("{north}").into();
+    telling["items"][1]["id"] = format!("urn:uuid:{east}-{north}").into();
+    let notes = notes::file(&bench, &telling);
     assert!(tells(&std::fs::read(&notes).unwrap(), &numbers).is_some(), "the search would find it in the notes");
     let object = bench.published(&pack(), FULL, &["--redact-location", "--bag", "--site", "--notes", text(&notes)]);
     let all = tree(&bench.path("site"));

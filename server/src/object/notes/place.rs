@@ -1,6 +1,7 @@
 //! Where notes are: near the model, in a scene with y up, and without the place on earth.
 
-use super::{MARGIN, Note, Notes, View, same_pack};
+use super::{Body, MARGIN, Note, Notes, View, same_pack};
+use crate::object::date::is_day;
 use serde_json::{Map, Value, json};
 
 /// Map coordinates begin here: smaller numbers are lengths, years and house numbers.
@@ -10,6 +11,22 @@ const AROUND: f64 = 1000.0;
 const AROUND_DEGREES: f64 = 0.05;
 /// Digits behind the point from which on a number may be degrees of a place, and not a length.
 const DEGREE_DIGITS: usize = 4;
+/// What a note and a text of it may be for (Web Annotation Data Model, W3C 2017, section 3.3.5).
+const MOTIVATIONS: [&str; 13] = [
+    "assessing",
+    "bookmarking",
+    "classifying",
+    "commenting",
+    "describing",
+    "editing",
+    "highlighting",
+    "identifying",
+    "linking",
+    "moderating",
+    "questioning",
+    "replying",
+    "tagging",
+];
 /// Moved places are told to so many parts of a metre: a micrometre. Finer ones would be noise that tells how large the number was before.
 const PARTS: f64 = 1e6;
 
@@ -55,7 +72,12 @@ impl Note {
     fn without_place(&mut self, offset: [f64; 3], number: usize) {
         let moved = |k: usize, v: f64| (((v - offset[k]) * PARTS).round() / PARTS) + 0.0;
         self.place = [0, 1, 2].map(|k| moved(k, self.place[k]));
-        self.bodies.retain(|b| matches!(b, super::Body::Text { .. }));
+        self.bodies.retain(|b| matches!(b, Body::Text { .. }));
+        for body in &mut self.bodies {
+            if let Body::Text { purpose, .. } = body {
+                *purpose = known_motivation(purpose).to_owned();
+            }
+        }
         self.made_on = None;
         self.states.clear();
         let camera = self.view.take().and_then(|v| v.camera);
@@ -66,21 +88,56 @@ impl Note {
             View { camera: Some(camera), display: None }
         });
         let mut rest = Map::new();
-        for key in ["created", "modified", "motivation"] {
-            if let Some(value) = self.rest.get(key).filter(|v| v.is_string()) {
-                rest.insert(key.to_owned(), value.clone());
+        for key in ["created", "modified"] {
+            if let Some(moment) = self.rest.get(key).and_then(Value::as_str).filter(|m| is_moment(m)) {
+                rest.insert(key.to_owned(), moment.into());
             }
         }
+        let motivation = self.rest.get("motivation").and_then(Value::as_str).unwrap_or_default();
+        rest.insert("motivation".to_owned(), known_motivation(motivation).into());
         let creators: Vec<Value> = self.creators().into_iter().map(|name| json!({ "name": name })).collect();
         if !creators.is_empty() {
             rest.insert("creator".to_owned(), creators.into());
         }
         self.rest = rest;
         // A name may be an address, or made of the place as it was; a random one tells nothing.
-        if !self.id.starts_with("urn:uuid:") {
+        if !self.id.strip_prefix("urn:uuid:").is_some_and(is_uuid) {
             self.id = self.derived_id(number);
         }
     }
+}
+
+/// A motivation of the model; `describing` for every other word, which might be anything.
+fn known_motivation(text: &str) -> &'static str {
+    MOTIVATIONS.into_iter().find(|m| *m == text).unwrap_or("describing")
+}
+
+/// Whether a text is a UUID as it is written: 8-4-4-4-12 hexadecimal digits (RFC 9562, section 4).
+fn is_uuid(text: &str) -> bool {
+    let lengths: Vec<usize> = text.split('-').map(str::len).collect();
+    lengths == [8, 4, 4, 4, 12] && text.bytes().all(|b| b == b'-' || b.is_ascii_hexdigit())
+}
+
+/// Whether a text is a day that exists, or a moment of it to a millisecond at the finest: `2026-11-20T10:00:00.000Z` (ISO 8601-1).
+fn is_moment(text: &str) -> bool {
+    let Some((day, clock)) = text.split_once('T') else { return is_day(text) };
+    let zone = clock.find(['Z', '+', '-']).unwrap_or(clock.len());
+    let (time, zone) = clock.split_at(zone);
+    let (time, fraction) = time.split_once('.').map_or((time, None), |(time, fraction)| (time, Some(fraction)));
+    let digits = |text: &str, most: u32| {
+        text.len() == 2 && text.bytes().all(|b| b.is_ascii_digit()) && text.parse::<u32>().is_ok_and(|n| n <= most)
+    };
+    // A leap second is the sixtieth.
+    let is_clock = |text: &str, most: [u32; 3]| {
+        let parts: Vec<&str> = text.split(':').collect();
+        (2..=most.len()).contains(&parts.len()) && parts.iter().zip(most).all(|(part, most)| digits(part, most))
+    };
+    let is_zone = match zone.strip_prefix(['+', '-']) {
+        Some(hours) => hours.len() == 5 && is_clock(hours, [23, 59, 59]),
+        None => zone.is_empty() || zone == "Z",
+    };
+    let is_fraction = |f: &str| time.len() == 8 && (1..=3).contains(&f.len()) && f.bytes().all(|b| b.is_ascii_digit());
+    is_day(day) && is_clock(time, [24, 59, 60]) && fraction.is_none_or(is_fraction) && is_zone
 }
 
 /// The first number in a text that is a map coordinate in or around this box, or a latitude or longitude near one of `degrees`.

@@ -223,6 +223,70 @@ fn without_its_place_a_note_keeps_words_and_view_and_nothing_that_tells_it() {
 }
 
 #[test]
+fn without_its_place_nothing_is_kept_that_might_be_any_text() {
+    let uuid = "urn:uuid:0B6FF3F0-5c3a-4c1f-9d53-8a5d00c0ffee";
+    let with = |change: &dyn Fn(&mut Value)| {
+        let mut one = note("Gate", [1.0; 3]);
+        change(&mut one);
+        let hidden = Notes::parse(&page(&json!([one]))).unwrap().without_place([0.5; 3], &[]);
+        let bytes = hidden.to_bytes("pack.kilwa", IDENTITY).unwrap();
+        let again = Notes::parse(&bytes).unwrap().without_place([0.0; 3], &[]);
+        assert_eq!(again.to_bytes("pack.kilwa", IDENTITY).unwrap(), bytes, "twice is once");
+        let value: Value = serde_json::from_slice(&bytes).unwrap();
+        value["items"][0].clone()
+    };
+    for telling in ["565977 9009946", "565977-9009946", "565977", "-8.9577", "2026-11-20T565977", "5659-77-90"] {
+        let one = with(&|v| {
+            for key in ["created", "modified", "motivation"] {
+                v[key] = telling.into();
+            }
+            v["body"][0]["purpose"] = telling.into();
+            v["id"] = format!("urn:uuid:{}", telling.replace(' ', "-")).into();
+        });
+        assert!(!one.to_string().contains(telling), "{telling} in {one}");
+        assert_eq!((&one["motivation"], &one["body"][0]["purpose"]), (&json!("describing"), &json!("describing")));
+        assert!(one["id"].as_str().unwrap().starts_with("urn:kilwa:note:"), "{one}");
+    }
+    let list = with(&|v| v["motivation"] = json!(["565977", "tagging"]));
+    assert_eq!(list["motivation"], "describing");
+    let kept = with(&|v| {
+        (v["id"], v["motivation"], v["body"][0]["purpose"]) = (uuid.into(), "questioning".into(), "tagging".into());
+    });
+    assert_eq!(
+        (&kept["id"], &kept["motivation"], &kept["body"][0]["purpose"]),
+        (&json!(uuid), &json!("questioning"), &json!("tagging"))
+    );
+    let created = |text: &str| with(&|v| v["created"] = text.into())["created"] == text;
+    for moment in [
+        "2026-11-20",
+        "2026-11-20T10:00Z",
+        "2026-11-20T10:00:00Z",
+        "2026-11-20T10:00:00.123Z",
+        "2026-11-20T10:00:00+03:00",
+        "2026-11-20T10:00:00.5-03:30",
+        "2026-11-20T10:00:00",
+    ] {
+        assert!(created(moment), "{moment}");
+    }
+    for none in [
+        "2026-13-20",
+        "2026-11-20T",
+        "2026-11-20T10",
+        "2026-11-20T10:00:00.565977Z",
+        "2026-11-20T10:00.5Z",
+        "2026-11-20T10:61Z",
+        "2026-11-20T10:00:00Z565977",
+        "2026-11-20T10:00:00+565977",
+        "2026-11-20T+10:00",
+        "2026-11-20 565977",
+        "T",
+        "",
+    ] {
+        assert!(!created(none), "{none}");
+    }
+}
+
+#[test]
 fn texts_that_tell_map_coordinates_are_found_however_they_are_written() {
     let (min, max) = ([565_950.0, 9_009_900.0, 0.0], [566_000.0, 9_009_990.0, 20.0]);
     let found = |text: &str| digits_of_a_place(text, min, max, &[-8.9577, 39.5228]).is_some();
