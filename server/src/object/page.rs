@@ -10,6 +10,7 @@ use super::layout::{
 };
 use super::manifest::{AccessState, Manifest, Version};
 use super::metadata::Metadata;
+use super::notes::Note;
 use super::record::xml::escape;
 use super::record::{Publication, citation, media_type, schema_org};
 use crate::html::{grouped, length, size, size_in_space};
@@ -304,31 +305,46 @@ fn article(p: &Publication, around: &Surroundings) -> String {
     s
 }
 
-/// Notes that a page without scripts has; all of them are in the file.
+/// Notes that a page without scripts has at most, and bytes of them; all of them are in the file.
 const NOTES_SHOWN: usize = 100;
+const NOTES_BYTES: usize = 64 << 10;
 
 /// The notes as text; places on a closed model are for those who may have it.
 fn notes(p: &Publication) -> String {
-    let Some(published) = p.notes.as_ref().filter(|_| p.metadata.access() == AccessState::Public) else {
-        return String::new();
-    };
-    let (all, language) = (&published.notes.notes, p.metadata.language.as_str());
-    let mut s = String::from("<h2>Notes</h2>\n<ol class=\"notes\">\n");
+    let published = p.notes.as_ref().filter(|_| p.metadata.access() == AccessState::Public);
+    published.map(|n| listed(&n.notes.notes, &p.metadata.language)).unwrap_or_default()
+}
+
+/// The first notes, as many as a page can hold.
+fn listed(all: &[Note], language: &str) -> String {
+    let mut s = String::from("<h2>Notes</h2>\n");
+    let (mut items, mut shown) = (String::new(), 0);
     for note in all.iter().take(NOTES_SHOWN) {
-        let title = note.title(language);
-        let title = if title.is_empty() { title } else { format!("<strong>{}</strong> ", escape(&title)) };
-        let texts: String = note.texts(language).iter().map(|t| paragraphs(t)).collect();
-        let links: Vec<String> = note
-            .links()
-            .map(|l| format!("<p><a href=\"{0}\" rel=\"noopener noreferrer\">{0}</a></p>", escape(l)))
-            .collect();
-        let _ = writeln!(s, "<li>{title}{texts}{}</li>", links.concat());
+        let item = listed_note(note, language);
+        if items.len() + item.len() > NOTES_BYTES {
+            break;
+        }
+        items.push_str(&item);
+        shown += 1;
     }
-    s.push_str("</ol>\n");
-    if all.len() > NOTES_SHOWN {
-        let _ = writeln!(s, "<p>The first {NOTES_SHOWN} of {}; all are in the file.</p>", all.len());
+    if shown > 0 {
+        let _ = writeln!(s, "<ol class=\"notes\">\n{items}</ol>");
+    }
+    if shown < all.len() {
+        let which =
+            if shown > 0 { format!("The first {shown} of {}", all.len()) } else { format!("{} notes", all.len()) };
+        let _ = writeln!(s, "<p>{which}; all are in the file.</p>");
     }
     s
+}
+
+fn listed_note(note: &Note, language: &str) -> String {
+    let title = note.title(language);
+    let title = if title.is_empty() { title } else { format!("<strong>{}</strong> ", escape(&title)) };
+    let texts: String = note.texts(language).iter().map(|t| paragraphs(t)).collect();
+    let link = |l: &str| format!("<p><a href=\"{0}\" rel=\"noopener noreferrer\">{0}</a></p>", escape(l));
+    let links: String = note.links().map(link).collect();
+    format!("<li>{title}{texts}{links}</li>\n")
 }
 
 fn all_facts(p: &Publication) -> Vec<(&'static str, String)> {
@@ -383,4 +399,35 @@ pub fn tombstone(m: &Manifest, style: &str) -> String {
     }
     s.push_str("</dl>\n</main>\n</body>\n</html>\n");
     s
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::object::Notes;
+    use serde_json::json;
+
+    fn of(texts: &[String]) -> String {
+        let one = |text: &String| json!({ "bodyValue": text, "target": { "selector": { "type": "PointSelector", "x": 1, "y": 2, "z": 3 } } });
+        let items: Vec<_> = texts.iter().map(one).collect();
+        listed(&Notes::parse(json!(items).to_string().as_bytes()).unwrap().notes, "en")
+    }
+
+    #[test]
+    fn a_page_has_as_much_of_the_notes_as_fits_and_says_where_the_rest_is() {
+        let said = of(&["Coral <rag>".to_owned()]);
+        assert!(said.contains("<li><p>Coral &lt;rag&gt;</p></li>") && !said.contains("in the file"), "{said}");
+        // Each a third of the page's room, escaped.
+        let long: Vec<String> = (0..50).map(|i| format!("{i:03}{}", "&".repeat(4000))).collect();
+        let said = of(&long);
+        assert!(said.len() < NOTES_BYTES + 200, "{}", said.len());
+        assert!(said.contains("<p>002&amp;") && !said.contains("003&amp;"), "in their order");
+        assert!(said.contains("<p>The first 3 of 50; all are in the file.</p>"));
+        let many: Vec<String> = (0..101).map(|i| format!("note {i}")).collect();
+        assert!(of(&many).contains("<p>The first 100 of 101; all are in the file.</p>"));
+        // A note that does not fit is not cut, and none after it is shown in its place.
+        let first = ["<".repeat(20_000), "short".to_owned()];
+        let said = of(&first);
+        assert!(said.contains("<p>2 notes; all are in the file.</p>") && !said.contains("<ol"), "{said}");
+    }
 }
