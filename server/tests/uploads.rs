@@ -33,6 +33,8 @@ struct Museum {
     falls: Arc<AtomicBool>,
     /// Whether verifying goes no further than its first step.
     waits: Arc<AtomicBool>,
+    /// As much room as the disk seems to have at most, bytes.
+    free: Arc<AtomicU64>,
     folder: tempfile::TempDir,
     robot: String,
     amina: String,
@@ -79,8 +81,14 @@ impl Museum {
                 Err(_) => Err(io::Error::from(io::ErrorKind::StorageFull)),
             }
         });
+        let free = Arc::new(AtomicU64::new(u64::MAX));
+        let most = Arc::clone(&free);
+        let uploads = uploads.with_space(move |at| {
+            let free = fs4::available_space(at).ok()?;
+            Some(free.min(most.load(Ordering::Relaxed)))
+        });
         site.uploads = Some(Arc::new(uploads));
-        Self { app: app(site), clock, steps, falls, waits, folder, robot, amina, viewer }
+        Self { app: app(site), clock, steps, falls, waits, free, folder, robot, amina, viewer }
     }
 
     fn models(&self) -> PathBuf {
@@ -691,17 +699,58 @@ async fn room_that_was_announced_is_no_longer_free_until_nothing_follows() {
         version.intent.files[0].bytes = most_of_the_disk;
         version
     };
-    let written = |at: u64| {
-        let file = std::fs::File::options().append(true).open(m.models().join(".kilwa-uploads/fort/upload.json"));
-        file.unwrap().set_modified(std::time::UNIX_EPOCH + Duration::from_secs(at)).unwrap();
-    };
+    let at = |seconds: u64| m.clock.store(NOW + seconds, Ordering::Relaxed);
     assert_eq!(m.begin(&m.robot, &large("fort").intent).await.status, StatusCode::CREATED);
-    written(NOW - 600);
+    at(600);
     let both = m.begin(&m.robot, &large("wall").intent).await;
     assert_eq!(both.status, StatusCode::INSUFFICIENT_STORAGE, "together they would fill the disk");
     assert!(both.text().contains("for other uploads"), "{}", both.text());
     assert_eq!(m.begin(&m.robot, &Version::new("tower", 1, fort_pack()).intent).await.status, StatusCode::CREATED);
-    written(NOW - 2 * 3600);
+    // Announcing it again is not sending it.
+    at(3000);
+    assert_eq!(m.begin(&m.robot, &large("fort").intent).await.status, StatusCode::CREATED);
+    at(2 * 3600);
     let alone = m.begin(&m.robot, &large("wall").intent).await;
     assert_eq!(alone.status, StatusCode::CREATED, "who announces and sends nothing keeps nobody out: {}", alone.text());
+}
+
+/// What is kept free while bytes come.
+const KEPT_FREE: u64 = 64 << 20;
+
+#[tokio::test]
+async fn bytes_are_taken_only_where_they_leave_room() {
+    let m = Museum::new();
+    for slug in ["fort", "wall"] {
+        let version = Version::new(slug, 1, vec![1; 1_000_000]);
+        let (name, bytes) = (&version.intent.files[0].sha256, &version.files[0]);
+        m.free.store(u64::MAX, Ordering::Relaxed);
+        assert_eq!(m.begin(&m.robot, &version.intent).await.status, StatusCode::CREATED);
+        m.free.store(KEPT_FREE + 999_999, Ordering::Relaxed);
+        let full = m.patch(slug, name, 0, bytes).await;
+        assert_eq!(full.status, StatusCode::INSUFFICIENT_STORAGE, "{slug}");
+        assert!(full.text().contains("1000000 may come now"), "{}", full.text());
+        // Twice: what a request might have written is free again when it ends, however it ends.
+        m.free.store(KEPT_FREE + 1_000_000, Ordering::Relaxed);
+        let part = m.patch(slug, name, 0, &bytes[..10]).await;
+        assert_eq!(part.status, StatusCode::NO_CONTENT, "{slug}: {}", part.text());
+        let rest = m.patch(slug, name, 10, &bytes[10..]).await;
+        assert_eq!(rest.status, StatusCode::NO_CONTENT, "{slug}: {}", rest.text());
+    }
+}
+
+#[tokio::test]
+async fn what_all_uploads_hold_is_limited_also_where_it_was_announced_long_ago() {
+    let m = Museum::with(UploadLimits { staged_bytes: 1_500_000, ..UploadLimits::default() });
+    let version = |slug: &str| Version::new(slug, 1, vec![1; 1_000_000]);
+    let (fort, wall) = (version("fort"), version("wall"));
+    let name = &fort.intent.files[0].sha256;
+    assert_eq!(m.begin(&m.robot, &fort.intent).await.status, StatusCode::CREATED);
+    m.clock.store(NOW + 2 * 3600, Ordering::Relaxed);
+    assert_eq!(m.begin(&m.robot, &wall.intent).await.status, StatusCode::CREATED, "nothing followed in an hour");
+    assert_eq!(m.patch("fort", name, 0, &fort.files[0]).await.status, StatusCode::NO_CONTENT);
+    let both = m.patch("wall", name, 0, &wall.files[0]).await;
+    assert_eq!(both.status, StatusCode::INSUFFICIENT_STORAGE);
+    assert!(both.text().contains("hold 1000000 bytes") && both.text().contains("1500000"), "{}", both.text());
+    m.send(Method::DELETE, "/uploads/fort", &m.robot, &[], Vec::new()).await;
+    assert_eq!(m.patch("wall", name, 0, &wall.files[0]).await.status, StatusCode::NO_CONTENT);
 }

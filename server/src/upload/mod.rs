@@ -31,7 +31,8 @@ use axum::http::StatusCode;
 use finish::Job;
 use std::collections::HashMap;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::Semaphore;
 pub use wire::{Intent, Status};
@@ -66,14 +67,21 @@ impl Default for UploadLimits {
 /// Told of every change on disk before it is made; an error stops there.
 type Steps = Arc<dyn Fn(&str) -> io::Result<()> + Send + Sync>;
 
+/// Tells the free bytes of the disk that holds a folder, where that can be known.
+type Space = Arc<dyn Fn(&Path) -> Option<u64> + Send + Sync>;
+
 /// A folder that takes uploads.
 pub struct Uploads {
     shelf: PathBuf,
     page: Page,
     limits: UploadLimits,
     steps: Steps,
-    /// Held while room for an upload is looked for, until its record claims it.
+    /// Held while room is looked for, until a record or a part claims it.
     room: Mutex<()>,
+    /// Bytes that requests under way may still write.
+    coming: Arc<AtomicU64>,
+    /// Asked how much room the disk of a folder has.
+    space: Space,
     jobs: Mutex<HashMap<String, Arc<Job>>>,
     /// One version is verified at a time: readers come first.
     turn: Arc<Semaphore>,
@@ -92,6 +100,8 @@ impl Uploads {
             limits,
             steps: Arc::new(|_| Ok(())),
             room: Mutex::default(),
+            coming: Arc::default(),
+            space: Arc::new(|at| fs4::available_space(at).ok()),
             jobs: Mutex::default(),
             turn: Arc::new(Semaphore::new(1)),
             queues: Mutex::default(),
@@ -103,6 +113,13 @@ impl Uploads {
     #[must_use]
     pub fn with_steps(mut self, steps: impl Fn(&str) -> io::Result<()> + Send + Sync + 'static) -> Self {
         self.steps = Arc::new(steps);
+        self
+    }
+
+    /// The same, where the disk has as much room as this says: for tests in which it has little.
+    #[must_use]
+    pub fn with_space(mut self, space: impl Fn(&Path) -> Option<u64> + Send + Sync + 'static) -> Self {
+        self.space = Arc::new(space);
         self
     }
 

@@ -5,14 +5,17 @@
 //! servers, from writing at once. Paths are made of slugs and SHA-256 only. Links and folders that stand where a file would are taken away.
 
 use super::wire::{FileSaid, Intent, Lacking};
-use super::{Refusal, Uploads, lock};
+use super::{BODY_MAX, Refusal, Uploads, lock};
 use crate::object::checksums::{is_sha256, sha256_of};
 use crate::object::date::day_of;
 use axum::http::StatusCode;
 use serde::{Deserialize, Serialize};
+use std::ffi::OsStr;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, UNIX_EPOCH};
 
 /// The folder of all uploads, hidden from everything that lists objects.
@@ -51,7 +54,29 @@ pub(super) struct Part {
     path: PathBuf,
     said: FileSaid,
     pub(super) offset: u64,
+    coming: Coming,
     _staging: Staging,
+}
+
+/// Bytes that a request may still write, of those of all: given back as they are written, and at its end.
+#[derive(Debug)]
+struct Coming {
+    all: Arc<AtomicU64>,
+    bytes: u64,
+}
+
+impl Coming {
+    fn written(&mut self, bytes: u64) {
+        let bytes = bytes.min(self.bytes);
+        self.bytes -= bytes;
+        self.all.fetch_sub(bytes, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Coming {
+    fn drop(&mut self) {
+        self.written(self.bytes);
+    }
 }
 
 impl Uploads {
@@ -88,16 +113,16 @@ impl Uploads {
     fn check_room(&self, staging: &Staging, now: u64) -> Result<(), Refusal> {
         let (mut others, mut others_come) = (0_u64, 0_u64);
         for folder in self.staged().into_iter().filter(|f| *f != staging.folder) {
-            let there = bytes_in(&folder);
-            // Announcing costs nothing: it keeps nobody out for longer than it takes to see that nothing follows.
-            let is_claimed = now.saturating_sub(last_written(&folder)) <= CLAIM;
-            let announced = if is_claimed { announced(&folder) } else { 0 };
+            let there = bytes_in(&folder, |_| true);
+            // Announcing costs nothing, as often as it is done: it keeps nobody out for longer than it takes to see that nothing follows.
+            let claim = record(&folder).filter(|r| now.saturating_sub(r.begun.max(last_sent(&folder))) <= CLAIM);
+            let announced = claim.map_or(0, |r| r.intent.files.iter().map(|f| f.bytes).sum());
             others = others.saturating_add(there.max(announced));
             others_come = others_come.saturating_add(announced.saturating_sub(there));
         }
         let coming: u64 = staging.lacking().iter().map(|l| l.bytes - l.offset).sum();
         let needed = coming.saturating_add(others_come).saturating_add(self.page.bytes() + ROOM);
-        if let Some(free) = fs4::available_space(&self.shelf).ok().filter(|free| *free < needed) {
+        if let Some(free) = (self.space)(&self.shelf).filter(|free| *free < needed) {
             let said =
                 format!("{free} bytes are free, about {needed} are needed, {others_come} of them for other uploads");
             return Err(Refusal::full(said));
@@ -138,17 +163,35 @@ impl Uploads {
                 format!("{there} bytes of it are there, so that what follows begins at {there}, not at {offset}");
             return Err(Refusal { offset: Some(there), ..Refusal::conflict(said) });
         }
-        // Others may have filled the disk since there was room for it.
-        if let Some(free) = fs4::available_space(&self.shelf).ok().filter(|free| *free < ROOM) {
-            return Err(Refusal::full(format!("{free} bytes are free, {ROOM} are kept free")));
-        }
+        let coming = self.claim_part((said.bytes - offset).min(BODY_MAX))?;
         let opened = (|| {
             let mut file = OpenOptions::new().create(true).write(true).truncate(false).open(&path)?;
             file.seek(SeekFrom::Start(offset))?;
             Ok(file)
         })();
         let file = opened.map_err(|e| Refusal::disk("write what is sent", &e))?;
-        Ok(Part { file, path, said, offset, _staging: staging })
+        Ok(Part { file, path, said, offset, coming, _staging: staging })
+    }
+
+    /// Room for what one request may write: others may have taken it since it was announced.
+    fn claim_part(&self, bytes: u64) -> Result<Coming, Refusal> {
+        let _room = lock(&self.room);
+        let coming = self.coming.load(Ordering::Relaxed).saturating_add(bytes);
+        let needed = ROOM.saturating_add(coming);
+        if let Some(free) = (self.space)(&self.shelf).filter(|free| *free < needed) {
+            let said = format!("{free} bytes are free; {coming} may come now, and {ROOM} are kept free");
+            return Err(Refusal::full(said));
+        }
+        let held: u64 = self.staged().iter().map(|folder| bytes_in(folder, is_sent)).sum();
+        if held.saturating_add(coming) > self.limits.staged_bytes {
+            let said = format!(
+                "uploads that are not finished hold {held} bytes, {coming} more may come now, and {} are possible; run the same command again when they are published or have lapsed",
+                self.limits.staged_bytes
+            );
+            return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, said));
+        }
+        self.coming.fetch_add(bytes, Ordering::Relaxed);
+        Ok(Coming { all: Arc::clone(&self.coming), bytes })
     }
 
     /// Remove what nobody went on with.
@@ -281,6 +324,7 @@ impl Part {
                 Ok(0) => return Err(failed(io::ErrorKind::WriteZero.into())),
                 Ok(n) => {
                     self.offset += n as u64;
+                    self.coming.written(n as u64);
                     rest = rest.get(n..).unwrap_or_default();
                 }
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
@@ -368,21 +412,29 @@ fn record(folder: &Path) -> Option<Record> {
     record.intent.files.iter().all(|f| is_sha256(&f.sha256)).then_some(record)
 }
 
-/// Bytes of all files that an upload has announced.
-fn announced(folder: &Path) -> u64 {
-    record(folder).map_or(0, |r| r.intent.files.iter().map(|f| f.bytes).sum())
-}
-
 /// When something was written there last, seconds since 1970.
 fn last_written(folder: &Path) -> u64 {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     // Whoever only looks makes the lock, too.
-    let entries = entries.filter(|e| e.file_name() != LOCK);
+    last_of(folder, |name| name != LOCK)
+}
+
+/// When bytes of a file came last: neither looking nor announcing again is that.
+fn last_sent(folder: &Path) -> u64 {
+    last_of(folder, is_sent)
+}
+
+fn last_of(folder: &Path, counts: impl Fn(&OsStr) -> bool) -> u64 {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten().filter(|e| counts(&e.file_name()));
     let written = entries.filter_map(|e| e.metadata().ok()?.modified().ok()?.duration_since(UNIX_EPOCH).ok());
     written.max().unwrap_or(Duration::ZERO).as_secs()
 }
 
-fn bytes_in(folder: &Path) -> u64 {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+/// Whether a file of an upload's folder is one that was sent.
+fn is_sent(name: &OsStr) -> bool {
+    name.to_str().is_some_and(is_sha256)
+}
+
+fn bytes_in(folder: &Path, counts: impl Fn(&OsStr) -> bool) -> u64 {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten().filter(|e| counts(&e.file_name()));
     entries.filter_map(|e| e.metadata().ok()).map(|m| m.len()).sum()
 }
