@@ -82,6 +82,8 @@ pub struct Entry {
     pub triangles: u64,
     /// Bytes of the pack.
     pub pack_bytes: u64,
+    /// Whether any version was published without its place.
+    pub location_redacted: bool,
 }
 
 impl Entry {
@@ -112,6 +114,7 @@ impl Entry {
             published: [day(manifest.versions.first()), day(current)],
             triangles: current.map_or(0, |v| v.figures.triangles),
             pack_bytes: current.map_or(0, |v| v.pack.bytes),
+            location_redacted: manifest.versions.iter().any(|v| v.location_redacted),
         }
     }
 

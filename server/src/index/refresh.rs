@@ -4,7 +4,8 @@
 //! published: as long as it is the same, nothing else is looked at. Everything is read before anything is written, a part of the objects at
 //! a time, and each part is one short transaction: who searches meanwhile waits for no disk and no store, and sees each object as it was or as
 //! it is. A store that goes away in the middle ends the refresh; what was not reached stays as it is known. So does what the store refuses, which is
-//! asked for again at the next refresh: it has an empty mark where nothing was known.
+//! asked for again at the next refresh: it has an empty mark where nothing was known. Where a manifest could be read and closes or hides more than
+//! before, or is of another version, nothing of before stays: the entry is made without the metadata that the store refused.
 
 use super::entry::Entry;
 use super::{IndexError, search};
@@ -13,7 +14,7 @@ use crate::object::manifest::MANIFEST_MAX;
 use crate::object::{Manifest, Metadata};
 use crate::store::{self, Identity, Place, is_away, is_refused};
 use rusqlite::{Connection, Transaction, params};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 
 /// Objects that are read before they are written.
@@ -69,10 +70,14 @@ pub(super) fn refresh(
     for part in new.chunks(PART) {
         let read = store::each(folder, part, |(slug, (_, manifest))| read(folder, slug, manifest));
         let read: Vec<Seen> = read.into_iter().collect::<io::Result<_>>().map_err(failed)?;
-        let stays = |slug: &String, seen: &Seen| seen.is_unsure && before.get(slug).is_some_and(|m| !m.is_empty());
+        let mut kept = BTreeSet::new();
         write(&mut |connection| {
             let transaction = connection.transaction()?;
-            for ((slug, (mark, _)), seen) in part.iter().zip(&read).filter(|((slug, _), seen)| !stays(slug, seen)) {
+            for ((slug, (mark, _)), seen) in part.iter().zip(&read) {
+                if before.get(*slug).is_some_and(|m| !m.is_empty()) && stays(&transaction, slug, seen)? {
+                    kept.insert(slug.as_str());
+                    continue;
+                }
                 let mark = if seen.is_unsure { "" } else { mark };
                 remove(&transaction, slug)?;
                 match &seen.entry {
@@ -88,7 +93,7 @@ pub(super) fn refresh(
         })?;
         for ((slug, _), seen) in part.iter().zip(&read) {
             match &seen.entry {
-                _ if stays(slug, seen) => changes.refused += 1,
+                _ if kept.contains(slug.as_str()) => changes.refused += 1,
                 Ok(_) if before.contains_key(*slug) => changes.changed += 1,
                 Ok(_) => changes.added += 1,
                 Err(why) => {
@@ -161,6 +166,18 @@ fn read(folder: &Place, slug: &str, manifest: &Identity) -> io::Result<Seen> {
     Ok(Seen { entry: Ok(Entry::of(&manifest, metadata.ok())), is_unsure })
 }
 
+/// Whether what is known of an object is better than what was seen of it now: where the store refused its manifest; and where the store refused
+/// its metadata only, as long as the manifest opens and closes the same and is of the same version.
+fn stays(connection: &Connection, slug: &str, seen: &Seen) -> Result<bool, IndexError> {
+    let new = match &seen.entry {
+        _ if !seen.is_unsure => return Ok(false),
+        Err(_) => return Ok(true),
+        Ok(new) => new,
+    };
+    let told = |e: &Entry| (e.access.clone(), e.version, e.location_redacted);
+    Ok(search::entry(connection, slug)?.is_some_and(|old| told(&old) == told(new)))
+}
+
 /// The index is another one now.
 fn count_up(transaction: &Transaction<'_>) -> Result<(), IndexError> {
     transaction.execute("UPDATE generation SET n = n + 1", [])?;
@@ -208,4 +225,67 @@ fn remove(transaction: &Transaction<'_>, slug: &str) -> Result<(), IndexError> {
     transaction.prepare_cached("DELETE FROM object WHERE slug = ?1")?.execute([slug])?;
     transaction.prepare_cached("DELETE FROM refused WHERE slug = ?1")?.execute([slug])?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::{Value, json};
+
+    /// An object as a store gives it that refuses its metadata, or as it is with them.
+    fn seen(change: &dyn Fn(&mut Value), with_metadata: bool) -> Seen {
+        let hash = "a".repeat(64);
+        let mut manifest = json!({
+            "kilwa": 1, "slug": "fort", "title": "Fort", "language": "en",
+            "rights": {"uri": "https://creativecommons.org/licenses/by/4.0/", "label": "Attribution 4.0", "short": "CC BY 4.0"},
+            "citation": "Fort.", "access": {"state": "public"}, "current": 1,
+            "versions": [{"version": 1, "folder": "v1", "published": "2026-11-21", "note": "first",
+                "pack": {"url": format!("v1/pack.{hash}.kilwa"), "bytes": 7, "sha256": hash, "identity": "b".repeat(32)},
+                "checksums": {"url": "v1/checksums.sha256", "bytes": 3, "sha256": hash},
+                "figures": {"bounds": [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]], "units": "m", "source_units": "m",
+                    "triangles": 3, "vertices": 3, "spacing": 0.02}}],
+            "page": {"url": "index.html", "bytes": 1, "sha256": hash}, "tool": "kilwa test",
+        });
+        change(&mut manifest);
+        let metadata = with_metadata.then(|| {
+            let metadata = json!({
+                "title": "Fort", "language": "en", "rights": {"uri": "https://creativecommons.org/licenses/by/4.0/"},
+                "place": {"name": "Kilwa Kisiwani", "country": "TZ", "latitude": -8.96, "longitude": 39.5}, "model": {"units": "m"},
+            });
+            serde_json::from_value(metadata).unwrap()
+        });
+        let manifest = Manifest::parse(manifest.to_string().as_bytes()).unwrap();
+        Seen { entry: Ok(Entry::of(&manifest, metadata)), is_unsure: !with_metadata }
+    }
+
+    #[test]
+    fn what_was_known_stays_only_while_the_manifest_hides_no_more_than_before() {
+        let mut connection = super::super::schema::in_memory().unwrap();
+        let transaction = connection.transaction().unwrap();
+        let old = seen(&|_| (), true).entry.unwrap();
+        assert!(old.at.is_some(), "it tells its place");
+        add(&transaction, "mark", &old).unwrap();
+        let kept = |change: &dyn Fn(&mut Value)| stays(&transaction, "fort", &seen(change, false)).unwrap();
+        assert!(kept(&|_| ()), "the same manifest, and no metadata");
+        assert!(kept(&|m| m["title"] = "The fort".into()), "a title alone is no reason");
+        let hiding: [&dyn Fn(&mut Value); 3] = [
+            &|m| m["access"]["state"] = "restricted".into(),
+            &|m| m["versions"][0]["location_redacted"] = true.into(),
+            &|m| {
+                let mut second = m["versions"][0].clone();
+                (second["version"], second["folder"]) = (2.into(), "v2".into());
+                second["pack"]["url"] = format!("v2/pack.{}.kilwa", "a".repeat(64)).into();
+                second["checksums"]["url"] = "v2/checksums.sha256".into();
+                m["versions"].as_array_mut().unwrap().push(second);
+                m["current"] = 2.into();
+            },
+        ];
+        for (i, change) in hiding.into_iter().enumerate() {
+            assert!(!kept(change), "change {i}");
+        }
+        let refused = Seen { entry: Err("manifest.json: 403".to_owned()), is_unsure: true };
+        assert!(stays(&transaction, "fort", &refused).unwrap(), "nobody can say what it is now");
+        assert!(!stays(&transaction, "wall", &seen(&|_| (), false)).unwrap(), "nothing is known of it");
+        assert!(!stays(&transaction, "fort", &seen(&|_| (), true)).unwrap(), "everything could be read");
+    }
 }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 /// Version of the tables below.
-const VERSION: i64 = 3;
+const VERSION: i64 = 4;
 /// "Kilw": marks the file as ours, so that no other database is ever removed.
 const APPLICATION: i64 = 0x4b69_6c77;
 /// A writer waits so long for another program that looks into the file.
