@@ -6,6 +6,7 @@ use crate::source::open_pack;
 use anyhow::{Context, bail, ensure};
 use kilwa_builder::machine;
 use kilwa_server::Page;
+use kilwa_server::index::degrees_of_box;
 use kilwa_server::object::assemble::{Facts, Following, agree, existing, further};
 use kilwa_server::object::metadata::plausible;
 use kilwa_server::object::record::europeana_lacks;
@@ -75,10 +76,13 @@ impl Given {
         &self.metadata.language
     }
 
-    /// Latitude and longitude of the place, where given.
+    /// Latitude and longitude of the place: as they were given, and those of the model's middle where its reference system tells.
     pub(super) fn degrees(&self) -> Vec<f64> {
         let place = self.metadata.place.as_ref();
-        place.iter().flat_map(|p| [p.latitude, p.longitude]).flatten().collect()
+        let given = place.into_iter().flat_map(|p| [p.latitude, p.longitude]).flatten();
+        let bounds = [self.of_pack.bounds_min, self.of_pack.bounds_max];
+        let derived = self.crs.as_deref().and_then(|crs| degrees_of_box(crs, bounds));
+        given.chain(derived.into_iter().flatten()).collect()
     }
 
     /// What will be published of the metadata.

@@ -23,14 +23,19 @@ pub(super) fn of(manifest: &Manifest, place: Option<&Place>) -> Option<[f64; 2]>
 
 /// The middle of a version's box, in degrees.
 fn of_box(version: &Version) -> Option<[f64; 2]> {
-    let code = version.figures.crs.as_deref()?.strip_prefix("EPSG:")?.parse::<u16>().ok()?;
+    degrees_of_box(version.figures.crs.as_deref()?, version.figures.bounds)
+}
+
+/// Latitude and longitude of the middle of a box, metres, in a reference system such as `EPSG:32737`: degrees of WGS 84; nothing where the system
+/// is not known.
+pub fn degrees_of_box(crs: &str, [min, max]: [[f64; 3]; 2]) -> Option<[f64; 2]> {
+    let code = crs.strip_prefix("EPSG:")?.parse::<u16>().ok()?;
     let from = Proj::from_epsg_code(code).ok()?;
     // Packs have x to the east; systems that count otherwise are left alone.
     if from.is_latlong() || from.is_geocent() || !from.is_normalized_axis() {
         return None;
     }
     let to = Proj::from_proj_string("+proj=longlat +datum=WGS84 +no_defs").ok()?;
-    let [min, max] = version.figures.bounds;
     // Packs are in metres, whatever the system counts in.
     let middle = |k: usize| f64::midpoint(min[k], max[k]) / from.to_meter();
     let mut point = (middle(0), middle(1), 0.0);

@@ -17,6 +17,7 @@ mod schema;
 mod search;
 
 pub use entry::{Entry, SizeClass};
+pub use location::degrees_of_box;
 pub use refresh::{Changes, Refused};
 pub use search::{Count, Facet, FacetCounts, Found, Located, PER_PAGE_MAX, Query, Sort};
 

@@ -270,9 +270,15 @@ impl Notes {
                     "note {number} has nothing but links, which are left out with the place; give it a title or a text"
                 ));
             }
-            let labels = note.label.iter().flat_map(Words::all).map(|(_, t)| t.to_owned());
+            // What is called a language may be any letters and digits.
+            let said = |words: &Words| -> Vec<String> {
+                let one =
+                    |(language, text): (Option<&str>, &str)| [language.unwrap_or_default().to_owned(), text.to_owned()];
+                words.all().into_iter().flat_map(one).collect()
+            };
+            let labels = note.label.iter().flat_map(said);
             let texts = note.bodies.iter().flat_map(|b| match b {
-                Body::Text { words, .. } => words.all().into_iter().map(|(_, t)| t.to_owned()).collect(),
+                Body::Text { words, language, .. } => said(words).into_iter().chain(language.clone()).collect(),
                 Body::Link { .. } => Vec::new(),
             });
             for text in labels.chain(texts).chain(note.creators()) {

@@ -11,6 +11,8 @@ const AROUND: f64 = 1000.0;
 const AROUND_DEGREES: f64 = 0.05;
 /// Digits behind the point from which on a number may be degrees of a place, and not a length.
 const DEGREE_DIGITS: usize = 4;
+/// The same for two numbers, of which one is near the latitude and one near the longitude.
+const PAIR_DIGITS: usize = 3;
 /// What a note and a text of it may be for (Web Annotation Data Model, W3C 2017, section 3.3.5).
 const MOTIVATIONS: [&str; 13] = [
     "assessing",
@@ -140,15 +142,73 @@ fn is_moment(text: &str) -> bool {
     is_day(day) && is_clock(time, [24, 59, 60]) && fraction.is_none_or(is_fraction) && is_zone
 }
 
-/// The first number in a text that is a map coordinate in or around this box, or a latitude or longitude near one of `degrees`.
+/// The first number in a text that is a map coordinate in or around this box, or what tells a latitude or longitude near one of `degrees`: a
+/// number of four decimals, two of three decimals that are near two of them, or degrees and minutes.
 pub fn digits_of_a_place(text: &str, min: [f64; 3], max: [f64; 3], degrees: &[f64]) -> Option<String> {
+    let text: String = text.chars().map(plain).collect();
     let is_near = |v: f64| (0..2).any(|k| min[k].abs() >= MAP && v >= min[k] - AROUND && v <= max[k] + AROUND);
-    numbers(text).into_iter().find(|digits| {
-        let behind = digits.split_once('.').map_or(0, |(_, behind)| behind.len());
+    let numbers = numbers(&text);
+    let one = numbers.iter().find(|digits| {
         let Ok(v) = digits.parse::<f64>() else { return false };
-        let of_degrees = |d: &f64| behind >= DEGREE_DIGITS && (v - d.abs()).abs() < AROUND_DEGREES;
-        is_near(v) || is_near(-v) || degrees.iter().any(of_degrees)
+        is_near(v) || is_near(-v) || (decimals(digits) >= DEGREE_DIGITS && near_degree(v, degrees).is_some())
+    });
+    one.cloned().or_else(|| pair(&numbers, degrees)).or_else(|| minutes(&text, degrees))
+}
+
+/// Digits behind the point.
+fn decimals(digits: &str) -> usize {
+    digits.split_once('.').map_or(0, |(_, behind)| behind.len())
+}
+
+/// Which of `degrees` a number is near, whatever their signs.
+fn near_degree(v: f64, degrees: &[f64]) -> Option<f64> {
+    degrees.iter().map(|d| d.abs()).find(|d| (v - d).abs() < AROUND_DEGREES)
+}
+
+/// A latitude and a longitude of three decimals each, one of which alone may be a length.
+fn pair(numbers: &[String], degrees: &[f64]) -> Option<String> {
+    let near = |digits: &String| {
+        let v = digits.parse::<f64>().ok().filter(|_| decimals(digits) >= PAIR_DIGITS)?;
+        Some((digits.clone(), near_degree(v, degrees)?))
+    };
+    let mut found = numbers.iter().filter_map(near);
+    let (first, one) = found.next()?;
+    let (second, _) = found.find(|(_, other)| (one - other).abs() > 2.0 * AROUND_DEGREES)?;
+    Some(format!("{first} {second}"))
+}
+
+/// Degrees and minutes, with seconds or without, near one of `degrees`: `8° 57' 27.7" S`.
+fn minutes(text: &str, degrees: &[f64]) -> Option<String> {
+    text.match_indices(['°', 'º', '˚']).find_map(|(at, sign)| {
+        let before = text.get(..at)?.trim_end();
+        let digits = before.len() - before.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+        let whole = before.get(before.len() - digits..)?.parse::<f64>().ok()?;
+        let (minutes, rest) = leading(text.get(at + sign.len()..)?)?;
+        let seconds = rest.trim_start().strip_prefix(['\'', '′', '’']).and_then(leading).map_or(0.0, |(s, _)| s);
+        near_degree(whole + minutes / 60.0 + seconds / 3600.0, degrees)?;
+        Some(format!("{whole}° {minutes}'"))
     })
+}
+
+/// The number that a text begins with, after spaces, and what follows it.
+fn leading(text: &str) -> Option<(f64, &str)> {
+    let text = text.trim_start();
+    let end = text.find(|c: char| !c.is_ascii_digit() && !".,".contains(c)).unwrap_or(text.len());
+    let (digits, rest) = text.split_at(end);
+    Some((digits.trim_end_matches(['.', ',']).replace(',', ".").parse().ok()?, rest))
+}
+
+/// Digits and separators of other scripts as ASCII has them.
+fn plain(c: char) -> char {
+    // The zeros of Arabic, Persian, Devanagari, Bengali and full-width digits; the other nine follow each.
+    const ZEROS: [u32; 5] = [0x660, 0x6f0, 0x966, 0x9e6, 0xff10];
+    let digit = |zero: &u32| char::from_digit(u32::from(c).checked_sub(*zero)?, 10);
+    match c {
+        // Arabic decimal and thousands separators, and the comma.
+        '\u{66b}' => '.',
+        '\u{66c}' | '\u{60c}' => ',',
+        _ => ZEROS.iter().find_map(digit).unwrap_or(c),
+    }
 }
 
 /// Numbers as they are written by people: with a point or a comma, grouped by spaces, commas, points or apostrophes.

@@ -301,6 +301,15 @@ fn texts_that_tell_map_coordinates_are_found_however_they_are_written() {
         "lat 8,9577°",
         "x=565977.25m",
         "2026 565\u{a0}977",
+        "-8.957, 39.523",
+        "8,957 / 39,523",
+        "8\u{b0}57'27.7\" S",
+        "39\u{b0} 31\u{2032} 22\u{2033} E",
+        "8\u{ba} 57,5' S",
+        "\u{665}\u{666}\u{665}\u{669}\u{667}\u{667}",
+        "\u{669}\u{66c}\u{660}\u{660}\u{669}\u{66c}\u{669}\u{664}\u{666}",
+        "\u{668}\u{66b}\u{669}\u{665}\u{667}\u{667}\u{60c}\u{663}\u{669}",
+        "\u{6f5}\u{6f6}\u{6f5}\u{6f9}\u{6f7}\u{6f7}",
     ] {
         assert!(found(telling), "{telling}");
     }
@@ -314,6 +323,10 @@ fn texts_that_tell_map_coordinates_are_found_however_they_are_written() {
         "no number",
         "12:30",
         "2009-07",
+        "8.957 m by 1.234 m",
+        "8.957 and 8.958",
+        "a slope of 8\u{b0}, then of 45\u{b0} 30'",
+        "\u{661}\u{665}\u{660}\u{665}",
     ] {
         assert!(!found(harmless), "{harmless}");
     }
@@ -324,6 +337,12 @@ fn texts_that_tell_map_coordinates_are_found_however_they_are_written() {
         .unwrap_err()
         .to_string();
     assert!(said.contains("\"565977\" in it tells the place"), "{said}");
+    let mut tongue = note("Gate", [0.0; 3]);
+    tongue["body"][0]["language"] = "x-565977".into();
+    assert!(
+        Notes::parse(&page(&json!([tongue]))).unwrap().check_words(min, max, &[]).is_err(),
+        "no language is a place"
+    );
     let mut bare = note("", [0.0; 3]);
     bare["body"] = json!(["https://example.org/gate"]);
     let said = Notes::parse(&page(&json!([bare]))).unwrap().check_words(min, max, &[]).unwrap_err().to_string();
