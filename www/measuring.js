@@ -62,7 +62,8 @@ export class Measuring {
       const { pack } = page;
       this.program().catch(() => {}); // whoever measures hears of it
       try {
-        const { Measure } = await import("./measure/measure.js");
+        const { Measure, styles } = await import("./measure/measure.js");
+        await styles();
         if (page.pack !== pack) throw new Error("another model was opened");
         this.tools = new Measure(page, this.linked);
         this.tools.attach(this.viewer, this.session);

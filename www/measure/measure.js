@@ -44,7 +44,6 @@ export class Measure {
     this.chosen = null; // id of the measurement that is open
     this.isLong = false;
     this.items = [];
-    styles();
     this.marks = new Marks({
       open: (id) => this.choose(id, { focus: true }),
       drag: (id, index, x, y, finger) => this.#drag(id, index, x, y, finger),
@@ -770,9 +769,12 @@ function anchorOf(task, dots, drawn) {
   return mean;
 }
 
-/** The sheet of what is only here. */
-function styles() {
-  if (document.querySelector("link[href$='measure.css']")) return;
+/** The sheet of what is only here: resolves when it applies, or cannot be had. */
+export function styles() {
+  if (document.querySelector("link[href$='measure.css']")) return Promise.resolve();
   const link = Object.assign(document.createElement("link"), { rel: "stylesheet", href: "measure.css" });
-  document.head.append(link);
+  return new Promise((resolve) => {
+    link.onload = link.onerror = () => resolve();
+    document.head.append(link);
+  });
 }
