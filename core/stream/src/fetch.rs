@@ -18,8 +18,8 @@ const READ_AHEAD: u32 = 1;
 /// Bytes between two wanted parts that are fetched and thrown away to save a request. Measured in docs/decisions.md, 19 and 23.
 const GAP_BYTES: u64 = 16 << 10;
 /// Of a picture of which much is missing a gap may be this part, up to [`WIDE_GAP_BYTES`]: it costs the same share of the time.
-const GAP_PART: u64 = 48;
-const WIDE_GAP_BYTES: u64 = 40 << 10;
+const GAP_PART: u64 = 88;
+const WIDE_GAP_BYTES: u64 = 32 << 10;
 /// All gaps of a request together: so many times one gap...
 const GAPS: u64 = 4;
 /// ... or this part of the bytes that are wanted.
