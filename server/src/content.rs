@@ -1,11 +1,11 @@
-//! The answer for one file: whole or one range, under a strong tag, byte for byte.
+//! The answer for one file: whole, one range, or several of a pack, under a strong tag, byte for byte.
 //!
 //! Inputs: an open [`Source`] (content, length, tag, how long it may be kept) and the request's method and headers. Invariants: what is
 //! sent is exactly `length` bytes of the file as it was opened, never encoded, because offsets in a pack are offsets on the wire; one
 //! response holds a buffer or two, whatever the file's size and however slow the reader. Failures: a file that turns out shorter than it
 //! was, and a store that stops in the middle, end the connection before `Content-Length` is reached, which no client takes for the end.
 
-use crate::range::{Wanted, lists, parse};
+use crate::range::{RANGES_MAX, Wanted, lists, parse};
 use crate::store::Content;
 use axum::body::{Body, Bytes};
 use axum::http::header::{
@@ -15,6 +15,7 @@ use axum::http::header::{
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, Response, StatusCode};
 use futures_util::stream::BoxStream;
 use http_body::{Frame, SizeHint};
+use std::collections::VecDeque;
 use std::fs::File;
 use std::io;
 use std::pin::Pin;
@@ -25,6 +26,8 @@ use tokio::task::JoinHandle;
 /// Bytes read at a time for one response: with the connection limit this bounds memory.
 const BUFFER: usize = 16 * 1024;
 pub(crate) const CROSS_ORIGIN_RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
+/// How many ranges an address of a pack may name ([`pieces`]).
+const KILWA_RANGES: HeaderName = HeaderName::from_static("kilwa-ranges");
 /// `Cache-Control` of an address whose content never changes.
 pub(crate) const FOR_EVER: &str = "public, max-age=31536000, immutable";
 /// `Cache-Control` of what is asked about each time.
@@ -65,11 +68,43 @@ pub(crate) async fn answer(source: Source, method: &Method, headers: &HeaderMap)
     Ok(response)
 }
 
-/// What a script of another site may do with the answer: read it, and the headers that ranges need.
+/// Answer a GET or HEAD for several ranges of a pack ([`crate::range::list`]): what is in them, one behind the other. 404 where that
+/// is nonsense, and for a pack in a store, which would be asked for each by itself.
+pub(crate) fn pieces(source: Source, ranges: &str, method: &Method, headers: &HeaderMap) -> Response<Body> {
+    let (Some(stretches), Content::File(file)) = (crate::range::list(ranges, source.bytes), source.content) else {
+        return plain(StatusCode::NOT_FOUND);
+    };
+    let etag = format!("\"{}\"", source.hash);
+    let mut response = if let Some(status) = condition(&etag, headers) {
+        plain(status)
+    } else {
+        let length = stretches.iter().map(|s| s.1).sum();
+        let head = method == Method::HEAD;
+        let mut r = Response::new(if head { Body::empty() } else { Body::new(Part::new(file, stretches, length)) });
+        insert(&mut r, CONTENT_TYPE, source.content_type);
+        insert(&mut r, CONTENT_LENGTH, &length.to_string());
+        r
+    };
+    insert(&mut response, CACHE_CONTROL, source.cache);
+    insert(&mut response, ETAG, &etag);
+    response
+}
+
+/// Tell that [`pieces`] of this pack can be had, and how many at once.
+pub(crate) fn offer_pieces(response: &mut Response<Body>) {
+    insert(response, KILWA_RANGES, &RANGES_MAX.to_string());
+}
+
+/// What a script of another site may do with the answer: read it.
 pub(crate) fn share(response: &mut Response<Body>) {
     insert(response, ACCESS_CONTROL_ALLOW_ORIGIN, "*");
-    insert(response, ACCESS_CONTROL_EXPOSE_HEADERS, "ETag, Content-Range, Content-Length, Accept-Ranges");
     insert(response, CROSS_ORIGIN_RESOURCE_POLICY, "cross-origin");
+}
+
+/// The same, and the headers that ranges need; a hundred bytes that the many files of the viewer do without.
+pub(crate) fn share_ranges(response: &mut Response<Body>) {
+    share(response);
+    insert(response, ACCESS_CONTROL_EXPOSE_HEADERS, "ETag, Content-Range, Content-Length, Accept-Ranges, Kilwa-Ranges");
 }
 
 /// 412 or 304, where the request's conditions say so (RFC 9110 section 13.2.2).
@@ -118,7 +153,7 @@ async fn send(source: Source, wanted: Wanted, head: bool) -> io::Result<Response
 /// `length` bytes from `start` on.
 async fn stretch(content: Content, start: u64, length: u64) -> io::Result<Body> {
     Ok(match content {
-        Content::File(file) => Body::new(Part { file: Arc::new(file), start, left: length, reading: None }),
+        Content::File(file) => Body::new(Part::new(file, vec![(start, length)], length)),
         Content::Held(bytes) => {
             let end = usize::try_from(start + length).ok();
             let part = usize::try_from(start).ok().zip(end).filter(|(_, end)| *end <= bytes.len());
@@ -152,12 +187,35 @@ pub(crate) fn plain(status: StatusCode) -> Response<Body> {
     r
 }
 
-/// A stretch of a file as a response body, read a buffer at a time, and only when the one before has gone.
+/// Stretches of a file as a response body, read a buffer at a time, and only when the one before has gone.
 struct Part {
     file: Arc<File>,
-    start: u64,
+    /// What is to be read, start and length, none empty.
+    stretches: VecDeque<(u64, u64)>,
     left: u64,
     reading: Option<JoinHandle<io::Result<Bytes>>>,
+}
+
+impl Part {
+    /// `left` bytes in all.
+    fn new(file: File, stretches: Vec<(u64, u64)>, left: u64) -> Self {
+        Self { file: Arc::new(file), stretches: stretches.into(), left, reading: None }
+    }
+
+    /// What the next buffer holds: of as many stretches as there is room for.
+    fn next(&mut self) -> Vec<(u64, usize)> {
+        let (mut parts, mut room) = (Vec::new(), BUFFER);
+        while room > 0 {
+            let Some((start, length)) = self.stretches.pop_front() else { break };
+            let taken = usize::try_from(length).map_or(room, |n| n.min(room));
+            parts.push((start, taken));
+            room -= taken;
+            if length > taken as u64 {
+                self.stretches.push_front((start + taken as u64, length - taken as u64));
+            }
+        }
+        parts
+    }
 }
 
 impl http_body::Body for Part {
@@ -168,14 +226,18 @@ impl http_body::Body for Part {
         if self.left == 0 {
             return Poll::Ready(None);
         }
-        let (start, length) = (self.start, usize::try_from(self.left).map_or(BUFFER, |n| n.min(BUFFER)));
-        let file = Arc::clone(&self.file);
-        let reading =
-            self.reading.get_or_insert_with(|| tokio::task::spawn_blocking(move || read(&file, start, length)));
-        let read = ready!(Pin::new(reading).poll(cx));
-        self.reading = None;
+        let mut reading = match self.reading.take() {
+            Some(reading) => reading,
+            None => {
+                let (file, parts) = (Arc::clone(&self.file), self.next());
+                tokio::task::spawn_blocking(move || read(&file, &parts))
+            }
+        };
+        let Poll::Ready(read) = Pin::new(&mut reading).poll(cx) else {
+            self.reading = Some(reading);
+            return Poll::Pending;
+        };
         let bytes = read.map_err(io::Error::other).flatten()?;
-        self.start += bytes.len() as u64;
         self.left -= bytes.len() as u64;
         Poll::Ready(Some(Ok(Frame::data(bytes))))
     }
@@ -226,19 +288,25 @@ impl http_body::Body for Flow {
     }
 }
 
-fn read(file: &File, mut at: u64, length: usize) -> io::Result<Bytes> {
-    let mut buffer = vec![0; length];
-    let mut rest = buffer.as_mut_slice();
-    while !rest.is_empty() {
-        let n = match read_at(file, rest, at) {
-            Ok(0) => {
-                return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the file became shorter while it was sent"));
-            }
-            Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
-            read => read?,
-        };
-        at += n as u64;
-        rest = rest.get_mut(n..).unwrap_or_default();
+/// Parts of a file, one behind the other.
+fn read(file: &File, parts: &[(u64, usize)]) -> io::Result<Bytes> {
+    let mut buffer = vec![0; parts.iter().map(|p| p.1).sum()];
+    let mut left = buffer.as_mut_slice();
+    for &(mut at, length) in parts {
+        let (mut rest, others) = left.split_at_mut(length);
+        left = others;
+        while !rest.is_empty() {
+            let n = match read_at(file, rest, at) {
+                Ok(0) => {
+                    let kind = io::ErrorKind::UnexpectedEof;
+                    return Err(io::Error::new(kind, "the file became shorter while it was sent"));
+                }
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
+                read => read?,
+            };
+            at += n as u64;
+            rest = rest.get_mut(n..).unwrap_or_default();
+        }
     }
     Ok(buffer.into())
 }

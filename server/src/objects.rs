@@ -4,13 +4,15 @@
 //! |---|---|
 //! | `/<slug>/` | its landing page, `no-cache` |
 //! | `/<slug>/manifest.json`, other files of the root | as they are now, tag from their content, `no-cache` |
-//! | `/<slug>/v1/…` | a file of a version: tag its SHA-256, ranges, `immutable` |
+//! | `/<slug>/v1/…` | a file of a version: tag its SHA-256, ranges, `immutable`; of a pack, with ranges behind it, these |
 //! | geometry under an embargo or restricted | 403 with the reason; where people can sign in, 401, and for those let in the file ([`crate::door`]) |
 //! | anything of what was withdrawn | 410, with the landing page as its tombstone |
 
 use crate::access::{Clock, Verdict, is_geometry, verdict};
 use crate::catalogue::Model;
-use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, condition, insert, plain, share, text};
+use crate::content::{
+    ASK_AGAIN, FOR_EVER, Source, answer, condition, insert, offer_pieces, pieces, plain, share, share_ranges, text,
+};
 use crate::door::Door;
 use crate::holding::{Entry, Holding, Table};
 use crate::html;
@@ -19,8 +21,9 @@ use crate::object::layout::{MANIFEST, PAGE, PREVIEW, VIEWER};
 use crate::object::manifest::Version;
 use crate::packs::blocking;
 use crate::page::content_type;
+use crate::range::split;
 use crate::site::{Site, accepts};
-use crate::store::{Place, is_silent, warn};
+use crate::store::{Content, Place, is_silent, warn};
 use axum::body::{Body, Bytes};
 use axum::http::header::{
     ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE, ETAG, VARY, WWW_AUTHENTICATE,
@@ -42,6 +45,8 @@ pub(crate) async fn respond(
     headers: &HeaderMap,
 ) -> Response<Body> {
     let Some(object) = model.object() else { return plain(StatusCode::NOT_FOUND) };
+    // First of all: who may have a file may have ranges of it, and nobody else.
+    let (name, ranges) = split(name);
     let found = match table(&object.holding).await {
         Ok(table) => match verdict(&table.manifest.access, clock) {
             Verdict::Gone(why) => Ok(gone(&table, name, &why).await),
@@ -49,7 +54,7 @@ pub(crate) async fn respond(
                 let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
                 match door {
                     Some(door) if lets_out(door, headers, &model.slug, content, clock).await => {
-                        file(&Asked { holding: &object.holding, table: &table, method, headers }, name)
+                        file(&Asked { holding: &object.holding, table: &table, ranges, method, headers }, name)
                             .await
                             .map(keep_nowhere)
                     }
@@ -57,12 +62,16 @@ pub(crate) async fn respond(
                     None => Ok(withheld(&why)),
                 }
             }
-            _ => file(&Asked { holding: &object.holding, table: &table, method, headers }, name).await,
+            _ => file(&Asked { holding: &object.holding, table: &table, ranges, method, headers }, name).await,
         },
         Err(status) => Err(status),
     };
     let mut response = found.unwrap_or_else(plain);
-    share(&mut response);
+    if is_viewer(name) {
+        share(&mut response);
+    } else {
+        share_ranges(&mut response);
+    }
     response
 }
 
@@ -131,6 +140,8 @@ async fn table(holding: &Arc<Holding>) -> Result<Arc<Table>, StatusCode> {
 struct Asked<'a> {
     holding: &'a Arc<Holding>,
     table: &'a Arc<Table>,
+    /// Of the file, where they are part of its address.
+    ranges: Option<&'a str>,
     method: &'a Method,
     headers: &'a HeaderMap,
 }
@@ -138,6 +149,7 @@ struct Asked<'a> {
 /// A file of the root or of a version.
 async fn file(asked: &Asked<'_>, name: &str) -> Result<Response<Body>, StatusCode> {
     match asked.table.get(name).ok_or(StatusCode::NOT_FOUND)?.sha256 {
+        None if asked.ranges.is_some() => Err(StatusCode::NOT_FOUND),
         None => {
             let bytes = read_entry(asked.table, name).await?;
             Ok(whole(bytes, content_type(name), asked.method, asked.headers))
@@ -152,8 +164,17 @@ async fn sent(asked: &Asked<'_>, name: &str, kind: &str) -> Result<Response<Body
     for _ in 0..2 {
         let mut source = source(asked.holding, asked.table, name).await?;
         source.content_type = content_type(kind);
+        if let Some(ranges) = asked.ranges {
+            return Ok(pieces(source, ranges, asked.method, asked.headers));
+        }
+        let offers = name.ends_with(".kilwa") && matches!(source.content, Content::File(_));
         match answer(source, asked.method, asked.headers).await {
-            Ok(response) => return Ok(response),
+            Ok(mut response) => {
+                if offers {
+                    offer_pieces(&mut response);
+                }
+                return Ok(response);
+            }
             Err(e) => look_again(asked.holding, &e),
         }
     }

@@ -9,6 +9,7 @@ use crate::connections::counted_as;
 use crate::content::text;
 use crate::ending::Ending;
 use crate::metrics::{Answered, Metrics};
+use crate::range::split;
 use crate::socket::Peer;
 use axum::extract::{Request, State};
 use axum::http::{HeaderName, HeaderValue};
@@ -109,7 +110,7 @@ fn route(path: &str) -> &'static str {
             | "sign-in" | "sign-out",
             None,
         ) => "machine",
-        (_, Some(_)) if has_end(path, ".kilwa") => "pack",
+        (_, Some(_)) if has_end(split(path).0, ".kilwa") => "pack",
         (_, Some(_)) => "object",
         (_, None) => "other",
     }
@@ -142,6 +143,7 @@ mod tests {
             ("/fort/", "page"),
             ("/packs/fort.kilwa", "pack"),
             ("/fort/v1/pack.00.kilwa", "pack"),
+            ("/fort/v1/pack.00.kilwa/0-9,20-29", "pack"),
             ("/fort/v1/metadata/dc.xml", "object"),
             ("/viewer/boot.js", "viewer"),
             ("/metrics", "machine"),

@@ -1,14 +1,15 @@
-//! `/packs/<slug>.kilwa` and `/packs/<slug>.<hash>.kilwa`: the bytes of a pack, whole or one range; `/packs/<slug>.annotations.json`: the
-//! notes that are published beside it.
+//! `/packs/<slug>.kilwa` and `/packs/<slug>.<hash>.kilwa`: the bytes of a pack, whole or one range, with ranges behind it several;
+//! `/packs/<slug>.annotations.json`: the notes that are published beside it.
 //!
 //! The ETag is a hash of the content, so it changes exactly when the content does: BLAKE3 for a pack that lies in the folder, the SHA-256
 //! of its list for one of an archive object. The hash URL may be kept for ever (`immutable`); the other is revalidated.
 
 use crate::access::Clock;
 use crate::catalogue::{Catalogue, Kind, Model};
-use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, plain, share};
+use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, offer_pieces, pieces, plain, share_ranges};
 use crate::holding::SMALL;
 use crate::objects;
+use crate::range::split;
 use crate::store::{Content, Identity, read_small};
 use axum::body::Body;
 use axum::http::{HeaderMap, Method, Response, StatusCode};
@@ -27,7 +28,7 @@ pub(crate) async fn respond(
         None => pack(catalogue, name, clock, method, headers).await,
     };
     let mut response = found.unwrap_or_else(plain);
-    share(&mut response);
+    share_ranges(&mut response);
     response
 }
 
@@ -39,13 +40,23 @@ async fn pack(
     method: &Method,
     headers: &HeaderMap,
 ) -> Result<Response<Body>, StatusCode> {
+    let (name, ranges) = split(name);
     for _ in 0..2 {
         let (source, model) = match find(catalogue, name, clock).await {
             Err(StatusCode::FORBIDDEN | StatusCode::GONE) => return closed(catalogue, name, clock).await,
             found => found?,
         };
+        if let Some(ranges) = ranges {
+            return Ok(pieces(source, ranges, method, headers));
+        }
+        let is_here = matches!(source.content, Content::File(_));
         match answer(source, method, headers).await {
-            Ok(response) => return Ok(response),
+            Ok(mut response) => {
+                if is_here {
+                    offer_pieces(&mut response);
+                }
+                return Ok(response);
+            }
             Err(e) => objects::again(&model, &e),
         }
     }

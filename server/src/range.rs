@@ -1,7 +1,11 @@
-//! The `Range` header of a pack request (RFC 9110 section 14), single ranges only.
+//! Which part of a file a request asks for: the `Range` header (RFC 9110 section 14), single ranges only; and the last step of a pack's
+//! address, which may be several.
 //!
-//! What is not understood (another unit, nonsense, several ranges at once) is ignored, as the RFC allows: the answer is
+//! What is not understood in the header (another unit, nonsense, several ranges at once) is ignored, as the RFC allows: the answer is
 //! then the whole file, which is never wrong.
+//!
+//! Several ranges have an address of their own, `/…/pack.kilwa/0-99,4096-8191`, and not the header: what answers to several ranges in a
+//! header is put into no cache (RFC 9111, section 3.3; browsers keep none), and a page of another site would have to ask for leave first.
 
 /// What part of a file a request asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,6 +48,32 @@ pub(crate) fn parse(value: &str, length: u64) -> Wanted {
                 Wanted::Part { start, end: end.min(length - 1) }
             }
         }
+    }
+}
+
+/// Most ranges of one address. A browser's line and headers stay far below what the server reads of them.
+pub(crate) const RANGES_MAX: usize = 64;
+
+/// Read `first-last,first-last,…` against a file of `length` bytes: stretches `(start, length)` in the order in which they stand. `None` where it is
+/// nonsense, more than [`RANGES_MAX`], reaches beyond the file, or names a byte twice: an answer is never longer than the file.
+pub(crate) fn list(value: &str, length: u64) -> Option<Vec<(u64, u64)>> {
+    let one = |range: &str| {
+        let (first, last) = range.split_once('-')?;
+        let (first, last) = (digits(first)?, digits(last)?);
+        (first <= last && last < length).then(|| (first, last - first + 1))
+    };
+    let stretches: Vec<_> = value.split(',').take(RANGES_MAX + 1).map(one).collect::<Option<_>>()?;
+    let mut sorted = stretches.clone();
+    sorted.sort_unstable();
+    let is_once = sorted.windows(2).all(|w| matches!(w, [a, b] if a.0 + a.1 <= b.0));
+    (is_once && stretches.len() <= RANGES_MAX).then_some(stretches)
+}
+
+/// The address of a file, and the ranges behind it where it is a pack.
+pub(crate) fn split(name: &str) -> (&str, Option<&str>) {
+    match name.rsplit_once('/') {
+        Some((file, ranges)) if file.ends_with(".kilwa") => (file, Some(ranges)),
+        _ => (name, None),
     }
 }
 
@@ -99,6 +129,47 @@ mod tests {
         ] {
             assert_eq!(parse(value, length), wanted, "{value:?} of {length}");
         }
+    }
+
+    #[test]
+    fn several_ranges_name_no_byte_twice_and_stay_inside_the_file() {
+        assert_eq!(list("0-9", 10), Some(vec![(0, 10)]));
+        assert_eq!(list("7-7,0-2,3-4", 10), Some(vec![(7, 1), (0, 3), (3, 2)]), "in the order asked for");
+        for nonsense in [
+            "",
+            "-",
+            "1",
+            "1-",
+            "-1",
+            "2-1",
+            "0-10",
+            "10-10",
+            "0-3,3-4",
+            "4-5,0-9",
+            "0-1,",
+            ",0-1",
+            "0-1 ,3-4",
+            "+0-1",
+            "0-1;3-4",
+            "0-99999999999999999999999999",
+            "99999999999999999999999999-99999999999999999999999999",
+            "0x0-1",
+            "0-1,0-1",
+        ] {
+            assert_eq!(list(nonsense, 10), None, "{nonsense:?}");
+        }
+        assert_eq!(list("0-0", 0), None);
+        let many = |n: u64| (0..n).map(|i| format!("{i}-{i}")).collect::<Vec<_>>().join(",");
+        assert_eq!(list(&many(64), 1000).map(|l| l.len()), Some(64));
+        assert_eq!(list(&many(65), 1000), None);
+    }
+
+    #[test]
+    fn ranges_stand_behind_a_pack_only() {
+        assert_eq!(split("v1/pack.ab.kilwa/0-9,20-29"), ("v1/pack.ab.kilwa", Some("0-9,20-29")));
+        assert_eq!(split("v1/pack.ab.kilwa"), ("v1/pack.ab.kilwa", None));
+        assert_eq!(split("v1/poster.jpg/0-9"), ("v1/poster.jpg/0-9", None));
+        assert_eq!(split("v1/pack.ab.kilwa/"), ("v1/pack.ab.kilwa", Some("")));
     }
 
     #[test]

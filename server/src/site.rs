@@ -138,7 +138,7 @@ pub fn app(site: Site) -> Router {
         .route("/", get(list))
         .route("/models.json", get(list_json))
         .route("/m/{slug}", get(model))
-        .route("/packs/{file}", get(pack).options(preflight))
+        .route("/packs/{*file}", get(pack).options(preflight))
         .route("/viewer/", get(viewer))
         .route("/viewer/{*file}", get(asset).options(preflight))
         .route("/map", get(routes::map))

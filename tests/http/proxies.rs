@@ -90,7 +90,16 @@ async fn check(name: &str, server: &Server, proxy: SocketAddr, bytes: &[u8]) {
             wrong.push(format!("{from}-{to}: {}", a.head));
         }
     }
-    claim_none(&format!("answers through {name} that are not the server's"), rows.len() + 200, &wrong);
+    let several = client.get(&format!("{URL}/2000000-2000999,5-9,70000-170000"), packed).await.unwrap();
+    let parts = [&bytes[2_000_000..2_001_000], &bytes[5..10], &bytes[70_000..170_001]].concat();
+    if several.status != 200
+        || several.body != parts
+        || several.header("etag") != tag
+        || head.header("kilwa-ranges") != "64"
+    {
+        wrong.push(format!("several ranges: {}{}", head.head, several.head));
+    }
+    claim_none(&format!("answers through {name} that are not the server's"), rows.len() + 201, &wrong);
     assert!(whole.header("access-control-expose-headers").contains("Content-Range"));
     let page = client.get("/", packed).await.unwrap();
     assert!(page.status == 200 && page.header("content-security-policy").contains("frame-ancestors"));

@@ -186,3 +186,101 @@ async fn random_ranges_are_the_bytes_of_the_file() {
     }
     claim_none("random ranges that are not the bytes of the file", (CLIENTS * each) as usize, &wrong);
 }
+
+/// What stands behind the pack's address, and the stretches that it means; none where there is no such address.
+const SEVERAL: [(&str, &[(usize, usize)]); 24] = [
+    ("0-999", &[(0, 999)]),
+    ("5-5", &[(5, 5)]),
+    ("0-9,20-29", &[(0, 9), (20, 29)]),
+    ("20-29,0-9", &[(20, 29), (0, 9)]),
+    ("990-999,0-0,500-599", &[(990, 999), (0, 0), (500, 599)]),
+    ("0-9,10-19", &[(0, 9), (10, 19)]),
+    ("00-09", &[(0, 9)]),
+    ("0-9%2C20-29", &[(0, 9), (20, 29)]),
+    ("0-1000", &[]),
+    ("0-9,999-1000", &[]),
+    ("0-9,9-19", &[]),
+    ("0-9,0-9", &[]),
+    ("5-9,0-999", &[]),
+    ("9-0", &[]),
+    ("0-", &[]),
+    ("-9", &[]),
+    ("0-9,", &[]),
+    (",", &[]),
+    ("0-9;20-29", &[]),
+    ("0-9, 20-29", &[]),
+    ("a-b", &[]),
+    ("0-9/20-29", &[]),
+    ("18446744073709551615-18446744073709551616", &[]),
+    ("../fort.kilwa", &[]),
+];
+
+#[tokio::test]
+async fn several_ranges_have_an_address_and_are_answered_in_its_order() {
+    let bytes = noise(LENGTH, 3);
+    let server = Server::start(&[("fort", &bytes)], &[]);
+    let mut client = Client::connect(server.address).await.unwrap();
+    let head = client.ask("HEAD", URL, "").await.unwrap();
+    let tag = head.header("etag").to_owned();
+    assert_eq!(head.header("kilwa-ranges"), "64");
+    assert!(head.header("access-control-expose-headers").contains("Kilwa-Ranges"));
+    let hash = tag.trim_matches('"');
+    let mut wrong = Vec::new();
+    for address in [URL.to_owned(), format!("/packs/fort.{hash}.kilwa")] {
+        for (ranges, wanted) in SEVERAL {
+            let path = format!("{address}/{}", ranges.replace(' ', "%20"));
+            let a = client.ask("GET", &path, "").await.unwrap();
+            let body: Vec<u8> = wanted.iter().flat_map(|&(from, to)| bytes[from..=to].iter().copied()).collect();
+            let sound = match wanted {
+                [] => a.status == 404,
+                _ => {
+                    a.status == 200 && a.body == body && a.header("etag") == tag && a.header("content-range").is_empty()
+                }
+            };
+            if !sound {
+                wrong.push(format!("{path}: {}", a.head));
+            }
+        }
+    }
+    let several = format!("{URL}/0-9,20-29");
+    let fresh = client.ask("GET", &several, &format!("If-None-Match: {tag}\r\n")).await.unwrap();
+    let other = client.ask("GET", &several, "If-Match: \"other\"\r\n").await.unwrap();
+    let short = client.ask("HEAD", &several, "").await.unwrap();
+    let ranged = client.ask("GET", &several, "Range: bytes=0-3\r\n").await.unwrap();
+    assert_eq!((fresh.status, other.status, short.status), (304, 412, 200));
+    assert_eq!((short.header("content-length"), ranged.status, ranged.body.len()), ("20", 200, 20));
+    claim_none("several ranges: answers that are not exact", 2 * SEVERAL.len(), &wrong);
+}
+
+#[tokio::test]
+async fn random_lists_of_ranges_are_the_bytes_of_the_file() {
+    let bytes = noise(3_000_000, 9);
+    let server = Server::start(&[("fort", &bytes)], &[]);
+    let mut client = Client::connect(server.address).await.unwrap();
+    let mut dice = Dice(77);
+    let (count, mut wrong) = (if full() { 20_000 } else { 1_000 }, Vec::new());
+    for _ in 0..count {
+        // Apart from each other, of every length, in any order.
+        let mut ranges = Vec::new();
+        let mut at = dice.below(40_000);
+        while ranges.len() < 64 && at < bytes.len() as u64 {
+            let most = 1 << (1 + dice.below(17));
+            let end = (at + dice.below(most)).min(bytes.len() as u64 - 1);
+            ranges.push(at as usize..end as usize + 1);
+            at = end + 1 + dice.below(90_000);
+        }
+        for i in (1..ranges.len()).rev() {
+            ranges.swap(i, dice.below(i as u64 + 1) as usize);
+        }
+        if ranges.is_empty() {
+            continue;
+        }
+        let list: Vec<String> = ranges.iter().map(|r| format!("{}-{}", r.start, r.end - 1)).collect();
+        let a = client.ask("GET", &format!("{URL}/{}", list.join(",")), "").await.unwrap();
+        let wanted: Vec<u8> = ranges.into_iter().flat_map(|r| bytes[r].iter().copied()).collect();
+        if a.status != 200 || a.body != wanted {
+            wrong.push(format!("{}: {}", list.join(","), a.head));
+        }
+    }
+    claim_none("random lists of ranges that are not the bytes of the file", count, &wrong);
+}

@@ -65,6 +65,6 @@ pub(crate) fn sitemap(base: &str, entries: &[Entry], collections: &[Collection])
 /// Everything may be read; packs are large and tell a search engine nothing.
 pub(crate) fn robots(base: &str) -> String {
     format!(
-        "User-agent: *\nDisallow: /packs/\nDisallow: /*.kilwa$\nDisallow: /*/extract\nAllow: /\n\nSitemap: {base}/sitemap.xml\n"
+        "User-agent: *\nDisallow: /packs/\nDisallow: /*.kilwa$\nDisallow: /*.kilwa/\nDisallow: /*/extract\nAllow: /\n\nSitemap: {base}/sitemap.xml\n"
     )
 }
