@@ -28,6 +28,7 @@ export class Pack {
     this.url = url;
     this.etag = null;
     this.bytes = null;
+    this.most = 1; // ranges that one request may ask for
     this.whole = null; // Uint8Array for all of it, where the server does not know ranges
     this.arrived = 0; // how much of `whole` is there
     this.reading = null; // settles when the reading of `whole` ends
@@ -56,26 +57,30 @@ export class Pack {
     }
     this.bytes = range.total;
     this.etag = response.headers.get("etag");
+    this.most = Number(response.headers.get("kilwa-ranges")) || 1;
     return read(response, Math.min(length, range.total), (n) => this.onProgress(n, Math.min(length, range.total)));
   }
 
   /**
    * The bytes `offset .. offset + length`, exactly. `fresh` goes round the browser's own store, after damage.
-   * `onPart(bytes, count)` is shown the first `count` of them while the others are on their way.
+   * `onPart(bytes, count)` is shown the first `count` of them while the others are on their way. `ranges`: `0-99,200-299`, several
+   * stretches of `length` bytes in all, one behind the other, where the server has addresses for that (`most`; docs/serve.md).
    */
-  async range(offset, length, signal, { fresh = false, onPart = () => {} } = {}) {
+  async range(offset, length, signal, { fresh = false, onPart = () => {}, ranges = "" } = {}) {
     if (this.whole) {
       if (offset + length > this.whole.length) throw new PackError("truncated", "beyond the end of the file");
       if (!this.reading && this.arrived < offset + length) this.#reopenWhole();
       return this.#part(offset, length, signal);
     }
-    const response = await this.#ask(offset, length, signal, fresh);
+    const response = await this.#ask(offset, length, signal, fresh, ranges);
     const etag = response.headers.get("etag");
     if (!isSameTag(this.etag, etag)) {
       await discard(response);
+      // Whether it changed, a single range tells.
+      if (ranges) this.#oneByOne("another file");
       throw new PackError("changed", "the ETag of the file changed");
     }
-    if (response.status === 200) {
+    if (response.status === 200 && !ranges) {
       await discard(response);
       throw new PackError("server", "the server answered with the whole file instead of a part");
     }
@@ -94,8 +99,8 @@ export class Pack {
   }
 
   /** One request; where the model is not public and the server tells where to ask, leave is asked for, and the same once more. */
-  async #ask(offset, length, signal, fresh = false) {
-    const response = await this.#askOnce(offset, length, signal, fresh);
+  async #ask(offset, length, signal, fresh = false, ranges = "") {
+    const response = await this.#askOnce(offset, length, signal, fresh, ranges);
     if (response.status !== 401) return response;
     const door = response.headers.get("kilwa-open");
     await discard(response);
@@ -105,7 +110,7 @@ export class Pack {
     // Requests that are refused at the same time ask once.
     this.opening ??= this.#open(at).finally(() => (this.opening = null));
     await this.opening;
-    const again = await this.#askOnce(offset, length, signal, fresh);
+    const again = await this.#askOnce(offset, length, signal, fresh, ranges);
     if (again.status !== 401) return again;
     await discard(again);
     throw new PackError("closed", "", { signIn: null });
@@ -126,12 +131,20 @@ export class Pack {
     throw new PackError("closed", String(reason ?? ""), { signIn: isHere ? new URL(signIn, url).href : null });
   }
 
-  async #askOnce(offset, length, signal, fresh) {
+  /** Several ranges in one request are not had here after all: from now on each by itself. */
+  #oneByOne(why) {
+    this.most = 1;
+    throw new PackError("server", why);
+  }
+
+  async #askOnce(offset, length, signal, fresh, ranges) {
     this.requests += 1;
+    const url = new URL(this.url);
+    if (ranges) url.pathname += `/${ranges}`;
     let response;
     try {
-      response = await fetch(this.url, {
-        headers: { Range: `bytes=${offset}-${offset + length - 1}` },
+      response = await fetch(url, {
+        headers: ranges ? {} : { Range: `bytes=${offset}-${offset + length - 1}` },
         signal,
         credentials: "same-origin",
         cache: fresh ? "reload" : "default",
@@ -140,7 +153,11 @@ export class Pack {
       if (error.name === "AbortError") throw error;
       throw new PackError("offline", String(error.message ?? error));
     }
-    if ([200, 206, 401].includes(response.status)) return response;
+    if ([200, 206, 401].includes(response.status) && !(ranges && response.status === 206)) return response;
+    if (ranges && response.status < 500 && response.status !== 429) {
+      await discard(response);
+      this.#oneByOne(String(response.status));
+    }
     if (response.status === 403) throw new PackError("closed", (await response.text().catch(() => "")).trim(), { signIn: null });
     await discard(response);
     const says = `${response.status} ${response.statusText}`.trim();

@@ -32,6 +32,7 @@ export class Session {
     this.frames = 0;
     this.stats = null;
     this.firstPicture = new Promise((resolve) => (this.showFirst = resolve));
+    viewer.setRanges(pack.most ?? 1);
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(canvas);
     this.resize();
@@ -115,7 +116,15 @@ export class Session {
     }
   }
 
-  async #fetch({ request, offset, length, pages }) {
+  /** `parts`: offset, length, offset, length… */
+  async #fetch({ request, parts, pages }) {
+    const [offset] = parts;
+    const ranges = [];
+    let length = 0;
+    for (let i = 0; i < parts.length; i += 2) {
+      ranges.push(`${parts[i]}-${parts[i] + parts[i + 1] - 1}`);
+      length += parts[i + 1];
+    }
     const controller = new AbortController();
     this.inFlight.set(request, controller);
     const fresh = this.suspect;
@@ -130,12 +139,14 @@ export class Session {
         this.#guarded(() => this.viewer.onProgress(request, count));
         this.wake();
       };
-      const bytes = await this.pack.range(offset, length, controller.signal, { fresh, onPart });
+      const bytes = await this.pack.range(offset, length, controller.signal, {
+        fresh, onPart, ranges: ranges.length > 1 ? ranges.join() : "",
+      });
       this.suspect = false;
       this.#guarded(() => {
         if (pages) {
           this.viewer.onPageBytes(request, bytes);
-          if ((this.pages.size + 1) * length <= KEPT_PAGES) this.pages.set(offset, bytes);
+          this.#keepPages(parts, bytes);
         } else {
           this.answers.set(request, bytes);
           this.viewer.onBytes(request, bytes.length);
@@ -143,13 +154,24 @@ export class Session {
       });
     } catch (error) {
       if (error.name === "AbortError") return;
-      this.#guarded(() => this.viewer.onFailed(request));
+      this.#guarded(() => {
+        this.viewer.setRanges(this.pack.most ?? 1);
+        this.viewer.onFailed(request);
+      });
       this.lastFailure = error;
       if (error.kind === "changed") this.on.changed(error);
       else if (!isPassing(error)) this.on.lost(error);
     } finally {
       this.inFlight.delete(request);
       this.wake();
+    }
+  }
+
+  /** For whoever measures. */
+  #keepPages(parts, bytes) {
+    for (let i = 0, at = 0; i < parts.length; at += parts[i + 1], i += 2) {
+      if ((this.pages.size + 1) * parts[i + 1] > KEPT_PAGES) break;
+      this.pages.set(parts[i], bytes.subarray(at, at + parts[i + 1]));
     }
   }
 

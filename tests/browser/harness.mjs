@@ -84,7 +84,7 @@ export async function serve(folder, ...options) {
 
 /**
  * A proxy before `upstream` that can misbehave about packs. `proxy.mishap` is null, or a function of
- * `{ range: [first, last] | null, number }` that returns null (behave), or changes to the answer:
+ * `{ range: [first, last] | null, number }` that returns null (behave; of several ranges the first), or changes to the answer:
  * `{ status, headers, body(Buffer) → Buffer, whole: true, drop: true, announce, late: milliseconds }`.
  */
 export async function hostile(upstream) {
@@ -104,10 +104,12 @@ export async function hostile(upstream) {
 async function answer(proxy, upstream, request, response) {
   const isPack = request.url.startsWith("/packs/");
   const range = /^bytes=(\d+)-(\d+)$/.exec(request.headers.range ?? "");
+  const several = /\.kilwa\/(\d+)-(\d+)/.exec(request.url);
   let mishap = null;
   if (isPack) {
-    proxy.requests.push({ range: request.headers.range ?? null, at: Date.now() });
-    const asked = range ? [Number(range[1]), Number(range[2])] : null;
+    proxy.requests.push({ range: request.headers.range ?? several?.[0] ?? null, at: Date.now() });
+    const first = range ?? several;
+    const asked = first ? [Number(first[1]), Number(first[2])] : null;
     mishap = proxy.mishap?.({ range: asked, number: proxy.requests.length }) ?? null;
   }
   if (mishap?.late) await new Promise((resolve) => setTimeout(resolve, mishap.late));
@@ -120,7 +122,7 @@ async function answer(proxy, upstream, request, response) {
   let body = Buffer.from(await real.arrayBuffer());
   if (mishap?.body) body = mishap.body(body);
   const out = {};
-  for (const name of ["content-type", "etag", "content-range", "content-security-policy", "cache-control"]) {
+  for (const name of ["content-type", "etag", "content-range", "content-security-policy", "cache-control", "kilwa-ranges"]) {
     if (real.headers.has(name)) out[name] = real.headers.get(name);
   }
   if (isPack) out["cache-control"] = "no-store";
@@ -144,7 +146,8 @@ export async function open(browser, url, { size = [800, 600], wait = "settled", 
   page.on("console", (message) => message.type() === "error" && complaints.push(message.text()));
   page.on("pageerror", (error) => complaints.push(error.stack ?? error.message));
   page.on("request", (request) => {
-    if (new URL(request.url()).pathname.startsWith("/packs/")) packs.push(request.headers().range ?? "");
+    const { pathname } = new URL(request.url());
+    if (pathname.startsWith("/packs/")) packs.push(request.headers().range ?? /\.kilwa\/(.*)/.exec(pathname)?.[1] ?? "");
   });
   if (before) await before(page);
   await page.goto(url);

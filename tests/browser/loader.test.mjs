@@ -261,3 +261,74 @@ test("a connection that breaks while an answer is being thrown away does not hid
     globalThis.fetch = real;
   }
 });
+
+/** A good server that has addresses for several ranges, the answer to these changed by `change`; what was asked for is kept in `asked`. */
+function several(asked, change = () => ({})) {
+  return (request, response) => {
+    asked.push(request.headers.range ?? request.url);
+    const [, list] = /\.kilwa\/([^?]*)/.exec(request.url) ?? [];
+    if (!list) return good(({ headers }) => ({ headers: { ...headers, "kilwa-ranges": "64" } }))(request, response);
+    const body = Buffer.concat(list.split(",").map((r) => r.split("-").map(Number)).map(([a, b]) => FILE.subarray(a, b + 1)));
+    const answer = { status: 200, headers: { etag: '"1"' }, body };
+    const changed = { ...answer, ...change(answer) };
+    response.writeHead(changed.status, { "content-length": changed.length ?? changed.body.length, ...changed.headers });
+    if (changed.length > changed.body.length) response.write(changed.body, () => response.destroy());
+    else response.end(changed.body);
+  };
+}
+
+const PARTS = Buffer.concat([FILE.subarray(200_000, 200_100), FILE.subarray(90_000, 90_050)]);
+const ofParts = (pack) => pack.range(200_000, PARTS.length, undefined, { ranges: "200000-200099,90000-90049" });
+
+test("where the server has addresses for it several ranges come in one answer, in the order asked for", async () => {
+  const asked = [];
+  behave = several(asked);
+  const pack = new Pack(new URL(`${url}?key=1`));
+  await pack.head();
+  assert.equal(pack.most, 64);
+  assert.deepEqual(Buffer.from(await ofParts(pack)), PARTS);
+  assert.deepEqual(asked, ["bytes=0-65535", "/a.kilwa/200000-200099,90000-90049?key=1"]);
+  assert.equal(pack.received, PARTS.length);
+  // Who says nothing of it is asked for one range at a time.
+  behave = good();
+  const other = new Pack(url);
+  await other.head();
+  assert.equal(other.most, 1);
+});
+
+test("a server that answers several ranges wrongly is asked for one at a time from then on, and nothing wrong is taken", async () => {
+  for (const change of [
+    () => ({ status: 404 }),
+    () => ({ status: 403 }),
+    () => ({ status: 410 }),
+    () => ({ status: 414 }),
+    () => ({ status: 400 }),
+    () => ({ status: 206, headers: { etag: '"1"', "content-range": `bytes 200000-200099/${FILE.length}` } }),
+    () => ({ headers: { etag: '"a page"' }, body: Buffer.from("<!doctype html>") }),
+  ]) {
+    behave = several([], change);
+    const pack = new Pack(url);
+    await pack.head();
+    await assert.rejects(ofParts(pack), (error) => kind("server")(error) && isPassing(error), change.toString());
+    assert.equal(pack.most, 1, change.toString());
+    assert.deepEqual(Buffer.from(await pack.range(200_000, 100)), FILE.subarray(200_000, 200_100));
+  }
+});
+
+test("an answer of several ranges that is too short, too long or refused for a while says so, and they may be asked for again", async () => {
+  for (const [change, wanted] of [
+    [({ body }) => ({ body: body.subarray(1) }), "truncated"],
+    [({ body }) => ({ body: body.subarray(1), length: body.length }), "truncated"],
+    [({ body }) => ({ body: Buffer.concat([body, body]) }), "truncated"],
+    [() => ({ status: 503 }), "server"],
+    [() => ({ status: 429 }), "server"],
+  ]) {
+    behave = several([], change);
+    const pack = new Pack(url);
+    await pack.head();
+    await assert.rejects(ofParts(pack), (error) => kind(wanted)(error) && isPassing(error), change.toString());
+    assert.equal(pack.most, 64);
+    behave = several([]);
+    assert.deepEqual(Buffer.from(await ofParts(pack)), PARTS);
+  }
+});

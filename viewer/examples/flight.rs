@@ -60,7 +60,17 @@ fn simulate(pack: &str, error: f64) -> Result<(), Box<dyn Error>> {
             [("1 Gbit/s, 5 ms", Link::FAST), ("10 Mbit/s, 50 ms", Link::COMMON), ("2 Mbit/s, 300 ms", Link::SLOW)]
         {
             let store = PackStore::open(SliceSource(bytes.clone()))?;
-            let (streamer, head) = (store.streamer(Budgets { uploads: 16, ..Budgets::default() }), store.head_bytes());
+            let number =
+                |name: &str, otherwise: u64| std::env::var(name).ok().map_or(Ok(otherwise), |e| e.parse::<u64>());
+            let usual = Budgets { uploads: 16, ..Budgets::default() };
+            let budgets = Budgets {
+                ranges: number("RANGES", 1)? as usize,
+                requests: number("REQUESTS", 6)? as usize,
+                request_bytes: number("REQUEST_BYTES", usual.request_bytes)?,
+                bytes_in_flight: number("IN_FLIGHT", usual.bytes_in_flight)?,
+                ..usual
+            };
+            let (streamer, head) = (store.streamer(budgets), store.head_bytes());
             let mut sim = Simulator::new(streamer, head, store, link, Decoders::default());
             let flight = Flight::new(view, Vec::new());
             let mut first = f64::NAN;

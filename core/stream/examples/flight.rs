@@ -86,15 +86,16 @@ impl Visit<'_> {
         let step = self.streamer.step(&pose.view(self.near), self.now, due.into_iter().map(|(_, event)| event));
         for command in step.commands {
             match command {
-                Command::Fetch { request, offset, length, kind } => {
+                Command::Fetch { request, ranges, kind } => {
+                    let length = ranges.iter().map(|r| r.end - r.start).sum();
                     self.link_free = self.link_free.max(self.now + LATENCY_MS) + length as f64 / BYTES_PER_MS;
                     self.fetched += length;
                     self.requests += 1;
                     let event = match kind {
                         FetchKind::Chunks => Event::Bytes { request, length },
                         FetchKind::Pages => {
-                            let bytes = self.bytes[offset as usize..][..length as usize].to_vec();
-                            Event::PageBytes { request, bytes }
+                            let parts = ranges.iter().map(|r| &self.bytes[r.start as usize..r.end as usize]);
+                            Event::PageBytes { request, bytes: parts.collect::<Vec<_>>().concat() }
                         }
                     };
                     self.pending.push((self.link_free, event));

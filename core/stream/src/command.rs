@@ -1,6 +1,7 @@
 //! What goes in and out of the state machine.
 
 use kilwa_pack::PatchRange;
+use std::ops::Range;
 
 /// Names one request for the shell; never used twice by one streamer.
 pub type RequestId = u64;
@@ -20,14 +21,13 @@ pub enum FetchKind {
 /// What the shell has to do.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Command {
-    /// Ask for the bytes `offset .. offset + length` of the pack.
+    /// Ask for bytes of the pack.
     Fetch {
         /// Name of the request.
         request: RequestId,
-        /// First byte.
-        offset: u64,
-        /// Number of bytes.
-        length: u64,
+        /// Which bytes, at least one range and at most [`Budgets::ranges`], none over another. The answer is what is in them, one behind the other
+        /// in this order.
+        ranges: Vec<Range<u64>>,
         /// What to do with the answer.
         kind: FetchKind,
     },
@@ -118,9 +118,11 @@ pub enum Event {
 pub struct Budgets {
     /// Requests in flight.
     pub requests: usize,
+    /// Ranges of one request: 1 where the server takes one at a time.
+    pub ranges: usize,
     /// Bytes asked for or being decoded; one request is always allowed.
     pub bytes_in_flight: u64,
-    /// Longest request that neighbouring chunks are joined into, bytes.
+    /// Longest request that chunks are joined into, bytes.
     pub request_bytes: u64,
     /// Decoded chunks kept in main memory (for picking), bytes, those on their way included.
     pub cpu_bytes: u64,
@@ -131,10 +133,11 @@ pub struct Budgets {
 }
 
 impl Default for Budgets {
-    /// For a laptop: 6 requests, 8 MiB in flight, 1 MiB per request, 1 GiB of main and 512 MiB of GPU memory.
+    /// For a laptop: 6 requests of one range, 8 MiB in flight, 1 MiB per request, 1 GiB of main and 512 MiB of GPU memory.
     fn default() -> Self {
         Self {
             requests: 6,
+            ranges: 1,
             bytes_in_flight: 8 << 20,
             request_bytes: 1 << 20,
             cpu_bytes: 1 << 30,

@@ -6,6 +6,7 @@ use crate::select::{Rank, Wanted};
 use crate::streamer::Streamer;
 use kilwa_pack::PAGE_BYTES;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// Shortest and longest wait after a failure, milliseconds.
 const BACKOFF_MS: (f64, f64) = (500.0, 30_000.0);
@@ -29,10 +30,29 @@ const GAPS_PART: u64 = 8;
 #[derive(Debug, Clone)]
 pub(crate) struct Request {
     pub(crate) kind: FetchKind,
-    pub(crate) offset: u64,
-    pub(crate) length: u64,
-    /// Chunk indices, or page numbers.
+    /// What it asks for, in the order of the answer.
+    pub(crate) ranges: Vec<Range<u64>>,
+    /// Chunk indices, or page numbers: these in the order of the answer.
     pub(crate) parts: Vec<u32>,
+}
+
+impl Request {
+    /// Bytes of the answer.
+    pub(crate) fn length(&self) -> u64 {
+        self.ranges.iter().map(|r| r.end - r.start).sum()
+    }
+
+    /// Where in the answer the byte `at` of the file is.
+    pub(crate) fn place(&self, at: u64) -> Option<u64> {
+        let mut before = 0;
+        for range in &self.ranges {
+            if range.contains(&at) {
+                return Some(before + at - range.start);
+            }
+            before += range.end - range.start;
+        }
+        None
+    }
 }
 
 /// Failures of a directory page.
@@ -57,6 +77,14 @@ fn unit_hash(seed: u64) -> f64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     (z ^ (z >> 31)) as f64 / u64::MAX as f64
+}
+
+/// Requests of this step that take more, where the server takes several ranges in one.
+#[derive(Default)]
+struct Growing {
+    pages: Option<RequestId>,
+    /// And whether the picture needs what they ask for.
+    chunks: Option<(RequestId, bool)>,
 }
 
 /// Something that could be asked for.
@@ -110,13 +138,14 @@ impl Streamer {
             let pages_first = |c: &Candidate| c.kind == FetchKind::Chunks;
             b.rank.total_cmp(&a.rank).then(pages_first(a).cmp(&pages_first(b))).then(a.index.cmp(&b.index))
         });
+        let mut growing = Growing::default();
         for candidate in candidates {
             match candidate.kind {
-                FetchKind::Pages => self.request_pages(candidate.index, &needed, now_ms, commands),
+                FetchKind::Pages => self.request_pages(candidate.index, &needed, now_ms, &mut growing, commands),
                 FetchKind::Chunks => {
                     let absent = self.nodes.get(candidate.index).is_some_and(|n| n.state == State::Absent);
                     if absent && !self.decode_from_head(candidate.index, wanted, commands) {
-                        self.request_chunks(candidate.index, wanted, now_ms, commands);
+                        self.request_chunks(candidate.index, wanted, now_ms, &mut growing, commands);
                     }
                 }
             }
@@ -181,24 +210,32 @@ impl Streamer {
     }
 
     /// Ask for a page and the needed ones next to it; one that lies between two of them comes along.
-    fn request_pages(&mut self, first: u32, needed: &BTreeMap<u32, Rank>, now_ms: f64, commands: &mut Vec<Command>) {
+    fn request_pages(
+        &mut self,
+        first: u32,
+        needed: &BTreeMap<u32, Rank>,
+        now_ms: f64,
+        growing: &mut Growing,
+        commands: &mut Vec<Command>,
+    ) {
         let ready = |s: &Self, page: u32| s.is_page_ready(page, now_ms);
-        if !ready(self, first) || !self.may_request(PAGE_BYTES as u64) {
+        let joined = growing.pages.filter(|&id| self.may_grow(id, PAGE_BYTES as u64));
+        if !ready(self, first) || joined.is_none() && !self.may_request(PAGE_BYTES as u64) {
             return;
         }
         let (mut from, mut to) = (first, first);
         let fits = |s: &Self, from: u32, to: u32| {
             let count = to - from + 1;
             let length = u64::from(count) * PAGE_BYTES as u64;
-            count <= PAGES_PER_REQUEST && length <= s.budgets.request_bytes && s.may_request(length)
+            count <= PAGES_PER_REQUEST && s.fits(joined, length)
         };
         // Page 0 lies apart from the others.
-        let joined = if first > 0 { PAGES_PER_REQUEST } else { 0 };
-        for _ in 0..joined {
+        let neighbours = if first > 0 { PAGES_PER_REQUEST } else { 0 };
+        for _ in 0..neighbours {
             let wanted = |s: &Self, page: u32| needed.contains_key(&page) && ready(s, page);
             let forward = if wanted(self, to + 1) {
                 to + 1
-            } else if ready(self, to + 1) && wanted(self, to + 2) {
+            } else if self.budgets.ranges == 1 && ready(self, to + 1) && wanted(self, to + 2) {
                 to + 2
             } else {
                 to
@@ -222,8 +259,8 @@ impl Streamer {
             self.page_retries.entry(page).or_default().in_flight = true;
         }
         let (offset, _) = self.header.page_range(from);
-        let length = parts.len() as u64 * PAGE_BYTES as u64;
-        self.send(Request { kind: FetchKind::Pages, offset, length, parts }, commands);
+        let range = offset..offset + parts.len() as u64 * PAGE_BYTES as u64;
+        growing.pages = Some(self.send(joined, FetchKind::Pages, range, parts, commands));
     }
 
     /// Decode a chunk that lies in the head; whether it does.
@@ -240,27 +277,40 @@ impl Streamer {
     }
 
     /// Ask for a chunk and those as urgent ones that follow or precede it in the file, over small gaps.
-    fn request_chunks(&mut self, index: u32, wanted: &Wanted, now_ms: f64, commands: &mut Vec<Command>) {
+    fn request_chunks(
+        &mut self,
+        index: u32,
+        wanted: &Wanted,
+        now_ms: f64,
+        growing: &mut Growing,
+        commands: &mut Vec<Command>,
+    ) {
         let Some((mut start, mut end)) = self.range(index) else { return };
-        if !self.may_request(end - start) || !self.hold(index, State::Requested(self.next_request), wanted, commands) {
+        let alone = self.nodes.get(index).is_some_and(|n| n.damaged);
+        let is_visible = wanted.is_visible(index);
+        let is_like =
+            |&(id, visible): &(RequestId, bool)| !alone && visible == is_visible && self.may_grow(id, end - start);
+        let joined = growing.chunks.filter(is_like).map(|(id, _)| id);
+        let id = joined.unwrap_or(self.next_request);
+        if joined.is_none() && !self.may_request(end - start)
+            || !self.hold(index, State::Requested(id), wanted, commands)
+        {
             return;
         }
-        let alone = self.nodes.get(index).is_some_and(|n| n.damaged);
         let mut parts = vec![index];
         let mut useful = end - start;
         let widest = self.widest_gap(wanted);
         let ways: &[bool] = if alone { &[] } else { &[true, false] };
         for &forward in ways {
             let mut at = index;
-            while let Some(next) = self.next_in_file(at, forward, wanted, now_ms, wanted.is_visible(index), widest) {
+            while let Some(next) = self.next_in_file(at, forward, wanted, now_ms, is_visible, widest) {
                 let Some((from, to)) = self.range(next) else { break };
                 let (new_start, new_end) = (start.min(from), end.max(to));
                 let length = new_end - new_start;
                 let gaps = length.saturating_sub(useful + (to - from));
-                if length > self.budgets.request_bytes
-                    || gaps > (GAPS * widest).max(useful / GAPS_PART)
-                    || !self.may_request(length)
-                    || !self.hold(next, State::Requested(self.next_request), wanted, commands)
+                if gaps > (GAPS * widest).max(useful / GAPS_PART)
+                    || !self.fits(joined, length)
+                    || !self.hold(next, State::Requested(id), wanted, commands)
                 {
                     break;
                 }
@@ -272,7 +322,7 @@ impl Streamer {
                 // What lies in the gap comes anyway: where it is wanted beside the picture, it is kept.
                 for between in gap {
                     let is_kept = self.may_join(between, wanted, now_ms)
-                        && self.hold(between, State::Requested(self.next_request), wanted, commands);
+                        && self.hold(between, State::Requested(id), wanted, commands);
                     if is_kept {
                         parts.push(between);
                     }
@@ -280,11 +330,15 @@ impl Streamer {
             }
         }
         parts.sort_unstable();
-        self.send(Request { kind: FetchKind::Chunks, offset: start, length: end - start, parts }, commands);
+        let id = self.send(joined, FetchKind::Chunks, start..end, parts, commands);
+        growing.chunks = (!alone).then_some((id, is_visible));
     }
 
     /// Bytes between two wanted chunks that are read for nothing at most.
     fn widest_gap(&self, wanted: &Wanted) -> u64 {
+        if self.budgets.ranges > 1 {
+            return 0; // Another range costs less than any gap.
+        }
         let needed = wanted.order.iter().filter(|&&i| wanted.is_visible(i)).filter_map(|&i| self.nodes.get(i));
         let missing = needed.filter(|n| matches!(n.state, State::Absent | State::Requested(_)));
         let bytes: u64 = missing.map(|n| u64::from(n.entry.encoded_bytes)).sum();
@@ -336,16 +390,55 @@ impl Streamer {
                 && self.bytes_in_flight().saturating_add(length) <= self.budgets.bytes_in_flight)
     }
 
-    fn send(&mut self, r: Request, commands: &mut Vec<Command>) {
+    /// Whether a range of this length keeps the budgets, in a request of this step or as a new one.
+    fn fits(&self, joined: Option<RequestId>, length: u64) -> bool {
+        match joined {
+            Some(id) => self.may_grow(id, length),
+            None => length <= self.budgets.request_bytes && self.may_request(length),
+        }
+    }
+
+    /// Whether a request of this step may ask for so many more bytes elsewhere.
+    fn may_grow(&self, id: RequestId, length: u64) -> bool {
+        let in_flight = self.bytes_in_flight().saturating_add(length);
+        let takes = |r: &Request| {
+            r.ranges.len() < self.budgets.ranges && r.length().saturating_add(length) <= self.budgets.request_bytes
+        };
+        in_flight <= self.budgets.bytes_in_flight && self.requests.get(&id).is_some_and(takes)
+    }
+
+    /// Ask for a range, in a request of this step or in a new one; which.
+    fn send(
+        &mut self,
+        joined: Option<RequestId>,
+        kind: FetchKind,
+        range: Range<u64>,
+        parts: Vec<u32>,
+        commands: &mut Vec<Command>,
+    ) -> RequestId {
+        let begun = joined.and_then(|id| {
+            let command = commands.iter_mut().rev().find_map(|c| match c {
+                Command::Fetch { request, ranges, .. } if *request == id => Some(ranges),
+                _ => None,
+            });
+            command.zip(self.requests.get_mut(&id)).map(|(ranges, r)| (id, ranges, r))
+        });
+        if let Some((id, ranges, r)) = begun {
+            ranges.push(range.clone());
+            r.ranges.push(range);
+            r.parts.extend(parts);
+            return id;
+        }
         let request = self.next_request;
         self.next_request += 1;
         self.requests_made += 1;
-        commands.push(Command::Fetch { request, offset: r.offset, length: r.length, kind: r.kind });
-        self.requests.insert(request, r);
+        commands.push(Command::Fetch { request, ranges: vec![range.clone()], kind });
+        self.requests.insert(request, Request { kind, ranges: vec![range], parts });
+        request
     }
 
     /// Bytes asked for and not answered, and bytes being decoded.
     pub(crate) fn bytes_in_flight(&self) -> u64 {
-        self.requests.values().map(|r| r.length).sum::<u64>() + self.decoding_bytes
+        self.requests.values().map(Request::length).sum::<u64>() + self.decoding_bytes
     }
 }

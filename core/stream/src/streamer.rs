@@ -171,7 +171,7 @@ impl Streamer {
     fn take_bytes(&mut self, request: RequestId, length: u64, now_ms: f64, arrived: &mut Vec<(u32, RequestId, u64)>) {
         let Some(r) = self.requests.remove(&request) else { return };
         self.bytes_received += length;
-        if length != r.length {
+        if length != r.length() {
             self.fail_request(request, &r, now_ms);
             return;
         }
@@ -190,7 +190,7 @@ impl Streamer {
     fn decode_parts(&mut self, request: RequestId, r: &Request, length: u64, arrived: &mut Vec<(u32, RequestId, u64)>) {
         for &chunk in &r.parts {
             let Some(node) = self.nodes.get_mut(chunk) else { continue };
-            let at = node.entry.offset - r.offset;
+            let Some(at) = r.place(node.entry.offset) else { continue };
             let is_there = at + u64::from(node.entry.encoded_bytes) <= length;
             if is_there && node.state == State::Requested(request) {
                 node.state = State::Decoding;

@@ -5,12 +5,14 @@ mod support;
 use kilwa_stream::{Budgets, Clip, Command, Event, Step, Streamer, View};
 use proptest::prelude::*;
 use std::collections::BTreeSet;
+use std::ops::Range;
 use support::{Faults, Pack, Random, World, random_view};
 
 fn budgets() -> impl Strategy<Value = Budgets> {
-    (1usize..8, 1_000u64..200_000, 1_000u64..100_000, 10_000u64..400_000, 1usize..5).prop_map(
-        |(requests, bytes_in_flight, request_bytes, memory, uploads)| Budgets {
+    (1usize..8, 1_000u64..200_000, 1_000u64..100_000, 10_000u64..400_000, 1usize..5, 1usize..6).prop_map(
+        |(requests, bytes_in_flight, request_bytes, memory, uploads, ranges)| Budgets {
             requests,
+            ranges,
             bytes_in_flight,
             request_bytes,
             cpu_bytes: memory * 2,
@@ -217,6 +219,50 @@ fn neighbouring_chunks_come_in_one_request() {
     let decoded = log.iter().filter(|l| l.contains("Decode {")).count();
     assert!(streamer.is_resident(0) && step.stats.settled);
     assert!(requests * 2 < decoded, "{requests} requests for {decoded} chunks");
+}
+
+#[test]
+fn where_the_server_takes_several_ranges_fewer_requests_bring_fewer_bytes() {
+    let (mut several, mut one) = ((0, 0), (0, 0));
+    for seed in 0..40 {
+        let view = View { clip: Clip::default(), ..random_view(&mut Random(seed)) };
+        let pack = Pack::random(seed, 400).telling(true);
+        let cost = |ranges| {
+            let budgets = Budgets { ranges, ..Budgets::default() };
+            let landed = settle(&pack, &view, budgets);
+            let fetches = landed.1.iter().map(|r| r.end - r.start).sum::<u64>();
+            let drawn: BTreeSet<(u32, u32)> = landed.0.draw.iter().map(|d| (d.chunk, d.patch)).collect();
+            (landed.2, fetches, drawn)
+        };
+        let (many, single) = (cost(64), cost(1));
+        assert_eq!(many.2, single.2, "both show the same in the end, seed {seed}");
+        several = (several.0 + many.0, several.1 + many.1);
+        one = (one.0 + single.0, one.1 + single.1);
+    }
+    println!("{several:?} requests and bytes with several ranges in one, {one:?} with one");
+    assert!(several.0 * 2 < one.0 && several.1 <= one.1, "{several:?} with several ranges in one, {one:?} with one");
+}
+
+/// Load a view until nothing moves: the last step, what was asked for, in how many requests.
+fn settle(pack: &Pack, view: &View, budgets: Budgets) -> (Step, Vec<Range<u64>>, u64) {
+    let mut streamer = Streamer::new(&pack.head, pack.head_bytes, budgets);
+    let mut world = World::new(pack, 1, budgets, Faults { fail: 0, garble: 0 });
+    let mut asked = Vec::new();
+    for now in (0..).step_by(10) {
+        let events = world.due(now);
+        let step = streamer.step(view, now as f64, events);
+        world.take(now, &step, &streamer);
+        for command in &step.commands {
+            if let Command::Fetch { ranges, .. } = command {
+                asked.extend(ranges.iter().cloned());
+            }
+        }
+        if step.stats.settled && step.commands.is_empty() && world.is_quiet() {
+            let requests = step.stats.requests_made;
+            return (step, asked, requests);
+        }
+    }
+    unreachable!("the loop ends when nothing moves");
 }
 
 #[test]

@@ -143,14 +143,21 @@ impl<S: Source> Session<S> {
         let mut events = Vec::new();
         for command in commands {
             match *command {
-                Command::Fetch { request, offset, length, kind } => match kind {
+                Command::Fetch { request, ref ranges, kind } => match kind {
                     FetchKind::Pages => {
-                        let bytes = read(&self.source, offset, length)?;
-                        self.check_pages(offset, &bytes)?;
+                        let mut bytes = Vec::new();
+                        for range in ranges {
+                            let part = read(&self.source, range.start, range.end - range.start)?;
+                            self.check_pages(range.start, &part)?;
+                            bytes.extend(part);
+                        }
                         events.push(Event::PageBytes { request, bytes });
                     }
                     // The file is at hand: chunks are read when they are decoded.
-                    FetchKind::Chunks => events.push(Event::Bytes { request, length }),
+                    FetchKind::Chunks => {
+                        let length = ranges.iter().map(|r| r.end - r.start).sum();
+                        events.push(Event::Bytes { request, length });
+                    }
                 },
                 Command::Decode { chunk, .. } => events.push(self.decode(chunk)?),
                 Command::Upload { chunk } => {

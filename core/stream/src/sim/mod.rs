@@ -22,6 +22,7 @@ use crate::command::{Command, Event, FetchKind, RequestId, Step};
 use crate::streamer::Streamer;
 use crate::view::View;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// A way to the server.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -266,7 +267,7 @@ impl<S: Store> Simulator<S> {
 
     fn carry_out(&mut self, now: u64, command: &Command) {
         match *command {
-            Command::Fetch { request, offset, length, kind } => self.fetch(now, request, offset, length, kind),
+            Command::Fetch { request, ref ranges, kind } => self.fetch(now, request, ranges, kind),
             Command::Cancel { request } => self.cancel(now, request),
             Command::Decode { chunk, triangles, .. } => {
                 let ends = self.decoder_free.iter_mut().min();
@@ -294,7 +295,8 @@ impl<S: Store> Simulator<S> {
         }
     }
 
-    fn fetch(&mut self, now: u64, request: RequestId, offset: u64, length: u64, kind: FetchKind) {
+    fn fetch(&mut self, now: u64, request: RequestId, ranges: &[Range<u64>], kind: FetchKind) {
+        let length = ranges.iter().map(|r| r.end - r.start).sum();
         self.totals.requests += 1;
         self.totals.page_requests += u64::from(kind == FetchKind::Pages);
         let latency = micros(self.link.latency_ms);
@@ -302,10 +304,13 @@ impl<S: Store> Simulator<S> {
         let event = match kind {
             _ if fails => Event::Failed { request },
             FetchKind::Chunks => Event::Bytes { request, length },
-            FetchKind::Pages => match self.store.pages(offset, length) {
-                Some(bytes) => Event::PageBytes { request, bytes },
-                None => Event::Failed { request },
-            },
+            FetchKind::Pages => {
+                let parts = ranges.iter().map(|r| self.store.pages(r.start, r.end - r.start));
+                match parts.collect::<Option<Vec<_>>>() {
+                    Some(parts) => Event::PageBytes { request, bytes: parts.concat() },
+                    None => Event::Failed { request },
+                }
+            }
         };
         let from = if fails { now + latency } else { self.link_free.max(now + latency) };
         let to = if fails { from } else { from + micros(length as f64 * 8e3 / self.link.bits_per_second) };
@@ -350,7 +355,10 @@ impl<S: Store> Simulator<S> {
     fn write_log(&mut self, now: u64, command: &Command) {
         let time = format!("{}.{:03}", now / 1000, now % 1000);
         let what = match command {
-            Command::Fetch { request, offset, length, kind } => format!("fetch {request} {kind:?} {offset}+{length}"),
+            Command::Fetch { request, ranges, kind } => {
+                let ranges: Vec<String> = ranges.iter().map(|r| format!("{}+{}", r.start, r.end - r.start)).collect();
+                format!("fetch {request} {kind:?} {}", ranges.join(" "))
+            }
             Command::Cancel { request } => format!("cancel {request}"),
             Command::Decode { chunk, request, .. } => format!("decode {chunk} of {request}"),
             Command::Upload { chunk } => format!("upload {chunk}"),

@@ -10,6 +10,7 @@ use kilwa_stream::clip::{Clip, ClipBox, HalfSpace};
 use kilwa_stream::sim::Store;
 use kilwa_stream::{Budgets, Command, Event, FetchKind, Projection, Step, Streamer, View};
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 /// SplitMix64: seeded randomness.
 pub(crate) struct Random(pub u64);
@@ -318,7 +319,7 @@ pub(crate) struct World<'p> {
     pub(crate) faults: Faults,
     queue: BTreeMap<(u64, u64), Event>,
     sequence: u64,
-    open: BTreeMap<u64, (u64, u64)>,
+    open: BTreeMap<u64, u64>,
     decoded: BTreeSet<u32>,
     uploaded: BTreeSet<u32>,
     budgets: Budgets,
@@ -370,7 +371,7 @@ impl<'p> World<'p> {
         for command in &step.commands {
             self.log.push(format!("{now} {command:?}"));
             match *command {
-                Command::Fetch { request, offset, length, kind } => self.fetch(now, request, offset, length, kind),
+                Command::Fetch { request, ref ranges, kind } => self.fetch(now, request, ranges, kind),
                 Command::Cancel { request } => {
                     assert!(self.open.remove(&request).is_some(), "cancelled {request}, which is not in flight");
                 }
@@ -395,15 +396,21 @@ impl<'p> World<'p> {
         self.check(step, streamer);
     }
 
-    fn fetch(&mut self, now: u64, request: u64, offset: u64, length: u64, kind: FetchKind) {
+    fn fetch(&mut self, now: u64, request: u64, ranges: &[Range<u64>], kind: FetchKind) {
+        let length: u64 = ranges.iter().map(|r| r.end - r.start).sum();
+        assert!((1..=self.budgets.ranges).contains(&ranges.len()), "{} ranges", ranges.len());
+        let mut sorted = ranges.to_vec();
+        sorted.sort_by_key(|r| r.start);
+        assert!(sorted.iter().all(|r| r.start < r.end), "an empty range: {ranges:?}");
+        assert!(sorted.windows(2).all(|w| w[0].end <= w[1].start), "ranges over each other: {ranges:?}");
         assert!(length <= self.budgets.request_bytes.max(30_100), "a request of {length} bytes");
-        assert!(self.open.insert(request, (offset, length)).is_none(), "request {request} made twice");
+        assert!(self.open.insert(request, length).is_none(), "request {request} made twice");
         let event = if self.random.below(100) < self.faults.fail {
             Event::Failed { request }
         } else if kind == FetchKind::Pages {
-            let first = ((offset - self.pack.head.header.other_pages) / 16_384) as u32 + 1;
-            let mut bytes: Vec<u8> =
-                (first..first + (length / 16_384) as u32).flat_map(|p| self.pack.page(p)).collect();
+            let number = |offset: u64| ((offset - self.pack.head.header.other_pages) / 16_384) as u32 + 1;
+            let pages = ranges.iter().flat_map(|r| number(r.start)..number(r.end));
+            let mut bytes: Vec<u8> = pages.flat_map(|p| self.pack.page(p)).collect();
             if self.random.below(100) < self.faults.garble {
                 let at = self.random.below(bytes.len());
                 bytes[at] ^= 1;
@@ -423,7 +430,7 @@ impl<'p> World<'p> {
 
     fn check(&self, step: &Step, streamer: &Streamer) {
         assert!(self.open.len() <= self.budgets.requests, "{} requests in flight", self.open.len());
-        let bytes: u64 = self.open.values().map(|(_, length)| length).sum();
+        let bytes: u64 = self.open.values().sum();
         assert!(bytes <= self.budgets.bytes_in_flight || self.open.len() == 1, "{bytes} bytes in flight");
         let gpu: u64 = self.uploaded.iter().map(|&c| self.pack.gpu_bytes(c)).sum();
         let only_root = self.uploaded.iter().all(|&c| c == 0);

@@ -8,6 +8,8 @@ use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 /// Chunks uploaded in a frame of a sixtieth of a second: sixteen are about a megabyte, which no frame feels.
 pub(super) const UPLOADS: usize = 16;
+/// Bytes of a request of several ranges: few enough that what the camera asks for next is not long behind it. Measured in docs/decisions.md, 25.
+const SEVERAL_BYTES: u64 = 128 << 10;
 
 #[wasm_bindgen]
 impl Viewer {
@@ -16,6 +18,13 @@ impl Viewer {
     pub fn set_memory(&mut self, gpu_bytes: f64, cpu_bytes: f64) {
         let budgets = Budgets { gpu_bytes: gpu_bytes as u64, cpu_bytes: cpu_bytes as u64, ..*self.streamer.budgets() };
         self.streamer.set_budgets(budgets);
+    }
+
+    /// How many ranges one request may ask for.
+    #[wasm_bindgen(js_name = setRanges)]
+    pub fn set_ranges(&mut self, ranges: usize) {
+        let request_bytes = if ranges > 1 { SEVERAL_BYTES } else { Budgets::default().request_bytes };
+        self.streamer.set_budgets(Budgets { ranges: ranges.max(1), request_bytes, ..*self.streamer.budgets() });
     }
 
     /// The pixel error to refine to.
@@ -176,11 +185,15 @@ fn command_object(command: &Command) -> Result<JsValue, JsValue> {
     let o = Object::new();
     let number = |name: &str, value: f64| set(&o, name, &value.into());
     match command {
-        Command::Fetch { request, offset, length, kind } => {
+        Command::Fetch { request, ranges, kind } => {
+            let parts = Array::new();
+            for range in ranges {
+                parts.push(&(range.start as f64).into());
+                parts.push(&((range.end - range.start) as f64).into());
+            }
             set(&o, "type", &"fetch".into())?;
             number("request", *request as f64)?;
-            number("offset", *offset as f64)?;
-            number("length", *length as f64)?;
+            set(&o, "parts", &parts)?;
             set(&o, "pages", &(*kind == FetchKind::Pages).into())?;
         }
         Command::Cancel { request } => {
