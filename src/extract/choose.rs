@@ -1,7 +1,6 @@
 //! Which diamonds are refined: the cut that answers `--max-error` or `--max-triangles`, and its certified error.
 
 use super::region::Steps;
-use crate::source::FileSource;
 use anyhow::Context;
 use kilwa_pack::cut::Cut;
 use kilwa_pack::{Chunk, DirectoryEntry, PackError, PatchRange, Reader, Source};
@@ -20,8 +19,8 @@ pub(super) struct Chosen {
 }
 
 /// The cut for what was asked.
-pub(super) fn choose(
-    reader: &Reader<FileSource>,
+pub(super) fn choose<S: Source + Sync>(
+    reader: &Reader<S>,
     max_error: Option<f64>,
     max_triangles: Option<u64>,
     region: Option<&Steps>,
@@ -31,8 +30,8 @@ pub(super) fn choose(
         (Some(limit), _, _) => Cut::for_error(entries, limit),
         (None, None, _) => Cut::finest(entries),
         (None, Some(limit), None) => {
-            let coarse = coarse_triangles(reader)?;
-            Cut::for_triangles(entries, &coarse, limit)
+            expect(reader, limit);
+            Cut::for_triangles_read(entries, limit, |i| patches(reader, i))?
         }
         (None, Some(limit), Some(region)) => {
             let (entries, coarse) = inside(reader, region)?;
@@ -47,23 +46,37 @@ pub(super) fn choose(
     Ok(Chosen { cut, error, is_finest })
 }
 
-/// What each refinement takes away stands in the patch tables of the chunks; the directory has what it adds.
-fn coarse_triangles(reader: &Reader<FileSource>) -> anyhow::Result<Vec<u64>> {
-    let entries = reader.entries();
-    let mut sums = vec![0u64; entries.len()];
-    for (i, e) in entries.iter().enumerate() {
-        let bytes = reader
-            .source()
-            .read_at(e.offset, e.encoded_bytes as usize)
-            .with_context(|| format!("cannot read chunk {i}"))?;
-        if kilwa_pack::checksum(&bytes) != e.checksum {
-            return Err(PackError::Checksum { what: format!("chunk {i}") }.into());
-        }
-        for patch in kilwa_pack::chunk::patch_table(&bytes)? {
-            add(&mut sums, &patch, u64::from(patch.count));
-        }
+/// The patches of a chunk. What each refinement takes away stands in them; the directory has what it adds.
+fn patches<S: Source>(reader: &Reader<S>, i: u32) -> anyhow::Result<Vec<PatchRange>> {
+    let e = reader.entries().get(i as usize).with_context(|| format!("the pack has no chunk {i}"))?;
+    let bytes = reader
+        .source()
+        .read_at(e.offset, e.encoded_bytes as usize)
+        .with_context(|| format!("cannot read chunk {i}"))?;
+    if kilwa_pack::checksum(&bytes) != e.checksum {
+        return Err(PackError::Checksum { what: format!("chunk {i}") }.into());
     }
-    Ok(sums)
+    Ok(kilwa_pack::chunk::patch_table(&bytes)?)
+}
+
+/// Tell the source which chunks such a cut will about have: largest errors first, each refinement taking away half of what it adds.
+fn expect<S: Source>(reader: &Reader<S>, limit: u64) {
+    let entries = reader.entries();
+    let mut by_error: Vec<u32> = (0u32..).zip(entries).map(|(i, _)| i).collect();
+    by_error.sort_by_key(|&i| std::cmp::Reverse(entries[i as usize].error.to_bits()));
+    let mut sum = 0;
+    by_error.retain(|&i| {
+        sum += u64::from(entries[i as usize].triangles) / 2;
+        sum <= limit
+    });
+    by_error.sort_unstable();
+    reader.source().expect(&stretches(reader, &by_error));
+}
+
+/// Where chunks lie.
+pub(super) fn stretches<S: Source>(reader: &Reader<S>, chunks: &[u32]) -> Vec<(u64, usize)> {
+    let entries = chunks.iter().filter_map(|&i| reader.entries().get(i as usize));
+    entries.map(|e| (e.offset, e.encoded_bytes as usize)).collect()
 }
 
 fn add(sums: &mut [u64], patch: &PatchRange, count: u64) {
@@ -74,7 +87,7 @@ fn add(sums: &mut [u64], patch: &PatchRange, count: u64) {
 
 /// The directory as if there were only what lies in the box: triangles are those inside, and what lies outside has no
 /// error. Spheres are saturated, so that an entry that meets the box has parents that do: errors stay in order.
-fn inside(reader: &Reader<FileSource>, region: &Steps) -> anyhow::Result<(Vec<DirectoryEntry>, Vec<u64>)> {
+fn inside<S: Source + Sync>(reader: &Reader<S>, region: &Steps) -> anyhow::Result<(Vec<DirectoryEntry>, Vec<u64>)> {
     let mut entries = reader.entries().to_vec();
     let mut sums = vec![0u64; entries.len()];
     for entry in &mut entries {

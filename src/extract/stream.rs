@@ -4,15 +4,14 @@
 //! of their boxes. A vertex that lies before the plane cannot come again, because every later chunk begins behind it; so
 //! what is known of it is forgotten. What stays in memory is what lies in the chunks that the plane cuts.
 
-use super::choose::Chosen;
+use super::choose::{Chosen, stretches};
 use super::format::Encoder;
 use super::output::Scratch;
 use super::region::Steps;
-use crate::source::FileSource;
 use crate::verify::progress_bar;
 use anyhow::Context;
 use kilwa_geometry::Mesh;
-use kilwa_pack::{Chunk, PackError, Reader};
+use kilwa_pack::{Chunk, PackError, Reader, Source};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::io::Write;
@@ -33,8 +32,8 @@ pub(super) struct Counts {
 }
 
 /// Write the vertices and the triangles of the cut to the scratch files; `told` hears the share that is done.
-pub(super) fn stream(
-    reader: &Reader<FileSource>,
+pub(super) fn stream<S: Source + Sync>(
+    reader: &Reader<S>,
     chosen: &Chosen,
     region: Option<&Steps>,
     encoder: &mut dyn Encoder,
@@ -47,6 +46,7 @@ pub(super) fn stream(
     let mut done = 0;
     let mut weld = Weld { axis, known: HashMap::new(), kept: 0, counts: Counts::default(), bytes: Vec::new() };
     for batch in chunks.chunks(BATCH) {
+        reader.source().expect(&stretches(reader, batch));
         let decoded: Vec<Result<Chunk, PackError>> = batch.par_iter().map(|&i| reader.chunk(i)).collect();
         for (&index, chunk) in batch.iter().zip(decoded) {
             let chunk = chunk?;
@@ -69,14 +69,14 @@ pub(super) fn stream(
 }
 
 /// The axis along which the model is longest.
-fn longest_side(reader: &Reader<FileSource>) -> usize {
+fn longest_side<S: Source>(reader: &Reader<S>) -> usize {
     let (min, max) = (reader.metadata().bounds_min, reader.metadata().bounds_max);
     let length = |k: &usize| max[*k] - min[*k];
     (0..3).max_by(|a, b| length(a).total_cmp(&length(b))).unwrap_or(0)
 }
 
 /// The chunks that hold something to write, in the order of the sweep.
-fn in_order(reader: &Reader<FileSource>, chosen: &Chosen, region: Option<&Steps>, axis: usize) -> Vec<u32> {
+fn in_order<S: Source>(reader: &Reader<S>, chosen: &Chosen, region: Option<&Steps>, axis: usize) -> Vec<u32> {
     let entries = reader.entries();
     let bounds = |i: u32| &entries[i as usize].bounds;
     let wanted = |i: &u32| !bounds(*i).is_empty() && region.is_none_or(|region| region.meets(bounds(*i)));

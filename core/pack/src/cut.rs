@@ -39,25 +39,31 @@ impl Cut {
     /// `coarse_triangles[i]` is the number of triangles that refining entry `i` takes away: the sum of the patches whose
     /// diamond is `i`; see [`coarse_triangles`].
     pub fn for_triangles(entries: &[DirectoryEntry], coarse_triangles: &[u64], limit: u64) -> Self {
-        let mut growth = Growth::new(entries);
-        let mut drawn = entries.first().map_or(0, |e| u64::from(e.triangles));
-        // Errors are not negative: their bits order them. Of equal errors the earlier entry comes first.
-        let rank = |i: u32| {
-            let error = entries.get(i as usize).map_or(0, |e| e.error.to_bits());
-            (error, Reverse(i))
-        };
-        let mut open: BinaryHeap<(u32, Reverse<u32>)> = growth.refine(0).into_iter().map(rank).collect();
-        while let Some((_, Reverse(i))) = open.pop() {
-            let at = i as usize;
-            let gain = entries.get(at).map_or(0, |e| u64::from(e.triangles));
-            let loss = coarse_triangles.get(at).copied().unwrap_or(0);
-            let then = drawn.saturating_add(gain).saturating_sub(loss);
-            if then <= limit || then <= drawn {
-                drawn = then;
-                open.extend(growth.refine(i).into_iter().map(rank));
+        let mut sums = coarse_triangles.to_vec();
+        let Ok(cut) = grown(entries, limit, &mut sums, |_, _| Ok::<_, std::convert::Infallible>(()));
+        cut
+    }
+
+    /// The same without knowing the patches of every chunk before: `patches_of` gives those in the chunk of an entry, and is asked once for each
+    /// entry that is refined, in the order of refining, and for no other. What stands for a diamond stands in the chunks of its parents, which are
+    /// refined before it.
+    ///
+    /// # Errors
+    /// Those of `patches_of`.
+    pub fn for_triangles_read<E>(
+        entries: &[DirectoryEntry],
+        limit: u64,
+        mut patches_of: impl FnMut(u32) -> Result<Vec<PatchRange>, E>,
+    ) -> Result<Self, E> {
+        let mut sums = vec![0; entries.len()];
+        grown(entries, limit, &mut sums, |i, sums| {
+            for patch in patches_of(i)? {
+                if let Some(sum) = sums.get_mut(patch.diamond as usize) {
+                    *sum += u64::from(patch.count);
+                }
             }
-        }
-        growth.cut
+            Ok(())
+        })
     }
 
     /// A random valid cut with up to `target` refined entries (the root included): for tests of what must hold in every
@@ -132,6 +138,38 @@ impl Cut {
             .filter(|(i, e)| !self.is_refined(*i) && e.parents().any(|parent| self.is_refined(parent)));
         shown.map(|(_, e)| e.error).fold(0.0, f32::max)
     }
+}
+
+/// See [`Cut::for_triangles`]. `refined` is told of each entry that is refined, before what it opens is looked at.
+fn grown<E>(
+    entries: &[DirectoryEntry],
+    limit: u64,
+    coarse_triangles: &mut [u64],
+    mut refined: impl FnMut(u32, &mut [u64]) -> Result<(), E>,
+) -> Result<Cut, E> {
+    let mut growth = Growth::new(entries);
+    let mut drawn = entries.first().map_or(0, |e| u64::from(e.triangles));
+    // Errors are not negative: their bits order them. Of equal errors the earlier entry comes first.
+    let rank = |i: u32| {
+        let error = entries.get(i as usize).map_or(0, |e| e.error.to_bits());
+        (error, Reverse(i))
+    };
+    if !entries.is_empty() {
+        refined(0, coarse_triangles)?;
+    }
+    let mut open: BinaryHeap<(u32, Reverse<u32>)> = growth.refine(0).into_iter().map(rank).collect();
+    while let Some((_, Reverse(i))) = open.pop() {
+        let at = i as usize;
+        let gain = entries.get(at).map_or(0, |e| u64::from(e.triangles));
+        let loss = coarse_triangles.get(at).copied().unwrap_or(0);
+        let then = drawn.saturating_add(gain).saturating_sub(loss);
+        if then <= limit || then <= drawn {
+            drawn = then;
+            refined(i, coarse_triangles)?;
+            open.extend(growth.refine(i).into_iter().map(rank));
+        }
+    }
+    Ok(growth.cut)
 }
 
 /// How many triangles stand in the coarse form of every diamond, from the patch tables of all chunks in entry order.

@@ -27,6 +27,12 @@ pub trait Source {
     /// # Errors
     /// What the system says.
     fn read_at(&self, offset: u64, length: usize) -> std::io::Result<Vec<u8>>;
+
+    /// Stretches (offset and length in bytes, inside of [`Source::len`]) that will be read next, most of them and mostly in this order: a source that
+    /// is far away may fetch them together. What goes wrong with that is said when they are read.
+    fn expect(&self, stretches: &[(u64, usize)]) {
+        let _ = stretches;
+    }
 }
 
 /// A pack in memory.
@@ -168,6 +174,9 @@ fn read<S: Source>(source: &S, what: &str, offset: u64, length: u64) -> Result<V
 fn read_directory<S: Source>(source: &S, header: &Header) -> Result<Pages, PackError> {
     // The header was checked: all pages lie inside the file, so that memory is bounded by the file's length.
     let mut pages = Pages::default();
+    let ranges = (0..header.page_count()).map(|page| header.page_range(page));
+    let near = |(offset, length): (u64, u64)| Some((offset, usize::try_from(length).ok()?));
+    source.expect(&ranges.filter_map(near).collect::<Vec<_>>());
     for page in 0..header.page_count() {
         let (offset, length) = header.page_range(page);
         pages.add(&read(source, &format!("directory page {page}"), offset, length)?, header)?;

@@ -4,7 +4,7 @@ mod common;
 
 use kilwa_geometry::{Aabb, Sphere};
 use kilwa_pack::cut::{Cut, coarse_triangles};
-use kilwa_pack::{Attributes, DirectoryEntry, NO_DIAMOND, Reader, SliceSource};
+use kilwa_pack::{Attributes, DirectoryEntry, NO_DIAMOND, PatchRange, Reader, SliceSource};
 
 /// A random directory with up to four parents per entry and saturated errors.
 fn directory(count: u32, seed: u64) -> (Vec<DirectoryEntry>, Vec<u64>) {
@@ -102,6 +102,42 @@ fn a_limit_below_the_coarsest_gives_the_coarsest() {
     let (entries, coarse) = directory(100, 3);
     let cut = Cut::for_triangles(&entries, &coarse, 1);
     assert_eq!(cut, Cut::coarsest(&entries));
+}
+
+/// Patches that stand for each entry, in the chunks of its parents.
+fn tables(entries: &[DirectoryEntry], coarse: &[u64]) -> Vec<Vec<PatchRange>> {
+    let mut tables = vec![Vec::new(); entries.len()];
+    for (i, entry) in (0u32..).zip(entries).skip(1) {
+        let parents: Vec<u32> = entry.parents().collect();
+        let all = coarse[i as usize] as u32;
+        for (k, parent) in (0u32..).zip(&parents) {
+            let n = parents.len() as u32;
+            let count = all / n + u32::from(k < all % n);
+            tables[*parent as usize].push(PatchRange { first: 0, count, diamond: i });
+        }
+    }
+    tables
+}
+
+#[test]
+fn the_same_cut_is_found_by_reading_the_chunks_that_it_refines_and_no_other() {
+    for seed in 0..50 {
+        let (entries, coarse) = directory(400, seed);
+        let tables = tables(&entries, &coarse);
+        for limit in [1, 1000, 5000, 20_000, u64::MAX] {
+            let mut read = Vec::new();
+            let cut = Cut::for_triangles_read(&entries, limit, |i| {
+                read.push(i);
+                Ok::<_, ()>(tables[i as usize].clone())
+            });
+            let cut = cut.unwrap();
+            assert_eq!(cut, Cut::for_triangles(&entries, &coarse, limit), "seed {seed}, limit {limit}");
+            read.sort_unstable();
+            assert_eq!(read, cut.refined().collect::<Vec<_>>(), "each once");
+        }
+    }
+    let (entries, _) = directory(100, 1);
+    assert_eq!(Cut::for_triangles_read(&entries, 9999, |_| Err("away")), Err("away"));
 }
 
 #[test]
