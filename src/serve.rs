@@ -4,7 +4,7 @@ use anyhow::Context;
 use kilwa_server::door::Door;
 use kilwa_server::extracts::Extracts;
 use kilwa_server::index::Index;
-use kilwa_server::store::{S3, S3Options};
+use kilwa_server::store::{Place, S3, S3Options};
 use kilwa_server::upload::{UploadLimits, Uploads};
 use kilwa_server::{Audience, Catalogue, Collections, Limits, Page, Policy, Site, app, listen};
 use std::net::SocketAddr;
@@ -82,7 +82,7 @@ struct CatalogueArgs {
     /// Address of the site for the world, such as https://museum.example (default: as each request names it).
     #[arg(long, value_name = "URL")]
     url: Option<String>,
-    /// The file that says which models belong together (default: collections.toml in the folder).
+    /// The file that says which models belong together (default: collections.toml beside the objects, in the folder or the store).
     #[arg(long, value_name = "FILE")]
     collections: Option<PathBuf>,
     /// Address for mail about harvesting (default: webmaster at the site).
@@ -113,6 +113,10 @@ struct AccessArgs {
     /// Take versions that are published from elsewhere (`kilwa publish --to https://…`) by those who have a token for it.
     #[arg(long, requires = "access")]
     accept_uploads: bool,
+    /// With `s3://…`: where on this computer what is sent lies until it is verified and in the store (default: uploads in the service's state folder under
+    /// systemd).
+    #[arg(long, value_name = "DIR", requires = "accept_uploads")]
+    upload_folder: Option<PathBuf>,
     /// Largest version that is taken, gigabytes.
     #[arg(long, default_value_t = 1000, value_name = "GB", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     upload_limit: u64,
@@ -180,22 +184,23 @@ enum MetricsFor {
 const READERS: usize = 64;
 /// The same for a store, where each waits for the network.
 const STORE_READERS: usize = 256;
+/// A step of sending a version to a store may take so long.
+const UPLOAD_PATIENCE: Duration = Duration::from_secs(120);
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     log(&args.reports);
     let p = &args.pages;
     let policy = Policy::new(&p.frame_ancestors, &p.origins, &p.pack_origins)?;
     let page = Page::load(args.www.as_deref())?;
-    let mut site = Site::new(catalogue(args)?, page.clone()).with_policy(policy);
-    site.uploads = uploads(&args.access, &site, page)?;
-    site.index = index(&site, args.catalogue.index.as_deref())?;
+    let (catalogue, index) = archive(args)?;
+    let mut site = Site::new(catalogue, page.clone()).with_policy(policy);
+    site.uploads = uploads(args, &site, page)?;
+    site.index = index;
     site.url = args.catalogue.url.as_deref().map(site_url).transpose()?;
     site.contact.clone_from(&args.catalogue.contact);
-    let in_folder = || site.catalogue.folder().map(|folder| folder.join(kilwa_server::COLLECTIONS_FILE));
-    site.collections =
-        args.catalogue.collections.clone().or_else(in_folder).map(|file| Arc::new(Collections::new(file)));
-    // Meshes are made from packs that lie on this computer.
-    let cache = if store_url(args).is_none() { extracts(&args.extracts)? } else { None };
+    let beside = || site.catalogue.shelf().map(Collections::beside);
+    site.collections = args.catalogue.collections.clone().map(Collections::new).or_else(beside).map(Arc::new);
+    let cache = extracts(&args.extracts)?;
     site.extracts = cache.as_ref().map(|(_, extracts)| Arc::clone(extracts));
     site.door = door(&args.access, &args.path)?;
     site.behind_proxy = args.reports.behind_proxy;
@@ -219,43 +224,72 @@ fn store_url(args: &Args) -> Option<&str> {
     args.path.to_str().filter(|path| path.starts_with("s3://"))
 }
 
-/// The folder, or the store.
-fn catalogue(args: &Args) -> anyhow::Result<Catalogue> {
-    let Some(url) = store_url(args) else { return Ok(Catalogue::open(&args.path)?) };
+/// How the store is asked.
+fn store_options(args: &Args, url: &str) -> S3Options {
     let mut options = S3Options::from_environment(url);
     options.endpoint.clone_from(&args.store.endpoint);
     options.timeout = Duration::from_secs(args.store.timeout);
     options.refresh = Duration::from_secs(args.store.refresh);
-    Ok(Catalogue::of_store(&S3::open(&options)?)?)
+    options
 }
 
-/// The index of the folder, brought up to it.
-fn index(site: &Site, file: Option<&std::path::Path>) -> anyhow::Result<Option<Arc<Index>>> {
-    let Some(folder) = site.catalogue.shelf() else { return Ok(None) };
-    let index = Index::of(folder, file)?;
+/// The folder, or the store, and the index of its objects, brought up to it.
+fn archive(args: &Args) -> anyhow::Result<(Catalogue, Option<Arc<Index>>)> {
+    let file = args.catalogue.index.as_deref();
+    let Some(url) = store_url(args) else {
+        let catalogue = Catalogue::open(&args.path)?;
+        let index = catalogue.shelf().map(|shelf| index(shelf, file)).transpose()?;
+        return Ok((catalogue, index));
+    };
+    let store = S3::open(&store_options(args, url))?;
+    // The index first: it has what did not change since, which the list of models then need not ask for.
+    let is_object = store.is_object().with_context(|| format!("cannot read {}", store.name()))?;
+    let shelf = Place::Key(Arc::clone(&store), String::new());
+    let index = if is_object { None } else { Some(index(&shelf, file)?) };
+    Ok((Catalogue::of_store(&store)?, index))
+}
+
+/// The index of a place, brought up to it.
+fn index(shelf: &Place, file: Option<&std::path::Path>) -> anyhow::Result<Arc<Index>> {
+    let index = Index::of(shelf, file)?;
     if let Err(e) = index.refresh() {
         tracing::warn!("the catalogue cannot be searched: {e}");
     }
-    Ok(Some(Arc::new(index)))
+    Ok(Arc::new(index))
 }
 
-/// Where uploads go: into the folder that is served.
-fn uploads(args: &AccessArgs, site: &Site, page: Page) -> anyhow::Result<Option<Arc<Uploads>>> {
-    if !args.accept_uploads {
+/// Where uploads go: into the folder that is served, or into the store by way of a folder of this computer.
+fn uploads(args: &Args, site: &Site, page: Page) -> anyhow::Result<Option<Arc<Uploads>>> {
+    let access = &args.access;
+    if !access.accept_uploads {
         return Ok(None);
     }
-    let folder = site
-        .catalogue
-        .folder()
-        .context("--accept-uploads needs a folder of objects on this computer, not one object or pack, nor a store")?;
-    let version_bytes = args.upload_limit.saturating_mul(1_000_000_000);
+    let version_bytes = access.upload_limit.saturating_mul(1_000_000_000);
     let limits = UploadLimits {
         version_bytes,
         staged_bytes: version_bytes.saturating_mul(2),
-        days: args.upload_days,
+        days: access.upload_days,
         ..UploadLimits::default()
     };
-    Ok(Some(Arc::new(Uploads::new(folder.to_owned(), page, limits))))
+    let what =
+        "--accept-uploads needs a place for many objects, a folder or s3://bucket/prefix, not one object or pack";
+    let shelf = site.catalogue.shelf().context(what)?;
+    if let Some(folder) = shelf.path() {
+        anyhow::ensure!(
+            access.upload_folder.is_none(),
+            "--upload-folder is for s3://…: what is sent to a folder lies in .kilwa-uploads of it"
+        );
+        return Ok(Some(Arc::new(Uploads::new(folder.to_owned(), page, limits))));
+    }
+    let folder = access.upload_folder.clone().or_else(|| service_folder("STATE_DIRECTORY", "uploads"));
+    let folder = folder.context(
+        "--accept-uploads with s3://… needs a folder of this computer, with room for what is sent until it is verified: give --upload-folder DIR",
+    )?;
+    // A part of a pack takes longer to send than readers are kept waiting.
+    let mut options = store_options(args, store_url(args).unwrap_or_default());
+    options.timeout = options.timeout.max(UPLOAD_PATIENCE);
+    options.retries = 3;
+    Ok(Some(Arc::new(Uploads::into_store(&folder, &S3::open(&options)?, page, limits)?)))
 }
 
 /// The cache of extracts, and the folder that goes with the program where there was no better place.
@@ -290,12 +324,17 @@ fn extracts(args: &ExtractArgs) -> anyhow::Result<Option<(Option<tempfile::TempD
 /// The service's cache folder under systemd, else the user's.
 fn cache_folder() -> Option<PathBuf> {
     let folder = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    let service = || folder("CACHE_DIRECTORY").map(|path| path.join("extracts"));
     let user = || {
         let base = folder("XDG_CACHE_HOME").or_else(|| folder("HOME").map(|home| home.join(".cache")))?;
         Some(base.join("kilwa/extracts"))
     };
-    service().or_else(user)
+    service_folder("CACHE_DIRECTORY", "extracts").or_else(user)
+}
+
+/// A folder in one that systemd gives the service.
+fn service_folder(variable: &str, name: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os(variable).map(PathBuf::from).filter(|path| path.is_absolute())?;
+    Some(folder.join(name))
 }
 
 /// The accounts, which must not lie where they are served.

@@ -9,7 +9,7 @@ use crate::holding::{Holding, SMALL, Tables};
 use crate::object::Manifest;
 use crate::object::layout::{MANIFEST, RESERVED};
 use crate::object::manifest::{Access, AccessState};
-use crate::store::{self, Identity, Place, S3, is_away, is_refused, is_silent};
+use crate::store::{self, Identity, Place, S3, Survey, is_away, is_refused, is_silent};
 use axum::http::StatusCode;
 use kilwa_pack::{HEADER_BYTES, Header, Metadata};
 use std::collections::{BTreeMap, BTreeSet};
@@ -206,6 +206,9 @@ struct Listing {
     others: Vec<Arc<Model>>,
 }
 
+/// An object that was found: where it lies, and the identity of its manifest.
+type Found = (Place, Identity);
+
 /// When the folder was last listed, and how long that took.
 struct Listed {
     at: Instant,
@@ -236,11 +239,7 @@ impl Catalogue {
     pub fn of_store(store: &Arc<S3>) -> Result<Self, CatalogueError> {
         let root = Place::Key(Arc::clone(store), String::new());
         let silent = |source| CatalogueError::Silent { name: store.name().to_owned(), source };
-        let single = match root.join(MANIFEST).identity() {
-            Ok(_) => true,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => false,
-            Err(e) => return Err(silent(e)),
-        };
+        let single = store.is_object().map_err(silent)?;
         let catalogue = Self::begin(root, single).map_err(silent)?;
         // One that is refused is named in the list; where all are, it is the keys.
         let listing = catalogue.listing();
@@ -338,12 +337,13 @@ impl Catalogue {
         let before = self.listing();
         let mut slugs = BTreeSet::new();
         // Objects first: their slugs are the names of their folders, which other places cite.
+        let (survey, objects) = self.objects()?;
         let objects: Vec<_> =
-            self.objects()?.into_iter().map(|(place, id)| (free_slug(&place, &mut slugs), place, id)).collect();
+            objects.into_iter().map(|(place, id)| (free_slug(&place, &mut slugs), place, id)).collect();
         let listed = store::each(&self.root, &objects, |(slug, place, identity)| {
             match listed_before(&before.models, slug, place, identity) {
                 Some(model) => Ok(model),
-                None => object_of(place, slug, identity, &self.tables).map(|model| {
+                None => object_of(place, slug, identity, &survey, &self.tables).map(|model| {
                     // What a store refuses now stays as it is known.
                     let known = before.models.get(slug).filter(|known| model.is_unsure && known.place.is(place));
                     known.cloned().unwrap_or(model)
@@ -369,17 +369,20 @@ impl Catalogue {
         Ok(())
     }
 
-    /// The objects there are, by the names of their folders, and the identities of their manifests.
-    fn objects(&self) -> std::io::Result<Vec<(Place, Identity)>> {
+    /// The objects there are, by the names of their folders, and the identities of their manifests; with what was seen of their files on the way.
+    fn objects(&self) -> std::io::Result<(Arc<Survey>, Vec<Found>)> {
         if !self.single {
-            let objects = self.root.objects()?;
-            return Ok(objects.iter().map(|(name, identity)| (self.root.join(name), identity.clone())).collect());
+            let survey = self.root.objects()?;
+            let objects = survey.objects.iter().map(|(name, identity)| (self.root.join(name), identity.clone()));
+            let objects = objects.collect();
+            return Ok((survey, objects));
         }
-        match self.root.join(MANIFEST).identity() {
-            Ok(identity) => Ok(vec![(self.root.clone(), identity)]),
-            Err(e) if is_silent(&e) => Err(e),
-            Err(_) => Ok(Vec::new()),
-        }
+        let objects = match self.root.join(MANIFEST).identity() {
+            Ok(identity) => vec![(self.root.clone(), identity)],
+            Err(e) if is_silent(&e) => return Err(e),
+            Err(_) => Vec::new(),
+        };
+        Ok((Arc::default(), objects))
     }
 
     /// The packs that lie beside them, sorted; a store has none.
@@ -451,7 +454,13 @@ fn notes_of(pack: &Path) -> Option<PathBuf> {
 }
 
 /// From its manifest alone: a folder of ten thousand objects is listed without looking into each.
-fn object_of(place: &Place, slug: &str, identity: &Identity, tables: &Arc<Tables>) -> std::io::Result<Arc<Model>> {
+fn object_of(
+    place: &Place,
+    slug: &str,
+    identity: &Identity,
+    survey: &Survey,
+    tables: &Arc<Tables>,
+) -> std::io::Result<Arc<Model>> {
     let holding = Holding::new(place.clone(), Arc::clone(tables));
     let mut object = Object { holding, title: String::new(), rights: None, access: None, pack: None };
     let (mut bytes, mut summary, mut is_unsure) = (0, Err("it was withdrawn".to_owned()), false);
@@ -460,7 +469,7 @@ fn object_of(place: &Place, slug: &str, identity: &Identity, tables: &Arc<Tables
         Err(e) if is_away(&e) => return Err(e),
         Err(e) if is_refused(&e) => {
             is_unsure = true;
-            summary = Err(format!("its store does not give its manifest: {e}; see to its rights there"));
+            summary = Err(format!("its store does not give its manifest: {e}; {}", store::hint(&e)));
         }
         Err(e) => summary = Err(format!("cannot be read as an archive object: {e}; run kilwa verify on it")),
         Ok(manifest) => {
@@ -469,7 +478,7 @@ fn object_of(place: &Place, slug: &str, identity: &Identity, tables: &Arc<Tables
             if let Some(version) = manifest.current().filter(|_| object.withdrawn().is_none()) {
                 let name = &version.pack.url;
                 // The name comes from a manifest, whose reader lets through no path that leaves the object.
-                let length = match place.join(name).identity() {
+                let length = match survey.identity(place, name) {
                     Ok(identity) => Some(identity.bytes()),
                     Err(e) if is_away(&e) => return Err(e),
                     // Who asks for it is told; that it is not there nobody can say.

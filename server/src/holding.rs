@@ -88,6 +88,11 @@ impl Entry {
     pub(crate) fn place(&self) -> &Place {
         &self.place
     }
+
+    /// What it was listed as.
+    pub(crate) fn identity(&self) -> &Identity {
+        &self.identity
+    }
 }
 
 /// All files of an object by their addresses, and what they were listed from.

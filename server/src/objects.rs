@@ -23,7 +23,7 @@ use crate::packs::blocking;
 use crate::page::content_type;
 use crate::range::split;
 use crate::site::{Site, accepts};
-use crate::store::{Content, Place, is_silent, warn};
+use crate::store::{Content, Identity, Place, is_silent, warn};
 use axum::body::{Body, Bytes};
 use axum::http::header::{
     ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE, ETAG, VARY, WWW_AUTHENTICATE,
@@ -196,6 +196,13 @@ pub(crate) fn again(model: &Model, e: &io::Error) {
     }
 }
 
+/// List a model anew when it is next asked for.
+pub(crate) fn forget(model: &Model) {
+    if let Some(object) = model.object() {
+        object.holding.forget();
+    }
+}
+
 /// Whether a file is one of the version's viewer, which publishing writes in packed forms too (`NAME.br`, `NAME.gz`).
 fn is_viewer(name: &str) -> bool {
     name.split('/').nth(1) == Some(VIEWER)
@@ -305,6 +312,8 @@ pub(crate) async fn manifest_of(holding: &Arc<Holding>) -> Result<Manifest, Stat
 /// The pack of a version, and where it lies.
 pub(crate) struct FoundPack {
     pub(crate) place: Place,
+    /// As it was listed.
+    pub(crate) identity: Identity,
     pub(crate) version: Version,
     /// Address of the version's preview in the object, where there is one.
     pub(crate) preview: Option<String>,
@@ -321,7 +330,7 @@ pub(crate) async fn pack_of(holding: &Arc<Holding>, version: Option<u32>) -> Res
     let version = version.ok_or(StatusCode::NOT_FOUND)?.clone();
     let entry = table.get(&version.pack.url).ok_or(StatusCode::NOT_FOUND)?;
     let preview = Some(format!("{}/{PREVIEW}", version.folder)).filter(|name| table.get(name).is_some());
-    Ok(FoundPack { place: entry.place().clone(), version, preview })
+    Ok(FoundPack { place: entry.place().clone(), identity: entry.identity().clone(), version, preview })
 }
 
 /// 403: why the geometry cannot be had.

@@ -12,7 +12,7 @@ use clerk::Clerk;
 use common::{Answer, ask, get, object, pack, page, public};
 use kilwa_server::access::{Accounts, Grant};
 use kilwa_server::door::Door;
-use kilwa_server::extracts::{Detail, Extract, Extracts, Failure, Format};
+use kilwa_server::extracts::{Detail, Extract, Extracts, Failure, Format, Pack};
 use kilwa_server::object::manifest::{Access, AccessState};
 use kilwa_server::{Catalogue, Clock, Site, app};
 use std::sync::Arc;

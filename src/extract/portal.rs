@@ -4,9 +4,9 @@ use super::choose;
 use super::format::{Format, Target};
 use super::output::Output;
 use super::stream;
-use crate::source::open_pack;
 use anyhow::Context;
-use kilwa_server::extracts::{Detail, Extract, Failure, Format as Wanted};
+use kilwa_pack::Reader;
+use kilwa_server::extracts::{Detail, Extract, Failure, Format as Wanted, Pack, is_not_given};
 use std::path::Path;
 
 /// The share of the work that is done when all chunks are read; the rest is putting the file together.
@@ -18,15 +18,21 @@ pub(crate) struct ForPortal;
 impl Extract for ForPortal {
     fn extract(
         &self,
-        pack: &Path,
+        pack: &Pack,
         to: &Path,
         format: Wanted,
         detail: Detail,
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<(), Failure> {
         write(pack, to, format, detail, progress).map_err(|e| {
-            let is_full = e.chain().filter_map(|cause| cause.downcast_ref::<std::io::Error>()).any(no_room);
-            if is_full { Failure::Full } else { Failure::Other(format!("{e:#}")) }
+            let causes = || e.chain().filter_map(|cause| cause.downcast_ref::<std::io::Error>());
+            if causes().any(no_room) {
+                Failure::Full
+            } else if causes().any(is_not_given) {
+                Failure::Away
+            } else {
+                Failure::Other(format!("{e:#}"))
+            }
         })
     }
 }
@@ -37,14 +43,14 @@ fn no_room(e: &std::io::Error) -> bool {
 }
 
 fn write(
-    pack: &Path,
+    pack: &Pack,
     to: &Path,
     format: Wanted,
     detail: Detail,
     progress: &(dyn Fn(f64) + Sync),
 ) -> anyhow::Result<()> {
-    let of_pack = || pack.display().to_string();
-    let reader = open_pack(pack)?;
+    let of_pack = || pack.to_string();
+    let reader = Reader::open(pack.open()?).with_context(of_pack)?;
     let (error, triangles) = match detail {
         Detail::Whole => (None, None),
         Detail::Triangles(most) => (None, Some(most)),
@@ -64,7 +70,7 @@ fn write(
     let mut scratch = output.scratch()?;
     let told = |share: f64| progress(share * READ);
     let counts = stream::stream(&reader, &chosen, None, &mut *encoder, &mut scratch, &told).with_context(of_pack)?;
-    anyhow::ensure!(counts.triangles > 0, "{}: it holds no triangle", pack.display());
+    anyhow::ensure!(counts.triangles > 0, "{pack}: it holds no triangle");
     output.write(|out| encoder.assemble(out, &mut scratch, counts))?;
     Ok(())
 }
@@ -101,7 +107,7 @@ mod tests {
                 let made = work.path().join(format!("made.{}", wanted.ending()));
                 let shares = Mutex::new(Vec::new());
                 let told = |share: f64| shares.lock().expect("alone").push(share);
-                ForPortal.extract(&pack, &made, wanted, detail, &told).expect("makes it");
+                ForPortal.extract(&Pack::here(&pack), &made, wanted, detail, &told).expect("makes it");
                 let shares = shares.into_inner().expect("alone");
                 assert!(shares.is_sorted() && shares.last() == Some(&READ), "{shares:?}");
                 let by_hand = work.path().join(format!("by-hand.{}", wanted.ending()));
@@ -124,7 +130,7 @@ mod tests {
             }
         }
         let Err(Failure::Other(why)) = ForPortal.extract(
-            &work.path().join("none.kilwa"),
+            &Pack::here(&work.path().join("none.kilwa")),
             &work.path().join("x.ply"),
             Wanted::Ply,
             Detail::Whole,

@@ -261,7 +261,10 @@ impl Sender {
         loop {
             match now.state {
                 State::Published => return Ok(Published { version: now.version, already: now.already }),
-                State::Verifying => told(Told::Verified(now.done, now.of)),
+                State::Verifying => match &now.waits {
+                    Some(why) => told(Told::Waits(why, pause)),
+                    None => told(Told::Verified(now.done, now.of)),
+                },
                 State::Refused => return Err(passing(now.error.unwrap_or_default())),
                 State::Sending | State::Ready => return Err(passing("the server began anew")),
             }

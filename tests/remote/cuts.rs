@@ -16,11 +16,11 @@ const CUTS: u32 = 50;
 const CLIENT: &str = "KILWA_TEST_CLIENT";
 
 /// One attempt: whatever breaks, breaks it off.
-fn once() -> Patience {
+pub(crate) fn once() -> Patience {
     Patience { attempts: 1, first: Duration::ZERO, longest: Duration::ZERO }
 }
 
-fn publish(address: &str, token: &str, number: u32, site: &Path, patience: Patience) -> Result<u32, String> {
+pub(crate) fn publish(address: &str, token: &str, number: u32, site: &Path, patience: Patience) -> Result<u32, String> {
     let sender = Sender::new(address, token.to_owned(), patience);
     let intent = intent(site, number);
     sender.publish(&intent, &at(site, &intent), &|_| ()).map(|p| p.version)
@@ -40,7 +40,7 @@ fn publishes_until_it_is_killed() {
     drop(publish(parts[0], parts[1], parts[2].parse().unwrap(), Path::new(parts[3]), once()));
 }
 
-fn killed_client(address: &str, token: &str, number: u32, site: &Path, after: Duration) {
+pub(crate) fn killed_client(address: &str, token: &str, number: u32, site: &Path, after: Duration) {
     let mut child = Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "cuts::publishes_until_it_is_killed", "--quiet"])
         .env(CLIENT, format!("{address} {token} {number} {}", site.display()))
@@ -75,7 +75,7 @@ fn seen(folder: &Path) -> usize {
 }
 
 /// How many versions the portal shows of it, 0 where it shows nothing.
-fn portal(address: std::net::SocketAddr) -> usize {
+pub(crate) fn portal(address: std::net::SocketAddr) -> usize {
     let config = ureq::Agent::config_builder().http_status_as_error(false);
     let agent: ureq::Agent = config.timeout_global(Some(Duration::from_secs(10))).build().into();
     let mut answer = agent.get(format!("http://{address}/fort/manifest.json")).call().unwrap();

@@ -3,6 +3,9 @@
 //!
 //! What is sent is made once by `kilwa publish` to a folder; what the server has at the end must be the same bytes.
 
+#[path = "../../server/tests/store/bucket.rs"]
+#[allow(dead_code, reason = "the tests of the server use all of it")]
+mod bucket;
 #[path = "../../src/distrust.rs"]
 mod distrust;
 #[path = "../../src/publish/send.rs"]
@@ -13,6 +16,7 @@ mod support;
 
 mod cuts;
 mod proxy;
+mod stored;
 mod whole;
 
 use kilwa_server::access::{Accounts, Grant, Purpose};
@@ -124,8 +128,13 @@ pub(crate) fn intent(site: &Path, number: u32) -> Intent {
     }
 }
 
-/// `kilwa serve --accept-uploads` over an empty folder, which can be killed and started again at the same address.
+/// Where the objects are in the store.
+pub(crate) const ARCHIVE: &str = "s3://museum/archive";
+
+/// `kilwa serve --accept-uploads` over an empty folder or store, which can be killed and started again at the same address.
 pub(crate) struct Server {
+    /// Where the store is.
+    endpoint: Option<String>,
     child: Option<Child>,
     pub(crate) address: SocketAddr,
     pub(crate) token: String,
@@ -134,6 +143,11 @@ pub(crate) struct Server {
 
 impl Server {
     pub(crate) fn start() -> Self {
+        Self::over(None)
+    }
+
+    /// Over the store at this address.
+    pub(crate) fn over(endpoint: Option<String>) -> Self {
         let dir = tempfile::tempdir().unwrap();
         std::fs::create_dir(dir.path().join("models")).unwrap();
         serving::page(&dir.path().join("www"));
@@ -142,23 +156,35 @@ impl Server {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
         let token = accounts.add_token("robot", Purpose::Publish, 30, now).unwrap();
         accounts.write(&dir.path().join("access.json"), true).unwrap();
-        let mut server = Self { child: None, address: "127.0.0.1:0".parse().unwrap(), token, dir };
+        let mut server = Self { endpoint, child: None, address: "127.0.0.1:0".parse().unwrap(), token, dir };
         server.restart();
         server
     }
 
     pub(crate) fn folder(&self) -> PathBuf {
-        self.dir.path().join("models")
+        self.path("models")
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
     }
 
     /// Kill it, as a power cut would, and start it again.
     pub(crate) fn restart(&mut self) {
         self.kill();
-        let path = |name: &str| self.dir.path().join(name);
+        let path = |name: &str| self.path(name);
         let log = std::fs::OpenOptions::new().create(true).append(true).open(path("log")).unwrap();
-        let mut child = Command::new(env!("CARGO_BIN_EXE_kilwa"))
-            .arg("serve")
-            .arg(self.folder())
+        let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
+        command.arg("serve");
+        match &self.endpoint {
+            None => command.arg(self.folder()),
+            Some(endpoint) => command
+                .env("AWS_ACCESS_KEY_ID", "test")
+                .env("AWS_SECRET_ACCESS_KEY", "secret-of-the-test")
+                .args([ARCHIVE, "--s3-endpoint", endpoint, "--s3-refresh", "1", "--upload-folder"])
+                .arg(path("uploads")),
+        };
+        let mut child = command
             .args(["--listen", &self.address.to_string(), "--accept-uploads", "--access"])
             .arg(path("access.json"))
             .arg("--audit")

@@ -9,6 +9,7 @@ mod bucket;
 #[path = "../http/client.rs"]
 #[allow(dead_code, reason = "the tests of the server use all of it")]
 mod client;
+mod extracts;
 #[path = "../support/mod.rs"]
 mod support;
 
@@ -72,11 +73,26 @@ impl Keeper {
         Self::kilwa().args(args).args(rest).args(more).output().unwrap()
     }
 
+    /// Publish the pack to a folder.
+    fn publish_here(&self) -> PathBuf {
+        let (local, metadata) = (self.path("local"), self.path("fort.toml"));
+        std::fs::write(&metadata, METADATA).unwrap();
+        let (pack, www) = (pack(), self.path("www"));
+        let args = ["publish", text(&pack), "--to", text(&local), "--metadata", text(&metadata), "--www", text(&www)];
+        support::succeeds(&[&args[..], &["--software"]].concat());
+        local
+    }
+
     /// Serve the archive.
     fn serve(&self) -> Server {
+        self.serve_with(&[ARCHIVE, "--s3-endpoint", &self.endpoint, "--s3-refresh", "1"])
+    }
+
+    fn serve_with(&self, what: &[&str]) -> Server {
         let log = std::fs::File::create(self.path("log")).unwrap();
         let mut child = Self::kilwa()
-            .args(["serve", ARCHIVE, "--s3-endpoint", &self.endpoint, "--s3-refresh", "1"])
+            .arg("serve")
+            .args(what)
             .args(["--listen", "127.0.0.1:0", "--www"])
             .arg(self.path("www"))
             .stdout(Stdio::piped())
@@ -107,22 +123,25 @@ impl Server {
     }
 }
 
-/// Put a pack of so many bytes, of no particular content, in the place of the one that was published to a folder: as much of an object as
-/// a server reads of it.
-fn grown(object: &Path, bytes: usize) -> String {
+/// A pack of so many bytes, of no particular content.
+fn filled(bytes: usize) -> Vec<u8> {
+    (0..bytes).map(|i| ((i * i) >> 7) as u8).collect()
+}
+
+/// Put a pack in the place of the one that was published to a folder: as much of an object as a server reads of it.
+fn grown(object: &Path, pack: &[u8]) -> String {
     let mut manifest = Manifest::parse(&std::fs::read(object.join("manifest.json")).unwrap()).unwrap();
     let version = &mut manifest.versions[0];
     let folder = object.join(&version.folder);
-    let pack: Vec<u8> = (0..bytes).map(|i| ((i * i) >> 7) as u8).collect();
-    let (old, sum) = (version.pack.sha256.clone(), sha256(&pack));
+    let (old, sum) = (version.pack.sha256.clone(), sha256(pack));
     std::fs::remove_file(object.join(&version.pack.url)).unwrap();
-    std::fs::write(folder.join(format!("pack.{sum}.kilwa")), &pack).unwrap();
+    std::fs::write(folder.join(format!("pack.{sum}.kilwa")), pack).unwrap();
     let list = std::fs::read_to_string(object.join(&version.checksums.url)).unwrap().replace(&old, &sum);
     std::fs::write(object.join(&version.checksums.url), &list).unwrap();
     version.checksums.bytes = list.len() as u64;
     version.checksums.sha256 = sha256(list.as_bytes());
     version.pack.url = version.pack.url.replace(&old, &sum);
-    version.pack.bytes = bytes as u64;
+    version.pack.bytes = pack.len() as u64;
     version.pack.sha256 = sum;
     let url = format!("/fort/{}", version.pack.url);
     std::fs::write(object.join("manifest.json"), manifest.to_bytes().unwrap()).unwrap();
@@ -140,13 +159,8 @@ async fn slow_readers_of_a_pack_in_a_store_cost_little_memory() {
     }
     let Some(mut bucket) = Bucket::start("slow_readers_of_a_pack_in_a_store…") else { return };
     let keeper = Keeper::of(&bucket);
-    let local = keeper.path("local");
-    let metadata = keeper.path("fort.toml");
-    std::fs::write(&metadata, METADATA).unwrap();
-    let (pack, www) = (pack(), keeper.path("www"));
-    let args = ["publish", text(&pack), "--to", text(&local), "--metadata", text(&metadata), "--www", text(&www)];
-    support::succeeds(&[&args[..], &["--software"]].concat());
-    let url = grown(&local.join("fort"), PACK);
+    let local = keeper.publish_here();
+    let url = grown(&local.join("fort"), &filled(PACK));
     bucket.sync(&local, "archive/of forts");
     let server = keeper.serve();
     let memory = || {

@@ -1,6 +1,6 @@
 //! Who makes meshes in tests, here and in `tests/extracts.rs`: writes what was asked for, when it is let.
 
-use super::{Detail, Extract, Failure, Format};
+use super::{Detail, Extract, Failure, Format, Pack};
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Condvar, Mutex};
@@ -41,7 +41,7 @@ impl Clerk {
 impl Extract for Clerk {
     fn extract(
         &self,
-        pack: &Path,
+        pack: &Pack,
         to: &Path,
         format: Format,
         detail: Detail,
@@ -54,7 +54,7 @@ impl Extract for Clerk {
         if let Some(failure) = &orders.1 {
             return Err(failure.clone());
         }
-        let name = pack.file_name().unwrap_or_default().to_string_lossy();
+        let name = pack.name();
         let text = format!("{} {detail} of {name}", format.ending());
         std::fs::write(to, format!("{text:<BYTES$}")).map_err(|e| Failure::Other(e.to_string()))
     }

@@ -11,16 +11,19 @@
 //! gives an [`Extract`].
 //!
 //! Invariants: the cache holds complete files only, under names made from the pack's hash and the order, never from an address; its size stays below
-//! the limit, the oldest go first; a file is given to whoever may have the pack, and nobody else. Failures: a full disk and a pack that cannot
-//! be read are told to whoever waits, and tried again when somebody asks again.
+//! the limit, the oldest go first; a file is given to whoever may have the pack, and nobody else. Of a pack in a store only what a mesh needs is fetched, into room that
+//! counts beside that of the mesh ([`pack`]). Failures: a full disk and a pack that cannot be read are told to whoever waits, and tried again when somebody asks
+//! again; a store that goes away is waited for, and told of.
 
 #[cfg(test)]
 mod clerk;
 pub(crate) mod order;
+mod pack;
 pub(crate) mod page;
 pub(crate) mod routes;
 
 pub use order::{Detail, Format};
+pub use pack::{Opened, Pack, is_not_given};
 
 use order::Order;
 use std::collections::{BTreeMap, VecDeque};
@@ -51,19 +54,21 @@ const ENDINGS: [&str; 4] = ["ply", "glb", "obj", "stl"];
 pub enum Failure {
     /// No room on the disk.
     Full,
+    /// The store does not answer, or does not give the pack.
+    Away,
     /// Anything else, in a sentence for the log.
     Other(String),
 }
 
 /// Takes a mesh out of a pack.
 pub trait Extract: Send + Sync {
-    /// Write the mesh of the pack at `pack` to `to`, which is there only when it is complete. `progress` is told the share that is done, 0 to 1.
+    /// Write the mesh of `pack` to `to`, which is there only when it is complete. `progress` is told the share that is done, 0 to 1.
     ///
     /// # Errors
     /// [`Failure`]; nothing is left then.
     fn extract(
         &self,
-        pack: &Path,
+        pack: &Pack,
         to: &Path,
         format: Format,
         detail: Detail,
@@ -78,8 +83,8 @@ pub(crate) enum Standing {
     Ready(PathBuf),
     /// So many are before it.
     Waiting(usize),
-    /// So much of it is done, percent.
-    Running(u32),
+    /// So much of it is done, percent; and so many bytes of a pack in a store were fetched.
+    Running(u32, Option<u64>),
     /// It could not be made.
     Failed(Failure),
     /// Nobody asked for it, or it was so long ago that it went for others.
@@ -96,9 +101,9 @@ pub(crate) enum Refusal {
 }
 
 struct Job {
-    pack: PathBuf,
-    /// Bytes on the disk while it is made, at most.
-    room: u64,
+    pack: Pack,
+    /// Bytes on the disk while it is made, at most: of the mesh, and of what is read of a pack in a store.
+    room: [u64; 2],
     order: Order,
     share: Arc<AtomicU32>,
     phase: Phase,
@@ -126,8 +131,13 @@ pub struct Extracts {
     most_bytes: u64,
     workers: usize,
     extractor: Arc<dyn Extract>,
+    /// Asked how much room the disk of a folder has.
+    space: Space,
     state: Mutex<State>,
 }
+
+/// Tells the free bytes of the disk that holds a folder, where that can be known.
+type Space = Box<dyn Fn(&Path) -> Option<u64> + Send + Sync>;
 
 impl Extracts {
     /// With a cache in the folder `cache`, which is made where it is missing, of at most `most_bytes`.
@@ -152,14 +162,30 @@ impl Extracts {
             }
         }
         let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        let extracts = Self { cache, most_bytes, workers, extractor, state: Mutex::default() };
+        let space = Box::new(|at: &Path| fs4::available_space(at).ok());
+        let extracts = Self { cache, most_bytes, workers, extractor, space, state: Mutex::default() };
         extracts.tidy(None);
         Ok(Arc::new(extracts))
+    }
+
+    /// The same, where the disk has as much room as this says: for tests in which it has little.
+    #[must_use]
+    pub fn with_space(mut self: Arc<Self>, space: impl Fn(&Path) -> Option<u64> + Send + Sync + 'static) -> Arc<Self> {
+        if let Some(extracts) = Arc::get_mut(&mut self) {
+            extracts.space = Box::new(space);
+        }
+        self
     }
 
     /// Bytes that the cache may hold.
     pub(crate) fn most_bytes(&self) -> u64 {
         self.most_bytes
+    }
+
+    /// Bytes that an order of a pack of so many triangles takes while it is made: of the mesh, and of what is read of a pack in a store.
+    pub(crate) fn room(&self, pack: &Pack, triangles: u64, order: Order) -> [u64; 2] {
+        let mesh = order.room(triangles);
+        [mesh, pack.room(mesh, self.most_bytes)]
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -173,7 +199,7 @@ impl Extracts {
     /// Have a file of a pack of so many triangles made, unless it is there or being made. Blocks on the file system.
     pub(crate) fn ask(
         self: &Arc<Self>,
-        (pack, hash): (&Path, &str),
+        (pack, hash): (&Pack, &str),
         triangles: u64,
         order: Order,
         network: &str,
@@ -195,7 +221,8 @@ impl Extracts {
                 return Err(Refusal::Busy(30));
             }
             begin(&mut state.starts, network, now).map_err(Refusal::TooMany)?;
-            let (share, pack, room) = (Arc::default(), pack.to_owned(), order.room(triangles));
+            let room = self.room(pack, triangles, order);
+            let (share, pack) = (Arc::default(), pack.clone().with_room(&self.cache, room[1]));
             state.jobs.insert(key.clone(), Job { pack, room, order, share, phase: Phase::Waiting });
             state.line.push_back(key);
         }
@@ -209,8 +236,8 @@ impl Extracts {
         {
             let state = self.lock();
             match state.jobs.get(&key) {
-                Some(Job { phase: Phase::Running, share, .. }) => {
-                    return Standing::Running(share.load(Ordering::Relaxed));
+                Some(Job { phase: Phase::Running, share, pack, .. }) => {
+                    return Standing::Running(share.load(Ordering::Relaxed), pack.fetched());
                 }
                 Some(Job { phase: Phase::Waiting, .. }) => {
                     return Standing::Waiting(state.line.iter().position(|k| *k == key).unwrap_or(0) + 1);
@@ -238,12 +265,12 @@ impl Extracts {
                     continue;
                 };
                 // Whatever is in the cache already goes for it; what is being made beside it does not. Alone it always fits.
-                let room = beside.saturating_add(job.room);
+                let room = beside.saturating_add(total(job.room));
                 if beside > 0 && room > self.most_bytes {
                     return;
                 }
                 job.phase = Phase::Running;
-                let begun = (key, job.pack.clone(), job.order, Arc::clone(&job.share));
+                let begun = (key, (job.pack.clone(), job.room), job.order, Arc::clone(&job.share));
                 state.line.pop_front();
                 state.running += 1;
                 state.room = room;
@@ -258,24 +285,30 @@ impl Extracts {
         }
     }
 
-    fn make(self: &Arc<Self>, key: &str, pack: &Path, order: Order, share: &AtomicU32) {
+    fn make(self: &Arc<Self>, key: &str, (pack, room): &(Pack, [u64; 2]), order: Order, share: &AtomicU32) {
         let progress = |done: f64| share.store((done.clamp(0.0, 1.0) * 100.0) as u32, Ordering::Relaxed);
-        let work = || self.extractor.extract(pack, &self.path(key), order.format, order.detail, &progress);
+        // What would have to be fetched again is not fetched in vain.
+        let lacks_room = || pack.is_stored() && (self.space)(&self.cache).is_some_and(|free| free < total(*room));
+        let work = || if lacks_room() { Err(Failure::Full) } else { self.take(pack, key, order, &progress) };
         // A defect in it must not leave a place taken for ever.
         let made = std::panic::catch_unwind(AssertUnwindSafe(work));
         let made = made.unwrap_or_else(|_| Err(Failure::Other("the program failed".to_owned())));
         match &made {
             Ok(()) => self.tidy(Some(key)),
-            Err(failure) => tracing::warn!("{}: {} could not be made: {failure:?}", pack.display(), order.name(1)),
+            Err(failure) => tracing::warn!("{}: {} could not be made: {failure:?}", pack, order.name(1)),
         }
         self.ended(key, made);
         self.go_on();
     }
 
+    fn take(&self, pack: &Pack, key: &str, order: Order, progress: &(dyn Fn(f64) + Sync)) -> Result<(), Failure> {
+        self.extractor.extract(pack, &self.path(key), order.format, order.detail, progress)
+    }
+
     fn ended(&self, key: &str, made: Result<(), Failure>) {
         let mut state = self.lock();
         state.running = state.running.saturating_sub(1);
-        state.room = state.room.saturating_sub(state.jobs.get(key).map_or(0, |job| job.room));
+        state.room = state.room.saturating_sub(state.jobs.get(key).map_or(0, |job| total(job.room)));
         match made {
             Ok(()) => drop(state.jobs.remove(key)),
             Err(failure) => {
@@ -312,6 +345,11 @@ impl Extracts {
             }
         }
     }
+}
+
+/// All of the room of a job.
+fn total([mesh, pack]: [u64; 2]) -> u64 {
+    mesh.saturating_add(pack)
 }
 
 /// Whether a file of the cache's folder is one of the cache.
@@ -376,13 +414,13 @@ mod tests {
     #[test]
     fn the_same_order_is_made_once_and_others_wait_their_turn() {
         let (_dir, clerk, extracts) = shop(1 << 20, 1);
-        let ask = |n| extracts.ask((Path::new("p"), &hash()), 10, order(n), "net");
+        let ask = |n| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), "net");
         for _ in 0..5 {
             ask(1).unwrap();
         }
         ask(2).unwrap();
         ask(3).unwrap();
-        wait_for(&extracts, order(1), |s| *s == Standing::Running(25));
+        wait_for(&extracts, order(1), |s| *s == Standing::Running(25, None));
         assert_eq!(extracts.standing(&hash(), order(3)), Standing::Waiting(2));
         assert_eq!(extracts.standing(&hash(), order(9)), Standing::Unknown);
         clerk.waits(false);
@@ -399,9 +437,9 @@ mod tests {
         let (_dir, clerk, extracts) = shop(room * 2 + room / 2, 4);
         let within = |n: u32| Order { format: Format::Ply, detail: Detail::Error(f64::from(n) / 1e6) };
         for n in 1..=4 {
-            extracts.ask((Path::new("p"), &hash()), 1000, within(n), "net").unwrap();
+            extracts.ask((&Pack::here(Path::new("p")), &hash()), 1000, within(n), "net").unwrap();
         }
-        wait_for(&extracts, within(2), |s| *s == Standing::Running(25));
+        wait_for(&extracts, within(2), |s| *s == Standing::Running(25, None));
         assert_eq!(extracts.standing(&hash(), within(3)), Standing::Waiting(1));
         assert_eq!(extracts.standing(&hash(), within(4)), Standing::Waiting(2));
         clerk.waits(false);
@@ -414,9 +452,9 @@ mod tests {
     #[test]
     fn the_line_ends_somewhere_and_nobody_fills_it_alone() {
         let (_dir, clerk, extracts) = shop(1 << 20, 1);
-        let ask = |n, net: &str| extracts.ask((Path::new("p"), &hash()), 10, order(n), net);
+        let ask = |n, net: &str| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), net);
         ask(0, "first").unwrap();
-        wait_for(&extracts, order(0), |s| matches!(s, Standing::Running(_)));
+        wait_for(&extracts, order(0), |s| matches!(s, Standing::Running(..)));
         for n in 1..=LINE as u64 {
             ask(n, &format!("net {n}")).unwrap();
         }
@@ -439,7 +477,7 @@ mod tests {
         std::fs::write(dir.path().join("cache/notes.ply"), vec![0; 5000]).unwrap();
         clerk.waits(false);
         for n in 1..=4 {
-            extracts.ask((Path::new("p"), &hash()), 10, order(n), "net").unwrap();
+            extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), "net").unwrap();
             wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
             // Times of files are told apart by more than the clock's steps.
             std::thread::sleep(Duration::from_millis(20));
@@ -455,7 +493,7 @@ mod tests {
         let (_dir, clerk, extracts) = shop(1000, 1);
         clerk.fails(Failure::Full);
         clerk.waits(false);
-        let ask = || extracts.ask((Path::new("p"), &hash()), 10, order(1), "net").unwrap();
+        let ask = || extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(1), "net").unwrap();
         ask();
         wait_for(&extracts, order(1), |s| *s == Standing::Failed(Failure::Full));
         ask();

@@ -8,6 +8,8 @@ use std::fmt::Write as _;
 
 /// Seconds until the page that waits looks again.
 const LOOK_AGAIN: u32 = 2;
+/// The same while the archive's store does not answer.
+const LOOK_LATER: u32 = 10;
 /// What the fields hold before somebody types.
 const TRIANGLES: u64 = 500_000;
 const ERROR: f64 = 0.01;
@@ -156,7 +158,10 @@ fn sizes(s: &mut String, about: &About, reader: &Reader<'_>, asked: Option<Order
 /// How far a file is, or that it is there.
 pub(crate) enum Stage {
     Waiting(usize),
-    Running(u32),
+    /// Percent, and bytes of a pack in a store that were fetched.
+    Running(u32, Option<u64>),
+    /// The store does not answer at the moment.
+    Halted(Option<u64>),
     Ready(u64),
     Failed(Failure),
 }
@@ -168,7 +173,8 @@ pub(crate) fn stage(about: &About, reader: &Reader<'_>, order: Order, stage: &St
     let file = format!("{}/{name}", about.address());
     let path = format!("{file}?page=1");
     let again = match stage {
-        Stage::Waiting(_) | Stage::Running(_) => format!("<meta http-equiv=\"refresh\" content=\"{LOOK_AGAIN}\">\n"),
+        Stage::Waiting(_) | Stage::Running(..) => format!("<meta http-equiv=\"refresh\" content=\"{LOOK_AGAIN}\">\n"),
+        Stage::Halted(_) => format!("<meta http-equiv=\"refresh\" content=\"{LOOK_LATER}\">\n"),
         // The download begins; the page stays.
         Stage::Ready(_) => format!("<meta http-equiv=\"refresh\" content=\"0; url={}\">\n", escape(&file)),
         Stage::Failed(_) => String::new(),
@@ -181,13 +187,18 @@ pub(crate) fn stage(about: &About, reader: &Reader<'_>, order: Order, stage: &St
             let text = l.with("extractQueued", &[("count", &l.count(*before as u64))]);
             writeln!(s, "<p role=\"status\">{text}</p>\n<p class=\"quiet\">{}</p>", l.t("extractWait"))
         }
-        Stage::Running(percent) => {
+        Stage::Running(percent, fetched) => {
             let text = l.with("extractRunning", &[("percent", &percent.to_string())]);
+            let fetched = so_far(reader, *fetched);
             writeln!(
                 s,
-                "<p role=\"status\" id=\"how-far\">{text}</p>\n<p><progress max=\"100\" value=\"{percent}\" aria-labelledby=\"how-far\"></progress></p>\n<p class=\"quiet\">{}</p>",
+                "<p role=\"status\" id=\"how-far\">{text}{fetched}</p>\n<p><progress max=\"100\" value=\"{percent}\" aria-labelledby=\"how-far\"></progress></p>\n<p class=\"quiet\">{}</p>",
                 l.t("extractWait")
             )
+        }
+        Stage::Halted(fetched) => {
+            let fetched = so_far(reader, *fetched);
+            writeln!(s, "<p class=\"problem\" role=\"status\">{}{fetched}</p>", l.t("extractHalted"))
         }
         Stage::Ready(bytes) => writeln!(
             s,
@@ -198,13 +209,23 @@ pub(crate) fn stage(about: &About, reader: &Reader<'_>, order: Order, stage: &St
             l.size(*bytes)
         ),
         Stage::Failed(failure) => {
-            let why = if *failure == Failure::Full { l.t("extractFull") } else { "" };
+            let why = match failure {
+                Failure::Full => l.t("extractFull"),
+                Failure::Away => l.t("extractAway"),
+                Failure::Other(_) => "",
+            };
             writeln!(s, "<p class=\"problem\" role=\"alert\"><strong>{}</strong> {why}</p>", l.t("extractFailed"))
         }
     };
     let _ = writeln!(s, "<p><a class=\"way\" href=\"{}\">{}</a></p>", reader.to(&about.address()), l.t("extractTitle"));
     s.push_str(FOOT);
     s
+}
+
+/// How much of a pack in a store was fetched, as a further sentence.
+fn so_far(reader: &Reader<'_>, fetched: Option<u64>) -> String {
+    let l = reader.language;
+    fetched.map(|bytes| format!(" {}", l.with("extractFetched", &[("size", &l.size(bytes))]))).unwrap_or_default()
 }
 
 /// Why the geometry is not given, and where to sign in.

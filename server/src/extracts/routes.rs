@@ -3,7 +3,7 @@
 
 use super::order::{Detail, Format, Order};
 use super::page::{About, Said, Stage, closed, form, stage};
-use super::{Extracts, Failure, Refusal, Standing};
+use super::{Extracts, Failure, Pack, Refusal, Standing};
 use crate::access::{Verdict, verdict};
 use crate::catalogue::Model;
 use crate::content::{ASK_AGAIN, Source, answer, insert, plain, text};
@@ -14,7 +14,7 @@ use crate::packs::blocking;
 use crate::page::content_type;
 use crate::portal::frame::Reader;
 use crate::portal::language::Language;
-use crate::portal::{encoded, pairs};
+use crate::portal::{encoded, pairs, routes};
 use crate::site::{Site, find, lost, page};
 use crate::store::Content;
 use axum::extract::{Path, Request, State};
@@ -23,7 +23,6 @@ use axum::http::header::{
 };
 use axum::http::{HeaderMap, Method, StatusCode};
 use axum::response::{IntoResponse as _, Response};
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -36,7 +35,9 @@ struct Asked {
     extracts: Arc<Extracts>,
     about: About,
     /// Where the pack lies, and its hash.
-    pack: (PathBuf, Arc<str>),
+    pack: (Pack, Arc<str>),
+    /// The model that it is of.
+    model: Arc<Model>,
     /// Whether only some may have it.
     is_closed: bool,
     /// Leave that was given now, to be kept by the browser.
@@ -47,14 +48,17 @@ struct Asked {
 struct Given {
     pairs: Vec<(String, String)>,
     language: &'static Language,
+    has_collections: bool,
+    has_map: bool,
 }
 
 impl Given {
-    fn of(words: &str, headers: &HeaderMap) -> Self {
+    async fn of(site: &Site, words: &str, headers: &HeaderMap) -> Self {
         let pairs = pairs(words);
         let lang = pairs.iter().find(|(name, _)| name == "lang").map(|(_, value)| value.as_str());
         let language = Language::choose(lang, text(headers, &ACCEPT_LANGUAGE).unwrap_or_default());
-        Self { pairs, language }
+        let has_collections = !routes::collections(site).await.is_empty();
+        Self { pairs, language, has_collections, has_map: routes::has_map(site) }
     }
 
     fn get(&self, wanted: &str) -> Option<&str> {
@@ -62,16 +66,17 @@ impl Given {
     }
 
     fn reader(&self) -> Reader<'_> {
-        Reader { language: self.language, lang: self.get("lang"), has_collections: false, has_map: false }
+        let Self { language, has_collections, has_map, .. } = *self;
+        Reader { language, lang: self.get("lang"), has_collections, has_map }
     }
 }
 
 /// `GET /<slug>/extract`
 pub(crate) async fn ask(State(site): State<Site>, Path(slug): Path<String>, request: Request) -> Response {
-    let given = Given::of(request.uri().query().unwrap_or_default(), request.headers());
     let (address, _) = client_of(&request, site.behind_proxy);
     let (parts, _) = request.into_parts();
     let headers = &parts.headers;
+    let given = Given::of(&site, parts.uri.query().unwrap_or_default(), headers).await;
     match admit(&site, &slug, None, headers, address, &given).await {
         Ok(asked) => {
             let said = if given.get("unknown").is_some() { Said::Unknown } else { Said::Nothing };
@@ -91,7 +96,7 @@ pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, re
     let read = tokio::time::timeout(FORM, axum::body::to_bytes(body, FORM_BYTES)).await;
     let Ok(Ok(words)) = read else { return plain(StatusCode::REQUEST_TIMEOUT).into_response() };
     let headers = &parts.headers;
-    let given = Given::of(&String::from_utf8_lossy(&words), headers);
+    let given = Given::of(&site, &String::from_utf8_lossy(&words), headers).await;
     let asked = match admit(&site, &slug, None, headers, address, &given).await {
         Ok(asked) => asked,
         Err(refused) => return refused,
@@ -102,7 +107,8 @@ pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, re
         return html(&asked, html_, StatusCode::UNPROCESSABLE_ENTITY, headers);
     };
     let triangles = asked.about.triangles;
-    let (size, most) = (order.room(triangles), asked.extracts.most_bytes());
+    let [mesh, read] = asked.extracts.room(&asked.pack.0, triangles, order);
+    let (size, most) = (mesh.saturating_add(read), asked.extracts.most_bytes());
     if size > most {
         let said = form(&asked.about, &reader, Said::TooLarge(size, most), Some(order));
         return html(&asked, said, StatusCode::UNPROCESSABLE_ENTITY, headers);
@@ -163,7 +169,7 @@ pub(crate) async fn file(
     let (address, _) = client_of(&request, site.behind_proxy);
     let (parts, _) = request.into_parts();
     let headers = &parts.headers;
-    let given = Given::of(parts.uri.query().unwrap_or_default(), headers);
+    let given = Given::of(&site, parts.uri.query().unwrap_or_default(), headers).await;
     let Some((version, order)) = Order::parse(&name) else { return lost() };
     let asked = match admit(&site, &slug, Some(version), headers, address, &given).await {
         Ok(asked) => asked,
@@ -180,14 +186,17 @@ pub(crate) async fn file(
     };
     match standing {
         Standing::Waiting(before) => soon(shown(&Stage::Waiting(before), StatusCode::ACCEPTED)),
-        Standing::Running(percent) => soon(shown(&Stage::Running(percent), StatusCode::ACCEPTED)),
+        // It goes on when the store answers again.
+        Standing::Running(_, fetched @ Some(_)) if is_away(&site) => {
+            later(shown(&Stage::Halted(fetched), StatusCode::SERVICE_UNAVAILABLE))
+        }
+        Standing::Running(percent, fetched) => soon(shown(&Stage::Running(percent, fetched), StatusCode::ACCEPTED)),
+        Standing::Failed(Failure::Away) => later(shown(&Stage::Failed(Failure::Away), StatusCode::SERVICE_UNAVAILABLE)),
+        Standing::Failed(Failure::Full) => shown(&Stage::Failed(Failure::Full), StatusCode::INSUFFICIENT_STORAGE),
         Standing::Failed(failure) => {
-            let status = if failure == Failure::Full {
-                StatusCode::INSUFFICIENT_STORAGE
-            } else {
-                StatusCode::INTERNAL_SERVER_ERROR
-            };
-            shown(&Stage::Failed(failure), status)
+            // It may be another file by now than the one that was listed.
+            objects::forget(&asked.model);
+            shown(&Stage::Failed(failure), StatusCode::INTERNAL_SERVER_ERROR)
         }
         Standing::Unknown => html(
             &asked,
@@ -219,6 +228,16 @@ pub(crate) async fn file(
 fn soon(mut response: Response) -> Response {
     insert(&mut response, RETRY_AFTER, "2");
     response
+}
+
+fn later(mut response: Response) -> Response {
+    insert(&mut response, RETRY_AFTER, "10");
+    response
+}
+
+/// Whether the store of the archive does not answer.
+fn is_away(site: &Site) -> bool {
+    site.catalogue.place().store().is_some_and(|store| store.away().is_some())
 }
 
 /// The file, whole or a range of it. The same pack and order give the same bytes, so their hash is a strong tag.
@@ -282,7 +301,7 @@ async fn admit(
         Some(_) => of_object(&model, version).await.map_err(or_lost)?,
         None => of_pack(&model, version).await.map_err(or_lost)?,
     };
-    let mut asked = Asked { extracts, about, pack, is_closed: false, cookie: None };
+    let mut asked = Asked { extracts, about, pack, model: Arc::clone(&model), is_closed: false, cookie: None };
     let Some(object) = model.object() else { return Ok(asked) };
     let manifest = objects::manifest_of(&object.holding).await.map_err(or_lost)?;
     let why = match verdict(&manifest.access, &site.clock) {
@@ -307,7 +326,7 @@ async fn admit(
     Err(html(&asked, said, StatusCode::FORBIDDEN, headers))
 }
 
-type Found = (About, (PathBuf, Arc<str>));
+type Found = (About, (Pack, Arc<str>));
 
 async fn of_object(model: &Arc<Model>, version: Option<u32>) -> Result<Found, StatusCode> {
     let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
@@ -322,8 +341,7 @@ async fn of_object(model: &Arc<Model>, version: Option<u32>) -> Result<Found, St
         pack: (format!("/{slug}/{}", found.version.pack.url), found.version.pack.bytes),
         preview: found.preview.map(|name| format!("/{slug}/{name}")),
     };
-    let path = found.place.path().ok_or(StatusCode::NOT_FOUND)?.to_owned();
-    Ok((about, (path, found.version.pack.sha256.as_str().into())))
+    Ok((about, (Pack::of(&found.place, &found.identity), found.version.pack.sha256.as_str().into())))
 }
 
 /// A pack of the folder has one version, which is what it is now.
@@ -342,6 +360,5 @@ async fn of_pack(model: &Arc<Model>, version: Option<u32>) -> Result<Found, Stat
         pack: (model.pack().unwrap_or_default(), model.bytes),
         preview: None,
     };
-    let path = model.place.path().ok_or(StatusCode::NOT_FOUND)?.to_owned();
-    Ok((about, (path, hash)))
+    Ok((about, (Pack::of(&model.place, &model.identity), hash)))
 }

@@ -1,7 +1,8 @@
 //! The catalogue's index: full text and facets over the metadata of a folder of objects, in SQLite.
 //!
 //! The folder (or the store) is the truth and the index is derived: it can be deleted at any time. [`Index::refresh`] compares every object's
-//! manifest (size and time, in a store size and tag) with what was read last, so that a warm start reads nothing but directory entries. What cannot be opened
+//! manifest (size and time, in a store size and tag) with what was read last, so that a warm start reads nothing but directory entries, and of a store nothing but
+//! its list: of its objects the manifests themselves are kept in the file too. What cannot be opened
 //! as an index of this form (damaged, of another version, half written) is made anew from the folder; where no file can be written the index
 //! is held in memory. A store that does not answer changes nothing. An object that cannot be read is kept in a list with the reason, so that nothing vanishes silently.
 //!
@@ -21,11 +22,13 @@ pub use location::degrees_of_box;
 pub use refresh::{Changes, Refused};
 pub use search::{Count, Facet, FacetCounts, Found, Located, PER_PAGE_MAX, Query, Sort};
 
-use crate::store::Place;
+use crate::object::layout::MANIFEST;
+use crate::store::{Place, S3};
+use axum::body::Bytes;
 use readers::Readers;
 use rusqlite::Connection;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use thiserror::Error;
 
@@ -65,7 +68,7 @@ pub struct Index {
     file: Option<PathBuf>,
     writer: Mutex<Connection>,
     /// Searches do not wait for a refresh.
-    readers: Readers,
+    readers: Arc<Readers>,
     facets: facets::Held,
     refreshed: Mutex<Option<Instant>>,
     /// One refresh at a time.
@@ -98,11 +101,15 @@ impl Index {
             Some((connection, file)) => (connection, Some(file)),
             None => (schema::in_memory()?, None),
         };
+        let readers = Arc::new(Readers::default());
+        if let (Some(file), Place::Key(store, part)) = (&file, folder) {
+            keep(store, part, file, &readers);
+        }
         Ok(Self {
             folder: folder.clone(),
             file,
             writer: Mutex::new(writer),
-            readers: Readers::default(),
+            readers,
             facets: facets::Held::default(),
             refreshed: Mutex::default(),
             refreshing: Mutex::default(),
@@ -158,9 +165,14 @@ impl Index {
         }
     }
 
+    /// Whether it keeps manifests: what a folder has is quickly read.
+    fn keeps(&self) -> bool {
+        self.file.is_some() && self.folder.store().is_some()
+    }
+
     fn refresh_once(&self) -> Result<Changes, IndexError> {
         let _one = self.refreshing.lock().unwrap_or_else(PoisonError::into_inner);
-        let changes = refresh::refresh(&self.folder, &|what| what(&mut self.lock()))?;
+        let changes = refresh::refresh(&self.folder, self.keeps(), &|what| what(&mut self.lock()))?;
         *self.refreshed.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
         Ok(changes)
     }
@@ -238,4 +250,16 @@ impl Index {
     fn lock(&self) -> MutexGuard<'_, Connection> {
         self.writer.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// Let a store look into the index for manifests that are as they were when it was written.
+fn keep(store: &S3, part: &str, file: &Path, readers: &Arc<Readers>) {
+    let (part, file, readers) = (part.to_owned(), file.to_owned(), Arc::clone(readers));
+    store.keep(move |key, identity| {
+        let inside = if part.is_empty() { key } else { key.strip_prefix(&part)?.strip_prefix('/')? };
+        let slug = inside.strip_suffix(MANIFEST)?.strip_suffix('/')?;
+        // A damaged index is found out, and made anew, where it is searched and refreshed.
+        let found = readers.with(&file, |connection| refresh::kept(connection, slug, &identity.mark()));
+        found.ok().flatten().map(Bytes::from)
+    });
 }

@@ -12,8 +12,9 @@ use super::{IndexError, search};
 use crate::object::layout::{MANIFEST, METADATA, Slug};
 use crate::object::manifest::MANIFEST_MAX;
 use crate::object::{Manifest, Metadata};
-use crate::store::{self, Identity, Place, is_away, is_refused};
-use rusqlite::{Connection, Transaction, params};
+use crate::store::{self, Identity, Place, Survey, is_away, is_refused};
+use axum::body::Bytes;
+use rusqlite::{Connection, OptionalExtension as _, Transaction, params};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 
@@ -47,12 +48,15 @@ pub struct Refused {
 /// Something that is done with the connection that writes, which is held for just so long.
 type Doing<'a> = &'a mut dyn FnMut(&mut Connection) -> Result<(), IndexError>;
 
+/// `keeps`: whether the manifests themselves are kept too, see [`kept`].
 pub(super) fn refresh(
     folder: &Place,
+    keeps: bool,
     write: &dyn Fn(Doing<'_>) -> Result<(), IndexError>,
 ) -> Result<Changes, IndexError> {
     let failed = |source| IndexError::Folder { place: folder.clone(), source };
-    let there = marks(folder).map_err(failed)?;
+    let survey = folder.objects().map_err(failed)?;
+    let there = marks(&survey);
     let (mut changes, mut before) = (Changes::default(), BTreeMap::new());
     write(&mut |connection| {
         let transaction = connection.transaction()?;
@@ -68,7 +72,7 @@ pub(super) fn refresh(
     })?;
     let new: Vec<_> = there.iter().filter(|(slug, (mark, _))| before.get(*slug) != Some(mark)).collect();
     for part in new.chunks(PART) {
-        let read = store::each(folder, part, |(slug, (_, manifest))| read(folder, slug, manifest));
+        let read = store::each(folder, part, |(slug, (_, manifest))| read(folder, slug, manifest, &survey));
         let read: Vec<Seen> = read.into_iter().collect::<io::Result<_>>().map_err(failed)?;
         let mut kept = BTreeSet::new();
         write(&mut |connection| {
@@ -81,7 +85,13 @@ pub(super) fn refresh(
                 let mark = if seen.is_unsure { "" } else { mark };
                 remove(&transaction, slug)?;
                 match &seen.entry {
-                    Ok(entry) => add(&transaction, mark, entry)?,
+                    Ok(entry) => {
+                        add(&transaction, mark, entry)?;
+                        if let Some(bytes) = seen.manifest.as_ref().filter(|_| keeps) {
+                            let statement = "INSERT INTO manifest (slug, bytes) VALUES (?1, ?2)";
+                            transaction.prepare_cached(statement)?.execute(params![slug, &bytes[..]])?;
+                        }
+                    }
                     Err(why) => {
                         let statement = "INSERT INTO refused (slug, mark, why) VALUES (?1, ?2, ?3)";
                         transaction.prepare_cached(statement)?.execute(params![slug, mark, why])?;
@@ -110,11 +120,16 @@ pub(super) fn refresh(
 }
 
 /// The objects of a folder by name, with the mark of each and what it is made from.
-fn marks(folder: &Place) -> io::Result<BTreeMap<String, (String, Identity)>> {
-    let objects = folder.objects()?;
+fn marks(survey: &Survey) -> BTreeMap<String, (String, Identity)> {
     // The same rule as for addresses: what cannot be asked for is not listed.
-    let shown = objects.iter().filter(|(name, _)| Slug::new(name).is_ok());
-    Ok(shown.map(|(name, identity)| (name.clone(), (identity.mark(), identity.clone()))).collect())
+    let shown = survey.objects.iter().filter(|(name, _)| Slug::new(name).is_ok());
+    shown.map(|(name, identity)| (name.clone(), (identity.mark(), identity.clone()))).collect()
+}
+
+/// The manifest of an object as it was when it had this mark, so that who starts over a store need not ask it for what did not change.
+pub(super) fn kept(connection: &Connection, slug: &str, mark: &str) -> Result<Option<Vec<u8>>, IndexError> {
+    let statement = "SELECT bytes FROM manifest JOIN object USING (slug) WHERE slug = ?1 AND mark = ?2";
+    Ok(connection.prepare_cached(statement)?.query_row([slug, mark], |row| row.get(0)).optional()?)
 }
 
 fn known(transaction: &Transaction<'_>) -> Result<BTreeMap<String, String>, IndexError> {
@@ -129,28 +144,33 @@ struct Seen {
     entry: Result<Entry, String>,
     /// The store refused a part of it.
     is_unsure: bool,
+    /// Its manifest, where it could be read.
+    manifest: Option<Bytes>,
 }
 
 /// An object as it is; an error where the store went away.
-fn read(folder: &Place, slug: &str, manifest: &Identity) -> io::Result<Seen> {
+fn read(folder: &Place, slug: &str, manifest: &Identity, survey: &Survey) -> io::Result<Seen> {
     let object = folder.join(slug);
-    let refused = |why: String, is_unsure| Ok(Seen { entry: Err(format!("{MANIFEST}: {why}")), is_unsure });
-    let manifest = match object.join(MANIFEST).read_listed(manifest, MANIFEST_MAX) {
+    let refused =
+        |why: String, is_unsure| Ok(Seen { entry: Err(format!("{MANIFEST}: {why}")), is_unsure, manifest: None });
+    let (manifest, bytes) = match object.join(MANIFEST).read_listed(manifest, MANIFEST_MAX) {
         Err(e) if is_away(&e) => return Err(e),
         Err(e) => return refused(e.to_string(), is_refused(&e)),
         Ok(bytes) => match Manifest::parse(&bytes) {
-            Ok(manifest) => manifest,
+            Ok(manifest) => (manifest, bytes),
             Err(e) => return refused(e.to_string(), false),
         },
     };
     if manifest.slug != slug {
         let why = format!("the folder is named {slug}, its manifest says {}; rename the folder", manifest.slug);
-        return Ok(Seen { entry: Err(why), is_unsure: false });
+        return Ok(Seen { entry: Err(why), is_unsure: false, manifest: None });
     }
     // Without its metadata an object is still shown: the manifest has what counts.
     let folder = manifest.current().map(|v| v.folder.clone()).unwrap_or_default();
     let mut is_unsure = false;
-    let metadata = match object.join(&folder).join(METADATA).read(METADATA_MAX) {
+    let name = format!("{folder}/{METADATA}");
+    let read = survey.identity(&object, &name).and_then(|found| object.join(&name).read_listed(&found, METADATA_MAX));
+    let metadata = match read {
         Err(e) if is_away(&e) => return Err(e),
         Err(e) => {
             is_unsure = is_refused(&e);
@@ -163,7 +183,7 @@ fn read(folder: &Place, slug: &str, manifest: &Identity) -> io::Result<Seen> {
     {
         tracing::warn!("{slug}: {why}; the catalogue has what the manifest says");
     }
-    Ok(Seen { entry: Ok(Entry::of(&manifest, metadata.ok())), is_unsure })
+    Ok(Seen { entry: Ok(Entry::of(&manifest, metadata.ok())), is_unsure, manifest: Some(bytes) })
 }
 
 /// Whether what is known of an object is better than what was seen of it now: where the store refused its manifest; and where the store refused
@@ -224,6 +244,7 @@ fn remove(transaction: &Transaction<'_>, slug: &str) -> Result<(), IndexError> {
         .execute([slug])?;
     transaction.prepare_cached("DELETE FROM object WHERE slug = ?1")?.execute([slug])?;
     transaction.prepare_cached("DELETE FROM refused WHERE slug = ?1")?.execute([slug])?;
+    transaction.prepare_cached("DELETE FROM manifest WHERE slug = ?1")?.execute([slug])?;
     Ok(())
 }
 
@@ -255,7 +276,7 @@ mod tests {
             serde_json::from_value(metadata).unwrap()
         });
         let manifest = Manifest::parse(manifest.to_string().as_bytes()).unwrap();
-        Seen { entry: Ok(Entry::of(&manifest, metadata)), is_unsure: !with_metadata }
+        Seen { entry: Ok(Entry::of(&manifest, metadata)), is_unsure: !with_metadata, manifest: None }
     }
 
     #[test]
@@ -283,7 +304,7 @@ mod tests {
         for (i, change) in hiding.into_iter().enumerate() {
             assert!(!kept(change), "change {i}");
         }
-        let refused = Seen { entry: Err("manifest.json: 403".to_owned()), is_unsure: true };
+        let refused = Seen { entry: Err("manifest.json: 403".to_owned()), is_unsure: true, manifest: None };
         assert!(stays(&transaction, "fort", &refused).unwrap(), "nobody can say what it is now");
         assert!(!stays(&transaction, "wall", &seen(&|_| (), false)).unwrap(), "nothing is known of it");
         assert!(!stays(&transaction, "fort", &seen(&|_| (), true)).unwrap(), "everything could be read");

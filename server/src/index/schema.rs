@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 /// Version of the tables below.
-const VERSION: i64 = 4;
+const VERSION: i64 = 5;
 /// "Kilw": marks the file as ours, so that no other database is ever removed.
 const APPLICATION: i64 = 0x4b69_6c77;
 /// A writer waits so long for another program that looks into the file.
@@ -18,7 +18,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// `object.json` is an [`super::Entry`]; the other columns are what is sorted and filtered by. `has` says which values of
 /// which facets it has, by number, so that counting them compares no texts. `generation` is counted up with every change, from a number that no
 /// other index began with. The orders of lists are those of the indexes, so that far pages read no object before theirs. `text` holds what is
-/// searched, by the same `rowid`.
+/// searched, by the same `rowid`. `manifest` holds the manifests of a store's objects as they were at their marks, for the next start.
 const TABLES: &str = "
     CREATE TABLE object (
         id INTEGER PRIMARY KEY,
@@ -45,6 +45,7 @@ const TABLES: &str = "
     ) WITHOUT ROWID;
     CREATE INDEX has_value ON has (value, object);
     CREATE TABLE generation (n INTEGER NOT NULL);
+    CREATE TABLE manifest (slug TEXT NOT NULL UNIQUE, bytes BLOB NOT NULL);
     CREATE TABLE refused (slug TEXT PRIMARY KEY, mark TEXT NOT NULL, why TEXT NOT NULL) WITHOUT ROWID;
     CREATE VIRTUAL TABLE text USING fts5 (
         title, place, subject, people, description,

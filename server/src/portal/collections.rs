@@ -1,6 +1,6 @@
 //! Collections: models that belong together, with a title, a text and an order, in one file of the archive.
 //!
-//! `collections.toml` lies in the folder of the objects, or where `--collections` says:
+//! `collections.toml` lies beside the objects, in their folder or their store, or where `--collections` says:
 //!
 //! ```toml
 //! [[collection]]
@@ -12,28 +12,28 @@
 //! ```
 //!
 //! Pages: `/collections/`, `/collections/<slug>/` and its `feed.xml`; in OAI-PMH each is a set. Invariants: slugs are as those of objects, and none is
-//! there twice; a member that is not in the index, or was withdrawn, is passed over. The file is looked at when somebody asks, at most once a second.
-//! Failures: a file that cannot be read leaves what was read before, and says in the log what is wrong and on which line.
+//! there twice; a member that is not in the index, or was withdrawn, is passed over. The file is looked at when somebody asks, at most once a second, in a store
+//! as often as its list. Failures: a file that cannot be read leaves what was read before, and says in the log what is wrong and on which line; a store that
+//! does not answer, or does not give it, leaves it too, and says so itself.
 
 use super::catalogue::card;
 use super::frame::{FOOT, Reader, feed_link, head};
 use crate::index::Entry;
 use crate::object::layout::Slug;
 use crate::object::record::xml::escape;
-use crate::store::Identity;
+use crate::store::{Identity, Place, is_away, is_silent};
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::io;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 /// Its name in a folder of objects.
 pub const FILE: &str = "collections.toml";
 /// Longest file that is read, bytes.
 const FILE_MAX: u64 = 4 << 20;
-/// The file is looked at at most this often.
-const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
 /// One collection.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
@@ -99,7 +99,7 @@ pub(crate) fn parse(text: &str) -> Result<Vec<Collection>, String> {
 /// The collections of an archive, as its file says now.
 #[derive(Debug)]
 pub struct Collections {
-    file: PathBuf,
+    file: Place,
     known: Mutex<Known>,
 }
 
@@ -114,25 +114,43 @@ impl Collections {
     /// Those that `file` says; it need not be there yet.
     #[must_use]
     pub fn new(file: PathBuf) -> Self {
-        Self { file, known: Mutex::default() }
+        Self { file: Place::Path(file), known: Mutex::default() }
     }
 
-    /// All of them, in the order of the file. Blocks on the file system, at most once a second.
+    /// Those that lie beside the objects of `shelf`, a folder or a store, as `collections.toml`. Looks at once.
+    #[must_use]
+    pub fn beside(shelf: &Place) -> Self {
+        let collections = Self { file: shelf.join(FILE), known: Mutex::default() };
+        drop(collections.all());
+        collections
+    }
+
+    /// All of them, in the order of the file. Blocks on the file system at most once a second, on a store as often as its list is asked for.
     pub(crate) fn all(&self) -> Arc<Vec<Collection>> {
-        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        if known.looked.is_some_and(|at| at.elapsed() < LOOK_AGAIN) {
-            return Arc::clone(&known.all);
-        }
-        known.looked = Some(Instant::now());
-        let mark = std::fs::metadata(&self.file).ok().map(|m| Identity::of(&m));
-        if mark != known.mark {
-            known.mark = mark;
-            match read(&self.file) {
-                Ok(all) => known.all = Arc::new(all),
-                Err(why) => {
-                    tracing::warn!("{}: {why}; the collections are those that were read before", self.file.display());
+        let before = {
+            let mut known = self.lock();
+            if known.looked.is_some_and(|at| at.elapsed() < self.file.listed_for()) {
+                return Arc::clone(&known.all);
+            }
+            // Whoever asks while a store is asked gets what is known.
+            known.looked = Some(Instant::now());
+            known.mark.clone()
+        };
+        let seen = look(&self.file, before.as_ref());
+        let mut known = self.lock();
+        match seen {
+            Ok(Some((mark, read))) => {
+                known.mark = mark;
+                match read {
+                    Ok(all) => known.all = Arc::new(all),
+                    Err(why) => {
+                        tracing::warn!("{}: {why}; the collections are those that were read before", self.file);
+                    }
                 }
             }
+            // As soon as it answers: what does not is not asked before.
+            Err(e) if is_away(&e) => known.looked = None,
+            Ok(None) | Err(_) => {}
         }
         Arc::clone(&known.all)
     }
@@ -141,22 +159,39 @@ impl Collections {
     pub(crate) fn get(&self, slug: &str) -> Option<Collection> {
         self.all().iter().find(|c| c.slug == slug).cloned()
     }
+
+    fn lock(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
-fn read(file: &Path) -> Result<Vec<Collection>, String> {
-    use std::io::Read as _;
-    let opened = match std::fs::File::open(file) {
-        Ok(opened) => opened,
+/// What is there now, and what tells it from what was there `before`.
+type Seen = (Option<Identity>, Result<Vec<Collection>, String>);
+
+/// The file as it is now, unless it is the same as `before`.
+///
+/// # Errors
+/// When its store gives no answer, or not this file, which says nothing about it.
+fn look(file: &Place, before: Option<&Identity>) -> io::Result<Option<Seen>> {
+    let mark = match file.identity() {
+        Ok(mark) => mark,
+        Err(e) if is_silent(&e) => return Err(e),
         // Taken away: there are none.
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(e) => return Err(e.to_string()),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(before.map(|_| (None, Ok(Vec::new())))),
+        Err(e) => return Ok(before.map(|_| (None, Err(e.to_string())))),
     };
-    let mut text = String::new();
-    opened.take(FILE_MAX + 1).read_to_string(&mut text).map_err(|e| e.to_string())?;
-    if text.len() as u64 > FILE_MAX {
-        return Err(format!("more than {FILE_MAX} bytes"));
+    if before == Some(&mark) {
+        return Ok(None);
     }
-    parse(&text)
+    let read = match file.read_listed(&mark, FILE_MAX) {
+        Ok(bytes) => std::str::from_utf8(&bytes).map_err(|e| e.to_string()).and_then(parse),
+        Err(e) if is_silent(&e) => return Err(e),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
+        // Another one by now: it is looked at again.
+        Err(e) if crate::store::is_changed(&e) => return Ok(None),
+        Err(e) => Err(e.to_string()),
+    };
+    Ok(Some((Some(mark), read)))
 }
 
 /// Collections as links with their numbers.

@@ -69,8 +69,7 @@ struct Asked {
 impl Asked {
     async fn of(site: &Site, query: Option<&str>) -> Self {
         let pairs = pairs(query.unwrap_or_default());
-        let collections = collections(site).await;
-        Self { pairs, collections, has_map: site.index.is_some() && site.catalogue.has_objects() }
+        Self { pairs, collections: collections(site).await, has_map: has_map(site) }
     }
 
     fn get(&self, name: &str) -> Option<&str> {
@@ -84,8 +83,13 @@ impl Asked {
     }
 }
 
+/// Whether there is an index, and so a map.
+pub(crate) fn has_map(site: &Site) -> bool {
+    site.index.is_some() && site.catalogue.has_objects()
+}
+
 /// The collections as they are now.
-async fn collections(site: &Site) -> Arc<Vec<Collection>> {
+pub(crate) async fn collections(site: &Site) -> Arc<Vec<Collection>> {
     let Some(collections) = site.collections.clone() else { return Arc::default() };
     blocking(move || collections.all()).await.unwrap_or_default()
 }

@@ -6,6 +6,7 @@
 //! it is small. Failures: [`is_silent`] tells that the store gives no answer, or not this file, from that a thing is not there, so that nothing is
 //! dropped from a list because of a silence or a refusal; [`outage`] says the former to readers.
 
+mod blocks;
 mod folder;
 mod held;
 mod http;
@@ -13,14 +14,17 @@ mod outage;
 mod publish;
 mod refused;
 mod s3;
+mod survey;
 
 pub use publish::{Against, Sent};
 pub use s3::{S3, S3Options, StoreError};
 
+pub(crate) use blocks::{BLOCK, Blocks};
 pub(crate) use folder::{Identity, read_small};
 pub(crate) use outage::{is_away, tell};
-pub(crate) use refused::is_refused;
-pub(crate) use s3::HELD_MAX;
+pub(crate) use refused::{hint, is_refused};
+pub(crate) use s3::{HELD_MAX, is_changed};
+pub(crate) use survey::Survey;
 
 use axum::body::Bytes;
 use std::collections::BTreeMap;
@@ -126,14 +130,6 @@ impl Place {
         }
     }
 
-    /// All of a file of at most `most` bytes, as it is now.
-    pub(crate) fn read(&self, most: u64) -> io::Result<Vec<u8>> {
-        match self {
-            Self::Path(path) => read_small(path, most),
-            Self::Key(store, key) => store.read(key, most),
-        }
-    }
-
     /// All of a file of at most `most` bytes that was listed as `identity`: from the folder as it is now, from the store as it was listed.
     pub(crate) fn read_listed(&self, identity: &Identity, most: u64) -> io::Result<Bytes> {
         match self {
@@ -142,10 +138,11 @@ impl Place {
         }
     }
 
-    /// The objects directly below: folders with a manifest, nothing hidden, with what tells the versions of their manifests apart.
-    pub(crate) fn objects(&self) -> io::Result<Arc<BTreeMap<String, Identity>>> {
+    /// The objects directly below: folders with a manifest, nothing hidden, with what tells the versions of their manifests apart, and of a store
+    /// what its list says of their packs and metadata.
+    pub(crate) fn objects(&self) -> io::Result<Arc<Survey>> {
         match self {
-            Self::Path(path) => folder::objects(path).map(Arc::new),
+            Self::Path(path) => folder::objects(path).map(Survey::of).map(Arc::new),
             Self::Key(store, key) => store.objects(key),
         }
     }

@@ -93,13 +93,23 @@ impl Outage {
     }
 }
 
-/// Say in a 503 that the store is the reason, and when to come again.
+/// Say in a 503 that the store is the reason, and when to come again; also where it refuses one file alone.
 pub(crate) async fn tell(State(place): State<Place>, request: Request, next: Next) -> Response {
     let wants_page =
         request.headers().get(ACCEPT).and_then(|v| v.to_str().ok()).is_some_and(|v| v.contains("text/html"));
+    let slug = slug_of(request.uri().path());
     let mut response = next.run(request).await;
     let away = place.store().and_then(|store| store.away());
-    if response.status() != StatusCode::SERVICE_UNAVAILABLE || away.is_none() {
+    if response.status() != StatusCode::SERVICE_UNAVAILABLE {
+        return response;
+    }
+    if away.is_none() {
+        if !place.store().is_some_and(|store| slug.is_some_and(|slug| store.refuses(&slug))) {
+            return response;
+        }
+        let headers = response.headers_mut();
+        headers.entry(RETRY_AFTER).or_insert(HeaderValue::from_static(COME_AGAIN));
+        headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
         return response;
     }
     let said = "The archive's storage does not answer at the moment. Nothing is lost; please come again in a minute.";
@@ -109,15 +119,26 @@ pub(crate) async fn tell(State(place): State<Place>, request: Request, next: Nex
         ("text/plain; charset=utf-8", format!("503 Service Unavailable: {said}\n"))
     };
     let headers = response.headers_mut();
-    let has_page = headers.get(CONTENT_TYPE).is_some_and(|v| v.as_bytes().starts_with(b"text/html"));
+    let is_of = |kind: &str| headers.get(CONTENT_TYPE).is_some_and(|v| v.as_bytes().starts_with(kind.as_bytes()));
+    let has_words = is_of("text/html") || is_of("application/json");
     headers.insert(RETRY_AFTER, HeaderValue::from_static(COME_AGAIN));
     headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
-    if has_page {
-        // It says so itself, in the reader's language.
+    if has_words {
+        // It says so itself, in the reader's language, or to a program.
         return response;
     }
     headers.insert(CONTENT_TYPE, HeaderValue::from_static(kind));
     headers.remove(axum::http::header::CONTENT_LENGTH);
     *response.body_mut() = Body::from(body);
     response
+}
+
+/// The object that an address is about.
+fn slug_of(path: &str) -> Option<String> {
+    let mut parts = path.trim_start_matches('/').split('/');
+    let slug = match (parts.next()?, parts.next()) {
+        ("packs", Some(name)) => name.split('.').next()?,
+        (slug, _) => slug,
+    };
+    (!slug.is_empty()).then(|| slug.to_owned())
 }

@@ -10,7 +10,7 @@
 
 use super::folder::walk;
 use super::s3::lock;
-use super::{S3, read_small};
+use super::{S3, is_refused, read_small};
 use crate::content::{ASK_AGAIN, FOR_EVER};
 use crate::holding::SMALL;
 use crate::object::Manifest;
@@ -19,8 +19,8 @@ use crate::object::layout::{MANIFEST, METADATA, PAGE, Slug, version_folder};
 use crate::page::content_type;
 use axum::body::Bytes;
 use object_store::{
-    Attribute, AttributeValue, Attributes, Error, GetOptions, MultipartUpload, ObjectMeta, ObjectStore as _, PutMode,
-    PutMultipartOptions, PutOptions, PutPayload, UpdateVersion,
+    Attribute, AttributeValue, Attributes, Error, GetOptions, MultipartUpload, ObjectMeta, ObjectStore as _,
+    ObjectStoreExt as _, PutMode, PutMultipartOptions, PutOptions, PutPayload, UpdateVersion,
 };
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -33,6 +33,8 @@ const PART: u64 = 16 << 20;
 const PARTS: u64 = 9000;
 /// How often a file that somebody else writes at the same time is tried.
 const TRIES: usize = 3;
+/// What is written to see whether that is allowed.
+const PROBE: &str = ".kilwa-may-write";
 /// Name of the SHA-256 in a file's metadata.
 const SUM: &str = "sha256";
 
@@ -129,10 +131,41 @@ impl S3 {
                 Some(tag) => PutMode::Update(UpdateVersion { e_tag: Some(tag.clone()), version: None }),
             };
             let attributes = attributes(name, ASK_AGAIN, &sha256(&bytes));
-            self.put(&format!("{slug}/{name}"), bytes.into(), mode, attributes).map_err(or_others)?;
+            let bytes = Bytes::from(bytes);
+            match self.put(&format!("{slug}/{name}"), bytes.clone(), mode, attributes) {
+                // Ours, whose answer was lost, so that it was put a second time.
+                Err(e) if super::s3::is_changed(&e) && self.manifest(slug).is_ok_and(|there| there == bytes) => {}
+                put => drop(put.map_err(or_others)?),
+            }
         }
-        *lock(&self.objects) = None;
+        self.forget_list();
         Ok(sent)
+    }
+
+    /// The manifest of an object, as it is now.
+    pub(crate) fn manifest(self: &Arc<Self>, slug: &Slug) -> io::Result<Vec<u8>> {
+        self.read(&format!("{slug}/{MANIFEST}"), SMALL)
+    }
+
+    /// List the objects anew when they are next asked for.
+    pub(crate) fn forget_list(&self) {
+        *lock(&self.objects) = None;
+    }
+
+    /// Whether it lets itself be written to: puts a small hidden file there, and takes it away again.
+    pub(crate) fn check_writing(self: &Arc<Self>) -> io::Result<()> {
+        let said = |e: io::Error| {
+            let why = "these keys may not write there; uploads need keys with s3:PutObject: see AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY";
+            let said =
+                if is_refused(&e) { format!("{}: {e}: {why}", self.name()) } else { format!("{}: {e}", self.name()) };
+            io::Error::other(said)
+        };
+        let bytes = Bytes::from_static(b"kilwa serve --accept-uploads asks whether it may write here\n");
+        self.put(PROBE, bytes, PutMode::Overwrite, Attributes::new()).map_err(said)?;
+        let path = self.at(PROBE)?;
+        // Who may write and not delete leaves it there: it is hidden, and some sixty bytes.
+        drop(self.wait(PROBE, move |store| async move { store.client.delete(&path).await }));
+        Ok(())
     }
 
     /// Nobody has published since.

@@ -20,6 +20,22 @@ const ANSWERED_FOR: Duration = Duration::from_secs(1);
 #[derive(Debug, Clone)]
 pub(super) struct Refused(pub(super) String);
 
+impl Refused {
+    /// What to do about it: whether it has not the right or the store has trouble is in the status that it gave.
+    fn hint(&self) -> &'static str {
+        if self.0.starts_with("the store says 5") {
+            "the store has trouble with it; where that stays, ask whoever keeps the store"
+        } else {
+            "see to its rights in the store"
+        }
+    }
+}
+
+/// What to do about a file that was refused alone.
+pub(crate) fn hint(e: &io::Error) -> &'static str {
+    e.get_ref().and_then(|inner| inner.downcast_ref::<Refused>()).map_or("", Refused::hint)
+}
+
 impl fmt::Display for Refused {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.0)
@@ -53,6 +69,13 @@ impl Refusals {
         answered.is_some_and(|at| at.elapsed() < ANSWERED_FOR)
     }
 
+    /// Whether something of an object was refused a while ago.
+    pub(super) fn concern(&self, slug: &str) -> bool {
+        let said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_of = |key: &str| key.strip_prefix(slug).is_some_and(|rest| rest.starts_with('/'));
+        said.iter().any(|(key, at)| is_of(key) && at.elapsed() < SAID_FOR)
+    }
+
     /// It answers.
     pub(super) fn answers(&self) {
         *self.answered.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
@@ -72,8 +95,19 @@ impl Refusals {
         }
         said.insert(key.to_owned(), Instant::now());
         drop(said);
-        tracing::warn!(
-            "{name}/{key}: {why}; it is answered 503, everything else is served; see to its rights in the store"
-        );
+        tracing::warn!("{name}/{key}: {why}; it is answered 503, everything else is served; {}", why.hint());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_without_rights_and_a_store_with_trouble_are_told_apart() {
+        assert!(Refused("the store says 403 Forbidden (AccessDenied)".to_owned()).hint().contains("rights"));
+        let trouble = io::Error::from(Refused("the store says 500 Internal Server Error (InternalError)".to_owned()));
+        assert!(hint(&trouble).contains("trouble") && !hint(&trouble).contains("rights"));
+        assert_eq!(hint(&io::Error::other("the disk")), "");
     }
 }

@@ -10,7 +10,8 @@ use super::held::Held;
 use super::http::{Connector, Seen};
 use super::outage::{Away, Outage};
 use super::refused::{Refusals, Refused, is_refused};
-use super::{AT_ONCE, DEPTH, Identity, MOST_FILES};
+use super::survey::Survey;
+use super::{DEPTH, Identity, MOST_FILES, blocks};
 use crate::object::checksums::hex;
 use crate::object::layout::MANIFEST;
 use axum::body::Bytes;
@@ -28,7 +29,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::io;
 use std::ops::Range;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 use thiserror::Error as ThisError;
 use tokio::runtime::Runtime;
@@ -105,7 +106,10 @@ pub enum StoreError {
 }
 
 /// The objects that there were, of which key, and when.
-pub(super) type Listed = (String, Instant, Arc<BTreeMap<String, Identity>>);
+pub(super) type Listed = (String, Instant, Arc<Survey>);
+
+/// Small files that were kept from an earlier time, by key and identity.
+type Kept = Box<dyn Fn(&str, &Identity) -> Option<Bytes> + Send + Sync>;
 
 /// A part of a store.
 pub struct S3 {
@@ -119,6 +123,7 @@ pub struct S3 {
     outage: Outage,
     refusals: Refusals,
     held: Mutex<Held>,
+    kept: OnceLock<Kept>,
     pub(super) objects: Mutex<Option<Listed>>,
     timeout: Duration,
     refresh: Duration,
@@ -169,6 +174,7 @@ impl S3 {
             outage: Outage::default(),
             refusals: Refusals::default(),
             held: Mutex::default(),
+            kept: OnceLock::new(),
             objects: Mutex::default(),
             timeout: options.timeout,
             refresh: options.refresh,
@@ -190,6 +196,28 @@ impl S3 {
         self.outage.why()
     }
 
+    /// Look into what was kept from an earlier time before a small file is asked for. Only the first that is given counts.
+    pub(crate) fn keep(&self, kept: impl Fn(&str, &Identity) -> Option<Bytes> + Send + Sync + 'static) {
+        drop(self.kept.set(Box::new(kept)));
+    }
+
+    /// Whether it is one object, and not a place with many.
+    ///
+    /// # Errors
+    /// When it does not answer.
+    pub fn is_object(self: &Arc<Self>) -> io::Result<bool> {
+        match self.identity(MANIFEST) {
+            Ok(_) => Ok(true),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(false),
+            Err(e) => Err(e),
+        }
+    }
+
+    /// Whether it refused something of an object a while ago.
+    pub(super) fn refuses(&self, slug: &str) -> bool {
+        self.refusals.concern(slug)
+    }
+
     pub(super) fn refresh(&self) -> Duration {
         self.refresh
     }
@@ -200,7 +228,11 @@ impl S3 {
 
     /// Ask for one page of the list: that answers exactly where the rest will.
     async fn first(&self) -> Result<(), Error> {
-        self.client.list(Some(&self.prefix)).next().await.transpose()?;
+        match self.client.list(Some(&self.prefix)).next().await.transpose() {
+            // A key that no path can be made of is an answer too.
+            Ok(_) | Err(Error::InvalidPath { .. }) => {}
+            Err(e) => return Err(e),
+        }
         self.refusals.answers();
         Ok(())
     }
@@ -222,6 +254,11 @@ impl S3 {
             return Err(io::Error::other(format!("longer than {most} bytes")));
         }
         if let Some(bytes) = lock(&self.held).get(key, identity) {
+            return Ok(bytes);
+        }
+        if let Some(bytes) = self.kept.get().and_then(|kept| kept(key, identity))
+            && bytes.len() as u64 == identity.bytes()
+        {
             return Ok(bytes);
         }
         let (path, wanted) = (self.at(key)?, identity.clone());
@@ -259,6 +296,23 @@ impl S3 {
             async move { Err(store.told(&key, e).await) }
         };
         Ok(result.into_stream().or_else(told).boxed())
+    }
+
+    /// Stretches of a file as it was listed, several at once, each whole. Blocks.
+    pub(super) fn stretches(
+        self: &Arc<Self>,
+        key: &str,
+        identity: &Identity,
+        ranges: &[Range<u64>],
+    ) -> io::Result<Vec<Bytes>> {
+        let (path, wanted, ranges) = (self.at(key)?, identity.clone(), ranges.to_vec());
+        self.wait(key, move |store| async move {
+            let get = |range| {
+                let (store, path, wanted) = (Arc::clone(&store), path.clone(), wanted.clone());
+                async move { store.get(&path, &wanted, range).await?.bytes().await }
+            };
+            stream::iter(ranges.into_iter().map(get)).buffered(blocks::AT_ONCE).try_collect().await
+        })
     }
 
     /// SHA-256 of a file as it was listed, in hexadecimal digits.
@@ -299,42 +353,9 @@ impl S3 {
         Ok(result)
     }
 
-    /// The objects directly below `key` and the identities of their manifests; a list that is not old is given again.
-    pub(super) fn objects(self: &Arc<Self>, key: &str) -> io::Result<Arc<BTreeMap<String, Identity>>> {
-        // Whoever asks meanwhile waits for the same list.
-        let mut objects = lock(&self.objects);
-        if let Some((of, at, known)) = objects.as_ref()
-            && of == key
-            && at.elapsed() < self.refresh / 2
-        {
-            return Ok(Arc::clone(known));
-        }
-        let path = self.at(key)?;
-        let before = objects.as_ref().filter(|(of, ..)| of == key).map(|(.., known)| Arc::clone(known));
-        let listed = self.wait(key, move |store| async move { store.client.list_with_delimiter(Some(&path)).await })?;
-        let found = self.wait_told(move |store| async move {
-            let heads = listed.common_prefixes.into_iter().filter_map(|folder| {
-                let name = folder.filename().filter(|name| !name.starts_with('.'))?.to_owned();
-                let (store, before) = (Arc::clone(&store), before.clone());
-                Some(async move {
-                    let found = store.head_of(&folder.join(MANIFEST), &name, before.as_deref()).await?;
-                    Ok(found.map(|identity| (name, identity)))
-                })
-            });
-            stream::iter(heads)
-                .buffer_unordered(AT_ONCE)
-                .try_filter_map(|found| async move { Ok(found) })
-                .try_collect()
-                .await
-        });
-        let found: Arc<BTreeMap<_, _>> = Arc::new(found?);
-        *objects = Some((key.to_owned(), Instant::now(), Arc::clone(&found)));
-        Ok(found)
-    }
-
     /// The identity of an object's manifest. Where the store refuses that one, the object stays in the list, as it was known or as something that
     /// cannot be read.
-    async fn head_of(
+    pub(super) async fn head_of(
         self: &Arc<Self>,
         path: &Path,
         name: &str,
@@ -409,7 +430,7 @@ impl S3 {
     }
 
     /// The same of what says its errors in our words.
-    fn wait_told<T, F>(self: &Arc<Self>, work: impl FnOnce(Arc<Self>) -> F) -> io::Result<T>
+    pub(super) fn wait_told<T, F>(self: &Arc<Self>, work: impl FnOnce(Arc<Self>) -> F) -> io::Result<T>
     where
         T: Send + 'static,
         F: Future<Output = io::Result<T>> + Send + 'static,
@@ -423,7 +444,7 @@ impl S3 {
     }
 
     /// An error in our words. One that is the store's begins an outage; where the store answers otherwise, it is this key's alone.
-    async fn told(self: &Arc<Self>, key: &str, e: Error) -> io::Error {
+    pub(super) async fn told(self: &Arc<Self>, key: &str, e: Error) -> io::Error {
         match e {
             Error::NotFound { ref source, .. } if !source.to_string().contains("NoSuchBucket") => {
                 io::Error::new(io::ErrorKind::NotFound, "it is not in the store")
@@ -510,7 +531,7 @@ fn parse(url: &str) -> Option<(&str, &str)> {
     is_plain.then_some((bucket, prefix.trim_matches('/')))
 }
 
-fn identity_of(meta: &ObjectMeta) -> Identity {
+pub(super) fn identity_of(meta: &ObjectMeta) -> Identity {
     Identity::of_store(meta.size, meta.e_tag.as_deref(), SystemTime::from(meta.last_modified))
 }
 
@@ -531,11 +552,11 @@ fn is_silence(e: &Error) -> bool {
 #[error("the file changed since it was listed")]
 struct Changed;
 
-fn changed() -> io::Error {
+pub(super) fn changed() -> io::Error {
     io::Error::other(Changed)
 }
 
-pub(super) fn is_changed(e: &io::Error) -> bool {
+pub(crate) fn is_changed(e: &io::Error) -> bool {
     e.get_ref().and_then(|inner| inner.downcast_ref::<Changed>()).is_some()
 }
 

@@ -3,7 +3,7 @@
 use super::staging::Staging;
 use super::wire::{FileSaid, Intent, Meant, State, Status};
 use super::{Refusal, Uploads, files, lock};
-use crate::object::assemble::{Facts, Following, agree, complete, existing, further, is_published, next_version};
+use crate::object::assemble::{Facts, Following, agree, complete, further, is_published, next_version};
 use crate::object::checksums::sha256_of;
 use crate::object::date::day_of;
 use crate::object::draft::{Draft, DraftError, Lock};
@@ -13,6 +13,7 @@ use crate::object::sound;
 use crate::object::source::FileSource;
 use axum::http::StatusCode;
 use kilwa_pack::Reader;
+use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::path::Path;
@@ -27,8 +28,15 @@ const PATIENCE: Duration = Duration::from_secs(600);
 pub(super) struct Job {
     pub(super) who: String,
     version: u32,
-    done: AtomicU64,
+    /// Bytes that were verified, and went to a store where the version does.
+    pub(super) done: AtomicU64,
     of: u64,
+    /// Bytes of each file.
+    files: BTreeMap<String, u64>,
+    /// What is on its way to a store.
+    pub(super) sending: Mutex<Option<String>>,
+    /// Why it does not go on at the moment.
+    pub(super) waits: Mutex<Option<String>>,
     pub(super) ended: Mutex<Option<Result<Done, Refusal>>>,
 }
 
@@ -50,10 +58,24 @@ pub(super) struct Done {
 }
 
 impl Job {
-    pub(super) fn new(who: &str, intent: &Intent) -> Self {
-        let of = intent.files.iter().map(|f| f.bytes).sum();
-        let (who, version) = (who.to_owned(), intent.version);
-        Self { who, version, done: AtomicU64::new(0), of, ended: Mutex::default() }
+    /// `is_stored`: what was verified goes to a store.
+    pub(super) fn new(who: &str, intent: &Intent, is_stored: bool) -> Self {
+        let all: u64 = intent.files.iter().map(|f| f.bytes).sum();
+        Self {
+            who: who.to_owned(),
+            version: intent.version,
+            done: AtomicU64::new(0),
+            of: if is_stored { all.saturating_mul(2) } else { all },
+            files: intent.files.iter().map(|f| (f.path.clone(), f.bytes)).collect(),
+            sending: Mutex::default(),
+            waits: Mutex::default(),
+            ended: Mutex::default(),
+        }
+    }
+
+    /// Bytes of a file by its key, `slug/v1/path`; 0 of one that was made here.
+    pub(super) fn bytes_of(&self, key: &str) -> u64 {
+        key.splitn(3, '/').nth(2).and_then(|path| self.files.get(path)).copied().unwrap_or(0)
     }
 
     pub(super) fn is_running(&self) -> bool {
@@ -64,7 +86,10 @@ impl Job {
     pub(super) fn status(&self) -> (StatusCode, Status) {
         let (done, of) = (self.done.load(Ordering::Relaxed), self.of);
         match &*lock(&self.ended) {
-            None => (StatusCode::OK, Status { done, of, ..Status::new(State::Verifying, self.version) }),
+            None => {
+                let waits = lock(&self.waits).clone();
+                (StatusCode::OK, Status { done, of, waits, ..Status::new(State::Verifying, self.version) })
+            }
             Some(Ok(d)) => (StatusCode::OK, Status { already: d.already, ..Status::new(State::Published, d.version) }),
             Some(Err(e)) => {
                 (e.status, Status { error: Some(e.why.clone()), ..Status::new(State::Refused, self.version) })
@@ -82,7 +107,7 @@ pub(super) fn publish(uploads: &Uploads, staging: Staging, job: &Arc<Job>, now: 
     }
     // Whatever takes long needs only the upload, whose lock is held, and keeps nobody else from the folder.
     let checked = checked(&staging, &intent, &meant, job);
-    match checked.and_then(|pack| placed(uploads, &staging, &intent, &meant, pack, now)) {
+    match checked.and_then(|pack| placed(uploads, &staging, &intent, &meant, pack, (job.as_ref(), now))) {
         Ok(done) => {
             staging.remove();
             Ok(done)
@@ -168,11 +193,11 @@ fn placed(
     intent: &Intent,
     meant: &Meant,
     (of_pack, identity): OfPack,
-    now: u64,
+    (job, now): (&Job, u64),
 ) -> Result<Done, Refusal> {
     let _lock = shelf_lock(uploads)?;
-    let object = uploads.shelf.join(&intent.slug);
-    let before = existing(&object).map_err(Refusal::conflict)?;
+    let mut there = uploads.there_at_last(&meant.slug, job)?;
+    let (object, before) = (there.shelf.join(&intent.slug), there.before.take());
     if let Some(m) =
         before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata, intent.notes()))
     {
@@ -198,7 +223,7 @@ fn placed(
         tool: format!("kilwa {}", env!("CARGO_PKG_VERSION")),
     };
     let steps = |what: &str| (uploads.steps)(what);
-    let mut draft = Draft::begin(&uploads.shelf, &facts.slug, facts.version(), &steps).map_err(|e| refused(&e))?;
+    let mut draft = Draft::begin(&there.shelf, &facts.slug, facts.version(), &steps).map_err(|e| refused(&e))?;
     // In the order in which publishing to a folder writes them.
     for file in &intent.files {
         let is_same_file = put(staging, file, &draft.folder())?;
@@ -214,6 +239,7 @@ fn placed(
     let publication = publication.with_notes(&draft.folder()).map_err(|e| Refusal::disk("read the notes", &e))?;
     let drawings = intent.drawings.iter().map(|d| (d.path.clone(), d.words.clone())).collect();
     complete(draft, &facts, &publication, &uploads.page, drawings, None).map_err(|e| refused(&e))?;
+    uploads.send(&facts.slug, publication.version, &there, job)?;
     Ok(Done { version: publication.version, already: false })
 }
 

@@ -18,15 +18,17 @@
 //! is kept until it lapses, unless it is damaged.
 //!
 //! One file per part: `wire` (what is said), `staging` (what lies on the disk), `files` (what a file must be), `finish` (verify and publish),
-//! `routes`.
+//! `there` (the object as it is, in the folder or a store, and the way there), `routes`.
 
 mod files;
 mod finish;
 pub(crate) mod routes;
 mod staging;
+mod there;
 pub mod wire;
 
 use crate::page::Page;
+use crate::store::S3;
 use axum::http::StatusCode;
 use finish::Job;
 use std::collections::HashMap;
@@ -72,7 +74,10 @@ type Space = Arc<dyn Fn(&Path) -> Option<u64> + Send + Sync>;
 
 /// A folder that takes uploads.
 pub struct Uploads {
+    /// The folder that is served; where versions go into a store, one for what is sent.
     shelf: PathBuf,
+    /// The store that versions go into.
+    store: Option<Arc<S3>>,
     page: Page,
     limits: UploadLimits,
     steps: Steps,
@@ -96,6 +101,7 @@ impl Uploads {
     pub fn new(shelf: PathBuf, page: Page, limits: UploadLimits) -> Self {
         Self {
             shelf,
+            store: None,
             page,
             limits,
             steps: Arc::new(|_| Ok(())),
@@ -107,6 +113,20 @@ impl Uploads {
             queues: Mutex::default(),
             begun: Mutex::default(),
         }
+    }
+
+    /// Into a store, by keys that may write there. What is sent lies in `folder` of this computer, which is made where it is missing, until it is verified
+    /// and in the store.
+    ///
+    /// # Errors
+    /// When the folder cannot be made, or the store does not let itself be written to.
+    pub fn into_store(folder: &Path, store: &Arc<S3>, page: Page, limits: UploadLimits) -> io::Result<Self> {
+        let named =
+            |e: io::Error| io::Error::new(e.kind(), format!("cannot keep uploads in {}: {e}", folder.display()));
+        there::prepare(folder).map_err(named)?;
+        store.check_writing()?;
+        let folder = folder.canonicalize().map_err(named)?;
+        Ok(Self { store: Some(Arc::clone(store)), ..Self::new(folder, page, limits) })
     }
 
     /// The same, asked before every change on disk: for tests that fail there.

@@ -5,9 +5,11 @@ use super::staging::{Part, Staging, none};
 use super::wire::{Intent, State as At, Status};
 use super::{Refusal, Uploads, lock};
 use crate::access::audit::Action;
+use crate::catalogue::Catalogue;
 use crate::content::{insert, text};
 use crate::door::{Door, Publisher};
-use crate::object::assemble::{existing, is_published};
+use crate::index::Index;
+use crate::object::assemble::is_published;
 use crate::object::layout::Slug;
 use crate::observe::client_of;
 use crate::packs::blocking;
@@ -140,8 +142,8 @@ async fn begun(
         if let Some(job) = uploads.job(&intent.slug).filter(|j| j.is_running()) {
             return if job.who == who { Ok(job.status()) } else { Err(Refusal::busy()) };
         }
-        let object = uploads.shelf.join(meant.slug.as_str());
-        let before = existing(&object).map_err(Refusal::conflict)?;
+        let there = uploads.there(&meant.slug)?;
+        let (object, before) = (there.shelf.join(meant.slug.as_str()), &there.before);
         if let Some(m) =
             before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata, intent.notes()))
         {
@@ -202,10 +204,10 @@ async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCod
     let (looked, name, object) = (Arc::clone(&uploads), who.clone(), slug.clone());
     let staging = blocking(move || looked.staging(&object, &name)).await;
     let staging = staging.map_err(|status| Refusal::new(status, "the server could not look"))??.ok_or_else(none)?;
-    let job = Arc::new(Job::new(&who, &staging.record.intent));
+    let job = Arc::new(Job::new(&who, &staging.record.intent, uploads.store.is_some()));
     lock(&uploads.jobs).insert(slug.clone(), Arc::clone(&job));
     let (status, said) = job.status();
-    let catalogue = Arc::clone(&site.catalogue);
+    let (catalogue, index) = (Arc::clone(&site.catalogue), site.index.clone());
     let (own, turn) = (uploads.queue(&who), Arc::clone(&uploads.turn));
     let ending = Ending(Arc::clone(&job));
     tokio::spawn(async move {
@@ -214,9 +216,7 @@ async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCod
             let ended = publish(&uploads, staging, &job, now);
             match &ended {
                 Ok(done) => {
-                    if let Err(e) = catalogue.list() {
-                        tracing::warn!("the folder cannot be listed: {e}");
-                    }
+                    show(&catalogue, index.as_deref());
                     if !done.already {
                         door.published(&who, &address, &slug, done.version, now);
                     }
@@ -233,6 +233,22 @@ async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCod
     });
     let status = if status == StatusCode::OK { StatusCode::ACCEPTED } else { status };
     Ok((status, said))
+}
+
+/// Look at what there is at once: a store is else looked at seldom.
+fn show(catalogue: &Catalogue, index: Option<&Index>) {
+    if let Some(store) = catalogue.place().store() {
+        store.forget_list();
+    }
+    if let Err(e) = catalogue.list() {
+        tracing::warn!("{} cannot be listed: {e}", catalogue.place());
+    }
+    // Of a folder whoever searches looks at most a second later.
+    if let Some(index) = index.filter(|_| catalogue.place().store().is_some())
+        && let Err(e) = index.refresh()
+    {
+        tracing::warn!("{e}");
+    }
 }
 
 /// `DELETE /uploads/<slug>`

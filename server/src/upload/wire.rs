@@ -105,7 +105,7 @@ pub struct Status {
     /// Files that are not there, or not wholly.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lacks: Vec<Lacking>,
-    /// Bytes that were verified.
+    /// Bytes that were verified, and sent on where the archive lies in a store.
     #[serde(default)]
     pub done: u64,
     /// Bytes that are to be.
@@ -120,12 +120,25 @@ pub struct Status {
     /// Day on which what was sent lapses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until: Option<String>,
+    /// Why it does not go on at the moment; it will by itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub waits: Option<String>,
 }
 
 impl Status {
     /// Nothing more to say.
     pub(super) fn new(state: State, version: u32) -> Self {
-        Self { state, version, lacks: Vec::new(), done: 0, of: 0, already: false, error: None, until: None }
+        Self {
+            state,
+            version,
+            lacks: Vec::new(),
+            done: 0,
+            of: 0,
+            already: false,
+            error: None,
+            until: None,
+            waits: None,
+        }
     }
 }
 

@@ -120,9 +120,21 @@ struct Traffic {
     rule: Mutex<Option<(String, Fate)>>,
     /// Whether a request is held.
     is_holding: AtomicBool,
+    /// First lines of the requests so far.
+    asked: Mutex<Vec<String>>,
+    /// Bytes of answers so far.
+    carried: AtomicU64,
 }
 
 impl Traffic {
+    /// Write down a request that begins with these bytes.
+    fn note(&self, begins: &[u8]) {
+        let line = String::from_utf8_lossy(begins.split(|b| *b == b'\r').next().unwrap_or_default()).into_owned();
+        if let Some(line) = line.strip_suffix(" HTTP/1.1") {
+            self.asked.lock().expect("no panic").push(line.to_owned());
+        }
+    }
+
     /// What becomes of a request that begins with these bytes.
     fn fate(&self, begins: &[u8]) -> Option<Fate> {
         let line = begins.split(|b| *b == b'\r').next().unwrap_or_default();
@@ -154,6 +166,8 @@ impl Line {
             connections: AtomicU64::new(0),
             rule: Mutex::new(None),
             is_holding: AtomicBool::new(false),
+            asked: Mutex::default(),
+            carried: AtomicU64::new(0),
         };
         let line = Self {
             port,
@@ -244,6 +258,16 @@ impl Line {
         *self.traffic.rule.lock().expect("no panic") = None;
     }
 
+    /// First lines of the requests since this was last asked: method and address.
+    pub(crate) fn asked(&self) -> Vec<String> {
+        std::mem::take(&mut self.traffic.asked.lock().expect("no panic"))
+    }
+
+    /// Bytes of answers since this was last asked.
+    pub(crate) fn carried(&self) -> u64 {
+        self.traffic.carried.swap(0, Ordering::SeqCst)
+    }
+
     /// Connections so far.
     pub(crate) fn connections(&self) -> u64 {
         self.traffic.connections.load(Ordering::SeqCst)
@@ -272,6 +296,7 @@ async fn carry(near: TcpStream, upstream: u16, traffic: &Traffic) {
             if n == 0 {
                 break;
             }
+            traffic.note(&buffer[..n]);
             while traffic.fate(&buffer[..n]) == Some(Fate::Held) {
                 traffic.is_holding.store(true, Ordering::SeqCst);
                 tokio::time::sleep(Duration::from_millis(5)).await;
@@ -293,6 +318,7 @@ async fn carry(near: TcpStream, upstream: u16, traffic: &Traffic) {
             if n == 0 {
                 break;
             }
+            traffic.carried.fetch_add(n as u64, Ordering::SeqCst);
             let left = traffic.left.fetch_sub(n as i64, Ordering::SeqCst).clamp(0, n as i64);
             if near_write.write_all(&buffer[..left as usize]).await.is_err() {
                 break;

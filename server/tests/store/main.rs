@@ -4,9 +4,13 @@
 //! they were skipped.
 
 mod bucket;
+mod collections;
 #[path = "../common/mod.rs"]
 mod common;
+mod extracts;
 mod publishing;
+mod start;
+mod uploads;
 
 use axum::Router;
 use axum::body::Body;
@@ -383,7 +387,7 @@ async fn a_file_that_the_store_refuses_takes_nothing_else_away_and_is_there_as_s
     bucket.line.refuse("/wall/v1/pack.");
     for _ in 0..20 {
         let refused = ask(&app, "GET", &wall, &range).await;
-        assert_eq!(refused.status, 503);
+        assert_eq!((refused.status.as_u16(), refused.header("retry-after")), (503, "10"));
         assert!(!refused.text().contains("storage does not answer"), "the storage does: {}", refused.text());
         assert_eq!(ask(&app, "GET", &fort, &range).await.status, 206, "another file is served meanwhile");
     }

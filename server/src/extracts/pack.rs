@@ -1,0 +1,133 @@
+//! Where the pack lies that a mesh is taken out of, and how it is read: a file of this computer, or one of a store, of which what is needed is fetched.
+
+use crate::object::source::FileSource;
+use crate::store::{BLOCK, Blocks, Identity, Place, is_silent};
+use kilwa_pack::Source;
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Room on the disk for what is read of a pack in a store, at most and at least, bytes.
+const MOST: u64 = 1 << 30;
+const LEAST: u64 = 16 << 20;
+
+/// A pack that lies somewhere.
+#[derive(Debug, Clone)]
+pub struct Pack {
+    place: Place,
+    /// As it was listed, where it lies in a store.
+    identity: Option<Identity>,
+    room: Option<Room>,
+    fetched: Arc<AtomicU64>,
+}
+
+/// Where what is read of it is held.
+#[derive(Debug, Clone)]
+struct Room {
+    folder: PathBuf,
+    bytes: u64,
+}
+
+impl Pack {
+    /// A file of this computer.
+    #[must_use]
+    pub fn here(path: &Path) -> Self {
+        Self { place: Place::Path(path.to_owned()), identity: None, room: None, fetched: Arc::default() }
+    }
+
+    /// As it was listed.
+    pub(crate) fn of(place: &Place, identity: &Identity) -> Self {
+        let identity = place.store().map(|_| identity.clone());
+        Self { place: place.clone(), identity, room: None, fetched: Arc::default() }
+    }
+
+    /// Its file name.
+    pub fn name(&self) -> String {
+        self.place.name()
+    }
+
+    /// Room that reading it takes, bytes, where `beside` of `most` are for something else; at least what it cannot do without.
+    pub(crate) fn room(&self, beside: u64, most: u64) -> u64 {
+        let Some(identity) = &self.identity else { return 0 };
+        let whole = identity.bytes().div_ceil(BLOCK).saturating_mul(BLOCK);
+        let good = (most / 4).clamp(LEAST, MOST).min(most.saturating_sub(beside));
+        whole.min(good.max(LEAST))
+    }
+
+    /// The same, to be held in `folder`.
+    pub(super) fn with_room(mut self, folder: &Path, bytes: u64) -> Self {
+        self.room = Some(Room { folder: folder.to_owned(), bytes });
+        self
+    }
+
+    /// Whether it lies in a store.
+    pub(super) fn is_stored(&self) -> bool {
+        self.identity.is_some()
+    }
+
+    /// Bytes that were fetched of it so far, where it lies in a store.
+    pub(super) fn fetched(&self) -> Option<u64> {
+        self.identity.as_ref().map(|_| self.fetched.load(Ordering::Relaxed))
+    }
+
+    /// Open it for reading.
+    ///
+    /// # Errors
+    /// When it cannot be opened, or there is no room for what is read of it; the message names it.
+    pub fn open(&self) -> io::Result<Opened> {
+        match (&self.place, &self.identity, &self.room) {
+            (Place::Path(path), ..) => FileSource::open(path).map(|file| Opened(Reads::Here(file))),
+            (Place::Key(store, key), Some(identity), Some(room)) => {
+                let fetched = Arc::clone(&self.fetched);
+                let of = (store, key.as_str(), identity);
+                Blocks::new(of, &room.folder, room.bytes, fetched).map(|blocks| Opened(Reads::Stored(blocks)))
+            }
+            (Place::Key(..), ..) => Err(io::Error::other(format!("{self}: there is no room for what is read of it"))),
+        }
+    }
+}
+
+impl fmt::Display for Pack {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.place.fmt(f)
+    }
+}
+
+/// Whether a store gave no answer, or not this file: nothing is wrong with the pack.
+#[must_use]
+pub fn is_not_given(e: &io::Error) -> bool {
+    is_silent(e)
+}
+
+/// A pack that is open.
+pub struct Opened(Reads);
+
+enum Reads {
+    Here(FileSource),
+    Stored(Blocks),
+}
+
+impl Opened {
+    fn source(&self) -> &dyn Source {
+        match &self.0 {
+            Reads::Here(file) => file,
+            Reads::Stored(blocks) => blocks,
+        }
+    }
+}
+
+impl Source for Opened {
+    fn len(&self) -> io::Result<u64> {
+        self.source().len()
+    }
+
+    fn read_at(&self, offset: u64, length: usize) -> io::Result<Vec<u8>> {
+        self.source().read_at(offset, length)
+    }
+
+    fn expect(&self, stretches: &[(u64, usize)]) {
+        self.source().expect(stretches);
+    }
+}

@@ -1,0 +1,163 @@
+//! The object that a version is for, as it is now, and how the version gets there: into the folder that is served, or into a store.
+//!
+//! For a store what a version is made against (manifest, page, metadata of the last version) is fetched into a folder beside the uploads, the version
+//! is made there, and sent: manifest last, and only against what was fetched ([`S3::send`]). Invariants: nothing of such a folder is served; it is
+//! removed when it was sent or not, and what a crash left of it when the server starts. Failures: a store that goes away is waited for, and whoever
+//! asks how far it is is told; one that does not let the server write is named with what to do; somebody else's version is a conflict.
+
+use super::finish::Job;
+use super::{Refusal, Uploads, lock};
+use crate::object::assemble::existing;
+use crate::object::draft::Lock;
+use crate::object::layout::{MANIFEST, Slug};
+use crate::object::manifest::Manifest;
+use crate::store::{Against, S3, is_away, is_refused};
+use axum::http::StatusCode;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// How the folders begin that versions for a store are made in.
+const WORK: &str = ".kilwa-work-";
+/// A store that does not answer is waited for so long; what was sent to the server is kept then.
+const PATIENCE: Duration = Duration::from_secs(3600);
+const LOOK: Duration = Duration::from_millis(250);
+
+/// An object as it is now.
+pub(super) struct There {
+    /// The folder that has it as a folder: the one that is served, or one of our own.
+    pub(super) shelf: PathBuf,
+    /// Its manifest; none for a new one.
+    pub(super) before: Option<Manifest>,
+    stored: Option<(Against, TempDir)>,
+}
+
+impl Uploads {
+    /// The object `slug`; of a store that does not answer, an error at once.
+    pub(super) fn there(&self, slug: &Slug) -> Result<There, Refusal> {
+        let Some(store) = &self.store else {
+            let before = existing(&self.shelf.join(slug.as_str())).map_err(Refusal::conflict)?;
+            return Ok(There { shelf: self.shelf.clone(), before, stored: None });
+        };
+        let work = self.work()?;
+        let against = store.fetch(slug, work.path()).map_err(|e| refused(&e))?;
+        found(slug, work, against)
+    }
+
+    /// The same for a version that is being published: a store that does not answer is waited for.
+    pub(super) fn there_at_last(&self, slug: &Slug, job: &Job) -> Result<There, Refusal> {
+        let Some(store) = &self.store else { return self.there(slug) };
+        let work = self.work()?;
+        let against = waiting(job, || store.fetch(slug, work.path())).map_err(|e| refused(&e))?;
+        found(slug, work, against)
+    }
+
+    fn work(&self) -> Result<TempDir, Refusal> {
+        let made = tempfile::Builder::new().prefix(WORK).tempdir_in(&self.shelf);
+        made.map_err(|e| Refusal::disk("make a folder for the version", &e))
+    }
+
+    /// Send a version that lies complete in `there`, where it is for a store; else it is where it belongs already.
+    pub(super) fn send(&self, slug: &Slug, version: u32, there: &There, job: &Job) -> Result<(), Refusal> {
+        let (Some(store), Some((against, _))) = (&self.store, &there.stored) else { return Ok(()) };
+        let manifest = there.shelf.join(slug.as_str()).join(MANIFEST);
+        let manifest = fs::read(manifest).map_err(|e| Refusal::disk("read the version", &e))?;
+        let told = |key: &str| job.sends(key);
+        let sent = waiting(job, || {
+            (self.steps)("send")?;
+            match store.send(slug, &there.shelf, version, against, &told) {
+                Ok(_) => Ok(()),
+                // What cut the line may have cut off no more than the answer to the last step.
+                Err(e) if !is_away(&e) && has_manifest(store, slug, &manifest)? => Ok(()),
+                Err(e) => Err(e),
+            }
+        });
+        sent.map_err(|e| refused(&e))
+    }
+}
+
+fn found(slug: &Slug, work: TempDir, against: Against) -> Result<There, Refusal> {
+    let before = existing(&work.path().join(slug.as_str())).map_err(Refusal::conflict)?;
+    Ok(There { shelf: work.path().to_owned(), before, stored: Some((against, work)) })
+}
+
+/// Whether the store has this very manifest.
+fn has_manifest(store: &Arc<S3>, slug: &Slug, manifest: &[u8]) -> io::Result<bool> {
+    match store.manifest(slug) {
+        Ok(there) => Ok(there == manifest),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(false),
+        Err(e) => Err(e),
+    }
+}
+
+/// Do it, and again while the store does not answer; meanwhile whoever asks is told.
+fn waiting<T>(job: &Job, mut what: impl FnMut() -> io::Result<T>) -> io::Result<T> {
+    let began = Instant::now();
+    let done = loop {
+        match what() {
+            Err(e) if is_away(&e) && began.elapsed() < PATIENCE => {
+                let said = format!("the archive's storage does not answer ({e}); it goes on when it does");
+                *lock(&job.waits) = Some(said);
+                std::thread::sleep(LOOK);
+            }
+            done => break done,
+        }
+    };
+    *lock(&job.waits) = None;
+    done
+}
+
+/// What the store says, and what to do.
+fn refused(e: &io::Error) -> Refusal {
+    if is_away(e) {
+        let said = format!(
+            "the archive's storage does not answer ({e}); nothing was published. What was sent is kept: run the same command again when it does"
+        );
+        return Refusal { retry_after: Some(10), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, said) };
+    }
+    if is_refused(e) {
+        tracing::error!(
+            "an upload: the store refuses to be written to: {e}; the server's keys need the right to write there (s3:PutObject)"
+        );
+        let said = format!(
+            "the archive's storage does not let this server write ({e}); nothing was published. Ask whoever keeps it for keys that may write, then run the same command again: what was sent is kept"
+        );
+        return Refusal::new(StatusCode::FORBIDDEN, said);
+    }
+    match e.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Refusal::disk("write the version", e),
+        _ => Refusal::conflict(e.to_string()),
+    }
+}
+
+impl Job {
+    /// The next file that goes to the store; those before it are there.
+    fn sends(&self, key: &str) {
+        let mut last = lock(&self.sending);
+        let bytes = last.take().map_or(0, |key| self.bytes_of(&key));
+        self.done.fetch_add(bytes, Ordering::Relaxed);
+        *last = Some(key.to_owned());
+    }
+}
+
+/// Make the folder for uploads where it is missing, and take away what a crash left in it.
+pub(super) fn prepare(folder: &Path) -> io::Result<()> {
+    let mut builder = fs::DirBuilder::new();
+    builder.recursive(true);
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.create(folder)?;
+    // Another server that uses it publishes at this moment: it tidies up itself.
+    let Ok(_lock) = Lock::take(folder) else { return Ok(()) };
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_name().to_string_lossy().starts_with(WORK) && entry.file_type()?.is_dir() {
+            fs::remove_dir_all(entry.path())?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,84 @@
+//! `collections.toml` beside the objects of a store.
+
+use super::bucket::Bucket;
+use super::common::{get, noise, object, public};
+use super::{PATIENCE, SHORT, Said, of_store, until};
+use axum::Router;
+use kilwa_server::{Collections, Site, app};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+const ONE: &str = "[[collection]]\nslug = \"coast\"\ntitle = \"The coast\"\nmembers = [\"wall\", \"fort\"]\n";
+
+fn serve(mut site: Site) -> Router {
+    site.collections = Some(Arc::new(Collections::beside(site.catalogue.shelf().unwrap())));
+    app(site)
+}
+
+fn put(bucket: &mut Bucket, folder: &Path, text: &str) {
+    let file = folder.join("new.toml");
+    std::fs::write(&file, text).unwrap();
+    bucket.put(&file, "shelf/collections.toml");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn collections_lie_beside_the_objects_follow_what_is_put_there_and_outlive_a_mistake() {
+    let Some(mut bucket) = Bucket::start("collections_lie_beside_the_objects…") else { return };
+    let said = Said::listen();
+    let (dir, drafts) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    object(dir.path(), "fort", &[noise(3000, 1)], public());
+    object(dir.path(), "wall", &[noise(3000, 2)], public());
+    bucket.sync(dir.path(), "shelf");
+    let app = serve(of_store(&bucket.open("s3://museum/shelf", PATIENCE).unwrap()));
+    assert_eq!(get(&app, "/collections/coast/").await.status, 404, "there is no such file yet");
+    put(&mut bucket, drafts.path(), ONE);
+    let page =
+        until(|| async { Some(get(&app, "/collections/coast/").await).filter(|a| a.status == 200) }).await.text();
+    let at = |what: &str| page.find(what).unwrap_or_else(|| panic!("{what}: {page}"));
+    assert!(at("Title of wall") < at("Title of fort"), "in the order of the file");
+    assert!(get(&app, "/").await.text().contains("href=\"/collections/coast/\""));
+    // A mistake is named with its line, and what was there goes on.
+    put(&mut bucket, drafts.path(), "[[collection]]\nslug = \"coast\"\ntitle = \"Cut off");
+    let named = || said.about("shelf/collections.toml").into_iter().find(|line| line.contains("line 3"));
+    until(|| async {
+        get(&app, "/collections/coast/").await;
+        named()
+    })
+    .await;
+    assert_eq!(get(&app, "/collections/coast/").await.status, 200);
+    assert_eq!(said.about("shelf/collections.toml").len(), 1, "once");
+    put(&mut bucket, drafts.path(), &ONE.replace("The coast", "The shore"));
+    until(|| async { get(&app, "/collections/coast/").await.text().contains("The shore").then_some(()) }).await;
+    bucket.delete("shelf/collections.toml");
+    until(|| async { (get(&app, "/collections/coast/").await.status == 404).then_some(()) }).await;
+    assert!(!get(&app, "/").await.text().contains("href=\"/collections/"));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn while_the_store_is_away_or_refuses_them_the_collections_stay_and_nobody_waits() {
+    let Some(mut bucket) = Bucket::start("while_the_store_is_away_or_refuses_them_the_collections_stay…") else {
+        return;
+    };
+    let (dir, drafts) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    object(dir.path(), "fort", &[noise(3000, 1)], public());
+    bucket.sync(dir.path(), "shelf");
+    put(&mut bucket, drafts.path(), ONE);
+    let app = serve(of_store(&bucket.open("s3://museum/shelf", SHORT).unwrap()));
+    assert_eq!(get(&app, "/collections/coast/").await.status, 200, "they are there from the beginning");
+    bucket.line.refuse("/collections.toml");
+    tokio::time::sleep(Duration::from_millis(150)).await;
+    for _ in 0..3 {
+        assert_eq!(get(&app, "/collections/coast/").await.status, 200, "refused");
+        tokio::time::sleep(Duration::from_millis(120)).await;
+    }
+    bucket.line.allow();
+    bucket.line.down();
+    tokio::time::sleep(Duration::from_millis(150)).await;
+    for _ in 0..5 {
+        assert_eq!(get(&app, "/collections/coast/").await.status, 200, "away");
+    }
+    put(&mut bucket, drafts.path(), &ONE.replace("The coast", "The shore"));
+    bucket.line.up();
+    until(|| async { get(&app, "/collections/coast/").await.text().contains("The shore").then_some(()) }).await;
+}

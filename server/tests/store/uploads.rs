@@ -1,0 +1,325 @@
+//! Versions that are published from elsewhere into a store, by way of a folder of the server.
+
+use super::bucket::Bucket;
+use super::common::version::{Version, fort_pack, status};
+use super::common::{Answer, get, page};
+use super::{PATIENCE, SHORT, until};
+use axum::Router;
+use axum::body::{Body, Bytes};
+use axum::http::{Method, Request, StatusCode};
+use futures_util::stream;
+use kilwa_server::access::{Accounts, Grant, Purpose};
+use kilwa_server::door::Door;
+use kilwa_server::index::Index;
+use kilwa_server::object::Manifest;
+use kilwa_server::object::checksums::{Checksums, sha256};
+use kilwa_server::store::{Place, S3};
+use kilwa_server::upload::wire::{State, Status};
+use kilwa_server::upload::{UploadLimits, Uploads};
+use kilwa_server::{Catalogue, Clock, Site, app};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+use tower::ServiceExt as _;
+
+/// 2026-11-21T12:00:00Z.
+const NOW: u64 = 1_795_262_400;
+const SHELF: &str = "s3://museum/shelf";
+
+/// A site over a store that takes uploads by way of a folder.
+struct Museum {
+    app: Router,
+    robot: String,
+    folder: tempfile::TempDir,
+}
+
+impl Museum {
+    fn over(bucket: &Bucket, timeout: Duration) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let mut options = bucket.options(SHELF, timeout);
+        // Whatever shows at once does not show because the list was old.
+        options.refresh = Duration::from_secs(600);
+        let store = S3::open(&options).unwrap();
+        let shelf = Place::Key(Arc::clone(&store), String::new());
+        let index = Index::of(&shelf, Some(&folder.path().join("index.sqlite"))).unwrap();
+        index.refresh().unwrap();
+        let mut site = Site::new(Catalogue::of_store(&store).unwrap(), page());
+        site.index = Some(Arc::new(index));
+        let writer = bucket.open(SHELF, timeout).unwrap();
+        let uploads = Uploads::into_store(&folder.path().join("uploads"), &writer, page(), UploadLimits::default());
+        site.uploads = Some(Arc::new(uploads.unwrap()));
+        Self::with(folder, site)
+    }
+
+    /// The same over a folder.
+    fn over_folder() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let models = folder.path().join("models");
+        std::fs::create_dir(&models).unwrap();
+        let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
+        site.uploads = Some(Arc::new(Uploads::new(models.canonicalize().unwrap(), page(), UploadLimits::default())));
+        Self::with(folder, site)
+    }
+
+    fn with(folder: tempfile::TempDir, mut site: Site) -> Self {
+        let mut accounts = Accounts::new().unwrap();
+        accounts.set_user("robot", &Grant::All, None).unwrap();
+        let robot = accounts.add_token("robot", Purpose::Publish, 30, NOW).unwrap();
+        let file = folder.path().join("access.json");
+        accounts.write(&file, true).unwrap();
+        site.door = Some(Arc::new(Door::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap()));
+        site.clock = Clock::new(|| NOW);
+        Self { app: app(site), robot, folder }
+    }
+
+    async fn send(&self, method: Method, uri: &str, more: &[(&str, &str)], body: Body) -> Answer {
+        let mut request = Request::builder().method(method).uri(uri).header("host", "museum.example");
+        request = request.header("authorization", format!("Bearer {}", self.robot));
+        for (name, value) in more {
+            request = request.header(*name, *value);
+        }
+        Answer::of(self.app.clone().oneshot(request.body(body).unwrap()).await.unwrap()).await
+    }
+
+    async fn begin(&self, version: &Version) -> Answer {
+        self.send(Method::POST, "/uploads", &[], serde_json::to_vec(&version.intent).unwrap().into()).await
+    }
+
+    async fn patch(&self, sha256: &str, offset: u64, body: Body) -> Answer {
+        let offset = offset.to_string();
+        let headers = [
+            ("tus-resumable", "1.0.0"),
+            ("upload-offset", offset.as_str()),
+            ("content-type", "application/offset+octet-stream"),
+        ];
+        self.send(Method::PATCH, &format!("/uploads/fort/{sha256}"), &headers, body).await
+    }
+
+    /// Everything that is lacking.
+    async fn send_all(&self, version: &Version) {
+        let begun = self.begin(version).await;
+        assert_eq!(begun.status, StatusCode::CREATED, "{}", begun.text());
+        for lack in status(&begun).lacks {
+            let rest = version.bytes(&lack.sha256)[lack.offset as usize..].to_vec();
+            let answer = self.patch(&lack.sha256, lack.offset, rest.into()).await;
+            assert_eq!(answer.status, StatusCode::NO_CONTENT, "{}", answer.text());
+        }
+    }
+
+    async fn finish(&self) -> Answer {
+        self.send(Method::POST, "/uploads/fort", &[], Body::empty()).await
+    }
+
+    async fn look(&self) -> (StatusCode, Status) {
+        let answer = self.send(Method::GET, "/uploads/fort", &[], Body::empty()).await;
+        (answer.status, status(&answer))
+    }
+
+    async fn ended(&self) -> (StatusCode, Status) {
+        until(|| async { Some(self.look().await).filter(|(_, said)| said.state != State::Verifying) }).await
+    }
+
+    fn left(&self) -> Vec<String> {
+        let names = |folder: &Path| -> Vec<String> {
+            let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+            entries.map(|e| e.file_name().to_string_lossy().into_owned()).collect()
+        };
+        let uploads = self.folder.path().join("uploads");
+        names(&uploads)
+            .into_iter()
+            .filter(|n| n != ".kilwa-uploads")
+            .chain(names(&uploads.join(".kilwa-uploads")))
+            .collect()
+    }
+}
+
+/// A version with a pack that is true, and pictures that differ.
+fn version(number: u32, words: &str) -> Version {
+    let mut version = Version::new("fort", number, fort_pack());
+    version.intent.metadata.description = Some(words.to_owned());
+    version
+}
+
+/// Every file of the object that a site serves, by the lists of its versions, each as its list says it is; `None` where there is none.
+async fn tree(app: &Router) -> Option<BTreeMap<String, Bytes>> {
+    let answer = get(app, "/fort/manifest.json").await;
+    if answer.status == 404 {
+        return None;
+    }
+    let manifest = Manifest::parse(&answer.body).unwrap();
+    let mut all = BTreeMap::from([("manifest.json".to_owned(), answer.body)]);
+    all.insert("index.html".to_owned(), get(app, "/fort/index.html").await.body);
+    for version in &manifest.versions {
+        let list = get(app, &format!("/fort/{}", version.checksums.url)).await.body;
+        assert_eq!(sha256(&list), version.checksums.sha256);
+        for (path, sum) in Checksums::parse(std::str::from_utf8(&list).unwrap()).unwrap().iter() {
+            let name = format!("{}/{path}", version.folder);
+            let answer = get(app, &format!("/fort/{name}")).await;
+            assert!(answer.status == 200 && sha256(&answer.body) == *sum, "{name}: {}", answer.status);
+            all.insert(name, answer.body);
+        }
+    }
+    Some(all)
+}
+
+/// What the store has, for somebody who comes now.
+async fn seen(bucket: &Bucket) -> Option<BTreeMap<String, Bytes>> {
+    let store = bucket.open_directly(SHELF, PATIENCE).unwrap();
+    tree(&app(Site::new(Catalogue::of_store(&store).unwrap(), page()))).await
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_is_sent_is_in_the_store_as_it_would_be_in_a_folder_and_shows_at_once() {
+    let Some(bucket) = Bucket::start("what_is_sent_is_in_the_store_as_it_would_be_in_a_folder…") else { return };
+    let (store, folder) = (Museum::over(&bucket, PATIENCE), Museum::over_folder());
+    for (number, words) in [(1, "With a tower."), (2, "With a cistern.")] {
+        let version = version(number, words);
+        for museum in [&store, &folder] {
+            museum.send_all(&version).await;
+            assert_eq!(museum.finish().await.status, StatusCode::ACCEPTED);
+            let (code, said) = museum.ended().await;
+            assert_eq!((code, said.state, said.version), (StatusCode::OK, State::Published, number), "{said:?}");
+        }
+        let list =
+            get(&store.app, &format!("/?q={}", words.split(' ').next_back().unwrap().trim_end_matches('.'))).await;
+        assert!(list.text().contains("href=\"/fort/\""), "it is found at once: {}", list.text());
+        assert!(get(&store.app, "/fort/").await.text().contains(words));
+        let (here, there) = (tree(&folder.app).await.unwrap(), tree(&store.app).await.unwrap());
+        assert_eq!(here.keys().collect::<Vec<_>>(), there.keys().collect::<Vec<_>>());
+        assert!(here.iter().all(|(path, bytes)| there[path] == *bytes), "the same bytes");
+        assert!(seen(&bucket).await.unwrap() == there, "and in the store itself");
+        assert_eq!(store.left(), Vec::<String>::new(), "nothing is left on the server");
+    }
+    // Again: it is there already. An old number: what is there is said.
+    let again = store.begin(&version(2, "With a cistern.")).await;
+    assert_eq!((again.status, status(&again).already), (StatusCode::OK, true), "{}", again.text());
+    let late = store.begin(&version(2, "Another text.")).await;
+    assert!(late.status == StatusCode::CONFLICT && late.text().contains("at version 2"), "{}", late.text());
+    let record = std::fs::read_to_string(store.folder.path().join("audit.jsonl")).unwrap();
+    assert_eq!(record.matches("\"published\",\"who\":\"robot\"").count(), 2, "{record}");
+    assert!(!get(&store.app, "/models.json").await.text().contains("kilwa-may-write"));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_store_that_goes_away_is_told_of_and_waited_for() {
+    let Some(bucket) = Bucket::start("a_store_that_goes_away_is_told_of_and_waited_for") else { return };
+    let museum = Museum::over(&bucket, SHORT);
+    museum.send_all(&version(1, "With a tower.")).await;
+    bucket.line.down();
+    assert_eq!(museum.finish().await.status, StatusCode::ACCEPTED);
+    let said = until(|| async { museum.look().await.1.waits }).await;
+    assert!(said.contains("does not answer") && said.contains("goes on when it does"), "{said}");
+    assert_eq!(museum.look().await.1.state, State::Verifying);
+    bucket.line.up();
+    let (code, said) = museum.ended().await;
+    assert_eq!((code, said.state, said.waits), (StatusCode::OK, State::Published, None), "{:?}", said.error);
+    assert!(seen(&bucket).await.is_some());
+    // Before anything is sent, whoever begins is told.
+    bucket.line.down();
+    let refused =
+        until(|| async { Some(museum.begin(&version(2, "Better.")).await).filter(|a| a.status == 503) }).await;
+    assert!(
+        refused.text().contains("storage does not answer") && refused.text().starts_with('{'),
+        "{}",
+        refused.text()
+    );
+    assert_eq!(refused.header("retry-after"), "10");
+    bucket.line.up();
+    until(|| async { (museum.begin(&version(2, "Better.")).await.status == 201).then_some(()) }).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_store_that_does_not_let_itself_be_written_to_is_named_and_what_was_sent_stays() {
+    let Some(bucket) = Bucket::start("a_store_that_does_not_let_itself_be_written_to…") else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let store = bucket.open(SHELF, PATIENCE).unwrap();
+    bucket.line.refuse("PUT /museum/");
+    let refused = Uploads::into_store(&dir.path().join("x"), &store, page(), UploadLimits::default());
+    let said = refused.err().expect("it may not write").to_string();
+    assert!(said.contains("s3:PutObject") && said.contains("403") && !said.contains("secret"), "{said}");
+    bucket.line.allow();
+    let file = dir.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    let refused = Uploads::into_store(&file, &store, page(), UploadLimits::default());
+    let said = refused.err().expect("a file is no folder").to_string();
+    assert!(said.contains(file.to_str().unwrap()), "{said}");
+    let museum = Museum::over(&bucket, PATIENCE);
+    museum.send_all(&version(1, "With a tower.")).await;
+    bucket.line.refuse("PUT /museum/shelf/fort/v1/");
+    museum.finish().await;
+    let (code, said) = museum.ended().await;
+    let why = said.error.unwrap_or_default();
+    assert!(code == StatusCode::FORBIDDEN && why.contains("keys that may write"), "{code}: {why}");
+    assert!(seen(&bucket).await.is_none());
+    bucket.line.allow();
+    assert!(status(&museum.begin(&version(1, "With a tower.")).await).lacks.is_empty(), "what was sent is kept");
+    museum.finish().await;
+    assert_eq!(museum.ended().await.1.state, State::Published);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn cut_off_fifty_times_on_either_side_the_store_has_the_old_object_or_the_new_one_whole() {
+    let Some(bucket) = Bucket::start("cut_off_fifty_times_on_either_side…") else { return };
+    let (museum, folder) = (Museum::over(&bucket, SHORT), Museum::over_folder());
+    let mut x = 0x1234_5678_9abc_def1_u64;
+    let mut below = |n: u64| {
+        x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (x >> 33) % n
+    };
+    let (mut client, mut line, mut number) = (0, 0, 0);
+    while client + line < 50 || number < 2 {
+        number += 1;
+        let version = version(number, &format!("The version of the number {number}."));
+        folder.send_all(&version).await;
+        folder.finish().await;
+        assert_eq!(folder.ended().await.1.state, State::Published);
+        // The client's line breaks in the middle of a file.
+        loop {
+            let begun = museum.begin(&version).await;
+            assert_eq!(begun.status, StatusCode::CREATED, "{}", begun.text());
+            let Some(lack) = status(&begun).lacks.first().cloned() else { break };
+            let rest = &version.bytes(&lack.sha256)[lack.offset as usize..];
+            let part = Bytes::copy_from_slice(&rest[..below(rest.len() as u64 + 1) as usize]);
+            let broken = stream::iter([Ok(part), Err(std::io::Error::other("the line broke"))]);
+            if client < 12 * number && rest.len() > 1 {
+                assert_ne!(museum.patch(&lack.sha256, lack.offset, Body::from_stream(broken)).await.status, 204);
+                client += 1;
+            } else {
+                assert_eq!(museum.patch(&lack.sha256, lack.offset, rest.to_vec().into()).await.status, 204);
+            }
+        }
+        // The line to the store, again and again, wherever it happens to be.
+        let before = seen(&bucket).await;
+        bucket.line.cut_after(below(3000) as i64);
+        museum.finish().await;
+        loop {
+            let said = until(|| async {
+                let (_, said) = museum.look().await;
+                (said.state != State::Verifying || said.waits.is_some()).then_some(said)
+            })
+            .await;
+            let now = seen(&bucket).await;
+            let shown = now.as_ref().map_or(0, |all| Manifest::parse(&all["manifest.json"]).unwrap().versions.len());
+            assert!(now == before || shown == number as usize, "a half: {shown}");
+            if said.state != State::Verifying {
+                assert_eq!(said.state, State::Published, "{said:?}");
+                break;
+            }
+            line += 1;
+            bucket.line.down();
+            bucket.line.up();
+            if line < 20 * number {
+                bucket.line.cut_after(200 + below(6000) as i64);
+            }
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        bucket.line.down();
+        bucket.line.up();
+        until(|| async { (get(&museum.app, "/healthz").await.status == 200).then_some(()) }).await;
+        let (here, there) = (tree(&folder.app).await.unwrap(), seen(&bucket).await.unwrap());
+        assert!(here == there, "version {number} is another than in a folder");
+    }
+    println!("{} cuts: {client} of the client's line, {line} of the store's", client + line);
+    assert!(client >= 20 && line >= 20);
+}

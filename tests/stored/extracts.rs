@@ -1,0 +1,69 @@
+//! Meshes on request, as `kilwa serve` makes them: out of a store and out of a folder the same bytes, and a small one of a small part of the pack.
+
+use crate::bucket::Bucket;
+use crate::support::{built_once, succeeds, text};
+use crate::{ARCHIVE, Keeper, grown};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Several megabytes: a hundred chunks.
+fn large() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("stored");
+    let write = |to: &Path| drop(succeeds(&["synth", "wall", "--triangles", "700000", "-o", text(to), "--force"]));
+    built_once(&folder, "large", write, &[])
+}
+
+/// A site that is asked over its socket.
+struct Reader(ureq::Agent, String);
+
+impl Reader {
+    fn of(address: std::net::SocketAddr) -> Self {
+        let config = ureq::Agent::config_builder().http_status_as_error(false).max_redirects(0);
+        let config = config.max_redirects_will_error(false).timeout_global(Some(Duration::from_secs(60)));
+        Self(config.build().into(), format!("http://{address}"))
+    }
+
+    /// The file that a form leads to.
+    fn extract(&self, form: &str) -> Vec<u8> {
+        let kind = "application/x-www-form-urlencoded";
+        let asked = self.0.post(format!("{}/fort/extract", self.1)).header("content-type", kind).send(form).unwrap();
+        assert_eq!(asked.status(), 303, "{form}");
+        let to = asked.headers()["location"].to_str().unwrap().split('?').next().unwrap().to_owned();
+        let began = Instant::now();
+        loop {
+            let mut file = self.0.get(format!("{}{to}", self.1)).call().unwrap();
+            match file.status().as_u16() {
+                200 => return file.body_mut().with_config().limit(1 << 30).read_to_vec().unwrap(),
+                202 => assert!(began.elapsed() < Duration::from_secs(120), "{form} is not made"),
+                other => panic!("{form}: {other}"),
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+}
+
+#[test]
+fn an_extract_of_a_pack_in_a_store_is_that_of_the_folder_and_a_small_one_takes_a_small_part_of_the_pack() {
+    let Some(mut bucket) = Bucket::start("an_extract_of_a_pack_in_a_store_is_that_of_the_folder…") else { return };
+    let keeper = Keeper::of(&bucket);
+    let (local, pack) = (keeper.publish_here(), std::fs::read(large()).unwrap());
+    grown(&local.join("fort"), &pack);
+    bucket.sync(&local, "archive/of forts");
+    let (here, there) = (keeper.path("cache-folder"), keeper.path("cache-store"));
+    let of_folder = keeper.serve_with(&[text(&local), "--cache", text(&here)]);
+    let of_store = keeper.serve_with(&[ARCHIVE, "--s3-endpoint", &keeper.endpoint, "--cache", text(&there)]);
+    let (folder, store) = (Reader::of(of_folder.address), Reader::of(of_store.address));
+    bucket.line.carried();
+    let small = store.extract("format=ply&detail=triangles&triangles=10000");
+    let carried = bucket.line.carried();
+    println!("10,000 triangles of a pack of {} bytes: {carried} bytes were fetched", pack.len());
+    // Four blocks of 256 KiB, of eleven: head, directory, and some chunks.
+    assert!(carried < 1 << 20 && pack.len() > 5 << 19, "{carried} of {}", pack.len());
+    assert!(small == folder.extract("format=ply&detail=triangles&triangles=10000"));
+    for format in ["ply", "glb", "obj", "stl"] {
+        for detail in ["detail=triangles&triangles=60000", "detail=error&error=0.05", "detail=whole"] {
+            let form = format!("format={format}&{detail}");
+            assert!(store.extract(&form) == folder.extract(&form), "{form}");
+        }
+    }
+}
