@@ -13,7 +13,8 @@ use axum::http::header::{
     CONTENT_RANGE, CONTENT_TYPE, ETAG, IF_MATCH, IF_NONE_MATCH, IF_RANGE, RANGE,
 };
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, Response, StatusCode};
-use futures_util::stream::BoxStream;
+use futures_util::stream::{self, BoxStream};
+use futures_util::{StreamExt as _, TryStreamExt as _};
 use http_body::{Frame, SizeHint};
 use std::collections::VecDeque;
 use std::fs::File;
@@ -26,6 +27,8 @@ use tokio::task::JoinHandle;
 /// Bytes read at a time for one response: with the connection limit this bounds memory.
 const BUFFER: usize = 16 * 1024;
 pub(crate) const CROSS_ORIGIN_RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
+/// Stretches of a store's file that are asked for at a time for one answer: its delay is waited for once, not for each.
+const AHEAD: usize = 4;
 /// How many ranges an address of a pack may name ([`pieces`]).
 const KILWA_RANGES: HeaderName = HeaderName::from_static("kilwa-ranges");
 /// `Cache-Control` of an address whose content never changes.
@@ -69,25 +72,64 @@ pub(crate) async fn answer(source: Source, method: &Method, headers: &HeaderMap)
 }
 
 /// Answer a GET or HEAD for several ranges of a pack ([`crate::range::list`]): what is in them, one behind the other. 404 where that
-/// is nonsense, and for a pack in a store, which would be asked for each by itself.
-pub(crate) fn pieces(source: Source, ranges: &str, method: &Method, headers: &HeaderMap) -> Response<Body> {
-    let (Some(stretches), Content::File(file)) = (crate::range::list(ranges, source.bytes), source.content) else {
-        return plain(StatusCode::NOT_FOUND);
+/// is nonsense.
+///
+/// # Errors
+/// As of [`answer`].
+pub(crate) async fn pieces(
+    source: Source,
+    ranges: &str,
+    method: &Method,
+    headers: &HeaderMap,
+) -> io::Result<Response<Body>> {
+    let Some(stretches) = crate::range::list(ranges, source.bytes) else {
+        return Ok(plain(StatusCode::NOT_FOUND));
     };
     let etag = format!("\"{}\"", source.hash);
     let mut response = if let Some(status) = condition(&etag, headers) {
         plain(status)
     } else {
         let length = stretches.iter().map(|s| s.1).sum();
-        let head = method == Method::HEAD;
-        let mut r = Response::new(if head { Body::empty() } else { Body::new(Part::new(file, stretches, length)) });
+        let is_head = method == Method::HEAD;
+        let body = if is_head { Body::empty() } else { several(source.content, stretches, length).await? };
+        let mut r = Response::new(body);
         insert(&mut r, CONTENT_TYPE, source.content_type);
         insert(&mut r, CONTENT_LENGTH, &length.to_string());
         r
     };
     insert(&mut response, CACHE_CONTROL, source.cache);
     insert(&mut response, ETAG, &etag);
-    response
+    Ok(response)
+}
+
+/// Stretches, start and length, one behind the other; `length` bytes in all. A store is asked for [`AHEAD`] of them at a time.
+async fn several(content: Content, stretches: Vec<(u64, u64)>, length: u64) -> io::Result<Body> {
+    let (store, key, identity) = match content {
+        Content::File(file) => return Ok(Body::new(Part::new(file, stretches, length))),
+        Content::Held(bytes) => {
+            let part = |&(start, length): &(u64, u64)| {
+                let place = usize::try_from(start).ok().zip(usize::try_from(start + length).ok());
+                place.and_then(|(start, end)| bytes.get(start..end))
+            };
+            let parts: Option<Vec<&[u8]>> = stretches.iter().map(part).collect();
+            return Ok(Body::from(parts.ok_or_else(|| io::Error::from(io::ErrorKind::UnexpectedEof))?.concat()));
+        }
+        Content::Remote(store, key, identity) => (store, key, identity),
+    };
+    let ask = move |(start, length): (u64, u64)| {
+        let (store, key, identity) = (Arc::clone(&store), key.clone(), identity.clone());
+        async move {
+            let flow = store.stretch(&key, &identity, start..start + length).await?;
+            let exact = Body::new(Flow { flow, left: length }).into_data_stream();
+            Ok::<_, io::Error>(exact.map_err(io::Error::other))
+        }
+    };
+    let mut stretches = stretches.into_iter();
+    let Some(first) = stretches.next() else { return Ok(Body::empty()) };
+    // Before the answer begins: what is there may be something else by now.
+    let first = ask(first).await?;
+    let others = stream::iter(stretches).map(ask).buffered(AHEAD).try_flatten();
+    Ok(Body::new(Flow { flow: first.chain(others).boxed(), left: length }))
 }
 
 /// Tell that [`pieces`] of this pack can be had, and how many at once.
@@ -226,13 +268,11 @@ impl http_body::Body for Part {
         if self.left == 0 {
             return Poll::Ready(None);
         }
-        let mut reading = match self.reading.take() {
-            Some(reading) => reading,
-            None => {
-                let (file, parts) = (Arc::clone(&self.file), self.next());
-                tokio::task::spawn_blocking(move || read(&file, &parts))
-            }
-        };
+        let begun = self.reading.take();
+        let mut reading = begun.unwrap_or_else(|| {
+            let (file, parts) = (Arc::clone(&self.file), self.next());
+            tokio::task::spawn_blocking(move || read(&file, &parts))
+        });
         let Poll::Ready(read) = Pin::new(&mut reading).poll(cx) else {
             self.reading = Some(reading);
             return Poll::Pending;

@@ -21,9 +21,9 @@ use crate::object::layout::{MANIFEST, PAGE, PREVIEW, VIEWER};
 use crate::object::manifest::Version;
 use crate::packs::blocking;
 use crate::page::content_type;
-use crate::range::split;
+use crate::range::{is_pack, split};
 use crate::site::{Site, accepts};
-use crate::store::{Content, Identity, Place, is_silent, warn};
+use crate::store::{Identity, Place, is_silent, warn};
 use axum::body::{Body, Bytes};
 use axum::http::header::{
     ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE, ETAG, VARY, WWW_AUTHENTICATE,
@@ -164,13 +164,13 @@ async fn sent(asked: &Asked<'_>, name: &str, kind: &str) -> Result<Response<Body
     for _ in 0..2 {
         let mut source = source(asked.holding, asked.table, name).await?;
         source.content_type = content_type(kind);
-        if let Some(ranges) = asked.ranges {
-            return Ok(pieces(source, ranges, asked.method, asked.headers));
-        }
-        let offers = name.ends_with(".kilwa") && matches!(source.content, Content::File(_));
-        match answer(source, asked.method, asked.headers).await {
+        let answered = match asked.ranges {
+            Some(ranges) => pieces(source, ranges, asked.method, asked.headers).await,
+            None => answer(source, asked.method, asked.headers).await,
+        };
+        match answered {
             Ok(mut response) => {
-                if offers {
+                if is_pack(name) {
                     offer_pieces(&mut response);
                 }
                 return Ok(response);

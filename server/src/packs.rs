@@ -46,15 +46,13 @@ async fn pack(
             Err(StatusCode::FORBIDDEN | StatusCode::GONE) => return closed(catalogue, name, clock).await,
             found => found?,
         };
-        if let Some(ranges) = ranges {
-            return Ok(pieces(source, ranges, method, headers));
-        }
-        let is_here = matches!(source.content, Content::File(_));
-        match answer(source, method, headers).await {
+        let answered = match ranges {
+            Some(ranges) => pieces(source, ranges, method, headers).await,
+            None => answer(source, method, headers).await,
+        };
+        match answered {
             Ok(mut response) => {
-                if is_here {
-                    offer_pieces(&mut response);
-                }
+                offer_pieces(&mut response);
                 return Ok(response);
             }
             Err(e) => objects::again(&model, &e),

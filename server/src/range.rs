@@ -72,9 +72,14 @@ pub(crate) fn list(value: &str, length: u64) -> Option<Vec<(u64, u64)>> {
 /// The address of a file, and the ranges behind it where it is a pack.
 pub(crate) fn split(name: &str) -> (&str, Option<&str>) {
     match name.rsplit_once('/') {
-        Some((file, ranges)) if file.ends_with(".kilwa") => (file, Some(ranges)),
+        Some((file, ranges)) if is_pack(file) => (file, Some(ranges)),
         _ => (name, None),
     }
+}
+
+/// Whether a file's name is that of a pack, written as the server writes it.
+pub(crate) fn is_pack(name: &str) -> bool {
+    name.strip_suffix(".kilwa").is_some()
 }
 
 /// Digits only (no sign), saturating: a position beyond any file is still a position.

@@ -120,6 +120,12 @@ async fn who_was_granted_it_signs_in_opens_it_and_gets_its_bytes() {
     let whole = m.fetch(&m.address, &capability).await;
     assert_eq!((whole.status, &whole.body[..]), (StatusCode::OK, &m.bytes[..]));
     assert_eq!(whole.header("cache-control"), "private, no-store", "nobody on the way keeps it");
+    let several = m.fetch(&format!("{}/30-39,10-19", m.address), &capability).await;
+    assert_eq!(
+        (several.status, several.body[..] == [&m.bytes[30..40], &m.bytes[10..20]].concat()),
+        (StatusCode::OK, true)
+    );
+    assert_eq!(several.header("cache-control"), "private, no-store");
     let part = ask(&m.app, "GET", &m.address, &[("cookie", &capability), ("range", "bytes=10-19")]).await;
     assert_eq!((part.status, &part.body[..]), (StatusCode::PARTIAL_CONTENT, &m.bytes[10..20]));
 }
@@ -160,6 +166,14 @@ async fn nobody_else_gets_a_byte() {
         assert_eq!(m.fetch(&m.address, text).await.status, StatusCode::UNAUTHORIZED, "{text}");
     }
     assert_eq!(m.fetch("/packs/cave.kilwa", &capability).await.status, StatusCode::FORBIDDEN);
+    // Ranges of what is closed are closed.
+    for ranges in ["0-9", "0-9,20-29", "x", ""] {
+        let closed = m.fetch(&format!("{}/{ranges}", m.address), "").await;
+        assert_eq!((closed.status, closed.header("kilwa-ranges")), (StatusCode::UNAUTHORIZED, ""), "{ranges}");
+        let pinned = format!("/packs/cave.kilwa/{ranges}");
+        assert!(m.fetch(&pinned, &capability).await.status.is_client_error(), "{pinned}");
+        assert_eq!(m.fetch(&format!("{tomb}/{ranges}"), &capability).await.status, StatusCode::UNAUTHORIZED);
+    }
 }
 
 #[tokio::test]

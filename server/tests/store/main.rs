@@ -130,6 +130,9 @@ fn addresses(all: &[Manifest], folder: &Path) -> Vec<String> {
             let list = std::fs::read_to_string(folder.join(&m.slug).join(&v.checksums.url)).unwrap();
             let names = list.lines().map(|line| line.split_once("  ").unwrap().1).chain(["checksums.sha256"]);
             addresses.extend(names.map(|name| format!("/{}/{}/{name}", m.slug, v.folder)));
+            for ranges in ["0-0", "5-9,0-3", "900-999,3-3,20-40,100-400,500-501,60-60", "0-9,9-19", "0-99999999999"] {
+                addresses.push(format!("/{}/{}/{ranges}", m.slug, v.pack.url));
+            }
         }
     }
     addresses
