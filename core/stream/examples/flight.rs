@@ -12,7 +12,7 @@
 use kilwa_geometry::distance::{Vec3, cross, dot, sub};
 use kilwa_geometry::normal;
 use kilwa_pack::{Chunk, NO_DIAMOND, Reader, SliceSource, parse_head};
-use kilwa_stream::{Budgets, Command, Event, FetchKind, Projection, Streamer, View};
+use kilwa_stream::{Budgets, Command, Event, FetchKind, Projection, Streamer, View, length_of};
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -87,7 +87,7 @@ impl Visit<'_> {
         for command in step.commands {
             match command {
                 Command::Fetch { request, ranges, kind } => {
-                    let length = ranges.iter().map(|r| r.end - r.start).sum();
+                    let length = length_of(&ranges);
                     self.link_free = self.link_free.max(self.now + LATENCY_MS) + length as f64 / BYTES_PER_MS;
                     self.fetched += length;
                     self.requests += 1;

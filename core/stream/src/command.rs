@@ -3,6 +3,11 @@
 use kilwa_pack::PatchRange;
 use std::ops::Range;
 
+/// Bytes in ranges together.
+pub fn length_of(ranges: &[Range<u64>]) -> u64 {
+    ranges.iter().map(|r| r.end - r.start).sum()
+}
+
 /// Names one request for the shell; never used twice by one streamer.
 pub type RequestId = u64;
 

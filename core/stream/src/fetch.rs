@@ -1,6 +1,6 @@
 //! Requests: what is asked for next, joining of neighbours, and when a failed part is tried again.
 
-use crate::command::{Command, FetchKind, RequestId};
+use crate::command::{Command, FetchKind, RequestId, length_of};
 use crate::nodes::{Node, Nodes, State};
 use crate::select::{Rank, Wanted};
 use crate::streamer::Streamer;
@@ -39,7 +39,7 @@ pub(crate) struct Request {
 impl Request {
     /// Bytes of the answer.
     pub(crate) fn length(&self) -> u64 {
-        self.ranges.iter().map(|r| r.end - r.start).sum()
+        length_of(&self.ranges)
     }
 
     /// Where in the answer the byte `at` of the file is.

@@ -27,7 +27,7 @@ mod skip;
 pub mod streamer;
 pub mod view;
 
-pub use command::{Budgets, Command, DrawPatch, Event, FetchKind, HEAD_REQUEST, RequestId, Stats, Step};
+pub use command::{Budgets, Command, DrawPatch, Event, FetchKind, HEAD_REQUEST, RequestId, Stats, Step, length_of};
 pub use kilwa_geometry::clip::{self, Clip};
 pub use pace::Pace;
 pub use streamer::Streamer;

@@ -131,6 +131,21 @@ fn ten_megabits() {
     compare("ten_megabits", Link::COMMON, Budgets::default());
 }
 
+/// As `kilwa serve` is asked.
+fn several_ranges() -> Budgets {
+    Budgets { ranges: 64, request_bytes: 128 << 10, ..Budgets::default() }
+}
+
+#[test]
+fn ten_megabits_and_several_ranges_in_a_request() {
+    compare("ten_megabits_several_ranges", Link::COMMON, several_ranges());
+}
+
+#[test]
+fn two_megabits_with_failures_and_several_ranges_in_a_request() {
+    compare("two_megabits_with_failures_several_ranges", Link::SLOW.failing(5), several_ranges());
+}
+
 #[test]
 fn two_megabits_with_failures() {
     compare("two_megabits_with_failures", Link::SLOW.failing(5), Budgets::default());

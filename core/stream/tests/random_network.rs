@@ -2,7 +2,7 @@
 
 mod support;
 
-use kilwa_stream::{Budgets, Clip, Command, Event, Step, Streamer, View};
+use kilwa_stream::{Budgets, Clip, Command, Event, Step, Streamer, View, length_of};
 use proptest::prelude::*;
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -230,7 +230,7 @@ fn where_the_server_takes_several_ranges_fewer_requests_bring_fewer_bytes() {
         let cost = |ranges| {
             let budgets = Budgets { ranges, ..Budgets::default() };
             let landed = settle(&pack, &view, budgets);
-            let fetches = landed.1.iter().map(|r| r.end - r.start).sum::<u64>();
+            let fetches = length_of(&landed.1);
             let drawn: BTreeSet<(u32, u32)> = landed.0.draw.iter().map(|d| (d.chunk, d.patch)).collect();
             (landed.2, fetches, drawn)
         };

@@ -10,7 +10,7 @@ use crate::renderer::{IdImage, Image, Renderer};
 use kilwa_pack::directory::parse_page;
 use kilwa_pack::reader::decode_checked;
 use kilwa_pack::{GpuChunk, HEAD_BYTES, Metadata, PAGE_BYTES, PackError, Source, interleave, parse_head};
-use kilwa_stream::{Budgets, Command, DrawPatch, Event, FetchKind, Stats, Step, Streamer, View};
+use kilwa_stream::{Budgets, Command, DrawPatch, Event, FetchKind, Stats, Step, Streamer, View, length_of};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
@@ -154,10 +154,7 @@ impl<S: Source> Session<S> {
                         events.push(Event::PageBytes { request, bytes });
                     }
                     // The file is at hand: chunks are read when they are decoded.
-                    FetchKind::Chunks => {
-                        let length = ranges.iter().map(|r| r.end - r.start).sum();
-                        events.push(Event::Bytes { request, length });
-                    }
+                    FetchKind::Chunks => events.push(Event::Bytes { request, length: length_of(ranges) }),
                 },
                 Command::Decode { chunk, .. } => events.push(self.decode(chunk)?),
                 Command::Upload { chunk } => {

@@ -18,7 +18,7 @@ mod store;
 pub use flight::Flight;
 pub use store::{PackStore, Store};
 
-use crate::command::{Command, Event, FetchKind, RequestId, Step};
+use crate::command::{Command, Event, FetchKind, RequestId, Step, length_of};
 use crate::streamer::Streamer;
 use crate::view::View;
 use std::collections::BTreeMap;
@@ -296,7 +296,7 @@ impl<S: Store> Simulator<S> {
     }
 
     fn fetch(&mut self, now: u64, request: RequestId, ranges: &[Range<u64>], kind: FetchKind) {
-        let length = ranges.iter().map(|r| r.end - r.start).sum();
+        let length = length_of(ranges);
         self.totals.requests += 1;
         self.totals.page_requests += u64::from(kind == FetchKind::Pages);
         let latency = micros(self.link.latency_ms);

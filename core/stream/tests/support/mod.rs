@@ -8,7 +8,7 @@ use kilwa_pack::{
 };
 use kilwa_stream::clip::{Clip, ClipBox, HalfSpace};
 use kilwa_stream::sim::Store;
-use kilwa_stream::{Budgets, Command, Event, FetchKind, Projection, Step, Streamer, View};
+use kilwa_stream::{Budgets, Command, Event, FetchKind, Projection, Step, Streamer, View, length_of};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
@@ -397,7 +397,7 @@ impl<'p> World<'p> {
     }
 
     fn fetch(&mut self, now: u64, request: u64, ranges: &[Range<u64>], kind: FetchKind) {
-        let length: u64 = ranges.iter().map(|r| r.end - r.start).sum();
+        let length = length_of(ranges);
         assert!((1..=self.budgets.ranges).contains(&ranges.len()), "{} ranges", ranges.len());
         let mut sorted = ranges.to_vec();
         sorted.sort_by_key(|r| r.start);
