@@ -33,17 +33,25 @@ const $ = (id) => document.getElementById(id);
 const MEMORY = [64, 128, 256, 512, 1024, 2048];
 const DETAIL = [0.5, 1, 2, 4, 8];
 
-/** @param {{pack: import("./loader.js").Pack | null, head: Promise<Uint8Array>, program: Promise<object>, parameters: URLSearchParams}} parts */
-export async function start({ pack, head, program, parameters }) {
+/**
+ * @param {object} parts
+ * @param {import("./loader.js").Pack | null} parts.pack
+ * @param {Promise<Uint8Array>} parts.head
+ * @param {Promise<object>} parts.program
+ * @param {DecodePool | null} parts.pool for the first model that is opened
+ * @param {URLSearchParams} parts.parameters
+ */
+export async function start({ pack, head, program, pool, parameters }) {
   await use(preferred(parameters));
   document.documentElement.classList.add("started");
-  const page = new Page(pack, parameters);
+  const page = new Page(pack, pool, parameters);
   await page.open(head, program);
 }
 
 class Page {
-  constructor(pack, parameters) {
+  constructor(pack, pool, parameters) {
     this.pack = pack;
+    this.pool = pool;
     this.parameters = parameters;
     this.trouble = new Trouble();
     this.status = new Status();
@@ -243,7 +251,6 @@ class Page {
       return;
     }
     const { colors, scalars } = this.info.pack;
-    const cores = navigator.hardwareConcurrency ?? 2;
     this.viewer = viewer;
     if (state.camera) viewer.setCamera(state.camera);
     this.session = new Session({
@@ -251,7 +258,7 @@ class Page {
       viewer,
       pack: this.pack,
       head: this.headBytes,
-      pool: new DecodePool(Math.max(1, Math.min(4, cores - 1))),
+      pool: this.pool ?? new DecodePool(),
       attributes: { colors, scalars },
       on: {
         frame: (stats) => this.#frame(stats),
@@ -262,6 +269,7 @@ class Page {
         broken: (error) => this.trouble.show("broken", error),
       },
     });
+    this.pool = null; // It ends with this session.
     const { session } = this;
     viewer.whenLost().then(() => session.wake());
     this.input?.close();

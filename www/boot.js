@@ -1,4 +1,5 @@
-// The first thing that runs: asks for the head of the pack and for the program at the same time, then starts the page.
+// The first thing that runs: asks for the head of the pack, for the program and for what decodes at the same time, then starts the page.
+import { DecodePool } from "./decode-pool.js";
 import { Pack } from "./loader.js";
 import { read } from "./parameters.js";
 import { load } from "./program.js";
@@ -12,6 +13,8 @@ const head = pack?.head();
 head?.catch(() => {});
 const program = load(parameters);
 program.catch(() => {});
+// The first chunk is decoded as soon as the program has found a device: by then a worker stands ready.
+const pool = pack ? new DecodePool().warm() : null;
 
 const { start } = await import("./app.js");
-await start({ pack, head, program, parameters });
+await start({ pack, head, program, pool, parameters });

@@ -1,16 +1,21 @@
 // A few workers that decode; each has one job at a time, so that what is no longer wanted never starts.
 
 export class DecodePool {
-  /** @param {number} size number of workers */
-  constructor(size) {
+  /** @param {number} size number of workers: by default one less than there are cores, and at most four */
+  constructor(size = Math.max(1, Math.min(4, (navigator.hardwareConcurrency ?? 2) - 1))) {
     this.size = size;
     this.idle = [];
     this.workers = new Set();
     this.waiting = [];
     this.running = new Map();
     this.jobs = 0;
-    this.module = WebAssembly.compileStreaming(fetch(new URL("decode_bg.wasm", import.meta.url)));
-    this.module.catch(() => {});
+    this.module = null;
+  }
+
+  /** Start the first worker before there is anything to decode. */
+  warm() {
+    this.#start().then(() => this.#next());
+    return this;
   }
 
   /** Decode `task` (a chunk's bytes and what the directory declares); resolves to its buffers. `key` is for `drop`. */
@@ -50,13 +55,22 @@ export class DecodePool {
     worker.postMessage({ job, ...next.task }, [next.task.bytes.buffer]);
   }
 
+  /** What decodes, compiled once for all workers; where it did not come, the next one that needs it asks again. */
+  #compiled() {
+    this.module ??= WebAssembly.compileStreaming(fetch(new URL("decode_bg.wasm", import.meta.url))).catch((error) => {
+      this.module = null;
+      throw error;
+    });
+    return this.module;
+  }
+
   async #start() {
     const worker = new Worker(new URL("decode-worker.js", import.meta.url), { type: "module" });
     this.workers.add(worker);
     worker.onmessage = ({ data }) => this.#done(worker, data);
     worker.onerror = (event) => this.#lost(worker, event.message || "the decoding worker did not start");
     try {
-      worker.postMessage({ module: await this.module });
+      worker.postMessage({ module: await this.#compiled() });
       this.idle.push(worker);
     } catch (error) {
       this.#lost(worker, String(error?.message ?? error));

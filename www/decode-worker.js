@@ -1,16 +1,18 @@
 // A worker: checks and decodes chunks. The compiled module comes from the page, once for all workers.
 import init, { decode } from "./decode.js";
 
-let module;
+let ready;
+let isReady = false;
 
 onmessage = async ({ data }) => {
   if (data.module) {
-    module = data.module;
+    ready = init({ module_or_path: data.module }).then(() => (isReady = true));
+    ready.catch(() => {}); // The first job says so.
     return;
   }
   const { job, bytes, vertices, triangles, colors, scalars, checksum } = data;
   try {
-    await init({ module_or_path: module });
+    await ready;
     const decoded = decode(bytes, vertices, triangles, colors, scalars, checksum);
     const out = {
       job,
@@ -23,6 +25,6 @@ onmessage = async ({ data }) => {
     postMessage(out, [out.vertices.buffer, out.indices.buffer, out.patches.buffer, out.scalars.buffer]);
   } catch (error) {
     // A trap leaves the instance unusable: the page then starts another worker.
-    postMessage({ job, error: String(error?.message ?? error), broken: error instanceof WebAssembly.RuntimeError });
+    postMessage({ job, error: String(error?.message ?? error), broken: !isReady || error instanceof WebAssembly.RuntimeError });
   }
 };

@@ -1,5 +1,5 @@
-// Bundles the page's modules: few files instead of many, each small. `node bundle.mjs WWW OUT GLUE…`; prints the names of the chunks
-// that the page needs before it runs. GLUE are scripts that wasm-bindgen wrote: they stay modules of their own, which program.js and the
+// Bundles the page's modules: few files instead of many, each small. `node bundle.mjs WWW OUT GLUE…`; prints two lines of names: what
+// the page needs before it asks for anything, and what it needs besides before it starts. GLUE are scripts that wasm-bindgen wrote: they stay modules of their own, which program.js and the
 // worker load by address, and are only made smaller.
 import { build, transform } from "esbuild";
 import { readFile, writeFile } from "node:fs/promises";
@@ -25,10 +25,11 @@ for (const path of glue) {
   const { code } = await transform(await readFile(path, "utf8"), { minify: true, format: "esm", target: "es2022", charset: "utf8" });
   await writeFile(join(out, basename(path)), code);
 }
-// What the first two need before they run.
-const needed = new Set();
-for (const [name, output] of Object.entries(result.metafile.outputs)) {
-  if (!/(^|\/)(boot|app)\.js$/.test(name)) continue;
-  for (const use of output.imports) if (use.kind === "import-statement" && !use.external) needed.add(use.path.split("/").pop());
-}
-console.log([...needed].sort().join("\n"));
+// What the first one needs before it runs, and what the second one needs besides.
+const needs = (entry) => {
+  const [, output] = Object.entries(result.metafile.outputs).find(([name]) => basename(name) === entry);
+  return output.imports.filter((use) => use.kind === "import-statement" && !use.external).map((use) => basename(use.path)).sort();
+};
+const first = needs("boot.js");
+console.log(["boot.js", ...first].join(" "));
+console.log(["app.js", ...needs("app.js").filter((name) => !first.includes(name))].join(" "));

@@ -2,7 +2,7 @@
 //! wasm-bindgen wrote. A slow line pays for every file with a round trip and for every byte.
 //!
 //! Input: the page's files, hand-written modules among them at the top. Output: the same page with the entry scripts in their place, shared
-//! chunks beside them, and the chunks named in `index.html` so that they are fetched at once. Fails when esbuild does.
+//! chunks beside them, and all that it starts with named in `index.html` so that it is fetched at once. Fails when esbuild does.
 
 use crate::process::{command, output};
 use anyhow::{Context, Result, bail};
@@ -10,8 +10,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// The line of `index.html` that chunks are named after.
-const AFTER: &str = "<link rel=\"modulepreload\" href=\"app.js\">";
+/// The line of `index.html` that what is bundled is named in place of.
+const PLACE: &str = "<link rel=\"modulepreload\" href=\"app.js\">";
 
 /// Folders of the page whose scripts are modules of it.
 const FOLDERS: [&str; 1] = ["measure"];
@@ -54,7 +54,7 @@ pub(crate) fn bundle(
         fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
         node.arg(path);
     }
-    let chunks = output(&mut node).context("esbuild on the page's modules")?;
+    let named = output(&mut node).context("esbuild on the page's modules")?;
 
     // Modules at the top and in the folders of tools; examples are for people and stay as they are.
     let is_module = |name: &String| {
@@ -64,13 +64,13 @@ pub(crate) fn bundle(
     page.retain(|name, _| !is_module(name));
     add(page, &out, "")?;
     let html = page.get("index.html").and_then(|bytes| std::str::from_utf8(bytes).ok()).unwrap_or_default();
-    if !html.contains(AFTER) {
-        bail!("www/index.html has no line {AFTER}, after which the bundled chunks are named");
+    if !html.contains(PLACE) {
+        bail!("www/index.html has no line {PLACE}, in place of which the bundled files are named");
     }
-    let named = chunks.lines().filter(|line| !line.is_empty());
-    let links = named.map(|chunk| format!("\n<link rel=\"modulepreload\" href=\"{chunk}\">"));
-    let lines: String = std::iter::once(AFTER.to_owned()).chain(links).collect();
-    let html = html.replacen(AFTER, &lines, 1).into_bytes();
+    // A browser has six connections, and fetches in this order: what asks for the pack and the program comes first.
+    let links: Vec<String> =
+        named.split_whitespace().map(|name| format!("<link rel=\"modulepreload\" href=\"{name}\">")).collect();
+    let html = html.replacen(PLACE, &links.join("\n"), 1).into_bytes();
     page.insert("index.html".to_owned(), html);
     Ok(())
 }
