@@ -88,7 +88,8 @@ impl Streamer {
         self.pinned = select::pinned(&self.nodes, &budgets, self.header.attributes.scalars);
     }
 
-    /// Change how many chunks a step uploads at most.
+    /// Change how many chunks a step uploads at most. With 0 a step asks for what is missing and has it decoded, but shows no more than
+    /// before: for the time in which nothing can be drawn.
     pub fn set_uploads(&mut self, uploads: usize) {
         self.budgets.uploads = uploads;
     }
@@ -364,7 +365,7 @@ impl Streamer {
     }
 
     fn upload(&mut self, wanted: &Wanted, commands: &mut Vec<Command>) {
-        let mut left = self.budgets.uploads.max(1);
+        let mut left = self.budgets.uploads;
         for &chunk in &wanted.order {
             if left == 0 {
                 break;

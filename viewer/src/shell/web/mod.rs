@@ -110,6 +110,8 @@ pub struct Viewer {
     picture: Option<[u32; 2]>,
     target_pixels: f64,
     pace: Pace,
+    /// The pixel error that the last frame refined to.
+    paced: f64,
     /// When the last frame was drawn, milliseconds.
     frame_at: f64,
     draw: Vec<DrawPatch>,
@@ -176,6 +178,7 @@ impl Viewer {
             picture: None,
             target_pixels: 1.0,
             pace: Pace::new(1.0),
+            paced: 1.0,
             frame_at: 0.0,
             draw: Vec::new(),
         };

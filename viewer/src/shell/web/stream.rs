@@ -3,7 +3,7 @@
 use super::{Viewer, set};
 use js_sys::{Array, Object, Uint8Array};
 use kilwa_pack::{GpuChunk, PatchRange};
-use kilwa_stream::{Budgets, Command, Event, FetchKind, Stats, Step};
+use kilwa_stream::{Budgets, Command, Event, FetchKind, Stats, Step, View};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 /// Chunks uploaded in a frame of a sixtieth of a second: sixteen are about a megabyte, which no frame feels.
@@ -87,6 +87,22 @@ impl Viewer {
         self.events.push(Event::DecodeFailed { chunk });
     }
 
+    /// Decide without drawing, for the time in which the browser asks for no frame: what came is decoded, and what that leads to is asked
+    /// for. Returns commands as [`Viewer::frame`] does.
+    ///
+    /// # Errors
+    /// As [`Viewer::frame`].
+    pub fn attend(&mut self, now_ms: f64) -> Result<Array, JsValue> {
+        let mut view = self.wanted_view();
+        if self.picture.is_none() {
+            view.target_pixels = self.paced;
+        }
+        self.streamer.set_uploads(0);
+        let (step, commands) = self.decide(&view, now_ms)?;
+        self.draw = step.draw;
+        Ok(commands)
+    }
+
     /// Decide and draw. Returns `{ commands, stats }`; see `www/session.js`.
     ///
     /// # Errors
@@ -98,11 +114,29 @@ impl Viewer {
         if self.picture.is_none() {
             view.target_pixels = paced;
         }
+        self.paced = paced;
         // Where a frame takes long for other reasons, more uploads in it are not felt, and the model is there sooner.
         let since = (now_ms - self.frame_at).clamp(1000.0 / 60.0, 8000.0 / 60.0);
         self.frame_at = now_ms;
         self.streamer.set_uploads((UPLOADS as f64 * since * 60.0 / 1000.0) as usize);
-        let step = self.streamer.step(&view, now_ms, std::mem::take(&mut self.events));
+        let (step, commands) = self.decide(&view, now_ms)?;
+        let stats = self.stats_object(&step)?;
+        self.draw = step.draw;
+        let is_fading = self.present(now_ms);
+        // A picture that is coarser because it moves becomes fine by itself.
+        let is_hurried = self.pace.factor() > 1.0 && !self.pace.is_at_rest();
+        set(&stats, "more", &(is_fading || is_hurried || !step.commands.is_empty()).into())?;
+        let answer = Object::new();
+        set(&answer, "commands", &commands)?;
+        set(&answer, "stats", &stats)?;
+        Ok(answer.into())
+    }
+}
+
+impl Viewer {
+    /// A step of the streamer with all that happened; what it says to upload and to forget is done, the rest is returned for JavaScript.
+    fn decide(&mut self, view: &View, now_ms: f64) -> Result<(Step, Array), JsValue> {
+        let step = self.streamer.step(view, now_ms, std::mem::take(&mut self.events));
         let commands = Array::new();
         for command in &step.commands {
             match command {
@@ -121,20 +155,9 @@ impl Viewer {
                 }
             }
         }
-        let stats = self.stats_object(&step)?;
-        self.draw = step.draw;
-        let is_fading = self.present(now_ms);
-        // A picture that is coarser because it moves becomes fine by itself.
-        let is_hurried = self.pace.factor() > 1.0 && !self.pace.is_at_rest();
-        set(&stats, "more", &(is_fading || is_hurried || !step.commands.is_empty()).into())?;
-        let answer = Object::new();
-        set(&answer, "commands", &commands)?;
-        set(&answer, "stats", &stats)?;
-        Ok(answer.into())
+        Ok((step, commands))
     }
-}
 
-impl Viewer {
     fn stats_object(&self, step: &Step) -> Result<Object, JsValue> {
         let s: &Stats = &step.stats;
         let o = Object::new();
