@@ -87,8 +87,8 @@ pub struct Renderer {
     samples: u32,
     surface: BTreeMap<Variant, wgpu::RenderPipeline>,
     background: wgpu::RenderPipeline,
-    /// Without and with a cut.
-    id: [wgpu::RenderPipeline; 2],
+    /// Without and with a cut; made when they are first asked for, which the page never does.
+    id: BTreeMap<bool, wgpu::RenderPipeline>,
     relief: BTreeMap<bool, wgpu::RenderPipeline>,
     relief_map: ReliefMap,
     scalar: Option<ShownScalar>,
@@ -108,7 +108,6 @@ impl Renderer {
         let present = Present::new(&device, format);
         let surface = BTreeMap::from([(plain, surface::pipeline(&device, &uniforms, drawn, samples, plain))]);
         let background = background::pipeline(&device, &uniforms, drawn, samples);
-        let id = [false, true].map(|cut| id::pipeline(&device, &uniforms, cut));
         Self {
             device,
             queue,
@@ -120,7 +119,7 @@ impl Renderer {
             samples,
             surface,
             background,
-            id,
+            id: BTreeMap::new(),
             relief: BTreeMap::new(),
             relief_map: ReliefMap::default(),
             scalar: None,
@@ -320,11 +319,13 @@ impl Renderer {
         let options = RenderOptions { tile, clip: *clip, ..RenderOptions::default() };
         let frame = frame_uniform(view, &options, TargetTraits::default());
         self.uniforms.write(&self.device, &self.queue, &frame, &draws);
+        let cut = clip.is_on();
+        let pipeline = self.id.entry(cut).or_insert_with(|| id::pipeline(&self.device, &self.uniforms, cut)).clone();
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         {
             let mut pass = begin(&mut encoder, &view_of(&ids), None, &depth);
             pass.set_bind_group(0, &self.uniforms.frame_group, &[]);
-            pass.set_pipeline(&self.id[usize::from(clip.is_on())]);
+            pass.set_pipeline(&pipeline);
             self.record(&mut pass, &calls, false);
         }
         let readback = Readback::record(&self.device, &mut encoder, &ids, 8);
