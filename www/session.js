@@ -5,6 +5,13 @@ import { isPassing } from "./loader.js";
 
 /** Most bytes of the directory that are kept for whoever measures. */
 const KEPT_PAGES = 8 << 20;
+/** So long after something came the next frame is waited for, milliseconds: longer than one of a sixtieth of a second. */
+const PATIENCE_MS = 25;
+/** So long after the last frame the model goes on coming without one, milliseconds: a page that nobody sees gets none. */
+const UNSEEN_MS = 2000;
+/** Frames that take longer to come are slow, milliseconds: three of a sixtieth of a second. */
+const SLOW_MS = 50;
+const LONGEST_PAUSE_MS = 250;
 
 export class Session {
   /**
@@ -30,6 +37,9 @@ export class Session {
     this.closed = false;
     this.drawn = false;
     this.frames = 0;
+    this.lag = 0; // from asking for a frame to its beginning, milliseconds
+    this.framedAt = performance.now();
+    this.now = 0; // the viewer's clock
     this.stats = null;
     this.firstPicture = new Promise((resolve) => (this.showFirst = resolve));
     viewer.setRanges(pack.most ?? 1);
@@ -42,10 +52,24 @@ export class Session {
   wake() {
     if (this.scheduled || this.closed) return;
     this.scheduled = true;
+    clearTimeout(this.pausing);
+    this.pausing = null;
+    const asked = performance.now();
     requestAnimationFrame((now) => {
       this.scheduled = false;
+      this.lag = performance.now() - asked;
       this.#guarded(() => this.#frame(now));
     });
+  }
+
+  /**
+   * Draw what came by itself. Where frames are slow to come (no graphics card: the processor draws), as long again is left to what
+   * fetches and decodes: the model is there sooner. What a person does is drawn at once.
+   */
+  #wakeInTurn() {
+    if (this.scheduled || this.pausing || this.closed) return;
+    if (!this.drawn || this.lag < SLOW_MS) this.wake();
+    else this.pausing = setTimeout(() => this.wake(), Math.min(this.lag, LONGEST_PAUSE_MS));
   }
 
   /** The picture has as many pixels as the screen, up to two per CSS pixel. */
@@ -65,6 +89,8 @@ export class Session {
   close() {
     this.closed = true;
     clearTimeout(this.retry);
+    clearTimeout(this.attending);
+    clearTimeout(this.pausing);
     this.observer.disconnect();
     for (const controller of this.inFlight.values()) controller.abort();
     this.pool.close();
@@ -81,24 +107,51 @@ export class Session {
     }
   }
 
+  /**
+   * Something came; it shows in the next frame. Where the browser gives none for a while (a slow graphics card, shaders being compiled),
+   * what it leads to is asked for and decoded meanwhile, so that the line and the workers do not stand still.
+   */
+  #came() {
+    this.#wakeInTurn();
+    if (this.attending || this.closed) return;
+    const { frames } = this;
+    this.attending = setTimeout(() => {
+      this.attending = null;
+      const isSeen = !document.hidden && performance.now() - this.framedAt < UNSEEN_MS;
+      if (isSeen && this.frames === frames) this.#guarded(() => this.#carryOut(this.viewer.attend(this.#tick(performance.now()))));
+    }, PATIENCE_MS);
+  }
+
+  /** A frame's time is that of its beginning: before what was done since. The viewer's clock never runs backwards. */
+  #tick(now) {
+    this.now = Math.max(this.now, now);
+    return this.now;
+  }
+
   #frame(now) {
-    const { commands, stats } = this.viewer.frame(now);
-    for (const command of commands) this.#carryOut(command);
-    this.answers.clear();
+    const { commands, stats } = this.viewer.frame(this.#tick(now));
+    this.#carryOut(commands);
     this.stats = stats;
     this.frames += 1;
+    this.framedAt = performance.now();
     if (!this.drawn && stats.patchesDrawn > 0) {
       this.drawn = true;
       this.showFirst();
       this.on.first(stats);
     }
     clearTimeout(this.retry);
-    if (stats.more) this.wake();
+    if (stats.more) this.#wakeInTurn();
     else if (stats.retryInMs >= 0) this.retry = setTimeout(() => this.wake(), Math.max(stats.retryInMs, 16));
     this.on.frame(stats);
   }
 
-  #carryOut(command) {
+  /** All that a step asks for; after it the answers that it was told of are not needed. */
+  #carryOut(commands) {
+    for (const command of commands) this.#do(command);
+    this.answers.clear();
+  }
+
+  #do(command) {
     switch (command.type) {
       case "fetch":
         this.#fetch(command);
@@ -137,7 +190,7 @@ export class Session {
         if (pages || count === length || !this.inFlight.has(request)) return;
         this.answers.set(request, bytes);
         this.#guarded(() => this.viewer.onProgress(request, count));
-        this.wake();
+        this.#came();
       };
       const bytes = await this.pack.range(offset, length, controller.signal, {
         fresh, onPart, ranges: ranges.length > 1 ? ranges.join() : "",
@@ -163,7 +216,7 @@ export class Session {
       else if (!isPassing(error)) this.on.lost(error);
     } finally {
       this.inFlight.delete(request);
-      this.wake();
+      this.#came();
     }
   }
 
@@ -205,7 +258,7 @@ export class Session {
       if (times >= 2) this.on.damaged(chunk, error);
     } finally {
       if (isWanted()) this.decoding.delete(chunk);
-      this.wake();
+      this.#came();
     }
   }
 }
