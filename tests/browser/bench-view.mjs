@@ -2,8 +2,8 @@
 // `cargo xtask bench view`. Prints Markdown on stdout, what it does on stderr.
 //
 // Chromium emulates the link on the page's requests (CDP). As for the peers there, draws are counted but not executed (`--draw`
-// executes them): without a graphics card they would take the processor from everything else. Medians of three loads, each with an
-// empty store; `--quick` makes one.
+// executes them): without a graphics card they would take the processor from everything else. Medians of three loads, each in a new
+// window that has stood open for two seconds, with an empty store; `--quick` makes one.
 
 import { readFileSync } from "node:fs";
 import { launch, packFolder, serve } from "./harness.mjs";
@@ -55,6 +55,8 @@ async function fresh(link, address) {
     };
     look();
   });
+  // A new window keeps the browser itself busy for a while; people enter an address in one that stands open.
+  await page.waitForTimeout(2000);
   await page.goto(address);
   return { page, client, close: () => context.close() };
 }
