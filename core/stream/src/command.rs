@@ -133,7 +133,7 @@ pub struct Budgets {
     pub cpu_bytes: u64,
     /// Chunks in GPU memory, bytes, those on their way included.
     pub gpu_bytes: u64,
-    /// Chunks uploaded per step; see [`Streamer::set_uploads`](crate::Streamer::set_uploads).
+    /// Chunks uploaded per step.
     pub uploads: usize,
 }
 

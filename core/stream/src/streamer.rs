@@ -33,6 +33,8 @@ pub struct Streamer {
     /// The cut of the last step.
     pub(crate) refined: BTreeSet<u32>,
     predictor: Predictor,
+    /// Where the camera goes, as of the last frame.
+    predicted: Option<View>,
     /// Pages that the view waits for, as of the last step.
     pub(crate) pages_missing: usize,
     gpu_bytes: u64,
@@ -62,6 +64,7 @@ impl Streamer {
             pinned: Vec::new(),
             refined: BTreeSet::new(),
             predictor: Predictor::default(),
+            predicted: None,
             pages_missing: 0,
             gpu_bytes: 0,
             cpu_bytes: 0,
@@ -88,8 +91,7 @@ impl Streamer {
         self.pinned = select::pinned(&self.nodes, &budgets, self.header.attributes.scalars);
     }
 
-    /// Change how many chunks a step uploads at most. With 0 a step asks for what is missing and has it decoded, but shows no more than
-    /// before: for the time in which nothing can be drawn.
+    /// Change how many chunks a step uploads at most.
     pub fn set_uploads(&mut self, uploads: usize) {
         self.budgets.uploads = uploads;
     }
@@ -112,6 +114,17 @@ impl Streamer {
     /// Take in what happened, decide, and say what to do and what to draw. `now_ms` is any clock that does not run
     /// backwards.
     pub fn step(&mut self, view: &View, now_ms: f64, events: impl IntoIterator<Item = Event>) -> Step {
+        self.predicted = self.predictor.update(now_ms, view);
+        self.advance(view, now_ms, events, self.budgets.uploads.max(1))
+    }
+
+    /// A step between two frames, for the time in which nothing can be drawn: it asks for what is missing and has it decoded, but uploads
+    /// nothing, and takes the camera to go where the last [`Streamer::step`] saw it going.
+    pub fn attend(&mut self, view: &View, now_ms: f64, events: impl IntoIterator<Item = Event>) -> Step {
+        self.advance(view, now_ms, events, 0)
+    }
+
+    fn advance(&mut self, view: &View, now_ms: f64, events: impl IntoIterator<Item = Event>, uploads: usize) -> Step {
         let mut commands = Vec::new();
         let mut arrived = Vec::new();
         for event in events {
@@ -119,7 +132,7 @@ impl Streamer {
         }
         let scalars = self.header.attributes.scalars;
         let step = self.header.lattice.step();
-        let cameras = Cameras { view: *view, predicted: self.predictor.update(now_ms, view), step };
+        let cameras = Cameras { view: *view, predicted: self.predicted, step };
         let wanted = select::wanted(&self.nodes, &cameras, &self.budgets, scalars, &self.pinned, self.head_bytes);
         // Answers first: their decoding frees no memory, but the bytes are here now.
         for (chunk, request, offset) in arrived {
@@ -128,7 +141,7 @@ impl Streamer {
         self.cancel_unwanted(&wanted, &mut commands);
         self.make_room(0, 0, &wanted, &mut commands);
         self.schedule(&wanted, now_ms, &mut commands);
-        self.upload(&wanted, &mut commands);
+        self.upload(&wanted, uploads, &mut commands);
         self.refine(view);
         let (draw, quality) = self.cut(view, &self.refined);
         let mut stats = self.stats(&wanted, now_ms);
@@ -364,8 +377,8 @@ impl Streamer {
         fits(self)
     }
 
-    fn upload(&mut self, wanted: &Wanted, commands: &mut Vec<Command>) {
-        let mut left = self.budgets.uploads;
+    fn upload(&mut self, wanted: &Wanted, uploads: usize, commands: &mut Vec<Command>) {
+        let mut left = uploads;
         for &chunk in &wanted.order {
             if left == 0 {
                 break;

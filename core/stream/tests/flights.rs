@@ -5,7 +5,7 @@ mod support;
 
 use kilwa_geometry::distance::{cross, dot};
 use kilwa_stream::sim::{Decoders, Flight, Link, Simulator};
-use kilwa_stream::{Budgets, Projection, Streamer, View};
+use kilwa_stream::{Budgets, Command, Projection, Step, Streamer, View};
 use std::fmt::Write as _;
 use std::path::Path;
 use support::{Pack, assert_sound};
@@ -178,4 +178,32 @@ fn while_a_camera_glides_what_it_will_see_is_loaded() {
     };
     let (gliding, leaping) = (asked_until(FRAME_MS), asked_until(300.0));
     assert!(gliding > leaping, "{gliding} bytes with a prediction, {leaping} without");
+}
+
+#[test]
+fn a_step_between_frames_changes_nothing_about_what_a_glide_will_see() {
+    let pack = Pack::random(9, 400);
+    let flight = flight();
+    let streamer = Streamer::new(&pack.head, pack.head_bytes, Budgets::default());
+    let mut sim = Simulator::new(streamer, pack.head_bytes, &pack, Link::FAST, Decoders::default());
+    sim.fly(&flight, 0.0, 30_000.0, FRAME_MS, |_, _| {});
+    let is_asked = |step: &Step| step.commands.iter().filter(|c| matches!(c, Command::Fetch { .. })).count();
+    let mut asked = 0;
+    let mut now = 30_000.0;
+    while now < 34_000.0 {
+        let next = now + FRAME_MS;
+        sim.step(now, &flight.at(now));
+        let (mut attended, mut plain) = (sim.streamer().clone(), sim.streamer().clone());
+        let between = attended.attend(&flight.at(now), now + FRAME_MS / 2.0, []);
+        let with = attended.step(&flight.at(next), next, []);
+        let without = plain.step(&flight.at(next), next, []);
+        for step in [&between, &with] {
+            assert!(!step.commands.iter().any(|c| matches!(c, Command::Cancel { .. })), "at {now}: {step:?}");
+        }
+        assert_eq!(with.stats.chunks_wanted, without.stats.chunks_wanted, "at {now}");
+        assert!(is_asked(&between) + is_asked(&with) >= is_asked(&without), "at {now}");
+        asked += is_asked(&without);
+        now = next;
+    }
+    assert!(asked > 10, "else this shows nothing");
 }

@@ -48,13 +48,14 @@ fn fly(pack: &Pack, seed: u64, budgets: Budgets, faults: Faults) -> Landed {
             events.extend(events.clone()); // Everything twice.
         }
         // Some steps are between two frames.
-        streamer.set_uploads(if random.below(4) == 0 { 0 } else { budgets.uploads });
-        let step = streamer.step(&view, now as f64, events);
+        let is_between = random.below(4) == 0;
+        let now_ms = now as f64;
+        let step =
+            if is_between { streamer.attend(&view, now_ms, events) } else { streamer.step(&view, now_ms, events) };
         world.take(now, &step, &streamer);
         now += 1 + random.below(60) as u64;
     }
     world.faults = Faults { fail: 0, garble: 0 };
-    streamer.set_uploads(budgets.uploads);
     for _ in 0..20_000 {
         let events = world.due(now);
         let step = streamer.step(&view, now as f64, events);
@@ -276,10 +277,9 @@ fn between_two_frames_everything_is_asked_for_and_decoded_and_nothing_is_shown()
     let view = random_view(&mut random);
     let mut streamer = Streamer::new(&pack.head, pack.head_bytes, budgets);
     let mut world = World::new(&pack, 3, budgets, Faults { fail: 0, garble: 0 });
-    streamer.set_uploads(0);
     let mut now = 0;
     loop {
-        let step = streamer.step(&view, now as f64, world.due(now));
+        let step = streamer.attend(&view, now as f64, world.due(now));
         world.take(now, &step, &streamer);
         assert!(step.draw.is_empty(), "nothing is in GPU memory");
         if step.commands.is_empty() && world.is_quiet() {
@@ -288,7 +288,7 @@ fn between_two_frames_everything_is_asked_for_and_decoded_and_nothing_is_shown()
         now += 10;
     }
     // Every chunk of the picture is there: the next frames bring it without another byte.
-    let before = streamer.step(&view, now as f64, []).stats;
+    let before = streamer.attend(&view, now as f64, []).stats;
     assert!(before.requests_in_flight == 0 && before.bytes_in_flight == 0 && before.chunks_missing > 0);
     streamer.set_uploads(usize::MAX);
     let step = streamer.step(&view, now as f64, []);

@@ -112,6 +112,8 @@ pub struct Viewer {
     pace: Pace,
     /// The pixel error that the last frame refined to.
     paced: f64,
+    /// Frames are slow to come.
+    is_slow: bool,
     /// When the last frame was drawn, milliseconds.
     frame_at: f64,
     draw: Vec<DrawPatch>,
@@ -179,6 +181,7 @@ impl Viewer {
             target_pixels: 1.0,
             pace: Pace::new(1.0),
             paced: 1.0,
+            is_slow: false,
             frame_at: 0.0,
             draw: Vec::new(),
         };
@@ -257,7 +260,7 @@ impl Viewer {
         };
         let view = self.view();
         let target = view_of(&frame.texture);
-        let fades = self.display.fade.unwrap_or(!self.reduced_motion) && self.picture.is_none();
+        let fades = self.display.fade.unwrap_or(!self.reduced_motion && !self.is_slow) && self.picture.is_none();
         let is_fading = if fades {
             let faded = self.fader.step(now_ms, &self.draw, |chunk| self.renderer.has_chunk(chunk));
             self.renderer.draw_fading(&view, &faded.patches, &faded.shares, &self.options, &target);

@@ -3,7 +3,7 @@
 use super::{Viewer, set};
 use js_sys::{Array, Object, Uint8Array};
 use kilwa_pack::{GpuChunk, PatchRange};
-use kilwa_stream::{Budgets, Command, Event, FetchKind, Stats, Step, View};
+use kilwa_stream::{Budgets, Command, Event, FetchKind, Stats, Step};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 /// Chunks uploaded in a frame of a sixtieth of a second: sixteen are about a megabyte, which no frame feels.
@@ -97,17 +97,19 @@ impl Viewer {
         if self.picture.is_none() {
             view.target_pixels = self.paced;
         }
-        self.streamer.set_uploads(0);
-        let (step, commands) = self.decide(&view, now_ms)?;
+        let step = self.streamer.attend(&view, now_ms, std::mem::take(&mut self.events));
+        let commands = self.carry_out(&step)?;
         self.draw = step.draw;
         Ok(commands)
     }
 
-    /// Decide and draw. Returns `{ commands, stats }`; see `www/session.js`.
+    /// Decide and draw. `is_slow` where the browser takes long to give a frame: then levels do not fade into each other, for a fade of
+    /// two pictures is none. Returns `{ commands, stats }`; see `www/session.js`.
     ///
     /// # Errors
     /// When JavaScript refuses an object, which does not happen.
-    pub fn frame(&mut self, now_ms: f64) -> Result<JsValue, JsValue> {
+    pub fn frame(&mut self, now_ms: f64, is_slow: bool) -> Result<JsValue, JsValue> {
+        self.is_slow = is_slow;
         let mut view = self.wanted_view();
         // A picture is loaded for at its own error; that the camera rests meanwhile is noticed all the same.
         let paced = self.pace.frame(now_ms, &self.view());
@@ -119,7 +121,8 @@ impl Viewer {
         let since = (now_ms - self.frame_at).clamp(1000.0 / 60.0, 8000.0 / 60.0);
         self.frame_at = now_ms;
         self.streamer.set_uploads((UPLOADS as f64 * since * 60.0 / 1000.0) as usize);
-        let (step, commands) = self.decide(&view, now_ms)?;
+        let step = self.streamer.step(&view, now_ms, std::mem::take(&mut self.events));
+        let commands = self.carry_out(&step)?;
         let stats = self.stats_object(&step)?;
         self.draw = step.draw;
         let is_fading = self.present(now_ms);
@@ -134,9 +137,8 @@ impl Viewer {
 }
 
 impl Viewer {
-    /// A step of the streamer with all that happened; what it says to upload and to forget is done, the rest is returned for JavaScript.
-    fn decide(&mut self, view: &View, now_ms: f64) -> Result<(Step, Array), JsValue> {
-        let step = self.streamer.step(view, now_ms, std::mem::take(&mut self.events));
+    /// What a step says to upload and to forget is done, the rest is returned for JavaScript.
+    fn carry_out(&mut self, step: &Step) -> Result<Array, JsValue> {
         let commands = Array::new();
         for command in &step.commands {
             match command {
@@ -155,7 +157,7 @@ impl Viewer {
                 }
             }
         }
-        Ok((step, commands))
+        Ok(commands)
     }
 
     fn stats_object(&self, step: &Step) -> Result<Object, JsValue> {
