@@ -1,13 +1,11 @@
 // The page: brings head, program and controls together, and shows what is going on.
 
-import { Api } from "./api.js";
+import { Api, CALLS } from "./api.js";
 import * as chrome from "./chrome.js";
 import { Cube } from "./cube.js";
-import { DecodePool } from "./decode-pool.js";
 import { Display } from "./display.js";
 import * as format from "./format.js";
 import { onChange, preferred, remember, t, use } from "./i18n.js";
-import * as embed from "./embed.js";
 import { Flight } from "./flight.js";
 import { Identity } from "./identity.js";
 import { Input } from "./input.js";
@@ -20,7 +18,6 @@ import { factsList } from "./facts.js";
 import { readJson } from "./store.js";
 import { Notes, fetchPublished } from "./notes.js";
 import { Pictures } from "./pictures.js";
-import { otherProgram, whyNoGpu } from "./program.js";
 import { Saved } from "./saved.js";
 import { Section } from "./section.js";
 import { Session } from "./session.js";
@@ -38,21 +35,23 @@ const DETAIL = [0.5, 1, 2, 4, 8];
  * @param {import("./loader.js").Pack | null} parts.pack
  * @param {Promise<Uint8Array>} parts.head
  * @param {Promise<object>} parts.program
- * @param {DecodePool | null} parts.pool for the first model that is opened
+ * @param {{whyNoGpu: () => string | null, otherProgram: (address: string, parameters: URLSearchParams) => string | null}} parts.gpu program.js
+ * @param {import("./decode-pool.js").DecodePool | null} parts.pool for the first model that is opened
+ * @param {() => import("./decode-pool.js").DecodePool} parts.newPool for the others
+ * @param {typeof import("./embed.js") | null} parts.embed where this page is inside another one
  * @param {URLSearchParams} parts.parameters
  */
-export async function start({ pack, head, program, pool, parameters }) {
+export async function start(parts) {
+  const { head, program, parameters } = parts;
   await use(preferred(parameters));
   document.documentElement.classList.add("started");
-  const page = new Page(pack, pool, parameters);
+  const page = new Page(parts);
   await page.open(head, program);
 }
 
 class Page {
-  constructor(pack, pool, parameters) {
-    this.pack = pack;
-    this.pool = pool;
-    this.parameters = parameters;
+  constructor({ pack, gpu, pool, newPool, embed, parameters }) {
+    Object.assign(this, { pack, gpu, pool, newPool, parameters });
     this.trouble = new Trouble();
     this.status = new Status();
     this.settings = this.#defaults();
@@ -71,7 +70,7 @@ class Page {
     this.controls();
     this.#contexts();
     if (parameters.has("embed")) embed.reduce(parameters.get("embed") === "bare");
-    embed.serve(this.api);
+    embed?.serve(this.api, CALLS);
     globalThis.kilwa = this; // the same objects for scripts and tests as for the page
   }
 
@@ -101,7 +100,7 @@ class Page {
     try {
       bytes = await this.#head(head);
     } catch (error) {
-      this.trouble.show(error.kind ?? "broken", error);
+      this.#cannotOpen(error.kind ?? "broken", error);
       return;
     }
     $("loading-text").textContent = t("loadingProgram");
@@ -118,12 +117,18 @@ class Page {
       }
     } catch (error) {
       // What the parser refuses is no pack, or not a whole one; what a module loader refuses is our own trouble.
-      this.trouble.show(error.kind ?? (this.module || error.constructor === Error ? "damaged" : "broken"), error);
+      this.#cannotOpen(error.kind ?? (this.module || error.constructor === Error ? "damaged" : "broken"), error);
       return;
     }
     this.#person();
     await this.draw();
     await this.#published();
+  }
+
+  #cannotOpen(kind, error, more) {
+    this.pool?.close();
+    this.pool = null;
+    this.trouble.show(kind, error, more);
   }
 
   /** What measures (measure/engine.js), loaded when it is first asked for. */
@@ -232,7 +237,7 @@ class Page {
   /** Make the viewer and start streaming; again after the device was lost, with the same camera. */
   async draw(state = readState(location.hash)) {
     const canvas = $("canvas");
-    const reason = whyNoGpu();
+    const reason = this.gpu.whyNoGpu();
     let viewer;
     try {
       if (reason) throw new Error("nogpu:");
@@ -242,12 +247,12 @@ class Page {
     } catch (error) {
       const isNoGpu = String(error.message).startsWith("nogpu:");
       // A canvas that was asked for WebGPU gives no WebGL any more: the page begins again, once.
-      const other = isNoGpu && !reason ? otherProgram(location.href, this.parameters) : null;
+      const other = isNoGpu && !reason ? this.gpu.otherProgram(location.href, this.parameters) : null;
       if (other) {
         location.replace(other);
         return;
       }
-      this.trouble.show(isNoGpu ? "noGpu" : "broken", error, { reason: reason ?? "noGpuAdapter" });
+      this.#cannotOpen(isNoGpu ? "noGpu" : "broken", error, { reason: reason ?? "noGpuAdapter" });
       return;
     }
     const { colors, scalars } = this.info.pack;
@@ -258,11 +263,12 @@ class Page {
       viewer,
       pack: this.pack,
       head: this.headBytes,
-      pool: this.pool ?? new DecodePool(),
+      pool: this.pool ?? this.newPool(),
       attributes: { colors, scalars },
       on: {
         frame: (stats) => this.#frame(stats),
         first: () => this.#first(),
+        waits: (seconds) => ($("loading-text").textContent = t("offlineFirst", { seconds })),
         changed: () => this.trouble.show("changed", this.session.lastFailure),
         lost: (error) => chrome.notice(`${t(`${error.kind}Title`)}. ${error.message}`),
         damaged: (chunk, error) => this.#damaged(chunk, error),

@@ -2,7 +2,7 @@
 import { DecodePool } from "./decode-pool.js";
 import { Pack } from "./loader.js";
 import { read } from "./parameters.js";
-import { load } from "./program.js";
+import { load, otherProgram, whyNoGpu } from "./program.js";
 
 const parameters = read();
 // The server writes the address of the pack into the page; on a plain static host ?pack=URL names it.
@@ -14,7 +14,10 @@ head?.catch(() => {});
 const program = load(parameters);
 program.catch(() => {});
 // The first chunk is decoded as soon as the program has found a device: by then a worker stands ready.
-const pool = pack ? new DecodePool().warm() : null;
+const newPool = () => new DecodePool();
+const pool = pack ? newPool().warm() : null;
 
+// Most pages stand alone.
+const embed = parent !== window || parameters.has("embed") ? import("./embed.js") : null;
 const { start } = await import("./app.js");
-await start({ pack, head, program, pool, parameters });
+await start({ pack, head, program, gpu: { whyNoGpu, otherProgram }, pool, newPool, embed: await embed, parameters });

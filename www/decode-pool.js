@@ -1,4 +1,8 @@
-// A few workers that decode; each has one job at a time, so that what is no longer wanted never starts.
+// A few workers that decode; each has one job at a time, so that what is no longer wanted never starts. Where none can be started (its
+// script or its program do not come) the jobs wait, and it is tried again for as long as the pool lives.
+
+/** First and longest wait until it is tried again, milliseconds. */
+const AGAIN_MS = [500, 30_000];
 
 export class DecodePool {
   /** @param {number} size number of workers: by default one less than there are cores, and at most four */
@@ -10,6 +14,9 @@ export class DecodePool {
     this.running = new Map();
     this.jobs = 0;
     this.module = null;
+    this.failures = 0; // workers that did not start, in a row
+    this.pausing = null;
+    this.onWait = () => {}; // told of the seconds until it is tried again
   }
 
   /** Start the first worker before there is anything to decode. */
@@ -32,6 +39,7 @@ export class DecodePool {
   }
 
   close() {
+    clearTimeout(this.pausing);
     for (const worker of this.workers) worker.terminate();
     this.workers.clear();
     this.idle = [];
@@ -41,7 +49,7 @@ export class DecodePool {
   async #next() {
     if (this.waiting.length === 0) return;
     if (this.idle.length === 0) {
-      if (this.workers.size >= this.size) return;
+      if (this.workers.size >= this.size || this.pausing) return;
       await this.#start();
     }
     const worker = this.idle.pop();
@@ -70,7 +78,9 @@ export class DecodePool {
     worker.onmessage = ({ data }) => this.#done(worker, data);
     worker.onerror = (event) => this.#lost(worker, event.message || "the decoding worker did not start");
     try {
-      worker.postMessage({ module: await this.#compiled() });
+      const module = await this.#compiled();
+      if (!this.workers.has(worker)) return; // its script failed, or the pool was closed
+      worker.postMessage({ module });
       this.idle.push(worker);
     } catch (error) {
       this.#lost(worker, String(error?.message ?? error));
@@ -80,6 +90,7 @@ export class DecodePool {
   #done(worker, { job, error, broken, ...decoded }) {
     const entry = this.running.get(job);
     this.running.delete(job);
+    this.failures = 0;
     if (broken) {
       this.workers.delete(worker);
       worker.terminate();
@@ -101,8 +112,18 @@ export class DecodePool {
       entry.reject(new Error(message));
     }
     // Without any worker nothing that waits would ever end.
-    if (this.workers.size === 0) {
-      for (const w of this.waiting.splice(0)) w.reject(new Error(message));
-    }
+    if (this.workers.size === 0 && this.waiting.length > 0) this.#again();
+  }
+
+  #again() {
+    if (this.pausing) return;
+    const [first, longest] = AGAIN_MS;
+    const wait = Math.min(longest, first * 2 ** this.failures);
+    this.failures += 1;
+    this.onWait(Math.ceil(wait / 1000));
+    this.pausing = setTimeout(() => {
+      this.pausing = null;
+      for (let k = Math.min(this.size, this.waiting.length); k > 0; k -= 1) this.#next();
+    }, wait);
   }
 }

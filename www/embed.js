@@ -10,16 +10,17 @@
 //   → {kilwa: 1, id, call: "name", args: […]}  ← {kilwa: 1, id, result} or {kilwa: 1, id, error}
 //   → {kilwa: 1, listen: ["frame"]}            ← {kilwa: 1, event, detail}
 
-import { CALLS } from "./api.js";
-
 /** Origins that may talk to this page. */
 export function allowedOrigins() {
   const named = document.querySelector("meta[name=kilwa-origins]")?.content.trim().split(/\s+/).filter(Boolean) ?? [];
   return new Set([location.origin, ...named]);
 }
 
-/** @param {import("./api.js").Api} api */
-export function serve(api, { origins = allowedOrigins(), host = parent } = {}) {
+/**
+ * @param {import("./api.js").Api} api
+ * @param {Set<string>} calls what may be called of it
+ */
+export function serve(api, calls, { origins = allowedOrigins(), host = parent } = {}) {
   if (host === window) return;
   const listening = new Set(["ready", "trouble"]);
   let to = null; // origin of the page around this one, once it spoke and is allowed
@@ -34,7 +35,7 @@ export function serve(api, { origins = allowedOrigins(), host = parent } = {}) {
     if (data.call === undefined) return;
     const { id, call, args = [] } = data;
     try {
-      if (!CALLS.has(call) || !Array.isArray(args)) throw new TypeError(`no such call: ${String(call)}`);
+      if (!calls.has(call) || !Array.isArray(args)) throw new TypeError(`no such call: ${String(call)}`);
       send({ id, result: await api[call](...args) });
     } catch (error) {
       send({ id, error: String(error?.message ?? error) });

@@ -9,8 +9,8 @@ const KEPT_PAGES = 8 << 20;
 const PATIENCE_MS = 25;
 /** So long after the last frame the model goes on coming without one, milliseconds: a page that nobody sees gets none. */
 const UNSEEN_MS = 2000;
-/** Frames that take longer to come are slow, milliseconds: three of a sixtieth of a second. */
-const SLOW_MS = 50;
+/** Frames that take longer to come are slow, milliseconds. */
+const SLOW_MS = 100;
 const LONGEST_PAUSE_MS = 250;
 
 export class Session {
@@ -22,7 +22,7 @@ export class Session {
    * @param {Uint8Array} parts.head
    * @param {import("./decode-pool.js").DecodePool} parts.pool
    * @param {{colors: boolean, scalars: number}} parts.attributes
-   * @param {object} parts.on `frame(stats)`, `first()`, `changed()`, `damaged()`, `broken(error)`
+   * @param {object} parts.on `frame(stats)`, `first()`, `waits(seconds)`, `changed()`, `damaged()`, `broken(error)`
    */
   constructor({ canvas, viewer, pack, head, pool, attributes, on }) {
     Object.assign(this, { canvas, viewer, pack, head, pool, attributes, on });
@@ -42,6 +42,7 @@ export class Session {
     this.now = 0; // the viewer's clock
     this.stats = null;
     this.firstPicture = new Promise((resolve) => (this.showFirst = resolve));
+    pool.onWait = on.waits;
     viewer.setRanges(pack.most ?? 1);
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(canvas);
@@ -64,7 +65,8 @@ export class Session {
 
   /**
    * Draw what came by itself. Where frames are slow to come (no graphics card: the processor draws), as long again is left to what
-   * fetches and decodes: the model is there sooner. What a person does is drawn at once.
+   * fetches and decodes: the model is there sooner. What a person does is drawn at once. Levels do not fade there, so that what came
+   * shows in the first frame after it.
    */
   #wakeInTurn() {
     if (this.scheduled || this.pausing || this.closed) return;
@@ -129,7 +131,9 @@ export class Session {
   }
 
   #frame(now) {
-    const { commands, stats } = this.viewer.frame(this.#tick(now));
+    clearTimeout(this.attending);
+    this.attending = null;
+    const { commands, stats } = this.viewer.frame(this.#tick(now), this.lag >= SLOW_MS);
     this.#carryOut(commands);
     this.stats = stats;
     this.frames += 1;

@@ -254,6 +254,38 @@ test("levels fade unless the system asks for little motion, and at rest the pict
   assert.equal(pictures[0], pictures[1]);
 });
 
+test("where frames are slow to come levels do not fade, unless a person asked for it", async () => {
+  const { page, close } = await fort({ reducedMotion: "no-preference" });
+  // Whether the first frame of a coarser picture, which needs nothing from the server, is not the last: levels fade.
+  const fades = (lag) =>
+    page.evaluate(async (lag) => {
+      const { viewer, session } = globalThis.kilwa;
+      const until = async (is) => {
+        while (!is()) await new Promise((resolve) => setTimeout(resolve, 5));
+      };
+      const rest = () => until(() => session.stats.settled && !session.stats.more && !session.scheduled && !session.pausing);
+      const frame = async () => {
+        const { frames } = session;
+        session.wake();
+        await until(() => session.frames > frames);
+      };
+      await rest();
+      Object.defineProperty(session, "lag", { get: () => lag, set() {}, configurable: true });
+      await frame();
+      viewer.setTargetPixels(16);
+      await frame();
+      const { more } = session.stats;
+      viewer.setTargetPixels(4);
+      session.wake();
+      await rest();
+      return more;
+    }, lag);
+  assert.deepEqual([await fades(10), await fades(500)], [true, false]);
+  await page.evaluate(() => globalThis.kilwa.look.change({ fade: true }));
+  assert.equal(await fades(500), true);
+  await close();
+});
+
 test("axe-core finds nothing serious in either panel, whatever is chosen", async () => {
   const axe = await readFile(path.join(path.dirname(createRequire(import.meta.url).resolve("axe-core")), "axe.min.js"), "utf8");
   const found = [];

@@ -83,75 +83,88 @@ test("a server that refuses or drops every third request gives the same picture 
   proxy.mishap = null;
 });
 
+/** Runs in the page: frames are given late, or (`hold`) not at all from the first picture on. */
+function slowFrames({ late = 0, hold = false }) {
+  const { requestAnimationFrame } = globalThis;
+  const drawn = () => Boolean(globalThis.kilwa?.session?.drawn);
+  const held = [];
+  let ended = null;
+  let isInside = false;
+  const run = (callback) => (now) => {
+    isInside = true;
+    callback(now);
+    isInside = false;
+    ended = drawn() ? performance.now() : null;
+  };
+  globalThis.pauses = []; // from the end of a frame until the next one is asked for
+  globalThis.release = () => {
+    hold = false;
+    for (const callback of held.splice(0)) requestAnimationFrame(run(callback));
+  };
+  globalThis.requestAnimationFrame = (callback) => {
+    if (hold && drawn()) return held.push(callback);
+    // Other parts of the page ask for frames, too.
+    if (ended !== null && globalThis.kilwa.session.scheduled) globalThis.pauses.push(isInside ? 0 : performance.now() - ended);
+    return setTimeout(() => requestAnimationFrame(run(callback)), late);
+  };
+}
+
 test("while the browser gives no frames the model goes on coming, for two seconds", async () => {
+  // Answers come late enough that there is something to come after two seconds.
+  let release;
+  const released = new Promise((resolve) => (release = resolve));
   const { page, close } = await open(browser, `${server.url}/m/fort?error=0.5`, {
     wait: null,
-    before: (page) =>
-      page.addInitScript(() => {
-        const { requestAnimationFrame } = globalThis;
-        const held = [];
-        globalThis.isHeld = false;
-        globalThis.requestAnimationFrame = (callback) => (globalThis.isHeld ? held.push(callback) : requestAnimationFrame(callback));
-        globalThis.release = () => {
-          globalThis.isHeld = false;
-          for (const callback of held.splice(0)) requestAnimationFrame(callback);
-        };
-        // From the first picture on no frame comes.
-        const look = () => {
-          const { session } = globalThis.kilwa ?? {};
-          if (!session?.drawn) return setTimeout(look, 1);
-          globalThis.isHeld = true;
-          globalThis.begun = { frames: session.frames, decoded: session.jobs };
-        };
-        look();
-      }),
+    before: async (page) => {
+      await page.addInitScript(slowFrames, { hold: true });
+      let asked = 0;
+      await page.route("**/packs/**", async (route) => {
+        asked += 1;
+        if (asked === 3) await released;
+        await route.continue().catch(() => {});
+      });
+    },
   });
-  await page.waitForFunction(() => globalThis.begun, null, { polling: 20 });
-  await page.waitForFunction(() => performance.now() - globalThis.kilwa.session.framedAt > 2500, null, { polling: 50 });
   const now = () => page.evaluate(() => {
     const { session } = globalThis.kilwa;
     return { frames: session.frames, decoded: session.jobs, requests: session.pack.requests };
   });
-  const [before, held] = [await page.evaluate(() => globalThis.begun), await now()];
-  assert.ok(held.frames <= before.frames + 1, "one frame may have been asked for already");
-  assert.ok(held.decoded > before.decoded + 10, JSON.stringify({ before, held }));
+  await page.waitForFunction(() => globalThis.kilwa?.session?.drawn, null, { polling: 5 });
+  const first = await now();
+  await page.waitForFunction(() => performance.now() - globalThis.kilwa.session.framedAt > 2500, null, { polling: 50 });
+  const held = await now();
+  assert.ok(held.frames <= first.frames + 1, "one frame may have been asked for already");
+  assert.ok(held.decoded > first.decoded + 10, JSON.stringify({ first, held }));
   // Nobody looks: what comes now leads to nothing.
-  await page.evaluate(() => globalThis.kilwa.session.viewer.setCamera(new Float64Array([1, 0.4, 20, 1, 2, 3, 0])));
-  await page.waitForTimeout(500);
+  release();
+  await page.waitForFunction(() => globalThis.kilwa.session.inFlight.size === 0, null, { polling: 50 });
+  await page.waitForTimeout(300);
   assert.deepEqual(await now(), held);
   await page.evaluate(() => globalThis.release());
   await waitFor(page, "settled");
+  assert.ok((await now()).decoded > held.decoded, "what came late was worth decoding");
   assert.ok((await stats(page)).targetReached);
   await close();
 });
 
 test("where frames are slow to come, what came by itself leaves as long to what fetches and decodes, and what a person does is drawn at once", async () => {
   const { page, close } = await open(browser, `${server.url}/m/fort?error=0.5`, {
-    before: (page) =>
-      page.addInitScript(() => {
-        const { requestAnimationFrame } = globalThis;
-        const slow = 120;
-        globalThis.pauses = [];
-        let ended = null;
-        globalThis.requestAnimationFrame = (callback) => {
-          if (globalThis.kilwa?.session?.drawn && ended !== null) globalThis.pauses.push(performance.now() - ended);
-          return setTimeout(() => requestAnimationFrame((now) => {
-            callback(now);
-            ended = globalThis.kilwa?.session?.drawn ? performance.now() : null;
-          }), slow);
-        };
-      }),
+    wait: null,
+    reducedMotion: "no-preference",
+    before: (page) => page.addInitScript(slowFrames, { late: 150 }),
   });
-  const pauses = await page.evaluate(() => globalThis.pauses);
+  // A person interrupts a pause.
+  const interrupted = await page.evaluate(async () => {
+    while (!globalThis.kilwa?.session?.pausing) await new Promise((resolve) => setTimeout(resolve, 1));
+    const { session } = globalThis.kilwa;
+    session.wake();
+    return { pausing: session.pausing, scheduled: session.scheduled, pause: globalThis.pauses.length - 1 };
+  });
+  assert.deepEqual([interrupted.pausing, interrupted.scheduled], [null, true]);
+  await waitFor(page, "settled");
+  const pauses = (await page.evaluate(() => globalThis.pauses)).filter((_, k) => k !== interrupted.pause);
   assert.ok(pauses.length >= 3, "else this shows nothing");
   assert.ok(pauses.every((ms) => ms >= 100), pauses.join(" "));
-  const isAsked = await page.evaluate(() => {
-    const { session } = globalThis.kilwa;
-    const before = globalThis.pauses.length;
-    session.wake();
-    return session.scheduled && globalThis.pauses.length === before + 1;
-  });
-  assert.ok(isAsked);
   await close();
 });
 
@@ -161,9 +174,30 @@ test("what decodes is asked for again where it did not come", async () => {
     before: (page) =>
       page.route("**/decode_bg.wasm", async (route) => {
         refused += 1;
-        if (refused <= 2) await route.fulfill({ status: 503 });
+        if (refused <= 4) await route.fulfill({ status: 503 });
         else await route.continue();
       }),
+  });
+  assert.equal(refused, 5);
+  assert.ok((await stats(page)).targetReached);
+  await close();
+});
+
+test("a worker whose script does not come is started again", async () => {
+  let refused = 0;
+  const { page, close } = await open(browser, `${server.url}/m/fort?error=4`, {
+    before: async (page) => {
+      // The script fails while the program is on its way.
+      await page.route("**/decode_bg.wasm", async (route) => {
+        await new Promise((resolve) => setTimeout(resolve, 500));
+        await route.continue().catch(() => {});
+      });
+      await page.context().route("**/decode-worker.js", async (route) => {
+        refused += 1;
+        if (refused <= 2) await route.fulfill({ status: 503 });
+        else await route.continue();
+      });
+    },
   });
   assert.ok(refused > 2);
   assert.ok((await stats(page)).targetReached);
