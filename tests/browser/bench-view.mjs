@@ -120,16 +120,22 @@ async function loads() {
   }
 }
 
-/** Resident memory of all of the browser's processes, bytes: what a leak on the GPU's side shows in, too. */
+/** Resident memory of the browser's processes, bytes: of those that run pages, of the one that draws, and of all. What a leak on the GPU's side shows in, too. */
 function resident() {
+  const sum = { renderer: 0, gpu: 0, all: 0 };
+  const add = (pid) => {
+    const bytes = Number(/VmRSS:\s+(\d+)/.exec(readFileSync(`/proc/${pid}/status`, "utf8"))?.[1] ?? 0) * 1024;
+    const kind = /--type=(renderer|gpu)/.exec(readFileSync(`/proc/${pid}/cmdline`, "utf8"))?.[1];
+    if (kind) sum[kind] += bytes;
+    sum.all += bytes;
+    children(pid).forEach(add);
+  };
+  const children = (pid) => readFileSync(`/proc/${pid}/task/${pid}/children`, "utf8").trim().split(/\s+/).filter(Boolean).map(Number);
   try {
-    const of = (pid) => Number(/VmRSS:\s+(\d+)/.exec(readFileSync(`/proc/${pid}/status`, "utf8"))?.[1] ?? 0) * 1024;
-    const children = (pid) =>
-      readFileSync(`/proc/${pid}/task/${pid}/children`, "utf8").trim().split(/\s+/).filter(Boolean).map(Number);
-    const sum = (pid) => of(pid) + children(pid).reduce((total, child) => total + sum(child), 0);
-    return children(process.pid).reduce((total, child) => total + sum(child), 0);
+    children(process.pid).forEach(add);
+    return sum;
   } catch {
-    return NaN;
+    return { renderer: NaN, gpu: NaN, all: NaN };
   }
 }
 
@@ -181,7 +187,7 @@ async function soak(minutes) {
       await client.send("HeapProfiler.collectGarbage");
       const { usedSize } = await client.send("Runtime.getHeapUsage");
       const s = await page.evaluate(() => globalThis.kilwa.session.stats);
-      rows.push([round, usedSize, s.gpuBytesHeld, resident(), s.failures]);
+      rows.push([round, usedSize, s.gpuBytesHeld, resident(), s.failures, s.bytesReceived]);
       say(`stop ${round}: ${(waited / 1e3).toFixed(2)} s, JS heap ${(usedSize / 1e6).toFixed(1)} MB, GPU ${(s.gpuBytesHeld / 1e6).toFixed(1)} MB`);
     }
   }
@@ -189,9 +195,10 @@ async function soak(minutes) {
   const sorted = waits.toSorted((a, b) => a - b);
   console.log(`\n### Soak: ${minutes} minutes at 100 Mbit/s, 5 % of the requests refused, 64 MB for the model\n`);
   console.log(`${waits.length} stops; the target (or what the memory allows) after a stop: median ${(sorted[sorted.length >> 1] / 1e3).toFixed(2)} s, longest ${(sorted.at(-1) / 1e3).toFixed(2)} s.\n`);
-  console.log("| stop | JS heap MB | GPU memory of chunks MB | resident memory of the browser MB | failures |\n|---:|---:|---:|---:|---:|");
-  for (const [n, heap, gpu, rss, failures] of rows) {
-    console.log(`| ${n} | ${(heap / 1e6).toFixed(1)} | ${(gpu / 1e6).toFixed(1)} | ${(rss / 1e6).toFixed(0)} | ${failures} |`);
+  console.log("| stop | JS heap MB | GPU memory of chunks MB | resident: pages MB | drawing MB | all of the browser MB | failures | received MB |\n|---:|---:|---:|---:|---:|---:|---:|---:|");
+  for (const [n, heap, gpu, rss, failures, received] of rows) {
+    const cells = [n, ...[heap, gpu, rss.renderer, rss.gpu, rss.all].map((bytes, i) => (bytes / 1e6).toFixed(i < 2 ? 1 : 0)), failures, (received / 1e6).toFixed(0)];
+    console.log(`| ${cells.join(" | ")} |`);
   }
 }
 
