@@ -149,7 +149,8 @@ pub(crate) struct Line {
     port: u16,
     upstream: u16,
     threads: Option<Runtime>,
-    open: watch::Sender<bool>,
+    /// Counted up whenever the line is opened or ended: what was carried before ends, however soon the line is open again.
+    turn: watch::Sender<u64>,
     traffic: Arc<Traffic>,
 }
 
@@ -169,13 +170,8 @@ impl Line {
             asked: Mutex::default(),
             carried: AtomicU64::new(0),
         };
-        let line = Self {
-            port,
-            upstream,
-            threads: Some(threads),
-            open: watch::Sender::new(false),
-            traffic: Arc::new(traffic),
-        };
+        let line =
+            Self { port, upstream, threads: Some(threads), turn: watch::Sender::new(0), traffic: Arc::new(traffic) };
         line.up();
         line
     }
@@ -183,9 +179,10 @@ impl Line {
     /// Take connections, and let everything through.
     pub(crate) fn up(&self) {
         self.traffic.left.store(i64::MAX, Ordering::SeqCst);
-        self.open.send_replace(true);
-        let (port, upstream, mut open, traffic) =
-            (self.port, self.upstream, self.open.subscribe(), Arc::clone(&self.traffic));
+        self.turn.send_modify(|turn| *turn += 1);
+        let (port, upstream, mut turn, traffic) =
+            (self.port, self.upstream, self.turn.subscribe(), Arc::clone(&self.traffic));
+        let mine = *turn.borrow_and_update();
         let threads = self.threads.as_ref().expect("running");
         let listener = std::net::TcpListener::bind(("127.0.0.1", port)).expect("the port is free");
         listener.set_nonblocking(true).expect("a listener");
@@ -194,13 +191,13 @@ impl Line {
             loop {
                 let stream = tokio::select! {
                     taken = listener.accept() => taken.expect("a connection").0,
-                    _ = open.wait_for(|open| !open) => break,
+                    _ = turn.wait_for(|turn| *turn != mine) => break,
                 };
-                let (mut open, traffic) = (open.clone(), Arc::clone(&traffic));
+                let (mut turn, traffic) = (turn.clone(), Arc::clone(&traffic));
                 tokio::spawn(async move {
                     tokio::select! {
                         () = carry(stream, upstream, &traffic) => {}
-                        _ = open.wait_for(|open| !open) => {}
+                        _ = turn.wait_for(|turn| *turn != mine) => {}
                     }
                 });
             }
@@ -209,7 +206,7 @@ impl Line {
 
     /// End all connections and take none.
     pub(crate) fn down(&self) {
-        self.open.send_replace(false);
+        self.turn.send_modify(|turn| *turn += 1);
         while std::net::TcpStream::connect(("127.0.0.1", self.port)).is_ok() {
             std::thread::sleep(Duration::from_millis(5));
         }
