@@ -10,7 +10,7 @@ import { Flight } from "./flight.js";
 import { Identity } from "./identity.js";
 import { Input } from "./input.js";
 import { Address, readState } from "./link.js";
-import { isPassing } from "./loader.js";
+import { firstBytes, wholeHead } from "./head.js";
 import { LocalPack, openers } from "./local-pack.js";
 import { Loupe } from "./loupe.js";
 import { Measuring } from "./measuring.js";
@@ -98,7 +98,7 @@ class Page {
     this.pack.onProgress = (done, total) => this.#progress(done, total);
     let bytes;
     try {
-      bytes = await this.#head(head);
+      bytes = await firstBytes(this.pack, head, (seconds) => this.#waits(seconds));
     } catch (error) {
       this.#cannotOpen(error.kind ?? "broken", error);
       return;
@@ -106,7 +106,7 @@ class Page {
     $("loading-text").textContent = t("loadingProgram");
     try {
       const module = await program;
-      bytes = await this.#whole(module, bytes);
+      bytes = await wholeHead(this.pack, module, bytes);
       this.module = module;
       this.headBytes = bytes;
       this.info = JSON.parse(module.packInfo(bytes));
@@ -123,6 +123,11 @@ class Page {
     this.#person();
     await this.draw();
     await this.#published();
+  }
+
+  /** Until something is tried again, before there is a picture. */
+  #waits(seconds) {
+    $("loading-text").textContent = t("offlineFirst", { seconds });
   }
 
   #cannotOpen(kind, error, more) {
@@ -198,42 +203,6 @@ class Page {
     }
   }
 
-  async #head(first) {
-    for (let attempt = 0, pending = first; ; attempt += 1) {
-      try {
-        return await pending;
-      } catch (error) {
-        if (!isPassing(error)) throw error;
-        await this.#wait(Math.min(30, 2 ** (attempt + 1)));
-        pending = this.pack.head();
-      }
-    }
-  }
-
-  /** Count the seconds down; being online again ends the wait. */
-  async #wait(seconds) {
-    for (let left = seconds; left > 0; left -= 1) {
-      $("loading-text").textContent = t("offlineFirst", { seconds: left });
-      let online;
-      const again = new Promise((resolve) => {
-        online = () => resolve(true);
-        addEventListener("online", online, { once: true });
-        setTimeout(resolve, 1000, false);
-      });
-      const isBack = await again;
-      removeEventListener("online", online);
-      if (isBack) return;
-    }
-  }
-
-  /** A head longer than the first request asked for, where the metadata is large. */
-  async #whole(module, bytes) {
-    const needed = module.headNeeds(bytes);
-    if (needed === 0) return bytes;
-    if (needed > this.pack.bytes) throw Object.assign(new Error(`${needed} > ${this.pack.bytes}`), { kind: "damaged" });
-    return this.pack.head(needed);
-  }
-
   /** Make the viewer and start streaming; again after the device was lost, with the same camera. */
   async draw(state = readState(location.hash)) {
     const canvas = $("canvas");
@@ -268,7 +237,7 @@ class Page {
       on: {
         frame: (stats) => this.#frame(stats),
         first: () => this.#first(),
-        waits: (seconds) => ($("loading-text").textContent = t("offlineFirst", { seconds })),
+        waits: (seconds) => this.#waits(seconds),
         changed: () => this.trouble.show("changed", this.session.lastFailure),
         lost: (error) => chrome.notice(`${t(`${error.kind}Title`)}. ${error.message}`),
         damaged: (chunk, error) => this.#damaged(chunk, error),

@@ -116,11 +116,10 @@ export class Session {
   #came() {
     this.#wakeInTurn();
     if (this.attending || this.closed) return;
-    const { frames } = this;
     this.attending = setTimeout(() => {
       this.attending = null;
       const isSeen = !document.hidden && performance.now() - this.framedAt < UNSEEN_MS;
-      if (isSeen && this.frames === frames) this.#guarded(() => this.#carryOut(this.viewer.attend(this.#tick(performance.now()))));
+      if (isSeen) this.#guarded(() => this.#carryOut(this.viewer.attend(this.#tick(performance.now()))));
     }, PATIENCE_MS);
   }
 
@@ -131,7 +130,7 @@ export class Session {
   }
 
   #frame(now) {
-    clearTimeout(this.attending);
+    clearTimeout(this.attending); // This frame takes in all that came.
     this.attending = null;
     const { commands, stats } = this.viewer.frame(this.#tick(now), this.lag >= SLOW_MS);
     this.#carryOut(commands);

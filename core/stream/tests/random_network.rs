@@ -279,6 +279,7 @@ fn between_two_frames_everything_is_asked_for_and_decoded_and_nothing_is_shown()
     let mut world = World::new(&pack, 3, budgets, Faults { fail: 0, garble: 0 });
     let mut now = 0;
     loop {
+        assert!(now < 60_000, "it comes to rest");
         let step = streamer.attend(&view, now as f64, world.due(now));
         world.take(now, &step, &streamer);
         assert!(step.draw.is_empty(), "nothing is in GPU memory");
