@@ -98,6 +98,34 @@ test("without a pack the page offers to open one: chosen or dropped in, nothing 
   await close();
 });
 
+test("the model alone fills the window, and what floats over it keeps apart, at every size", async () => {
+  const sizes = [[320, 480], [390, 844], [700, 500], [720, 360], [800, 300], [1000, 700]];
+  for (const query of ["embed=1", "embed=bare", ""]) {
+    const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=16&${query}`, { size: sizes[0] });
+    if (!query) await page.keyboard.press("h"); // hides all but the model
+    for (const [width, height] of sizes) {
+      await page.setViewportSize({ width, height });
+      const at = `${query || "hidden"} at ${width} × ${height}`;
+      await page.waitForFunction(() => document.getElementById("canvas").clientWidth === innerWidth, null, { polling: 50 });
+      const boxes = await page.evaluate(() => {
+        const box = (element) => (({ left, top, right, bottom }) => [left, top, right, bottom])(element.getBoundingClientRect());
+        const floating = [...document.querySelectorAll(".rail, .cube, .show-again")].filter((e) => e.checkVisibility());
+        return { canvas: box(document.getElementById("canvas")), floating: floating.map((e) => [e.className, ...box(e)]) };
+      });
+      assert.deepEqual(boxes.canvas, [0, 0, width, height], at);
+      assert.equal(boxes.floating.length, { "embed=1": 3, "embed=bare": 0, "": 1 }[query], at);
+      for (const [i, [name, left, top, right, bottom]] of boxes.floating.entries()) {
+        assert.ok(left >= 0 && top >= 0 && right <= width && bottom <= height, `${name} is within ${at}`);
+        for (const [other, l, t, r, b] of boxes.floating.slice(i + 1)) {
+          assert.ok(right <= l || r <= left || bottom <= t || b <= top, `${name} and ${other} are apart, ${at}`);
+        }
+      }
+    }
+    assert.deepEqual(complaints, []);
+    await close();
+  }
+});
+
 /** A page of `host` with a viewer of another origin in it. */
 async function embed(host) {
   const found = await open(browser, `${host.url}/host.html`, { wait: null });
