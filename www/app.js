@@ -179,7 +179,7 @@ class Page {
       pack: this.pack.isLocal ? null : new URL(this.pack.url, location.href).href,
       undo: this.undo,
       now,
-      look: (note) => this.#lookAt(note),
+      look: (note, isJump) => this.#lookAt(note, isJump),
       tool: (name) => this.tool(name),
       tell: (event, detail) => {
         if (event === "annotation") this.address.now();
@@ -197,7 +197,7 @@ class Page {
     try {
       this.notes.publish(await fetchPublished(address, this.pack.url));
       const { annotation } = readState(location.hash);
-      if (annotation && !this.notes.openId) this.notes.openNamed(annotation, { fly: !readState(location.hash).camera });
+      if (annotation && !this.notes.openId) this.notes.openNamed(annotation, { fly: !readState(location.hash).camera, isJump: false });
     } catch (error) {
       chrome.notice(t("annotationsFailed", { why: error.message }), 12000);
     }
@@ -344,7 +344,8 @@ class Page {
     if (state.camera) this.flight.to(state.camera).then(() => this.#projected());
     this.setDisplay(state.display);
     this.notes.setShown(state.notes);
-    if (state.annotation) this.notes.openNamed(state.annotation, { fly: !state.camera });
+    // The browser has made the entry of a link that was followed on this page.
+    if (state.annotation) this.notes.openNamed(state.annotation, { fly: !state.camera, isJump: false });
     else this.notes.tour.close();
   }
 
@@ -389,13 +390,13 @@ class Page {
   }
 
   /** A note: as it was looked at when it was written, or from here. */
-  #lookAt({ camera, display, place }) {
+  #lookAt({ camera, display, place }, isJump) {
     const near = (v) => {
       const c = [...v.camera()];
       const reach = v.metresPerPixel() * this.session.canvas.height;
       v.setCamera(new Float64Array([c[0], c[1], Math.min(c[2], c[2] * Math.max(0.2, 10 / reach)), ...place, ...c.slice(6)]));
     };
-    this.#fly((v) => (camera ? v.setCamera(new Float64Array(camera)) : near(v)), { isJump: true });
+    this.#fly((v) => (camera ? v.setCamera(new Float64Array(camera)) : near(v)), { isJump });
     if (display) this.setDisplay(display);
   }
 

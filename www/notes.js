@@ -24,7 +24,7 @@ export class Notes {
    * @param {string | null} parts.pack the pack's address; null for one of this computer
    * @param {import("./undo.js").Undo} parts.undo
    * @param {() => {camera: number[], display: object | null}} parts.now
-   * @param {(note: object) => void} parts.look fly to a note
+   * @param {(note: object, isJump: boolean) => void} parts.look fly to a note
    * @param {(name: string) => void} parts.tool choose a tool
    * @param {(name: string, detail: object) => void} parts.tell events of the page's API
    * @param {() => void} parts.share copy the address
@@ -105,10 +105,10 @@ export class Notes {
     this.pins?.show(shown);
   }
 
-  /** Look at a note and show its card. */
-  open(note, { focus = false, fly = true } = {}) {
+  /** Look at a note and show its card; `isJump`: the view that is left gets an entry of the history. */
+  open(note, { focus = false, fly = true, isJump = true } = {}) {
     peek();
-    if (fly) this.look(note);
+    if (fly) this.look(note, isJump);
     this.tour.show(note, { focus });
     this.pins?.current(note.id);
     this.#mark(note.id);

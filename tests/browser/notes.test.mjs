@@ -213,7 +213,17 @@ test("a tour steps through the notes, each has an address, and Back returns", as
   assert.match(page.url(), /annotation=00000001-0000/);
   await page.locator("#note-close").click();
   assert.ok(await page.locator("#note-card").isHidden());
-  // A link that says nothing but the note.
+  // A link that says nothing but the note, followed on the page: one entry of the history, and one step back.
+  const entry = () => page.evaluate(() => globalThis.navigation.currentEntry.index);
+  const had = await entry();
+  await page.evaluate(() => (location.hash = "#annotation=00000000-0000-4000-8000-000000000000"));
+  await page.waitForFunction(() => document.getElementById("note-title").textContent === "Stop 1");
+  await page.waitForFunction(() => location.hash.startsWith("#view=1,") && location.hash.includes("annotation=00000000-0000"));
+  assert.equal(await entry(), had + 1);
+  await page.goBack();
+  await page.waitForFunction(() => globalThis.kilwa.viewer.camera()[0] === 2);
+  assert.ok(await page.locator("#note-card").isHidden());
+  // And one that opens the page.
   await page.goto(`${fort()}#annotation=00000000-0000-4000-8000-000000000000`);
   await page.reload();
   await waitFor(page, "settled");
