@@ -17,6 +17,7 @@ use crate::door::Door;
 use crate::holding::{Entry, Holding, Table};
 use crate::html;
 use crate::object::Manifest;
+use crate::object::checksums::sha256;
 use crate::object::layout::{MANIFEST, PAGE, PREVIEW, VIEWER};
 use crate::object::manifest::Version;
 use crate::packs::blocking;
@@ -82,7 +83,7 @@ pub(crate) async fn landing(
 ) -> Result<(Option<String>, StatusCode, Arc<Table>), StatusCode> {
     let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
     let table = table(&object.holding).await?;
-    let html = match read_entry(&table, PAGE).await {
+    let html = match read_page(&object.holding, &table).await {
         Ok(bytes) => Some(String::from_utf8_lossy(&bytes).into_owned()),
         Err(StatusCode::SERVICE_UNAVAILABLE) => return Err(StatusCode::SERVICE_UNAVAILABLE),
         Err(_) => None,
@@ -151,7 +152,10 @@ async fn file(asked: &Asked<'_>, name: &str) -> Result<Response<Body>, StatusCod
     match asked.table.get(name).ok_or(StatusCode::NOT_FOUND)?.sha256 {
         None if asked.ranges.is_some() => Err(StatusCode::NOT_FOUND),
         None => {
-            let bytes = read_entry(asked.table, name).await?;
+            let bytes = match name {
+                PAGE => read_page(asked.holding, asked.table).await?,
+                _ => read_entry(asked.table, name).await?,
+            };
             Ok(whole(bytes, content_type(name), asked.method, asked.headers))
         }
         Some(_) if is_viewer(name) => viewer_file(asked, name).await,
@@ -241,6 +245,24 @@ async fn source(holding: &Arc<Holding>, table: &Arc<Table>, name: &str) -> Resul
     }
     let ((content, bytes), hash) = found.ok_or(StatusCode::SERVICE_UNAVAILABLE)?;
     Ok(Source { content, bytes, hash, content_type: content_type(name), cache: FOR_EVER })
+}
+
+/// The landing page, 404 where there is none. In a store, while a version is being published, it may be another one than the manifest names:
+/// then that one is looked for.
+async fn read_page(holding: &Arc<Holding>, table: &Arc<Table>) -> Result<Bytes, StatusCode> {
+    let page = read_entry(table, PAGE).await;
+    let sum = table.manifest.page.sha256.clone();
+    if page.as_ref().is_ok_and(|page| sha256(page) == sum) {
+        return page;
+    }
+    let folder = holding.folder().clone();
+    let kept = blocking(move || {
+        folder.kept_page(&sum).unwrap_or_else(|e| {
+            warn(&folder, &e);
+            None
+        })
+    });
+    kept.await?.map_or(page, Ok)
 }
 
 /// A file of the root, 404 where there is none.

@@ -155,6 +155,15 @@ impl Place {
         }
     }
 
+    /// The landing page with this SHA-256 of the object whose folder this is, where it is kept beside `index.html`: in stores, of what
+    /// was published there.
+    pub(crate) fn kept_page(&self, sum: &str) -> io::Result<Option<Bytes>> {
+        match self {
+            Self::Path(_) => Ok(None),
+            Self::Key(store, key) => store.kept_page(key, sum),
+        }
+    }
+
     /// All plain files below, by their names relative to it.
     pub(crate) fn files(&self) -> io::Result<BTreeMap<String, Identity>> {
         let mut found = BTreeMap::new();

@@ -2,7 +2,8 @@
 //!
 //! Order: the files of the version, the landing page, the manifest last and only if it still is the one that the version was made
 //! against (`If-Match`; `If-None-Match: *` for a new object). So whatever fails, the store has the old object, whole, or the new one; files of a
-//! version that no manifest names are served by nobody. A file carries its SHA-256 as metadata: what an earlier attempt has sent is not sent
+//! version that no manifest names are served by nobody. No store replaces page and manifest at once, so each page is kept under a hidden name
+//! too, which tells its hash: the page that is shown is the one that the manifest names, also where the line ends between the two. A file carries its SHA-256 as metadata: what an earlier attempt has sent is not sent
 //! again. Before each file the store's manifest must still be the one that the version was made against, and a small file is put only where there
 //! is none or over exactly the one that was seen (a long one is the pack, whose name is its hash): so a version that somebody else has
 //! published meanwhile is not written over. Before the manifest, what lies in the version's folder is compared with what was sent, so that
@@ -118,6 +119,7 @@ impl S3 {
         if !tags.iter().all(is_ours) {
             return Err(others());
         }
+        self.keep_page(slug, read_small(&object.join(PAGE), SMALL)?)?;
         for name in [PAGE, MANIFEST] {
             told(&format!("{slug}/{name}"));
             let bytes = read_small(&object.join(name), SMALL)?;
@@ -140,6 +142,25 @@ impl S3 {
         }
         self.forget_list();
         Ok(sent)
+    }
+
+    /// Keep a landing page under its hash, where it is not there.
+    fn keep_page(self: &Arc<Self>, slug: &Slug, page: Vec<u8>) -> io::Result<()> {
+        let sum = sha256(&page);
+        let key = format!("{slug}/{}", kept(&sum));
+        match self.there(&key)? {
+            Some((meta, _)) if meta.size == page.len() as u64 => Ok(()),
+            _ => self.put(&key, page.into(), PutMode::Overwrite, attributes(PAGE, FOR_EVER, &sum)).map(drop),
+        }
+    }
+
+    /// The landing page with this SHA-256 of the object whose folder is `folder`; `None` where it was not kept (published otherwise).
+    pub(super) fn kept_page(self: &Arc<Self>, folder: &str, sum: &str) -> io::Result<Option<Bytes>> {
+        match self.read(&format!("{folder}/{}", kept(sum)), SMALL) {
+            Ok(page) => Ok((sha256(&page) == sum).then(|| page.into())),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(e) => Err(e),
+        }
     }
 
     /// The manifest of an object, as it is now.
@@ -281,6 +302,11 @@ async fn add(mut upload: Box<dyn MultipartUpload>, bytes: Bytes) -> Result<Box<d
             Err(e)
         }
     }
+}
+
+/// Name that a landing page with this SHA-256 is kept under.
+fn kept(sum: &str) -> String {
+    format!(".kilwa-page-{sum}.html")
 }
 
 fn attributes(name: &str, cache: &'static str, sum: &str) -> Attributes {

@@ -115,6 +115,40 @@ async fn cut_off_anywhere_it_shows_the_old_object_or_the_new_one_and_goes_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn cut_off_between_landing_page_and_manifest_the_page_shown_is_the_one_that_the_manifest_names() {
+    let Some(bucket) = Bucket::start("cut_off_between_landing_page_and_manifest…") else { return };
+    let packs = [noise(1000, 1), noise(1000, 2)];
+    let shelves = [1, 2].map(|version: usize| {
+        let dir = tempfile::tempdir().unwrap();
+        let mut manifest = object(dir.path(), "fort", &packs[..version], public());
+        let page = format!("<!doctype html><html><head></head><body>landing of fort, version {version}</body></html>");
+        (manifest.page.bytes, manifest.page.sha256) = (page.len() as u64, sha256(page.as_bytes()));
+        std::fs::write(dir.path().join("fort/index.html"), page).unwrap();
+        std::fs::write(dir.path().join("fort/manifest.json"), manifest.to_bytes().unwrap()).unwrap();
+        dir
+    });
+    let served =
+        || app(Site::new(Catalogue::of_store(&bucket.open("s3://museum/shelf", PATIENCE).unwrap()).unwrap(), page()));
+    assert!(send(&bucket, shelves[0].path(), 1).is_ok());
+    let running = served();
+    assert!(get(&running, "/fort/").await.text().contains("version 1"));
+    bucket.line.refuse("PUT /museum/shelf/fort/manifest.json");
+    let sent = send(&bucket, shelves[1].path(), 2);
+    assert!(sent.is_err(), "{sent:?}");
+    bucket.line.allow();
+    for app in [&running, &served()] {
+        let manifest = Manifest::parse(&get(app, "/fort/manifest.json").await.body).unwrap();
+        assert_eq!(manifest.current, 1);
+        assert_eq!(sha256(&get(app, "/fort/index.html").await.body), manifest.page.sha256);
+        let landing = get(app, "/fort/").await;
+        assert!(landing.status == 200 && landing.text().contains("version 1"), "{}", landing.text());
+    }
+    assert!(send(&bucket, shelves[1].path(), 2).is_ok());
+    assert!(get(&served(), "/fort/").await.text().contains("version 2"));
+    assert_eq!(shown(&bucket, &packs).await, Some(2));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn what_somebody_else_published_meanwhile_stays_as_it_is() {
     let Some(bucket) = Bucket::start("what_somebody_else_published_meanwhile…") else { return };
     let first = noise(100_000, 1);

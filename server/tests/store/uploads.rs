@@ -149,7 +149,9 @@ async fn tree(app: &Router) -> Option<BTreeMap<String, Bytes>> {
     }
     let manifest = Manifest::parse(&answer.body).unwrap();
     let mut all = BTreeMap::from([("manifest.json".to_owned(), answer.body)]);
-    all.insert("index.html".to_owned(), get(app, "/fort/index.html").await.body);
+    let page = get(app, "/fort/index.html").await;
+    assert_eq!(page.status, 200, "the landing page");
+    all.insert("index.html".to_owned(), page.body);
     for version in &manifest.versions {
         let list = get(app, &format!("/fort/{}", version.checksums.url)).await.body;
         assert_eq!(sha256(&list), version.checksums.sha256);
@@ -163,10 +165,20 @@ async fn tree(app: &Router) -> Option<BTreeMap<String, Bytes>> {
     Some(all)
 }
 
-/// What the store has, for somebody who comes now.
+/// What the store has, for somebody who comes now; once more where a version was published while it was read.
 async fn seen(bucket: &Bucket) -> Option<BTreeMap<String, Bytes>> {
-    let store = bucket.open_directly(SHELF, PATIENCE).unwrap();
-    tree(&app(Site::new(Catalogue::of_store(&store).unwrap(), page()))).await
+    let come = || {
+        let store = bucket.open_directly(SHELF, PATIENCE).unwrap();
+        app(Site::new(Catalogue::of_store(&store).unwrap(), page()))
+    };
+    loop {
+        let all = tree(&come()).await;
+        let answer = get(&come(), "/fort/manifest.json").await;
+        let manifest = (answer.status != 404).then_some(answer.body);
+        if manifest == all.as_ref().map(|all| all["manifest.json"].clone()) {
+            return all;
+        }
+    }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
