@@ -1,22 +1,18 @@
 // The panels Display and Section in Chromium, the recovery of a lost device, and levels that fade.
 
 import assert from "node:assert/strict";
-import { execFile } from "node:child_process";
-import { readFile, rm, writeFile } from "node:fs/promises";
+import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
 import { after, before } from "node:test";
-import { promisify } from "node:util";
-import { ROOT, launch, open, packFolder, picture, pixels, serve, test, waitFor } from "./harness.mjs";
-
-const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
+import { launch, measuredPack, open, packFolder, picture, pixels, serve, test, waitFor } from "./harness.mjs";
 
 let server;
 let browser;
 
 before(async () => {
   const folder = await packFolder();
-  await measured(folder);
+  await measuredPack(folder);
   server = await serve(folder);
   browser = await launch();
 });
@@ -24,26 +20,6 @@ after(async () => {
   await browser?.close();
   await server?.stop();
 });
-
-/** A pack of a flat square whose confidence grows to the east, and is not known beyond three quarters of it. */
-async function measured(folder) {
-  const n = 41;
-  const vertices = Array.from({ length: n * n }, (_, k) => {
-    const [i, j] = [k % n, Math.floor(k / n)];
-    return `${i / 10} ${j / 10} ${((i * 7 + j * 3) % 5) / 1000} 180 170 160 ${i > 30 ? "nan" : 10 + i}`;
-  });
-  const faces = [];
-  for (let j = 0; j + 1 < n; j += 1) {
-    for (let i = 0; i + 1 < n; i += 1) faces.push(`3 ${j * n + i} ${j * n + i + 1} ${(j + 1) * n + i + 1}`, `3 ${j * n + i} ${(j + 1) * n + i + 1} ${(j + 1) * n + i}`);
-  }
-  const names = ["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue", "float confidence"];
-  const header = ["ply", "format ascii 1.0", `element vertex ${vertices.length}`, ...names.map((p) => `property ${p}`)];
-  const mesh = path.join(folder, "measured.ply");
-  const lines = [...header, `element face ${faces.length}`, "property list uchar int vertex_indices", "end_header", ...vertices, ...faces];
-  await writeFile(mesh, `${lines.join("\n")}\n`);
-  await promisify(execFile)(KILWA, ["build", mesh, "-o", path.join(folder, "measured.kilwa")]);
-  await rm(mesh);
-}
 
 const fort = (options = {}, query = "?error=4") => open(browser, `${server.url}/m/fort${query}`, { size: [900, 600], ...options });
 const state = (page) => page.evaluate(() => JSON.parse(globalThis.kilwa.viewer.displayState()));

@@ -5,7 +5,7 @@
 
 import assert from "node:assert/strict";
 import { execFile, spawn } from "node:child_process";
-import { copyFile, mkdir, mkdtemp, rm, stat } from "node:fs/promises";
+import { copyFile, mkdir, mkdtemp, rm, stat, writeFile } from "node:fs/promises";
 import http from "node:http";
 import { tmpdir } from "node:os";
 import path from "node:path";
@@ -54,6 +54,26 @@ export async function packFolder() {
   }
   await copyFile(cached, pack);
   return folder;
+}
+
+/** `measured.kilwa` in a folder: a pack of a flat square whose confidence grows to the east, and is not known beyond three quarters of it. */
+export async function measuredPack(folder) {
+  const n = 41;
+  const vertices = Array.from({ length: n * n }, (_, k) => {
+    const [i, j] = [k % n, Math.floor(k / n)];
+    return `${i / 10} ${j / 10} ${((i * 7 + j * 3) % 5) / 1000} 180 170 160 ${i > 30 ? "nan" : 10 + i}`;
+  });
+  const faces = [];
+  for (let j = 0; j + 1 < n; j += 1) {
+    for (let i = 0; i + 1 < n; i += 1) faces.push(`3 ${j * n + i} ${j * n + i + 1} ${(j + 1) * n + i + 1}`, `3 ${j * n + i} ${(j + 1) * n + i + 1} ${(j + 1) * n + i}`);
+  }
+  const names = ["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue", "float confidence"];
+  const header = ["ply", "format ascii 1.0", `element vertex ${vertices.length}`, ...names.map((p) => `property ${p}`)];
+  const mesh = path.join(folder, "measured.ply");
+  const lines = [...header, `element face ${faces.length}`, "property list uchar int vertex_indices", "end_header", ...vertices, ...faces];
+  await writeFile(mesh, `${lines.join("\n")}\n`);
+  await promisify(execFile)(KILWA, ["build", mesh, "-o", path.join(folder, "measured.kilwa")]);
+  await rm(mesh);
 }
 
 /** `kilwa serve`, until `stop()`. */

@@ -1,4 +1,4 @@
-//! `cargo xtask web | test | demo | bench | fuzz`: everything a person or CI does with this repository beside plain cargo.
+//! `cargo xtask web | test | demo | bench | fuzz | screens`: everything a person or CI does with this repository beside plain cargo.
 //!
 //! One file per task; `setup` holds the checks and installs they share, `process` how commands are run and shown,
 //! `tally` how the results of different test runners are read. Exit codes are those of `kilwa`: 0 done, 1 something
@@ -11,6 +11,7 @@ mod demo;
 mod fuzz;
 mod http;
 mod process;
+mod screens;
 mod setup;
 mod soak;
 mod tally;
@@ -31,6 +32,7 @@ enum Task {
     Demo(demo::Args),
     Fuzz(fuzz::Args),
     Bench(bench::Args),
+    Screens(screens::Args),
 }
 
 fn main() -> ExitCode {
@@ -40,6 +42,7 @@ fn main() -> ExitCode {
         Task::Demo(args) => demo::run(&args),
         Task::Fuzz(args) => fuzz::run(&args),
         Task::Bench(args) => bench::run(&args),
+        Task::Screens(args) => screens::run(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
