@@ -1,11 +1,12 @@
 // The pictures of the viewer in docs/screens: every shading, panel, dialog and trouble, at both sizes, in both themes, and in Arabic what has words.
 //
-//   node screens.mjs [--to FOLDER] [NAME…]     names are the beginnings of files: `mode-`, `note`, `help-phone`
+//   node screens.mjs [--to FOLDER] [--missing] [NAME…]     names are the beginnings of files: `mode-`, `note`, `help-phone`
 //
 // A person looks at them before a change of the page is done; no test compares them. Environment: that of harness.mjs; without KILWA_PACK a fort of a
 // million triangles is made.
 
 import { execFile } from "node:child_process";
+import { existsSync } from "node:fs";
 import { mkdir, mkdtemp, rm } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import path from "node:path";
@@ -28,15 +29,17 @@ const NOTES = [
   ["Court", [0.5, 0.45], "", ""],
 ];
 
-const { to, wanted } = options(process.argv.slice(2));
+const { to, isMissing, wanted } = options(process.argv.slice(2));
 
 function options(args) {
   const at = args.indexOf("--to");
   const [, folder] = at < 0 ? [] : args.splice(at, 2);
-  return { to: path.resolve(folder ?? path.join(ROOT, "docs/screens")), wanted: args };
+  const names = args.filter((name) => name !== "--missing");
+  return { to: path.resolve(folder ?? path.join(ROOT, "docs/screens")), isMissing: names.length < args.length, wanted: names };
 }
 
-const isWanted = (name) => wanted.length === 0 || wanted.some((start) => name.startsWith(start));
+const isWanted = (name) =>
+  (wanted.length === 0 || wanted.some((start) => name.startsWith(start))) && !(isMissing && existsSync(path.join(to, `${name}.png`)));
 
 /** How the page is opened: its size, theme and language. */
 function variants() {
@@ -74,6 +77,16 @@ class Shot {
   async press(...places) {
     const box = await this.page.locator("#canvas").boundingBox();
     for (const [x, y] of places) await this.page.mouse.click(box.x + box.width * x, box.y + box.height * y);
+  }
+
+  /** A measurement at places below shares of the canvas; none where one of them is beside the model. */
+  measured(tool, ...shares) {
+    return this.page.evaluate(async ({ tool, shares }) => {
+      const { api, session } = globalThis.kilwa;
+      const [w, h] = [session.canvas.width / session.ratio, session.canvas.height / session.ratio];
+      const rays = shares.map(([x, y]) => api.pick(w * x, h * y)?.ray);
+      if (rays.every(Boolean)) await api.addMeasurement({ tool, rays });
+    }, { tool, shares });
   }
 
   /** Places on the surface below shares of the canvas. */
@@ -211,30 +224,19 @@ const scenes = {
     await page.keyboard.press("Escape");
     await shot.rest();
     await shot.shoot("measure-distance");
-    await use("area");
-    await shot.press([0.42, 0.48], [0.5, 0.48], [0.48, 0.53], [0.42, 0.53]);
-    await page.keyboard.press("Enter");
-    await done(2);
-    await page.keyboard.press("Escape");
-    await use("section-upright");
-    await shot.press([0.3, 0.52], [0.65, 0.52]);
-    await done(3);
-    await page.keyboard.press("Escape");
+    await shot.measured("area", [0.45, 0.48], [0.5, 0.48], [0.5, 0.51], [0.45, 0.51]);
+    await shot.measured("section-upright", [0.38, 0.52], [0.62, 0.52]);
     await shot.rest();
     await shot.shoot("measure-table");
   },
 
   async "measure-labels"(shot) {
-    const { page } = shot;
-    await page.evaluate(async () => {
-      const { api, session } = globalThis.kilwa;
-      const [w, h] = [session.canvas.width / session.ratio, session.canvas.height / session.ratio];
-      const at = (x, y) => api.pick(w * x, h * y)?.ray;
-      for (let i = 0; i < 12; i += 1) {
-        const rays = [at(0.3 + ((i * 7) % 12) * 0.035, 0.42 + ((i * 5) % 12) * 0.012), at(0.3 + ((i * 5 + 3) % 12) * 0.035, 0.42 + ((i * 7 + 2) % 12) * 0.012)];
-        if (rays[0] && rays[1]) await api.addMeasurement(i % 3 === 2 ? { tool: "place", rays: [rays[0]] } : { tool: "distance", rays });
-      }
-    });
+    for (let i = 0; i < 12; i += 1) {
+      const at = (x, y) => [0.3 + (x % 12) * 0.035, 0.42 + (y % 12) * 0.012];
+      const places = [at(i * 7, i * 5), at(i * 5 + 3, i * 7 + 2)];
+      if (i % 3 === 2) await shot.measured("coordinate", places[0]);
+      else await shot.measured("distance", ...places);
+    }
     await shot.rest();
     await shot.shoot("measure-labels");
   },
@@ -250,8 +252,8 @@ const scenes = {
 const others = {
   list: { address: "/", wait: ".card" },
   welcome: { address: "/static/", before: staticHost, wait: "#welcome:not([hidden])" },
-  "mode-scalar": { address: "/m/measured?error=1", settled: true, act: scalar },
-  embed: { address: "/m/fort?embed=1&error=1", settled: true, frame: { desktop: [800, 500], phone: [360, 480] } },
+  "mode-scalar": { address: "/m/measured?error=2", settled: true, act: scalar },
+  embed: { address: "/m/fort?embed=1&error=2", settled: true, frame: { desktop: [800, 500], phone: [360, 480] } },
   "trouble-missing": { address: "/m/fort", mishap: () => ({ status: 404 }), wait: "#trouble:not([hidden])" },
   "trouble-damaged": { address: "/m/fort", mishap: () => ({ body: () => Buffer.alloc(65536, 65) }), wait: "#trouble:not([hidden])" },
   "trouble-gpu": { address: "/m/fort", before: (page) => page.addInitScript(noGpu), wait: "#trouble:not([hidden])" },
@@ -319,9 +321,12 @@ const browser = await launch();
 for (const variant of variants()) {
   for (const [name, scene] of Object.entries(scenes)) {
     if (!isNeeded(name, variant.end)) continue;
-    const { shot, close } = await opened(browser, `${server.url}/m/fort?error=1`, variant);
+    const { shot, close } = await opened(browser, `${server.url}/m/fort?error=2`, variant);
     await waitFor(shot.page, "settled");
-    await scene(shot);
+    await scene(shot).catch((error) => {
+      process.exitCode = 1;
+      process.stderr.write(`${name}-${variant.end}: ${error.message}\n`);
+    });
     await close();
   }
   for (const [name, other] of Object.entries(others)) {

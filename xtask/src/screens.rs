@@ -11,6 +11,9 @@ pub(crate) struct Args {
     /// Where they go, in place of docs/screens.
     #[arg(long)]
     to: Option<PathBuf>,
+    /// Only those that are not there.
+    #[arg(long)]
+    missing: bool,
     /// Beginnings of the names of those to take: `mode-`, `note`, `help-phone`. All where none is given (half an hour without a graphics card).
     names: Vec<String>,
 }
@@ -23,6 +26,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     node.current_dir(&tests).env("KILWA", program).env("CHROMIUM", setup::chromium()?);
     if let Some(to) = &args.to {
         node.arg("--to").arg(std::path::absolute(to)?);
+    }
+    if args.missing {
+        node.arg("--missing");
     }
     run_command(node.args(&args.names))?;
     println!("screens: look at them in {}", args.to.clone().unwrap_or(root()?.join("docs/screens")).display());
