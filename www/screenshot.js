@@ -2,7 +2,7 @@
 // written row by row (png.js), with the scale bar drawn in where it is wanted.
 
 import { notice } from "./chrome.js";
-import { count, niceBelow, round } from "./format.js";
+import { count, isolate, niceBelow, round } from "./format.js";
 import { t } from "./i18n.js";
 import { PngWriter } from "./png.js";
 import { why } from "./said.js";
@@ -165,7 +165,7 @@ export class PictureDialog {
     $("sheet-size").hidden = $("sheet-paper").value !== "custom";
     // A sheet has its own scale bar, on white.
     for (const id of ["picture-scale", "picture-clear"]) $(id).disabled = isSheet;
-    for (const choice of ["canvas", "double", "4k"]) $(`picture-${choice}`).textContent = this.#size(choice).map((n) => String(n)).join(" × ");
+    for (const choice of ["canvas", "double", "4k"]) $(`picture-${choice}`).textContent = isolate(this.#size(choice).join(" × "));
   }
 
   /** A drawing to scale. */

@@ -130,6 +130,15 @@ test("numbers and directions are those of the language", async () => {
   assert.match(await page.locator("#facts").innerText(), /\d{3}[\u202f\u00a0]\d{3}/, "thousands as in French");
   await page.locator("#language").selectOption("ar");
   await page.waitForFunction(() => document.documentElement.dir === "rtl");
+  await page.locator("#tab-measure").click();
+  await page.locator(".more-tools").waitFor();
+  const numbers = await page.locator('input[type="number"]').evaluateAll((all) => all.map((e) => `${e.id} ${getComputedStyle(e).direction}`));
+  assert.ok(numbers.length > 15 && numbers.every((n) => n.endsWith(" ltr")), `a sign stands before its number: ${numbers}`);
+  await page.locator("#picture-open").click();
+  await page.locator("#picture").waitFor();
+  const sizes = await page.locator("#picture output").allTextContents();
+  assert.ok(sizes.length >= 3 && sizes.slice(0, 3).every((size) => /^\u2066\d+ × \d+\u2069$/.test(size)), `width before height: ${sizes}`);
+  await page.keyboard.press("Escape");
   const cube = await page.locator("#cube").boundingBox();
   const panel = await page.locator("#panel").boundingBox();
   assert.ok(panel.x < 10, "the panel stands at the left");
