@@ -39,7 +39,7 @@ function options(args) {
 }
 
 const isWanted = (name) =>
-  (wanted.length === 0 || wanted.some((start) => name.startsWith(start))) && !(isMissing && existsSync(path.join(to, `${name}.png`)));
+  (wanted.length === 0 || wanted.some((start) => name.startsWith(start))) && !(isMissing && existsSync(path.join(to, `${name}.jpg`)));
 
 /** How the page is opened: its size, theme and language. */
 function variants() {
@@ -64,7 +64,7 @@ class Shot {
 
   async shoot(name) {
     if (!isWanted(`${name}-${this.end}`)) return;
-    await this.page.screenshot({ path: path.join(to, `${name}-${this.end}.png`) });
+    await this.page.screenshot({ path: path.join(to, `${name}-${this.end}.jpg`), type: "jpeg", quality: 85 }); // 17 MB in all; as PNG 50
     process.stdout.write(`${name}-${this.end}\n`);
   }
 
@@ -210,6 +210,8 @@ const scenes = {
       await page.locator(".more-tools").waitFor();
       await page.evaluate((name) => document.querySelector(`.more-tools [data-tool="${name}"]`).click(), name);
       await page.locator("#measure-bar").waitFor();
+      await page.waitForTimeout(400); // the sheet of a phone goes down
+      await shot.rest();
     };
     await shot.tab("measure");
     await page.locator(".more-tools").waitFor();
@@ -226,7 +228,7 @@ const scenes = {
     await shot.shoot("measure-distance");
     await shot.measured("area", [0.45, 0.48], [0.5, 0.48], [0.5, 0.51], [0.45, 0.51]);
     await shot.measured("section-upright", [0.38, 0.52], [0.62, 0.52]);
-    await shot.rest();
+    await shot.tab("measure");
     await shot.shoot("measure-table");
   },
 
