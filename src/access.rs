@@ -111,15 +111,18 @@ fn init(file: &Path) -> anyhow::Result<()> {
     if file.exists() {
         anyhow::bail!("{} exists already; it is left as it is", file.display());
     }
-    Accounts::new()?.write(file, true)?;
+    Accounts::new()?.create(file)?;
     writeln!(std::io::stdout(), "{}: nobody yet; add users with `kilwa access user`.", file.display())?;
     Ok(())
 }
 
 fn set_user(file: &Path, name: &str, grant: &Grant, ask: bool) -> anyhow::Result<()> {
-    let known = Accounts::read(file)?.user(name).is_some();
+    // Before the password is asked for: is there such a file?
+    Accounts::read(file)?;
+    // Outside of the lock: a person may take minutes to type it.
     let password = if ask { Some(password(name)?) } else { None };
     change(file, |a| {
+        let known = a.user(name).is_some();
         a.set_user(name, grant, password.as_deref())?;
         let sees = match grant {
             Grant::All => "everything that is not withdrawn".to_owned(),
@@ -151,21 +154,17 @@ fn password(name: &str) -> anyhow::Result<String> {
 }
 
 fn token(file: &Path, name: &str, purpose: Purpose, days: u32) -> anyhow::Result<()> {
-    let mut accounts = Accounts::read(file)?;
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
-    let token = accounts.add_token(name, purpose, days, now)?;
-    accounts.write(file, false)?;
+    let token = Accounts::change(file, |a| a.add_token(name, purpose, days, now))?;
     eprintln!("This token works {days} days for {name} and is not shown again:");
     writeln!(std::io::stdout(), "{token}")?;
     Ok(())
 }
 
-/// Read, change, write; says what `how` says.
+/// Change the accounts, then print the message that `how` returns.
 fn change(file: &Path, how: impl FnOnce(&mut Accounts) -> anyhow::Result<String>) -> anyhow::Result<()> {
-    let mut accounts = Accounts::read(file)?;
-    let said = how(&mut accounts)?;
-    accounts.write(file, false)?;
-    writeln!(std::io::stdout(), "{said}")?;
+    let message = Accounts::change(file, how)?;
+    writeln!(std::io::stdout(), "{message}")?;
     Ok(())
 }
 

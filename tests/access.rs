@@ -85,3 +85,72 @@ fn what_cannot_be_done_is_said_and_changes_nothing() {
     std::fs::write(&path, "{ half").expect("writes");
     assert!(refused(&["access", "user", file, "amina", "--no-password"], "").contains("kilwa access init"));
 }
+
+/// Users, tokens and revocations by `workers` at once; each command that exits 0 must be found in the file afterwards.
+#[test]
+fn parallel_changes_are_all_kept() {
+    const CALLS: usize = 200;
+    const WORKERS: usize = 16;
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("access.json");
+    let file = text(&path);
+    done(&["access", "init", file], "");
+    done(&["access", "user", file, "robot", "--all", "--no-password"], "");
+    let ids = || -> Vec<String> {
+        let json: serde_json::Value =
+            serde_json::from_str(&done(&["access", "list", file, "--json"], "")).expect("JSON");
+        let users = json["users"].as_array().expect("users").iter();
+        let tokens = users.flat_map(|u| u["tokens"].as_array().expect("tokens").clone());
+        tokens.map(|t| t["id"].as_str().expect("an id").to_owned()).collect()
+    };
+    for _ in 0..CALLS / 4 {
+        done(&["access", "token", file, "robot"], "");
+    }
+    let (to_revoke, next) = (ids(), std::sync::atomic::AtomicUsize::new(0));
+    let tokens = std::sync::Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..WORKERS {
+            scope.spawn(|| {
+                loop {
+                    let i = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                    match i % 4 {
+                        _ if i >= CALLS => return,
+                        0 => {
+                            done(&["access", "revoke", file, &to_revoke[i / 4]], "");
+                        }
+                        1 => {
+                            done(&["access", "user", file, &format!("user-{i}"), "--no-password"], "");
+                        }
+                        _ => {
+                            let token = done(&["access", "token", file, "robot"], "");
+                            tokens.lock().expect("whole").push(token.trim().to_owned());
+                        }
+                    }
+                }
+            });
+        }
+    });
+    let accounts = kilwa_server::access::Accounts::read(&path).expect("reads");
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).expect("after 1970").as_secs();
+    let tokens = tokens.into_inner().expect("whole");
+    let lost_tokens = tokens.iter().filter(|t| accounts.of_token(t, now).is_none()).count();
+    let left = ids();
+    let undone = to_revoke.iter().filter(|id| left.contains(id)).count();
+    let lost_users = (0..CALLS).filter(|i| i % 4 == 1 && accounts.user(&format!("user-{i}")).is_none()).count();
+    assert_eq!((tokens.len(), lost_tokens, undone, lost_users), (CALLS / 2, 0, 0, 0), "of {CALLS} calls");
+    assert_eq!(std::fs::read_dir(folder.path()).expect("lists").count(), 1, "no temporary file is left");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_change_keeps_links_and_permissions() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, link) = (folder.path().join("access.json"), folder.path().join("link.json"));
+    done(&["access", "init", text(&path)], "");
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o640)).expect("sets");
+    symlink(&path, &link).expect("links");
+    done(&["access", "user", text(&link), "robot", "--no-password"], "");
+    assert!(link.is_symlink() && done(&["access", "list", text(&path)], "").contains("robot"));
+    assert_eq!(std::fs::metadata(&path).expect("there").permissions().mode() & 0o777, 0o640);
+}

@@ -39,7 +39,7 @@ fn archive() -> Archive {
     let mut accounts = Accounts::new().unwrap();
     accounts.set_user("amina", &Grant::Objects(vec!["cave".to_owned()]), Some("a long sentence")).unwrap();
     accounts.set_user("omar", &Grant::Objects(Vec::new()), Some("another sentence")).unwrap();
-    accounts.write(&folder.path().join("access.json"), true).unwrap();
+    accounts.create(&folder.path().join("access.json")).unwrap();
     let clerk = Arc::new(Clerk::default());
     let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
     site.clock = Clock::new(|| 1_795_262_400);

@@ -155,7 +155,7 @@ impl Server {
         accounts.set_user("robot", &Grant::All, None).unwrap();
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
         let token = accounts.add_token("robot", Purpose::Publish, 30, now).unwrap();
-        accounts.write(&dir.path().join("access.json"), true).unwrap();
+        accounts.create(&dir.path().join("access.json")).unwrap();
         let mut server = Self { endpoint, child: None, address: "127.0.0.1:0".parse().unwrap(), token, dir };
         server.restart();
         server

@@ -4,7 +4,8 @@
 //! { "kilwa_access": 1, "key": "<64 hexadecimal digits>", "users": [ { "name": "amina", "password": "$argon2id$…",
 //!   "grants": ["gereza"], "tokens": [ { "id": "3f2a91c0", "hash": "<BLAKE3>", "purpose": "publish", "made": "2026-11-21", "until": "2027-11-21" } ] } ] }
 //! ```
-//! Read strictly; written whole under another name and renamed, readable by its owner only. Passwords and tokens cannot be read from it;
+//! Read strictly; written whole under another name and renamed, readable by its owner only. Every change locks the file, reads it again and
+//! writes it ([`Accounts::change`]), so that no two commands overwrite each other. Passwords and tokens cannot be read from it;
 //! the key can, so that who reads the file can let himself in.
 
 use super::capability::Capabilities;
@@ -12,7 +13,8 @@ use super::secret::{Key, hash_password, is_password, token_hash};
 use crate::object::date::{day_of, is_day};
 use crate::object::layout::Slug;
 use serde::{Deserialize, Serialize};
-use std::io::{Read, Write};
+use std::fs::{self, File, Metadata};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -152,10 +154,33 @@ impl Accounts {
     /// [`AccountsError`] with the file and what is wrong. Its text is quoted nowhere: it has secrets.
     pub fn read(path: &Path) -> Result<Self, AccountsError> {
         let failed = |source| AccountsError::File { path: path.to_owned(), source };
+        let file = File::open(path).map_err(failed)?;
+        Self::read_open(&file, path)
+    }
+
+    fn read_open(file: &File, path: &Path) -> Result<Self, AccountsError> {
         let mut bytes = Vec::new();
-        let file = std::fs::File::open(path).map_err(failed)?;
-        file.take(FILE_MAX + 1).read_to_end(&mut bytes).map_err(failed)?;
+        let read = file.take(FILE_MAX + 1).read_to_end(&mut bytes);
+        read.map_err(|source| AccountsError::File { path: path.to_owned(), source })?;
         Self::parse(&bytes).map_err(|why| AccountsError::Form { path: path.to_owned(), why })
+    }
+
+    /// Change a file of accounts: lock it, read it, apply `change`, write it. Waits while another program changes it. Where `change` fails
+    /// nothing is written. Keeps the file's owner and permissions; a link keeps leading to it.
+    ///
+    /// # Errors
+    /// [`AccountsError`] when it cannot be locked, read or written, and what `change` returns.
+    pub fn change<T, E: From<AccountsError>>(
+        path: &Path,
+        change: impl FnOnce(&mut Self) -> Result<T, E>,
+    ) -> Result<T, E> {
+        let failed = |source| AccountsError::File { path: path.to_owned(), source };
+        let target = fs::canonicalize(path).map_err(failed)?;
+        let locked = lock(&target).map_err(failed)?;
+        let mut accounts = Self::read_open(&locked, path)?;
+        let result = change(&mut accounts)?;
+        accounts.write_as(&target, Some(&locked.metadata().map_err(failed)?)).map_err(failed)?;
+        Ok(result)
     }
 
     fn parse(bytes: &[u8]) -> Result<Self, String> {
@@ -184,21 +209,31 @@ impl Accounts {
         Ok(Self { key, users: document.users })
     }
 
-    /// Write to `path`, whole or not at all; only its owner can read it. `new` refuses to replace a file.
+    /// Write a new file, whole or not at all; only its owner can read it.
     ///
     /// # Errors
-    /// When it cannot be written, or exists and is to be new.
-    pub fn write(&self, path: &Path, new: bool) -> Result<(), AccountsError> {
-        let failed = |source| AccountsError::File { path: path.to_owned(), source };
+    /// When it cannot be written, or something of that name exists.
+    pub fn create(&self, path: &Path) -> Result<(), AccountsError> {
+        self.write_as(path, None).map_err(|source| AccountsError::File { path: path.to_owned(), source })
+    }
+
+    /// Write the file, new or in place of the one that `before` describes. When this returns it is on disk, also after a power cut.
+    fn write_as(&self, path: &Path, before: Option<&Metadata>) -> io::Result<()> {
         let document = Document { kilwa_access: FORM, key: self.key.to_hex(), users: self.users.clone() };
-        let mut bytes = serde_json::to_vec_pretty(&document).map_err(|e| failed(e.into()))?;
+        let mut bytes = serde_json::to_vec_pretty(&document)?;
         bytes.push(b'\n');
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         // Made readable by its owner only.
-        let mut file = tempfile::Builder::new().prefix(".kilwa-access-").tempfile_in(folder).map_err(failed)?;
-        file.write_all(&bytes).and_then(|()| file.as_file().sync_all()).map_err(failed)?;
-        let written = if new { file.persist_noclobber(path) } else { file.persist(path) };
-        written.map(drop).map_err(|e| failed(e.error))
+        let mut file = tempfile::Builder::new().prefix(".kilwa-access-").tempfile_in(folder)?;
+        file.write_all(&bytes)?;
+        if let Some(before) = before {
+            keep_ownership(file.as_file(), before)?;
+        }
+        file.as_file().sync_all()?;
+        let written = if before.is_some() { file.persist(path) } else { file.persist_noclobber(path) };
+        written.map_err(|e| e.error)?;
+        // Systems that cannot open folders (Windows) write the name themselves.
+        File::open(folder).map_or(Ok(()), |folder| folder.sync_all())
     }
 
     /// All users, in the order they were added.
@@ -319,6 +354,48 @@ impl Accounts {
     }
 }
 
+/// Open and lock the file that `path` names when the lock is held: whoever had the lock before has put another file in its place.
+fn lock(path: &Path) -> io::Result<File> {
+    loop {
+        let file = File::open(path)?;
+        file.lock()?;
+        if is_same_file(&file.metadata()?, &fs::metadata(path)?) {
+            return Ok(file);
+        }
+    }
+}
+
+#[cfg(unix)]
+fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    (a.dev(), a.ino()) == (b.dev(), b.ino())
+}
+
+/// Without inode numbers: each change writes another file, made at another time.
+#[cfg(not(unix))]
+fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
+    (a.created().ok(), a.modified().ok(), a.len()) == (b.created().ok(), b.modified().ok(), b.len())
+}
+
+/// The server reads the file as a user of its own: what the operator set must survive a change by root.
+#[cfg(unix)]
+fn keep_ownership(file: &File, before: &Metadata) -> io::Result<()> {
+    use std::os::unix::fs::MetadataExt;
+    let now = file.metadata()?;
+    if (now.uid(), now.gid()) != (before.uid(), before.gid()) {
+        std::os::unix::fs::fchown(file, Some(before.uid()), Some(before.gid())).map_err(|e| {
+            let (uid, gid) = (before.uid(), before.gid());
+            io::Error::new(e.kind(), format!("it belongs to user {uid} and group {gid}, which cannot be kept ({e}); run this as that user or as root"))
+        })?;
+    }
+    file.set_permissions(before.permissions())
+}
+
+#[cfg(not(unix))]
+fn keep_ownership(_: &File, _: &Metadata) -> io::Result<()> {
+    Ok(())
+}
+
 fn check_name(name: &str) -> Result<(), String> {
     let is_plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "._-@".contains(c);
     if (1..=64).contains(&name.len()) && name.chars().all(is_plain) {
@@ -355,12 +432,12 @@ mod tests {
         let path = folder.path().join("access.json");
         let mut accounts = some();
         let token = accounts.add_token("robot", Purpose::Publish, 30, NOW).expect("makes");
-        accounts.write(&path, true).expect("writes");
+        accounts.create(&path).expect("writes");
         assert_eq!(Accounts::read(&path).expect("reads"), accounts);
         let text = std::fs::read_to_string(&path).expect("reads");
         assert!(!text.contains("sentence") && !text.contains(&token[6..]) && text.contains("$argon2id$"), "{text}");
         assert!(!format!("{accounts:?}").contains(&accounts.key.to_hex()));
-        assert!(accounts.write(&path, true).is_err(), "a file that is there is not new");
+        assert!(accounts.create(&path).is_err(), "a file that is there is not new");
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;

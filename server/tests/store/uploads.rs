@@ -67,7 +67,7 @@ impl Museum {
         accounts.set_user("robot", &Grant::All, None).unwrap();
         let robot = accounts.add_token("robot", Purpose::Publish, 30, NOW).unwrap();
         let file = folder.path().join("access.json");
-        accounts.write(&file, true).unwrap();
+        accounts.create(&file).unwrap();
         site.door = Some(Arc::new(Door::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap()));
         site.clock = Clock::new(|| NOW);
         Self { app: app(site), robot, folder }
