@@ -182,11 +182,13 @@ fn in_folder(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
     let path = Path::new(target);
     let kind = std::fs::metadata(path).with_context(|| format!("cannot open {target}"))?;
     if !kind.is_dir() {
+        // A link that the person named leads to its file.
+        let path = path.canonicalize().with_context(|| format!("cannot open {target}"))?;
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        return Ok((Box::new(Folder(folder.to_owned())), vec![Item { path: name, what: What::Pack }]));
+        return Ok((Box::new(Folder::new(folder.to_owned())), vec![Item { path: name, what: What::Pack }]));
     }
-    let place = Box::new(Folder(path.to_owned()));
+    let place = Box::new(Folder::new(path.to_owned()));
     if let Some(what) = kind_of(path) {
         return Ok((place, vec![Item { path: String::new(), what }]));
     }

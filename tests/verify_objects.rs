@@ -458,3 +458,53 @@ fn an_address_that_cannot_be_asked_is_refused_with_the_reason() {
     assert_eq!(kilwa(&["verify", text(empty.path()), "--resume"]).status.code(), Some(2));
     assert_eq!(kilwa(&["verify", text(empty.path()), "--state", "x", "--older-than", "0"]).status.code(), Some(2));
 }
+
+/// What is checked is what a server would serve: plain files below the folder, whatever links say.
+#[cfg(unix)]
+#[test]
+fn links_and_special_files_are_named_and_never_followed() {
+    use std::os::unix::fs::symlink;
+    let (shelf, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let pipe = |path: &Path| assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success());
+    let checked = |target: &Path, names: &[&str]| {
+        let message = fails(&["verify", text(target)]);
+        for name in names {
+            assert!(message.contains(name), "{name} is not in: {message}");
+        }
+    };
+    // A pack that was moved away and linked is as sound as it ever was, and not in the archive.
+    let object = publish(shelf.path(), "fort", 1);
+    let pack = fs::read_dir(object.join("v1")).unwrap().map(|e| e.unwrap().path());
+    let pack = pack.into_iter().find(|p| p.extension().is_some_and(|e| e == "kilwa")).unwrap();
+    let away = elsewhere.path().join("pack.kilwa");
+    fs::rename(&pack, &away).unwrap();
+    symlink(&away, &pack).unwrap();
+    checked(&object, &["pack.", "it is a link"]);
+    checked(shelf.path(), &["fort/v1/pack.", "it is a link"]);
+    fs::remove_file(&pack).unwrap();
+    pipe(&pack);
+    checked(&object, &["pack.", "a pipe"]);
+    fs::remove_file(&pack).unwrap();
+    fs::rename(&away, &pack).unwrap();
+    succeeds(&["verify", text(&object)]);
+    // A version, and the whole object, behind a link.
+    fs::rename(object.join("v1"), elsewhere.path().join("v1")).unwrap();
+    symlink(elsewhere.path().join("v1"), object.join("v1")).unwrap();
+    checked(&object, &["v1/checksums.sha256", "is a link"]);
+    fs::remove_file(object.join("v1")).unwrap();
+    fs::rename(elsewhere.path().join("v1"), object.join("v1")).unwrap();
+    fs::rename(&object, elsewhere.path().join("fort")).unwrap();
+    symlink(elsewhere.path().join("fort"), &object).unwrap();
+    checked(shelf.path(), &["fort/manifest.json", "is a link"]);
+    // The very thing that a person names may be a link.
+    succeeds(&["verify", text(&object)]);
+    // Special files where packs lie, beside and alone.
+    pipe(&shelf.path().join("pipe.kilwa"));
+    checked(shelf.path(), &["2 of 2"]);
+    checked(&shelf.path().join("pipe.kilwa"), &["a pipe"]);
+    // A file that nobody lists.
+    fs::remove_file(&object).unwrap();
+    let object = publish(elsewhere.path(), "tower", 1);
+    symlink("/etc/passwd", object.join("v1/extra")).unwrap();
+    checked(&object, &["v1/extra", "nobody knows"]);
+}

@@ -9,6 +9,7 @@ use crate::holding::{Holding, SMALL, Tables};
 use crate::object::Manifest;
 use crate::object::layout::{MANIFEST, RESERVED};
 use crate::object::manifest::{Access, AccessState};
+use crate::plain_file;
 use crate::store::{self, Identity, Place, S3, Survey, is_away, is_refused, is_silent};
 use axum::http::StatusCode;
 use kilwa_pack::{HEADER_BYTES, Header, Metadata};
@@ -173,7 +174,7 @@ impl Model {
 }
 
 fn hash_file(path: &Path, identity: &Identity) -> std::io::Result<Arc<str>> {
-    let mut file = File::open(path)?;
+    let mut file = plain_file::open_direct(path)?;
     let mut hasher = blake3::Hasher::new();
     let mut buffer = vec![0; 1 << 20];
     loop {
@@ -354,7 +355,16 @@ impl Catalogue {
         let mut models: BTreeMap<_, _> =
             listed.into_iter().map(|m| m.map(|m| (m.slug.clone(), m))).collect::<std::io::Result<_>>()?;
         for path in self.packs()? {
-            let Ok(metadata) = std::fs::metadata(&path) else { continue };
+            let metadata = match plain_file::metadata_direct(&path) {
+                Ok(metadata) => metadata,
+                Err(e) => {
+                    // A folder may be an object, whatever its name.
+                    if plain_file::is_other(&e) && e.kind() != std::io::ErrorKind::IsADirectory {
+                        store::warn_of(&path, &e);
+                    }
+                    continue;
+                }
+            };
             let (identity, place) = (Identity::of(&metadata), Place::Path(path));
             let slug = free_slug(&place, &mut slugs);
             let model = listed_before(&before.models, &slug, &place, &identity)
@@ -389,11 +399,11 @@ impl Catalogue {
     fn packs(&self) -> std::io::Result<Vec<PathBuf>> {
         let Some(root) = self.root.path() else { return Ok(Vec::new()) };
         if self.single {
-            return Ok(if is_pack(root) && root.is_file() { vec![root.to_owned()] } else { Vec::new() });
+            return Ok(if is_pack(root) { vec![root.to_owned()] } else { Vec::new() });
         }
         let is_shown = |path: &PathBuf| {
             let hidden = path.file_name().is_none_or(|n| n.to_string_lossy().starts_with('.'));
-            !hidden && is_pack(path) && path.is_file()
+            !hidden && is_pack(path)
         };
         let mut packs: Vec<_> =
             std::fs::read_dir(root)?.filter_map(|e| e.ok().map(|e| e.path())).filter(is_shown).collect();
@@ -450,7 +460,15 @@ fn pack_of(place: Place, slug: &str, identity: Identity) -> Arc<Model> {
 /// `NAME.annotations.json` beside `NAME.kilwa`.
 fn notes_of(pack: &Path) -> Option<PathBuf> {
     let notes = pack.with_extension("annotations.json");
-    notes.is_file().then_some(notes)
+    match plain_file::metadata_direct(&notes) {
+        Ok(_) => Some(notes),
+        Err(e) => {
+            if plain_file::is_other(&e) {
+                store::warn_of(&notes, &e);
+            }
+            None
+        }
+    }
 }
 
 /// From its manifest alone: a folder of ten thousand objects is listed without looking into each.
@@ -527,7 +545,7 @@ fn summarise(path: &Path) -> Result<Summary, String> {
         file.read_exact(&mut bytes)?;
         Ok(bytes)
     };
-    let mut file = File::open(path).map_err(|e| format!("cannot open: {e}"))?;
+    let mut file = plain_file::open_direct(path).map_err(|e| format!("cannot open: {e}"))?;
     let actual = file.metadata().map_err(|e| e.to_string())?.len();
     if actual < HEADER_BYTES as u64 {
         return Err(format!("not a Kilwa pack: only {actual} bytes long"));

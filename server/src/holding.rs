@@ -11,10 +11,10 @@ use crate::object::layout::{CHECKSUMS, MANIFEST, PAGE, version_of};
 use crate::object::manifest::Version;
 use crate::object::{Checksums, Manifest};
 use crate::objects::NOTES;
+use crate::plain_file;
 use crate::store::{Content, HELD_MAX, Identity, Place, is_away, is_refused, is_silent};
 use axum::body::Bytes;
 use std::collections::{BTreeMap, VecDeque};
-use std::fs::File;
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Instant;
@@ -48,7 +48,7 @@ impl Entry {
         let bytes = self.identity.bytes();
         let content = match &self.place {
             Place::Path(path) => {
-                let file = File::open(path)?;
+                let file = plain_file::open_direct(path)?;
                 if Identity::of(&file.metadata()?) != self.identity {
                     return Err(io::Error::other("the file changed since it was listed"));
                 }
@@ -72,7 +72,7 @@ impl Entry {
             return Ok(sound);
         }
         let sum = match (content, &self.place) {
-            (Content::File(_), Place::Path(path)) => sha256_of(File::open(path)?)?.1,
+            (Content::File(_), Place::Path(path)) => sha256_of(plain_file::open_direct(path)?)?.1,
             (Content::Held(bytes), _) => sha256(bytes),
             (Content::Remote(store, key, identity), _) => store.sha256(key, identity)?,
             (Content::File(file), Place::Key(..)) => sha256_of(file)?.1,

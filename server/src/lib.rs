@@ -25,6 +25,7 @@ mod objects;
 mod observe;
 mod packs;
 mod page;
+pub mod plain_file;
 mod policy;
 mod portal;
 mod range;

@@ -9,8 +9,9 @@ use crate::catalogue::{Catalogue, Kind, Model};
 use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, offer_pieces, pieces, plain, share_ranges};
 use crate::holding::SMALL;
 use crate::objects;
+use crate::plain_file;
 use crate::range::split;
-use crate::store::{Content, Identity, read_small};
+use crate::store::{Content, Identity};
 use axum::body::Body;
 use axum::http::{HeaderMap, Method, Response, StatusCode};
 use std::sync::Arc;
@@ -106,7 +107,7 @@ async fn open(model: &Arc<Model>) -> Option<Source> {
     let hash = model.hash().await.inspect_err(|e| tracing::warn!("{}: {e}", model.file_name)).ok()?;
     let model = Arc::clone(model);
     let opened = blocking(move || {
-        let file = std::fs::File::open(model.place.path()?).ok()?;
+        let file = plain_file::open_direct(model.place.path()?).ok()?;
         (Identity::of(&file.metadata().ok()?) == model.identity).then_some((file, model.bytes))
     });
     let (file, bytes) = opened.await.ok().flatten()?;
@@ -133,7 +134,9 @@ async fn notes(
         Kind::Object(_) => return Ok(objects::respond(&model, objects::NOTES, clock, None, method, headers).await),
         Kind::Pack { notes } => notes.clone().ok_or(StatusCode::NOT_FOUND)?,
     };
-    let bytes = blocking(move || read_small(&path, SMALL)).await?.map_err(|_| StatusCode::NOT_FOUND)?;
+    let bytes = blocking(move || plain_file::read(plain_file::open_direct(&path)?, SMALL))
+        .await?
+        .map_err(|_| StatusCode::NOT_FOUND)?;
     Ok(objects::whole(bytes, "application/json", method, headers))
 }
 

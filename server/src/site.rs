@@ -132,7 +132,7 @@ impl Site {
 /// The whole site.
 pub fn app(site: Site) -> Router {
     let observer = Observer { metrics: Arc::clone(&site.metrics), behind_proxy: site.behind_proxy };
-    let policy = HeaderValue::from_str(&site.policy.header()).ok();
+    let manner = Manner { policy: HeaderValue::from_str(&site.policy.header()).ok(), vary: vary_of(&site) };
     let place = site.catalogue.place().clone();
     Router::new()
         .route("/", get(list))
@@ -162,13 +162,26 @@ pub fn app(site: Site) -> Router {
         .merge(upload::routes::routes())
         .fallback(|| async { lost() })
         .layer(from_fn_with_state(place, store::tell))
-        .layer(from_fn_with_state(policy, manners))
+        .layer(from_fn_with_state(manner, manners))
         .layer(from_fn_with_state(observer, observe))
         .with_state(site)
 }
 
+/// What answers carry.
+#[derive(Clone)]
+struct Manner {
+    policy: Option<HeaderValue>,
+    vary: Option<HeaderValue>,
+}
+
+/// Without `--url` absolute addresses in answers are made of what the request was sent to: no cache may give them to who asks elsewhere.
+fn vary_of(site: &Site) -> Option<HeaderValue> {
+    let value = if site.behind_proxy { "Host, X-Forwarded-Proto" } else { "Host" };
+    site.url.is_none().then(|| HeaderValue::from_static(value))
+}
+
 /// Headers that every answer carries, and requests that nothing here takes.
-async fn manners(State(policy): State<Option<HeaderValue>>, request: Request, next: Next) -> Response {
+async fn manners(State(Manner { policy, vary }): State<Manner>, request: Request, next: Next) -> Response {
     let most = if upload::is_upload(request.uri().path()) { upload::BODY_MAX } else { BODY_LIMIT };
     let mut response = match request.body().size_hint().upper() {
         Some(length) if length <= most => next.run(request).await,
@@ -184,6 +197,11 @@ async fn manners(State(policy): State<Option<HeaderValue>>, request: Request, ne
     }
     if !headers.contains_key(CACHE_CONTROL) {
         headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-cache"));
+    }
+    // What never changes is the same wherever it was asked for.
+    let is_fixed = headers.get(CACHE_CONTROL).is_some_and(|v| v.as_bytes().ends_with(b"immutable"));
+    if let Some(vary) = vary.filter(|_| !is_fixed) {
+        headers.append(VARY, vary);
     }
     response
 }

@@ -6,7 +6,7 @@ use axum::Router;
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use common::{Answer, ask, get, object, pack, page, public};
-use kilwa_server::access::{Accounts, Grant, Purpose};
+use kilwa_server::access::{Accounts, AccountsError, Grant, Purpose};
 use kilwa_server::door::Door;
 use kilwa_server::object::manifest::{Access, AccessState};
 use kilwa_server::{Catalogue, Clock, Site, app};
@@ -49,7 +49,7 @@ impl Museum {
         accounts.set_user("omar", &Grant::Objects(Vec::new()), Some("another sentence")).unwrap();
         accounts.set_user("robot", &Grant::All, None).unwrap();
         let token = accounts.add_token("robot", Purpose::View, 30, NOW).unwrap();
-        accounts.write(&folder.path().join("access.json"), true).unwrap();
+        accounts.create(&folder.path().join("access.json")).unwrap();
         let clock = Arc::new(AtomicU64::new(NOW));
         let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
         let told = Arc::clone(&clock);
@@ -72,7 +72,7 @@ impl Museum {
     /// The session's cookie.
     async fn sign_in(&self, name: &str, password: &str) -> Option<String> {
         let form = format!("name={name}&password={}&next=%2Fcave%2F", password.replace(' ', "+"));
-        let answer = self.post("/sign-in", &[("origin", "https://museum.example")], &form).await;
+        let answer = self.post("/sign-in", &[("origin", "http://museum.example")], &form).await;
         cookie(&answer).filter(|_| answer.status == StatusCode::SEE_OTHER)
     }
 
@@ -92,9 +92,11 @@ fn cookie(answer: &Answer) -> Option<String> {
 }
 
 fn change(file: &Path, how: impl FnOnce(&mut Accounts)) {
-    let mut accounts = Accounts::read(file).unwrap();
-    how(&mut accounts);
-    accounts.write(file, false).unwrap();
+    let changed = Accounts::change(file, |accounts| {
+        how(accounts);
+        Ok::<_, AccountsError>(())
+    });
+    changed.unwrap();
     // The file is looked at once a second.
     std::thread::sleep(std::time::Duration::from_millis(1100));
 }
@@ -248,7 +250,14 @@ async fn no_other_site_can_sign_a_reader_in_or_out_or_send_them_elsewhere() {
         vec![("origin", "https://evil.example")],
         vec![("origin", "null")],
         vec![("sec-fetch-site", "cross-site")],
-        vec![("sec-fetch-site", "same-site"), ("origin", "https://museum.example")],
+        vec![("sec-fetch-site", "same-site"), ("origin", "http://museum.example")],
+        vec![("sec-fetch-site", "same-origin"), ("origin", "null")],
+        // Another scheme or port is another site: whoever can change plain http could else act for a reader of the site behind TLS.
+        vec![("origin", "https://museum.example")],
+        vec![("origin", "http://museum.example:8080")],
+        vec![("origin", "http://museum.example@evil.example")],
+        vec![("origin", "http://museum.example"), ("origin", "https://evil.example")],
+        vec![("origin", "museum.example")],
     ] {
         for uri in ["/sign-in", "/sign-out", "/cave/open"] {
             assert_eq!(m.post(uri, &headers, right).await.status, StatusCode::FORBIDDEN, "{headers:?} {uri}");

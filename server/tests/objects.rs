@@ -135,6 +135,82 @@ async fn only_what_was_published_is_served() {
     assert_eq!(get(&app, &format!("/fort/{}", manifest.versions[0].pack.url)).await.status, 404);
 }
 
+/// Links and special files in every place of a served folder, to a secret file outside and to a closed object inside.
+#[cfg(unix)]
+#[tokio::test]
+async fn no_link_and_no_special_file_is_followed_anywhere() {
+    use std::os::unix::fs::symlink;
+    let (outside, dir) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (root, pipe) = (dir.path(), |path: &std::path::Path| {
+        assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success());
+    });
+    let secret = pack("SECRET");
+    let closed = Access { state: AccessState::Restricted, ..public() };
+    let manifest = object(root, "closed", std::slice::from_ref(&secret), closed);
+    let hidden = object(outside.path(), "outside", std::slice::from_ref(&secret), public());
+    let fort = object(root, "fort", &[pack("Fort")], public());
+    write(outside.path().join("SECRET.kilwa"), &secret).unwrap();
+    write(outside.path().join("notes.json"), "{\"SECRET\": 1}").unwrap();
+    write(outside.path().join("collections.toml"), "[[collection]]\nslug = \"c\"\ntitle = \"SECRET\"\n").unwrap();
+    // Packs and notes beside objects.
+    symlink(outside.path().join("SECRET.kilwa"), root.join("linked.kilwa")).unwrap();
+    symlink("/etc/passwd", root.join("passwd.kilwa")).unwrap();
+    symlink(format!("closed/{}", manifest.versions[0].pack.url), root.join("inner.kilwa")).unwrap();
+    write(root.join("plain.kilwa"), pack("Plain")).unwrap();
+    symlink(outside.path().join("notes.json"), root.join("plain.annotations.json")).unwrap();
+    pipe(&root.join("pipe.kilwa"));
+    symlink(outside.path().join("collections.toml"), root.join("collections.toml")).unwrap();
+    // Objects, and parts of objects.
+    symlink(outside.path().join("outside"), root.join("outside")).unwrap();
+    std::fs::create_dir(root.join("half")).unwrap();
+    symlink(outside.path().join("outside/manifest.json"), root.join("half/manifest.json")).unwrap();
+    std::fs::create_dir(root.join("piped")).unwrap();
+    pipe(&root.join("piped/manifest.json"));
+    // A version folder that was moved away and linked, as somebody short of room would.
+    object(root, "moved", std::slice::from_ref(&secret), public());
+    std::fs::rename(root.join("moved/v1"), outside.path().join("moved-v1")).unwrap();
+    symlink(outside.path().join("moved-v1"), root.join("moved/v1")).unwrap();
+    // A listed file of a version, replaced by a pipe.
+    std::fs::remove_file(root.join("fort/v1/metadata/dc.xml")).unwrap();
+    pipe(&root.join("fort/v1/metadata/dc.xml"));
+
+    let app = site(root);
+    let pack_of = |m: &kilwa_server::object::Manifest| m.versions[0].pack.url.clone();
+    let addresses = [
+        "/packs/linked.kilwa".to_owned(),
+        "/packs/passwd.kilwa".to_owned(),
+        "/packs/inner.kilwa".to_owned(),
+        "/packs/pipe.kilwa".to_owned(),
+        "/packs/plain.annotations.json".to_owned(),
+        "/packs/outside.kilwa".to_owned(),
+        "/packs/moved.kilwa".to_owned(),
+        "/m/linked".to_owned(),
+        "/outside/".to_owned(),
+        "/outside/manifest.json".to_owned(),
+        format!("/outside/{}", pack_of(&hidden)),
+        "/half/manifest.json".to_owned(),
+        "/piped/manifest.json".to_owned(),
+        "/fort/v1/metadata/dc.xml".to_owned(),
+        format!("/moved/{}", pack_of(&hidden)),
+        "/moved/v1/poster.jpg".to_owned(),
+        "/moved/v1/metadata/dc.xml".to_owned(),
+        "/collections/c/".to_owned(),
+    ];
+    for address in &addresses {
+        let answer = tokio::time::timeout(Duration::from_secs(20), get(&app, address)).await;
+        let a = answer.unwrap_or_else(|_| panic!("{address} hangs"));
+        assert!(matches!(a.status.as_u16(), 404 | 503), "{address}: {}", a.status);
+        assert!(!a.text().contains("SECRET") && !a.text().contains("root:"), "{address}");
+    }
+    for address in ["/", "/models.json", "/map", "/collections/", "/feed.xml", "/sitemap.xml"] {
+        let a = get(&app, address).await;
+        assert!(!a.text().contains("SECRET"), "{address}");
+    }
+    // What is really there is served all the same.
+    assert_eq!(get(&app, "/packs/plain.kilwa").await.status, 200);
+    assert_eq!(get(&app, &format!("/fort/{}", pack_of(&fort))).await.status, 200);
+}
+
 #[tokio::test]
 async fn new_and_changed_objects_are_noticed_without_a_restart() {
     let dir = tempfile::tempdir().unwrap();

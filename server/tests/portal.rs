@@ -64,6 +64,33 @@ fn titles(a: &Answer) -> Vec<&'static str> {
         .collect()
 }
 
+/// What absolute addresses are made of is named, so that a cache keeps answers to different hosts apart.
+#[tokio::test]
+async fn answers_vary_by_host_unless_the_address_of_the_site_is_given() {
+    let dir = tempfile::tempdir().unwrap();
+    object(dir.path(), "fort", &[pack("Fort")], public());
+    let site = |url: Option<&str>, behind_proxy| {
+        let mut site = Site::new(Catalogue::open(dir.path()).unwrap(), page());
+        site.url = url.map(str::to_owned);
+        site.behind_proxy = behind_proxy;
+        app(site)
+    };
+    for (url, behind_proxy, wanted) in
+        [(None, false, "Host"), (None, true, "Host, X-Forwarded-Proto"), (Some("https://museum.example"), true, "")]
+    {
+        let app = site(url, behind_proxy);
+        for address in ["/", "/fort/", "/robots.txt", "/no-such/"] {
+            let a = get(&app, address).await;
+            let varies = a.headers.get_all("vary").iter().map(|v| v.to_str().unwrap()).filter(|v| v.contains("Host"));
+            assert_eq!(varies.collect::<Vec<_>>().concat(), wanted, "{address}");
+        }
+        let pack = get(&app, "/fort/manifest.json").await;
+        let manifest = kilwa_server::object::Manifest::parse(&pack.body).unwrap();
+        let pack = get(&app, &format!("/fort/{}", manifest.versions[0].pack.url)).await;
+        assert_eq!(pack.header("vary"), "", "the bytes of a pack are the same everywhere");
+    }
+}
+
 #[tokio::test]
 async fn the_catalogue_lists_searches_and_narrows_without_a_script() {
     let dir = archive();

@@ -2,6 +2,7 @@
 
 use crate::source::FileSource;
 use kilwa_pack::Source;
+use kilwa_server::plain_file;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -44,17 +45,27 @@ pub(crate) trait Place {
     }
 }
 
-/// A folder of this computer.
-pub(crate) struct Folder(pub(crate) PathBuf);
+/// A folder of this computer. Below the folder that the person named, no link is followed: what it leads to is not part of the archive.
+pub(crate) struct Folder {
+    named: PathBuf,
+    at: PathBuf,
+}
+
+impl Folder {
+    /// The folder that the person named.
+    pub(crate) fn new(named: PathBuf) -> Self {
+        Self { at: named.clone(), named }
+    }
+}
 
 impl Place for Folder {
     fn name(&self, path: &str) -> String {
-        if path.is_empty() { self.0.display().to_string() } else { self.0.join(path).display().to_string() }
+        if path.is_empty() { self.at.display().to_string() } else { self.at.join(path).display().to_string() }
     }
 
     fn open(&self, path: &str) -> io::Result<Option<Bytes>> {
-        match FileSource::new(&self.0.join(path)) {
-            Ok(source) => Ok(Some(Box::new(source))),
+        match plain_file::open_inside(&self.named, &self.at.join(path)) {
+            Ok(file) => Ok(Some(Box::new(FileSource::of(file)))),
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(e) => Err(e),
         }
@@ -62,8 +73,8 @@ impl Place for Folder {
 
     fn list(&self, folder: &str) -> io::Result<Option<Vec<(String, u64)>>> {
         let mut all = Vec::new();
-        let from = self.0.join(folder);
-        if from.is_dir() {
+        let from = self.at.join(folder);
+        if plain_file::is_folder_inside(&self.named, &from) {
             walk(&from, folder, &mut all)?;
         }
         all.sort();
@@ -71,7 +82,7 @@ impl Place for Folder {
     }
 
     fn below(&self, folder: &str) -> Box<dyn Place> {
-        Box::new(Self(self.0.join(folder)))
+        Box::new(Self { named: self.named.clone(), at: self.at.join(folder) })
     }
 }
 

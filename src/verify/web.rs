@@ -219,7 +219,7 @@ fn take_whole(mut response: Response<ureq::Body>) -> io::Result<Outcome> {
         return Ok(Outcome::Passing(format!("{came} of {} bytes came", announced.unwrap_or(0)), None));
     }
     file.as_file_mut().rewind()?;
-    let source = FileSource::new(file.path())?;
+    let source = FileSource::open(file.path())?;
     Ok(Outcome::Came(Some(Answer::Whole(Box::new(Kept { source, _file: file })))))
 }
 

@@ -14,7 +14,7 @@ use crate::objects;
 use crate::observe::client_of;
 use crate::packs::blocking;
 use crate::portal::language::Language;
-use crate::portal::{encoded, pairs};
+use crate::portal::{base, encoded, pairs};
 use crate::site::{Site, page};
 use axum::body::Body;
 use axum::extract::{Path, RawQuery, Request, State};
@@ -53,7 +53,7 @@ pub(crate) async fn ask(State(site): State<Site>, RawQuery(query): RawQuery, hea
 pub(crate) async fn sign_in(State(site): State<Site>, request: Request) -> Response {
     let Some(door) = site.door.clone() else { return plain(StatusCode::NOT_FOUND).into_response() };
     let headers = request.headers().clone();
-    if !from_here(&headers) {
+    if !from_here(&site, &headers) {
         return plain(StatusCode::FORBIDDEN).into_response();
     }
     let client = client_of(&request, site.behind_proxy);
@@ -119,7 +119,7 @@ async fn check(
 
 /// `POST /sign-out`
 pub(crate) async fn sign_out(State(site): State<Site>, headers: HeaderMap) -> Response {
-    if !from_here(&headers) {
+    if !from_here(&site, &headers) {
         return plain(StatusCode::FORBIDDEN).into_response();
     }
     let mut response = StatusCode::SEE_OTHER.into_response();
@@ -139,7 +139,7 @@ pub(crate) async fn open(
         return plain(StatusCode::METHOD_NOT_ALLOWED).into_response();
     }
     let headers = request.headers().clone();
-    if !from_here(&headers) {
+    if !from_here(&site, &headers) {
         return plain(StatusCode::FORBIDDEN).into_response();
     }
     let (address, _) = client_of(&request, site.behind_proxy);
@@ -222,17 +222,30 @@ fn inside(next: &str) -> &str {
     if is_plain && next.bytes().all(|b| b.is_ascii_graphic() && b != b'\\') { next } else { "/" }
 }
 
-/// Whether the request comes from a page of this site, or from no page.
-pub(crate) fn from_here(headers: &HeaderMap) -> bool {
-    let fetch_site = text(headers, &HeaderName::from_static("sec-fetch-site"));
-    if fetch_site.is_some_and(|s| !matches!(s, "same-origin" | "none")) {
+/// Whether the request comes from a page of this site, or from no page. Browsers that send `Sec-Fetch-Site` have compared scheme, host and port
+/// themselves; of others the `Origin` is compared, with `--url` or with what the request itself was sent to.
+pub(crate) fn from_here(site: &Site, headers: &HeaderMap) -> bool {
+    let origin = text(headers, &ORIGIN);
+    if headers.get_all(ORIGIN).iter().count() > usize::from(origin.is_some()) {
         return false;
     }
-    match (text(headers, &ORIGIN), text(headers, &HOST)) {
-        (Some(origin), Some(host)) => origin.split_once("://").is_some_and(|(_, from)| from.eq_ignore_ascii_case(host)),
-        (Some(_), None) => false,
-        (None, _) => true,
+    match text(headers, &HeaderName::from_static("sec-fetch-site")) {
+        Some("same-origin") => origin.is_none_or(|origin| origin != "null"),
+        Some("none") | None => origin.is_none_or(|origin| {
+            let is_this = |base: String| origin.eq_ignore_ascii_case(&origin_of(&base));
+            let asked = headers.contains_key(HOST).then(|| base(None, headers, site.behind_proxy));
+            asked.is_some_and(is_this) || site.url.clone().is_some_and(is_this)
+        }),
+        Some(_) => false,
     }
+}
+
+/// Scheme, host and port of an address, without the port that the scheme implies, as browsers write it.
+fn origin_of(address: &str) -> String {
+    let (scheme, rest) = address.split_once("://").unwrap_or_default();
+    let host = rest.split('/').next().unwrap_or_default();
+    let implied = if scheme.eq_ignore_ascii_case("https") { ":443" } else { ":80" };
+    format!("{scheme}://{}", host.strip_suffix(implied).unwrap_or(host))
 }
 
 /// Cookies of a site behind TLS never go out without it.

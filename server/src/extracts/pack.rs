@@ -1,6 +1,7 @@
 //! Where the pack lies that a mesh is taken out of, and how it is read: a file of this computer, or one of a store, of which what is needed is fetched.
 
 use crate::object::source::FileSource;
+use crate::plain_file;
 use crate::store::{BLOCK, Blocks, Identity, Place, is_silent};
 use kilwa_pack::Source;
 use std::fmt;
@@ -78,7 +79,10 @@ impl Pack {
     /// When it cannot be opened, or there is no room for what is read of it; the message names it.
     pub fn open(&self) -> io::Result<Opened> {
         match (&self.place, &self.identity, &self.room) {
-            (Place::Path(path), ..) => FileSource::open(path).map(|file| Opened(Reads::Here(file))),
+            (Place::Path(path), ..) => match plain_file::open_direct(path) {
+                Ok(file) => Ok(Opened(Reads::Here(FileSource::of(file)))),
+                Err(e) => Err(io::Error::new(e.kind(), format!("cannot open {}: {e}", path.display()))),
+            },
             (Place::Key(store, key), Some(identity), Some(room)) => {
                 let fetched = Arc::clone(&self.fetched);
                 let of = (store, key.as_str(), identity);

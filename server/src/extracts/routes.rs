@@ -88,7 +88,7 @@ pub(crate) async fn ask(State(site): State<Site>, Path(slug): Path<String>, requ
 
 /// `POST /<slug>/extract`
 pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, request: Request) -> Response {
-    if !from_here(request.headers()) {
+    if !from_here(&site, request.headers()) {
         return plain(StatusCode::FORBIDDEN).into_response();
     }
     let (address, network) = client_of(&request, site.behind_proxy);

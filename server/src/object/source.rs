@@ -1,5 +1,6 @@
 //! A file as the bytes of a pack: read by position, so that threads can share it.
 
+use crate::plain_file;
 use kilwa_pack::Source;
 use std::fs::File;
 use std::io;
@@ -16,29 +17,24 @@ impl FileSource {
     /// Open a file for reading.
     ///
     /// # Errors
-    /// When it cannot be opened, or is a folder; the message names it.
+    /// When it cannot be opened, or is no plain file; the message names it.
     pub fn open(path: &Path) -> io::Result<Self> {
-        let failed = |what: &'static str| {
-            move |e: io::Error| io::Error::new(e.kind(), format!("cannot {what} {}: {e}", path.display()))
-        };
-        let source = Self::new(path).map_err(failed("open"))?;
-        if source.file.metadata().map_err(failed("read"))?.is_dir() {
-            let said = format!("{} is a folder; give the .kilwa file in it", path.display());
-            return Err(io::Error::new(io::ErrorKind::IsADirectory, said));
-        }
-        Ok(source)
+        plain_file::open(path).map(Self::of).map_err(|e| {
+            let message = match e.kind() {
+                io::ErrorKind::IsADirectory => format!("{} is a folder; give the .kilwa file in it", path.display()),
+                _ => format!("cannot open {}: {e}", path.display()),
+            };
+            io::Error::new(e.kind(), message)
+        })
     }
 
-    /// The same, with the system's own error.
-    ///
-    /// # Errors
-    /// When it cannot be opened.
-    pub fn new(path: &Path) -> io::Result<Self> {
-        Ok(Self {
-            file: File::open(path)?,
+    /// A file that is open.
+    pub fn of(file: File) -> Self {
+        Self {
+            file,
             #[cfg(not(unix))]
             cursor: std::sync::Mutex::new(()),
-        })
+        }
     }
 }
 

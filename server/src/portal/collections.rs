@@ -26,7 +26,7 @@ use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -100,6 +100,8 @@ pub(crate) fn parse(text: &str) -> Result<Vec<Collection>, String> {
 #[derive(Debug)]
 pub struct Collections {
     file: Place,
+    /// The person who keeps the server named this very file, which may then be a link.
+    is_named: bool,
     known: Mutex<Known>,
 }
 
@@ -114,13 +116,13 @@ impl Collections {
     /// Those that `file` says; it need not be there yet.
     #[must_use]
     pub fn new(file: PathBuf) -> Self {
-        Self { file: Place::Path(file), known: Mutex::default() }
+        Self { file: Place::Path(file), is_named: true, known: Mutex::default() }
     }
 
     /// Those that lie beside the objects of `shelf`, a folder or a store, as `collections.toml`. Looks at once.
     #[must_use]
     pub fn beside(shelf: &Place) -> Self {
-        let collections = Self { file: shelf.join(FILE), known: Mutex::default() };
+        let collections = Self { file: shelf.join(FILE), is_named: false, known: Mutex::default() };
         drop(collections.all());
         collections
     }
@@ -136,7 +138,7 @@ impl Collections {
             known.looked = Some(Instant::now());
             known.mark.clone()
         };
-        let seen = look(&self.file, before.as_ref());
+        let seen = look(&self.resolved(), before.as_ref());
         let mut known = self.lock();
         match seen {
             Ok(Some((mark, read))) => {
@@ -158,6 +160,14 @@ impl Collections {
     /// One of them.
     pub(crate) fn get(&self, slug: &str) -> Option<Collection> {
         self.all().iter().find(|c| c.slug == slug).cloned()
+    }
+
+    /// The file, after following links where that is allowed: each time, as they may lead elsewhere by now.
+    fn resolved(&self) -> Place {
+        match self.file.path().filter(|_| self.is_named).map(Path::canonicalize) {
+            Some(Ok(path)) => Place::Path(path),
+            _ => self.file.clone(),
+        }
     }
 
     fn lock(&self) -> MutexGuard<'_, Known> {

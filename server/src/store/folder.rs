@@ -2,11 +2,12 @@
 
 use super::{DEPTH, MOST_FILES};
 use crate::object::layout::MANIFEST;
-use std::collections::BTreeMap;
+use crate::plain_file;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{DirEntry, FileType, Metadata};
-use std::io::{self, Read};
-use std::path::Path;
-use std::sync::Arc;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
 
 /// Which version of a file was looked at; a change means reading it again.
@@ -59,12 +60,17 @@ impl Identity {
 
 /// All of a file of at most `most` bytes.
 pub(crate) fn read_small(path: &Path, most: u64) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    std::fs::File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > most {
-        return Err(io::Error::other(format!("longer than {most} bytes")));
+    plain_file::read(plain_file::open(path)?, most)
+}
+
+/// Say in the log that something is not served; once, as folders are listed again and again.
+pub(crate) fn warn_of(path: &Path, e: &io::Error) {
+    /// Paths that were named; with more than this no path is named again.
+    static NAMED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    let mut named = NAMED.lock().unwrap_or_else(PoisonError::into_inner);
+    if named.len() < MOST_FILES && named.insert(path.to_owned()) {
+        tracing::warn!("{}: not served: {e}", path.display());
     }
-    Ok(bytes)
 }
 
 pub(super) fn objects(folder: &Path) -> io::Result<BTreeMap<String, Identity>> {
@@ -72,9 +78,13 @@ pub(super) fn objects(folder: &Path) -> io::Result<BTreeMap<String, Identity>> {
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
         let Some(name) = entry.file_name().to_str().map(str::to_owned) else { continue };
-        let Ok(manifest) = std::fs::metadata(entry.path().join(MANIFEST)) else { continue };
-        if !name.starts_with('.') && manifest.is_file() {
-            objects.insert(name, Identity::of(&manifest));
+        if name.starts_with('.') {
+            continue;
+        }
+        match plain_file::metadata_inside(folder, &entry.path().join(MANIFEST)) {
+            Ok(manifest) => drop(objects.insert(name, Identity::of(&manifest))),
+            Err(e) if plain_file::is_other(&e) => warn_of(&entry.path(), &e),
+            Err(_) => {}
         }
     }
     Ok(objects)
@@ -98,8 +108,8 @@ pub(super) fn directly_below(folder: &Path) -> io::Result<BTreeMap<String, Optio
 fn servable(entry: &DirEntry) -> Option<(String, FileType)> {
     let kind = entry.file_type().ok()?;
     let name = entry.file_name().into_string().ok()?;
-    if kind.is_symlink() {
-        tracing::warn!("{}: a link, not served; put the file itself there", entry.path().display());
+    if !kind.is_file() && !kind.is_dir() {
+        warn_of(&entry.path(), &plain_file::metadata_inside(&entry.path(), &entry.path()).err()?);
         return None;
     }
     (!name.starts_with('.') && !name.contains(['/', '\\', '\0'])).then_some((name, kind))

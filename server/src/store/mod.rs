@@ -20,12 +20,13 @@ pub use publish::{Against, Sent};
 pub use s3::{S3, S3Options, StoreError};
 
 pub(crate) use blocks::{BLOCK, Blocks};
-pub(crate) use folder::{Identity, read_small};
+pub(crate) use folder::{Identity, read_small, warn_of};
 pub(crate) use outage::{is_away, tell};
 pub(crate) use refused::{hint, is_refused};
 pub(crate) use s3::{HELD_MAX, is_changed};
 pub(crate) use survey::Survey;
 
+use crate::plain_file;
 use axum::body::Bytes;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -48,7 +49,7 @@ const SEEN: Duration = Duration::from_secs(1);
 /// A folder or a file, on this computer or in a store.
 #[derive(Debug, Clone)]
 pub enum Place {
-    /// Of this computer.
+    /// Of this computer; no link on the way to a file is followed, so the path of a folder that is served has to be canonical.
     Path(PathBuf),
     /// Of a store: its key below the part that is served, without slashes at the ends; empty for that part itself.
     Key(Arc<S3>, String),
@@ -125,7 +126,7 @@ impl Place {
     /// What tells the versions of one file apart.
     pub(crate) fn identity(&self) -> io::Result<Identity> {
         match self {
-            Self::Path(path) => Ok(Identity::of(&std::fs::metadata(path)?)),
+            Self::Path(path) => Ok(Identity::of(&plain_file::metadata_direct(path)?)),
             Self::Key(store, key) => store.identity(key),
         }
     }
@@ -133,7 +134,7 @@ impl Place {
     /// All of a file of at most `most` bytes that was listed as `identity`: from the folder as it is now, from the store as it was listed.
     pub(crate) fn read_listed(&self, identity: &Identity, most: u64) -> io::Result<Bytes> {
         match self {
-            Self::Path(path) => read_small(path, most).map(Bytes::from),
+            Self::Path(path) => plain_file::read(plain_file::open_direct(path)?, most).map(Bytes::from),
             Self::Key(store, key) => store.read_listed(key, identity, most),
         }
     }

@@ -1,0 +1,189 @@
+//! Opening files that somebody else put there: plain files only, and, inside of an archive, no links.
+//!
+//! A link in a served folder may lead to any file that the server can read, and a pipe with nobody at its other end would hold whoever opens
+//! it for ever. So a file is opened without waiting, and looked at once it is open.
+//! Failures: [`io::Error`] with a sentence that says what it is instead; [`is_other`] recognises it.
+
+use std::fmt;
+use std::fs::{self, File, Metadata, OpenOptions};
+use std::io::{self, Read};
+use std::path::Path;
+
+/// What was found where a plain file belongs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Other {
+    Folder,
+    Special,
+    Link,
+    BehindLink,
+}
+
+impl fmt::Display for Other {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Folder => "it is a folder, not a file",
+            Self::Special => "it is a pipe, a socket or a device, not a plain file; nothing was read from it",
+            Self::Link => "it is a link; links are not followed inside an archive, put the file itself there",
+            Self::BehindLink => {
+                "a folder on the way to it is a link; links are not followed inside an archive, put the folder itself there"
+            }
+        })
+    }
+}
+
+impl std::error::Error for Other {}
+
+impl Other {
+    fn error(self) -> io::Error {
+        let kind = if self == Self::Folder { io::ErrorKind::IsADirectory } else { io::ErrorKind::InvalidInput };
+        io::Error::new(kind, self)
+    }
+}
+
+/// Whether an error says that something is a link, a folder or a special file.
+pub fn is_other(e: &io::Error) -> bool {
+    e.get_ref().is_some_and(<dyn std::error::Error + Send + Sync>::is::<Other>)
+}
+
+/// Open a plain file that a person named; links lead to it.
+///
+/// # Errors
+/// The system's, or that it is no plain file.
+pub fn open(path: &Path) -> io::Result<File> {
+    // Before it is opened: opening alone can wind a tape.
+    kind_of(&fs::metadata(path)?)?;
+    let file = options().open(path)?;
+    kind_of(&file.metadata()?)?;
+    Ok(file)
+}
+
+/// Open a plain file inside an archive whose folder is `root`, which may itself be a link: no link below it is followed.
+///
+/// # Errors
+/// The system's, or that it is a link, lies behind one, or is no plain file.
+pub fn open_inside(root: &Path, path: &Path) -> io::Result<File> {
+    metadata_inside(root, path)?;
+    let file = options().open(path)?;
+    kind_of(&file.metadata()?)?;
+    // Again, of what is open now: it may have been replaced by a link in between.
+    metadata_inside(root, path)?;
+    Ok(file)
+}
+
+/// Open a plain file whose path has no link anywhere, as the paths below a canonical one should be.
+///
+/// # Errors
+/// As for [`open_inside`].
+pub fn open_direct(path: &Path) -> io::Result<File> {
+    open_inside(Path::new(""), path)
+}
+
+/// What [`open_direct`] would open.
+///
+/// # Errors
+/// As for [`open_inside`].
+pub fn metadata_direct(path: &Path) -> io::Result<Metadata> {
+    metadata_inside(Path::new(""), path)
+}
+
+/// What [`open_inside`] would open.
+///
+/// # Errors
+/// As there.
+pub fn metadata_inside(root: &Path, path: &Path) -> io::Result<Metadata> {
+    let metadata = fs::symlink_metadata(path)?;
+    if metadata.is_symlink() {
+        return Err(Other::Link.error());
+    }
+    kind_of(&metadata)?;
+    if is_behind_link(root, path)? { Err(Other::BehindLink.error()) } else { Ok(metadata) }
+}
+
+/// Whether there is a folder at `path` inside the archive at `root`, and no link on the way; `root` itself may be one.
+pub fn is_folder_inside(root: &Path, path: &Path) -> bool {
+    if path == root {
+        return path.is_dir();
+    }
+    fs::symlink_metadata(path).is_ok_and(|m| m.is_dir()) && is_behind_link(root, path).is_ok_and(|behind| !behind)
+}
+
+fn is_behind_link(root: &Path, path: &Path) -> io::Result<bool> {
+    for folder in path.ancestors().skip(1).take_while(|folder| *folder != root && !folder.as_os_str().is_empty()) {
+        if fs::symlink_metadata(folder)?.is_symlink() {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// All of a plain file of at most `max` bytes.
+///
+/// # Errors
+/// As for [`open`], and where it is longer.
+pub fn read(file: File, max: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    file.take(max + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > max {
+        return Err(io::Error::other(format!("longer than {max} bytes")));
+    }
+    Ok(bytes)
+}
+
+fn kind_of(metadata: &Metadata) -> io::Result<()> {
+    if metadata.is_file() {
+        return Ok(());
+    }
+    Err(if metadata.is_dir() { Other::Folder } else { Other::Special }.error())
+}
+
+fn options() -> OpenOptions {
+    let mut options = OpenOptions::new();
+    options.read(true);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::OpenOptionsExt;
+        // A pipe is opened at once, with or without a writer; plain files do not know the difference.
+        options.custom_flags(libc::O_NONBLOCK);
+    }
+    options
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::symlink;
+    use std::process::Command;
+
+    #[test]
+    fn only_plain_files_are_opened_and_nothing_waits() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("file"), "x").unwrap();
+        symlink(at("file"), at("link")).unwrap();
+        symlink("/dev/zero", at("device")).unwrap();
+        assert!(Command::new("mkfifo").arg(at("pipe")).status().unwrap().success());
+        assert_eq!(read(open(&at("file")).unwrap(), 1).unwrap(), b"x");
+        assert_eq!(read(open(&at("link")).unwrap(), 1).unwrap(), b"x");
+        assert!(read(open(&at("file")).unwrap(), 0).is_err());
+        for name in ["pipe", "device", "."] {
+            assert!(is_other(&open(&at(name)).unwrap_err()), "{name}");
+        }
+        assert_eq!(open(&at("none")).unwrap_err().kind(), io::ErrorKind::NotFound);
+    }
+
+    #[test]
+    fn inside_an_archive_no_link_is_followed_at_any_depth() {
+        let folder = tempfile::tempdir().unwrap();
+        let (real, root) = (folder.path().join("real"), folder.path().join("root"));
+        fs::create_dir_all(real.join("v1/deep")).unwrap();
+        fs::write(real.join("v1/deep/file"), "x").unwrap();
+        symlink(&real, &root).unwrap();
+        let inside = |path: &str| open_inside(&root, &root.join(path));
+        assert!(inside("v1/deep/file").is_ok(), "the archive's own folder may be a link");
+        symlink("v1", real.join("v2")).unwrap();
+        symlink("v1/deep/file", real.join("file")).unwrap();
+        for path in ["file", "v2/deep/file"] {
+            assert!(is_other(&inside(path).unwrap_err()), "{path}");
+        }
+    }
+}
