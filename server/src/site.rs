@@ -138,7 +138,6 @@ pub fn app(site: Site) -> Router {
     let observer = Observer { metrics: Arc::clone(&site.metrics), behind_proxy: site.behind_proxy };
     let policy = HeaderValue::from_str(&site.policy.header()).ok();
     let place = site.catalogue.place().clone();
-    let passing = Passing { gate: Arc::new(Gate::default()), behind_proxy: site.behind_proxy };
     let counting = Counting { budget: Arc::new(Budget::default()), behind_proxy: site.behind_proxy };
     Router::new()
         .route("/models.json", get(list_json))
@@ -154,7 +153,7 @@ pub fn app(site: Site) -> Router {
         .route("/sign-in", get(door::routes::ask).post(door::routes::sign_in))
         .route("/sign-out", post(door::routes::sign_out))
         .route("/{slug}/{*file}", get(object).post(door::routes::open).options(preflight))
-        .merge(questions(passing))
+        .merge(questions(site.behind_proxy))
         .merge(upload::routes::routes())
         .fallback(|| async { lost() })
         .layer(from_fn_with_state(place, store::tell))
@@ -164,22 +163,30 @@ pub fn app(site: Site) -> Router {
         .with_state(site)
 }
 
-/// What is answered by the index, in turns. Pages that repeat in their links what they were asked take questions of a limited length.
-fn questions(passing: Passing) -> Router<Site> {
-    Router::new()
+/// Pages that repeat in their links what they were asked, which has a limited length; what the index answers, in turns. Harvesters, whose records may have to
+/// be fetched from a store, have turns of their own.
+fn questions(behind_proxy: bool) -> Router<Site> {
+    let gated = |router: Router<Site>| {
+        let gate = Arc::new(Gate::default());
+        router.route_layer(from_fn_with_state(Passing { gate, behind_proxy }, pass))
+    };
+    let pages = Router::new()
         .route("/", get(list))
         .route("/map", get(routes::map))
         .route("/collections/", get(routes::all_collections))
         .route("/collections/{slug}/", get(routes::collection))
-        .route("/oai", get(routes::harvest).post(routes::harvest))
-        .route("/{slug}/extract", get(extracts::routes::ask).post(extracts::routes::begin))
-        .route("/{slug}/extract/{name}", get(extracts::routes::file))
         .route_layer(from_fn(short_query))
         .route("/collections/{slug}/feed.xml", get(routes::collection_feed))
         .route("/oembed", get(routes::embed))
         .route("/feed.xml", get(routes::feed))
-        .route("/sitemap.xml", get(routes::sitemap))
-        .route_layer(from_fn_with_state(passing, pass))
+        .route("/sitemap.xml", get(routes::sitemap));
+    let harvest = Router::new().route("/oai", get(routes::harvest).post(routes::harvest));
+    let extracts = Router::new()
+        .route("/{slug}/extract", get(extracts::routes::ask).post(extracts::routes::begin))
+        .route("/{slug}/extract/{name}", get(extracts::routes::file));
+    gated(pages)
+        .merge(gated(harvest.route_layer(from_fn(short_query))))
+        .merge(extracts.route_layer(from_fn(short_query)))
 }
 
 /// Headers that every answer carries, and requests that nothing here takes.
@@ -250,6 +257,7 @@ async fn list_json(State(site): State<Site>) -> Response {
 }
 
 /// The next piece of the list for machines: models behind the slug of the last one; and whether the list has ended.
+#[expect(clippy::unnecessary_wraps, reason = "what makes pieces may fail")]
 fn models_json(
     (catalogue, last, ended): &mut (Arc<Catalogue>, Option<String>, bool),
 ) -> std::io::Result<Option<String>> {

@@ -384,17 +384,19 @@ async fn long_lists_have_pages_and_lose_nothing() {
     let dir = tempfile::tempdir().unwrap();
     for n in 0..130 {
         published(dir.path(), &format!("fort-{n:03}"), |m| {
-            m.versions[0].published = format!("2026-01-{:02}", n % 28 + 1)
+            m.versions[0].published = format!("2026-01-{:02}", n % 28 + 1);
         });
     }
     for n in 0..60 {
         std::fs::write(dir.path().join(format!("plain-{n:02}.kilwa")), pack("Plain pack")).unwrap();
     }
     let members = (0..130).map(|n| format!("\"fort-{n:03}\"")).collect::<Vec<_>>().join(",");
-    let mut sets = format!("[[collection]]\nslug = \"all\"\ntitle = \"All\"\nmembers = [\"none\",{members}]\n");
-    for n in 0..120 {
-        sets += &format!("[[collection]]\nslug = \"s{n}\"\ntitle = \"Set {n}\"\nmembers = []\n");
-    }
+    let set = |slug: &str, members: &str| {
+        format!("[[collection]]\nslug = \"{slug}\"\ntitle = \"A set\"\nmembers = [{members}]\n")
+    };
+    let mut sets = vec![set("all", &format!("\"none\",{members}"))];
+    sets.extend((0..120).map(|n| set(&format!("s{n}"), "")));
+    let sets = sets.concat();
     std::fs::write(dir.path().join(COLLECTIONS_FILE), sets).unwrap();
     let app = portal(dir.path());
     let pages = |path: &'static str, mark: &'static str, separator: &'static str| {
@@ -445,13 +447,9 @@ async fn records_that_are_long_make_pages_of_the_harvest_short() {
         let length = if n == 3 { 200_000 } else { 60_000 };
         let record = format!("<dc>{}</dc>", "x".repeat(length));
         let list = dir.path().join(&slug).join("v1/checksums.sha256");
-        let lines: String = std::fs::read_to_string(&list)
-            .unwrap()
-            .lines()
-            .filter(|l| !l.ends_with("dc.xml"))
-            .map(|l| format!("{l}\n"))
-            .collect();
-        let mut sums = kilwa_server::object::Checksums::parse(&lines).unwrap();
+        let text = std::fs::read_to_string(&list).unwrap();
+        let lines: Vec<&str> = text.split_inclusive('\n').filter(|l| !l.trim_end().ends_with("dc.xml")).collect();
+        let mut sums = kilwa_server::object::Checksums::parse(&lines.concat()).unwrap();
         sums.add("metadata/dc.xml", kilwa_server::object::checksums::sha256(record.as_bytes()));
         std::fs::write(dir.path().join(&slug).join("v1/metadata/dc.xml"), record).unwrap();
         std::fs::write(&list, sums.to_text()).unwrap();

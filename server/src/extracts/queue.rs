@@ -75,7 +75,7 @@ impl Queue {
     pub(super) fn begin(&mut self, network: &str, key: &str) {
         self.remove(key);
         *self.running.entry(network.to_owned()).or_default() += 1;
-        self.to_the_back(network);
+        self.move_back(network);
     }
 
     /// A job of a network has ended.
@@ -84,7 +84,7 @@ impl Queue {
             *count = count.saturating_sub(1);
         }
         self.running.retain(|_, count| *count > 0);
-        self.to_the_back(network);
+        self.move_back(network);
     }
 
     /// A job no longer waits.
@@ -95,7 +95,7 @@ impl Queue {
         self.lines.retain(|(_, line)| !line.is_empty());
     }
 
-    fn to_the_back(&mut self, network: &str) {
+    fn move_back(&mut self, network: &str) {
         if let Some(at) = self.lines.iter().position(|(n, _)| n == network)
             && let Some(line) = self.lines.remove(at)
         {
