@@ -42,6 +42,13 @@ enum What {
         #[arg(long)]
         no_password: bool,
     },
+    /// End all sessions of a user, on every server that uses the file; tokens go on.
+    SignOut {
+        /// The file.
+        file: PathBuf,
+        /// Name.
+        name: String,
+    },
     /// Take a user away, with all tokens.
     Remove {
         /// The file.
@@ -94,6 +101,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             let grant = if *all { Grant::All } else { Grant::Objects(object.clone()) };
             set_user(file, name, &grant, !no_password)
         }
+        What::SignOut { file, name } => change(file, |a| {
+            a.sign_out(name)?;
+            Ok(format!("{name} is signed out everywhere."))
+        }),
         What::Remove { file, name } => change(file, |a| {
             a.remove_user(name)?;
             Ok(format!("{name} is gone, with all tokens."))

@@ -1,6 +1,7 @@
 //! `kilwa serve`.
 
 use anyhow::Context;
+use kilwa_server::access::Sessions;
 use kilwa_server::door::Door;
 use kilwa_server::extracts::Extracts;
 use kilwa_server::index::Index;
@@ -107,6 +108,9 @@ struct AccessArgs {
     /// Let in who is in this file, made by `kilwa access init`, to what is not public (default: nobody).
     #[arg(long, value_name = "FILE")]
     access: Option<PathBuf>,
+    /// Keep sessions in this folder, so that a restart ends none and servers that share it share them (default: in memory).
+    #[arg(long, value_name = "DIR", requires = "access")]
+    sessions: Option<PathBuf>,
     /// Append to this file who was let in to what, and who was not.
     #[arg(long, value_name = "FILE", requires = "access")]
     audit: Option<PathBuf>,
@@ -340,8 +344,12 @@ fn service_folder(variable: &str, name: &str) -> Option<PathBuf> {
 /// The accounts, which must not lie where they are served.
 fn door(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Arc<Door>>> {
     let Some(file) = &args.access else { return Ok(None) };
+    let kept = |folder: &PathBuf| {
+        Sessions::in_folder(folder).with_context(|| format!("cannot keep sessions in {}", folder.display()))
+    };
+    let sessions = args.sessions.as_ref().map(kept).transpose()?;
     let real = |path: &std::path::Path| path.canonicalize().ok();
-    for secret in [Some(file), args.audit.as_ref()].into_iter().flatten() {
+    for secret in [Some(file), args.audit.as_ref(), args.sessions.as_ref()].into_iter().flatten() {
         if let (Some(secret_at), Some(served_at)) = (real(secret), real(served)) {
             anyhow::ensure!(
                 !secret_at.starts_with(&served_at),
@@ -350,7 +358,7 @@ fn door(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Ar
             );
         }
     }
-    let door = Door::open(file, args.audit.as_deref())?;
+    let door = Door::open(file, args.audit.as_deref())?.with_sessions(sessions.unwrap_or_default());
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs());
     if let Some(doubt) = door.doubt_of_clock(now) {
         tracing::error!("{doubt}");

@@ -16,6 +16,7 @@ use kilwa_pack::{HEADER_BYTES, Header, Metadata};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
+use std::ops::Bound;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::{Duration, Instant};
@@ -263,6 +264,17 @@ impl Catalogue {
     pub fn models(&self) -> Vec<Arc<Model>> {
         self.relist();
         self.listing().models.values().cloned().collect()
+    }
+
+    /// As last listed, at most `limit` models by slug, behind `after` or from the first on.
+    pub(crate) fn after(&self, after: Option<&str>, limit: usize) -> Vec<Arc<Model>> {
+        let from = after.map_or(Bound::Unbounded, Bound::Excluded);
+        self.listing()
+            .models
+            .range::<str, _>((from, Bound::Unbounded))
+            .take(limit)
+            .map(|(_, m)| Arc::clone(m))
+            .collect()
     }
 
     /// Look at the folder again where that is due. Blocks on the file system.

@@ -5,6 +5,7 @@
 //! response holds a buffer or two, whatever the file's size and however slow the reader. Failures: a file that turns out shorter than it
 //! was, and a store that stops in the middle, end the connection before `Content-Length` is reached, which no client takes for the end.
 
+use crate::budget::Lean;
 use crate::range::{RANGES_MAX, Wanted, lists, parse};
 use crate::store::Content;
 use axum::body::{Body, Bytes};
@@ -90,11 +91,14 @@ pub(crate) async fn pieces(
         plain(status)
     } else {
         let length = stretches.iter().map(|s| s.1).sum();
-        let is_head = method == Method::HEAD;
+        let (is_head, is_lean) = (method == Method::HEAD, source.content.is_lean());
         let body = if is_head { Body::empty() } else { several(source.content, stretches, length).await? };
         let mut r = Response::new(body);
         insert(&mut r, CONTENT_TYPE, source.content_type);
         insert(&mut r, CONTENT_LENGTH, &length.to_string());
+        if is_lean {
+            r.extensions_mut().insert(Lean);
+        }
         r
     };
     insert(&mut response, CACHE_CONTROL, source.cache);
@@ -180,10 +184,13 @@ async fn send(source: Source, wanted: Wanted, head: bool) -> io::Result<Response
             return Ok(r);
         }
     };
-    let (bytes, kind) = (source.bytes, source.content_type);
+    let (bytes, kind, is_lean) = (source.bytes, source.content_type, source.content.is_lean());
     let body = if head || length == 0 { Body::empty() } else { stretch(source.content, start, length).await? };
     let mut r = Response::new(body);
     *r.status_mut() = status;
+    if is_lean {
+        r.extensions_mut().insert(Lean);
+    }
     insert(&mut r, CONTENT_TYPE, kind);
     insert(&mut r, CONTENT_LENGTH, &length.to_string());
     if status == StatusCode::PARTIAL_CONTENT {

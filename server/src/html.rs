@@ -9,7 +9,6 @@ use crate::object::record::xml::escape;
 use crate::portal::language::Language;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use std::sync::Arc;
 
 pub(crate) const HEAD: &str = "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
     <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
@@ -140,30 +139,27 @@ pub(crate) fn gone(title: &str, why: &str) -> String {
     )
 }
 
-/// The list for machines.
-pub(crate) fn list_json(models: &[Arc<Model>]) -> Value {
-    let one = |m: &Arc<Model>| {
-        let mut v = json!({
-            "slug": m.slug, "title": m.title(), "file": m.file_name, "bytes": m.bytes,
-            "page": m.page(), "pack": m.pack(),
-        });
-        if let Some(object) = m.object() {
-            v["manifest"] = json!(format!("/{}/manifest.json", m.slug));
-            v["rights"] = json!(object.rights);
-            v["withdrawn"] = json!(object.withdrawn());
+/// A model in the list for machines.
+pub(crate) fn model_json(m: &Model) -> Value {
+    let mut v = json!({
+        "slug": m.slug, "title": m.title(), "file": m.file_name, "bytes": m.bytes,
+        "page": m.page(), "pack": m.pack(),
+    });
+    if let Some(object) = m.object() {
+        v["manifest"] = json!(format!("/{}/manifest.json", m.slug));
+        v["rights"] = json!(object.rights);
+        v["withdrawn"] = json!(object.withdrawn());
+    }
+    match &m.summary {
+        Ok(x) => {
+            v["triangles"] = json!(x.triangles);
+            v["bounds_min"] = json!(x.bounds[0]);
+            v["bounds_max"] = json!(x.bounds[1]);
+            v["crs"] = json!(x.crs);
         }
-        match &m.summary {
-            Ok(x) => {
-                v["triangles"] = json!(x.triangles);
-                v["bounds_min"] = json!(x.bounds[0]);
-                v["bounds_max"] = json!(x.bounds[1]);
-                v["crs"] = json!(x.crs);
-            }
-            Err(why) => v["error"] = json!(why),
-        }
-        v
-    };
-    json!({ "models": models.iter().map(one).collect::<Vec<_>>() })
+        Err(why) => v["error"] = json!(why),
+    }
+    v
 }
 
 /// The page for an address that leads nowhere.

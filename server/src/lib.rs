@@ -9,6 +9,7 @@
 //! no inline script or style. Everything here would work from a plain static host too: the server adds no protocol.
 
 pub mod access;
+mod budget;
 mod catalogue;
 mod connections;
 mod content;
@@ -16,6 +17,8 @@ mod countries;
 pub mod door;
 mod ending;
 pub mod extracts;
+mod flow;
+mod gate;
 mod holding;
 mod html;
 pub mod index;

@@ -24,15 +24,18 @@ use crate::packs::blocking;
 use crate::page::content_type;
 use crate::range::{is_pack, split};
 use crate::site::{Site, accepts};
-use crate::store::{Identity, Place, is_silent, warn};
+use crate::store::{Content, Identity, Place, is_silent, warn};
 use axum::body::{Body, Bytes};
 use axum::http::header::{
     ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE, ETAG, VARY, WWW_AUTHENTICATE,
 };
 use axum::http::{HeaderMap, HeaderName, Method, Response, StatusCode};
-use std::io;
+use std::fs::File;
+use std::io::{self, Read as _};
 use std::sync::Arc;
 
+/// Longer files of the root are not read into memory for each request.
+const WHOLE_MAX: u64 = 64 * 1024;
 /// Published notes, in the root: they may change, so they are in no version.
 pub(crate) const NOTES: &str = "annotations.json";
 
@@ -151,16 +154,50 @@ struct Asked<'a> {
 async fn file(asked: &Asked<'_>, name: &str) -> Result<Response<Body>, StatusCode> {
     match asked.table.get(name).ok_or(StatusCode::NOT_FOUND)?.sha256 {
         None if asked.ranges.is_some() => Err(StatusCode::NOT_FOUND),
-        None => {
-            let bytes = match name {
-                PAGE => read_page(asked.holding, asked.table).await?,
-                _ => read_entry(asked.table, name).await?,
-            };
+        None if name == PAGE => {
+            let bytes = read_page(asked.holding, asked.table).await?;
             Ok(whole(bytes, content_type(name), asked.method, asked.headers))
         }
+        None => root_file(asked, name).await,
         Some(_) if is_viewer(name) => viewer_file(asked, name).await,
         Some(_) => sent(asked, name, name).await,
     }
+}
+
+/// A file of the root, under the hash of its content: a long one of this computer is sent a buffer at a time, like those of versions.
+async fn root_file(asked: &Asked<'_>, name: &str) -> Result<Response<Body>, StatusCode> {
+    let entry = asked.table.get(name).ok_or(StatusCode::NOT_FOUND)?.clone();
+    if entry.identity().bytes() > WHOLE_MAX && entry.place().path().is_some() {
+        let opened = blocking(move || match entry.open()? {
+            (Content::File(file), _) => hashed(file).map(Some),
+            _ => Ok(None),
+        });
+        if let Ok(Some(source)) = opened.await? {
+            let source = Source { content_type: content_type(name), ..source };
+            return answer(source, asked.method, asked.headers).await.map_err(|_| StatusCode::SERVICE_UNAVAILABLE);
+        }
+    }
+    let bytes = read_entry(asked.table, name).await?;
+    Ok(whole(bytes, content_type(name), asked.method, asked.headers))
+}
+
+/// An open file under the hash of its content. Blocks.
+///
+/// # Errors
+/// When it cannot be read.
+pub(crate) fn hashed(mut file: File) -> io::Result<Source> {
+    let (mut hasher, mut bytes, mut buffer) = (blake3::Hasher::new(), 0, vec![0; 64 * 1024]);
+    loop {
+        let read = file.read(&mut buffer)?;
+        if read == 0 {
+            break;
+        }
+        hasher.update(buffer.get(..read).unwrap_or_default());
+        bytes += read as u64;
+    }
+    let hash = hasher.finalize().to_hex().as_str().into();
+    let content_type = "application/octet-stream";
+    Ok(Source { content: Content::File(file), bytes, hash, content_type, cache: ASK_AGAIN })
 }
 
 /// A file of a version, under the name that says what kind it is; once more after looking again, where it is not what was listed.

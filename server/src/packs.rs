@@ -134,10 +134,16 @@ async fn notes(
         Kind::Object(_) => return Ok(objects::respond(&model, objects::NOTES, clock, None, method, headers).await),
         Kind::Pack { notes } => notes.clone().ok_or(StatusCode::NOT_FOUND)?,
     };
-    let bytes = blocking(move || plain_file::read(plain_file::open_direct(&path)?, SMALL))
-        .await?
-        .map_err(|_| StatusCode::NOT_FOUND)?;
-    Ok(objects::whole(bytes, "application/json", method, headers))
+    let opened = blocking(move || {
+        let file = plain_file::open_direct(&path)?;
+        if file.metadata()?.len() > SMALL {
+            return Err(std::io::Error::other("longer than notes are"));
+        }
+        objects::hashed(file)
+    });
+    let source = opened.await?.map_err(|_| StatusCode::NOT_FOUND)?;
+    let source = Source { content_type: "application/json", ..source };
+    answer(source, method, headers).await.map_err(|_| StatusCode::SERVICE_UNAVAILABLE)
 }
 
 pub(crate) async fn blocking<T: Send + 'static>(f: impl FnOnce() -> T + Send + 'static) -> Result<T, StatusCode> {

@@ -15,10 +15,13 @@
 //! | `/healthz`, `/metrics` | for those who keep the server |
 
 use crate::access::Clock;
+use crate::budget::{Budget, Counting, count, lean};
 use crate::catalogue::{Catalogue, Kind, Model};
 use crate::content::{share, text};
 use crate::door::{self, Door};
 use crate::extracts::{self, Extracts};
+use crate::flow;
+use crate::gate::{Gate, Passing, pass};
 use crate::html;
 use crate::index::Index;
 use crate::metrics::Metrics;
@@ -28,6 +31,7 @@ use crate::packs::{self, blocking};
 use crate::page::{Asset, Page};
 use crate::policy::Policy;
 use crate::portal::collections::Collections;
+use crate::portal::limit::short_query;
 use crate::portal::{base, routes, signposting};
 use crate::range::lists;
 use crate::socket::Peer;
@@ -42,7 +46,7 @@ use axum::http::header::{
     X_CONTENT_TYPE_OPTIONS,
 };
 use axum::http::{Extensions, HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
-use axum::middleware::{Next, from_fn_with_state};
+use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
 use flate2::Compression;
@@ -134,34 +138,26 @@ pub fn app(site: Site) -> Router {
     let observer = Observer { metrics: Arc::clone(&site.metrics), behind_proxy: site.behind_proxy };
     let manner = Manner { policy: HeaderValue::from_str(&site.policy.header()).ok(), vary: vary_of(&site) };
     let place = site.catalogue.place().clone();
+    let counting = Counting { budget: Arc::new(Budget::default()), behind_proxy: site.behind_proxy };
     Router::new()
-        .route("/", get(list))
         .route("/models.json", get(list_json))
         .route("/m/{slug}", get(model))
         .route("/packs/{*file}", get(pack).options(preflight))
         .route("/viewer/", get(viewer))
         .route("/viewer/{*file}", get(asset).options(preflight))
-        .route("/map", get(routes::map))
-        .route("/collections/", get(routes::all_collections))
-        .route("/collections/{slug}/", get(routes::collection))
-        .route("/collections/{slug}/feed.xml", get(routes::collection_feed))
-        .route("/oai", get(routes::harvest).post(routes::harvest))
-        .route("/oembed", get(routes::embed))
-        .route("/feed.xml", get(routes::feed))
-        .route("/sitemap.xml", get(routes::sitemap))
         .route("/robots.txt", get(routes::robots))
         .route("/healthz", get(health))
         .route("/metrics", get(metrics))
         .route("/{slug}", get(towards))
         .route("/{slug}/", get(landing))
-        .route("/{slug}/extract", get(extracts::routes::ask).post(extracts::routes::begin))
-        .route("/{slug}/extract/{name}", get(extracts::routes::file))
         .route("/sign-in", get(door::routes::ask).post(door::routes::sign_in))
         .route("/sign-out", post(door::routes::sign_out))
         .route("/{slug}/{*file}", get(object).post(door::routes::open).options(preflight))
+        .merge(questions(site.behind_proxy))
         .merge(upload::routes::routes())
         .fallback(|| async { lost() })
         .layer(from_fn_with_state(place, store::tell))
+        .layer(from_fn_with_state(counting, count))
         .layer(from_fn_with_state(manner, manners))
         .layer(from_fn_with_state(observer, observe))
         .with_state(site)
@@ -178,6 +174,32 @@ struct Manner {
 fn vary_of(site: &Site) -> Option<HeaderValue> {
     let value = if site.behind_proxy { "Host, X-Forwarded-Proto" } else { "Host" };
     site.url.is_none().then(|| HeaderValue::from_static(value))
+}
+
+/// Pages that repeat in their links what they were asked, which has a limited length; what the index answers, in turns. Harvesters, whose records may have to
+/// be fetched from a store, have turns of their own.
+fn questions(behind_proxy: bool) -> Router<Site> {
+    let gated = |router: Router<Site>| {
+        let gate = Arc::new(Gate::default());
+        router.route_layer(from_fn_with_state(Passing { gate, behind_proxy }, pass))
+    };
+    let pages = Router::new()
+        .route("/", get(list))
+        .route("/map", get(routes::map))
+        .route("/collections/", get(routes::all_collections))
+        .route("/collections/{slug}/", get(routes::collection))
+        .route_layer(from_fn(short_query))
+        .route("/collections/{slug}/feed.xml", get(routes::collection_feed))
+        .route("/oembed", get(routes::embed))
+        .route("/feed.xml", get(routes::feed))
+        .route("/sitemap.xml", get(routes::sitemap));
+    let harvest = Router::new().route("/oai", get(routes::harvest).post(routes::harvest));
+    let extracts = Router::new()
+        .route("/{slug}/extract", get(extracts::routes::ask).post(extracts::routes::begin))
+        .route("/{slug}/extract/{name}", get(extracts::routes::file));
+    gated(pages)
+        .merge(gated(harvest.route_layer(from_fn(short_query))))
+        .merge(extracts.route_layer(from_fn(short_query)))
 }
 
 /// Headers that every answer carries, and requests that nothing here takes.
@@ -236,12 +258,45 @@ async fn list(State(site): State<Site>, RawQuery(query): RawQuery, headers: Head
 }
 
 async fn list_json(State(site): State<Site>) -> Response {
-    // Of thousands of models, writing it takes a while too.
     let catalogue = Arc::clone(&site.catalogue);
-    match blocking(move || html::list_json(&catalogue.models()).to_string()).await {
-        Ok(json) => ([(CONTENT_TYPE, "application/json"), (ACCESS_CONTROL_ALLOW_ORIGIN, "*")], json).into_response(),
+    let begun = blocking(move || {
+        catalogue.refresh();
+        let mut list = (catalogue, None, false);
+        models_json(&mut list).map(|first| (first.unwrap_or_default(), list))
+    });
+    match begun.await {
+        Ok(Ok((first, list))) => {
+            let headers = [(CONTENT_TYPE, "application/json"), (ACCESS_CONTROL_ALLOW_ORIGIN, "*")];
+            lean((headers, flow::body(first, list, models_json)).into_response())
+        }
+        Ok(Err(_)) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
         Err(status) => status.into_response(),
     }
+}
+
+/// The next piece of the list for machines: models behind the slug of the last one; and whether the list has ended.
+#[expect(clippy::unnecessary_wraps, reason = "what makes pieces may fail")]
+fn models_json(
+    (catalogue, last, ended): &mut (Arc<Catalogue>, Option<String>, bool),
+) -> std::io::Result<Option<String>> {
+    const PIECE: usize = 100;
+    if *ended {
+        return Ok(None);
+    }
+    let mut s = String::from(if last.is_none() { "{\"models\":[" } else { "" });
+    let models = catalogue.after(last.as_deref(), PIECE);
+    for model in &models {
+        if last.is_some() {
+            s.push(',');
+        }
+        s.push_str(&html::model_json(model).to_string());
+        *last = Some(model.slug.clone());
+    }
+    if models.len() < PIECE {
+        s.push_str("]}");
+        *ended = true;
+    }
+    Ok(Some(s))
 }
 
 async fn models(site: &Site) -> Result<Vec<Arc<Model>>, StatusCode> {
@@ -399,7 +454,8 @@ fn send(asset: &Asset, headers: &HeaderMap) -> Response {
     }
     // A page of another site may load `<kilwa-viewer>` from here, which as a module needs leave.
     share(&mut response);
-    response
+    // All readers have the same bytes.
+    lean(response)
 }
 
 /// Whether a header `Accept-Encoding` allows a coding.

@@ -6,7 +6,7 @@ use axum::Router;
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use common::{Answer, ask, get, object, pack, page, public};
-use kilwa_server::access::{Accounts, AccountsError, Grant, Purpose};
+use kilwa_server::access::{Accounts, AccountsError, Grant, Purpose, Sessions};
 use kilwa_server::door::Door;
 use kilwa_server::object::manifest::{Access, AccessState};
 use kilwa_server::{Catalogue, Clock, Site, app};
@@ -215,6 +215,12 @@ async fn what_is_taken_back_is_closed_at_once_and_a_lost_file_lets_nobody_in() {
     assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::OK);
     change(&m.accounts(), |a| a.set_user("amina", &Grant::Objects(Vec::new()), None).unwrap());
     assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED);
+    // A grant that comes back revives nothing; a further one ends nothing.
+    change(&m.accounts(), |a| a.set_user("amina", &Grant::Objects(vec!["cave".to_owned()]), None).unwrap());
+    assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED);
+    assert_eq!(m.post("/cave/open", &[("cookie", &session)], "").await.status, StatusCode::UNAUTHORIZED);
+    let session = m.sign_in("amina", "a long sentence").await.expect("signs in");
+    let capability = cookie(&m.post("/cave/open", &[("cookie", &session)], "").await).unwrap();
     change(&m.accounts(), |a| a.set_user("amina", &Grant::All, None).unwrap());
     assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::OK);
     std::fs::write(m.accounts(), "{ damaged").unwrap();
@@ -322,4 +328,123 @@ async fn a_clock_that_is_wrong_lets_nobody_in_that_it_should_not_and_the_server_
     let said = door.doubt_of_clock(NOW - 2 * day).expect("a doubt");
     assert!(said.contains("the clock of this computer says 2026-11-19") && said.contains("set right"), "{said}");
     assert_eq!(door.doubt_of_clock(NOW), None);
+}
+
+/// Another server over the same accounts and models, with sessions kept elsewhere.
+fn another(m: &Museum, sessions: Sessions) -> Router {
+    let mut site = Site::new(Catalogue::open(&m.folder.path().join("models")).unwrap(), page());
+    site.clock = Clock::new(|| NOW);
+    site.door = Some(Arc::new(Door::open(&m.accounts(), None).unwrap().with_sessions(sessions)));
+    app(site)
+}
+
+async fn post(app: &Router, uri: &str, cookie: &str, form: &str) -> Answer {
+    let request = Request::post(uri).header("host", "museum.example").header("cookie", cookie);
+    Answer::of(app.clone().oneshot(request.body(Body::from(form.to_owned())).unwrap()).await.unwrap()).await
+}
+
+async fn begin(app: &Router) -> (String, String) {
+    let signed = post(app, "/sign-in", "", "name=amina&password=a+long+sentence&next=%2F").await;
+    let session = cookie(&signed).expect("signs in");
+    let capability = cookie(&post(app, "/cave/open", &session, "").await).expect("opens");
+    (session, capability)
+}
+
+#[tokio::test]
+async fn a_session_and_what_it_opened_end_with_signing_out() {
+    let m = Museum::new();
+    let [(one, opened), (two, other)] = [begin(&m.app).await, begin(&m.app).await];
+    let out = m.post("/sign-out", &[("cookie", &one)], "").await;
+    assert_eq!((out.status, out.header("location")), (StatusCode::SEE_OTHER, "/"));
+    assert!(out.header("set-cookie").contains("Max-Age=0"));
+    for (cookie, status) in [(&opened, StatusCode::UNAUTHORIZED), (&other, StatusCode::OK)] {
+        assert_eq!(m.fetch(&m.address, cookie).await.status, status);
+    }
+    assert_eq!(m.post("/cave/open", &[("cookie", &one)], "").await.status, StatusCode::UNAUTHORIZED);
+    assert!(!m.fetch("/sign-in", &one).await.text().contains("signed in as"));
+    assert!(m.fetch("/sign-in", &two).await.text().contains("signed in as amina"));
+    // Once more, without a session and with one that never was, is no error.
+    for cookie in [&one, "", "kilwa_session=k2.9999999999.amina.00.00"] {
+        assert_eq!(m.post("/sign-out", &[("cookie", cookie)], "").await.status, StatusCode::SEE_OTHER, "{cookie}");
+    }
+    let (three, _) = begin(&m.app).await;
+    assert_eq!(m.post("/sign-out", &[("cookie", &two)], "everywhere=1").await.status, StatusCode::SEE_OTHER);
+    for session in [&two, &three] {
+        assert_eq!(m.post("/cave/open", &[("cookie", session)], "").await.status, StatusCode::UNAUTHORIZED);
+    }
+    assert_eq!(m.fetch(&m.address, &other).await.status, StatusCode::UNAUTHORIZED);
+    let record = std::fs::read_to_string(m.folder.path().join("audit.jsonl")).unwrap();
+    assert_eq!(record.matches("\"sign-out\"").count(), 2, "{record}");
+}
+
+#[tokio::test]
+async fn the_one_who_keeps_the_accounts_ends_sessions_everywhere() {
+    let m = Museum::new();
+    let (session, capability) = begin(&m.app).await;
+    change(&m.accounts(), |a| a.sign_out("amina").unwrap());
+    assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED);
+    assert_eq!(m.post("/cave/open", &[("cookie", &session)], "").await.status, StatusCode::UNAUTHORIZED);
+    let (session, _) = begin(&m.app).await;
+    change(&m.accounts(), |a| {
+        a.remove_user("amina").unwrap();
+        a.set_user("amina", &Grant::Objects(vec!["cave".to_owned()]), Some("a long sentence")).unwrap();
+    });
+    assert_eq!(
+        m.post("/cave/open", &[("cookie", &session)], "").await.status,
+        StatusCode::UNAUTHORIZED,
+        "another amina"
+    );
+}
+
+#[tokio::test]
+async fn a_restart_revives_no_session_and_servers_share_a_folder_of_them() {
+    let m = Museum::new();
+    let opens = |app: Router, session: String| async move { post(&app, "/cave/open", &session, "").await.status };
+    // In memory a restart ends all, and no server knows the sessions of another.
+    let first = another(&m, Sessions::default());
+    let (session, capability) = begin(&first).await;
+    assert_eq!(opens(first.clone(), session.clone()).await, StatusCode::NO_CONTENT);
+    let restarted = another(&m, Sessions::default());
+    assert_eq!(opens(restarted.clone(), session).await, StatusCode::UNAUTHORIZED);
+    assert_eq!(ask(&restarted, "GET", &m.address, &[("cookie", &capability)]).await.status, StatusCode::UNAUTHORIZED);
+    // In a folder it ends none, and one that was ended on any of the servers is ended on all, also after a restart.
+    let folder = m.folder.path().join("sessions");
+    let open = || another(&m, Sessions::in_folder(&folder).unwrap());
+    let servers = [open(), open(), open()];
+    for trial in 0..200 {
+        let pick = |k: usize| &servers[(trial / 3_usize.pow(k as u32)) % 3];
+        let (session, capability) = if trial < 3 { begin(pick(0)).await } else { begin_directly(&m, &folder) };
+        let kept = begin_directly(&m, &folder);
+        assert_eq!(opens(pick(1).clone(), session.clone()).await, StatusCode::NO_CONTENT, "{trial}");
+        assert_eq!(post(pick(2), "/sign-out", &session, "").await.status, StatusCode::SEE_OTHER);
+        let last = if trial % 50 == 0 { open() } else { pick(3).clone() };
+        assert_eq!(opens(last.clone(), session).await, StatusCode::UNAUTHORIZED, "{trial}");
+        assert_eq!(ask(&last, "GET", &m.address, &[("cookie", &capability)]).await.status, StatusCode::UNAUTHORIZED);
+        assert_eq!(opens(last.clone(), kept.0.clone()).await, StatusCode::NO_CONTENT, "another goes on: {trial}");
+        // A user has so many at once.
+        post(&last, "/sign-out", &kept.0, "").await;
+    }
+}
+
+/// A session and a capability without hashing a password, which takes long.
+fn begin_directly(m: &Museum, folder: &Path) -> (String, String) {
+    let accounts = Accounts::read(&m.accounts()).unwrap();
+    let holder = Sessions::in_folder(folder).unwrap().begin("amina", NOW).unwrap();
+    let (stamp, c) = (accounts.user("amina").unwrap().stamp(), accounts.capabilities());
+    let pack = m.address.split("pack.").nth(1).unwrap().trim_end_matches(".kilwa");
+    let capability = c.for_pack(pack, &holder, &stamp, NOW);
+    (format!("kilwa_session={}", c.session(&holder, &stamp, NOW)), format!("kilwa_pack={capability}"))
+}
+
+#[tokio::test]
+async fn where_a_session_cannot_be_kept_or_ended_the_reader_is_told() {
+    let m = Museum::new();
+    let folder = m.folder.path().join("sessions");
+    let app = another(&m, Sessions::in_folder(&folder).unwrap());
+    let (session, _) = begin(&app).await;
+    std::fs::rename(&folder, m.folder.path().join("moved")).unwrap();
+    let signed = post(&app, "/sign-in", "", "name=amina&password=a+long+sentence&next=%2F").await;
+    assert_eq!((signed.status, cookie(&signed)), (StatusCode::SERVICE_UNAVAILABLE, None));
+    assert!(signed.text().contains("cannot sign anybody in"), "{}", signed.text());
+    assert_eq!(post(&app, "/cave/open", &session, "").await.status, StatusCode::UNAUTHORIZED);
 }

@@ -43,6 +43,7 @@ fn archive() -> Archive {
     let clerk = Arc::new(Clerk::default());
     let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
     site.clock = Clock::new(|| 1_795_262_400);
+    site.behind_proxy = true;
     site.door = Some(Arc::new(Door::open(&folder.path().join("access.json"), None).unwrap()));
     let cache = folder.path().join("cache");
     site.extracts = Some(Extracts::open(cache, 140_000_000, Arc::<Clerk>::clone(&clerk)).unwrap());
@@ -200,4 +201,66 @@ async fn a_models_page_leads_to_its_downloads() {
     let app = app(Site::new(Catalogue::open(folder.path()).unwrap(), page()));
     assert!(!get(&app, "/m/plain").await.text().contains("/extract"));
     assert_eq!(get(&app, "/plain/extract").await.status, 404);
+}
+
+#[tokio::test]
+async fn a_network_has_its_share_of_the_queue_and_is_told_why_and_when_to_come_again() {
+    let a = archive();
+    a.clerk.waits(true);
+    let order = |triangles: usize, client: &str, accept: &str| {
+        let request = Request::post("/fort/extract").header("host", "museum.example").header("accept", accept);
+        // What stands before the last was said by the client itself.
+        let request = request.header("x-forwarded-for", format!("203.0.113.{}, {client}", triangles % 250));
+        let form = format!("format=ply&detail=triangles&triangles={triangles}");
+        let (app, request) = (a.app.clone(), request.body(Body::from(form)).unwrap());
+        async move { Answer::of(app.oneshot(request).await.unwrap()).await }
+    };
+    let (mut taken, mut refused) = (Vec::new(), 0);
+    for n in 1..=100 {
+        // One /64 is one network.
+        let answer = order(n, &format!("2001:db8:1:2::{n:x}"), "text/html").await;
+        match answer.status.as_u16() {
+            303 => taken.push(n),
+            429 => {
+                let seconds: u64 = answer.header("retry-after").parse().unwrap();
+                assert!((5..=600).contains(&seconds));
+                assert!(answer.text().contains("Your network already has 4 files in the queue"), "{}", answer.text());
+                refused += 1;
+            }
+            other => panic!("{other}: {}", answer.text()),
+        }
+    }
+    assert_eq!(taken.len() + refused, 100);
+    let workers = std::thread::available_parallelism().unwrap().get();
+    assert!(taken.len() <= 4 + workers, "{taken:?}");
+    let json = order(200, "2001:db8:1:2::1", "application/json").await;
+    let said: serde_json::Value = serde_json::from_slice(&json.body).unwrap();
+    assert_eq!((json.status.as_u16(), said["seconds"].as_u64()), (429, json.header("retry-after").parse().ok()));
+    // Another network is next, whatever the first asked for.
+    assert_eq!(order(300, "2001:db8:1:3::1", "text/html").await.status, 303);
+    let stands = |name: &str| {
+        let (app, name) = (a.app.clone(), name.to_owned());
+        async move { ask(&app, "GET", &format!("/fort/extract/v2-{name}.ply"), &[("accept", "application/json")]).await }
+    };
+    let next = stands("300").await;
+    let said: serde_json::Value = serde_json::from_slice(&next.body).unwrap();
+    assert_eq!(next.status, 202);
+    assert!(said["state"] == "running" || said["before"] == 0, "{said}");
+    let last = taken.last().unwrap();
+    let said: serde_json::Value = serde_json::from_slice(&stands(&last.to_string()).await.body).unwrap();
+    assert!(said["state"] == "waiting" && said["seconds"].is_null(), "nothing was measured yet: {said}");
+    let page = get(&a.app, &format!("/fort/extract/v2-{last}.ply?page=1")).await.text();
+    assert!(page.contains("before it.") && page.contains("cannot be estimated yet"), "{page}");
+    a.clerk.waits(false);
+    for n in taken {
+        assert_eq!(a.made(&format!("/fort/extract/v2-{n}.ply"), "").await.status, 200);
+    }
+    // Now it is known how long they take.
+    a.clerk.waits(true);
+    for n in [401, 402, 403] {
+        assert_eq!(order(n, "198.51.100.7", "text/html").await.status, 303);
+    }
+    let page = get(&a.app, "/fort/extract/v2-403.ply?page=1").await.text();
+    assert!(page.contains("Estimated time left: less than 1 min."), "{page}");
+    a.clerk.waits(false);
 }

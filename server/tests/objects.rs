@@ -386,3 +386,27 @@ async fn requests_have_names_and_bodies_that_nothing_takes_are_refused() {
     std::fs::remove_dir_all(dir.path()).unwrap();
     assert_eq!(get(&app, "/healthz").await.status, 503);
 }
+
+#[tokio::test]
+async fn long_notes_are_sent_a_buffer_at_a_time_under_the_hash_of_their_content() {
+    let dir = tempfile::tempdir().unwrap();
+    object(dir.path(), "fort", &[pack("fort")], public());
+    let notes = noise(300_000, 5);
+    std::fs::write(dir.path().join("fort/annotations.json"), &notes).unwrap();
+    std::fs::write(dir.path().join("plain.kilwa"), pack("plain")).unwrap();
+    std::fs::write(dir.path().join("plain.annotations.json"), &notes).unwrap();
+    let app = site(dir.path());
+    let tag = format!("\"{}\"", blake3::hash(&notes).to_hex());
+    for address in ["/fort/annotations.json", "/packs/plain.annotations.json"] {
+        let whole = get(&app, address).await;
+        assert_eq!((whole.status.as_u16(), whole.header("etag"), whole.body[..] == notes[..]), (200, &*tag, true));
+        assert_eq!((whole.header("content-type"), whole.header("cache-control")), ("application/json", "no-cache"));
+        assert_eq!(ask(&app, "GET", address, &[("if-none-match", &tag)]).await.status, 304);
+        let head = ask(&app, "HEAD", address, &[]).await;
+        assert_eq!((head.header("content-length"), head.body.len()), ("300000", 0));
+    }
+    let longer = noise(300_001, 6);
+    std::fs::write(dir.path().join("fort/annotations.json"), &longer).unwrap();
+    tokio::time::sleep(NOTICED).await;
+    assert!(get(&app, "/fort/annotations.json").await.body[..] == longer[..]);
+}

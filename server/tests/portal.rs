@@ -377,3 +377,133 @@ async fn an_index_that_is_deleted_or_damaged_while_serving_costs_nothing() {
         assert_eq!(get(&app, "/gereza/").await.status, 200, "the models themselves are there");
     }
 }
+
+#[tokio::test]
+async fn a_question_beyond_reason_is_refused_with_what_to_do() {
+    let dir = archive();
+    let app = portal(dir.path());
+    let many = |n: usize| (0..n).map(|i| format!("subject=s{i}")).collect::<Vec<_>>().join("&");
+    assert_eq!(get(&app, &format!("/?{}", many(10))).await.status, 200);
+    for path in ["/", "/map"] {
+        let refused = get(&app, &format!("{path}?{}&lang=fr", many(11))).await;
+        assert_eq!(refused.status, 400, "{path}");
+        let html = refused.text();
+        assert!(html.contains("On peut choisir au plus 10 valeurs") && html.contains("Sujet"), "{html}");
+        let to = html.split("<a href=\"").find(|part| part.contains("subject=s0") && part.contains("10")).unwrap();
+        let to = to.split('"').next().unwrap().replace("&amp;", "&");
+        assert_eq!(get(&app, &to).await.status, 200, "the way on works: {to}");
+    }
+    for path in ["/", "/map", "/collections/", "/collections/x/", "/oai", "/gereza/extract"] {
+        for filler in ["q=x", "lang=x", "verb=x", "box=0", "x"] {
+            let long = get(&app, &format!("{path}?{filler}{}", "x".repeat(2048))).await;
+            assert_eq!(long.status, 414, "{path} {filler}");
+            assert!(long.text().contains("This address is too long.") && long.body.len() < 4096, "{path} {filler}");
+        }
+    }
+    // What is within the limit as it came, and would not be in the page's own links.
+    assert_eq!(get(&app, &format!("/?subject={}", "%ff".repeat(600))).await.status, 414);
+    let unknown = get(&app, "/?lang=xxxxxxxx").await.text();
+    assert!(!unknown.contains("xxxxxxxx"), "a language that is none goes into no link");
+}
+
+#[tokio::test]
+async fn long_lists_have_pages_and_lose_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    for n in 0..130 {
+        published(dir.path(), &format!("fort-{n:03}"), |m| {
+            m.versions[0].published = format!("2026-01-{:02}", n % 28 + 1);
+        });
+    }
+    for n in 0..60 {
+        std::fs::write(dir.path().join(format!("plain-{n:02}.kilwa")), pack("Plain pack")).unwrap();
+    }
+    let members = (0..130).map(|n| format!("\"fort-{n:03}\"")).collect::<Vec<_>>().join(",");
+    let set = |slug: &str, members: &str| {
+        format!("[[collection]]\nslug = \"{slug}\"\ntitle = \"A set\"\nmembers = [{members}]\n")
+    };
+    let mut sets = vec![set("all", &format!("\"none\",{members}"))];
+    sets.extend((0..120).map(|n| set(&format!("s{n}"), "")));
+    let sets = sets.concat();
+    std::fs::write(dir.path().join(COLLECTIONS_FILE), sets).unwrap();
+    let app = portal(dir.path());
+    let pages = |path: &'static str, mark: &'static str, separator: &'static str| {
+        let app = app.clone();
+        async move {
+            let mut found = std::collections::BTreeSet::new();
+            for page in 1..=4 {
+                let html = get(&app, &format!("{path}{page}")).await.text();
+                assert!(page > 2 || html.contains(if page == 1 { "rel=\"next\"" } else { "rel=\"prev\"" }), "{html}");
+                found.extend(html.split(mark).skip(1).map(|p| p.split(separator).next().unwrap().to_owned()));
+            }
+            found.len()
+        }
+    };
+    assert_eq!(pages("/collections/all/?page=", "<h2 lang=\"en\" dir=\"auto\"><a href=\"", "\"").await, 130);
+    assert!(get(&app, "/collections/all/").await.text().contains("Models: 130"), "those that are there");
+    assert_eq!(pages("/collections/?page=", "<li><a href=\"/collections/", "/").await, 121);
+    assert_eq!(pages("/?packs=", "<a href=\"/m/", "\"").await, 60);
+    // The newest of all members, not of the first page.
+    let feed = get(&app, "/collections/all/feed.xml").await.text();
+    assert!(feed.contains("/fort-111/") && feed.matches("<entry>").count() == 50, "{feed}");
+    let list: serde_json::Value = serde_json::from_slice(&get(&app, "/models.json").await.body).unwrap();
+    assert_eq!(list["models"].as_array().unwrap().len(), 190);
+    let sitemap = get(&app, "/sitemap.xml").await.text();
+    assert_eq!(sitemap.matches("<loc>").count(), 1 + 121 + 130);
+    assert!(sitemap.ends_with("</urlset>\n"));
+    // Sets of OAI-PMH, by their tokens.
+    let (mut sets, mut token) = (0, String::new());
+    loop {
+        let xml = get(&app, &format!("/oai?verb=ListSets{token}")).await.text();
+        sets += xml.matches("<setSpec>").count();
+        match xml.split("<resumptionToken>").nth(1) {
+            Some(rest) => token = format!("&resumptionToken={}", rest.split('<').next().unwrap()),
+            None => break,
+        }
+    }
+    assert_eq!(sets, 121);
+    assert!(get(&app, "/oai?verb=ListSets&resumptionToken=nonsense").await.text().contains("badResumptionToken"));
+}
+
+#[tokio::test]
+async fn records_that_are_long_make_pages_of_the_harvest_short() {
+    let dir = tempfile::tempdir().unwrap();
+    for n in 0..20 {
+        let slug = format!("fort-{n:02}");
+        published(dir.path(), &slug, |_| {});
+        // Of the one that is too long only the least is told.
+        let length = if n == 3 { 200_000 } else { 60_000 };
+        let record = format!("<dc>{}</dc>", "x".repeat(length));
+        let list = dir.path().join(&slug).join("v1/checksums.sha256");
+        let text = std::fs::read_to_string(&list).unwrap();
+        let lines: Vec<&str> = text.split_inclusive('\n').filter(|l| !l.trim_end().ends_with("dc.xml")).collect();
+        let mut sums = kilwa_server::object::Checksums::parse(&lines.concat()).unwrap();
+        sums.add("metadata/dc.xml", kilwa_server::object::checksums::sha256(record.as_bytes()));
+        std::fs::write(dir.path().join(&slug).join("v1/metadata/dc.xml"), record).unwrap();
+        std::fs::write(&list, sums.to_text()).unwrap();
+        published_again(dir.path(), &slug, &sums.to_text());
+    }
+    let app = portal(dir.path());
+    let (mut records, mut pages, mut asked) = (0, 0, "metadataPrefix=oai_dc".to_owned());
+    loop {
+        let answer = get(&app, &format!("/oai?verb=ListRecords&{asked}")).await;
+        assert!(answer.body.len() < 256 * 1024, "{}", answer.body.len());
+        let xml = answer.text();
+        (records, pages) = (records + xml.matches("<record>").count(), pages + 1);
+        match xml.split("<resumptionToken>").nth(1) {
+            Some(rest) => asked = format!("resumptionToken={}", rest.split('<').next().unwrap()),
+            None => break,
+        }
+        assert!(pages < 30);
+    }
+    assert_eq!(records, 20);
+    assert!(pages >= 6, "{pages}");
+}
+
+/// The manifest of an object whose list of checksums is another one now.
+fn published_again(folder: &Path, slug: &str, list: &str) {
+    let file = folder.join(slug).join("manifest.json");
+    let mut manifest = Manifest::parse(&std::fs::read(&file).unwrap()).unwrap();
+    let checksums = &mut manifest.versions[0].checksums;
+    (checksums.bytes, checksums.sha256) = (list.len() as u64, kilwa_server::object::checksums::sha256(list.as_bytes()));
+    std::fs::write(file, manifest.to_bytes().unwrap()).unwrap();
+}

@@ -79,12 +79,39 @@ impl Client {
         if is_head || matches!(status, 204 | 304) {
             return Ok(answer);
         }
+        if answer.header("transfer-encoding").eq_ignore_ascii_case("chunked") {
+            answer.body = self.chunks().await?;
+            return Ok(answer);
+        }
         let length: usize = answer.header("content-length").parse().map_err(|_| io::ErrorKind::InvalidData)?;
         while self.read.len() < length {
             self.more().await?;
         }
         answer.body = self.read.drain(..length).collect();
         Ok(answer)
+    }
+
+    /// A body in chunks (RFC 9112, section 7.1) without trailers.
+    async fn chunks(&mut self) -> io::Result<Vec<u8>> {
+        let mut body = Vec::new();
+        loop {
+            let end = loop {
+                if let Some(at) = self.read.windows(2).position(|w| w == b"\r\n") {
+                    break at;
+                }
+                self.more().await?;
+            };
+            let line = String::from_utf8_lossy(&self.read[..end]).into_owned();
+            let length = usize::from_str_radix(line.trim(), 16).map_err(|_| io::ErrorKind::InvalidData)?;
+            while self.read.len() < end + 2 + length + 2 {
+                self.more().await?;
+            }
+            body.extend_from_slice(&self.read[end + 2..end + 2 + length]);
+            self.read.drain(..end + 2 + length + 2);
+            if length == 0 {
+                return Ok(body);
+            }
+        }
     }
 
     async fn more(&mut self) -> io::Result<()> {

@@ -20,6 +20,7 @@ mod slow;
 mod stop;
 mod traversal;
 mod viewers;
+mod worst;
 
 /// Whether the full numbers are wanted.
 fn full() -> bool {

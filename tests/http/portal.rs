@@ -13,7 +13,7 @@ const OBJECTS: usize = 40;
 const CHUNK: u64 = 64 * 1024;
 
 /// An object as publishing writes it, as far as serving looks; the address of its pack.
-fn object(folder: &Path, number: usize, pack: &[u8]) -> String {
+pub(crate) fn object(folder: &Path, number: usize, pack: &[u8]) -> String {
     let slug = format!("fort-{number}");
     let home = folder.join(&slug);
     std::fs::create_dir_all(home.join("v1/metadata")).unwrap();

@@ -99,6 +99,14 @@ pub struct User {
     /// Tokens.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub tokens: Vec<Token>,
+    /// Counts what ends all sessions: a grant that was taken away, [`Accounts::sign_out`].
+    #[serde(default, skip_serializing_if = "is_zero")]
+    ended: u64,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(n: &u64) -> bool {
+    *n == 0
 }
 
 impl User {
@@ -117,9 +125,16 @@ impl User {
         self.password.is_some()
     }
 
-    /// Changes with the password, so that sessions begun with an older one end.
+    /// Changes with the password, when a grant is taken away and with [`Accounts::sign_out`], so that sessions begun before end.
     pub fn stamp(&self) -> String {
-        token_hash(self.password.as_deref().unwrap_or_default()).to_hex()[..16].to_owned()
+        let password = self.password.as_deref().unwrap_or_default();
+        token_hash(&format!("{} {password}", self.ended)).to_hex()[..16].to_owned()
+    }
+
+    /// Whether any of the present grants is missing from `grants`.
+    fn loses(&self, grants: &[String]) -> bool {
+        let keeps = |grant: &String| grants.iter().any(|g| g == "*" || g == grant);
+        !self.grants.iter().all(keeps)
     }
 }
 
@@ -265,11 +280,22 @@ impl Accounts {
         let password = password.map(hash_password).transpose().map_err(AccountsError::Refused)?;
         match self.users.iter_mut().find(|u| u.name == name) {
             Some(user) => {
+                user.ended += u64::from(user.loses(&grants));
                 user.grants = grants;
                 user.password = password.or_else(|| user.password.take());
             }
-            None => self.users.push(User { name: name.to_owned(), password, grants, tokens: Vec::new() }),
+            None => self.users.push(User { name: name.to_owned(), password, grants, tokens: Vec::new(), ended: 0 }),
         }
+        Ok(())
+    }
+
+    /// End all sessions of a user, on every server that uses the file.
+    ///
+    /// # Errors
+    /// When there is none of the name.
+    pub fn sign_out(&mut self, name: &str) -> Result<(), AccountsError> {
+        let unknown = self.unknown(name);
+        self.users.iter_mut().find(|u| u.name == name).ok_or(unknown)?.ended += 1;
         Ok(())
     }
 
@@ -414,6 +440,7 @@ fn check_grant(grant: &str) -> Result<(), String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::capability::Holder;
     use super::*;
 
     const NOW: u64 = 1_800_000_000;
@@ -472,14 +499,37 @@ mod tests {
     }
 
     #[test]
-    fn a_new_password_ends_sessions_and_a_changed_grant_does_not() {
+    fn a_new_password_and_a_grant_taken_away_end_sessions_and_a_further_grant_does_not() {
         let mut accounts = some();
-        let session = accounts.capabilities().session("amina", &accounts.user("amina").expect("there").stamp(), NOW);
-        let who = |a: &Accounts| a.capabilities().of_session(&session, |n| a.user(n).map(User::stamp), NOW);
-        accounts.set_user("amina", &Grant::All, None).expect("changes");
-        assert!(who(&accounts).is_ok() && accounts.user("amina").expect("there").has_password());
-        accounts.set_user("amina", &Grant::All, Some("another long sentence")).expect("changes");
-        assert!(who(&accounts).is_err());
+        let begin = |a: &Accounts| {
+            let holder = Holder { who: "amina".to_owned(), session: "0".repeat(32) };
+            a.capabilities().session(&holder, &a.user("amina").expect("there").stamp(), NOW)
+        };
+        let works = |a: &Accounts, session: &str| {
+            a.capabilities().of_session(session, |n| a.user(n).map(User::stamp), NOW).is_ok()
+        };
+        let objects = |slugs: &[&str]| Grant::Objects(slugs.iter().map(|s| (*s).to_owned()).collect());
+        let session = begin(&accounts);
+        for more in [objects(&["gereza", "husuni"]), Grant::All] {
+            accounts.set_user("amina", &more, None).expect("changes");
+            assert!(works(&accounts, &session) && accounts.user("amina").expect("there").has_password(), "{more:?}");
+        }
+        let changes: [&dyn Fn(&mut Accounts); 5] = [
+            &|a| a.set_user("amina", &objects(&["gereza", "husuni"]), None).expect("changes"),
+            &|a| a.set_user("amina", &objects(&["gereza"]), None).expect("changes"),
+            &|a| a.set_user("amina", &objects(&["gereza"]), Some("another long sentence")).expect("changes"),
+            &|a| a.sign_out("amina").expect("there"),
+            &|a| {
+                a.remove_user("amina").expect("there");
+                a.set_user("amina", &objects(&["gereza"]), Some("another long sentence")).expect("adds");
+            },
+        ];
+        for (number, change) in changes.into_iter().enumerate() {
+            let session = begin(&accounts);
+            change(&mut accounts);
+            assert!(!works(&accounts, &session), "change {number}");
+        }
+        assert!(accounts.sign_out("nobody").is_err());
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The record of who was let in to what, and who was not: one JSON object per line, only ever appended.
 //!
-//! Written are sign-ins, failed ones, and who was given or refused a capability for which object; never a password, a token, a
+//! Written are sign-ins, failed ones, sign-outs, and who was given or refused a capability for which object; never a password, a token, a
 //! capability or a cookie. A record that cannot be written does not stop the server: it goes to the log, and the number of lost ones is told
 //! with the next that can.
 
@@ -18,6 +18,8 @@ pub enum Action {
     SignIn,
     /// Somebody tried to.
     SignInFailed,
+    /// Somebody ended a session, or all of them.
+    SignOut,
     /// A capability was given.
     Opened,
     /// One was not.

@@ -1,8 +1,11 @@
 //! Capabilities: what a request for bytes of a closed pack carries instead of a password.
 //!
-//! `k1.<until>.<who>.<signature>`: until when (seconds since 1970), for whom, and a keyed BLAKE3 hash over both and the pack's SHA-256. One
-//! opens one pack for [`LIFE`]; the page asks for the next before it ends, or on 401, and a view in progress loses nothing. A
-//! session, after signing in, is the same over no pack. The server keeps nothing: a restart with the same key forgets nobody.
+//! `k2.<until>.<who>.<session>.<signature>`: until when (seconds since 1970), for whom, the session that it belongs to, and a keyed BLAKE3 hash over all of
+//! it and the pack's SHA-256. One opens one pack for [`LIFE`]; the page asks for the next before it ends, or on 401, and a view in progress
+//! loses nothing. A session, after signing in, is the same over no pack.
+//!
+//! A signature says that this server, or another one with the same key, gave it; whether the session has ended meanwhile is for
+//! [`super::sessions`] to say. Both are asked, so that a capability ends with its session.
 
 use super::secret::Key;
 use thiserror::Error;
@@ -25,6 +28,15 @@ pub enum Refusal {
     Wrong,
 }
 
+/// Whom a session or a capability was given to.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Holder {
+    /// Name of the user.
+    pub who: String,
+    /// Identifier of the session, 32 hexadecimal digits.
+    pub session: String,
+}
+
 /// Makes and checks them.
 #[derive(Debug, Clone)]
 pub struct Capabilities {
@@ -36,9 +48,9 @@ impl Capabilities {
         Self { key }
     }
 
-    /// A capability for `who` for the pack with this SHA-256, from `now` on; `stamp` is [`super::User::stamp`], so that a changed password ends it.
-    pub fn for_pack(&self, pack: &str, who: &str, stamp: &str, now: u64) -> String {
-        self.make("pack", &format!("{pack} {stamp}"), who, now.saturating_add(LIFE))
+    /// A capability for the pack with this SHA-256, from `now` on; `stamp` is [`super::User::stamp`], so that a changed password ends it.
+    pub fn for_pack(&self, pack: &str, holder: &Holder, stamp: &str, now: u64) -> String {
+        self.make("pack", &format!("{pack} {stamp}"), holder, now.saturating_add(LIFE))
     }
 
     /// For whom one opens the pack at `now`, where `stamp_of` gives the present stamp of a name.
@@ -51,14 +63,14 @@ impl Capabilities {
         pack: &str,
         stamp_of: impl Fn(&str) -> Option<String>,
         now: u64,
-    ) -> Result<String, Refusal> {
-        let stamp = parts(capability).and_then(|(_, who, _)| stamp_of(who)).ok_or(Refusal::Wrong)?;
+    ) -> Result<Holder, Refusal> {
+        let stamp = parts(capability).and_then(|parts| stamp_of(parts.who)).ok_or(Refusal::Wrong)?;
         self.check("pack", capability, &format!("{pack} {stamp}"), now, LIFE)
     }
 
-    /// A session for `who`; `stamp` is [`super::User::stamp`], so that a changed password ends it.
-    pub fn session(&self, who: &str, stamp: &str, now: u64) -> String {
-        self.make("session", stamp, who, now.saturating_add(SESSION))
+    /// A session; `stamp` is [`super::User::stamp`], so that a changed password ends it.
+    pub fn session(&self, holder: &Holder, stamp: &str, now: u64) -> String {
+        self.make("session", stamp, holder, now.saturating_add(SESSION))
     }
 
     /// Who is signed in, where `stamp_of` gives the present stamp of a name.
@@ -70,49 +82,63 @@ impl Capabilities {
         session: &str,
         stamp_of: impl Fn(&str) -> Option<String>,
         now: u64,
-    ) -> Result<String, Refusal> {
-        let who = parts(session).ok_or(Refusal::Wrong)?.1;
-        let stamp = stamp_of(who).ok_or(Refusal::Wrong)?;
+    ) -> Result<Holder, Refusal> {
+        let stamp = parts(session).and_then(|parts| stamp_of(parts.who)).ok_or(Refusal::Wrong)?;
         self.check("session", session, &stamp, now, SESSION)
     }
 
-    fn make(&self, purpose: &str, subject: &str, who: &str, until: u64) -> String {
-        let signature = self.key.sign(purpose, &message(subject, who, until));
-        format!("k1.{until}.{who}.{}", signature.to_hex())
+    fn make(&self, purpose: &str, subject: &str, holder: &Holder, until: u64) -> String {
+        let Holder { who, session } = holder;
+        let signature = self.key.sign(purpose, &message(subject, who, session, until));
+        format!("k2.{until}.{who}.{session}.{}", signature.to_hex())
     }
 
-    fn check(&self, purpose: &str, given: &str, subject: &str, now: u64, life: u64) -> Result<String, Refusal> {
-        let (until, who, signature) = parts(given).ok_or(Refusal::Wrong)?;
+    fn check(&self, purpose: &str, given: &str, subject: &str, now: u64, life: u64) -> Result<Holder, Refusal> {
+        let Parts { until, who, session, signature } = parts(given).ok_or(Refusal::Wrong)?;
         // Equality of `blake3::Hash` takes the same time wherever they differ.
-        if self.key.sign(purpose, &message(subject, who, until)) != signature {
+        if self.key.sign(purpose, &message(subject, who, session, until)) != signature {
             return Err(Refusal::Wrong);
         }
         // A clock that was set back does not make old ones live longer than they were given.
         if now >= until || until - now > life {
             return Err(Refusal::Ended);
         }
-        Ok(who.to_owned())
+        Ok(Holder { who: who.to_owned(), session: session.to_owned() })
     }
 }
 
 /// Lengths first, so that no two different things sign alike.
-fn message(subject: &str, who: &str, until: u64) -> String {
-    format!("{}:{subject}{}:{who}{until}", subject.len(), who.len())
+fn message(subject: &str, who: &str, session: &str, until: u64) -> String {
+    format!("{}:{subject}{}:{who}{}:{session}{until}", subject.len(), who.len(), session.len())
 }
 
-fn parts(text: &str) -> Option<(u64, &str, blake3::Hash)> {
+/// What a text is made of.
+struct Parts<'a> {
+    until: u64,
+    who: &'a str,
+    session: &'a str,
+    signature: blake3::Hash,
+}
+
+/// Whether a text is written as hexadecimal digits are here.
+pub(super) fn is_lower_hex(text: &str) -> bool {
+    text.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b))
+}
+
+fn parts(text: &str) -> Option<Parts<'_>> {
     if text.len() > LONGEST {
         return None;
     }
-    let rest = text.strip_prefix("k1.")?;
+    let rest = text.strip_prefix("k2.")?;
     let (until, rest) = rest.split_once('.')?;
     // Names may have dots.
-    let (who, signature) = rest.rsplit_once('.')?;
+    let (rest, signature) = rest.rsplit_once('.')?;
+    let (who, session) = rest.rsplit_once('.')?;
     // One way of writing each, so that there are no two of the same.
     let is_plain = until.bytes().all(|b| b.is_ascii_digit()) && (until == "0" || !until.starts_with('0'));
-    let is_lower = signature.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b));
+    let is_lower = is_lower_hex(signature) && is_lower_hex(session);
     let until = until.parse().ok().filter(|_| is_plain && is_lower)?;
-    Some((until, who, blake3::Hash::from_hex(signature).ok()?))
+    Some(Parts { until, who, session, signature: blake3::Hash::from_hex(signature).ok()? })
 }
 
 #[cfg(test)]
@@ -127,6 +153,10 @@ mod tests {
         Some("s".to_owned())
     }
 
+    fn holder(who: &str) -> Holder {
+        Holder { who: who.to_owned(), session: "0123456789abcdef".repeat(2) }
+    }
+
     fn capabilities() -> Capabilities {
         Capabilities::new(Key([7; 32]))
     }
@@ -135,9 +165,9 @@ mod tests {
     fn one_opens_its_pack_for_its_time_and_no_other() {
         let c = capabilities();
         let (pack, other) = ("ab".repeat(32), "cd".repeat(32));
-        let given = c.for_pack(&pack, "amina.h", "s", NOW);
-        assert_eq!(c.of_pack(&given, &pack, stamp, NOW), Ok("amina.h".to_owned()));
-        assert_eq!(c.of_pack(&given, &pack, stamp, NOW + LIFE - 1), Ok("amina.h".to_owned()));
+        let given = c.for_pack(&pack, &holder("amina.h"), "s", NOW);
+        assert_eq!(c.of_pack(&given, &pack, stamp, NOW), Ok(holder("amina.h")));
+        assert_eq!(c.of_pack(&given, &pack, stamp, NOW + LIFE - 1), Ok(holder("amina.h")));
         assert_eq!(c.of_pack(&given, &pack, stamp, NOW + LIFE), Err(Refusal::Ended));
         assert_eq!(c.of_pack(&given, &pack, stamp, NOW - 10), Err(Refusal::Ended), "the clock was set back");
         assert_eq!(c.of_pack(&given, &other, stamp, NOW), Err(Refusal::Wrong));
@@ -150,9 +180,9 @@ mod tests {
     #[test]
     fn a_session_ends_with_the_password_it_was_begun_with() {
         let c = capabilities();
-        let session = c.session("amina", "stamp", NOW);
+        let session = c.session(&holder("amina"), "stamp", NOW);
         let now_is = |stamp: Option<&str>| c.of_session(&session, |_| stamp.map(str::to_owned), NOW + 60);
-        assert_eq!(now_is(Some("stamp")), Ok("amina".to_owned()));
+        assert_eq!(now_is(Some("stamp")), Ok(holder("amina")));
         assert_eq!(now_is(Some("another")), Err(Refusal::Wrong));
         assert_eq!(now_is(None), Err(Refusal::Wrong), "the user is gone");
         assert_eq!(c.of_session(&session, |_| Some("stamp".to_owned()), NOW + SESSION), Err(Refusal::Ended));
@@ -162,7 +192,7 @@ mod tests {
     fn no_change_of_one_byte_still_opens() {
         let c = capabilities();
         let pack = "ab".repeat(32);
-        let given = c.for_pack(&pack, "amina", "s", NOW).into_bytes();
+        let given = c.for_pack(&pack, &holder("amina"), "s", NOW).into_bytes();
         for at in 0..given.len() {
             for to in [b'0', b'9', b'a', b'F', b'.', b' ', b'-', 0] {
                 let mut changed = given.clone();
@@ -180,7 +210,7 @@ mod tests {
         fn nothing_else_opens_and_nothing_panics(text in ".{0,300}", until in any::<u64>(), who in "[a-z.]{0,9}") {
             let c = capabilities();
             prop_assert!(c.of_pack(&text, "", stamp, NOW).is_err());
-            let forged = format!("k1.{until}.{who}.{}", "0".repeat(64));
+            let forged = format!("k2.{until}.{who}.{}.{}", "0".repeat(32), "0".repeat(64));
             prop_assert!(c.of_pack(&forged, "", stamp, NOW).is_err());
         }
     }

@@ -12,10 +12,12 @@ pub mod audit;
 pub mod capability;
 mod rule;
 mod secret;
+pub mod sessions;
 
 pub use accounts::{Accounts, AccountsError, Grant, Purpose, User};
 pub use attempts::Attempts;
 pub use audit::Audit;
-pub use capability::{Capabilities, Refusal};
+pub use capability::{Capabilities, Holder, Refusal};
 pub use rule::Clock;
 pub(crate) use rule::{Verdict, is_geometry, verdict};
+pub use sessions::Sessions;

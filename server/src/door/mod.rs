@@ -3,11 +3,11 @@
 //! | URL | what |
 //! |---|---|
 //! | `/sign-in` | a form; POST checks name and password and begins a session ([`routes`]) |
-//! | `/sign-out` | POST ends it |
+//! | `/sign-out` | POST ends it, or all sessions of the user |
 //! | `/<slug>/open` | POST gives whoever may see the object a capability for its pack, for ten minutes |
 //!
-//! A session is a cookie for the whole site, a capability one for the object's addresses; both are signed and neither is kept
-//! ([`crate::access::capability`]). Programs send a token for viewing as `Authorization: Bearer` instead. Bytes of a closed pack are given for a
+//! A session is a cookie for the whole site, a capability one for the object's addresses; both are signed ([`crate::access::capability`]), and both end
+//! when the session does, which the server keeps ([`crate::access::sessions`]). Programs send a token for viewing as `Authorization: Bearer` instead. Bytes of a closed pack are given for a
 //! capability or a token, never for a session alone: what the page asks for every chunk cannot be used elsewhere or later.
 //!
 //! The file of accounts is looked at again when it changes, at most once a second. Failures: a file that cannot be read lets nobody in,
@@ -17,7 +17,7 @@ pub(crate) mod page;
 pub(crate) mod routes;
 
 use crate::access::audit::{Action, Event};
-use crate::access::{Accounts, AccountsError, Attempts, Audit, Purpose, User};
+use crate::access::{Accounts, AccountsError, Attempts, Audit, Holder, Purpose, Sessions, User};
 use crate::content::text;
 use crate::object::date::day_of;
 use crate::store::Identity;
@@ -42,6 +42,7 @@ pub struct Door {
     known: Mutex<Known>,
     addresses: Mutex<Attempts>,
     names: Mutex<Attempts>,
+    sessions: Sessions,
     audit: Option<Audit>,
 }
 
@@ -67,7 +68,14 @@ impl Door {
         let accounts = Some(Arc::new(Accounts::read(file)?));
         let known = Mutex::new(Known { accounts, mark, looked: Instant::now() });
         let (addresses, names) = (Mutex::new(Attempts::of_addresses()), Mutex::new(Attempts::of_names()));
-        Ok(Self { file: file.to_owned(), known, addresses, names, audit })
+        Ok(Self { file: file.to_owned(), known, addresses, names, sessions: Sessions::default(), audit })
+    }
+
+    /// With the sessions kept elsewhere than in the memory of this program.
+    #[must_use]
+    pub fn with_sessions(mut self, sessions: Sessions) -> Self {
+        self.sessions = sessions;
+        self
     }
 
     /// What is wrong with the clock, as far as the accounts tell, for the log: whoever is then kept out should find out why.
@@ -105,11 +113,33 @@ impl Door {
     }
 
     /// Who is signed in. Programs with a token need no session and get none.
-    pub(crate) fn visitor(&self, headers: &HeaderMap, now: u64) -> Option<String> {
+    pub(crate) fn visitor(&self, headers: &HeaderMap, now: u64) -> Option<Holder> {
         let accounts = self.accounts()?;
         let session = cookie(headers, SESSION_COOKIE)?;
-        let who = accounts.capabilities().of_session(session, |name| accounts.user(name).map(User::stamp), now);
-        who.ok()
+        let holder = accounts.capabilities().of_session(session, |name| accounts.user(name).map(User::stamp), now);
+        holder.ok().filter(|holder| self.sessions.lives(holder))
+    }
+
+    /// Begin a session for a user; its cookie's value.
+    ///
+    /// # Errors
+    /// When it cannot be kept.
+    fn begin_session(&self, accounts: &Accounts, user: &User, now: u64) -> std::io::Result<String> {
+        let holder = self.sessions.begin(&user.name, now)?;
+        Ok(accounts.capabilities().session(&holder, &user.stamp(), now))
+    }
+
+    /// End the session of a request, or with `everywhere` all sessions of its user. Whose it was; `None` where there was none.
+    ///
+    /// # Errors
+    /// When it could not be ended.
+    fn sign_out(&self, headers: &HeaderMap, everywhere: bool, now: u64) -> std::io::Result<Option<String>> {
+        let Some(holder) = self.visitor(headers, now) else { return Ok(None) };
+        if everywhere {
+            self.sessions.end_all(&holder.who)?;
+        }
+        self.sessions.end(&holder)?;
+        Ok(Some(holder.who))
     }
 
     /// Whether a visitor may see an object that is not public.
@@ -124,17 +154,18 @@ impl Door {
             return user.sees(slug);
         }
         // Whoever was taken away, or may no longer see it, waits for no end of ten minutes.
-        let still = |name: String| accounts.user(&name).is_some_and(|u| u.sees(slug));
+        let still =
+            |holder: Holder| accounts.user(&holder.who).is_some_and(|u| u.sees(slug)) && self.sessions.lives(&holder);
         let stamp = |name: &str| accounts.user(name).map(User::stamp);
         let opens = |given: &str| accounts.capabilities().of_pack(given, content, stamp, now).is_ok_and(still);
         cookie(headers, PACK_COOKIE).is_some_and(opens)
     }
 
-    /// A capability for a pack, for somebody.
-    fn capability(&self, pack: &str, name: &str, now: u64) -> Option<String> {
+    /// A capability for a pack, for as long as a session lives.
+    fn capability(&self, pack: &str, holder: &Holder, now: u64) -> Option<String> {
         let accounts = self.accounts()?;
-        let stamp = accounts.user(name)?.stamp();
-        Some(accounts.capabilities().for_pack(pack, name, &stamp, now))
+        let stamp = accounts.user(&holder.who)?.stamp();
+        Some(accounts.capabilities().for_pack(pack, holder, &stamp, now))
     }
 
     /// Begin an attempt to sign in: it counts as failed until it has succeeded.

@@ -14,6 +14,8 @@ pub(crate) enum Said {
     Wrong,
     /// Too many failures: so many seconds to wait.
     Wait(u64),
+    /// The server could not begin a session.
+    Failed,
     /// Signed in as somebody.
     Done,
 }
@@ -35,6 +37,9 @@ pub(crate) fn form(language: &'static Language, said: Said, next: &str, name: Op
         Said::Wrong => {
             let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{}</p>", t("signInWrong"));
         }
+        Said::Failed => {
+            let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{}</p>", t("signInFailed"));
+        }
         Said::Wait(seconds) => {
             let text = language.with("signInWait", &[("seconds", &seconds.to_string())]);
             let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{text}</p>");
@@ -44,10 +49,12 @@ pub(crate) fn form(language: &'static Language, said: Said, next: &str, name: Op
             let _ = write!(
                 s,
                 "<p role=\"status\">{who}</p>\n<form method=\"post\" action=\"/sign-out\">\n\
-                 <p class=\"actions\"><a class=\"button filled\" href=\"{}\">{}</a> <button class=\"button outlined\">{}</button></p>\n</form>\n</main>\n</body>\n</html>\n",
+                 <p class=\"actions\"><a class=\"button filled\" href=\"{}\">{}</a> <button class=\"button outlined\">{}</button> \
+                 <button class=\"button outlined\" name=\"everywhere\" value=\"1\">{}</button></p>\n</form>\n</main>\n</body>\n</html>\n",
                 escape(next),
                 t("goOn"),
-                t("signOut")
+                t("signOut"),
+                t("signOutEverywhere")
             );
             return s;
         }

@@ -31,6 +31,8 @@ const FORM: Duration = Duration::from_secs(10);
 const FORM_BYTES: usize = 16 * 1024;
 /// Longest address to go on to: a link holds a view and measurements.
 const NEXT_MAX: usize = 4000;
+/// Longest name that is looked at, characters: longer than those of accounts.
+const NAME_MAX: usize = 80;
 /// Passwords hashed at once; each takes 19 MiB and some 20 ms. The permit goes with the work: who hangs up does not free it.
 static HASHING: LazyLock<Arc<Semaphore>> = LazyLock::new(|| Arc::new(Semaphore::new(2)));
 
@@ -44,7 +46,7 @@ pub(crate) async fn ask(State(site): State<Site>, RawQuery(query): RawQuery, hea
     let (now, asked) = (site.clock.seconds(), headers.clone());
     let visitor = blocking(move || door.visitor(&asked, now)).await.ok().flatten();
     match visitor {
-        Some(name) => answer(form(language, Said::Done, next, Some(&name)), StatusCode::OK, &headers),
+        Some(holder) => answer(form(language, Said::Done, next, Some(&holder.who)), StatusCode::OK, &headers),
         None => answer(form(language, Said::Nothing, next, None), StatusCode::OK, &headers),
     }
 }
@@ -61,15 +63,23 @@ pub(crate) async fn sign_in(State(site): State<Site>, request: Request) -> Respo
     let Ok(Ok(body)) = read else { return plain(StatusCode::REQUEST_TIMEOUT).into_response() };
     let pairs = pairs(&String::from_utf8_lossy(&body));
     let value = |wanted: &str| pairs.iter().find(|(n, _)| n == wanted).map(|(_, v)| v.clone()).unwrap_or_default();
-    let (name, password, next) = (value("name").trim().to_lowercase(), value("password"), value("next"));
+    // Longer than any name is none, and goes into no page.
+    let name: String = value("name").trim().chars().take(NAME_MAX).collect::<String>().to_lowercase();
+    let (password, next) = (value("password"), value("next"));
     let next = inside(&next).to_owned();
     let lang = value("lang");
     let language = Language::choose(Some(&lang), text(&headers, &ACCEPT_LANGUAGE).unwrap_or_default());
     let now = site.clock.seconds();
     let session = match check(&door, &name, password, client, now).await {
         Ok(session) => session,
-        Err(0) => return answer(form(language, Said::Wrong, &next, Some(&name)), StatusCode::FORBIDDEN, &headers),
-        Err(wait) => {
+        Err(Denied::Wrong) => {
+            return answer(form(language, Said::Wrong, &next, Some(&name)), StatusCode::FORBIDDEN, &headers);
+        }
+        Err(Denied::Failed) => {
+            let said = form(language, Said::Failed, &next, Some(&name));
+            return answer(said, StatusCode::SERVICE_UNAVAILABLE, &headers);
+        }
+        Err(Denied::Wait(wait)) => {
             let said = form(language, Said::Wait(wait), &next, Some(&name));
             let mut response = answer(said, StatusCode::TOO_MANY_REQUESTS, &headers);
             insert(&mut response, RETRY_AFTER, &wait.to_string());
@@ -88,19 +98,28 @@ pub(crate) async fn sign_in(State(site): State<Site>, request: Request) -> Respo
     response
 }
 
-/// A session for whoever has the password, else seconds to wait, 0 where the password was wrong. What is begun is counted and
-/// recorded to its end, also when the other side is gone.
+/// Why somebody is not signed in.
+enum Denied {
+    /// Name or password is wrong.
+    Wrong,
+    /// Too many attempts: seconds to wait.
+    Wait(u64),
+    /// The server could not do it.
+    Failed,
+}
+
+/// A session for whoever has the password. What is begun is counted and recorded to its end, also when the other side is gone.
 async fn check(
     door: &Arc<Door>,
     name: &str,
     password: String,
     (address, network): (String, String),
     now: u64,
-) -> Result<String, u64> {
+) -> Result<String, Denied> {
     // By network and by name: neither many names from one nor one name from many gets far.
     let counted: String = name.chars().take(64).collect();
-    door.begin(&counted, &network, now)?;
-    let turn = Arc::clone(&HASHING).acquire_owned().await.map_err(|_| 1u64)?;
+    door.begin(&counted, &network, now).map_err(Denied::Wait)?;
+    let turn = Arc::clone(&HASHING).acquire_owned().await.map_err(|_| Denied::Failed)?;
     let (door, name) = (Arc::clone(door), name.to_owned());
     let checked = blocking(move || {
         let _turn = turn;
@@ -108,24 +127,50 @@ async fn check(
         let user = accounts.as_ref().and_then(|a| Some((a, a.sign_in(&name, &password)?)));
         let Some((accounts, user)) = user else {
             door.record(Action::SignInFailed, None, &address, None, now);
-            return None;
+            return Err(Denied::Wrong);
         };
         door.succeeded(&counted, &network);
+        let session = door.begin_session(accounts, user, now).map_err(|e| {
+            tracing::error!("nobody can sign in: a session cannot be kept: {e}");
+            Denied::Failed
+        })?;
         door.record(Action::SignIn, Some(&user.name), &address, None, now);
-        Some(accounts.capabilities().session(&user.name, &user.stamp(), now))
+        Ok(session)
     });
-    checked.await.ok().flatten().ok_or(0)
+    checked.await.map_err(|_| Denied::Failed)?
 }
 
-/// `POST /sign-out`
-pub(crate) async fn sign_out(State(site): State<Site>, headers: HeaderMap) -> Response {
+/// `POST /sign-out`; with `everywhere` in the form, all sessions of the user end.
+pub(crate) async fn sign_out(State(site): State<Site>, request: Request) -> Response {
+    let headers = request.headers().clone();
     if !from_here(&site, &headers) {
         return plain(StatusCode::FORBIDDEN).into_response();
+    }
+    let (address, _) = client_of(&request, site.behind_proxy);
+    let read = tokio::time::timeout(FORM, axum::body::to_bytes(request.into_body(), FORM_BYTES)).await;
+    let Ok(Ok(body)) = read else { return plain(StatusCode::REQUEST_TIMEOUT).into_response() };
+    let everywhere = pairs(&String::from_utf8_lossy(&body)).iter().any(|(name, _)| name == "everywhere");
+    if let Some(door) = site.door.clone() {
+        let (now, asked) = (site.clock.seconds(), headers.clone());
+        let ended = blocking(move || {
+            let who = door.sign_out(&asked, everywhere, now)?;
+            if let Some(who) = who {
+                door.record(Action::SignOut, Some(&who), &address, None, now);
+            }
+            Ok::<_, std::io::Error>(())
+        });
+        if let Err(e) = ended.await.unwrap_or_else(|status| Err(std::io::Error::other(status.to_string()))) {
+            tracing::error!("a session could not be ended: {e}");
+            let said = "You are still signed in: the server could not end the session. Please try again.\n";
+            return (StatusCode::SERVICE_UNAVAILABLE, [(CACHE_CONTROL, "no-store"), (RETRY_AFTER, "5")], said)
+                .into_response();
+        }
     }
     let mut response = StatusCode::SEE_OTHER.into_response();
     insert(&mut response, LOCATION, "/");
     let secure = secure(&site, &headers);
     insert(&mut response, SET_COOKIE, &format!("{SESSION_COOKIE}=; Path=/; HttpOnly; SameSite=Lax; Max-Age=0{secure}"));
+    insert(&mut response, CACHE_CONTROL, "no-store");
     response
 }
 
@@ -183,9 +228,10 @@ pub(crate) async fn capability(
     let (asked, object, content) = (headers.clone(), slug.to_owned(), content.to_owned());
     let found = blocking(move || {
         let visitor = door.visitor(&asked, now)?;
-        let capability = if door.sees(&visitor, &object) { door.capability(&content, &visitor, now) } else { None };
+        let sees = door.sees(&visitor.who, &object);
+        let capability = if sees { door.capability(&content, &visitor, now) } else { None };
         let action = if capability.is_some() { Action::Opened } else { Action::Refused };
-        door.record(action, Some(&visitor), &address, Some(&object), now);
+        door.record(action, Some(&visitor.who), &address, Some(&object), now);
         Some(capability)
     });
     let capability = found.await.ok().flatten()?;

@@ -7,7 +7,7 @@
 //! | `/<slug>/extract/<name>` | the file; 202 with how far it is while it is being made; 404 where nobody asked for it |
 //!
 //! [`order`] says what can be asked for and how it is called, this module makes it: as many at once as there are cores, others wait in a
-//! line that ends somewhere, and while what is being made may take as much room as the cache is large, and who asks for what is being made gets the same. How a mesh is taken out of a pack is not known here: the program
+//! queue in which the networks take turns ([`queue`]), told how many are before them and how long that will probably take ([`pace`]), and while what is being made may take as much room as the cache is large, and who asks for what is being made gets the same. How a mesh is taken out of a pack is not known here: the program
 //! gives an [`Extract`].
 //!
 //! Invariants: the cache holds complete files only, under names made from the pack's hash and the order, never from an address; its size stays below
@@ -18,14 +18,18 @@
 #[cfg(test)]
 mod clerk;
 pub(crate) mod order;
+pub(crate) mod pace;
 mod pack;
 pub(crate) mod page;
+mod queue;
 pub(crate) mod routes;
 
 pub use order::{Detail, Format};
 pub use pack::{Opened, Pack, is_not_given};
 
 use order::Order;
+use pace::{Pace, Wait};
+use queue::{Full, Queue, SHARE};
 use std::collections::{BTreeMap, VecDeque};
 use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
@@ -33,10 +37,12 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
-/// Orders that wait; for more, who asks is told to come back.
-const LINE: usize = 16;
 /// Orders of one network that begin something new, in [`WHILE`].
-const STARTS: usize = 20;
+pub(crate) const STARTS: usize = 20;
+/// Seconds after which whoever was refused may come again: where nothing is known, at least, and at most.
+const COME_AGAIN: u64 = 30;
+const SOONEST: u64 = 5;
+const LATEST: u64 = 600;
 const WHILE: Duration = Duration::from_secs(600);
 /// Networks that are remembered; an older one is forgotten for a new one.
 const NETWORKS: usize = 10_000;
@@ -81,10 +87,10 @@ pub trait Extract: Send + Sync {
 pub(crate) enum Standing {
     /// The file is there.
     Ready(PathBuf),
-    /// So many are before it.
-    Waiting(usize),
-    /// So much of it is done, percent; and so many bytes of a pack in a store were fetched.
-    Running(u32, Option<u64>),
+    /// So many are before it; and when it will probably be there.
+    Waiting(usize, Option<Wait>),
+    /// So much of it is done, percent; so many bytes of a pack in a store were fetched; and when it will probably be there.
+    Running(u32, Option<u64>, Option<Wait>),
     /// It could not be made.
     Failed(Failure),
     /// Nobody asked for it, or it was so long ago that it went for others.
@@ -94,8 +100,10 @@ pub(crate) enum Standing {
 /// Why an order is not taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Refusal {
-    /// The line is full: seconds to wait.
+    /// The queue is full: seconds to wait.
     Busy(u64),
+    /// This network has its share of the queue: seconds to wait.
+    Share(u64),
     /// This network has begun too many: seconds to wait.
     TooMany(u64),
 }
@@ -106,23 +114,59 @@ struct Job {
     room: [u64; 2],
     order: Order,
     share: Arc<AtomicU32>,
+    /// Who asked first; where it runs, whose turn it was.
+    network: String,
     phase: Phase,
+}
+
+impl Job {
+    /// What it takes while it is made: what estimates of time go by.
+    fn bytes(&self) -> u64 {
+        total(self.room)
+    }
+
+    /// For how long it runs, and the share of it that is done.
+    fn state(&self) -> Option<(Duration, f64)> {
+        let Phase::Running(since) = &self.phase else { return None };
+        Some((since.elapsed(), f64::from(self.share.load(Ordering::Relaxed)) / 100.0))
+    }
 }
 
 enum Phase {
     Waiting,
-    Running,
+    Running(Instant),
     Failed(Failure, Instant),
 }
 
 #[derive(Default)]
 struct State {
     jobs: BTreeMap<String, Job>,
-    line: VecDeque<String>,
+    queue: Queue,
+    pace: Pace,
     running: usize,
     /// Of those that run.
     room: u64,
     starts: BTreeMap<String, VecDeque<Instant>>,
+}
+
+impl State {
+    /// Bytes and state of what runs.
+    fn running(&self) -> Vec<(u64, (Duration, f64))> {
+        self.jobs.values().filter_map(|job| Some((job.bytes(), job.state()?))).collect()
+    }
+
+    /// How many are before a job that waits, and when it will probably be there.
+    fn waiting(&self, key: &str, job: &Job, workers: usize) -> Standing {
+        let before = self.queue.before(key);
+        let bytes: Vec<u64> = before.iter().filter_map(|key| self.jobs.get(key)).map(Job::bytes).collect();
+        Standing::Waiting(before.len(), self.pace.of_waiting(job.bytes(), &self.running(), &bytes, workers))
+    }
+
+    /// Seconds until a place will probably be free: when the first of those that run has ended.
+    fn come_again(&self) -> u64 {
+        let ends = self.running().into_iter().filter_map(|(bytes, state)| self.pace.of_running(bytes, state));
+        ends.map(|wait| wait.to.as_secs()).min().unwrap_or(COME_AGAIN).clamp(SOONEST, LATEST)
+    }
 }
 
 /// The cache, and what is being made for it.
@@ -213,18 +257,27 @@ impl Extracts {
             let mut state = self.lock();
             state.jobs.retain(|_, job| !matches!(&job.phase, Phase::Failed(_, at) if now.duration_since(*at) > TOLD));
             match state.jobs.get(&key).map(|job| &job.phase) {
-                Some(Phase::Waiting | Phase::Running) => return Ok(()),
+                Some(Phase::Waiting) => {
+                    state.queue.join(network, &key);
+                    return Ok(());
+                }
+                Some(Phase::Running(_)) => return Ok(()),
                 Some(Phase::Failed(_, at)) if now.duration_since(*at) < AGAIN => return Ok(()),
                 _ => {}
             }
-            if state.line.len() >= LINE {
-                return Err(Refusal::Busy(30));
+            let again = state.come_again();
+            state.queue.push(network, &key).map_err(|full| match full {
+                Full::All => Refusal::Busy(again),
+                Full::Share => Refusal::Share(again),
+            })?;
+            if let Err(seconds) = begin(&mut state.starts, network, now) {
+                state.queue.remove(&key);
+                return Err(Refusal::TooMany(seconds));
             }
-            begin(&mut state.starts, network, now).map_err(Refusal::TooMany)?;
             let room = self.room(pack, triangles, order);
             let (share, pack) = (Arc::default(), pack.clone().with_room(&self.cache, room[1]));
-            state.jobs.insert(key.clone(), Job { pack, room, order, share, phase: Phase::Waiting });
-            state.line.push_back(key);
+            let network = network.to_owned();
+            state.jobs.insert(key, Job { pack, room, order, share, network, phase: Phase::Waiting });
         }
         self.go_on();
         Ok(())
@@ -236,12 +289,11 @@ impl Extracts {
         {
             let state = self.lock();
             match state.jobs.get(&key) {
-                Some(Job { phase: Phase::Running, share, pack, .. }) => {
-                    return Standing::Running(share.load(Ordering::Relaxed), pack.fetched());
+                Some(job @ Job { phase: Phase::Running(_), share, pack, .. }) => {
+                    let left = job.state().and_then(|now| state.pace.of_running(job.bytes(), now));
+                    return Standing::Running(share.load(Ordering::Relaxed), pack.fetched(), left);
                 }
-                Some(Job { phase: Phase::Waiting, .. }) => {
-                    return Standing::Waiting(state.line.iter().position(|k| *k == key).unwrap_or(0) + 1);
-                }
+                Some(job @ Job { phase: Phase::Waiting, .. }) => return state.waiting(&key, job, self.workers),
                 Some(Job { phase: Phase::Failed(failure, _), .. }) => return Standing::Failed(failure.clone()),
                 None => {}
             }
@@ -258,10 +310,10 @@ impl Extracts {
                 if state.running >= self.workers {
                     return;
                 }
-                let Some(key) = state.line.front().cloned() else { return };
+                let Some((network, key)) = state.queue.next(self.workers) else { return };
                 let beside = state.room;
                 let Some(job) = state.jobs.get_mut(&key) else {
-                    state.line.pop_front();
+                    state.queue.remove(&key);
                     continue;
                 };
                 // Whatever is in the cache already goes for it; what is being made beside it does not. Alone it always fits.
@@ -269,9 +321,10 @@ impl Extracts {
                 if beside > 0 && room > self.most_bytes {
                     return;
                 }
-                job.phase = Phase::Running;
+                job.phase = Phase::Running(Instant::now());
+                job.network.clone_from(&network);
                 let begun = (key, (job.pack.clone(), job.room), job.order, Arc::clone(&job.share));
-                state.line.pop_front();
+                state.queue.begin(&network, &begun.0);
                 state.running += 1;
                 state.room = room;
                 begun
@@ -307,8 +360,15 @@ impl Extracts {
 
     fn ended(&self, key: &str, made: Result<(), Failure>) {
         let mut state = self.lock();
+        let ran = state.jobs.get(key).map(|job| (job.network.clone(), job.bytes(), job.state()));
         state.running = state.running.saturating_sub(1);
-        state.room = state.room.saturating_sub(state.jobs.get(key).map_or(0, |job| total(job.room)));
+        if let Some((network, bytes, now)) = ran {
+            state.room = state.room.saturating_sub(bytes);
+            state.queue.end(&network);
+            if let (Ok(()), Some((took, _))) = (&made, now) {
+                state.pace.add(bytes, took);
+            }
+        }
         match made {
             Ok(()) => drop(state.jobs.remove(key)),
             Err(failure) => {
@@ -420,8 +480,8 @@ mod tests {
         }
         ask(2).unwrap();
         ask(3).unwrap();
-        wait_for(&extracts, order(1), |s| *s == Standing::Running(25, None));
-        assert_eq!(extracts.standing(&hash(), order(3)), Standing::Waiting(2));
+        wait_for(&extracts, order(1), |s| matches!(s, Standing::Running(25, None, _)));
+        assert_eq!(extracts.standing(&hash(), order(3)), Standing::Waiting(1, None));
         assert_eq!(extracts.standing(&hash(), order(9)), Standing::Unknown);
         clerk.waits(false);
         for n in 1..=3 {
@@ -439,9 +499,9 @@ mod tests {
         for n in 1..=4 {
             extracts.ask((&Pack::here(Path::new("p")), &hash()), 1000, within(n), "net").unwrap();
         }
-        wait_for(&extracts, within(2), |s| *s == Standing::Running(25, None));
-        assert_eq!(extracts.standing(&hash(), within(3)), Standing::Waiting(1));
-        assert_eq!(extracts.standing(&hash(), within(4)), Standing::Waiting(2));
+        wait_for(&extracts, within(2), |s| matches!(s, Standing::Running(25, None, _)));
+        assert_eq!(extracts.standing(&hash(), within(3)), Standing::Waiting(0, None));
+        assert_eq!(extracts.standing(&hash(), within(4)), Standing::Waiting(1, None));
         clerk.waits(false);
         for n in 1..=4 {
             wait_for(&extracts, within(n), |s| matches!(s, Standing::Ready(_)));
@@ -450,24 +510,54 @@ mod tests {
     }
 
     #[test]
-    fn the_line_ends_somewhere_and_nobody_fills_it_alone() {
+    fn one_network_that_asks_for_all_it_can_has_its_share_and_others_are_next() {
+        let (_dir, clerk, extracts) = shop(1 << 20, 1);
+        let ask = |n, net: &str| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), net);
+        let taken = (0..100).filter(|n| ask(*n, "greedy").is_ok()).count();
+        // One runs, the others wait.
+        assert_eq!(taken, 1 + SHARE);
+        assert!(matches!(ask(200, "greedy"), Err(Refusal::Share(SOONEST..=LATEST))));
+        assert_eq!(ask(300, "other"), Ok(()));
+        wait_for(&extracts, order(0), |s| matches!(s, Standing::Running(..)));
+        assert_eq!(extracts.standing(&hash(), order(300)), Standing::Waiting(0, None), "nobody is before it");
+        assert_eq!(extracts.standing(&hash(), order(1)), Standing::Waiting(1, None));
+        // Whoever asks for what another waits for has the better place of both.
+        assert_eq!(ask(4, "third"), Ok(()));
+        assert_eq!(extracts.standing(&hash(), order(4)), Standing::Waiting(1, None));
+        clerk.waits(false);
+        for n in [0, 1, 2, 3, 4, 300] {
+            wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
+        }
+        assert_eq!(clerk.made.load(Ordering::SeqCst), 6);
+        // What was measured tells how long the next will take.
+        clerk.waits(true);
+        assert_eq!((ask(500, "greedy"), ask(501, "other")), (Ok(()), Ok(())));
+        let waits = extracts.standing(&hash(), order(501));
+        assert!(matches!(waits, Standing::Waiting(0, Some(wait)) if wait.from <= wait.to), "{waits:?}");
+        clerk.waits(false);
+    }
+
+    #[test]
+    fn the_queue_ends_somewhere_and_so_does_what_a_network_may_begin() {
         let (_dir, clerk, extracts) = shop(1 << 20, 1);
         let ask = |n, net: &str| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), net);
         ask(0, "first").unwrap();
         wait_for(&extracts, order(0), |s| matches!(s, Standing::Running(..)));
-        for n in 1..=LINE as u64 {
+        let places = queue::PLACES as u64;
+        for n in 1..=places {
             ask(n, &format!("net {n}")).unwrap();
         }
-        assert!(matches!(ask(99, "another"), Err(Refusal::Busy(_))));
+        assert!(matches!(ask(99, "another"), Err(Refusal::Busy(SOONEST..=LATEST))));
         assert_eq!(ask(3, "another"), Ok(()), "what waits already can be joined");
         clerk.waits(false);
-        wait_for(&extracts, order(LINE as u64), |s| matches!(s, Standing::Ready(_)));
+        wait_for(&extracts, order(places), |s| matches!(s, Standing::Ready(_)));
         let refused = (0..40).find(|n| {
             let refused = matches!(ask(200 + n, "greedy"), Err(Refusal::TooMany(1..=600)));
             wait_for(&extracts, order(200 + n), |s| refused || matches!(s, Standing::Ready(_)));
             refused
         });
         assert_eq!(refused, Some(STARTS as u64));
+        assert_eq!(extracts.standing(&hash(), order(220)), Standing::Unknown);
         assert_eq!(ask(999, "another"), Ok(()));
     }
 

@@ -1,7 +1,8 @@
 //! The pages about extracts: the form, how far a file is, and what went wrong. Plain HTML; the page that waits looks again by itself.
 
-use super::Failure;
 use super::order::{Detail, Format, Order};
+use super::pace::Wait;
+use super::{Failure, Refusal, SHARE, STARTS};
 use crate::object::record::xml::escape;
 use crate::portal::frame::{FOOT, Reader, head};
 use std::fmt::Write as _;
@@ -41,8 +42,8 @@ pub(crate) enum Said {
     Nothing,
     /// The number is none.
     Wrong,
-    /// Seconds to wait.
-    Busy(u64),
+    /// It is not taken now.
+    Refused(Refusal),
     /// About so many bytes, and the limit.
     TooLarge(u64, u64),
     /// Nobody asked for the file of this address.
@@ -72,7 +73,7 @@ pub(crate) fn form(about: &About, reader: &Reader<'_>, said: Said, asked: Option
     let problem = match said {
         Said::Nothing => None,
         Said::Wrong => Some(l.t("extractWrong").to_owned()),
-        Said::Busy(seconds) => Some(l.with("extractBusy", &[("seconds", &l.count(seconds))])),
+        Said::Refused(refusal) => Some(why(reader, refusal)),
         Said::TooLarge(size, most) => {
             Some(l.with("extractTooLarge", &[("size", &l.size(size)), ("most", &l.size(most))]))
         }
@@ -107,6 +108,17 @@ pub(crate) fn form(about: &About, reader: &Reader<'_>, said: Said, asked: Option
     );
     s.push_str(FOOT);
     s
+}
+
+/// Why an order is not taken, and when to come again.
+pub(crate) fn why(reader: &Reader<'_>, refusal: Refusal) -> String {
+    let l = reader.language;
+    let (text, count, seconds) = match refusal {
+        Refusal::Busy(seconds) => ("extractBusy", 0, seconds),
+        Refusal::Share(seconds) => ("extractShare", SHARE, seconds),
+        Refusal::TooMany(seconds) => ("extractTooMany", STARTS, seconds),
+    };
+    l.with(text, &[("count", &l.count(count as u64)), ("seconds", &l.count(seconds))])
 }
 
 fn formats(s: &mut String, reader: &Reader<'_>, asked: Option<Order>) {
@@ -157,9 +169,10 @@ fn sizes(s: &mut String, about: &About, reader: &Reader<'_>, asked: Option<Order
 
 /// How far a file is, or that it is there.
 pub(crate) enum Stage {
-    Waiting(usize),
-    /// Percent, and bytes of a pack in a store that were fetched.
-    Running(u32, Option<u64>),
+    /// So many are before it; and how long it will probably take.
+    Waiting(usize, Option<Wait>),
+    /// Percent, bytes of a pack in a store that were fetched, and how long it will probably take.
+    Running(u32, Option<u64>, Option<Wait>),
     /// The store does not answer at the moment.
     Halted(Option<u64>),
     Ready(u64),
@@ -173,7 +186,7 @@ pub(crate) fn stage(about: &About, reader: &Reader<'_>, order: Order, stage: &St
     let file = format!("{}/{name}", about.address());
     let path = format!("{file}?page=1");
     let again = match stage {
-        Stage::Waiting(_) | Stage::Running(..) => format!("<meta http-equiv=\"refresh\" content=\"{LOOK_AGAIN}\">\n"),
+        Stage::Waiting(..) | Stage::Running(..) => format!("<meta http-equiv=\"refresh\" content=\"{LOOK_AGAIN}\">\n"),
         Stage::Halted(_) => format!("<meta http-equiv=\"refresh\" content=\"{LOOK_LATER}\">\n"),
         // The download begins; the page stays.
         Stage::Ready(_) => format!("<meta http-equiv=\"refresh\" content=\"0; url={}\">\n", escape(&file)),
@@ -183,16 +196,18 @@ pub(crate) fn stage(about: &About, reader: &Reader<'_>, order: Order, stage: &St
     let _ =
         writeln!(s, "<p dir=\"ltr\" class=\"file-name\"><code>{}-{}</code></p>", escape(&about.slug), escape(&name));
     let _ = match stage {
-        Stage::Waiting(before) => {
+        Stage::Waiting(before, wait) => {
             let text = l.with("extractQueued", &[("count", &l.count(*before as u64))]);
-            writeln!(s, "<p role=\"status\">{text}</p>\n<p class=\"quiet\">{}</p>", l.t("extractWait"))
+            let time = how_long(reader, *wait);
+            writeln!(s, "<p role=\"status\">{text} {time}</p>\n<p class=\"quiet\">{}</p>", l.t("extractWait"))
         }
-        Stage::Running(percent, fetched) => {
+        Stage::Running(percent, fetched, wait) => {
             let text = l.with("extractRunning", &[("percent", &percent.to_string())]);
             let fetched = so_far(reader, *fetched);
+            let time = how_long(reader, *wait);
             writeln!(
                 s,
-                "<p role=\"status\" id=\"how-far\">{text}{fetched}</p>\n<p><progress max=\"100\" value=\"{percent}\" aria-labelledby=\"how-far\"></progress></p>\n<p class=\"quiet\">{}</p>",
+                "<p role=\"status\" id=\"how-far\">{text}{fetched} {time}</p>\n<p><progress max=\"100\" value=\"{percent}\" aria-labelledby=\"how-far\"></progress></p>\n<p class=\"quiet\">{}</p>",
                 l.t("extractWait")
             )
         }
@@ -220,6 +235,17 @@ pub(crate) fn stage(about: &About, reader: &Reader<'_>, order: Order, stage: &St
     let _ = writeln!(s, "<p><a class=\"way\" href=\"{}\">{}</a></p>", reader.to(&about.address()), l.t("extractTitle"));
     s.push_str(FOOT);
     s
+}
+
+/// How long it will probably take, as a sentence.
+fn how_long(reader: &Reader<'_>, wait: Option<Wait>) -> String {
+    let l = reader.language;
+    let Some(Wait { from, to }) = wait else { return l.t("extractTimeUnknown").to_owned() };
+    let (from, to) = (from.as_secs() / 60, to.as_secs().div_ceil(60));
+    if to <= 1 {
+        return l.t("extractTimeShort").to_owned();
+    }
+    l.with("extractTime", &[("from", &l.count(from)), ("to", &l.count(to))])
 }
 
 /// How much of a pack in a store was fetched, as a further sentence.

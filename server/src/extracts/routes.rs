@@ -2,7 +2,8 @@
 //! token where it is not; a visitor who is signed in and granted it gets the capability here, so that no script is needed, and it is recorded.
 
 use super::order::{Detail, Format, Order};
-use super::page::{About, Said, Stage, closed, form, stage};
+use super::pace::Wait;
+use super::page::{About, Said, Stage, closed, form, stage, why};
 use super::{Extracts, Failure, Pack, Refusal, Standing};
 use crate::access::{Verdict, verdict};
 use crate::catalogue::Model;
@@ -19,10 +20,11 @@ use crate::site::{Site, find, lost, page};
 use crate::store::Content;
 use axum::extract::{Path, Request, State};
 use axum::http::header::{
-    ACCEPT_LANGUAGE, CACHE_CONTROL, CONTENT_DISPOSITION, LOCATION, RETRY_AFTER, SET_COOKIE, VARY,
+    ACCEPT, ACCEPT_LANGUAGE, CACHE_CONTROL, CONTENT_DISPOSITION, LOCATION, RETRY_AFTER, SET_COOKIE, VARY,
 };
 use axum::http::{HeaderMap, Method, StatusCode};
 use axum::response::{IntoResponse as _, Response};
+use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -67,7 +69,8 @@ impl Given {
 
     fn reader(&self) -> Reader<'_> {
         let Self { language, has_collections, has_map, .. } = *self;
-        Reader { language, lang: self.get("lang"), has_collections, has_map }
+        let lang = self.get("lang").and_then(Language::named).map(|l| l.code);
+        Reader { language, lang, has_collections, has_map }
     }
 }
 
@@ -117,12 +120,7 @@ pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, re
     let taken = blocking(move || extracts.ask((&pack.0, &pack.1), triangles, order, &network)).await;
     match taken {
         Err(status) => plain(status).into_response(),
-        Ok(Err(Refusal::Busy(seconds))) => {
-            busy(&asked, &reader, order, seconds, StatusCode::SERVICE_UNAVAILABLE, headers)
-        }
-        Ok(Err(Refusal::TooMany(seconds))) => {
-            busy(&asked, &reader, order, seconds, StatusCode::TOO_MANY_REQUESTS, headers)
-        }
+        Ok(Err(refusal)) => busy(&asked, &reader, order, refusal, headers),
         Ok(Ok(())) => {
             let lang = reader.lang.map(|lang| format!("&lang={}", encoded(lang))).unwrap_or_default();
             let to = format!("/{slug}/extract/{}?page=1{lang}", order.name(asked.about.version));
@@ -134,15 +132,19 @@ pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, re
     }
 }
 
-fn busy(
-    asked: &Asked,
-    reader: &Reader<'_>,
-    order: Order,
-    seconds: u64,
-    status: StatusCode,
-    headers: &HeaderMap,
-) -> Response {
-    let mut response = html(asked, form(&asked.about, reader, Said::Busy(seconds), Some(order)), status, headers);
+fn busy(asked: &Asked, reader: &Reader<'_>, order: Order, refusal: Refusal, headers: &HeaderMap) -> Response {
+    let (status, seconds) = match refusal {
+        Refusal::Busy(seconds) => (StatusCode::SERVICE_UNAVAILABLE, seconds),
+        Refusal::Share(seconds) | Refusal::TooMany(seconds) => (StatusCode::TOO_MANY_REQUESTS, seconds),
+    };
+    let mut response = if wants_json(headers) {
+        let said = why(&Reader { language: Language::english(), ..*reader }, refusal);
+        let mut response = (status, axum::Json(json!({ "error": said, "seconds": seconds }))).into_response();
+        insert(&mut response, CACHE_CONTROL, "no-store");
+        response
+    } else {
+        html(asked, form(&asked.about, reader, Said::Refused(refusal), Some(order)), status, headers)
+    };
     insert(&mut response, RETRY_AFTER, &seconds.to_string());
     response
 }
@@ -181,16 +183,25 @@ pub(crate) async fn file(
         Err(status) => return plain(status).into_response(),
     };
     let wants_page = given.get("page").is_some();
+    let told = told(&standing);
     let shown = |stage_: &Stage, status: StatusCode| {
+        if wants_json(headers) {
+            let mut response = (status, axum::Json(&told)).into_response();
+            insert(&mut response, CACHE_CONTROL, "no-store");
+            keep(&mut response, &asked);
+            return response;
+        }
         html(&asked, stage(&asked.about, &given.reader(), order, stage_), status, headers)
     };
     match standing {
-        Standing::Waiting(before) => soon(shown(&Stage::Waiting(before), StatusCode::ACCEPTED)),
+        Standing::Waiting(before, wait) => soon(shown(&Stage::Waiting(before, wait), StatusCode::ACCEPTED), wait),
         // It goes on when the store answers again.
-        Standing::Running(_, fetched @ Some(_)) if is_away(&site) => {
+        Standing::Running(_, fetched @ Some(_), _) if is_away(&site) => {
             later(shown(&Stage::Halted(fetched), StatusCode::SERVICE_UNAVAILABLE))
         }
-        Standing::Running(percent, fetched) => soon(shown(&Stage::Running(percent, fetched), StatusCode::ACCEPTED)),
+        Standing::Running(percent, fetched, wait) => {
+            soon(shown(&Stage::Running(percent, fetched, wait), StatusCode::ACCEPTED), wait)
+        }
         Standing::Failed(Failure::Away) => later(shown(&Stage::Failed(Failure::Away), StatusCode::SERVICE_UNAVAILABLE)),
         Standing::Failed(Failure::Full) => shown(&Stage::Failed(Failure::Full), StatusCode::INSUFFICIENT_STORAGE),
         Standing::Failed(failure) => {
@@ -225,9 +236,35 @@ pub(crate) async fn file(
     }
 }
 
-fn soon(mut response: Response) -> Response {
-    insert(&mut response, RETRY_AFTER, "2");
+/// Look again when a good part of the time will have gone by.
+fn soon(mut response: Response, wait: Option<Wait>) -> Response {
+    let seconds = wait.map_or(2, |wait| (wait.from.as_secs() / 4).clamp(2, 60));
+    insert(&mut response, RETRY_AFTER, &seconds.to_string());
     response
+}
+
+/// Whether a program asks.
+fn wants_json(headers: &HeaderMap) -> bool {
+    text(headers, &ACCEPT)
+        .is_some_and(|accepted| accepted.split(',').any(|kind| kind.trim().starts_with("application/json")))
+}
+
+/// How an order stands, for programs: `seconds` is a range in which it will probably be there, where that can be said.
+fn told(standing: &Standing) -> Value {
+    let seconds = |wait: &Option<Wait>| wait.map(|w| [w.from.as_secs(), w.to.as_secs()]);
+    match standing {
+        Standing::Waiting(before, wait) => json!({ "state": "waiting", "before": before, "seconds": seconds(wait) }),
+        Standing::Running(percent, fetched, wait) => {
+            json!({ "state": "running", "percent": percent, "fetched": fetched, "seconds": seconds(wait) })
+        }
+        Standing::Ready(_) => json!({ "state": "ready" }),
+        Standing::Failed(Failure::Full) => json!({ "state": "failed", "error": "the server's disk is full" }),
+        Standing::Failed(Failure::Away) => {
+            json!({ "state": "failed", "error": "the archive's storage does not answer" })
+        }
+        Standing::Failed(Failure::Other(_)) => json!({ "state": "failed", "error": "the file could not be made" }),
+        Standing::Unknown => json!({ "state": "unknown", "error": "nobody asked for this file" }),
+    }
 }
 
 fn later(mut response: Response) -> Response {

@@ -214,6 +214,14 @@ impl Index {
         self.reading(|c| search::entry(c, slug))
     }
 
+    /// Those of `slugs` that lists show, in their order, with the day of each one's current version.
+    ///
+    /// # Errors
+    /// As [`Index::search`].
+    pub fn shown(&self, slugs: &[String]) -> Result<Vec<(String, String)>, IndexError> {
+        self.reading(|c| search::shown(c, slugs))
+    }
+
     /// All objects in the order of their slugs, withdrawn ones too, `limit` after the slug `after`: for sitemap and harvesters.
     ///
     /// # Errors

@@ -89,6 +89,13 @@ pub struct Query {
     pub per_page: u32,
 }
 
+impl Query {
+    /// Whether it asks for nothing in particular: the first page of everything.
+    pub(crate) fn is_start(&self) -> bool {
+        self.text.is_empty() && self.facets.is_empty() && self.page == 0
+    }
+}
+
 /// How many results have a value.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Count {
@@ -246,6 +253,17 @@ pub(super) fn entry(connection: &Connection, slug: &str) -> Result<Option<Entry>
     let mut statement = connection.prepare_cached("SELECT json FROM object WHERE slug = ?1")?;
     let json: Option<String> = statement.query_row([slug], |row| row.get(0)).optional()?;
     json.map(|json| parse(&json)).transpose()
+}
+
+/// Those of `slugs` that lists show, in their order, with the day of each one's current version.
+pub(super) fn shown(connection: &Connection, slugs: &[String]) -> Result<Vec<(String, String)>, IndexError> {
+    let mut statement = connection.prepare_cached("SELECT published FROM object WHERE slug = ?1 AND shown = 1")?;
+    let mut found = Vec::new();
+    for slug in slugs {
+        let day: Option<String> = statement.query_row([slug], |row| row.get(0)).optional()?;
+        found.extend(day.map(|day| (slug.clone(), day)));
+    }
+    Ok(found)
 }
 
 pub(super) fn after(connection: &Connection, after: &str, limit: u32) -> Result<Vec<Entry>, IndexError> {

@@ -6,6 +6,7 @@ use super::collections::{self, Collection};
 use super::encoded;
 use super::frame::{FOOT, Reader, feed_link, head};
 use super::language::Language;
+use super::limit::{QUERY_MAX, TooMuch, VALUES_MAX};
 use crate::html::poster;
 use crate::index::{Entry, Facet, Found, Query, Sort};
 use crate::object::AccessState;
@@ -24,24 +25,42 @@ const SORTS: [(&str, &str, Sort); 4] = [
 ];
 /// Longest question that is read.
 const TEXT_MAX: usize = 300;
+/// Collections on the first page; all of them have a page of their own.
+const COLLECTIONS: usize = 24;
 
-/// Read the address.
-pub(crate) fn query(pairs: &[(String, String)]) -> Query {
+/// Read the address of the catalogue or the map, which is at `path`.
+///
+/// # Errors
+/// [`TooMuch`].
+pub(crate) fn query(path: &str, pairs: &[(String, String)]) -> Result<Query, TooMuch> {
     let get = |name: &str| pairs.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str());
     let mut facets: BTreeMap<Facet, BTreeSet<String>> = BTreeMap::new();
+    let mut surplus = None;
     for (name, value) in pairs.iter().filter(|(_, value)| !value.is_empty()) {
-        if let Some(facet) = Facet::of(name) {
-            facets.entry(facet).or_default().insert(value.clone());
+        let Some(facet) = Facet::of(name) else { continue };
+        let chosen = facets.entry(facet).or_default();
+        if chosen.len() < VALUES_MAX || chosen.contains(value) {
+            chosen.insert(value.clone());
+        } else {
+            surplus.get_or_insert(facet);
         }
     }
     let sort = get("sort").and_then(|name| SORTS.iter().find(|(n, ..)| *n == name)).map(|(.., sort)| *sort);
     let page = get("page").and_then(|n| n.parse::<u32>().ok()).unwrap_or(1);
-    Query {
+    let query = Query {
         text: get("q").unwrap_or_default().trim().chars().take(TEXT_MAX).collect(),
         facets,
         sort: sort.unwrap_or_default(),
         page: page.clamp(1, 1_000_000) - 1,
         per_page: PER_PAGE,
+    };
+    // As its links would have it, which may be longer than what came.
+    if address(path, &query, query.page, None).len() > QUERY_MAX {
+        return Err(TooMuch::Long);
+    }
+    match surplus {
+        Some(facet) => Err(TooMuch::Values(facet, Box::new(query))),
+        None => Ok(query),
     }
 }
 
@@ -69,7 +88,7 @@ pub(crate) struct Around<'a> {
     pub(crate) reader: Reader<'a>,
     /// Today, UTC: embargoes that have ended are not spoken of.
     pub(crate) today: &'a str,
-    /// Cards of what is not in the index: packs without metadata, and what cannot be read.
+    /// Cards of what is not in the index, in a list: packs without metadata, and what cannot be read.
     pub(crate) others: &'a str,
     /// Collections, in their order.
     pub(crate) collections: &'a [Collection],
@@ -109,13 +128,13 @@ pub(crate) fn page(query: &Query, found: &Found, around: &Around<'_>) -> String 
         s.push_str("</ul>\n");
         pages(&mut s, query, found.total, around);
     }
-    let is_start = query.text.is_empty() && query.facets.is_empty() && query.page == 0;
-    if is_start && !around.collections.is_empty() {
-        let _ = writeln!(s, "<h2 class=\"others\">{}</h2>", l.t("collections"));
-        s.push_str(&collections::list(around.collections, &around.reader));
+    if query.is_start() && !around.collections.is_empty() {
+        let (first, to) = (around.collections.iter().take(COLLECTIONS), around.reader.to("/collections/"));
+        let _ = writeln!(s, "<h2 class=\"others\"><a href=\"{to}\">{}</a></h2>", l.t("collections"));
+        s.push_str(&collections::list(first, &around.reader));
     }
-    if is_start && !around.others.is_empty() {
-        let _ = writeln!(s, "<h2 class=\"others\">{}</h2>\n<ul class=\"cards\">\n{}</ul>", l.t("packs"), around.others);
+    if query.is_start() && !around.others.is_empty() {
+        let _ = writeln!(s, "<h2 class=\"others\" id=\"packs\">{}</h2>\n{}", l.t("packs"), around.others);
     }
     s.push_str("</section>\n");
     facets(&mut s, query, found, around);
@@ -129,7 +148,7 @@ pub(crate) fn failed(around: &Around<'_>) -> String {
     let mut s = head(&around.reader, l.t("title"), &|code| format!("/?lang={code}"), "");
     let _ = writeln!(
         s,
-        "<h1>{}</h1>\n<p class=\"lead\"><strong>{}</strong> {}</p>\n<ul class=\"cards\">\n{}</ul>\n{FOOT}",
+        "<h1>{}</h1>\n<p class=\"lead\"><strong>{}</strong> {}</p>\n{}{FOOT}",
         l.t("title"),
         l.t("failed"),
         l.t("failedNext"),
@@ -289,26 +308,37 @@ pub(super) fn card(s: &mut String, entry: &Entry, reader: &Reader<'_>, today: &s
 }
 
 fn pages(s: &mut String, query: &Query, total: u64, around: &Around<'_>) {
-    let l = around.reader.language;
-    let pages = u32::try_from(total.div_ceil(u64::from(PER_PAGE))).unwrap_or(u32::MAX);
+    let pages = usize::try_from(total.div_ceil(u64::from(PER_PAGE))).unwrap_or(usize::MAX);
+    let part = Part { page: query.page as usize, pages };
+    let to = |page: usize| address("/", query, u32::try_from(page).unwrap_or(u32::MAX), around.reader.lang);
+    pager(s, part, &to, around.reader.language);
+}
+
+/// One page of several.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Part {
+    /// Which, from 0.
+    pub(crate) page: usize,
+    /// How many there are.
+    pub(crate) pages: usize,
+}
+
+/// Links to the page before and the next; `to` gives their addresses.
+pub(super) fn pager(s: &mut String, Part { page, pages }: Part, to: &dyn Fn(usize) -> String, l: &'static Language) {
     if pages < 2 {
         return;
     }
     let _ = write!(s, "<nav class=\"pages\" aria-label=\"{}\">", l.t("pages"));
-    let mut to = |page: u32, rel: &str, text: &str| {
-        let _ = write!(
-            s,
-            "<a class=\"button outlined\" rel=\"{rel}\" href=\"{}\">{text}</a> ",
-            escape(&address("/", query, page, around.reader.lang))
-        );
+    let mut link = |page: usize, rel: &str, text: &str| {
+        let _ = write!(s, "<a class=\"button outlined\" rel=\"{rel}\" href=\"{}\">{text}</a> ", escape(&to(page)));
     };
-    if query.page > 0 {
-        to(query.page.min(pages) - 1, "prev", l.t("previous"));
+    if page > 0 {
+        link(page.min(pages) - 1, "prev", l.t("previous"));
     }
-    if query.page + 1 < pages {
-        to(query.page + 1, "next", l.t("next"));
+    if page + 1 < pages {
+        link(page + 1, "next", l.t("next"));
     }
-    let numbers = [("page", &*(query.page + 1).to_string()), ("pages", &*pages.to_string())];
+    let numbers = [("page", &*(page + 1).to_string()), ("pages", &*pages.to_string())];
     let _ = writeln!(s, "<span class=\"quiet\">{}</span></nav>", l.with("page", &numbers));
 }
 
@@ -320,12 +350,21 @@ mod tests {
     #[test]
     fn an_address_is_a_query_and_back() {
         for text in ["", "q=fort%20x&country=TZ&kind=fort&kind=wall&sort=newest&page=3", "q=%22%3E&subject=a%26b"] {
-            let asked = query(&pairs(text));
+            let asked = query("/", &pairs(text)).unwrap();
             let again = address("/", &asked, asked.page, None);
-            assert_eq!(query(&pairs(again.trim_start_matches(['/', '?']))), asked, "{again}");
+            assert_eq!(query("/", &pairs(again.trim_start_matches(['/', '?']))), Ok(asked), "{again}");
         }
-        let odd = query(&pairs("page=0&sort=x&nothing=y&country=&q=%20a%20"));
+        let odd = query("/", &pairs("page=0&sort=x&nothing=y&country=&q=%20a%20")).unwrap();
         assert_eq!((odd.page, odd.sort, odd.facets.len(), odd.text.as_str()), (0, Sort::Relevance, 0, "a"));
         assert_eq!(address("/", &Query::default(), 0, Some("sw")), "/?lang=sw");
+    }
+    #[test]
+    fn ten_values_of_a_filter_are_taken_and_no_address_grows_beyond_its_limit() {
+        let values = |n: usize| (0..n).map(|i| format!("kind=k{i}")).collect::<Vec<_>>().join("&");
+        assert!(query("/", &pairs(&format!("{}&kind=k3", values(10)))).is_ok(), "the same twice is one");
+        let Err(TooMuch::Values(Facet::Kind, first)) = query("/", &pairs(&values(11))) else { panic!("eleven") };
+        assert_eq!(first.facets[&Facet::Kind].len(), 10);
+        // Three bytes for each in the address that came, nine in those of links.
+        assert_eq!(query("/", &pairs(&format!("subject={}", "%ff".repeat(400)))), Err(TooMuch::Long));
     }
 }

@@ -16,7 +16,7 @@
 //! as often as its list. Failures: a file that cannot be read leaves what was read before, and says in the log what is wrong and on which line; a store that
 //! does not answer, or does not give it, leaves it too, and says so itself.
 
-use super::catalogue::card;
+use super::catalogue::{Part, card, pager};
 use super::frame::{FOOT, Reader, feed_link, head};
 use crate::index::Entry;
 use crate::object::layout::Slug;
@@ -34,6 +34,8 @@ use std::time::Instant;
 pub const FILE: &str = "collections.toml";
 /// Longest file that is read, bytes.
 const FILE_MAX: u64 = 4 << 20;
+/// Collections on one page.
+const LISTED: usize = 100;
 
 /// One collection.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
@@ -205,7 +207,7 @@ fn look(file: &Place, before: Option<&Identity>) -> io::Result<Option<Seen>> {
 }
 
 /// Collections as links with their numbers.
-pub(crate) fn list(all: &[Collection], reader: &Reader<'_>) -> String {
+pub(crate) fn list<'c>(all: impl Iterator<Item = &'c Collection>, reader: &Reader<'_>) -> String {
     let mut s = String::from("<ul class=\"collections\">\n");
     for collection in all {
         let count = reader.language.count(collection.members.len() as u64);
@@ -223,21 +225,35 @@ pub(crate) fn list(all: &[Collection], reader: &Reader<'_>) -> String {
 }
 
 /// `/collections/`
-pub(crate) fn all_page(all: &[Collection], reader: &Reader<'_>) -> String {
+pub(crate) fn all_page(all: &[Collection], page: usize, reader: &Reader<'_>) -> String {
     let l = reader.language;
     let mut s = head(reader, l.t("collections"), &|code| format!("/collections/?lang={code}"), "");
     let _ = writeln!(s, "<h1>{}</h1>", l.t("collections"));
     if all.is_empty() {
         let _ = writeln!(s, "<p>{} <a href=\"{}\">{}</a></p>", l.t("noCollections"), reader.to("/"), l.t("all"));
     } else {
-        s.push_str(&list(all, reader));
+        s.push_str(&list(all.iter().skip(page.saturating_mul(LISTED)).take(LISTED), reader));
+        let to = |page| paged("/collections/", page, reader);
+        pager(&mut s, Part { page, pages: all.len().div_ceil(LISTED) }, &to, l);
     }
     s.push_str(FOOT);
     s
 }
 
-/// `/collections/<slug>/`: `members` are those that are there, in order.
-pub(crate) fn page(collection: &Collection, members: &[Entry], reader: &Reader<'_>, today: &str) -> String {
+/// The address of a page of a list at `path`.
+fn paged(path: &str, page: usize, reader: &Reader<'_>) -> String {
+    let lang = reader.lang.map(|lang| format!("&lang={lang}")).unwrap_or_default();
+    format!("{path}?page={}{lang}", page + 1)
+}
+
+/// `/collections/<slug>/`: how many members are there, and those of this part, in order.
+pub(crate) fn page(
+    collection: &Collection,
+    (count, members): (usize, &[Entry]),
+    part: Part,
+    reader: &Reader<'_>,
+    today: &str,
+) -> String {
     let l = reader.language;
     let path = format!("/collections/{}/", collection.slug);
     let title = escape(&collection.title);
@@ -253,12 +269,14 @@ pub(crate) fn page(collection: &Collection, members: &[Entry], reader: &Reader<'
     for paragraph in collection.text.split("\n\n").map(str::trim).filter(|p| !p.is_empty()) {
         let _ = writeln!(s, "<p class=\"prose\" {words}>{}</p>", escape(paragraph));
     }
-    let count = l.count(members.len() as u64);
+    let count = l.count(count as u64);
     let _ = writeln!(s, "<p class=\"lead\">{}</p>\n<ul class=\"cards\">", l.with("members", &[("count", &count)]));
     for entry in members {
         card(&mut s, entry, reader, today);
     }
-    let _ = writeln!(s, "</ul>\n<p class=\"lead feed\"><a href=\"{feed}\">{}</a></p>", l.t("collectionFeed"));
+    s.push_str("</ul>\n");
+    pager(&mut s, part, &|page| paged(&path, page, reader), l);
+    let _ = writeln!(s, "<p class=\"lead feed\"><a href=\"{feed}\">{}</a></p>", l.t("collectionFeed"));
     s.push_str(FOOT);
     s
 }

@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reader<'a> {
     pub(crate) language: &'static Language,
-    /// The language that the address names, which its links keep.
+    /// The code of the language that the address names, which its links keep: one of ours, never the address's own text.
     pub(crate) lang: Option<&'a str>,
     /// Whether there are collections to lead to.
     pub(crate) has_collections: bool,

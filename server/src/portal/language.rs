@@ -34,10 +34,13 @@ impl Language {
         &ALL[0]
     }
 
+    /// The one of a code.
+    pub(crate) fn named(code: &str) -> Option<&'static Language> {
+        ALL.iter().find(|l| code.split('-').next().is_some_and(|c| c.eq_ignore_ascii_case(l.code)))
+    }
+
     /// The one of a code, else the first that a browser's `Accept-Language` names, else English.
     pub(crate) fn choose(code: Option<&str>, accepted: &str) -> &'static Language {
-        let of =
-            |code: &str| ALL.iter().find(|l| code.split('-').next().is_some_and(|c| c.eq_ignore_ascii_case(l.code)));
         let mut wanted: Vec<(f64, &str)> = accepted
             .split(',')
             .take(20)
@@ -47,8 +50,8 @@ impl Language {
             })
             .collect();
         wanted.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let first = || wanted.iter().filter(|(weight, _)| *weight > 0.0).find_map(|(_, name)| of(name));
-        code.and_then(of).or_else(first).unwrap_or(&ALL[0])
+        let first = || wanted.iter().filter(|(weight, _)| *weight > 0.0).find_map(|(_, name)| Self::named(name));
+        code.and_then(Self::named).or_else(first).unwrap_or(&ALL[0])
     }
 
     /// A text, or its key where there is none.

@@ -21,6 +21,7 @@ pub(crate) mod feeds;
 pub(crate) mod frame;
 pub(crate) mod land;
 pub(crate) mod language;
+pub(crate) mod limit;
 pub(crate) mod map;
 pub(crate) mod oai;
 pub(crate) mod oembed;

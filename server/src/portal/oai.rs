@@ -1,7 +1,7 @@
 //! `/oai`: the Open Archives Initiative Protocol for Metadata Harvesting, version 2.0, with the format `oai_dc`.
 //!
 //! Records are the `metadata/dc.xml` that publishing wrote; an item's identifier is `oai:HOST:SLUG`, its datestamp the day of its current
-//! version; what was withdrawn is a deleted record. Sets are the collections. Lists have pages of 100; a resumption token is the state itself (no state is kept
+//! version; what was withdrawn is a deleted record. Sets are the collections. Lists have pages of 100, fewer where records are long; a resumption token is the state itself (no state is kept
 //! here), so it lasts. Errors of the protocol are answered 200 with their code, as it wants.
 
 use super::collections::Collection;
@@ -15,6 +15,10 @@ use std::fmt::Write as _;
 
 /// Records of one page.
 pub(crate) const PAGE: u32 = 100;
+/// A page ends behind the record with which it is longer than this, bytes.
+const PAGE_BYTES: usize = 128 * 1024;
+/// Longest `dc.xml` that is passed on, bytes; of an object with a longer one only the least is told.
+pub(crate) const RECORD_MAX: u64 = 128 * 1024;
 
 /// What the protocol asks of the archive.
 pub(crate) trait Source {
@@ -132,21 +136,36 @@ fn identify(source: &dyn Source, asked: &Asked<'_>) -> Result<String, String> {
 }
 
 fn sets(source: &dyn Source, token: Option<&str>) -> Result<String, Problem> {
-    if token.is_some() {
-        return Err(("badResumptionToken", "the list of sets has one page".to_owned()));
-    }
-    if source.sets().is_empty() {
+    let all = source.sets();
+    // The token is the last set of the page before.
+    let first = match token {
+        None => 0,
+        Some(last) => {
+            let at = all.iter().position(|set| set.slug == last);
+            at.ok_or(("badResumptionToken", "this resumption token is none of ours".to_owned()))? + 1
+        }
+    };
+    if all.is_empty() {
         return Err(("noSetHierarchy", "this archive has no sets".to_owned()));
     }
-    Ok(source.sets().iter().fold(String::new(), |mut s, set| {
+    let page = all.get(first..).unwrap_or_default();
+    let mut s = String::new();
+    for set in page.iter().take(PAGE as usize) {
         let _ = writeln!(
             s,
             "<set>\n<setSpec>{}</setSpec>\n<setName>{}</setName>\n</set>",
             escape(&set.slug),
             escape(&set.title)
         );
-        s
-    }))
+    }
+    match page.get(PAGE as usize - 1).filter(|_| page.len() > PAGE as usize) {
+        Some(last) => {
+            let _ = writeln!(s, "<resumptionToken>{}</resumptionToken>", escape(&last.slug));
+        }
+        None if token.is_some() => s.push_str("<resumptionToken/>\n"),
+        None => {}
+    }
+    Ok(s)
 }
 
 fn slug_of<'i>(asked: &Asked<'_>, identifier: &'i str) -> Option<&'i str> {
@@ -314,14 +333,17 @@ fn list(
     if entries.is_empty() {
         return Ok(Err(("noRecordsMatch", "there is nothing from these days".to_owned())));
     }
-    let more = entries.len() > PAGE as usize;
-    entries.truncate(PAGE as usize);
     let mut s = String::new();
-    for entry in &entries {
+    let mut last = "";
+    let mut written = 0;
+    for entry in entries.iter().take(PAGE as usize) {
         s.push_str(&if whole { record(source, asked, entry) } else { header(source, asked, entry) });
+        (last, written) = (entry.slug.as_str(), written + 1);
+        if s.len() > PAGE_BYTES {
+            break;
+        }
     }
-    let last = entries.last().map(|entry| entry.slug.as_str()).unwrap_or_default();
-    if more {
+    if entries.len() > written {
         let _ = writeln!(
             s,
             "<resumptionToken>{},{},{},{}</resumptionToken>",

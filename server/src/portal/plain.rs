@@ -1,5 +1,6 @@
 //! Packs that lie in the folder without metadata, and objects that cannot be read: their cards, and the list where there is nothing else.
 
+use super::catalogue::{Part, pager};
 use super::frame::{FOOT, Reader, head};
 use crate::access::{Clock, Verdict};
 use crate::catalogue::Model;
@@ -8,8 +9,11 @@ use crate::object::record::xml::escape;
 use std::fmt::Write as _;
 use std::sync::Arc;
 
+/// Models on one page of a list of packs.
+const LISTED: usize = 100;
+
 /// The list of a folder that holds packs alone.
-pub(crate) fn page(models: &[Arc<Model>], clock: &Clock, reader: &Reader<'_>) -> String {
+pub(crate) fn page(models: &[Arc<Model>], page: usize, clock: &Clock, reader: &Reader<'_>) -> String {
     let l = reader.language;
     let title = format!("{} - Kilwa", l.t("title"));
     let mut s = head(reader, &title, &|code| format!("/?lang={code}"), "");
@@ -21,24 +25,38 @@ pub(crate) fn page(models: &[Arc<Model>], clock: &Clock, reader: &Reader<'_>) ->
         let bytes: u64 = models.iter().map(|m| m.bytes).sum();
         let _ = writeln!(
             s,
-            "<p class=\"lead\">{} · {}: {} · {}</p>\n<ul class=\"cards\">\n{}</ul>",
+            "<p class=\"lead\">{} · {}: {} · {}</p>\n{}",
             l.with("members", &[("count", &l.count(models.len() as u64))]),
             l.t("triangles"),
             l.count(triangles),
             l.size(bytes),
-            cards(models, clock, reader)
+            part(models, Part { page, pages: models.len().div_ceil(LISTED) }, LISTED, "page", clock, reader)
         );
     }
     s.push_str(FOOT);
     s
 }
 
-/// Cards of models, without the list around them.
-pub(crate) fn cards(models: &[Arc<Model>], clock: &Clock, reader: &Reader<'_>) -> String {
-    models.iter().fold(String::new(), |mut s, m| {
-        card(&mut s, m, clock, reader);
-        s
-    })
+/// Cards of one part of some models, of `per_page` each, with links to the others, which `name` tells apart in addresses. Empty where there are none.
+pub(crate) fn part(
+    models: &[Arc<Model>],
+    part: Part,
+    per_page: usize,
+    name: &str,
+    clock: &Clock,
+    reader: &Reader<'_>,
+) -> String {
+    if models.is_empty() {
+        return String::new();
+    }
+    let mut s = String::from("<ul class=\"cards\">\n");
+    for model in models.iter().skip(part.page.saturating_mul(per_page)).take(per_page) {
+        card(&mut s, model, clock, reader);
+    }
+    s.push_str("</ul>\n");
+    let lang = reader.lang.map(|lang| format!("&lang={lang}")).unwrap_or_default();
+    pager(&mut s, part, &|page| format!("/?{name}={}{lang}", page + 1), reader.language);
+    s
 }
 
 fn card(s: &mut String, m: &Model, clock: &Clock, reader: &Reader<'_>) {

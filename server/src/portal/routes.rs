@@ -1,15 +1,18 @@
 //! The portal's routes: they bring index, objects and pages together.
 
-use super::catalogue::{self, Around};
+use super::catalogue::{self, Around, Part};
 use super::collections::{self, Collection};
+use super::feeds::Sitemap;
 use super::frame::Reader;
 use super::language::Language;
-use super::plain::{cards, page as plain_page};
+use super::limit::{QUERY_MAX, refused};
+use super::plain::{page as plain_page, part as plain_part};
 use super::{base, feeds, map, oai, oembed, pairs};
+use crate::budget::lean;
 use crate::catalogue::Model;
 use crate::content::{plain, text};
+use crate::flow;
 use crate::index::{Entry, Index, IndexError, Query, Sort};
-use crate::object::AccessState;
 use crate::object::layout::DUBLIN_CORE;
 use crate::packs::blocking;
 use crate::site::{Site, lost, page};
@@ -26,11 +29,12 @@ const FRESH: Duration = Duration::from_secs(1);
 /// A reader waits for that at most this long; what is new is then there for the next.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// Cards of what no index knows, at most.
-const OTHERS: usize = 500;
-/// A form must be there within this, and no longer than this.
+/// Cards of what no index knows, on one page.
+const OTHERS: usize = 48;
+/// Members of a collection on one page.
+const MEMBERS: usize = 100;
+/// A form must be there within this.
 const FORM: Duration = Duration::from_secs(10);
-const FORM_BYTES: usize = 16 * 1024;
 
 const XML: &str = "application/xml; charset=utf-8";
 const ATOM: &str = "application/atom+xml; charset=utf-8";
@@ -72,14 +76,25 @@ impl Asked {
         Self { pairs, collections: collections(site).await, has_map: has_map(site) }
     }
 
+    /// The page of a list that has more than one, from 0.
+    fn page(&self, name: &str) -> usize {
+        self.get(name).and_then(|n| n.parse::<usize>().ok()).unwrap_or(1).clamp(1, 1_000_000) - 1
+    }
+
     fn get(&self, name: &str) -> Option<&str> {
         self.pairs.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str())
     }
 
     fn reader(&self, headers: &HeaderMap) -> Reader<'_> {
-        let lang = self.get("lang");
-        let language = Language::choose(lang, text(headers, &ACCEPT_LANGUAGE).unwrap_or_default());
-        Reader { language, lang, has_collections: !self.collections.is_empty(), has_map: self.has_map }
+        let lang = self.get("lang").and_then(Language::named);
+        let accepted = text(headers, &ACCEPT_LANGUAGE).unwrap_or_default();
+        let language = lang.unwrap_or_else(|| Language::choose(None, accepted));
+        Reader {
+            language,
+            lang: lang.map(|l| l.code),
+            has_collections: !self.collections.is_empty(),
+            has_map: self.has_map,
+        }
     }
 }
 
@@ -113,8 +128,11 @@ fn failed(around: &Around<'_>, status: StatusCode, headers: &HeaderMap) -> Respo
 pub(crate) async fn list(site: &Site, index: &Arc<Index>, query: Option<String>, headers: &HeaderMap) -> Response {
     let given = Asked::of(site, query.as_deref()).await;
     let reader = given.reader(headers);
-    let asked = catalogue::query(&given.pairs);
-    let others = others(site, &reader).await;
+    let asked = match catalogue::query("/", &given.pairs) {
+        Ok(asked) => asked,
+        Err(why) => return refused("/", &why, &reader, headers),
+    };
+    let others = if asked.is_start() { others(site, &reader, given.page("packs")).await } else { String::new() };
     let today = site.clock.day();
     let around = Around { reader, today: &today, others: &others, collections: &given.collections };
     let question = asked.clone();
@@ -132,7 +150,7 @@ pub(crate) async fn plain_list(
     headers: &HeaderMap,
 ) -> Response {
     let given = Asked::of(site, query.as_deref()).await;
-    for_reader(plain_page(models, &site.clock, &given.reader(headers)), headers)
+    for_reader(plain_page(models, given.page("page"), &site.clock, &given.reader(headers)), headers)
 }
 
 /// `/map`
@@ -140,7 +158,10 @@ pub(crate) async fn map(State(site): State<Site>, RawQuery(query): RawQuery, hea
     let Some(index) = &site.index else { return lost() };
     let given = Asked::of(&site, query.as_deref()).await;
     let reader = given.reader(&headers);
-    let asked = catalogue::query(&given.pairs);
+    let asked = match catalogue::query("/map", &given.pairs) {
+        Ok(asked) => asked,
+        Err(why) => return refused("/map", &why, &reader, &headers),
+    };
     let question = asked.clone();
     match ask(index, move |index| index.located(&question)).await {
         Ok(places) => {
@@ -161,23 +182,29 @@ pub(crate) async fn all_collections(
     headers: HeaderMap,
 ) -> Response {
     let given = Asked::of(&site, query.as_deref()).await;
-    for_reader(collections::all_page(&given.collections, &given.reader(&headers)), &headers)
+    let page = given.page("page");
+    for_reader(collections::all_page(&given.collections, page, &given.reader(&headers)), &headers)
 }
 
-/// A collection, and those of its members that are shown, in its order.
-async fn members(site: &Site, slug: &str) -> Result<(Collection, Vec<Entry>), StatusCode> {
+/// A collection, the slugs of those of its members that are shown, in its order, with the day of each one's current version, and of these what `pick` picks.
+async fn members(
+    site: &Site,
+    slug: &str,
+    pick: impl FnOnce(&[(String, String)]) -> Vec<String> + Send + 'static,
+) -> Result<(Collection, usize, Vec<Entry>), StatusCode> {
     let (Some(index), Some(collections)) = (&site.index, site.collections.clone()) else {
         return Err(StatusCode::NOT_FOUND);
     };
     let slug = slug.to_owned();
     let collection = blocking(move || collections.get(&slug)).await?.ok_or(StatusCode::NOT_FOUND)?;
     let named = collection.members.clone();
-    let members = ask(index, move |index| {
-        let found = named.iter().map(|slug| index.entry(slug)).collect::<Result<Vec<_>, _>>()?;
-        let is_shown = |entry: &Entry| entry.access.state != AccessState::Withdrawn;
-        Ok(found.into_iter().flatten().filter(is_shown).collect())
+    let found = ask(index, move |index| {
+        let shown = index.shown(&named)?;
+        let picked = pick(&shown).iter().map(|slug| index.entry(slug)).collect::<Result<Vec<_>, _>>()?;
+        Ok((shown.len(), picked.into_iter().flatten().collect()))
     });
-    Ok((collection, members.await?))
+    let (count, entries) = found.await?;
+    Ok((collection, count, entries))
 }
 
 /// `/collections/<slug>/`
@@ -188,10 +215,17 @@ pub(crate) async fn collection(
     headers: HeaderMap,
 ) -> Response {
     let given = Asked::of(&site, query.as_deref()).await;
-    match members(&site, &slug).await {
-        Ok((collection, members)) => {
+    let page = given.page("page");
+    let pick = move |shown: &[(String, String)]| {
+        let part = shown.iter().skip(page.saturating_mul(MEMBERS)).take(MEMBERS);
+        part.map(|(slug, _)| slug.clone()).collect()
+    };
+    match members(&site, &slug, pick).await {
+        Ok((collection, count, members)) => {
             let today = site.clock.day();
-            for_reader(collections::page(&collection, &members, &given.reader(&headers), &today), &headers)
+            let part = Part { page, pages: count.div_ceil(MEMBERS) };
+            let reader = given.reader(&headers);
+            for_reader(collections::page(&collection, (count, &members), part, &reader, &today), &headers)
         }
         Err(StatusCode::NOT_FOUND) => lost(),
         Err(status) => plain(status),
@@ -204,10 +238,13 @@ pub(crate) async fn collection_feed(
     Path(slug): Path<String>,
     headers: HeaderMap,
 ) -> Response {
-    match members(&site, &slug).await {
-        Ok((collection, mut members)) => {
-            members.sort_by(|a, b| b.published[1].cmp(&a.published[1]).then_with(|| a.slug.cmp(&b.slug)));
-            members.truncate(feeds::NEWEST as usize);
+    let newest = |shown: &[(String, String)]| {
+        let mut all: Vec<&(String, String)> = shown.iter().collect();
+        all.sort_by(|a, b| b.1.cmp(&a.1).then_with(|| a.0.cmp(&b.0)));
+        all.into_iter().take(feeds::NEWEST as usize).map(|(slug, _)| slug.clone()).collect()
+    };
+    match members(&site, &slug, newest).await {
+        Ok((collection, _, members)) => {
             let path = format!("/collections/{}/", collection.slug);
             document(ATOM, feeds::atom(&site_base(&site, &headers), &path, &collection.title, &members))
         }
@@ -215,14 +252,13 @@ pub(crate) async fn collection_feed(
     }
 }
 
-/// Cards of packs without metadata, and of objects that cannot be read.
-async fn others(site: &Site, reader: &Reader<'_>) -> String {
+/// Cards of packs without metadata, and of objects that cannot be read: a part of them, and links to the others.
+async fn others(site: &Site, reader: &Reader<'_>, page: usize) -> String {
     let catalogue = Arc::clone(&site.catalogue);
     // Given up here, it still goes on; what is new is there for the next reader.
     drop(tokio::time::timeout(PATIENCE, blocking(move || catalogue.refresh())).await);
-    let mut others = site.catalogue.others();
-    others.truncate(OTHERS);
-    cards(&others, &site.clock, reader)
+    let others = site.catalogue.others();
+    plain_part(&others, Part { page, pages: others.len().div_ceil(OTHERS) }, OTHERS, "packs", &site.clock, reader)
 }
 
 fn site_base(site: &Site, headers: &HeaderMap) -> String {
@@ -247,21 +283,28 @@ pub(crate) async fn feed(State(site): State<Site>, headers: HeaderMap) -> Respon
 pub(crate) async fn sitemap(State(site): State<Site>, headers: HeaderMap) -> Response {
     let Some(index) = &site.index else { return plain(StatusCode::NOT_FOUND) };
     let (base, collections) = (site_base(&site, &headers), collections(&site).await);
-    let all = move |index: &Index| {
-        let mut all: Vec<Entry> = Vec::new();
-        while all.len() < feeds::SITEMAP_MAX {
-            let page = index.after(all.last().map(|e| e.slug.as_str()).unwrap_or_default(), 1000)?;
-            if page.is_empty() {
-                break;
-            }
-            all.extend(page);
+    let sitemap = Sitemap::new(&base, collections);
+    // The first piece tells whether there is an index to make it of.
+    let of = Arc::clone(index);
+    let begun = ask(index, move |_| {
+        let mut state = (sitemap, of);
+        Ok(sitemap_piece(&mut state).map(|first| (first.unwrap_or_default(), state)))
+    });
+    match begun.await {
+        Ok(Ok((first, state))) => {
+            let headers = [(CONTENT_TYPE, XML), (ACCESS_CONTROL_ALLOW_ORIGIN, "*")];
+            lean((headers, flow::body(first, state, sitemap_piece)).into_response())
         }
-        Ok(feeds::sitemap(&base, &all, &collections))
-    };
-    match ask(index, all).await {
-        Ok(sitemap) => document(XML, sitemap),
+        Ok(Err(e)) => {
+            tracing::error!("{e}");
+            plain(StatusCode::SERVICE_UNAVAILABLE)
+        }
         Err(status) => plain(status),
     }
+}
+
+fn sitemap_piece((sitemap, index): &mut (Sitemap, Arc<Index>)) -> std::io::Result<Option<String>> {
+    sitemap.next(|after, limit| index.after(after, limit)).map_err(std::io::Error::other)
 }
 
 /// `/robots.txt`
@@ -309,7 +352,8 @@ impl oai::Source for Archive {
         let model = self.site.catalogue.model(slug)?;
         let table = model.object()?.holding.table().ok()?;
         let version = table.manifest.current()?;
-        let bytes = table.get(&format!("{}/{DUBLIN_CORE}", version.folder))?.read().ok()?;
+        let entry = table.get(&format!("{}/{DUBLIN_CORE}", version.folder))?;
+        let bytes = Some(entry).filter(|e| e.identity().bytes() <= oai::RECORD_MAX)?.read().ok()?;
         String::from_utf8(bytes.into()).ok()
     }
 
@@ -333,9 +377,11 @@ pub(crate) async fn harvest(
     let query = if let Some(query) = query {
         query
     } else {
-        let read = tokio::time::timeout(FORM, axum::body::to_bytes(body, FORM_BYTES)).await;
-        let Ok(Ok(form)) = read else { return plain(StatusCode::REQUEST_TIMEOUT) };
-        String::from_utf8_lossy(&form).into_owned()
+        match tokio::time::timeout(FORM, axum::body::to_bytes(body, QUERY_MAX)).await {
+            Ok(Ok(form)) => String::from_utf8_lossy(&form).into_owned(),
+            Ok(Err(_)) => return plain(StatusCode::PAYLOAD_TOO_LARGE),
+            Err(_) => return plain(StatusCode::REQUEST_TIMEOUT),
+        }
     };
     let base = site_base(&site, &headers);
     let now = site.clock.instant();

@@ -66,6 +66,13 @@ pub(crate) enum Content {
     Remote(Arc<S3>, String, Identity),
 }
 
+impl Content {
+    /// Whether an answer with it holds a buffer or two, whatever its length.
+    pub(crate) fn is_lean(&self) -> bool {
+        !matches!(self, Self::Held(_))
+    }
+}
+
 impl Place {
     /// `name`, which may have slashes, below this place.
     #[must_use]

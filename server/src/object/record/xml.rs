@@ -50,7 +50,12 @@ impl Xml {
         self.text.push_str("/>\n");
     }
 
-    /// The document.
+    /// What was written since this was last asked, for documents that are sent piece by piece.
+    pub(crate) fn take(&mut self) -> String {
+        std::mem::take(&mut self.text)
+    }
+
+    /// The document, or what is left of it behind [`Xml::take`].
     pub(crate) fn finish(mut self) -> String {
         while !self.open.is_empty() {
             self.end();

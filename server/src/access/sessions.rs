@@ -1,0 +1,246 @@
+//! The sessions that are alive: begun by signing in, ended by signing out or with their time.
+//!
+//! What is kept is a list of live sessions, never one of ended sessions, so that anything lost from it ends sessions and nothing can revive one. In memory
+//! (the default) a restart ends all of them. In a folder there is a small file for each session: a restart ends none, and servers that share the folder
+//! share their sessions. A file's name has hashes of user and session, so that whoever lists the folder can forge no cookie. A user has
+//! at most [`PER_USER`] sessions; for a further one the oldest ends.
+//!
+//! Failures: where the folder cannot be read every session has ended; where it cannot be written nobody can sign in, and signing out says that it failed.
+
+use super::capability::{Holder, SESSION, is_lower_hex};
+use super::secret::Key;
+use std::collections::HashMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Sessions of one user at once.
+const PER_USER: usize = 50;
+/// Hexadecimal digits of a name that stand for the user; the rest stand for the session.
+const USER_DIGITS: usize = 32;
+const SESSION_DIGITS: usize = 64;
+/// Digits of an identifier: 128 bits, which nobody guesses.
+const ID_DIGITS: usize = 32;
+
+/// See the module.
+#[derive(Debug, Default)]
+pub struct Sessions {
+    /// The folder, else they are in `kept`.
+    folder: Option<PathBuf>,
+    /// When each ends, by its name.
+    kept: Mutex<HashMap<String, u64>>,
+}
+
+impl Sessions {
+    /// Kept in a folder, which is made where it is missing, readable by its owner only.
+    ///
+    /// # Errors
+    /// When the folder cannot be made or read.
+    pub fn in_folder(folder: &Path) -> io::Result<Self> {
+        let mut builder = fs::DirBuilder::new();
+        builder.recursive(true);
+        #[cfg(unix)]
+        std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+        builder.create(folder)?;
+        fs::read_dir(folder)?;
+        Ok(Self { folder: Some(folder.canonicalize()?), kept: Mutex::default() })
+    }
+
+    /// Begin a session for `who` at `now`, seconds since 1970.
+    ///
+    /// # Errors
+    /// When there are no random numbers, or the folder cannot be written.
+    pub fn begin(&self, who: &str, now: u64) -> io::Result<Holder> {
+        let id: String = Key::new().map_err(io::Error::other)?.to_hex().chars().take(ID_DIGITS).collect();
+        let holder = Holder { who: who.to_owned(), session: id };
+        let user = name_of_user(who);
+        // One at a time, so that many at once stay within their number.
+        let mut kept = self.lock();
+        let mut own = Vec::new();
+        for (name, until) in self.all(&kept)? {
+            if until <= now {
+                self.remove(&mut kept, &name)?;
+            } else if name.starts_with(&user) {
+                own.push((until, name));
+            }
+        }
+        own.sort();
+        for (_, name) in own.iter().take((own.len() + 1).saturating_sub(PER_USER)) {
+            self.remove(&mut kept, name)?;
+        }
+        let until = now.saturating_add(SESSION);
+        match &self.folder {
+            Some(folder) => write(&folder.join(name_of(&holder)), until)?,
+            None => drop(kept.insert(name_of(&holder), until)),
+        }
+        Ok(holder)
+    }
+
+    /// Whether a session was begun and has not been ended. Its time is signed in its cookie.
+    pub fn lives(&self, holder: &Holder) -> bool {
+        let name = name_of(holder);
+        match &self.folder {
+            Some(folder) => fs::symlink_metadata(folder.join(name)).is_ok_and(|m| m.is_file()),
+            None => self.lock().contains_key(&name),
+        }
+    }
+
+    /// End a session; it is ended for good when this returns.
+    ///
+    /// # Errors
+    /// When the folder cannot be written: the session goes on.
+    pub fn end(&self, holder: &Holder) -> io::Result<()> {
+        self.remove(&mut self.lock(), &name_of(holder))
+    }
+
+    /// End all sessions of a user.
+    ///
+    /// # Errors
+    /// As [`Sessions::end`], after ending as many as can be.
+    pub fn end_all(&self, who: &str) -> io::Result<()> {
+        let user = name_of_user(who);
+        let mut kept = self.lock();
+        let mut ended = Ok(());
+        for (name, _) in self.all(&kept)?.into_iter().filter(|(name, _)| name.starts_with(&user)) {
+            ended = self.remove(&mut kept, &name).and(ended);
+        }
+        ended
+    }
+
+    /// All of them, with when they end; what is no session's file is left alone.
+    fn all(&self, kept: &HashMap<String, u64>) -> io::Result<Vec<(String, u64)>> {
+        let Some(folder) = &self.folder else {
+            return Ok(kept.iter().map(|(name, until)| (name.clone(), *until)).collect());
+        };
+        let mut all = Vec::new();
+        for entry in fs::read_dir(folder)? {
+            let entry = entry?;
+            let Some(name) = entry.file_name().to_str().filter(|name| is_name(name)).map(str::to_owned) else {
+                continue;
+            };
+            // One that a crash left empty, or that another server has just ended, is over.
+            let until = fs::read_to_string(entry.path()).ok().and_then(|text| text.trim().parse().ok());
+            all.push((name, until.unwrap_or(0)));
+        }
+        Ok(all)
+    }
+
+    fn remove(&self, kept: &mut HashMap<String, u64>, name: &str) -> io::Result<()> {
+        let Some(folder) = &self.folder else {
+            kept.remove(name);
+            return Ok(());
+        };
+        match fs::remove_file(folder.join(name)) {
+            Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
+            _ => {}
+        }
+        // A cut of power must not bring it back.
+        #[cfg(unix)]
+        fs::File::open(folder)?.sync_all()?;
+        Ok(())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, HashMap<String, u64>> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn write(path: &Path, until: u64) -> io::Result<()> {
+    let mut options = fs::OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    let written =
+        options.open(path).and_then(|mut file| io::Write::write_all(&mut file, format!("{until}\n").as_bytes()));
+    written.inspect_err(|_| drop(fs::remove_file(path)))
+}
+
+fn name_of_user(who: &str) -> String {
+    let hash = blake3::hash(who.as_bytes()).to_hex();
+    format!("{}-", hash.chars().take(USER_DIGITS).collect::<String>())
+}
+
+fn name_of(holder: &Holder) -> String {
+    format!("{}{}", name_of_user(&holder.who), blake3::hash(holder.session.as_bytes()).to_hex())
+}
+
+fn is_name(name: &str) -> bool {
+    name.split_once('-').is_some_and(|(user, session)| {
+        user.len() == USER_DIGITS && session.len() == SESSION_DIGITS && is_lower_hex(user) && is_lower_hex(session)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOW: u64 = 1_800_000_000;
+
+    /// In memory, and in a folder.
+    fn each(test: impl Fn(&Sessions)) {
+        test(&Sessions::default());
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join("notes.txt"), "of somebody else").expect("writes");
+        test(&Sessions::in_folder(&folder.path().join("deeper")).expect("makes it"));
+        test(&Sessions::in_folder(folder.path()).expect("uses it"));
+        assert!(folder.path().join("notes.txt").exists());
+    }
+
+    #[test]
+    fn a_session_lives_until_it_is_ended_and_nothing_else_lives() {
+        each(|sessions| {
+            let [first, second] = [0, 1].map(|_| sessions.begin("amina", NOW).expect("begins"));
+            let other = sessions.begin("omar", NOW).expect("begins");
+            assert!(sessions.lives(&first) && sessions.lives(&second) && sessions.lives(&other));
+            let forged = Holder { who: "omar".to_owned(), ..first.clone() };
+            assert!(!sessions.lives(&forged), "of another user");
+            sessions.end(&first).expect("ends");
+            assert!(!sessions.lives(&first) && sessions.lives(&second));
+            sessions.end(&first).expect("twice is no error");
+            sessions.end_all("amina").expect("ends");
+            assert!(!sessions.lives(&second) && sessions.lives(&other), "those of others go on");
+        });
+    }
+
+    #[test]
+    fn a_user_has_so_many_and_those_whose_time_is_over_are_swept() {
+        each(|sessions| {
+            let all: Vec<Holder> =
+                (0..PER_USER as u64 + 3).map(|n| sessions.begin("amina", NOW + n).expect("begins")).collect();
+            let living = all.iter().filter(|holder| sessions.lives(holder)).count();
+            assert_eq!(living, PER_USER);
+            assert!(!sessions.lives(&all[2]) && sessions.lives(&all[3]), "the oldest went");
+            let last = sessions.begin("omar", NOW + SESSION + 100).expect("begins");
+            assert!(sessions.lives(&last) && all.iter().all(|holder| !sessions.lives(holder)));
+        });
+    }
+
+    #[test]
+    fn servers_that_share_a_folder_share_sessions_and_a_restart_revives_none() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let open = || Sessions::in_folder(folder.path()).expect("opens");
+        let (one, two) = (open(), open());
+        let [kept, ended] = [0, 1].map(|_| one.begin("amina", NOW).expect("begins"));
+        assert!(two.lives(&kept) && two.lives(&ended));
+        two.end(&ended).expect("ends");
+        assert!(!one.lives(&ended) && !open().lives(&ended) && open().lives(&kept));
+        std::fs::remove_dir_all(folder.path()).expect("removes");
+        assert!(!one.lives(&kept), "a folder that is gone ends them");
+        assert!(one.begin("amina", NOW).is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn nobody_else_reads_the_folder_and_its_names_are_no_cookies() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let folder = tempfile::tempdir().expect("a folder");
+        let place = folder.path().join("sessions");
+        let sessions = Sessions::in_folder(&place).expect("makes it");
+        let holder = sessions.begin("amina", NOW).expect("begins");
+        let mode = |path: &Path| std::fs::metadata(path).expect("there").permissions().mode() & 0o077;
+        let file = std::fs::read_dir(&place).expect("reads").next().expect("one").expect("reads").path();
+        assert_eq!((mode(&place), mode(&file)), (0, 0));
+        assert!(!file.to_string_lossy().contains(&holder.session));
+    }
+}

@@ -1,0 +1,70 @@
+//! How much of a question is read: longer ones are refused with a page that says what to do.
+//!
+//! A page repeats its question in each of its links, so that the length of an answer grows with the square of that of its address. Both the query as it came
+//! and the query as the page would write it are limited, and so are the values of one filter.
+
+use super::catalogue::address;
+use super::frame::{FOOT, Reader, head};
+use super::language::Language;
+use crate::content::text;
+use crate::index::{Facet, Query};
+use crate::object::record::xml::escape;
+use crate::site::page;
+use axum::extract::Request;
+use axum::http::header::{ACCEPT_LANGUAGE, VARY};
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::middleware::Next;
+use axum::response::Response;
+use std::fmt::Write as _;
+
+/// Bytes of a query.
+pub(crate) const QUERY_MAX: usize = 2048;
+/// Values of one filter.
+pub(crate) const VALUES_MAX: usize = 10;
+
+/// Why a question is not answered.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum TooMuch {
+    /// Its address would be longer than [`QUERY_MAX`].
+    Long,
+    /// Too many values of a filter; the question with the first [`VALUES_MAX`].
+    Values(Facet, Box<Query>),
+}
+
+/// Refuse addresses whose query is too long, before anything is made of them.
+pub(crate) async fn short_query(request: Request, next: Next) -> Response {
+    let query = request.uri().query().unwrap_or_default();
+    if query.len() <= QUERY_MAX {
+        return next.run(request).await;
+    }
+    let lang = form_urlencoded::parse(query.as_bytes()).take(20).find(|(name, _)| name == "lang");
+    let lang = lang.and_then(|(_, value)| Language::named(&value));
+    let accepted = text(request.headers(), &ACCEPT_LANGUAGE).unwrap_or_default();
+    let language = lang.unwrap_or_else(|| Language::choose(None, accepted));
+    let reader = Reader { language, lang: lang.map(|l| l.code), has_collections: false, has_map: false };
+    refused("/", &TooMuch::Long, &reader, request.headers())
+}
+
+/// The page that says why a question at `path` is not answered, and what to do.
+pub(crate) fn refused(path: &str, why: &TooMuch, reader: &Reader<'_>, headers: &HeaderMap) -> Response {
+    let l = reader.language;
+    let (status, said, next) = match why {
+        TooMuch::Long => {
+            let next = format!("{} <a href=\"{}\">{}</a>", l.t("tooLongNext"), reader.to(path), l.t("all"));
+            (StatusCode::URI_TOO_LONG, l.t("tooLong").to_owned(), next)
+        }
+        TooMuch::Values(facet, query) => {
+            let count = l.count(VALUES_MAX as u64);
+            let said = l.with("tooMany", &[("count", &count), ("filter", l.t(facet.name()))]);
+            let first = escape(&address(path, query, 0, reader.lang));
+            let next = format!("<a href=\"{first}\">{}</a>", l.with("tooManyNext", &[("count", &count)]));
+            (StatusCode::BAD_REQUEST, said, next)
+        }
+    };
+    let mut s = head(reader, l.t("title"), &|code| format!("{path}?lang={code}"), "");
+    let _ = write!(s, "<h1>{}</h1>\n<p class=\"lead\"><strong>{said}</strong> {next}</p>\n{FOOT}", l.t("title"));
+    let mut response = page(s, headers);
+    *response.status_mut() = status;
+    response.headers_mut().insert(VARY, HeaderValue::from_static("Accept-Encoding, Accept-Language"));
+    response
+}
