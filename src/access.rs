@@ -112,7 +112,7 @@ fn init(file: &Path) -> anyhow::Result<()> {
         anyhow::bail!("{} exists already; it is left as it is", file.display());
     }
     Accounts::new()?.write(file, true)?;
-    writeln!(std::io::stdout(), "{}: nobody yet; add users with `kilwa access user`.", file.display())?;
+    writeln!(crate::terminal::out(), "{}: nobody yet; add users with `kilwa access user`.", file.display())?;
     Ok(())
 }
 
@@ -155,8 +155,8 @@ fn token(file: &Path, name: &str, purpose: Purpose, days: u32) -> anyhow::Result
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     let token = accounts.add_token(name, purpose, days, now)?;
     accounts.write(file, false)?;
-    eprintln!("This token works {days} days for {name} and is not shown again:");
-    writeln!(std::io::stdout(), "{token}")?;
+    crate::terminal::say!("This token works {days} days for {name} and is not shown again:");
+    writeln!(crate::terminal::out(), "{token}")?;
     Ok(())
 }
 
@@ -165,13 +165,13 @@ fn change(file: &Path, how: impl FnOnce(&mut Accounts) -> anyhow::Result<String>
     let mut accounts = Accounts::read(file)?;
     let said = how(&mut accounts)?;
     accounts.write(file, false)?;
-    writeln!(std::io::stdout(), "{said}")?;
+    writeln!(crate::terminal::out(), "{said}")?;
     Ok(())
 }
 
 fn list(file: &Path, as_json: bool) -> anyhow::Result<()> {
     let accounts = Accounts::read(file)?;
-    let mut out = std::io::stdout();
+    let mut out = crate::terminal::out();
     if as_json {
         let users = accounts.users().iter().map(|u| {
             let grants = match u.grant() {
@@ -185,7 +185,7 @@ fn list(file: &Path, as_json: bool) -> anyhow::Result<()> {
                 .collect();
             json!({"name": u.name, "password": u.has_password(), "sees": grants, "tokens": tokens})
         });
-        writeln!(out, "{}", serde_json::to_string_pretty(&json!({ "users": users.collect::<Vec<_>>() }))?)?;
+        writeln!(out, "{}", crate::terminal::json_text(&json!({ "users": users.collect::<Vec<_>>() }))?)?;
         return Ok(());
     }
     if accounts.users().is_empty() {
