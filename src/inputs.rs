@@ -295,8 +295,12 @@ fn folder(
         if hidden || !path.is_file() {
             continue;
         }
-        if !allow_outside {
-            refuse_link_out(&path, &real)?;
+        if !allow_outside && let Err(e) = refuse_link_out(&path, &real) {
+            if is_named_as_mesh(&path) {
+                return Err(e);
+            }
+            passed_over.push(path);
+            continue;
         }
         match read::recognise(&path) {
             Ok(_) => files.push(path),

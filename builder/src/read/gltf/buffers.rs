@@ -91,6 +91,11 @@ impl<'a> Buffers<'a> {
         self.total
     }
 
+    /// The most bytes that what is decoded may take.
+    pub(super) fn most(&self) -> u64 {
+        self.most
+    }
+
     /// Tell the progress that all is read.
     pub(super) fn finish(&mut self) {
         (self.progress)(self.total, self.total);
