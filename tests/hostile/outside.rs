@@ -50,7 +50,8 @@ impl Site {
         if let Some(image) = image {
             gltf["images"] = serde_json::json!([{ "uri": image }]);
             gltf["textures"] = serde_json::json!([{ "source": 0 }]);
-            gltf["materials"][0] = serde_json::json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } });
+            gltf["materials"][0] =
+                serde_json::json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } });
         }
         self.write("site/scan.gltf", &gltf.to_string());
     }
@@ -71,7 +72,6 @@ impl Site {
             assert!(!succeeds(&[command, &["--allow-outside"]].concat()).contains(SECRET));
         }
         std::fs::remove_file(pack).unwrap();
-        }
     }
 }
 
@@ -90,7 +90,9 @@ fn corners() -> String {
 fn a_library_of_materials_outside_is_refused_with_its_name_and_the_line() {
     let site = Site::new();
     let absolute = site.path("secret.mtl").display().to_string();
-    for name in ["../secret.mtl", "..\\secret.mtl", "parts/../../secret.mtl", "\"../secret.mtl\"", "../SECRET.MTL", &absolute] {
+    for name in
+        ["../secret.mtl", "..\\secret.mtl", "parts/../../secret.mtl", "\"../secret.mtl\"", "../SECRET.MTL", &absolute]
+    {
         site.obj(&format!("# scan\nmtllib {name}"));
         site.is_refused("site/scan.obj", &["scan.obj", "line 2", "secret.mtl"]);
     }
@@ -109,7 +111,10 @@ fn a_picture_of_a_material_outside_is_refused_with_the_library_and_the_line() {
         site.is_refused("site/scan.obj", &["a.mtl", "line 3", "secret.png"]);
     }
     // Other maps are not read, wherever they are.
-    site.write("site/parts/a.mtl", "newmtl red\nKd 1 1 1\nmap_Ka ../../secret.png\nmap_Bump /etc/passwd\nrefl /etc/passwd\n");
+    site.write(
+        "site/parts/a.mtl",
+        "newmtl red\nKd 1 1 1\nmap_Ka ../../secret.png\nmap_Bump /etc/passwd\nrefl /etc/passwd\n",
+    );
     succeeds(&["info", text(&site.path("site/scan.obj"))]);
     // Above the library's folder and inside of the mesh's is inside.
     std::fs::write(site.path("site/inside.png"), red_picture()).unwrap();
@@ -211,7 +216,9 @@ fn a_matrix_beside_a_mesh_that_is_a_link_out_is_not_read_and_a_file_that_is_no_m
     let (mesh, pack) = (site.path("site/scan.obj"), site.path("out.kilwa"));
     let build = ["build", text(&mesh), "-o", text(&pack), "--transform", "auto"];
     assert!(fails(&build).contains("is a link to"));
-    for command in [&build[..], &["build", text(&mesh), "-o", text(&pack), "--transform", text(&site.path("secret.mtl"))]] {
+    for command in
+        [&build[..], &["build", text(&mesh), "-o", text(&pack), "--transform", text(&site.path("secret.mtl"))]]
+    {
         let message = fails(&[command, &["--allow-outside"]].concat());
         assert!(message.contains("is no number") && !message.contains("PRIVATE"), "{message}");
     }
@@ -224,8 +231,24 @@ fn pipe(path: &Path) {
 
 /// Parts that names are made of.
 const PARTS: [&str; 18] = [
-    "..", ".", "/", "\\", "%2e%2e", "%2f", "%5c", "%00", "site", "parts", "up", "secret.bin", "SECRET.BIN", "link.bin", "\"", " ",
-    "file:", "%252e",
+    "..",
+    ".",
+    "/",
+    "\\",
+    "%2e%2e",
+    "%2f",
+    "%5c",
+    "%00",
+    "site",
+    "parts",
+    "up",
+    "secret.bin",
+    "SECRET.BIN",
+    "link.bin",
+    "\"",
+    " ",
+    "file:",
+    "%252e",
 ];
 
 /// Names made by chance: none that leads out is read.

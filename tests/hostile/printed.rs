@@ -72,7 +72,8 @@ impl Site {
         input.write(&mesh);
         let ply = std::fs::read_to_string(&mesh).unwrap();
         let channel: String = name.chars().filter(|c| !c.is_whitespace()).collect();
-        let ply = ply.replace("property uchar blue\n", &format!("property uchar blue\nproperty float scalar_{channel}\n"));
+        let ply =
+            ply.replace("property uchar blue\n", &format!("property uchar blue\nproperty float scalar_{channel}\n"));
         let (head, body) = ply.split_once("end_header\n").unwrap();
         let rows: Vec<String> = body
             .lines()
@@ -96,7 +97,7 @@ fn every_verb_shows_what_a_pack_says_of_itself_without_acting_on_the_terminal() 
         let title = shown.lines().find(|l| l.starts_with("title")).unwrap();
         assert!(title.contains("\\u{") || title.contains("\\r"), "{title}");
         let info = is_plain_json(&kilwa(&["info", pack, "--json"]), "info --json");
-        assert_eq!(info["metadata"]["title"], name, "JSON has the title as it is");
+        assert_eq!(info["metadata"]["title"], name.as_str(), "JSON has the title as it is");
         is_plain(&kilwa(&["verify", pack]), "verify");
         is_plain_json(&kilwa(&["verify", pack, "--json"]), "verify --json");
         for format in ["ply", "obj", "glb", "stl"] {
@@ -124,7 +125,9 @@ fn what_is_wrong_with_files_of_any_name_is_told_without_acting_on_the_terminal()
         std::fs::write(&damaged, "KILWA and then nothing").unwrap();
         for path in [missing, damaged] {
             let path = text(&path);
-            for verb in ["info", "verify", "extract", "measure", "metadata", "render", "publish", "serve", "build", "access"] {
+            for verb in
+                ["info", "verify", "extract", "measure", "metadata", "render", "publish", "serve", "build", "access"]
+            {
                 let shown = is_plain(&kilwa(&[verb, path]), verb);
                 assert!(!shown.is_empty(), "{verb}");
                 is_plain(&kilwa(&[verb, path, "--json"]), verb);
@@ -160,10 +163,20 @@ fn meshes(name: &str) -> Vec<Vec<Mesh>> {
             ("a.obj", format!("mtllib a.mtl\n{surface}usemtl {line}\nf 1/1 2/1 3/1\n")),
             ("a.mtl", format!("newmtl {line}\nmap_Kd ../{line}/../../../../../../../../../etc/passwd\n")),
         ],
-        vec![("a.ply", format!("ply\nformat ascii 1.0\ncomment TextureFile {line}\nelement {line} 1\nproperty float x\nend_header\n"))],
+        vec![(
+            "a.ply",
+            format!(
+                "ply\nformat ascii 1.0\ncomment TextureFile {line}\nelement {line} 1\nproperty float x\nend_header\n"
+            ),
+        )],
         vec![("a.ply", format!("ply\nformat ascii 1.0\nelement vertex 3\nproperty {line} x\nend_header\n"))],
         vec![("a.ply", format!("ply\nformat {line} 1.0\nend_header\n"))],
-        vec![("a.ply", format!("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n{line} 0 0\n3 0 0 0\n"))],
+        vec![(
+            "a.ply",
+            format!(
+                "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n{line} 0 0\n3 0 0 0\n"
+            ),
+        )],
         vec![("a.stl", format!("solid {line}\nfacet normal 0 0 0\nouter loop\nvertex {line} 0 0\n"))],
         vec![("a.stl", format!("solid {line}\n{line}\n"))],
         vec![("a.gltf", format!(r#"{{"asset":{{"version":{json}}}}}"#))],
@@ -221,15 +234,26 @@ fn the_log_of_a_server_does_not_act_on_the_terminal() {
         std::fs::rename(site.pack(name), folder.join("a.kilwa")).unwrap();
         std::fs::write(folder.join(format!("{name}.kilwa").replace('/', "_")), "KILWA, cut").unwrap();
         let mut server = Command::new(env!("CARGO_BIN_EXE_kilwa"))
-            .args(["serve", text(&folder), "--www", text(&www), "--listen", "127.0.0.1:0", "--access-log", "--log", log])
+            .args([
+                "serve",
+                text(&folder),
+                "--www",
+                text(&www),
+                "--listen",
+                "127.0.0.1:0",
+                "--access-log",
+                "--log",
+                log,
+            ])
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
         let address = crate::support::serving::address(&mut server);
         for path in [name.as_str(), "%1b%5d0;owned%07", "a.kilwa"] {
+            let agent = if path == name { name } else { "a browser" };
             let mut socket = std::net::TcpStream::connect(address).unwrap();
-            let head = format!("GET /{path} HTTP/1.1\r\nHost: a\r\nUser-Agent: {name}\r\nX-Request-Id: {name}\r\n");
+            let head = format!("GET /{path} HTTP/1.1\r\nHost: a\r\nUser-Agent: {agent}\r\n");
             socket.write_all(format!("{head}Connection: close\r\n\r\n").as_bytes()).unwrap();
             // Some are answered, others cut off.
             drop(socket.read_to_end(&mut Vec::new()));

@@ -219,3 +219,47 @@ impl Candidates {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As the docs of [`neighbours`] say it, triangle by triangle.
+    fn one_by_one(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
+        let edge = |t: [u32; 3], k: usize| (t[k], t[(k + 1) % 3]);
+        let of = |(t, corners): (usize, &[u32; 3])| {
+            [0, 1, 2].map(|k| {
+                let (a, b) = edge(*corners, k);
+                let at_edge = |o: &usize| *o != t && triangles[*o].contains(&a) && triangles[*o].contains(&b);
+                let others: Vec<usize> = (0..triangles.len()).filter(at_edge).collect();
+                match others[..] {
+                    [o] if (0..3).any(|i| edge(triangles[o], i) == (b, a)) => o as u32,
+                    _ => NONE,
+                }
+            })
+        };
+        triangles.iter().enumerate().map(of).collect()
+    }
+
+    #[test]
+    fn neighbours_are_found_at_hubs_as_everywhere() {
+        let mut state = 3u32;
+        let mut random = |n: u32| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) % n
+        };
+        for points in [4, 30, 2000] {
+            // Two hubs, 0 and 1, and triangles at random.
+            let mut triangles: Vec<[u32; 3]> = (0..400).map(|i| [i % 2, 2 + random(points), 2003 + i]).collect();
+            triangles.extend([[0, 1, 2], [1, 0, 3]]);
+            if points == 30 {
+                triangles.push([0, 1, 4]);
+            }
+            triangles.extend((0..400).map(|_| [random(20), 20 + random(points), 3000 + random(9)]));
+            let corners = triangles.iter().zip(0u32..).flat_map(|(t, i)| t.map(|p| (p, i)));
+            let fans = Lists::new(3100, corners);
+            assert!([0, 1].iter().all(|p| fans.of(*p).len() > HUB));
+            assert_eq!(neighbours(&triangles, &fans), one_by_one(&triangles), "{points}");
+        }
+    }
+}
