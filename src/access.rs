@@ -123,7 +123,7 @@ fn init(file: &Path) -> anyhow::Result<()> {
         anyhow::bail!("{} exists already; it is left as it is", file.display());
     }
     Accounts::new()?.create(file)?;
-    writeln!(std::io::stdout(), "{}: nobody yet; add users with `kilwa access user`.", file.display())?;
+    writeln!(crate::terminal::out(), "{}: nobody yet; add users with `kilwa access user`.", file.display())?;
     Ok(())
 }
 
@@ -167,21 +167,21 @@ fn password(name: &str) -> anyhow::Result<String> {
 fn token(file: &Path, name: &str, purpose: Purpose, days: u32) -> anyhow::Result<()> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     let token = Accounts::change(file, |a| a.add_token(name, purpose, days, now))?;
-    eprintln!("This token works {days} days for {name} and is not shown again:");
-    writeln!(std::io::stdout(), "{token}")?;
+    crate::terminal::say!("This token works {days} days for {name} and is not shown again:");
+    writeln!(crate::terminal::out(), "{token}")?;
     Ok(())
 }
 
 /// Change the accounts, then print the message that `how` returns.
 fn change(file: &Path, how: impl FnOnce(&mut Accounts) -> anyhow::Result<String>) -> anyhow::Result<()> {
     let message = Accounts::change(file, how)?;
-    writeln!(std::io::stdout(), "{message}")?;
+    writeln!(crate::terminal::out(), "{message}")?;
     Ok(())
 }
 
 fn list(file: &Path, as_json: bool) -> anyhow::Result<()> {
     let accounts = Accounts::read(file)?;
-    let mut out = std::io::stdout();
+    let mut out = crate::terminal::out();
     if as_json {
         let users = accounts.users().iter().map(|u| {
             let grants = match u.grant() {
@@ -195,7 +195,7 @@ fn list(file: &Path, as_json: bool) -> anyhow::Result<()> {
                 .collect();
             json!({"name": u.name, "password": u.has_password(), "sees": grants, "tokens": tokens})
         });
-        writeln!(out, "{}", serde_json::to_string_pretty(&json!({ "users": users.collect::<Vec<_>>() }))?)?;
+        writeln!(out, "{}", crate::terminal::json_text(&json!({ "users": users.collect::<Vec<_>>() }))?)?;
         return Ok(());
     }
     if accounts.users().is_empty() {

@@ -124,7 +124,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let mut inputs = Inputs::find(&args.input)?;
     if let Some(first) = inputs.passed_over.first() {
         let count = inputs.passed_over.len();
-        eprintln!("kilwa: {count} files are no meshes and were passed over, the first of them {}", first.display());
+        crate::terminal::say!(
+            "kilwa: {count} files are no meshes and were passed over, the first of them {}",
+            first.display()
+        );
     }
     let same = |input: &Path| matches!((input.canonicalize(), args.output.canonicalize()), (Ok(a), Ok(b)) if a == b);
     if let Some(input) = inputs.files.iter().find(|input| same(&input.path)) {
@@ -150,10 +153,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     // Before any input is read: a folder that cannot be written to is better known now than in an hour.
     let mut output = Output::create(&args.output)?;
     let scratch = open_scratch(args)?;
-    let need = Need::of(inputs.files.iter().map(|f| f.path.as_path()));
+    let need = Need::of(inputs.files.iter().map(|f| f.path.as_path()), memory);
     let held = if args.resume { scratch.bytes() } else { discard_earlier(&scratch)? };
     if args.verbose {
-        eprintln!(
+        crate::terminal::say!(
             "kilwa: memory {}; scratch files about {} in {}; pack about {}",
             human(memory),
             human(need.scratch_bytes),
@@ -229,7 +232,7 @@ fn discard_earlier(scratch: &Scratch) -> anyhow::Result<u64> {
     let bytes = scratch.bytes();
     let files = scratch.files()?;
     if bytes > 0 {
-        eprintln!(
+        crate::terminal::say!(
             "kilwa: {} of scratch files of an earlier build discarded; --resume would have gone on with it",
             human(bytes)
         );
@@ -288,10 +291,9 @@ fn stem(path: &Path) -> String {
 }
 
 fn print(args: &Args, report: &Report<'_>) -> anyhow::Result<()> {
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::out();
     if args.json {
-        serde_json::to_writer_pretty(&mut out, report)?;
-        writeln!(out)?;
+        writeln!(out, "{}", crate::terminal::json_text(report)?)?;
     } else {
         report::print(&args.output, report, &mut out)?;
     }

@@ -111,13 +111,13 @@ fn nothing_there(metadata: &Metadata, region: Option<&Region>) -> String {
 fn say_what_was_not_reached(limit: Option<u64>, found: u64, chosen: &Chosen) {
     let Some(limit) = limit else { return };
     if found > limit {
-        eprintln!(
+        crate::terminal::say!(
             "kilwa: the coarsest surface of this pack has {} triangles; {} were asked for",
             grouped(found),
             grouped(limit)
         );
     } else if found * 3 < limit * 2 && !chosen.is_finest {
-        eprintln!(
+        crate::terminal::say!(
             "kilwa: {} triangles instead of {}: the next finer surface of this pack has more than that",
             grouped(found),
             grouped(limit)
@@ -151,7 +151,7 @@ impl Report<'_> {
             "left_out": self.format.left_out(self.reader),
             "ascii": self.args.ascii,
         });
-        writeln!(std::io::stdout(), "{}", serde_json::to_string_pretty(&report)?)?;
+        writeln!(crate::terminal::out(), "{}", crate::terminal::json_text(&report)?)?;
         Ok(())
     }
 
@@ -159,7 +159,7 @@ impl Report<'_> {
         let error = self.chosen.error;
         let precision =
             if error == 0.0 { "the finest surface".to_owned() } else { format!("within {}", metres(f64::from(error))) };
-        let mut out = std::io::stdout();
+        let mut out = crate::terminal::out();
         writeln!(
             out,
             "{}: {} triangles, {} vertices, {precision}, {} bytes.",

@@ -8,6 +8,7 @@ use crate::build::report::spread;
 use crate::inputs::InputArgs;
 use crate::source::open_pack;
 use kilwa_builder::{Units, Up};
+use kilwa_pack::visible::visible;
 use kilwa_pack::{DirectoryEntry, Header, Metadata};
 use patches::Patches;
 use serde::Serialize;
@@ -27,6 +28,9 @@ pub(crate) struct Args {
     /// Axis that points up in a mesh: z or y; where not given, z for PLY, OBJ and STL, y for glTF.
     #[arg(long, value_parser = crate::inputs::up)]
     up: Option<Up>,
+    /// Read files outside of a mesh's own folder where it names them. Only for meshes that you trust.
+    #[arg(long)]
+    allow_outside: bool,
     /// Report as JSON.
     #[arg(long)]
     json: bool,
@@ -74,6 +78,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             origin: None,
             transform: None,
             texture_detail: None,
+            allow_outside: args.allow_outside,
         };
         return mesh::run(&input, args.json);
     }
@@ -98,9 +103,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         metadata: reader.metadata(),
     };
     if args.json {
-        writeln!(std::io::stdout(), "{}", serde_json::to_string_pretty(&info)?)?;
+        writeln!(crate::terminal::out(), "{}", crate::terminal::json_text(&info)?)?;
     } else {
-        write!(std::io::stdout(), "{}", words(&info, header))?;
+        write!(crate::terminal::out(), "{}", words(&info, header))?;
     }
     Ok(())
 }
@@ -128,7 +133,7 @@ fn words(info: &Info<'_>, header: &Header) -> String {
     let m = info.metadata;
     let mut out = String::new();
     let mut line = |name: &str, value: String| {
-        let _ = writeln!(out, "{name:<14}{value}");
+        let _ = writeln!(out, "{name:<14}{}", visible(&value));
     };
     line("title", m.title.clone());
     line("triangles", grouped(m.triangles));

@@ -48,6 +48,12 @@ pub(crate) struct InputArgs {
     /// Without it, vertices have the colour of the picture where they lie, and nothing is split.
     #[arg(long, value_name = "TEXELS", value_parser = texels)]
     pub(crate) texture_detail: Option<f64>,
+    /// Read files outside of a mesh's own folder where it names them (materials, pictures, buffers), and meshes that links
+    /// in a given folder lead to.
+    ///
+    /// What they hold ends up in the pack. Give it only for meshes that you trust.
+    #[arg(long)]
+    pub(crate) allow_outside: bool,
 }
 
 /// One input.
@@ -109,7 +115,7 @@ impl Inputs {
         let mut named = Vec::new();
         let mut passed_over = Vec::new();
         for given in &args.inputs {
-            expand(given, &mut named, &mut passed_over)?;
+            expand(given, args.allow_outside, &mut named, &mut passed_over)?;
         }
         named.sort();
         refuse_twice(&named)?;
@@ -122,7 +128,7 @@ impl Inputs {
             let format = read::recognise(&path)?;
             let up = args.up.unwrap_or(format.up);
             let own = match &args.transform {
-                Some(file) if file.as_os_str() == "auto" => own_matrix(&path)?,
+                Some(file) if file.as_os_str() == "auto" => own_matrix(&path, args.allow_outside)?,
                 _ => common,
             };
             let placement = own
@@ -132,7 +138,8 @@ impl Inputs {
         }
         passed_over.sort();
         let detail = args.texture_detail.map(|texels| Arc::new(Detail::new(texels)));
-        Ok(Self { options: ReadOptions { detail, ..ReadOptions::default() }, files, passed_over })
+        let options = ReadOptions { detail, allow_outside: args.allow_outside, ..ReadOptions::default() };
+        Ok(Self { options, files, passed_over })
     }
 
     /// The axis that points up, as the metadata has it: that of most inputs where they differ.
@@ -194,6 +201,7 @@ impl kilwa_builder::Inputs for Inputs {
         let total: u64 = self.files.iter().map(|f| f.path.metadata().map_or(0, |about| about.len())).sum();
         work.scratch.folder().clone_into(&mut self.options.scratch);
         self.options.memory = self.options.memory.min(work.memory / 2);
+        self.options.document = work.memory / 2;
         if self.options.detail.is_some() {
             for (i, file) in (0..).zip(&self.files) {
                 work.stop.check()?;
@@ -242,9 +250,14 @@ fn summarised(mut sources: Vec<SourceFile>) -> Vec<SourceFile> {
 }
 
 /// The files that one argument names.
-fn expand(given: &Path, files: &mut Vec<PathBuf>, passed_over: &mut Vec<PathBuf>) -> anyhow::Result<()> {
+fn expand(
+    given: &Path,
+    allow_outside: bool,
+    files: &mut Vec<PathBuf>,
+    passed_over: &mut Vec<PathBuf>,
+) -> anyhow::Result<()> {
     if given.is_dir() {
-        return folder(given, files, passed_over);
+        return folder(given, allow_outside, files, passed_over);
     }
     // A file may have brackets in its name: what is there is meant as it stands.
     let text = given.to_str().filter(|text| text.contains(['*', '?', '[']) && !given.exists());
@@ -267,13 +280,26 @@ fn expand(given: &Path, files: &mut Vec<PathBuf>, passed_over: &mut Vec<PathBuf>
 }
 
 /// Every mesh in a folder.
-fn folder(folder: &Path, files: &mut Vec<PathBuf>, passed_over: &mut Vec<PathBuf>) -> anyhow::Result<()> {
+fn folder(
+    folder: &Path,
+    allow_outside: bool,
+    files: &mut Vec<PathBuf>,
+    passed_over: &mut Vec<PathBuf>,
+) -> anyhow::Result<()> {
     let cannot = || format!("cannot list {}", folder.display());
+    let real = folder.canonicalize().with_context(cannot)?;
     let before = files.len();
     for entry in std::fs::read_dir(folder).with_context(cannot)? {
         let path = entry.with_context(cannot)?.path();
         let hidden = path.file_name().is_some_and(|n| n.as_encoded_bytes().starts_with(b"."));
         if hidden || !path.is_file() {
+            continue;
+        }
+        if !allow_outside && let Err(e) = refuse_link_out(&path, &real) {
+            if is_named_as_mesh(&path) {
+                return Err(e);
+            }
+            passed_over.push(path);
             continue;
         }
         match read::recognise(&path) {
@@ -286,6 +312,20 @@ fn folder(folder: &Path, files: &mut Vec<PathBuf>, passed_over: &mut Vec<PathBuf
     if files.len() == before {
         bail!(
             "{} holds no mesh that can be read (PLY, OBJ, STL, glTF); folders in it are not looked at",
+            folder.display()
+        );
+    }
+    Ok(())
+}
+
+/// Refuse what a link in a folder leads to outside of it: whoever made the folder could name any file with it.
+fn refuse_link_out(path: &Path, folder: &Path) -> anyhow::Result<()> {
+    let target = path.canonicalize().with_context(|| format!("{} cannot be opened", path.display()))?;
+    if !target.starts_with(folder) {
+        bail!(
+            "{} is a link to {}, outside of the folder {}; remove it, name that file itself, or give --allow-outside",
+            path.display(),
+            target.display(),
             folder.display()
         );
     }
@@ -313,13 +353,18 @@ fn refuse_twice(files: &[PathBuf]) -> anyhow::Result<()> {
 }
 
 /// The matrix beside an input.
-fn own_matrix(input: &Path) -> anyhow::Result<Placement> {
+fn own_matrix(input: &Path, allow_outside: bool) -> anyhow::Result<Placement> {
     let file = input.with_extension("xf");
     if !file.is_file() {
         let name = file.display();
         bail!(
             "{name} is not there: with --transform auto every input has its matrix beside it (1 0 0 0  0 1 0 0  0 0 1 0  0 0 0 1 leaves it where it is)"
         );
+    }
+    if !allow_outside {
+        let folder = input.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let real = folder.canonicalize().with_context(|| format!("{} cannot be opened", folder.display()))?;
+        refuse_link_out(&file, &real)?;
     }
     matrix(&file)
 }
@@ -329,13 +374,16 @@ fn matrix(file: &Path) -> anyhow::Result<Placement> {
     /// More is no matrix.
     const MOST: u64 = 64 * 1024;
     let mut text = String::new();
-    std::fs::File::open(file)
-        .and_then(|f| f.take(MOST).read_to_string(&mut text))
+    read::open_regular(file)
+        .and_then(|(f, _)| f.take(MOST).read_to_string(&mut text))
         .with_context(|| format!("cannot read {}", file.display()))?;
     let words = text.lines().flat_map(|line| line.split('#').next().unwrap_or_default().split_whitespace());
     let mut numbers = Vec::new();
     for word in words {
-        let number: f64 = word.parse().with_context(|| format!("{}: {word:?} is no number", file.display()))?;
+        // Not the word itself: where this is another file than was meant, its content is nobody's business.
+        let place = numbers.len() + 1;
+        let number: f64 =
+            word.parse().with_context(|| format!("{}: word {place} is no number; give 16", file.display()))?;
         numbers.push(number);
     }
     if numbers.len() != 16 {
@@ -347,8 +395,7 @@ fn matrix(file: &Path) -> anyhow::Result<Placement> {
 
 /// Name, length and hash of a file.
 fn source_file(path: &Path, progress: &dyn Progress) -> std::io::Result<SourceFile> {
-    let mut file = std::fs::File::open(path)?;
-    let total = file.metadata()?.len();
+    let (mut file, total) = read::open_regular(path)?;
     let mut hash = Sha256::new();
     let mut buffer = vec![0; 1 << 20];
     let mut bytes = 0;

@@ -17,6 +17,7 @@ mod serve;
 mod sheet;
 mod source;
 mod synth;
+mod terminal;
 mod verify;
 
 use clap::{Parser, Subcommand};
@@ -63,7 +64,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
 
 /// Exit 0 done, 1 the input or the world is wrong, 2 usage (clap's own), 130 stopped by Ctrl-C. A closed pipe is success.
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = parsed();
     if matches!(cli.verb, Verb::Publish(_) | Verb::Render(_)) {
         without_wayland();
     }
@@ -71,11 +72,11 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) if broken_pipe(&e) => ExitCode::SUCCESS,
         Err(e) if e.is::<build::Interrupted>() => {
-            eprintln!("kilwa: {e}");
+            crate::terminal::say!("kilwa: {e}");
             ExitCode::from(130)
         }
         Err(e) => {
-            eprintln!("kilwa: {e:#}");
+            crate::terminal::say!("kilwa: {e:#}");
             ExitCode::FAILURE
         }
     }
@@ -98,6 +99,21 @@ fn without_wayland() {
 
 #[cfg(not(target_os = "linux"))]
 fn without_wayland() {}
+
+/// The arguments. A shell puts names of files among them: where one acts on a terminal, the answer is without colours of
+/// its own, and escaped.
+fn parsed() -> Cli {
+    let error = match Cli::try_parse() {
+        Ok(cli) => return cli,
+        Err(error) => error,
+    };
+    let acts = |arg: std::ffi::OsString| arg.to_str().is_none_or(|arg| arg.contains(kilwa_pack::visible::is_control));
+    if !error.use_stderr() || !std::env::args_os().any(acts) {
+        error.exit();
+    }
+    terminal::say!("{}", error.render().to_string().trim_end());
+    std::process::exit(error.exit_code());
+}
 
 fn broken_pipe(e: &anyhow::Error) -> bool {
     e.chain().any(|c| c.downcast_ref::<std::io::Error>().is_some_and(|io| io.kind() == std::io::ErrorKind::BrokenPipe))

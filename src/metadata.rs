@@ -40,7 +40,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         What::Init { pack, output, quiet } => init(pack.as_ref(), output.as_ref(), *quiet),
         What::Check { file } => {
             let m = crate::publish::read_metadata(file)?;
-            Ok(writeln!(std::io::stdout(), "{}: right. \"{}\", {}", file.display(), m.title, m.rights.uri)?)
+            Ok(writeln!(crate::terminal::out(), "{}: right. \"{}\", {}", file.display(), m.title, m.rights.uri)?)
         }
     }
 }
@@ -53,16 +53,16 @@ fn init(pack: Option<&PathBuf>, output: Option<&PathBuf>, quiet: bool) -> anyhow
         Some(path) => of_pack(open_pack(path)?.metadata()),
         None => Known::default(),
     };
-    let (input, errors) = (std::io::stdin(), std::io::stderr());
-    if !quiet && input.is_terminal() && errors.is_terminal() {
-        ask(&mut known, &mut input.lock(), &mut errors.lock())?;
+    let (input, mut errors) = (std::io::stdin(), crate::terminal::err());
+    if !quiet && input.is_terminal() && std::io::stderr().is_terminal() {
+        ask(&mut known, &mut input.lock(), &mut errors)?;
     }
     let text = template::write(&known);
-    let Some(path) = output else { return Ok(std::io::stdout().write_all(text.as_bytes())?) };
+    let Some(path) = output else { return Ok(crate::terminal::out().write_all(text.as_bytes())?) };
     let mut file = NewFile::beside(path)?;
     file.file().write_all(text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
     file.name(path, false)?;
-    eprintln!(
+    crate::terminal::say!(
         "{} is written: look through it, then kilwa publish PACK --to DIR --metadata {}",
         path.display(),
         path.display()

@@ -75,6 +75,6 @@ impl kilwa_builder::Progress for Bar {
 
     fn note(&self, text: &str) {
         let Ok(state) = self.state.lock() else { return };
-        state.bar.suspend(|| eprintln!("kilwa: {text}"));
+        state.bar.suspend(|| crate::terminal::say!("kilwa: {text}"));
     }
 }

@@ -137,7 +137,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let gpu = pollster::block_on(Gpu::headless(prefer))?;
     let adapter = gpu.describe();
     if std::io::stderr().is_terminal() {
-        eprintln!("drawing with {adapter}");
+        crate::terminal::say!("drawing with {adapter}");
     }
     let bytes = args.memory << 20;
     let budgets = Budgets { cpu_bytes: bytes, gpu_bytes: bytes, uploads: 64, ..Budgets::default() };
@@ -175,14 +175,14 @@ fn draw_sheet(args: &Args, mut session: Session<FileSource>) -> anyhow::Result<(
         identity,
     };
     let report = sheet::run(&args.sheet, subject)?;
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::out();
     if args.json {
-        writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
+        writeln!(out, "{}", crate::terminal::json_text(&report)?)?;
     } else {
         writeln!(out, "{}", report.text())?;
     }
     if !report.is_complete() {
-        eprintln!(
+        crate::terminal::say!(
             "kilwa: the drawing is coarser than asked for: the memory of {} MB is full (--memory gives more)",
             args.memory
         );
@@ -257,7 +257,7 @@ fn report(
     display: Display,
     legend: Option<Legend>,
 ) -> anyhow::Result<()> {
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::out();
     if args.json {
         let report = Report {
             picture: args.output.display().to_string(),
@@ -282,7 +282,7 @@ fn report(
             target_reached: stats.target_reached,
             budget_limited: stats.budget_limited,
         };
-        writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
+        writeln!(out, "{}", crate::terminal::json_text(&report)?)?;
     } else {
         writeln!(
             out,
@@ -296,7 +296,7 @@ fn report(
         )?;
     }
     if !stats.target_reached {
-        eprintln!(
+        crate::terminal::say!(
             "kilwa: the picture is coarser than asked for: the memory of {} MB is full (--memory gives more)",
             args.memory
         );

@@ -1,6 +1,7 @@
 //! `kilwa serve`.
 
 use anyhow::Context;
+use kilwa_pack::visible::visible;
 use kilwa_server::access::Sessions;
 use kilwa_server::door::Door;
 use kilwa_server::extracts::Extracts;
@@ -8,6 +9,7 @@ use kilwa_server::index::Index;
 use kilwa_server::store::{Place, S3, S3Options};
 use kilwa_server::upload::{UploadLimits, Uploads};
 use kilwa_server::{Audience, Catalogue, Collections, Limits, Page, Policy, Site, app, listen};
+use std::io::Write as _;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -393,9 +395,9 @@ async fn serve(address: SocketAddr, site: Site, limits: Limits) -> anyhow::Resul
             tracing::warn!("{}: {why}", model.file_name);
         }
     }
-    println!("Serving {} at http://{address}/ (Ctrl-C stops)", count(models.len()));
+    writeln!(crate::terminal::out(), "Serving {} at http://{address}/ (Ctrl-C stops)", count(models.len()))?;
     if let [model] = models.as_slice() {
-        println!("  {}: http://{address}{}", model.title(), model.page());
+        writeln!(crate::terminal::out(), "  {}: http://{address}{}", visible(model.title()), model.page())?;
     }
     let metrics = Arc::clone(&site.metrics);
     listen(listener, app(site), metrics, limits, stop()).await?;
@@ -405,11 +407,11 @@ async fn serve(address: SocketAddr, site: Site, limits: Limits) -> anyhow::Resul
 fn log(args: &ReportArgs) {
     let usual = if args.access_log { "warn,kilwa::access=info" } else { "warn" };
     let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| usual.into());
-    let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let subscriber = tracing_subscriber::fmt().with_env_filter(filter);
     // A second subscriber (in a test that serves twice) is no reason to fail.
     drop(match args.log {
-        LogForm::Text => subscriber.try_init(),
-        LogForm::Json => subscriber.json().flatten_event(true).try_init(),
+        LogForm::Text => subscriber.with_writer(crate::terminal::err).try_init(),
+        LogForm::Json => subscriber.json().flatten_event(true).with_writer(crate::terminal::err_json).try_init(),
     });
 }
 

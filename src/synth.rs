@@ -109,7 +109,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     });
     bar.finish_and_clear();
     let report = report?;
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::out();
     if args.json {
         let files: Vec<String> = report.files.iter().map(|f| f.display().to_string()).collect();
         let json = serde_json::json!({

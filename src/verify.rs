@@ -93,7 +93,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         if !args.json && items.len() > 1 && unit.problems > 0 {
             let text = format!("{name}: {}\n{}", many(unit.problems, "problem"), report.problems_from(before));
             let mut said = Ok(());
-            progress.above(|| said = std::io::stdout().write_all(text.as_bytes()));
+            progress.above(|| said = crate::terminal::out().write_all(text.as_bytes()));
             said?;
         }
         state.done(unit)?;
@@ -106,13 +106,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 /// The report, and whether all is well.
 fn say(args: &Args, items: &[Item], report: &Report) -> anyhow::Result<()> {
     let single = matches!(items, [Item { what: What::Pack, .. }]);
-    let mut out = std::io::stdout();
+    let mut out = crate::terminal::out();
     let said = if args.json {
         let value = if single { of_pack(report) } else { report.to_json() };
-        writeln!(out, "{}", serde_json::to_string_pretty(&value)?)
+        writeln!(out, "{}", crate::terminal::json_text(&value)?)
     } else {
         for note in &report.notes {
-            eprintln!("kilwa: {note}");
+            crate::terminal::say!("kilwa: {note}");
         }
         match &report.pack {
             Some(pack) if single => writeln!(out, "{}: {}", args.target, pack.summary()),

@@ -1,6 +1,6 @@
 //! Joining meshes: vertices that are equal in position and in every attribute become one.
 
-use kilwa_geometry::{LatticePoint, Mesh};
+use kilwa_geometry::Mesh;
 
 const NONE: u32 = u32::MAX;
 
@@ -8,7 +8,7 @@ const NONE: u32 = u32::MAX;
 pub(crate) struct Welder {
     /// What was joined so far.
     pub(crate) mesh: Mesh,
-    /// Open addressing by position and colour; a power of two, at most half full.
+    /// Open addressing by position and all attributes; a power of two, at most half full.
     table: Vec<u32>,
 }
 
@@ -25,7 +25,7 @@ impl Welder {
             self.grow();
         }
         let mask = self.table.len() - 1;
-        let mut slot = hash(from.positions[v]) & mask;
+        let mut slot = hash(from, v) & mask;
         loop {
             let found = self.table[slot];
             if found == NONE {
@@ -43,8 +43,8 @@ impl Welder {
     fn grow(&mut self) {
         let size = self.table.len() * 2;
         self.table = vec![NONE; size];
-        for (p, v) in self.mesh.positions.iter().zip(0u32..) {
-            let mut slot = hash(*p) & (size - 1);
+        for v in 0..self.mesh.vertex_count() as u32 {
+            let mut slot = hash(&self.mesh, v as usize) & (size - 1);
             while self.table[slot] != NONE {
                 slot = (slot + 1) & (size - 1);
             }
@@ -53,11 +53,18 @@ impl Welder {
     }
 }
 
-fn hash(p: LatticePoint) -> usize {
+/// Of all that [`same`] compares: any number of vertices may lie at one place and differ in their attributes.
+fn hash(mesh: &Mesh, v: usize) -> usize {
     // Multiplicative hashing (Knuth, TAOCP 6.4) by three odd constants; the high bits are the good ones.
+    let p = mesh.positions[v];
     let h = (u64::from(p[0] as u32).wrapping_mul(0x9e37_79b9_7f4a_7c15))
         ^ (u64::from(p[1] as u32).wrapping_mul(0xc2b2_ae3d_27d4_eb4f)).rotate_left(21)
         ^ (u64::from(p[2] as u32).wrapping_mul(0x1656_67b1_9e37_79f9)).rotate_left(42);
+    let mix = |h: u64, word: u32| (h.rotate_left(23) ^ u64::from(word)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let color = mesh.colors.get(v).map(|&[r, g, b]| u32::from_le_bytes([r, g, b, 0]));
+    let normal = mesh.normals.get(v).map(|[x, y]| u32::from(x.cast_unsigned()) << 16 | u32::from(y.cast_unsigned()));
+    let scalars = mesh.scalars.iter().map(|s| s[v].to_bits());
+    let h = color.into_iter().chain(normal).chain(scalars).fold(h, mix);
     (h.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as usize
 }
 

@@ -4,7 +4,7 @@
 //! otherwise; an estimate to the safe side. What is needed is compared with what is free, and refused with both numbers.
 
 use super::size::human;
-use kilwa_builder::{ingest, machine};
+use kilwa_builder::{ingest, machine, read};
 use std::io::Read;
 use std::path::Path;
 
@@ -36,11 +36,11 @@ pub(crate) struct Need {
 }
 
 impl Need {
-    /// For these inputs together.
-    pub(crate) fn of<'a>(inputs: impl Iterator<Item = &'a Path>) -> Self {
+    /// For these inputs together, found within so much memory.
+    pub(crate) fn of<'a>(inputs: impl Iterator<Item = &'a Path>, memory: u64) -> Self {
         let mut all = Count::default();
         for path in inputs {
-            let count = count(path).unwrap_or_default();
+            let count = count(path, memory).unwrap_or_default();
             all.vertices += count.vertices;
             all.triangles += count.triangles;
             all.attributes = all.attributes.max(count.attributes);
@@ -82,14 +82,13 @@ fn enough(folder: &Path, needed: u64, for_what: &str) -> anyhow::Result<()> {
 }
 
 /// Vertices and triangles of the file at `path`; `None` where it cannot be read, which the reader will say better.
-fn count(path: &Path) -> Option<Count> {
-    let mut file = std::fs::File::open(path).ok()?;
-    let bytes = file.metadata().ok()?.len();
+fn count(path: &Path, memory: u64) -> Option<Count> {
+    let (mut file, bytes) = read::open_regular(path).ok()?;
     let mut start = Vec::new();
     file.by_ref().take(1 << 16).read_to_end(&mut start).ok()?;
-    if let Some(length) = json_length(&start, bytes) {
+    if let Some(length) = json_length(&start, bytes).filter(|length| *length <= memory / 4) {
         file.take(length.saturating_sub(1 << 16)).read_to_end(&mut start).ok()?;
-        if let Some(count) = start.get(..usize::try_from(length).ok()?).and_then(gltf) {
+        if let Some(count) = start.get(..usize::try_from(length).ok()?).and_then(|json| gltf(json, memory)) {
             return Some(count);
         }
     }
@@ -109,26 +108,12 @@ fn json_length(start: &[u8], bytes: u64) -> Option<u64> {
 }
 
 /// What the accessors of a glTF say, compressed or not: each primitive once.
-fn gltf(bytes: &[u8]) -> Option<Count> {
+fn gltf(bytes: &[u8], memory: u64) -> Option<Count> {
     let json = if bytes.starts_with(b"glTF") { bytes.get(20..)? } else { bytes };
-    let root: serde_json::Value = serde_json::from_slice(json).ok()?;
-    let length = |accessor: &serde_json::Value| root["accessors"][accessor.as_u64()? as usize]["count"].as_u64();
-    let mut all = Count { attributes: 8, ..Count::default() };
-    for primitive in root["meshes"].as_array()?.iter().filter_map(|mesh| mesh["primitives"].as_array()).flatten() {
-        let vertices = length(&primitive["attributes"]["POSITION"]).unwrap_or(0);
-        let corners = length(&primitive["indices"]).unwrap_or(vertices);
-        all.vertices = all.vertices.checked_add(vertices)?;
-        // Strips and fans have a triangle for each corner.
-        all.triangles = all.triangles.checked_add(if primitive["mode"].as_u64().unwrap_or(4) == 4 {
-            corners / 3
-        } else {
-            corners
-        })?;
-    }
+    let sizes = read::gltf::sizes(json, memory / 2)?;
     // More than its buffers can hold, however compressed, is a lie, which the reader says better.
-    let buffers = root["buffers"].as_array()?.iter().filter_map(|b| b["byteLength"].as_u64());
-    let most = buffers.fold(0u64, u64::saturating_add).saturating_mul(16);
-    Some(Count { vertices: all.vertices.min(most), triangles: all.triangles.min(most), ..all })
+    let most = sizes.buffer_bytes.saturating_mul(16);
+    Some(Count { vertices: sizes.vertices.min(most), triangles: sizes.triangles.min(most), attributes: 8 })
 }
 
 /// From the beginning of a file of so many bytes.
@@ -240,11 +225,11 @@ mod tests {
         let json =
             br#"{"meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1},{"attributes":{"POSITION":0}}]}],
             "accessors":[{"count":30},{"count":60}],"buffers":[{"byteLength":600}]}"#;
-        assert_eq!(gltf(json), Some(Count { vertices: 60, triangles: 30, attributes: 8 }));
+        assert_eq!(gltf(json, 1 << 20), Some(Count { vertices: 60, triangles: 30, attributes: 8 }));
         assert_eq!(json_length(json, json.len() as u64), Some(json.len() as u64));
         let lie = br#"{"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"count":4000000000}],
             "buffers":[{"byteLength":100}]}"#;
-        assert_eq!(gltf(lie).map(|c| c.vertices), Some(1600));
+        assert_eq!(gltf(lie, 1 << 20).map(|c| c.vertices), Some(1600));
         assert_eq!(count_of(b"# obj\nv 1 2 3\n", 4000).triangles, 100);
     }
 

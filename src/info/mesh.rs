@@ -22,9 +22,9 @@ pub(super) fn run(input: &InputArgs, json: bool) -> anyhow::Result<()> {
     let surface = survey(&mut inputs, &work);
     bar.clear();
     let surface = surface?;
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::out();
     if json {
-        writeln!(out, "{}", serde_json::to_string_pretty(&surface)?)?;
+        writeln!(out, "{}", crate::terminal::json_text(&surface)?)?;
     } else {
         words(&inputs.names(), &surface, &mut out)?;
     }

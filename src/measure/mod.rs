@@ -15,6 +15,7 @@ use kilwa_geometry::distance::Vec3;
 use kilwa_measure::{LengthUnit, Outcome, Place, Plane, Space, Task, ToolName, Uncertainty};
 use place::{Given, places, positions};
 use serde_json::json;
+use std::io::Write as _;
 use std::path::PathBuf;
 use sweep::FileLeaves;
 
@@ -223,7 +224,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let cited = args.cite.then(|| saved::measurement(&subject, &outcome, args, outcome.task.tool.name().to_owned()));
     report::print(outcome, &subject, args.json)?;
     if let Some(cited) = cited {
-        println!("{}", saved::citation(&subject, &cited));
+        writeln!(crate::terminal::out(), "{}", saved::citation(&subject, &cited))?;
     }
     Ok(())
 }

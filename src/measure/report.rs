@@ -7,7 +7,7 @@ use std::io::Write;
 
 /// Print it.
 pub(super) fn print(mut outcome: Outcome, s: &Subject, as_json: bool) -> anyhow::Result<()> {
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::out();
     let index = s.leaves.index();
     if as_json {
         if let Some(read) = outcome.read {
@@ -20,8 +20,7 @@ pub(super) fn print(mut outcome: Outcome, s: &Subject, as_json: bool) -> anyhow:
         let printed: Vec<Value> =
             outcome.printed(s.unit).iter().map(|(name, text)| json!({ "name": name, "text": text })).collect();
         outcome.add("printed", json!(printed));
-        serde_json::to_writer_pretty(&mut out, &Value::Object(outcome.details))?;
-        writeln!(out)?;
+        writeln!(out, "{}", crate::terminal::json_text(&Value::Object(outcome.details))?)?;
         return Ok(());
     }
     let width = outcome.readings.iter().map(|r| r.name.chars().count()).max().unwrap_or(0);

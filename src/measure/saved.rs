@@ -84,7 +84,7 @@ pub(super) fn again(s: &Subject, again: &AgainArgs, all: &Args) -> anyhow::Resul
     }
     let here = pack_name(s.leaves.index());
     let same_pack = document.pack.identity == here.identity;
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::out();
     let (mut rows, mut differing) = (Vec::new(), 0);
     for m in &document.measurements {
         let task = m.task.on_lattice(&document.pack.lattice, &here.lattice);
@@ -119,8 +119,7 @@ pub(super) fn again(s: &Subject, again: &AgainArgs, all: &Args) -> anyhow::Resul
     }
     if as_json {
         let whole = json!({ "pack": here, "saved_pack": document.pack, "same_pack": same_pack, "measurements": rows });
-        serde_json::to_writer_pretty(&mut out, &whole)?;
-        writeln!(out)?;
+        writeln!(out, "{}", crate::terminal::json_text(&whole)?)?;
     } else if !same_pack {
         writeln!(
             out,

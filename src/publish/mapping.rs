@@ -105,7 +105,7 @@ fn flatten(value: &Value, name: &str, known: &str, rows: &mut Vec<Row>) {
 /// Say it as was asked.
 pub(super) fn print(args: &super::Args, plan: &Plan) -> anyhow::Result<()> {
     let said = if args.json { format!("{:#}", json(plan)) } else { text(plan) };
-    Ok(writeln!(std::io::stdout(), "{said}")?)
+    Ok(writeln!(crate::terminal::out(), "{said}")?)
 }
 
 /// For people.

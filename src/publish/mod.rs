@@ -157,9 +157,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 
 /// Print what was done.
 fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::out();
     if args.json {
-        writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
+        writeln!(out, "{}", crate::terminal::json_text(&report)?)?;
         return Ok(());
     }
     let Report { object, version, files, .. } = report;

@@ -13,7 +13,7 @@ use kilwa_server::object::layout::{ANNOTATIONS, MANIFEST, METADATA, pack_name};
 use kilwa_server::object::{Manifest, PackEntry};
 use kilwa_server::upload::wire::{Drawing, FORM, FileSaid, Intent, PreviewSaid};
 use std::fs::File;
-use std::io::{BufReader, Write as _};
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 /// Where a token is looked for.
@@ -241,7 +241,7 @@ impl Progress {
             Told::Verified(done, of) => self.at("the server verifies", *done, *of),
             Told::Waits(why, pause) => {
                 let line = format!("kilwa: {why}; trying again in {} s", pause.as_secs_f32().ceil());
-                self.0.suspend(|| drop(writeln!(std::io::stderr(), "{line}")));
+                self.0.suspend(|| crate::terminal::say!("{line}"));
             }
         }
     }

@@ -4,6 +4,7 @@ use super::plan::{Given, Plan};
 use super::write::spinner;
 use super::{Args, mapping, write};
 use anyhow::{Context, anyhow, ensure};
+use kilwa_pack::visible::visible;
 use kilwa_server::store::{S3, S3Options};
 use std::time::Duration;
 
@@ -49,7 +50,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     }
     let mut report = write::run(&here, &plan).map_err(in_words)?;
     let bar = spinner();
-    let told = |key: &str| bar.set_message(format!("sending {key}"));
+    let told = |key: &str| bar.set_message(format!("sending {}", visible(key)));
     store
         .send(&slug, shelf.path(), report.version, &against, &told)
         .with_context(|| format!("{at}: not published; what was sent stays, and the same command goes on"))?;

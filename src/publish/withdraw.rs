@@ -41,7 +41,7 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
     if args.site {
         kilwa_server::object::site::write(&args.to, &kilwa_server::Page::load(args.www.as_deref())?)?;
     }
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::out();
     if args.json {
         let report = serde_json::json!({ "withdrawn": slug.as_str(), "kept": kept.display().to_string(), "date": day });
         writeln!(out, "{report:#}")?;
@@ -53,7 +53,7 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
 
 /// What would be done.
 fn say_outlook(args: &Args, slug: &Slug, keep: &Path, there: &Outlook) -> anyhow::Result<()> {
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::out();
     let (files, bytes) = there.going;
     if args.json {
         let report = serde_json::json!({ "would_withdraw": slug.as_str(), "title": there.title, "files": files, "bytes": bytes, "bag": there.bag, "keep": keep.display().to_string() });

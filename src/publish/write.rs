@@ -5,6 +5,7 @@ use super::{Args, Report, notes, pictures};
 use crate::{extract, redact, source, verify};
 use anyhow::{Context, bail};
 use indicatif::ProgressBar;
+use kilwa_pack::visible::visible;
 use kilwa_server::object::Manifest;
 use kilwa_server::object::assemble::{complete, is_published};
 use kilwa_server::object::bag::{self, BagInfo};
@@ -27,7 +28,7 @@ pub(super) fn run(args: &Args, plan: &Plan) -> anyhow::Result<Report> {
     std::fs::create_dir_all(shelf).with_context(|| format!("cannot make the folder {}", shelf.display()))?;
     let _lock = Lock::take(shelf)?;
     let say = |what: &str| {
-        bar.set_message(what.to_owned());
+        bar.set_message(visible(what).into_owned());
         Ok(())
     };
     let mut draft = Draft::begin(shelf, &facts.slug, facts.version(), &say)?;

@@ -1,6 +1,7 @@
 //! Progress on standard error with the time left, only where that is a terminal.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use kilwa_pack::visible::visible;
 
 /// One bar over all bytes that are to be read.
 pub(crate) struct Progress(ProgressBar);
@@ -33,7 +34,7 @@ impl Progress {
 
     /// What is being read.
     pub(crate) fn at(&self, what: &str) {
-        self.0.set_message(what.to_owned());
+        self.0.set_message(visible(what).into_owned());
     }
 
     /// Print lines above the bar.

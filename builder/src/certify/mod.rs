@@ -127,7 +127,12 @@ impl<'a> Direction<'a> {
         }
         let unimportant = sure * UNIMPORTANT;
         let (from, to) = (self.from, self.to);
-        let fans = corners.into_iter().flat_map(|p| from.others.of(p)).flat_map(|q| to.fans.of(*q)).copied();
+        let mut order = corners;
+        if to.has_hubs {
+            // The walk is given up after a few triangles; those at a hub would be the wrong ones.
+            order.sort_by_key(|p| from.others.of(*p).iter().any(|q| to.is_hub(*q)));
+        }
+        let fans = order.into_iter().flat_map(|p| from.others.of(p)).flat_map(|q| to.fan(*q)).copied();
         let starts = (start != NONE).then_some(start).into_iter().chain(fans);
         if self.walker.cover(&triangle, corners, along, starts, unimportant) {
             self.walker.pieces.iter().for_each(|(c, d)| report(*c, *d));
@@ -165,7 +170,7 @@ fn vertices_away(fine: &Surface, coarse: &Surface) -> f64 {
                 near = 0.0;
                 break;
             }
-            for t in coarse.fans.of(*q) {
+            for t in coarse.fan(*q) {
                 near = near.min(point_triangle_squared(*p, coarse.triangle(*t)));
             }
         }
@@ -182,7 +187,7 @@ fn vertices_away(fine: &Surface, coarse: &Surface) -> f64 {
             break;
         }
         candidates.clear();
-        for t in fine.fans.of(i) {
+        for t in fine.fan(i) {
             candidates.round(fine.triangles[*t as usize], fine, coarse);
         }
         candidates.grow(coarse);

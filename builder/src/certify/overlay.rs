@@ -16,6 +16,9 @@ use kilwa_geometry::distance::{Vec3, cross, dot, point_triangle_squared, sub};
 const TRUSTED: u32 = 3;
 /// It is where its bound exceeds the limit this many times.
 const LOOSE: f64 = 1.2;
+/// Triangles of the other surface that a search of all of it compares with at most. Where thousands lie at one place no tree
+/// can tell them apart; what is found by then is as good, and a bound all the same.
+const MOST_COMPARED: u32 = 256;
 /// Halvings of what no triangle lies over, after which a loose bound is accepted (it is a bound all the same).
 const MOST_HALVINGS: u32 = 12;
 
@@ -172,22 +175,24 @@ impl<'a> Cover<'a> {
         std::mem::swap(&mut self.open, &mut self.next);
     }
 
-    /// Of all triangles of the other surface the one that makes the largest distance of a corner of `t` to it smallest, and
-    /// that distance.
+    /// Of all triangles of the other surface the one that makes the largest distance of a corner of `t` to it smallest, or
+    /// nearly so, and that distance.
     pub(super) fn anywhere(&mut self, t: &Triangle) -> (u32, f64) {
         let to = self.to;
         let whole = self.whole.get_or_insert_with(|| {
             let triangles: Vec<Triangle> = (0..to.triangles.len() as u32).map(|t| to.triangle(t)).collect();
             Whole { tree: Bvh::new(&triangles), triangles }
         });
-        let mut best = (f64::INFINITY, 0);
+        let (mut best, mut compared) = ((f64::INFINITY, 0), 0);
         let lower = |b: &Bounds| Some(t.iter().map(|p| b.distance_squared(*p)).fold(0.0, f64::max));
         whole.tree.search(f64::INFINITY, lower, |c, _| {
             let d = t.iter().map(|p| point_triangle_squared(*p, whole.triangles[c as usize])).fold(0.0, f64::max);
             if d < best.0 {
                 best = (d, c);
             }
-            best.0
+            compared += 1;
+            // Nothing is below a limit of zero.
+            if compared < MOST_COMPARED { best.0 } else { 0.0 }
         });
         (best.1, best.0.sqrt())
     }

@@ -43,6 +43,20 @@ pub enum ReadError {
         /// What it is.
         what: &'static str,
     },
+    /// The file names another that lies outside of the folder of the mesh.
+    #[error("{}, {place}: names the file \"{name}\", which leads to {} outside of the folder {}; copy that file into the folder and name it there, or give --allow-outside if you trust what names it", file.display(), target.display(), folder.display())]
+    Outside {
+        /// The file that names the other.
+        file: PathBuf,
+        /// Where it does.
+        place: String,
+        /// The name as it stands there.
+        name: String,
+        /// Where that leads.
+        target: PathBuf,
+        /// The folder of the mesh, links resolved.
+        folder: PathBuf,
+    },
     /// The system failed to deliver bytes; the cause is the source of this error.
     #[error("{} cannot be read at byte {offset}", file.display())]
     Io {

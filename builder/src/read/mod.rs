@@ -10,6 +10,7 @@
 //! Failures: the file cannot be opened or read; it is of another format; it is damaged or cut; it has no triangles.
 //! Memory is bounded by what the file really holds, never by what its header claims.
 
+mod companions;
 mod error;
 mod faces;
 pub mod gltf;
@@ -24,6 +25,7 @@ pub mod stl;
 pub mod texture;
 mod triangulate;
 
+pub use companions::open_regular;
 pub use error::{Place, ReadError};
 pub use memory::MemorySink;
 pub use place::{Placed, Placement};
@@ -50,7 +52,7 @@ impl<T: Read + Seek> Bytes for T {}
 
 /// One input in the hands of a reader.
 pub struct Input<'a> {
-    /// Its name in messages, and the folder in which files that it names are looked for.
+    /// Its name in messages; files that it names are looked for in its folder.
     pub path: &'a Path,
     /// Bytes in all.
     pub total: u64,
@@ -72,6 +74,11 @@ pub struct ReadOptions {
     /// Bytes that tables and decoded pictures may take together, about, beside one picture; the rest goes to scratch
     /// files or is decoded again. Never changes what is read.
     pub memory: u64,
+    /// The most bytes that the JSON of a glTF and what is made of it may take, about; beyond them the file is refused.
+    pub document: u64,
+    /// Whether files outside of the folder of the mesh file may be read where it names them. What they hold ends up in
+    /// the pack: only for meshes that are trusted.
+    pub allow_outside: bool,
     /// How far triangles are split for their pictures, where they are. Each input must have gone through
     /// [`note_detail`] before the first is read.
     pub detail: Option<Arc<Detail>>,
@@ -82,7 +89,14 @@ const MEMORY: u64 = 1 << 30;
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { scratch: std::env::temp_dir(), texture_bytes: texture::TEXTURE_BYTES, memory: MEMORY, detail: None }
+        Self {
+            scratch: std::env::temp_dir(),
+            texture_bytes: texture::TEXTURE_BYTES,
+            memory: MEMORY,
+            document: MEMORY,
+            allow_outside: false,
+            detail: None,
+        }
     }
 }
 
@@ -223,11 +237,10 @@ pub fn read_mesh_from(
 
 fn open(path: &Path) -> Result<(File, u64), ReadError> {
     let cannot = |source| ReadError::Open { file: path.to_owned(), source };
-    let file = File::open(path).map_err(cannot)?;
-    let about = file.metadata().map_err(cannot)?;
+    let about = std::fs::metadata(path).map_err(cannot)?;
     if !about.is_file() {
         let what = if about.is_dir() { "a folder" } else { "not a regular file" };
         return Err(ReadError::NotAFile { file: path.to_owned(), what });
     }
-    Ok((file, about.len()))
+    open_regular(path).map_err(cannot)
 }

@@ -34,6 +34,7 @@ pub mod reader;
 pub mod relocate;
 pub mod verify;
 pub mod vertex_layout;
+pub mod visible;
 pub mod writer;
 
 pub use bytes::checksum;

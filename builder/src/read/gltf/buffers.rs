@@ -3,7 +3,7 @@
 //! Nothing is opened before it is used, so that what no surface needs may be missing. Plain views are read in pieces;
 //! compressed ones are decoded whole and the last few are kept, because exporters put many meshes into one view.
 
-use super::super::texture::find_file;
+use super::super::companions::{Found, Reference};
 use super::super::{Bytes, ReadError};
 use super::Context;
 use super::schema::{Meshopt, Root};
@@ -11,12 +11,16 @@ use base64::Engine;
 use base64::alphabet;
 use base64::engine::DecodePaddingMode;
 use base64::engine::general_purpose::{GeneralPurpose, GeneralPurposeConfig};
+use kilwa_pack::visible::visible;
 use meshoptimizer_rs::codec;
 use percent_encoding::percent_decode_str;
 use std::fs::File;
 use std::io::{Read, SeekFrom};
+use std::path::PathBuf;
 use std::rc::Rc;
 
+/// What URIs begin with that hold the bytes themselves.
+const DATA: &str = "data:";
 /// Decoded views that are kept.
 const KEPT: usize = 8;
 
@@ -60,6 +64,8 @@ pub(super) struct Buffers<'a> {
     binary: Option<(u64, u64)>,
     stores: Vec<Option<Store>>,
     decoded: Vec<(usize, Rc<Vec<u8>>)>,
+    /// The most bytes that decoded views may take together.
+    most: u64,
     /// Told with bytes done and bytes in all.
     progress: &'a mut super::super::OnProgress<'a>,
     done: u64,
@@ -73,15 +79,21 @@ impl<'a> Buffers<'a> {
         total: u64,
         binary: Option<(u64, u64)>,
         root: &Root,
+        most: u64,
         progress: &'a mut super::super::OnProgress<'a>,
     ) -> Self {
         let stores = root.buffers.iter().map(|_| None).collect();
-        Self { source, binary, stores, decoded: Vec::new(), progress, done: 0, total, told: 0 }
+        Self { source, binary, stores, decoded: Vec::new(), most, progress, done: 0, total, told: 0 }
     }
 
     /// Bytes of the file and of those beside it that were opened.
     pub(super) fn total(&self) -> u64 {
         self.total
+    }
+
+    /// The most bytes that what is decoded may take.
+    pub(super) fn most(&self) -> u64 {
+        self.most
     }
 
     /// Tell the progress that all is read.
@@ -101,10 +113,17 @@ impl<'a> Buffers<'a> {
             if let Some((_, bytes)) = self.decoded.iter().find(|(i, _)| *i == index) {
                 return Ok(ViewBytes::Decoded(Rc::clone(bytes)));
             }
-            let bytes = Rc::new(self.decode(root, packed, &part(), context)?);
-            if self.decoded.len() == KEPT {
+            let size = packed.count.saturating_mul(packed.byte_stride);
+            if size > self.most {
+                let found = format!("a compressed view of {size} bytes, of which at most {} fit the memory", self.most);
+                let expected = "a smaller one; give a larger --memory, or export the file without compression";
+                return Err(context.part(part(), found, expected));
+            }
+            let kept = |all: &[(usize, Rc<Vec<u8>>)]| all.iter().map(|(_, bytes)| bytes.len() as u64).sum::<u64>();
+            while self.decoded.len() == KEPT || kept(&self.decoded) > self.most - size {
                 self.decoded.remove(0);
             }
+            let bytes = Rc::new(self.decode(root, packed, &part(), context)?);
             self.decoded.push((index, Rc::clone(&bytes)));
             return Ok(ViewBytes::Decoded(bytes));
         }
@@ -247,7 +266,7 @@ impl<'a> Buffers<'a> {
 
 /// The bytes of a data URI; `None` where it is another URI.
 pub(super) fn data_uri(uri: &str, part: &str, context: &Context<'_>) -> Result<Option<Vec<u8>>, ReadError> {
-    let Some(rest) = uri.strip_prefix("data:") else { return Ok(None) };
+    let Some(rest) = uri.strip_prefix(DATA) else { return Ok(None) };
     let bad = |found: &str| context.part(part.to_owned(), found.to_owned(), "a data URI in base64");
     let (about, data) = rest.split_once(',').ok_or_else(|| bad("a data URI without a comma"))?;
     if !about.ends_with(";base64") {
@@ -257,38 +276,59 @@ pub(super) fn data_uri(uri: &str, part: &str, context: &Context<'_>) -> Result<O
     Ok(Some(bytes))
 }
 
-/// The name of a file beside the glTF, or of one on another system.
-pub(super) fn file_name(uri: &str, part: &str, context: &Context<'_>) -> Result<String, ReadError> {
+/// Whether the bytes are in the URI itself.
+pub(super) fn is_data(uri: &str) -> bool {
+    uri.starts_with(DATA)
+}
+
+/// Where a URI that names a file leads. Some exporters do not escape: the name as it stands counts where there is such a
+/// file. What is escaped is resolved once.
+pub(super) fn find(uri: &str, context: &Context<'_>) -> Found {
+    let companions = context.companions;
+    let plain = companions.find(companions.folder(), uri);
+    if matches!(plain, Found::File(_)) {
+        return plain;
+    }
+    match companions.find(companions.folder(), &percent_decode_str(uri).decode_utf8_lossy()) {
+        Found::Nothing => plain,
+        found => found,
+    }
+}
+
+/// The file that a URI names.
+///
+/// # Errors
+/// [`ReadError::Part`] where it is an address or is not there, [`ReadError::Outside`] where it must not be read.
+pub(super) fn locate(uri: &str, part: &str, context: &Context<'_>) -> Result<PathBuf, ReadError> {
     let web = |scheme: &str| scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric());
     if uri.split_once("://").is_some_and(|(scheme, _)| web(scheme)) {
         let found = format!("the address \"{}\"", shown(uri));
         return Err(context.part(part.to_owned(), found, "a file beside the glTF; download it and name it there"));
     }
-    let folder = context.path.parent().unwrap_or(std::path::Path::new(""));
-    // Some exporters do not escape: the name as it stands counts where there is such a file.
-    if folder.join(uri).is_file() {
-        return Ok(uri.to_owned());
+    match find(uri, context) {
+        Found::File(path) => Ok(path),
+        Found::Outside(target) => {
+            Err(context.companions.refusal(&Reference { file: context.path, place: part, name: uri }, target))
+        }
+        Found::Nothing => Err(missing(uri, "is not there", part, context)),
     }
-    Ok(percent_decode_str(uri).decode_utf8_lossy().into_owned())
+}
+
+fn missing(uri: &str, why: &str, part: &str, context: &Context<'_>) -> ReadError {
+    let found = format!("the file \"{}\", which {why}", shown(&percent_decode_str(uri).decode_utf8_lossy()));
+    context.part(part.to_owned(), found, "all files that the glTF names beside it; copy them too")
 }
 
 fn shown(uri: &str) -> String {
-    uri.chars().take(80).collect()
+    visible(&uri.chars().take(80).collect::<String>()).into_owned()
 }
 
 fn open_uri(uri: &str, part: &str, context: &Context<'_>) -> Result<Store, ReadError> {
     if let Some(bytes) = data_uri(uri, part, context)? {
         return Ok(Store::Memory(Rc::new(bytes)));
     }
-    let name = file_name(uri, part, context)?;
-    let missing = |why: &str| {
-        let found = format!("the file \"{}\", which {why}", shown(&name));
-        context.part(part.to_owned(), found, "all files that the glTF names beside it; copy them too")
-    };
-    let folder = context.path.parent().unwrap_or(std::path::Path::new(""));
-    let path = find_file(folder, &name).ok_or_else(|| missing("is not there"))?;
-    let cannot = |e: std::io::Error| missing(&format!("cannot be opened ({e})"));
-    let file = File::open(&path).map_err(cannot)?;
-    let length = file.metadata().map_err(cannot)?.len();
+    let path = locate(uri, part, context)?;
+    let cannot = |e: std::io::Error| missing(uri, &format!("cannot be opened ({e})"), part, context);
+    let (file, length) = context.companions.open(&path).map_err(cannot)?;
     Ok(Store::Beside(file, length))
 }

@@ -1,7 +1,7 @@
 //! The outer form: GLB (header of 12 bytes, chunks of type and length) or a text file that is the JSON itself.
 
 use super::super::{Bytes, Place, ReadError};
-use super::Context;
+use super::{Context, tally};
 use std::io::{Read, SeekFrom};
 
 /// First bytes of a GLB.
@@ -21,9 +21,17 @@ pub(super) struct Container {
 }
 
 /// Take the file apart.
-pub(super) fn open(source: &mut dyn Bytes, total: u64, context: &Context<'_>) -> Result<Container, ReadError> {
+///
+/// The JSON is held whole; one of more than `most` bytes is refused before it is read.
+pub(super) fn open(
+    source: &mut dyn Bytes,
+    total: u64,
+    most: u64,
+    context: &Context<'_>,
+) -> Result<Container, ReadError> {
     let start = piece(source, 0, total.min(HEADER), context)?;
     if !start.starts_with(MAGIC) {
+        tally::check_length(total, most, context)?;
         return Ok(Container { json: piece(source, 0, total, context)?, binary: None, trailing: 0 });
     }
     let malformed = |at: u64, found: String, expected: &str| ReadError::Malformed {
@@ -56,7 +64,10 @@ pub(super) fn open(source: &mut dyn Bytes, total: u64, context: &Context<'_>) ->
             return Err(malformed(at, found, &expected));
         }
         match (chunks, kind) {
-            (0, JSON) => container.json = piece(source, first, bytes, context)?,
+            (0, JSON) => {
+                tally::check_length(bytes, most, context)?;
+                container.json = piece(source, first, bytes, context)?;
+            }
             (0, _) => return Err(malformed(at, format!("a chunk of type {kind:#010x}"), "the JSON chunk first")),
             (1, BIN) => container.binary = Some((first, bytes)),
             // Chunks of other types are for extensions: the specification says to pass over them.

@@ -5,8 +5,9 @@
 
 use super::Context;
 use crate::read::ReadError;
+use kilwa_pack::visible::visible;
+use memchr::memchr2;
 use serde::de::DeserializeOwned;
-use serde_json::Value;
 
 /// All of `json` as a `T`.
 ///
@@ -16,7 +17,7 @@ pub(super) fn deserialize<T: DeserializeOwned>(json: &[u8], context: &Context<'_
     let mut source = serde_json::Deserializer::from_slice(json);
     let value = match serde_path_to_error::deserialize(&mut source) {
         Ok(value) => value,
-        Err(e) => return with_whole_numbers(json).ok_or_else(|| refusal(&e, context)),
+        Err(e) => return Err(refusal(&e, context)),
     };
     source.end().map_err(|e| context.part("JSON".to_owned(), plainly(&e.to_string()), "nothing behind its end"))?;
     Ok(value)
@@ -28,33 +29,53 @@ fn refusal(e: &serde_path_to_error::Error<serde_json::Error>, context: &Context<
         path => path,
     };
     let expected = "glTF 2.0; the file is damaged or its exporter is wrong: copy or export it again";
-    context.part(part, plainly(&e.inner().to_string()), expected)
+    context.part(visible(&part).into_owned(), plainly(&e.inner().to_string()), expected)
 }
 
-/// The same with every 1.0 written as 1; `None` where that does not help, or where there is none.
-fn with_whole_numbers<T: DeserializeOwned>(json: &[u8]) -> Option<T> {
-    let mut value: Value = serde_json::from_slice(json).ok()?;
-    if !make_whole(&mut value) {
+/// The same with every 1.0 written as 1; `None` where there is none. Takes the bytes over, so that both forms are not held
+/// for longer than it takes.
+pub(super) fn with_whole_numbers(json: Vec<u8>) -> Option<Vec<u8>> {
+    let mut out = Vec::with_capacity(json.len());
+    let (mut at, mut changed) = (0, false);
+    while let Some(&b) = json.get(at) {
+        let length = match b {
+            b'"' => string_length(&json[at..]),
+            b'-' | b'0'..=b'9' => json[at..].iter().take_while(|b| b"+-.eE0123456789".contains(b)).count(),
+            _ => 1,
+        };
+        let token = &json[at..at + length];
+        at += length;
+        match whole(token).filter(|_| b.is_ascii_digit()) {
+            Some(number) => {
+                changed = true;
+                out.extend_from_slice(number.to_string().as_bytes());
+            }
+            None => out.extend_from_slice(token),
+        }
+    }
+    changed.then_some(out)
+}
+
+/// Bytes of the string that begins here, with its quotes.
+pub(super) fn string_length(json: &[u8]) -> usize {
+    let mut at = 1;
+    while let Some(n) = memchr2(b'"', b'\\', json.get(at..).unwrap_or_default()) {
+        at += n;
+        if json[at] == b'"' {
+            return at + 1;
+        }
+        at += 2;
+    }
+    json.len()
+}
+
+/// The number that a token with a point or an exponent stands for, where that is whole. Exact below 2^53.
+fn whole(token: &[u8]) -> Option<u64> {
+    if !token.iter().any(|b| b".eE".contains(b)) {
         return None;
     }
-    serde_json::from_value(value).ok()
-}
-
-/// Whether there was a whole number with a point. No deeper than the parser goes, which ends at 128 levels.
-fn make_whole(value: &mut Value) -> bool {
-    match value {
-        Value::Number(n) => {
-            // Exact below 2^53.
-            let whole = n.as_f64().filter(|x| n.is_f64() && x.fract() == 0.0 && (0.0..9e15).contains(x));
-            if let Some(x) = whole {
-                *n = (x as u64).into();
-            }
-            whole.is_some()
-        }
-        Value::Array(all) => all.iter_mut().map(make_whole).filter(|made| *made).count() > 0,
-        Value::Object(all) => all.values_mut().map(make_whole).filter(|made| *made).count() > 0,
-        _ => false,
-    }
+    let x: f64 = std::str::from_utf8(token).ok()?.parse().ok()?;
+    (x.fract() == 0.0 && (0.0..9e15).contains(&x)).then_some(x as u64)
 }
 
 /// A message of the parser without the words of programmers.
@@ -76,5 +97,5 @@ fn plainly(message: &str) -> String {
             other => words.push(other),
         }
     }
-    words.join(" ")
+    visible(&words.join(" ")).into_owned()
 }

@@ -29,17 +29,23 @@ mod material;
 mod primitive;
 mod scene;
 mod schema;
+mod sizes;
 mod strip;
+mod tally;
 #[cfg(test)]
 mod tests;
 mod transform;
 
+pub use sizes::{Sizes, sizes};
+
+use super::companions::{Companions, Found, Reference};
 use super::texture::detail::Detail;
 use super::{Input, MeshSink, ReadError};
 use buffers::Buffers;
 use container::Container;
 use detailed::{Detailing, Nowhere};
 use json::deserialize;
+use kilwa_pack::visible::visible;
 use material::Material;
 use primitive::{Delivery, Known};
 use schema::{Head, Root};
@@ -77,6 +83,7 @@ const EXPORT: &str =
 /// What messages need.
 struct Context<'a> {
     path: &'a Path,
+    companions: &'a Companions,
 }
 
 impl Context<'_> {
@@ -87,7 +94,7 @@ impl Context<'_> {
 
     /// The error for a version that is not read.
     fn version(&self, version: &str) -> ReadError {
-        let needs = format!("is glTF {version}; glTF 2.0 is read");
+        let needs = format!("is glTF {}; glTF 2.0 is read", visible(version));
         ReadError::Needs { file: self.path.to_owned(), needs, way_out: EXPORT }
     }
 }
@@ -128,10 +135,11 @@ pub fn note_detail(input: Input<'_>, detail: &Detail) -> Result<(), ReadError> {
 
 fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailing<'_>>) -> Result<(), ReadError> {
     let Input { path, total, source, progress, options } = input;
-    let context = Context { path };
-    let Container { json, binary, trailing } = container::open(source, total, &context)?;
-    let root = parse(&json, &context)?;
-    drop(json);
+    let companions = &Companions::of(path, options);
+    let context = Context { path, companions };
+    let Container { json, binary, trailing } = container::open(source, total, options.document, &context)?;
+    let root = parse(json, options.document, &context)?;
+    refuse_pictures_outside(&root, &context)?;
     let findings = sink.findings();
     findings.add_many("bytes behind the end that the header of the GLB gives left out", trailing);
     findings.add_many("animations left out; the rest pose is taken", root.animations.len() as u64);
@@ -143,9 +151,9 @@ fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailin
     let unused = in_scene.iter().filter(|used| !**used).count();
     findings.add_many("meshes that do not stand in the scene left out", unused as u64);
 
-    let buffers = Buffers::new(source, total, binary, &root, progress);
+    let buffers = Buffers::new(source, total, binary, &root, options.document, progress);
     let colored = is_colored(&root, &in_scene, &context)?;
-    let mut delivery = Delivery::new(&root, buffers, sink, Context { path }, colored, options, detailing);
+    let mut delivery = Delivery::new(&root, buffers, sink, Context { path, companions }, colored, options, detailing);
     for place in &placed {
         let mut known = Known::new();
         for (number, primitive) in root.meshes[place.mesh].primitives.iter().enumerate() {
@@ -169,13 +177,31 @@ fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailin
     })
 }
 
+/// Refuse pictures that lie outside of the folder. Those that are missing are left out when they are needed.
+fn refuse_pictures_outside(root: &Root, context: &Context<'_>) -> Result<(), ReadError> {
+    for (number, image) in root.images.iter().enumerate() {
+        if let (Some(uri), None) = (&image.uri, image.buffer_view)
+            && !buffers::is_data(uri)
+        {
+            let place = format!("images[{number}]");
+            if let Found::Outside(target) = buffers::find(uri, context) {
+                let by = Reference { file: context.path, place: &place, name: uri };
+                return Err(context.companions.refusal(&by, target));
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Read the JSON: first what tells other versions apart, because their JSON has another form.
-fn parse(json: &[u8], context: &Context<'_>) -> Result<Root, ReadError> {
-    let json = without_mark(json);
+fn parse(mut json: Vec<u8>, most: u64, context: &Context<'_>) -> Result<Root, ReadError> {
     // Some writers pad the JSON chunk with zeros instead of spaces.
-    let end = json.iter().rposition(|b| *b != 0).map_or(0, |last| last + 1);
-    let json = &json[..end];
-    let head: Head = deserialize(json, context)?;
+    json.truncate(json.iter().rposition(|b| *b != 0).map_or(0, |last| last + 1));
+    if without_mark(&json).len() < json.len() {
+        json.drain(..json.len() - without_mark(&json).len());
+    }
+    tally::check(&json, most, context)?;
+    let head: Head = deserialize(&json, context)?;
     let needs = |needs: String, way_out| ReadError::Needs { file: context.path.to_owned(), needs, way_out };
     if head.geometric_error.is_some() {
         let way_out = "Give the mesh that the tiles were made of";
@@ -198,10 +224,16 @@ fn parse(json: &[u8], context: &Context<'_>) -> Result<Root, ReadError> {
     let unknown: Vec<&str> =
         head.extensions_required.iter().map(String::as_str).filter(|name| !KNOWN_EXTENSIONS.contains(name)).collect();
     if !unknown.is_empty() {
-        let names: Vec<String> = unknown.iter().take(5).map(|n| n.chars().take(60).collect()).collect();
+        let shown = |n: &&str| visible(&n.chars().take(60).collect::<String>()).into_owned();
+        let names: Vec<String> = unknown.iter().take(5).map(shown).collect();
         return Err(needs(format!("requires glTF extensions that are not read: {}", names.join(", ")), EXPORT));
     }
-    deserialize(json, context)
+    let refusal = match deserialize(&json, context) {
+        Ok(root) => return Ok(root),
+        Err(refusal) => refusal,
+    };
+    let Some(json) = json::with_whole_numbers(json) else { return Err(refusal) };
+    deserialize(&json, context).map_err(|_| refusal)
 }
 
 /// Whether anything in the scene has a colour that is not white.

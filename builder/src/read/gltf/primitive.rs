@@ -1,6 +1,6 @@
 //! One primitive of one node: its vertices in the coordinates of the scene with their colours, and its triangles.
 
-use super::super::texture::{Texture as Picture, Textures, find_file, light_from_srgb, srgb_from_light};
+use super::super::texture::{Texture as Picture, Textures, light_from_srgb, srgb_from_light};
 use super::super::{MeshSink, ReadError, ReadOptions, VertexBlock};
 use super::Context;
 use super::accessor::{Accessor, Component};
@@ -26,6 +26,8 @@ pub(super) struct Delivery<'r, 's, 'a> {
     pub(super) sink: &'s mut dyn MeshSink,
     pub(super) context: Context<'r>,
     textures: Textures,
+    /// The most bytes of a picture, decoded and as a file.
+    texture_bytes: u64,
     /// Whether every vertex gets a colour, because some have one that is not white.
     pub(super) colored: bool,
     /// Where triangles are split, or their edges noted.
@@ -82,7 +84,8 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
         detailing: Option<Detailing<'r>>,
     ) -> Self {
         let textures = Textures::new(options.texture_bytes).keeping(options.memory / 2);
-        Self { root, buffers, sink, context, textures, colored, detailing, triangles: 0 }
+        let texture_bytes = options.texture_bytes;
+        Self { root, buffers, sink, context, textures, texture_bytes, colored, detailing, triangles: 0 }
     }
 
     /// Triangles delivered.
@@ -288,7 +291,8 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
     /// The decoded picture of a texture; where it cannot be had, that is counted once.
     pub(super) fn picture(&mut self, texture: &Texture) -> Option<&Picture> {
         let (root, buffers, context) = (self.root, &mut self.buffers, &self.context);
-        let load = || image_bytes(root, texture.image, buffers, context);
+        let most = self.texture_bytes;
+        let load = || image_bytes(root, texture.image, buffers, most, context);
         let findings = self.sink.findings();
         self.textures.get(texture.image, load, |why| {
             let kind = "pictures that cannot be read; what they cover has the colour of its material";
@@ -397,8 +401,14 @@ fn triples(values: &[f64]) -> impl Iterator<Item = [f64; 3]> + '_ {
     values.chunks_exact(3).map(|v| [v[0], v[1], v[2]])
 }
 
-/// The encoded bytes of a picture.
-fn image_bytes(root: &Root, index: usize, buffers: &mut Buffers<'_>, context: &Context<'_>) -> Result<Vec<u8>, String> {
+/// The encoded bytes of a picture; of a file no more than `most`.
+fn image_bytes(
+    root: &Root,
+    index: usize,
+    buffers: &mut Buffers<'_>,
+    most: u64,
+    context: &Context<'_>,
+) -> Result<Vec<u8>, String> {
     let image = root.images.get(index).ok_or("there is no such image")?;
     let text = |e: ReadError| e.to_string();
     if let Some(view) = image.buffer_view {
@@ -410,8 +420,6 @@ fn image_bytes(root: &Root, index: usize, buffers: &mut Buffers<'_>, context: &C
     if let Some(bytes) = buffers::data_uri(uri, &part, context).map_err(text)? {
         return Ok(bytes);
     }
-    let name = buffers::file_name(uri, &part, context).map_err(text)?;
-    let folder = context.path.parent().unwrap_or(std::path::Path::new(""));
-    let path = find_file(folder, &name).ok_or_else(|| format!("{name} is not there"))?;
-    std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))
+    let path = buffers::locate(uri, &part, context).map_err(text)?;
+    context.companions.read(&path, most).map_err(|e| format!("{}: {e}", path.display()))
 }

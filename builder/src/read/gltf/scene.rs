@@ -24,8 +24,13 @@ pub(super) fn placed(root: &Root, findings: &mut Findings, context: &Context<'_>
     let roots = roots(root, findings, context)?;
     let mut visited = vec![false; root.nodes.len()];
     let mut placed = Vec::new();
-    let mut open: Vec<(usize, Transform)> = roots.iter().rev().map(|&i| (i, Transform::IDENTITY)).collect();
-    while let Some((index, parent)) = open.pop() {
+    // For each level of the tree the nodes that are left, and where they stand: no transform for each that waits.
+    let mut open = vec![(roots.iter(), Transform::IDENTITY)];
+    while let Some((left, parent)) = open.last_mut() {
+        let Some(&index) = left.next() else {
+            open.pop();
+            continue;
+        };
         let Some(node) = root.nodes.get(index) else {
             let found = format!("nodes[{index}], but there are {}", root.nodes.len());
             return Err(context.part("scenes or nodes".to_owned(), found, "a node of this file"));
@@ -35,7 +40,9 @@ pub(super) fn placed(root: &Root, findings: &mut Findings, context: &Context<'_>
             return Err(context.part(format!("nodes[{index}]"), found, "a tree of nodes; export the file again"));
         }
         let transform = parent.after(&Transform::of_node(node));
-        open.extend(node.children.iter().rev().map(|&child| (child, transform)));
+        if !node.children.is_empty() {
+            open.push((node.children.iter(), transform));
+        }
         let Some(mesh) = node.mesh else { continue };
         if mesh >= root.meshes.len() {
             let found = format!("meshes[{mesh}], but there are {}", root.meshes.len());

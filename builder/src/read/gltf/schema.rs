@@ -1,9 +1,26 @@
 //! The parts of glTF 2.0 JSON that carry a surface and its colours, as the specification names them (Khronos, "glTF 2.0
 //! Specification", section 5). All else in the file is not looked at, so that damage there refuses nothing.
+//!
+//! What few elements have is boxed: a file may have millions of elements of which each is two bytes of text. What they take
+//! in memory is known before they are read (`tally`).
 
-use serde::Deserialize;
-use serde::de::IgnoredAny;
-use std::collections::BTreeMap;
+use super::tally::LARGEST_ELEMENT;
+use serde::de::{IgnoredAny, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use std::fmt;
+use std::marker::PhantomData;
+
+const _: () = {
+    assert!(size_of::<Accessor>() <= LARGEST_ELEMENT && size_of::<Buffer>() <= LARGEST_ELEMENT);
+    assert!(size_of::<View>() <= LARGEST_ELEMENT && size_of::<Image>() <= LARGEST_ELEMENT);
+    assert!(size_of::<Material>() <= LARGEST_ELEMENT && size_of::<Mesh>() <= LARGEST_ELEMENT);
+    assert!(size_of::<Primitive>() <= LARGEST_ELEMENT && size_of::<Node>() <= LARGEST_ELEMENT);
+    assert!(size_of::<Sampler>() <= LARGEST_ELEMENT && size_of::<Scene>() <= LARGEST_ELEMENT);
+    assert!(size_of::<Texture>() <= LARGEST_ELEMENT && size_of::<String>() <= LARGEST_ELEMENT);
+    // What is boxed is an object of its own in the text.
+    assert!(size_of::<Sparse>() <= 3 * LARGEST_ELEMENT && size_of::<Meshopt>() <= 3 * LARGEST_ELEMENT);
+    assert!(size_of::<Pbr>() <= 3 * LARGEST_ELEMENT && size_of::<SpecularGlossiness>() <= 3 * LARGEST_ELEMENT);
+};
 
 /// What tells a glTF 2.0 file from others, read before the rest.
 #[derive(Deserialize)]
@@ -62,7 +79,7 @@ pub(super) struct Accessor {
     pub(super) normalized: bool,
     #[serde(rename = "type")]
     pub(super) kind: String,
-    pub(super) sparse: Option<Sparse>,
+    pub(super) sparse: Option<Box<Sparse>>,
 }
 
 #[derive(Deserialize)]
@@ -109,9 +126,9 @@ pub(super) struct View {
 #[derive(Deserialize, Default)]
 pub(super) struct ViewExtensions {
     #[serde(rename = "EXT_meshopt_compression")]
-    pub(super) ext_meshopt: Option<Meshopt>,
+    pub(super) ext_meshopt: Option<Box<Meshopt>>,
     #[serde(rename = "KHR_meshopt_compression")]
-    pub(super) khr_meshopt: Option<Meshopt>,
+    pub(super) khr_meshopt: Option<Box<Meshopt>>,
 }
 
 /// `EXT_meshopt_compression` and `KHR_meshopt_compression` have the same properties.
@@ -138,7 +155,7 @@ pub(super) struct Image {
 #[derive(Deserialize, Default)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Material {
-    pub(super) pbr_metallic_roughness: Option<Pbr>,
+    pub(super) pbr_metallic_roughness: Option<Box<Pbr>>,
     #[serde(default)]
     pub(super) extensions: MaterialExtensions,
 }
@@ -153,7 +170,7 @@ pub(super) struct Pbr {
 #[derive(Deserialize, Default)]
 pub(super) struct MaterialExtensions {
     #[serde(rename = "KHR_materials_pbrSpecularGlossiness")]
-    pub(super) specular_glossiness: Option<SpecularGlossiness>,
+    pub(super) specular_glossiness: Option<Box<SpecularGlossiness>>,
 }
 
 #[derive(Deserialize)]
@@ -202,7 +219,7 @@ pub(super) struct Mesh {
 
 #[derive(Deserialize)]
 pub(super) struct Primitive {
-    pub(super) attributes: BTreeMap<String, usize>,
+    pub(super) attributes: Attributes<usize>,
     pub(super) indices: Option<usize>,
     pub(super) material: Option<usize>,
     #[serde(default = "triangles")]
@@ -213,6 +230,56 @@ pub(super) struct Primitive {
     pub(super) extensions: PrimitiveExtensions,
 }
 
+/// Numbers by the names of attributes, those that are read: positions, normals, colours and texture coordinates.
+pub(super) struct Attributes<T>(Vec<(Box<str>, T)>);
+
+impl<T> Attributes<T> {
+    /// The number of an attribute.
+    pub(super) fn get(&self, name: &str) -> Option<&T> {
+        self.0.iter().find(|(own, _)| **own == *name).map(|(_, number)| number)
+    }
+
+    /// Whether there is such an attribute.
+    pub(super) fn contains_key(&self, name: &str) -> bool {
+        self.get(name).is_some()
+    }
+}
+
+/// Sets of texture coordinates that are kept.
+const SETS: usize = 16;
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Attributes<T> {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        struct Names<T>(PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for Names<T> {
+            type Value = Attributes<T>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an object of attributes")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+                let mut kept: Vec<(Box<str>, T)> = Vec::new();
+                while let Some(name) = map.next_key::<String>()? {
+                    let number = map.next_value()?;
+                    let set = name.strip_prefix("TEXCOORD_").is_some_and(|set| set.parse::<u32>().is_ok());
+                    if !set && !matches!(name.as_str(), "POSITION" | "NORMAL" | "COLOR_0") {
+                        continue;
+                    }
+                    // As with a map, the last of one name counts.
+                    if let Some((_, old)) = kept.iter_mut().find(|(own, _)| **own == *name) {
+                        *old = number;
+                    } else if kept.len() < SETS + 3 {
+                        kept.push((name.into(), number));
+                    }
+                }
+                Ok(Attributes(kept))
+            }
+        }
+        from.deserialize_map(Names(PhantomData))
+    }
+}
+
 fn triangles() -> u32 {
     4
 }
@@ -220,26 +287,26 @@ fn triangles() -> u32 {
 #[derive(Deserialize, Default)]
 pub(super) struct PrimitiveExtensions {
     #[serde(rename = "KHR_draco_mesh_compression")]
-    pub(super) draco: Option<Draco>,
+    pub(super) draco: Option<Box<Draco>>,
 }
 
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Draco {
     pub(super) buffer_view: usize,
-    pub(super) attributes: BTreeMap<String, u32>,
+    pub(super) attributes: Attributes<u32>,
 }
 
 #[derive(Deserialize)]
 pub(super) struct Node {
     #[serde(default)]
     pub(super) children: Vec<usize>,
-    pub(super) matrix: Option<[f64; 16]>,
+    pub(super) matrix: Option<Box<[f64; 16]>>,
     pub(super) mesh: Option<usize>,
-    pub(super) rotation: Option<[f64; 4]>,
-    pub(super) scale: Option<[f64; 3]>,
+    pub(super) rotation: Option<Box<[f64; 4]>>,
+    pub(super) scale: Option<Box<[f64; 3]>>,
     pub(super) skin: Option<usize>,
-    pub(super) translation: Option<[f64; 3]>,
+    pub(super) translation: Option<Box<[f64; 3]>>,
     #[serde(default)]
     pub(super) extensions: NodeExtensions,
 }

@@ -334,7 +334,8 @@ fn a_rotation_of_texture_coordinates_turns_as_the_sample_model_of_khronos() {
     scene.0["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] =
         json!({"KHR_texture_transform": {"rotation": rotation}});
     let root = serde_json::from_value::<super::Root>(scene.0.clone()).unwrap();
-    let context = super::Context { path: Path::new("a.gltf") };
+    let companions = super::Companions::of(Path::new("a.gltf"), &ReadOptions::default());
+    let context = super::Context { path: Path::new("a.gltf"), companions: &companions };
     let material = super::Material::of(&root, &root.meshes[0].primitives[0], "", &context).unwrap();
     let at =
         material.texture.unwrap().transform.map(|m| m[0] * f64::from(shown[0]) + m[1] * f64::from(shown[1]) + m[2]);

@@ -16,19 +16,19 @@ impl Transform {
 
     /// Of a node, in the coordinates of its parent: its matrix, or translation after rotation after scale.
     pub(super) fn of_node(node: &Node) -> Self {
-        if let Some(m) = node.matrix {
+        if let Some(m) = &node.matrix {
             let column = |i: usize| [m[4 * i], m[4 * i + 1], m[4 * i + 2]];
             return Self { columns: [column(0), column(1), column(2)], translation: column(3) };
         }
-        let [x, y, z, w] = unit(node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
-        let s = node.scale.unwrap_or([1.0; 3]);
+        let [x, y, z, w] = unit(node.rotation.as_deref().copied().unwrap_or([0.0, 0.0, 0.0, 1.0]));
+        let s = node.scale.as_deref().copied().unwrap_or([1.0; 3]);
         let rotation = [
             [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)],
             [2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + x * w)],
             [2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y)],
         ];
         let columns = std::array::from_fn(|i| rotation[i].map(|v| v * s[i]));
-        Self { columns, translation: node.translation.unwrap_or_default() }
+        Self { columns, translation: node.translation.as_deref().copied().unwrap_or_default() }
     }
 
     /// This transform after `inner`.

@@ -11,12 +11,16 @@ use super::table::{Scratch, Table};
 use super::{Body, MeshSink, ReadError};
 use crate::raw::Findings;
 use crate::read::ReadOptions;
+use crate::read::companions::{Companions, Reference};
 use crate::read::faces::{CROSSING, REPEATED, TOO_FEW, TRIANGULATED};
 use crate::read::sink::{NOT_FINITE, TWICE, VertexBlock};
 use crate::read::texture::detail::{Detail, Shared, Vertex, middle, split};
-use crate::read::texture::{Texture, Textures, find_file, light_from_srgb, srgb_from_light};
+use crate::read::texture::{Texture, Textures, light_from_srgb, srgb_from_light};
 use crate::read::triangulate::{Outcome, Triangulator};
+use kilwa_pack::visible::visible;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Vertices and triangles handed on at a time.
 const BLOCK: usize = 4096;
@@ -66,8 +70,13 @@ pub(super) struct Corners<'s, 'p> {
     epoch: u64,
     paint: Paint,
     textures: Textures,
-    /// Pictures by their numbers.
+    companions: &'p Companions,
+    /// The most bytes of a picture, decoded and as a file.
+    texture_bytes: u64,
+    /// Pictures by their numbers: name and file.
     pictures: Vec<(String, Option<PathBuf>)>,
+    /// The number of a picture, by its library and its name there.
+    picture_of: HashMap<(Arc<Path>, String), usize>,
     block: Block,
     triangles: Vec<[u64; 3]>,
     delivered: u64,
@@ -92,6 +101,7 @@ impl<'s, 'p> Corners<'s, 'p> {
     pub(super) fn new(
         path: &'p Path,
         options: &'p ReadOptions,
+        companions: &'p Companions,
         survey: &Survey,
         to: To<'s>,
         findings: Findings,
@@ -112,7 +122,10 @@ impl<'s, 'p> Corners<'s, 'p> {
             epoch: 0,
             paint: Paint::Nothing,
             textures: Textures::new(options.texture_bytes).keeping(options.memory / 2),
+            companions,
+            texture_bytes: options.texture_bytes,
             pictures: Vec::new(),
+            picture_of: HashMap::new(),
             block: Block { first, ..Block::default() },
             triangles: Vec::with_capacity(BLOCK),
             delivered: 0,
@@ -180,13 +193,26 @@ impl<'s, 'p> Corners<'s, 'p> {
     fn picture(&mut self) -> Option<(&Texture, &Map)> {
         let Paint::Picture(number, map) = &self.paint else { return None };
         let (name, file) = &self.pictures[*number];
+        let (companions, most) = (self.companions, self.texture_bytes);
         let load = || match file {
-            Some(file) => std::fs::read(file).map_err(|e| format!("it cannot be read: {e}")),
+            Some(file) => companions.read(file, most).map_err(|e| format!("it cannot be read: {e}")),
             None => Err("it is missing".to_owned()),
         };
         let findings = &mut self.findings;
-        let refused = |why| findings.add("pictures left out", || format!("{name}: {why}"));
+        let refused = |why| findings.add("pictures left out", || format!("{}: {why}", visible(name)));
         Some((self.textures.get(*number, load, refused)?, map))
+    }
+
+    /// Number a picture that was not used before.
+    fn new_picture(&mut self, map: &Map, key: (Arc<Path>, String)) -> Result<usize, ReadError> {
+        let folder = map.library.parent().unwrap_or(Path::new(""));
+        let place = format!("line {} (map_Kd)", map.line);
+        let by = Reference { file: &map.library, place: &place, name: &map.name };
+        let file = self.companions.locate(folder, &by)?;
+        let number = self.pictures.len();
+        self.pictures.push((map.name.clone(), file));
+        self.picture_of.insert(key, number);
+        Ok(number)
     }
 
     /// The colour of a vertex: of the picture, else its own, else of the material.
@@ -381,12 +407,11 @@ impl Body for Corners<'_, '_> {
         self.epoch += 1;
         self.paint = match (&material.map, material.color) {
             (Some(map), _) => {
-                let file = find_file(&map.folder, &map.name);
-                let known = self.pictures.iter().position(|(name, f)| *name == map.name && *f == file);
-                let number = known.unwrap_or(self.pictures.len());
-                if known.is_none() {
-                    self.pictures.push((map.name.clone(), file));
-                }
+                let key = (Arc::clone(&map.library), map.name.clone());
+                let number = match self.picture_of.get(&key) {
+                    Some(number) => *number,
+                    None => self.new_picture(map, key)?,
+                };
                 Paint::Picture(number, map.clone())
             }
             (None, Some(color)) => Paint::Color(color),

@@ -7,16 +7,18 @@ use super::lines::{Lines, number, numbers, word};
 use crate::raw::Findings;
 use crate::read::ReadError;
 use crate::read::texture::Wrap;
-use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+use std::sync::Arc;
 
 /// A picture on a surface.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Map {
     /// As the library names it.
     pub(super) name: String,
-    /// The folder of the library.
-    pub(super) folder: PathBuf,
+    /// The library, and the line of it that names the picture.
+    pub(super) library: Arc<Path>,
+    pub(super) line: u64,
     /// What texture coordinates are multiplied by, and what is added then.
     pub(super) scale: [f64; 2],
     pub(super) offset: [f64; 2],
@@ -31,21 +33,25 @@ pub(super) struct Material {
     pub(super) map: Option<Map>,
 }
 
-/// Materials kept of all libraries together.
-const MOST: usize = 1 << 16;
+/// Bytes of a name that are kept.
+pub(super) const LONGEST_NAME: usize = 4096;
+/// Bytes that the names of pictures take together, at most.
+const PICTURE_NAMES: usize = 16 << 20;
 
-/// Read a library; of two materials of one name the first stays.
+/// Read the `used` materials of a library; of two of one name the first stays.
 pub(super) fn read(
     lines: &mut Lines<'_, '_>,
     library: &Path,
-    folder: &Path,
+    used: &BTreeMap<String, u64>,
     materials: &mut HashMap<String, Material>,
     findings: &mut Findings,
 ) -> Result<(), ReadError> {
+    let library: Arc<Path> = library.into();
+    let mut names: usize = materials.values().filter_map(|m| m.map.as_ref()).map(|map| map.name.len()).sum();
     let mut current: Option<(String, Material)> = None;
     let mut keep = |material: Option<(String, Material)>| {
         if let Some((name, material)) = material
-            && materials.len() < MOST
+            && used.contains_key(&name)
         {
             materials.entry(name).or_insert(material);
         }
@@ -57,7 +63,7 @@ pub(super) fn read(
         let understood = match keyword {
             b"newmtl" => {
                 keep(current.take());
-                current = Some((text(rest), Material::default()));
+                current = Some((text(&rest[..rest.len().min(LONGEST_NAME)]), Material::default()));
                 true
             }
             b"Kd" => match (&mut current, color(rest)) {
@@ -67,8 +73,9 @@ pub(super) fn read(
                 }
                 _ => false,
             },
-            b"map_Kd" => match (&mut current, map(rest, folder)) {
-                (Some((_, material)), Some(map)) => {
+            b"map_Kd" => match (&mut current, map(rest, &library, line_number)) {
+                (Some((name, material)), Some(map)) if names < PICTURE_NAMES => {
+                    names += if used.contains_key(name) { map.name.len() } else { 0 };
                     material.map = Some(map);
                     true
                 }
@@ -103,9 +110,15 @@ fn color(rest: &[u8]) -> Option<[u8; 3]> {
 }
 
 /// `map_Kd [options] name`: the name may hold spaces.
-fn map(mut rest: &[u8], folder: &Path) -> Option<Map> {
-    let mut map =
-        Map { name: String::new(), folder: folder.to_owned(), scale: [1.0; 2], offset: [0.0; 2], wrap: Wrap::Repeat };
+fn map(mut rest: &[u8], library: &Arc<Path>, line: u64) -> Option<Map> {
+    let mut map = Map {
+        name: String::new(),
+        library: Arc::clone(library),
+        line,
+        scale: [1.0; 2],
+        offset: [0.0; 2],
+        wrap: Wrap::Repeat,
+    };
     loop {
         let (option, after) = word(rest);
         let (least, most) = match option {
@@ -138,7 +151,7 @@ fn map(mut rest: &[u8], folder: &Path) -> Option<Map> {
             _ => {}
         }
     }
-    map.name = text(rest);
+    map.name = text(&rest[..rest.len().min(LONGEST_NAME)]);
     (!map.name.is_empty()).then_some(map)
 }
 
@@ -148,14 +161,16 @@ mod tests {
 
     #[test]
     fn options_before_the_name_of_a_picture_are_understood_and_the_name_may_hold_spaces() {
-        let name = |line: &str| map(line.as_bytes(), Path::new("")).unwrap();
+        let library: Arc<Path> = Path::new("a.mtl").into();
+        let map = |line: &[u8]| map(line, &library, 1);
+        let name = |line: &str| map(line.as_bytes()).unwrap();
         assert_eq!(name(" wall north.jpg ").name, "wall north.jpg");
         assert_eq!(name("-blendu on -mm 0 1 -bm 0.2 a b.png").name, "a b.png");
         let m = name("-s 2 3 1 -o 0.5 -clamp on 7.png");
         assert_eq!((m.scale, m.offset, m.wrap), ([2.0, 3.0], [0.5, 0.0], Wrap::Clamp));
         assert_eq!(m.name, "7.png");
         assert_eq!(name("-s 1 1 1 12").name, "12", "a name may look like a number");
-        assert_eq!(map(b"  ", Path::new("")), None);
+        assert_eq!(map(b"  "), None);
     }
 
     #[test]

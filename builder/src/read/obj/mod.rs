@@ -28,19 +28,19 @@ mod fuzz_tests;
 #[cfg(test)]
 mod tests;
 
+use super::companions::{Companions, Reference};
 use super::source::Source;
 use super::texture::detail::Detail;
-use super::texture::find_file;
 use super::{Input, MeshSink, Place, ReadError};
 use crate::raw::Findings;
 use corners::{Corners, To};
+use kilwa_pack::visible::visible;
 use lines::{Lines, word};
 use material::Material;
 use plain::Plain;
 use statements::{Corner, Counts, Fault};
-use std::collections::HashMap;
-use std::fs::File;
-use std::path::Path;
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
 use survey::Survey;
 
 /// The part of the work that the first pass is, about.
@@ -98,12 +98,13 @@ trait Body {
 pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
     let Input { path, total, source, progress, options } = input;
     let mut source = Source::new(source, total, path, progress);
-    let (survey, materials, findings) = first_pass(&mut source, path)?;
+    let companions = Companions::of(path, options);
+    let (survey, materials, findings) = first_pass(&mut source, path, &companions)?;
     source.begin_pass(SURVEY, 1.0 - SURVEY)?;
     let has_normals = survey.uses_normals && survey.normals > 0;
     // Where others are split at their edges, a mesh without pictures must be, too.
     let (delivered, findings) = if has_pictures(&materials) || has_normals || options.detail.is_some() {
-        let body = Corners::new(path, options, &survey, To::Sink(sink), findings);
+        let body = Corners::new(path, options, &companions, &survey, To::Sink(sink), findings);
         second_pass(&mut source, path, &survey, &materials, body)?
     } else {
         let body = Plain::new(survey.has_colors, sink, findings);
@@ -129,10 +130,11 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
 pub fn note_detail(input: Input<'_>, detail: &Detail) -> Result<(), ReadError> {
     let Input { path, total, source, progress, options } = input;
     let mut source = Source::new(source, total, path, progress);
-    let (survey, materials, findings) = first_pass(&mut source, path)?;
+    let companions = Companions::of(path, options);
+    let (survey, materials, findings) = first_pass(&mut source, path, &companions)?;
     if has_pictures(&materials) {
         source.begin_pass(SURVEY, 1.0 - SURVEY)?;
-        let body = Corners::new(path, options, &survey, To::Notes(detail), findings);
+        let body = Corners::new(path, options, &companions, &survey, To::Notes(detail), findings);
         second_pass(&mut source, path, &survey, &materials, body)?;
     }
     source.done();
@@ -147,6 +149,7 @@ fn has_pictures(materials: &HashMap<String, Material>) -> bool {
 fn first_pass(
     source: &mut Source<'_>,
     path: &Path,
+    companions: &Companions,
 ) -> Result<(Survey, HashMap<String, Material>, Findings), ReadError> {
     let mut findings = Findings::default();
     source.begin_pass(0.0, SURVEY)?;
@@ -154,11 +157,10 @@ fn first_pass(
     if survey.vertices == 0 || survey.faces == 0 {
         return Err(no_faces(path, &survey));
     }
-    let mut materials = libraries(path, &survey, &mut findings)?;
-    materials.retain(|name, _| survey.materials.contains(name));
-    for name in &survey.materials {
+    let mut materials = libraries(path, companions, &survey, &mut findings)?;
+    for name in survey.materials.lines.keys() {
         if !materials.contains_key(name) {
-            findings.add("materials that no library defines, left out", || name.clone());
+            findings.add("materials that no library defines, left out", || visible(name).into_owned());
         }
     }
     if !(survey.uses_uvs && survey.uvs > 0) {
@@ -246,33 +248,59 @@ fn color(color: [f64; 3], full: f64, findings: &mut Findings) -> [u8; 3] {
     levels.map(|v| v.round().clamp(0.0, 255.0) as u8)
 }
 
-/// All materials of the libraries that are there.
-fn libraries(path: &Path, survey: &Survey, findings: &mut Findings) -> Result<HashMap<String, Material>, ReadError> {
+/// The materials that the mesh uses, of the libraries that are there.
+fn libraries(
+    path: &Path,
+    companions: &Companions,
+    survey: &Survey,
+    findings: &mut Findings,
+) -> Result<HashMap<String, Material>, ReadError> {
     const MISSING: &str = "material libraries that are missing; colours and pictures are left out";
-    let folder = path.parent().unwrap_or(Path::new(""));
     let mut materials = HashMap::new();
-    if survey.materials.is_empty() {
+    if survey.materials.lines.is_empty() {
         return Ok(materials);
     }
-    for name in &survey.libraries {
-        // One name with spaces, or several names.
-        let whole = find_file(folder, name).map(|file| vec![file]);
-        let Some(files) = whole.or_else(|| name.split_whitespace().map(|part| find_file(folder, part)).collect())
-        else {
-            findings.add(MISSING, || name.clone());
+    // The same library may have many names.
+    let mut done = HashSet::new();
+    for (name, line) in &survey.libraries.lines {
+        let Some(files) = libraries_named(path, companions, name, *line)? else {
+            findings.add(MISSING, || visible(name).into_owned());
             continue;
         };
         for file in files {
             let cannot = |source| ReadError::Open { file: file.clone(), source };
-            let mut bytes = File::open(&file).map_err(cannot)?;
-            let total = bytes.metadata().map_err(cannot)?.len();
+            if !done.insert(file.canonicalize().map_err(cannot)?) {
+                continue;
+            }
+            let (mut bytes, total) = companions.open(&file).map_err(cannot)?;
             let progress = &mut |_: u64, _: u64| {};
             let mut source = Source::new(&mut bytes, total, &file, progress);
-            let (mut lines, folder) = (Lines::new(&mut source)?, file.parent().unwrap_or(Path::new("")));
-            material::read(&mut lines, &file, folder, &mut materials, findings)?;
+            let mut lines = Lines::new(&mut source)?;
+            material::read(&mut lines, &file, &survey.materials.lines, &mut materials, findings)?;
         }
     }
     Ok(materials)
+}
+
+/// The files that `mtllib` names: one name with spaces, or several names. `None` where one is missing.
+fn libraries_named(
+    path: &Path,
+    companions: &Companions,
+    name: &str,
+    line: u64,
+) -> Result<Option<Vec<PathBuf>>, ReadError> {
+    let place = format!("line {line} (mtllib)");
+    let locate = |name: &str| companions.locate(companions.folder(), &Reference { file: path, place: &place, name });
+    // The whole may look as if it led outside though it is several names: then these decide.
+    let whole = locate(name);
+    if let Ok(Some(file)) = whole {
+        return Ok(Some(vec![file]));
+    }
+    let parts: Vec<&str> = name.split_whitespace().collect();
+    if parts.len() < 2 {
+        return whole.map(|_| None);
+    }
+    parts.into_iter().map(locate).collect()
 }
 
 fn no_faces(path: &Path, survey: &Survey) -> ReadError {

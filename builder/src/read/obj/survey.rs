@@ -3,14 +3,35 @@
 //! Counts what is not kept. Colours are looked at for their range alone; numbers are checked in the second pass.
 
 use super::lines::{Lines, numbers, word};
-use super::material::text;
+use super::material::{LONGEST_NAME, text};
 use crate::raw::Findings;
 use crate::read::ReadError;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
-/// Names of materials and libraries kept; longer ones are cut so that they take no more than this.
+/// Names of materials and libraries kept, and the bytes that either may take together.
 const MOST_NAMES: usize = 1 << 16;
-const LONGEST_NAME: usize = 4096;
+const MOST_BYTES: usize = 16 << 20;
+
+/// Names, each with the line that it stands in first.
+#[derive(Debug, Default)]
+pub(super) struct Names {
+    /// By name.
+    pub(super) lines: BTreeMap<String, u64>,
+    bytes: usize,
+}
+
+impl Names {
+    fn add(&mut self, rest: &[u8], line: u64) {
+        if self.lines.len() >= MOST_NAMES || self.bytes >= MOST_BYTES {
+            return;
+        }
+        let name = text(&rest[..rest.len().min(LONGEST_NAME)]);
+        if !self.lines.contains_key(&name) {
+            self.bytes += name.len();
+            self.lines.insert(name, line);
+        }
+    }
+}
 
 /// What an OBJ has.
 #[derive(Debug, Default)]
@@ -27,8 +48,8 @@ pub(super) struct Survey {
     pub(super) has_colors: bool,
     /// The largest colour component.
     pub(super) largest_color: f64,
-    pub(super) libraries: BTreeSet<String>,
-    pub(super) materials: BTreeSet<String>,
+    pub(super) libraries: Names,
+    pub(super) materials: Names,
 }
 
 impl Survey {
@@ -44,8 +65,8 @@ impl Survey {
                 b"vt" => survey.uvs += 1,
                 b"vn" => survey.normals += 1,
                 b"f" | b"fo" => survey.face(rest),
-                b"usemtl" => add(&mut survey.materials, rest),
-                b"mtllib" => add(&mut survey.libraries, rest),
+                b"usemtl" => survey.materials.add(rest, number),
+                b"mtllib" => survey.libraries.add(rest, number),
                 b"" | b"#" | b"o" | b"g" | b"s" => {}
                 _ => survey.others += not_kept(keyword, number, findings),
             }
@@ -87,12 +108,6 @@ fn has_fourth_word(line: &[u8]) -> bool {
         in_word = letter;
     }
     words > 3
-}
-
-fn add(names: &mut BTreeSet<String>, rest: &[u8]) {
-    if names.len() < MOST_NAMES {
-        names.insert(text(&rest[..rest.len().min(LONGEST_NAME)]));
-    }
 }
 
 /// Count a statement that is not kept; 1 where it is geometry.

@@ -5,9 +5,6 @@
 //! sRGB, whatever a colour profile says; opacity is not looked at.
 
 pub mod detail;
-mod find;
-
-pub use find::find_file;
 
 use image::{ImageReader, Limits};
 use std::io::Cursor;

@@ -4,14 +4,20 @@ use super::border::{NONE, Source};
 use super::{Chunk, PatchRange};
 use kilwa_geometry::Mesh;
 
+/// A vertex with more corners than this has them sorted by their edges, so that finding one takes no walk over all.
+const HUB: usize = 32;
+
 /// The triangles of a chunk by their directed edges.
 pub(super) struct Unused<'a> {
     mesh: &'a Mesh,
     /// Patch of every triangle.
     patch: Vec<u32>,
     used: Vec<bool>,
-    /// Corners by vertex: three times the triangle plus the corner.
+    /// Corners by vertex: three times the triangle plus the corner. Ascending, at a [`HUB`] by the vertex that follows first.
     corners: Vec<u32>,
+    /// At the first corner of each directed edge of a hub, how many of its corners are known to be used. A used triangle
+    /// stays used, so that no corner is looked at twice.
+    passed: Vec<u32>,
     /// Where a vertex' corners begin; one more than there are vertices.
     begins: Vec<u32>,
     /// The machine's numbers of the vertices, and the reverse.
@@ -48,10 +54,18 @@ impl<'a> Unused<'a> {
                 *at += 1;
             }
         }
+        let following = |corner: u32| following(mesh, corner, 1);
+        for range in begins.windows(2) {
+            let &[begin, end] = range else { continue };
+            if let Some(hub) = corners.get_mut(begin as usize..end as usize).filter(|range| range.len() > HUB) {
+                hub.sort_unstable_by_key(|&corner| (following(corner), corner));
+            }
+        }
         Self {
             mesh,
             patch: patch_of_triangles(&chunk.patches, triangles),
             used: vec![false; triangles],
+            passed: vec![0; corners.len()],
             corners,
             begins,
             number: vec![NONE; vertices],
@@ -63,8 +77,31 @@ impl<'a> Unused<'a> {
 
     /// The vertex at a corner.
     fn vertex(&self, corner: u32, turn: u32) -> u32 {
-        let corner = corner - corner % 3 + (corner + turn) % 3;
-        self.mesh.triangles.as_flattened().get(corner as usize).copied().unwrap_or(NONE)
+        following(self.mesh, corner, turn)
+    }
+
+    fn is_free(&self, corner: u32) -> bool {
+        self.used.get(corner as usize / 3).is_some_and(|used| !used)
+    }
+
+    /// The first free corner at vertex `x` whose edge runs to `y`.
+    fn free_corner(&mut self, x: u32, y: u32) -> Option<u32> {
+        let begin = *self.begins.get(x as usize)? as usize;
+        let here = self.corners.get(begin..*self.begins.get(x as usize + 1)? as usize)?;
+        if here.len() <= HUB {
+            return here.iter().copied().find(|&corner| self.vertex(corner, 1) == y && self.is_free(corner));
+        }
+        let first = here.partition_point(|&corner| self.vertex(corner, 1) < y);
+        let edge = here.get(first..)?;
+        let passed = *self.passed.get(begin + first)?;
+        let used = |&&corner: &&u32| self.vertex(corner, 1) == y && !self.is_free(corner);
+        let more = edge.get(passed as usize..)?.iter().take_while(used).count();
+        let passed = passed + u32::try_from(more).ok()?;
+        let found = edge.get(passed as usize).copied().filter(|&corner| self.vertex(corner, 1) == y);
+        if let Some(slot) = self.passed.get_mut(begin + first) {
+            *slot = passed;
+        }
+        found
     }
 
     fn number_of(&mut self, v: u32) -> u32 {
@@ -113,11 +150,7 @@ impl Source for Unused<'_> {
     fn across(&mut self, from: u32, to: u32) -> Option<(u32, u32)> {
         // The neighbour has the edge the other way round.
         let (x, y) = (*self.order.get(to as usize)?, *self.order.get(from as usize)?);
-        let range = *self.begins.get(x as usize)? as usize..*self.begins.get(x as usize + 1)? as usize;
-        let free = |&&corner: &&u32| {
-            self.vertex(corner, 1) == y && self.used.get(corner as usize / 3).is_some_and(|used| !used)
-        };
-        let corner = *self.corners.get(range)?.iter().find(free)?;
+        let corner = self.free_corner(x, y)?;
         let third = self.vertex(corner, 2);
         let patch = self.take(corner);
         Some((self.number_of(third), patch))
@@ -130,6 +163,12 @@ impl Source for Unused<'_> {
         let corners = [0, 1, 2].map(|turn| self.vertex(corner, turn));
         Some((corners.map(|v| self.number_of(v)), patch))
     }
+}
+
+/// The vertex so many corners after this one in its triangle.
+fn following(mesh: &Mesh, corner: u32, turn: u32) -> u32 {
+    let corner = corner - corner % 3 + (corner + turn) % 3;
+    mesh.triangles.as_flattened().get(corner as usize).copied().unwrap_or(NONE)
 }
 
 fn patch_of_triangles(patches: &[PatchRange], triangles: usize) -> Vec<u32> {

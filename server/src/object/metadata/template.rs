@@ -139,7 +139,7 @@ fn quoted(text: &str) -> String {
         match c {
             '"' | '\\' => s.extend(['\\', c]),
             '\n' => s.push_str("\\n"),
-            c if c.is_control() => drop(write!(s, "\\u{:04X}", c as u32)),
+            c if kilwa_pack::visible::is_control(c) => drop(write!(s, "\\u{:04X}", c as u32)),
             c => s.push(c),
         }
     }

@@ -1,0 +1,273 @@
+//! Meshes that cost more than their size: time grows with the mesh and not with its square, memory stays within the limit.
+
+use crate::support::{Input, kilwa, succeeds, text};
+use std::path::Path;
+
+/// Triangles that no tree and no weld can tell apart, or that all meet somewhere.
+const SHAPES: [&str; 9] = [
+    "the same corners",
+    "stacked",
+    "stacked with colours",
+    "facing apart",
+    "two places",
+    "a fan",
+    "a book",
+    "needles",
+    "one cell",
+];
+
+fn shape(kind: &str, n: u32) -> Input {
+    let mut mesh = Input::default();
+    let base = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let angle = |i: u32| f64::from(i) / f64::from(n) * std::f64::consts::TAU;
+    let mut state = 5u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f64 / f64::from(1 << 24)
+    };
+    match kind {
+        "a fan" | "a book" => {
+            mesh.positions.extend([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]);
+            mesh.positions.extend((0..n).map(|i| [angle(i).cos(), angle(i).sin(), 0.5]));
+            let book = kind == "a book";
+            mesh.triangles.extend((0..n).map(|i| [0, if book { 1 } else { 2 + (i + 1) % n }, 2 + i]));
+        }
+        "needles" => {
+            mesh.positions.extend((0..n + 2).map(|i| [f64::from(i) / f64::from(n), 0.0, 0.0]));
+            mesh.positions.push([0.0, 1.0, 0.0]);
+            mesh.triangles.extend((0..n).map(|i| [i, i + 1, i + 2]));
+            mesh.triangles.push([0, n + 1, n + 2]);
+        }
+        "one cell" => {
+            mesh.positions.extend((0..3 * n).map(|_| [random() * 1e-6, random() * 1e-6, random() * 1e-6]));
+            mesh.positions.extend([[10.0, 0.0, 0.0], [0.0, 10.0, 0.0], [0.0, 0.0, 10.0]]);
+            mesh.triangles.extend((0..=n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]));
+        }
+        "the same corners" => {
+            mesh.positions.extend(base);
+            mesh.triangles.resize(n as usize, [0, 1, 2]);
+        }
+        _ => {
+            let height = |i: u32| if kind == "two places" { f64::from(i % 2) / 2.0 } else { 0.0 };
+            mesh.positions.extend((0..n).flat_map(|i| base.map(|[x, y, _]| [x, y, height(i)])));
+            let order = |i: u32| if kind == "facing apart" && i % 2 == 0 { [0, 2, 1] } else { [0, 1, 2] };
+            mesh.triangles.extend((0..n).map(|i| order(i).map(|k| 3 * i + k)));
+            if kind == "stacked with colours" {
+                mesh.colors.extend((0..3 * n).map(|i| [i / 3, i / 768, i / 196_608].map(|c| c as u8)));
+            }
+        }
+    }
+    mesh.colors.resize(mesh.positions.len(), [200, 190, 180]);
+    mesh
+}
+
+/// Processor time of a build, seconds.
+fn cost(folder: &Path, kind: &str, n: u32) -> f64 {
+    let (input, pack) = (folder.join("hostile.ply"), folder.join("hostile.kilwa"));
+    shape(kind, n).write(&input);
+    let report = succeeds(&[
+        "build",
+        text(&input),
+        "-o",
+        text(&pack),
+        "--force",
+        "--threads",
+        "1",
+        "--memory",
+        "512M",
+        "--json",
+    ]);
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    report["run"]["cpu_seconds"].as_f64().unwrap()
+}
+
+/// Before, 200,000 took more than a minute. Small ones take no time to speak of. Four times as many triangles take four times as long, give or take; with
+/// quadratic time it would be sixteen.
+#[test]
+fn coincident_triangles_and_hubs_take_time_in_proportion_to_their_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let (few, many) = if std::env::var_os("KILWA_SOAK").is_some() { (100_000, 400_000) } else { (12_000, 48_000) };
+    for kind in SHAPES {
+        let (a, b) = (cost(folder.path(), kind, few), cost(folder.path(), kind, many));
+        println!("{kind}: {a:.2} s for {few}, {b:.2} s for {many}");
+        assert!(b < 8.0 * a.max(0.25), "{kind}: {a} s for {few}, {b} s for {many}");
+    }
+}
+
+/// So many bytes of text, the memory allowed, in MiB. The ratio is that of 24 MB under `--memory 512M`.
+const TEXT: usize = 6 << 20;
+const MEMORY: u64 = 128;
+
+fn repeated(before: &str, part: impl Fn(usize) -> String, after: &str) -> String {
+    let mut text = before.to_owned();
+    let mut i = 0;
+    while text.len() < TEXT {
+        if i > 0 {
+            text.push(',');
+        }
+        text += &part(i);
+        i += 1;
+    }
+    text + after
+}
+
+/// JSON of glTF of which a few bytes stand for many.
+fn documents(each: &mut dyn FnMut(&str, String)) {
+    let asset = r#"{"asset":{"version":"2.0"},"#;
+    let list = |name: &str, part: &'static str| repeated(&format!("{asset}\"{name}\":["), |_| part.to_owned(), "]}");
+    let accessor = r#"{"componentType":1,"count":1,"type":"A"}"#;
+    let compressed = r#"{"buffer":0,"byteLength":1,"extensions":{"EXT_meshopt_compression":{"buffer":0,"byteLength":1,"byteStride":4,"count":1,"mode":"A"}}}"#;
+    each("empty nodes", list("nodes", "{}"));
+    each("nodes with a matrix", list("nodes", r#"{"matrix":[1,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1]}"#));
+    each(
+        "nodes with a mesh",
+        list("nodes", r#"{"mesh":0}"#).replacen("{\"asset\"", "{\"meshes\":[{\"primitives\":[]}],\"asset\"", 1),
+    );
+    each(
+        "a chain of nodes",
+        repeated(&format!("{asset}\"nodes\":["), |i| format!("{{\"children\":[{}]}}", i + 1), ",{}]}"),
+    );
+    each(
+        "a node of many children",
+        repeated(&format!("{asset}\"nodes\":[{{\"children\":["), |_| "1".to_owned(), "]},{}]}"),
+    );
+    each("accessors", list("accessors", accessor));
+    each("views", list("bufferViews", r#"{"buffer":0,"byteLength":1}"#));
+    each("compressed views", list("bufferViews", compressed));
+    each("buffers", list("buffers", r#"{"uri":"a"}"#));
+    each("empty images", list("images", "{}"));
+    each("images of many names", repeated(&format!("{asset}\"images\":["), |i| format!("{{\"uri\":\"{i}\"}}"), "]}"));
+    each("materials", list("materials", "{}"));
+    each("materials with colours", list("materials", r#"{"pbrMetallicRoughness":{}}"#));
+    each("textures", list("textures", "{}"));
+    each("samplers", list("samplers", "{}"));
+    each("scenes", list("scenes", "{}"));
+    each("meshes", list("meshes", r#"{"primitives":[]}"#));
+    each("primitives", list("meshes", r#"{"primitives":[{"attributes":{}}]}"#));
+    each(
+        "attributes",
+        repeated(
+            &format!("{asset}\"meshes\":[{{\"primitives\":[{{\"attributes\":{{"),
+            |i| format!("\"TEXCOORD_{i}\":0"),
+            "}}]}]}",
+        ),
+    );
+    each(
+        "targets",
+        repeated(
+            &format!("{asset}\"meshes\":[{{\"primitives\":[{{\"attributes\":{{}},\"targets\":["),
+            |_| "0".to_owned(),
+            "]}]}]}",
+        ),
+    );
+    each("animations", list("animations", "0"));
+    each("extensions", list("extensionsRequired", "\"\""));
+    each("extras", repeated(&format!("{asset}\"extras\":["), |_| "{\"a\":{}}".to_owned(), "]}"));
+    each(
+        "numbers with a point",
+        repeated(&format!("{asset}\"scene\":1.0,\"extras\":["), |_| "{\"a\":1.0}".to_owned(), "]}"),
+    );
+    each("nesting", format!("{asset}\"extras\":{}", "[".repeat(TEXT)));
+    each("a long string", format!("{asset}\"buffers\":[{{\"uri\":\"{}\"}}]}}", "a".repeat(TEXT)));
+    each("a long data URI", format!("{asset}\"buffers\":[{{\"uri\":\"data:;base64,{}\"}}]}}", "A".repeat(TEXT)));
+    each("a long name", format!("{asset}\"{}\":0}}", "\\u0041".repeat(TEXT / 6)));
+    each("names", repeated(asset, |i| format!("\"{i}\":0"), "}"));
+    each("nothing but quotes", "{\"asset\":".to_owned() + &"\"\"".repeat(TEXT / 2));
+}
+
+/// Other formats.
+fn texts(each: &mut dyn FnMut(&str, String)) {
+    let surface = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n";
+    let lines = |line: &dyn Fn(usize) -> String| {
+        let mut text = String::new();
+        (0..)
+            .take_while(|i| {
+                text += &line(*i);
+                text.len() < TEXT
+            })
+            .for_each(drop);
+        text
+    };
+    let ply = |inside: &str| {
+        format!(
+            "ply\nformat ascii 1.0\n{inside}element vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+        )
+    };
+    each("materials.obj", format!("{surface}{}", lines(&|i| format!("usemtl {i}\n"))));
+    each("libraries.obj", format!("usemtl a\n{surface}{}", lines(&|i| format!("mtllib {i}\n"))));
+    each("groups.obj", format!("{surface}{}", lines(&|i| format!("g {i}\ns {i}\no {i}\n"))));
+    each("line.obj", format!("{surface}g {}\n", "a".repeat(TEXT)));
+    each("joined.obj", format!("{surface}g {}\n", "a \\\n".repeat(TEXT / 4)));
+    each("corners.obj", format!("{surface}f {}\n", "1 2 3 ".repeat(TEXT / 6)));
+    each("unknown.obj", format!("{surface}{}", lines(&|i| format!("w{i} 1\n"))));
+    each("elements.ply", ply(&lines(&|i| format!("element e{i} 0\n"))));
+    each("properties.ply", ply(&format!("element a 0\n{}", lines(&|i| format!("property float p{i}\n")))));
+    each("comments.ply", ply(&lines(&|i| format!("comment {i}\n"))));
+    each("pictures.ply", ply(&lines(&|i| format!("comment TextureFile {i}\n"))));
+    each("line.ply", ply(&format!("comment {}\n", "a".repeat(TEXT))));
+    each(
+        "name.stl",
+        format!(
+            "solid {}\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n",
+            "a".repeat(TEXT)
+        ),
+    );
+    each(
+        "solids.stl",
+        lines(&|i| {
+            format!(
+                "solid {i}\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid {i}\n"
+            )
+        }),
+    );
+    each("open.gltf", "{\"asset\"".to_owned() + &"{\"a\":".repeat(TEXT / 5));
+}
+
+/// The most memory that any program run by this test had, MiB.
+#[cfg(unix)]
+fn peak() -> u64 {
+    use nix::sys::resource::{UsageWho, getrusage};
+    let usage = getrusage(UsageWho::RUSAGE_CHILDREN).unwrap();
+    // In KiB on Linux, in bytes on macOS.
+    usage.max_rss() as u64 / if cfg!(target_os = "macos") { 1 << 20 } else { 1 << 10 }
+}
+
+/// Build from a file: it is built or refused, within the memory that was given. The text is gone by then, for what this
+/// process holds counts for those that it begins.
+#[cfg(unix)]
+fn stays_within_memory(folder: &Path, name: &str, content: String) {
+    let (input, pack) = (folder.join(name), folder.join("out.kilwa"));
+    std::fs::write(&input, content).unwrap();
+    let output = kilwa(&[
+        "build",
+        text(&input),
+        "-o",
+        text(&pack),
+        "--force",
+        "--memory",
+        &format!("{MEMORY}M"),
+        "--threads",
+        "2",
+    ]);
+    let message = String::from_utf8_lossy(&output.stderr);
+    println!("{name}: {}, {} MiB: {}", output.status, peak(), message.chars().take(200).collect::<String>());
+    assert!(matches!(output.status.code(), Some(0 | 1)), "{name}: {}", output.status);
+    assert!(output.status.success() || message.contains(name), "{message}");
+    assert!(message.len() < 2000, "{name}: {} bytes of message", message.len());
+    assert!(peak() <= MEMORY, "{name}: {} MiB of {MEMORY}", peak());
+    std::fs::remove_file(&input).unwrap();
+}
+
+#[cfg(unix)]
+#[test]
+fn the_json_of_a_gltf_stays_within_the_memory_whatever_it_is_made_of() {
+    let folder = tempfile::tempdir().unwrap();
+    documents(&mut |name, content| stays_within_memory(folder.path(), &format!("{name}.gltf"), content));
+}
+
+#[cfg(unix)]
+#[test]
+fn lines_headers_and_names_stay_within_the_memory_whatever_they_are_made_of() {
+    let folder = tempfile::tempdir().unwrap();
+    texts(&mut |name, content| stays_within_memory(folder.path(), name, content));
+}
