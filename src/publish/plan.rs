@@ -6,8 +6,8 @@ use crate::source::open_pack;
 use anyhow::{Context, bail, ensure};
 use kilwa_builder::machine;
 use kilwa_server::Page;
-use kilwa_server::index::degrees_of_box;
 use kilwa_server::object::assemble::{Facts, Following, agree, existing, further};
+use kilwa_server::object::location::Location;
 use kilwa_server::object::metadata::plausible;
 use kilwa_server::object::record::europeana_lacks;
 use kilwa_server::object::rights::Rights;
@@ -76,13 +76,12 @@ impl Given {
         &self.metadata.language
     }
 
-    /// Latitude and longitude of the place: as they were given, and those of the model's middle where its reference system tells.
-    pub(super) fn degrees(&self) -> Vec<f64> {
-        let place = self.metadata.place.as_ref();
-        let given = place.into_iter().flat_map(|p| [p.latitude, p.longitude]).flatten();
+    /// Where the model truly is, as far as pack and metadata say.
+    pub(super) fn location(&self) -> Location {
         let bounds = [self.of_pack.bounds_min, self.of_pack.bounds_max];
-        let derived = self.crs.as_deref().and_then(|crs| degrees_of_box(crs, bounds));
-        given.chain(derived.into_iter().flatten()).collect()
+        let location = Location::of(bounds, self.crs.as_deref(), self.metadata.place.as_ref());
+        // A cell of the reference system is told with its name.
+        if matches!(self.place, Some(Place::Cell(_))) { location.with_known_system() } else { location }
     }
 
     /// What will be published of the metadata.
