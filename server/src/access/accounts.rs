@@ -163,7 +163,7 @@ impl Accounts {
             return Err(format!("it has more than {FILE_MAX} bytes"));
         }
         // The place is enough; what stands there may be a secret.
-        let document: Document = serde_json::from_slice(bytes).map_err(|e| {
+        let document: Document = kilwa_pack::json::from_slice(bytes).map_err(|e| {
             format!("line {}, column {}: it is no file that `kilwa access init` makes", e.line(), e.column())
         })?;
         if document.kilwa_access != FORM {
