@@ -90,7 +90,11 @@ pub(crate) fn checked_channels<S: Source + Sync>(
         ensure!(
             there.contains(&name.as_str()),
             "--keep-channel {name}: the pack has {}",
-            if there.is_empty() { "no scalar channels".to_owned() } else { format!("the channels {}", there.join(", ")) }
+            if there.is_empty() {
+                "no scalar channels".to_owned()
+            } else {
+                format!("the channels {}", there.join(", "))
+            }
         );
     }
     if keep.is_empty() {

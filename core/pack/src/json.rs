@@ -109,7 +109,9 @@ mod tests {
 
     #[test]
     fn text_without_duplicates_is_read_as_serde_json_reads_it() {
-        for text in ["{\"a\":{\"a\":[{\"a\":1},{\"a\":2}]},\"A\":-1.5e3}", "7", "\"x\"", "null", "[]", "18446744073709551615"] {
+        for text in
+            ["{\"a\":{\"a\":[{\"a\":1},{\"a\":2}]},\"A\":-1.5e3}", "7", "\"x\"", "null", "[]", "18446744073709551615"]
+        {
             assert_eq!(from_str::<Value>(text).unwrap(), serde_json::from_str::<Value>(text).unwrap(), "{text}");
         }
         assert_eq!(from_slice::<Value>(b"{}").unwrap(), json!({}));

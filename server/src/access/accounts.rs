@@ -350,6 +350,17 @@ mod tests {
     }
 
     #[test]
+    fn a_key_that_stands_twice_is_refused_and_not_quoted() {
+        let document = Document { kilwa_access: FORM, key: some().key.to_hex(), users: some().users };
+        let text = serde_json::to_string(&document).expect("JSON");
+        for key in ["users", "key", "kilwa_access"] {
+            let twice = text.replacen('{', &format!("{{\"{key}\":[],"), 1);
+            let refused = Accounts::parse(twice.as_bytes()).expect_err("two values");
+            assert!(refused.contains("line 1") && !refused.contains(&document.key), "{refused}");
+        }
+    }
+
+    #[test]
     fn they_read_back_and_no_secret_can_be_read() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("access.json");

@@ -5,8 +5,8 @@
 //! `kilwa publish` writes of them: nothing stands in them that was not looked at.
 
 use crate::object::Notes;
-use crate::object::location::Location;
 use crate::object::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
+use crate::object::location::Location;
 use crate::object::notes::NOTES_MAX;
 use serde_json::Value;
 use std::fs::File;
@@ -127,7 +127,8 @@ pub(super) fn glb_json(bytes: &[u8]) -> Result<Value, String> {
     };
     let json = chunk(12, JSON).ok_or("its first chunk is no JSON")?;
     let end = 20 + json.len();
-    let binary = if end < bytes.len() { chunk(end, BIN).ok_or("behind its JSON is no binary chunk")?.len() + 8 } else { 0 };
+    let binary =
+        if end < bytes.len() { chunk(end, BIN).ok_or("behind its JSON is no binary chunk")?.len() + 8 } else { 0 };
     if end + binary != bytes.len() {
         return Err("something follows its chunks".to_owned());
     }
@@ -159,7 +160,8 @@ fn address_in(value: &Value, at: &str) -> Option<String> {
 /// Whether a text holds an address of another file or site.
 fn is_address(text: &str) -> bool {
     let lower = text.trim_start().to_ascii_lowercase();
-    lower.contains("://") || ["//", "data:", "file:", "javascript:", "blob:", "\\\\"].iter().any(|start| lower.starts_with(start))
+    lower.contains("://")
+        || ["//", "data:", "file:", "javascript:", "blob:", "\\\\"].iter().any(|start| lower.starts_with(start))
 }
 
 #[cfg(test)]

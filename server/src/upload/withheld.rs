@@ -65,7 +65,10 @@ pub(super) fn check_pack<S: Source + Sync>(intent: &Intent, reader: &Reader<S>) 
         return Err(claimed(&format!("{field} of its pack: {finding}")));
     }
     if let Some(other) = metadata.scalars.iter().find(|s| !intent.kept_channels.contains(&s.name)) {
-        return Err(claimed(&format!("its pack has the scalar channel {:?}, which was not announced as kept", other.name)));
+        return Err(claimed(&format!(
+            "its pack has the scalar channel {:?}, which was not announced as kept",
+            other.name
+        )));
     }
     let surveyed = channels::survey(reader).map_err(|e| format!("the pack: {e}"))?;
     let told = surveyed.iter().find_map(|c| Some((&c.name, c.gives_away(&Location::unknown())?)));
@@ -88,7 +91,8 @@ fn check_place<S: Source>(intent: &Intent, reader: &Reader<S>) -> Result<(), Str
     if min[0] > max[0] {
         return Err("the pack holds no triangle".to_owned());
     }
-    let (low, high, tolerance) = (lattice.world_from_steps(min), lattice.world_from_steps(max), lattice.step() * ROUNDING);
+    let (low, high, tolerance) =
+        (lattice.world_from_steps(min), lattice.world_from_steps(max), lattice.step() * ROUNDING);
     let middle = [0, 1].map(|k| f64::midpoint(low[k], high[k]));
     let wanted = match intent.location_cell {
         None => [0.0; 2],
@@ -109,9 +113,8 @@ fn check_place<S: Source>(intent: &Intent, reader: &Reader<S>) -> Result<(), Str
         return Err(claimed(&format!("the middle of its pack is at {at} m, and not at {should}")));
     }
     let reach = (0..3).map(|k| high[k] - low[k]).fold(tolerance, f64::max);
-    let corners = (0..3).all(|k| {
-        (metadata.bounds_min[k] - low[k]).abs() <= reach && (metadata.bounds_max[k] - high[k]).abs() <= reach
-    });
+    let corners = (0..3)
+        .all(|k| (metadata.bounds_min[k] - low[k]).abs() <= reach && (metadata.bounds_max[k] - high[k]).abs() <= reach);
     if corners { Ok(()) } else { Err(claimed("the metadata of its pack tell another place than its lattice")) }
 }
 
@@ -195,7 +198,8 @@ fn positions<'a>(value: &'a Value, bytes: &'a [u8]) -> impl Iterator<Item = f64>
     let binary = bytes.get(28usize.saturating_add(json)..).unwrap_or_default();
     let primitives = value.get("meshes").and_then(Value::as_array).into_iter().flatten();
     let primitives = primitives.filter_map(|m| m.get("primitives")?.as_array()).flatten();
-    let accessors = primitives.filter_map(move |p| value.get("accessors")?.get(number(p.pointer("/attributes/POSITION"))?));
+    let accessors =
+        primitives.filter_map(move |p| value.get("accessors")?.get(number(p.pointer("/attributes/POSITION"))?));
     accessors.flat_map(move |accessor| {
         let view = number(accessor.get("bufferView")).and_then(|k| value.get("bufferViews")?.get(k));
         let part = |key: &str| number(view.and_then(|v| v.get(key)));
@@ -204,7 +208,10 @@ fn positions<'a>(value: &'a Value, bytes: &'a [u8]) -> impl Iterator<Item = f64>
         let start = part("byteOffset").unwrap_or(0).saturating_add(number(accessor.get("byteOffset")).unwrap_or(0));
         let stride = part("byteStride").unwrap_or(12).max(1);
         let vertex = move |i: usize| binary.get(start.checked_add(i.checked_mul(stride)?)?..)?.get(..12);
-        (0..count).map_while(vertex).flat_map(|v| v.chunks_exact(4)).filter_map(|b| Some(f64::from(f32::from_le_bytes(b.try_into().ok()?))))
+        (0..count)
+            .map_while(vertex)
+            .flat_map(|v| v.chunks_exact(4))
+            .filter_map(|b| Some(f64::from(f32::from_le_bytes(b.try_into().ok()?))))
     })
 }
 
@@ -215,20 +222,27 @@ fn plain_jpeg(bytes: &[u8]) -> Result<(), String> {
     loop {
         let (Some(0xff), Some(&marker)) = (bytes.get(at), bytes.get(at + 1)) else { return Err(damaged()) };
         if marker == 0xd9 {
-            return if at + 2 == bytes.len() { Ok(()) } else { Err("has something behind the end of the picture".to_owned()) };
+            return if at + 2 == bytes.len() {
+                Ok(())
+            } else {
+                Err("has something behind the end of the picture".to_owned())
+            };
         }
         // JFIF, tables, frames and scans.
         if !matches!(marker, 0xe0 | 0xdb | 0xc4 | 0xdd | 0xc0..=0xc2 | 0xda) {
             return Err(format!("has metadata beside its pixels (segment {marker:02X})"));
         }
-        let length = bytes.get(at + 2..at + 4).and_then(|b| b.try_into().ok()).map(u16::from_be_bytes).ok_or_else(damaged)?;
+        let length =
+            bytes.get(at + 2..at + 4).and_then(|b| b.try_into().ok()).map(u16::from_be_bytes).ok_or_else(damaged)?;
         if marker == 0xe0 && length != 16 {
             return Err("has metadata beside its pixels (segment E0)".to_owned());
         }
         at += 2 + usize::from(length);
         if marker == 0xda {
             // Entropy-coded data goes on to the next marker that is neither a stuffed zero nor a restart.
-            let is_marker = |two: &[u8]| two.first() == Some(&0xff) && two.get(1).is_some_and(|m| *m != 0 && !(0xd0..=0xd7).contains(m));
+            let is_marker = |two: &[u8]| {
+                two.first() == Some(&0xff) && two.get(1).is_some_and(|m| *m != 0 && !(0xd0..=0xd7).contains(m))
+            };
             at += bytes.get(at..).and_then(|rest| rest.windows(2).position(is_marker)).ok_or_else(damaged)?;
         }
     }
@@ -241,9 +255,14 @@ fn plain_png(bytes: &[u8]) -> Result<(), String> {
     let mut at = 8;
     while at < bytes.len() {
         let length = bytes.get(at..at + 4).and_then(|b| b.try_into().ok()).map(u32::from_be_bytes);
-        let (Some(length), Some(kind)) = (length, bytes.get(at + 4..at + 8)) else { return Err("is no PNG that can be read".to_owned()) };
+        let (Some(length), Some(kind)) = (length, bytes.get(at + 4..at + 8)) else {
+            return Err("is no PNG that can be read".to_owned());
+        };
         if !CHUNKS.iter().any(|c| c.as_slice() == kind) {
-            return Err(format!("has metadata beside its pixels (chunk {})", String::from_utf8_lossy(kind).escape_default()));
+            return Err(format!(
+                "has metadata beside its pixels (chunk {})",
+                String::from_utf8_lossy(kind).escape_default()
+            ));
         }
         at = at.saturating_add(12).saturating_add(length as usize);
         if kind == b"IEND" {
@@ -283,7 +302,13 @@ mod tests {
     fn pictures_with_metadata_are_refused() {
         let jfif: (u8, &[u8]) = (0xe0, b"JFIF\0\x01\x01\0\0\x01\0\x01\0\0");
         assert_eq!(plain_jpeg(&jpeg(&[jfif, (0xdb, &[0; 65])])), Ok(()));
-        for segment in [(0xe1, &b"Exif\0\0GPS"[..]), (0xe2, b"ICC_PROFILE"), (0xed, b"Photoshop"), (0xfe, b"-8.9577"), (0xe0, b"JFXX\0")] {
+        for segment in [
+            (0xe1, &b"Exif\0\0GPS"[..]),
+            (0xe2, b"ICC_PROFILE"),
+            (0xed, b"Photoshop"),
+            (0xfe, b"-8.9577"),
+            (0xe0, b"JFXX\0"),
+        ] {
             assert!(plain_jpeg(&jpeg(&[jfif, segment])).unwrap_err().contains("metadata beside"), "{:x}", segment.0);
         }
         let mut behind = jpeg(&[jfif]);

@@ -108,7 +108,8 @@ fn sixty(text: &[char], from: usize) -> Option<Angle> {
     let mut c = Cursor { text, at: from };
     let degrees = c.whole(3).filter(|d| *d <= 180.0)?;
     c.spaces();
-    let is_marked = c.take("°").is_some() || c.word(&["d", "deg", "degs", "degree", "degrees", "grad", "grados", "degrés", "gradi"]);
+    let is_marked = c.take("°").is_some()
+        || c.word(&["d", "deg", "degs", "degree", "degrees", "grad", "grados", "degrés", "gradi"]);
     if !is_marked {
         c.take(":-");
     }
@@ -213,10 +214,9 @@ fn letter_before(text: &[char], from: usize) -> Option<(Axis, bool)> {
     let skipped = text.get(..from)?.iter().rev().take(3).take_while(|c| " -+".contains(**c)).count();
     let at = from.checked_sub(skipped + 1)?;
     let is_word = at.checked_sub(1).and_then(|i| text.get(i)).is_some_and(|c| c.is_alphanumeric() || *c == '\'');
-    let belongs_before = at
-        .checked_sub(1)
-        .and_then(|last| text.get(..=last))
-        .is_some_and(|t| t.iter().rev().find(|c| **c != ' ').is_some_and(|c| c.is_ascii_digit() || "°'\"".contains(*c)));
+    let belongs_before = at.checked_sub(1).and_then(|last| text.get(..=last)).is_some_and(|t| {
+        t.iter().rev().find(|c| **c != ' ').is_some_and(|c| c.is_ascii_digit() || "°'\"".contains(*c))
+    });
     if is_word { None } else { Some((quarter(*text.get(at)?)?, belongs_before)) }
 }
 

@@ -165,7 +165,9 @@ impl Channel {
         }
         let [low, high] = self.range?;
         if self.explained > EXPLAINED {
-            return Some(format!("holds a coordinate or a height: its values, {low} to {high}, are a linear function of the position"));
+            return Some(format!(
+                "holds a coordinate or a height: its values, {low} to {high}, are a linear function of the position"
+            ));
         }
         if let Some(axis) = location.agreeing(low, high) {
             return Some(format!("holds values from {low} to {high}, which agree with the {axis} of the model"));
@@ -200,7 +202,8 @@ impl Location {
         let height = max[2] - min[2];
         let is_height = height > 0.0
             && UNITS.iter().any(|unit| {
-                (low * unit - min[2]).abs() < SAME_HEIGHT * height && (high * unit - max[2]).abs() < SAME_HEIGHT * height
+                (low * unit - min[2]).abs() < SAME_HEIGHT * height
+                    && (high * unit - max[2]).abs() < SAME_HEIGHT * height
             });
         is_height.then_some("height")
     }

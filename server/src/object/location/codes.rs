@@ -77,7 +77,8 @@ pub(super) fn map_address(text: &[char]) -> Option<(usize, usize)> {
             return Some((at, at + 24));
         }
         if begins(at, "///") {
-            let words: String = lower.iter().skip(at + 3).take(90).take_while(|c| c.is_alphabetic() || **c == '.').collect();
+            let words: String =
+                lower.iter().skip(at + 3).take(90).take_while(|c| c.is_alphabetic() || **c == '.').collect();
             let parts: Vec<&str> = words.trim_end_matches('.').split('.').collect();
             return (parts.len() == 3 && parts.iter().all(|p| p.chars().count() >= 2))
                 .then_some((at, at + 3 + words.chars().count()));
@@ -177,7 +178,8 @@ fn maidenhead(token: &str) -> Option<Area> {
             _ => (24, 'a'),
         };
         size = size.map(|s: f64| s / f64::from(base));
-        let digit = |c: Option<&char>| u32::from(*c?).checked_sub(u32::from(first)).filter(|d| *d < base).map(f64::from);
+        let digit =
+            |c: Option<&char>| u32::from(*c?).checked_sub(u32::from(first)).filter(|d| *d < base).map(f64::from);
         lon += digit(pair.first())? * size[1];
         lat += digit(pair.get(1))? * size[0];
     }
@@ -262,7 +264,10 @@ impl Square {
 fn grid(text: &[char], square: &Square) -> Option<(usize, usize)> {
     let is = |at: usize, c: char| text.get(at).is_some_and(|t| t.to_ascii_uppercase() == c);
     (0..text.len()).find_map(|at| {
-        if !is(at, square.letters[0]) || !is(at + 1, square.letters[1]) || text.get(at + 2).is_some_and(char::is_ascii_alphabetic) {
+        if !is(at, square.letters[0])
+            || !is(at + 1, square.letters[1])
+            || text.get(at + 2).is_some_and(char::is_ascii_alphabetic)
+        {
             return None;
         }
         let before: String = text.get(..at)?.iter().rev().take(5).filter(|c| **c != ' ').collect();
@@ -284,7 +289,8 @@ fn grid(text: &[char], square: &Square) -> Option<(usize, usize)> {
             return None;
         }
         let cell = 10f64.powi(5 - i32::try_from(n).ok()?);
-        let part = |from: usize| digits.get(from..from + n)?.iter().map(|(_, c)| c).collect::<String>().parse::<f64>().ok();
+        let part =
+            |from: usize| digits.get(from..from + n)?.iter().map(|(_, c)| c).collect::<String>().parse::<f64>().ok();
         let near = |value: f64, inside: f64| {
             let low = value * cell;
             inside >= low - AROUND_M && inside <= low + cell + AROUND_M
@@ -305,7 +311,8 @@ mod tests {
     /// Examples of the specifications.
     #[test]
     fn codes_decode_as_their_specifications_say() {
-        let close = |a: [f64; 2], b: [f64; 2]| assert!((a[0] - b[0]).abs() < 0.01 && (a[1] - b[1]).abs() < 0.01, "{a:?} {b:?}");
+        let close =
+            |a: [f64; 2], b: [f64; 2]| assert!((a[0] - b[0]).abs() < 0.01 && (a[1] - b[1]).abs() < 0.01, "{a:?} {b:?}");
         close(area(geohash("u4pruydqqvj")), [57.649_11, 10.407_44]);
         close(area(geohash("ezs42")), [42.605, -5.603]);
         close(area(maidenhead("fn31pr")), [41.729, -72.708]);

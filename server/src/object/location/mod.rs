@@ -262,9 +262,8 @@ impl Location {
     fn degrees(&self, text: &[char], numbers: &[Number], angles: &[Angle]) -> Option<(usize, usize)> {
         let is_marked = |n: &Number| is_degree(text, n) || axis_of(text, n.from, n.to).is_some();
         let near = |n: &&Number| self.near(n.value, n.decimals).is_some();
-        let alone = numbers.iter().filter(near).find(|n| {
-            n.decimals >= ALONE_DECIMALS || n.decimals >= 1 && is_marked(n)
-        });
+        let alone =
+            numbers.iter().filter(near).find(|n| n.decimals >= ALONE_DECIMALS || n.decimals >= 1 && is_marked(n));
         if let Some(n) = alone {
             return Some((n.from, n.to));
         }
@@ -272,9 +271,13 @@ impl Location {
         if let Some(a) = angle {
             return Some((a.from, a.to));
         }
-        let mut pairs = numbers.iter().filter(|n| n.decimals >= PAIR_DECIMALS).filter_map(|n| Some((n, self.near(n.value, n.decimals)?)));
+        let mut pairs = numbers
+            .iter()
+            .filter(|n| n.decimals >= PAIR_DECIMALS)
+            .filter_map(|n| Some((n, self.near(n.value, n.decimals)?)));
         if let Some((first, one)) = pairs.next()
-            && let Some((second, _)) = pairs.find(|(n, other)| n.from >= first.to && (one - other).abs() > 2.0 * AROUND_DEGREES)
+            && let Some((second, _)) =
+                pairs.find(|(n, other)| n.from >= first.to && (one - other).abs() > 2.0 * AROUND_DEGREES)
         {
             return Some((first.from, if second.to - first.from < 60 { second.to } else { first.to }));
         }
@@ -371,7 +374,8 @@ fn stated(text: &[char], numbers: &[Number], angles: &[Angle]) -> Option<(usize,
     let (lat, lon) = (spans(Axis::Latitude), spans(Axis::Longitude));
     let by_letters = beside(&lat.iter().collect::<Vec<_>>(), &lon.iter().collect::<Vec<_>>());
     by_letters.or_else(|| {
-        let fine: Vec<&Number> = numbers.iter().filter(|n| n.decimals >= ANYWHERE_DECIMALS && n.value >= 1.0 && n.value <= 180.0).collect();
+        let fine: Vec<&Number> =
+            numbers.iter().filter(|n| n.decimals >= ANYWHERE_DECIMALS && n.value >= 1.0 && n.value <= 180.0).collect();
         fine.windows(2).find_map(|two| {
             let [a, b] = two else { return None };
             let between = text.get(a.to..b.from)?;

@@ -4,8 +4,8 @@
 const DECODINGS: usize = 3;
 /// Zeros of the decimal digits of other scripts (Unicode category Nd); the other nine follow each.
 const ZEROS: [u32; 24] = [
-    0x660, 0x6f0, 0x7c0, 0x966, 0x9e6, 0xa66, 0xae6, 0xb66, 0xbe6, 0xc66, 0xce6, 0xd66, 0xe50, 0xed0, 0xf20, 0x1040, 0x17e0, 0x1810, 0xff10,
-    0x1d7ce, 0x1d7d8, 0x1d7e2, 0x1d7ec, 0x1d7f6,
+    0x660, 0x6f0, 0x7c0, 0x966, 0x9e6, 0xa66, 0xae6, 0xb66, 0xbe6, 0xc66, 0xce6, 0xd66, 0xe50, 0xed0, 0xf20, 0x1040,
+    0x17e0, 0x1810, 0xff10, 0x1d7ce, 0x1d7d8, 0x1d7e2, 0x1d7ec, 0x1d7f6,
 ];
 /// What stands for signs in HTML, and the sign.
 const ENTITIES: [(&str, char); 14] = [
@@ -56,10 +56,18 @@ fn plain(text: &str) -> Vec<char> {
 /// One character as the searches read it; nothing of one that nobody sees.
 fn one(c: char) -> Option<char> {
     if c.is_ascii() {
-        return Some(if matches!(c, '\n' | '\r' | '\t') { ' ' } else if c == '`' { '\'' } else { c });
+        return Some(if matches!(c, '\n' | '\r' | '\t') {
+            ' '
+        } else if c == '`' {
+            '\''
+        } else {
+            c
+        });
     }
     Some(match c {
-        '\u{ad}' | '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{2069}' | '\u{feff}' => return None,
+        '\u{ad}' | '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{2069}' | '\u{feff}' => {
+            return None;
+        }
         'º' | '˚' | '∘' => '°',
         '′' | '’' | '‘' | 'ʹ' | 'ʼ' | '´' => '\'',
         '″' | '”' | '“' | 'ʺ' | '〃' => '"',
@@ -178,7 +186,9 @@ fn is_date(runs: &[Run], signs: &[char], first: usize) -> bool {
     let (Some([day, month, year]), Some(['.', '.'])) = (runs.get(first..first + 3), signs.get(first..first + 2)) else {
         return false;
     };
-    let small = |run: &Run, most: u32| run.digits.len() <= 2 && run.digits.parse::<u32>().is_ok_and(|n| (1..=most).contains(&n));
+    let small = |run: &Run, most: u32| {
+        run.digits.len() <= 2 && run.digits.parse::<u32>().is_ok_and(|n| (1..=most).contains(&n))
+    };
     let is_year = year.digits.len() == 4 && ('1'..='2').contains(&year.digits.chars().next().unwrap_or('0'));
     is_year && small(day, 31) && small(month, 12)
 }
@@ -196,5 +206,5 @@ fn exponent(text: &[char], at: usize) -> Option<(i32, usize)> {
 
 /// What a piece of a text is, for messages.
 pub(super) fn shown(text: &[char], from: usize, to: usize) -> String {
-    text.get(from..to.min(from + 60)).unwrap_or_default().iter().collect()
+    text.get(from..to.min(from + 60).min(text.len())).unwrap_or_default().iter().collect()
 }

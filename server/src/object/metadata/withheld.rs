@@ -114,7 +114,10 @@ mod tests {
             "{problems}"
         );
         let message = problems.to_string();
-        assert!(message.contains("line 11: rights.holder: \"8.9577\" is a latitude or longitude of the model"), "{message}");
+        assert!(
+            message.contains("line 11: rights.holder: \"8.9577\" is a latitude or longitude of the model"),
+            "{message}"
+        );
         let metadata = Metadata::parse(FILE).unwrap().without_location();
         assert_eq!(metadata.giving_away(&location()).unwrap().0, "capture.description");
     }

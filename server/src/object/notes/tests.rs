@@ -112,6 +112,20 @@ fn what_is_nested_deeper_than_can_be_read_again_is_refused_with_its_note() {
     assert!(refused(&json!([deep])).contains("nested deeper"));
 }
 
+#[test]
+fn a_key_that_stands_twice_is_refused() {
+    let text = String::from_utf8(page(&json!([note("Gate", [1.0, 2.0, 3.0])]))).unwrap();
+    for twice in [
+        text.replacen("\"label\":", "\"label\":\"Other\",\"label\":", 1),
+        text.replacen("\"x\":", "\"x\":565977,\"x\":", 1),
+        text.replacen("\"items\":", "\"items\":[],\"items\":", 1),
+    ] {
+        assert_ne!(twice, text);
+        let message = Notes::parse(twice.as_bytes()).unwrap_err().to_string();
+        assert!(message.contains("duplicate key") && message.contains("Save as a file"), "{message}");
+    }
+}
+
 /// What makes a note wrong.
 type Change = fn(&mut Value);
 
@@ -148,7 +162,7 @@ fn what_cannot_be_is_refused_with_its_note_and_what_to_do() {
     let empty = changed(&|v| (v["label"], v["body"]) = (json!(""), json!([])));
     assert!(empty.contains("note 2 says nothing") && empty.contains("delete it"), "{empty}");
     let parse = |text: &str| Notes::parse(text.as_bytes()).unwrap_err().to_string();
-    assert!(parse("{").contains("no JSON") && parse("{").contains("Save as a file"));
+    assert!(parse("{").contains("no JSON that can be used") && parse("{").contains("Save as a file"));
     assert!(
         parse("{\"type\":\"Feature\"}").contains("no Web Annotations") && parse("7").contains("no Web Annotations")
     );
@@ -298,10 +312,7 @@ fn words_that_give_the_location_away_are_refused_with_their_note() {
     assert!(said.contains("\"565977\" is a map coordinate of the model"), "{said}");
     let mut tongue = note("Gate", [0.0; 3]);
     tongue["body"][0]["language"] = "x-565977".into();
-    assert!(
-        Notes::parse(&page(&json!([tongue]))).unwrap().check_words(&location).is_err(),
-        "no language is a place"
-    );
+    assert!(Notes::parse(&page(&json!([tongue]))).unwrap().check_words(&location).is_err(), "no language is a place");
     let mut bare = note("", [0.0; 3]);
     bare["body"] = json!(["https://example.org/gate"]);
     let said = Notes::parse(&page(&json!([bare]))).unwrap().check_words(&location).unwrap_err().to_string();
