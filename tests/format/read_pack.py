@@ -29,13 +29,13 @@ def need(good, message):
         raise Refused(message)
 
 
-# --- Sections 5.2 and 5.3: bits and numbers ---
-
-
 def members(pairs):
     """An object of JSON, each of whose members is there once."""
     need(len({name for name, _ in pairs}) == len(pairs), "an object in the metadata has a member twice")
     return dict(pairs)
+
+
+# --- Sections 5.2 and 5.3: bits and numbers ---
 
 
 def varint(data, at):

@@ -254,7 +254,7 @@ impl Square {
         const COLUMNS: [&str; 3] = ["STUVWXYZ", "ABCDEFGH", "JKLMNPQR"];
         const ROWS: &str = "ABCDEFGHJKLMNPQRSTUV";
         let column = COLUMNS.get(zone as usize % 3)?.chars().nth(((east / 1e5).floor() as usize).checked_sub(1)?)?;
-        let row = (north / 1e5).floor() as usize + if zone % 2 == 0 { 5 } else { 0 };
+        let row = (north / 1e5).floor() as usize + if zone.is_multiple_of(2) { 5 } else { 0 };
         let row = ROWS.chars().nth(row % 20)?;
         Some(Self { zone, letters: [column, row], inside: [east.rem_euclid(1e5), north.rem_euclid(1e5)] })
     }

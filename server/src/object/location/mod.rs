@@ -325,6 +325,15 @@ impl Placed for Angle {
     }
 }
 
+/// Where anything stands.
+struct Span(usize, usize);
+
+impl Placed for Span {
+    fn span(&self) -> (usize, usize) {
+        (self.0, self.1)
+    }
+}
+
 /// The first two, one of each list, that stand side by side, in either order. Both lists are in the order of the text.
 fn beside<T: Placed>(ones: &[&T], others: &[&T]) -> Option<(usize, usize)> {
     let follows = |first: &[&T], then: &[&T]| {
@@ -364,12 +373,6 @@ fn stated(text: &[char], numbers: &[Number], angles: &[Angle]) -> Option<(usize,
         all.sort_unstable();
         all
     };
-    struct Span(usize, usize);
-    impl Placed for Span {
-        fn span(&self) -> (usize, usize) {
-            (self.0, self.1)
-        }
-    }
     let spans = |axis: Axis| named(axis).into_iter().map(|(a, b)| Span(a, b)).collect::<Vec<_>>();
     let (lat, lon) = (spans(Axis::Latitude), spans(Axis::Longitude));
     let by_letters = beside(&lat.iter().collect::<Vec<_>>(), &lon.iter().collect::<Vec<_>>());
