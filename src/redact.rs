@@ -3,15 +3,17 @@
 //! The model is moved so that its middle is at zero and its lowest point at height zero, or, with a cell, so that its middle
 //! is the middle of the cell of that size which holds it: everything in one cell looks the same. What is left out with
 //! it: the reference system (kept with a cell), and names and hashes of the source files, which are often named after the
-//! place and can be compared with files found elsewhere. The old pack's identity is named nowhere: chunks are the same, so
+//! place and can be compared with files found elsewhere. Scalar channels are left out, because scans are exported with their coordinates as
+//! channels (`scalar_X`, `Elevation`), unless they are named; [`checked_channels`] looks at those that are. The old pack's identity is named nowhere: chunks are the same, so
 //! that whoever guesses the place could make the old header and see whether its hash is the one named.
 
 use crate::source::open_pack;
-use anyhow::Context;
+use anyhow::{Context, bail, ensure};
 use kilwa_geometry::Aabb;
-use kilwa_pack::{Reader, Source, relocate};
+use kilwa_pack::{Metadata, Reader, Source, relocate_with_channels};
+use kilwa_server::object::location::{Location, channels};
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 /// How much of the place is left.
@@ -32,28 +34,135 @@ pub(crate) struct TakenOut {
     pub(crate) offset: [f64; 3],
 }
 
-/// Write the pack at `from` to `to`, a new file, with its place taken out and `title` in place of its own.
+/// Write the pack at `from` to `to`, a new file, with its place taken out, `title` in place of its own, and of its scalar channels those that `keep`
+/// names. Channels are encoded into a file beside `to` that goes with its handle.
 ///
 /// # Errors
 /// When the pack cannot be read or is damaged, the cell hides nothing, or the file cannot be written; what was begun is
 /// for the caller to remove.
-pub(crate) fn redact(from: &Path, to: &Path, place: Place, title: &str) -> anyhow::Result<TakenOut> {
+pub(crate) fn redact(from: &Path, to: &Path, place: Place, title: &str, keep: &[String]) -> anyhow::Result<TakenOut> {
     let reader = open_pack(from)?;
     let old = reader.header().lattice.origin;
     let origin = origin(&reader, place)?;
     let file = File::create_new(to).with_context(|| format!("cannot write {}", to.display()))?;
     let crs = reader.metadata().crs.clone();
-    let written = relocate(&reader, BufWriter::with_capacity(1 << 20, file), origin, |metadata| {
-        title.clone_into(&mut metadata.title);
-        metadata.sources.clear();
-        if place == Place::Nowhere {
-            metadata.crs = None;
-        }
-    });
+    let kept: Vec<usize> =
+        (0..).zip(&reader.metadata().scalars).filter(|(_, s)| keep.contains(&s.name)).map(|(k, _)| k).collect();
+    let folder = to.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut scratch = Scratch::new(folder)?;
+    let out = BufWriter::with_capacity(1 << 20, file);
+    let written = relocate_with_channels(&reader, out, &mut scratch, &kept, origin, |m| revise(m, place, title));
     let file = written.with_context(|| format!("{} without its place", from.display()))?;
     let file = file.into_inner().map_err(std::io::IntoInnerError::into_error);
     file.and_then(|f| f.sync_all()).with_context(|| format!("cannot write {}", to.display()))?;
     Ok(TakenOut { crs, offset: std::array::from_fn(|k| old[k] - origin[k]) })
+}
+
+/// What is published of a pack's metadata.
+fn revise(metadata: &mut Metadata, place: Place, title: &str) {
+    title.clone_into(&mut metadata.title);
+    metadata.sources.clear();
+    if place == Place::Nowhere {
+        metadata.crs = None;
+    }
+}
+
+/// The metadata of a pack as they are published, without the channels that `keep` does not name: for who looks at their texts before anything is
+/// written.
+pub(crate) fn published_metadata(of_pack: &Metadata, place: Place, title: &str, keep: &[String]) -> Metadata {
+    let mut metadata = of_pack.clone();
+    metadata.scalars.retain(|s| keep.contains(&s.name));
+    revise(&mut metadata, place, title);
+    metadata
+}
+
+/// Whether the channels that are to be kept are there and hold no coordinates; every value of them is read.
+///
+/// # Errors
+/// A name that no channel has, with those that there are; or a channel that gives `location` away, and how.
+pub(crate) fn checked_channels<S: Source + Sync>(
+    reader: &Reader<S>,
+    keep: &[String],
+    location: &Location,
+) -> anyhow::Result<()> {
+    let there: Vec<&str> = reader.metadata().scalars.iter().map(|s| s.name.as_str()).collect();
+    for name in keep {
+        ensure!(
+            there.contains(&name.as_str()),
+            "--keep-channel {name}: the pack has {}",
+            if there.is_empty() {
+                "no scalar channels".to_owned()
+            } else {
+                format!("the channels {}", there.join(", "))
+            }
+        );
+    }
+    if keep.is_empty() {
+        return Ok(());
+    }
+    for channel in channels::survey(reader)?.iter().filter(|c| keep.contains(&c.name)) {
+        if let Some(why) = channel.gives_away(location) {
+            bail!(
+                "--keep-channel {}: the channel {why}; leave it out, or build the pack again without it",
+                channel.name
+            );
+        }
+    }
+    Ok(())
+}
+
+/// A file without a name, buffered for reading and for writing.
+enum Scratch {
+    Writing(BufWriter<File>),
+    Reading(BufReader<File>),
+}
+
+impl Scratch {
+    fn new(folder: &Path) -> anyhow::Result<Self> {
+        let file = tempfile::tempfile_in(folder).with_context(|| format!("cannot write to {}", folder.display()))?;
+        Ok(Self::Writing(BufWriter::with_capacity(1 << 20, file)))
+    }
+}
+
+impl Write for Scratch {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        match self {
+            Self::Writing(file) => file.write(bytes),
+            Self::Reading(_) => Err(std::io::ErrorKind::Unsupported.into()),
+        }
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        match self {
+            Self::Writing(file) => file.flush(),
+            Self::Reading(_) => Ok(()),
+        }
+    }
+}
+
+impl Read for Scratch {
+    fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
+        match self {
+            Self::Writing(_) => Err(std::io::ErrorKind::Unsupported.into()),
+            Self::Reading(file) => file.read(bytes),
+        }
+    }
+}
+
+impl Seek for Scratch {
+    /// Goes over to reading.
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        let mut file = match self {
+            Self::Writing(file) => {
+                file.flush()?;
+                file.get_ref().try_clone()?
+            }
+            Self::Reading(file) => file.get_ref().try_clone()?,
+        };
+        let at = file.seek(to)?;
+        *self = Self::Reading(BufReader::with_capacity(1 << 20, file));
+        Ok(at)
+    }
 }
 
 /// Where the lattice begins in the new pack, metres: whole steps, so that world coordinates stay exact.
@@ -109,7 +218,7 @@ mod tests {
     fn the_middle_goes_to_zero_and_the_reference_system_goes() {
         let work = tempfile::tempdir().expect("a folder");
         let (from, to) = (far_pack(work.path()), work.path().join("near.kilwa"));
-        let out = redact(&from, &to, Place::Nowhere, "A cave").expect("redacts");
+        let out = redact(&from, &to, Place::Nowhere, "A cave", &[]).expect("redacts");
         assert_eq!(out.crs.as_deref(), Some("EPSG:32737"));
         assert!((out.offset[0] - 524_290.5).abs() < 0.01 && (out.offset[1] - 9_012_346.75).abs() < 0.01, "{out:?}");
         let pack = open_pack(&to).expect("a sound pack");
@@ -127,13 +236,13 @@ mod tests {
         let work = tempfile::tempdir().expect("a folder");
         let from = far_pack(work.path());
         let to = work.path().join("cell.kilwa");
-        redact(&from, &to, Place::Cell(10_000.0), "A cave").expect("redacts");
+        redact(&from, &to, Place::Cell(10_000.0), "A cave", &[]).expect("redacts");
         let m = open_pack(&to).expect("a sound pack").metadata().clone();
         let middle = [0, 1].map(|k| f64::midpoint(m.bounds_min[k], m.bounds_max[k]));
         assert!((middle[0] - 525_000.0).abs() < 0.01 && (middle[1] - 9_015_000.0).abs() < 0.01, "{middle:?}");
         assert_eq!((m.crs.as_deref(), m.bounds_min[2]), (Some("EPSG:32737"), 0.0));
-        let said =
-            redact(&from, &work.path().join("x"), Place::Cell(2.0), "A cave").expect_err("too small").to_string();
+        let to = work.path().join("x");
+        let said = redact(&from, &to, Place::Cell(2.0), "A cave", &[]).expect_err("too small").to_string();
         assert!(said.contains("larger than the model"), "{said}");
     }
 }

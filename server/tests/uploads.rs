@@ -6,7 +6,7 @@ use axum::Router;
 use axum::body::Body;
 use axum::http::{Method, Request, StatusCode};
 use common::version::{METADATA, Version, fort_pack, status};
-use common::{Answer, ask, get, pack_in, page};
+use common::{Answer, ask, get, pack_at, pack_in, page};
 use kilwa_server::access::{Accounts, Grant, Purpose};
 use kilwa_server::door::Door;
 use kilwa_server::object::{Manifest, Metadata};
@@ -678,4 +678,136 @@ async fn what_all_uploads_hold_is_limited_also_where_it_was_announced_long_ago()
     assert!(both.text().contains("hold 1000000 bytes") && both.text().contains("1500000"), "{}", both.text());
     m.send(Method::DELETE, "/uploads/fort", &m.robot, &[], Vec::new()).await;
     assert_eq!(m.patch("wall", name, 0, &wall.files[0]).await.status, StatusCode::NO_CONTENT);
+}
+
+/// A version that is said to be without its location, with the pictures that `kilwa publish` makes.
+fn withheld(pack: Vec<u8>) -> Version {
+    let mut version = Version::new("fort", 1, pack);
+    version.intent.location_redacted = true;
+    let jpeg = |i: u8| [&b"\xff\xd8\xff\xdb\x00\x03"[..], &[i], b"\xff\xda\x00\x02\x01\xff\xd9"].concat();
+    let chunk = |kind: &[u8; 4]| [&[0; 4], &kind[..], &[0; 4]].concat();
+    let png = [&b"\x89PNG\r\n\x1a\n"[..], &chunk(b"IHDR"), &chunk(b"IDAT"), &chunk(b"IEND")].concat();
+    let posters = ["poster.jpg", "poster-600.jpg", "poster-300.jpg"].into_iter().zip(1..);
+    for (path, bytes) in posters.map(|(p, i)| (p, jpeg(i))).chain([("drawings/plan.png", png)]) {
+        replace(&mut version, path, bytes);
+    }
+    version
+}
+
+fn replace(version: &mut Version, path: &str, bytes: Vec<u8>) {
+    version.files.remove(version.intent.files.iter().position(|f| f.path == path).unwrap());
+    version.intent.files.retain(|f| f.path != path);
+    version.add(path, bytes);
+}
+
+/// Where `kilwa publish --redact-location` puts the pack of the tests: its middle at zero.
+const MIDDLE: [f64; 3] = [-500.0 / 1024.0, -400.0 / 1024.0, 0.0];
+
+#[tokio::test]
+async fn a_location_that_is_said_to_be_withheld_is_looked_for() {
+    let m = Museum::new();
+    let at = |x: f64, y: f64, z: f64| [MIDDLE[0] + x, MIDDLE[1] + y, z];
+    let true_place = at(565_977.0, 9_009_946.0, 31.0);
+    let pack = |origin, channels: &[(&str, [f32; 3])]| pack_at("Fort", None, origin, channels);
+    let with = |change: &dyn Fn(&mut Version)| {
+        let mut version = withheld(pack(MIDDLE, &[]));
+        change(&mut version);
+        version
+    };
+    let kept = |name: &str, values: [f32; 3]| {
+        let mut version = withheld(pack(MIDDLE, &[(name, values)]));
+        version.intent.kept_channels = vec![name.to_owned()];
+        version
+    };
+    let glb = |json: &str| {
+        let mut bytes = b"glTF".to_vec();
+        for word in [2, 20 + json.len() as u32, json.len() as u32, 0x4e4f_534a] {
+            bytes.extend_from_slice(&word.to_le_bytes());
+        }
+        [&bytes, json.as_bytes()].concat()
+    };
+    let preview = |json: &str| with(&|v| replace(v, "preview.glb", glb(json)));
+    let table: Vec<(Version, &str)> = vec![
+        (withheld(pack(true_place, &[])), "the middle of its pack is at 565977.000 9009946.000, on height 31.000"),
+        (withheld(pack(at(3.0, 0.0, 0.0), &[])), "and not at 0 0"),
+        (withheld(pack(at(0.0, 0.0, 31.0), &[])), "on height 31.000"),
+        (withheld(pack_at("Fort", Some("EPSG:32737"), MIDDLE, &[])), "its pack names a reference system"),
+        (
+            withheld(pack_at("Fort 8°57'27\" S 39°31'22\" E", None, MIDDLE, &[])),
+            "title of its pack: \"8°57'27\" S 39°31'22\"\" states coordinates",
+        ),
+        (withheld(pack(MIDDLE, &[("intensity", [1.0, 2.0, 0.5])])), "\"intensity\", which was not announced as kept"),
+        (kept("scalar_X", [565_977.0, 565_978.0, 565_977.0]), "\"scalar_X\" holds a coordinate or a height"),
+        (
+            with(&|v| v.intent.metadata.description = Some("At S 8.9577 E 39.5228".to_owned())),
+            "metadata: description: \"8.9577",
+        ),
+        (
+            with(&|v| v.intent.metadata.rights.holder = Some("geo:-8.95,39.52".to_owned())),
+            "metadata: rights.holder: \"geo:",
+        ),
+        (
+            with(&|v| v.intent.note = "See https://www.openstreetmap.org/way/1".to_owned()),
+            "the note of the version: \"openstreetmap.org",
+        ),
+        (with(&|v| v.intent.location_cell = Some(0.5)), "a cell of 0.5 m does not hide a model"),
+        (with(&|v| v.intent.location_cell = Some(100_000.0)), "and not at 50000 50000"),
+        (with(&|v| v.intent.location_cell = Some(-1.0)), "no side of a cell"),
+        (
+            preview("{\"asset\":{},\"extras\":{\"world_from_local_m\":[565977,9009946,31]}} "),
+            "preview.glb tells a place outside of the pack",
+        ),
+        (
+            preview("{\"asset\":{},\"nodes\":[{\"translation\":[565977,0,0]}]} "),
+            "preview.glb has coordinates larger than the model",
+        ),
+        (preview("{\"asset\":{\"copyright\":\"-8.957712, 39.522834\"}}  "), "preview.glb has asset.copyright: "),
+        (preview("{\"asset\":{},\"extras\":{\"crs\":\"EPSG:32737\"}} "), "preview.glb names a reference system"),
+        (
+            with(&|v| replace(v, "poster.jpg", b"\xff\xd8\xff\xe1\x00\x04GP\xff\xd9".to_vec())),
+            "poster.jpg has metadata beside its pixels",
+        ),
+        (
+            with(&|v| v.add("drawings/plan.pgw", b"1\n0\n0\n-1\n565977\n9009946\n".to_vec())),
+            "drawings/plan.pgw places the plan somewhere else",
+        ),
+    ];
+    for (version, wanted) in &table {
+        let (code, said) = m.publish(version).await;
+        let why = said.error.unwrap_or_default();
+        assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY, "{wanted}: {why}");
+        assert!(why.contains(wanted), "{wanted}: {why}");
+        assert!(!m.models().join("fort").exists(), "{wanted}");
+    }
+    // What is as it is said is published: without a place, with a channel of the surface, in a cell.
+    let mut cell = withheld(pack_at("Fort", Some("EPSG:32737"), at(550_000.0, 9_050_000.0, 0.0), &[]));
+    cell.intent.location_cell = Some(100_000.0);
+    (cell.intent.slug, cell.intent.metadata.slug) = ("cell".to_owned(), Some("cell".to_owned()));
+    let mut scalar = kept("class", [2.0; 3]);
+    (scalar.intent.slug, scalar.intent.metadata.slug) = ("scalar".to_owned(), Some("scalar".to_owned()));
+    let world = with(&|v| v.add("drawings/plan.pgw", b"0.01\n0\n0\n-0.01\n-0.5\n0.4\n".to_vec()));
+    for version in [world, cell, scalar] {
+        let (code, said) = m.publish(&version).await;
+        assert_eq!((code, said.state), (StatusCode::OK, State::Published), "{:?}", said.error);
+    }
+    // Where nothing is said to be withheld, nothing is looked for.
+    let mut open = Version::new("open", 1, pack(true_place, &[]));
+    open.intent.metadata.description = Some("At S 8.9577 E 39.5228".to_owned());
+    assert_eq!(m.publish(&open).await.0, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn an_announcement_in_which_a_key_stands_twice_is_refused() {
+    let m = Museum::new();
+    let version = Version::new("fort", 1, fort_pack());
+    let json = serde_json::to_string(&version.intent).unwrap();
+    for twice in [
+        json.replacen('{', "{\"slug\":\"cave\",", 1),
+        json.replacen("\"metadata\":{", "\"metadata\":{\"title\":\"Other\",", 1),
+    ] {
+        let answer = m.send(Method::POST, "/uploads", &m.robot, &[], twice.into_bytes()).await;
+        assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY);
+        assert!(answer.text().contains("duplicate"), "{}", answer.text());
+    }
+    assert!(m.has_nothing());
 }

@@ -151,11 +151,11 @@ fn text(plan: &Plan) -> String {
     if let Some(notes) = &plan.given.notes {
         let _ = write!(s, "\n  notes: {}", notes.notes.len());
     }
-    for what in notes::left_out(plan) {
+    for what in plan.channels_left_out().into_iter().chain(notes::left_out(plan)) {
         let _ = write!(s, "\n  left out: {what}");
     }
     if plan.given.place.is_some() {
-        s.push_str("\n  place: taken out; words in titles and descriptions stay as they are");
+        s.push_str("\n  place: taken out; names of places in texts stay as they are");
     }
     for warning in plan.warnings() {
         let _ = write!(s, "\n  is this meant? {warning}");
@@ -177,5 +177,5 @@ fn json(plan: &Plan) -> Value {
         })
         .collect();
     json!({ "object": plan.at, "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
-        "fields": fields, "notes": plan.given.notes.as_ref().map_or(0, |n| n.notes.len()), "left_out": notes::left_out(plan), "warnings": plan.warnings(), "advice": plan.advice() })
+        "fields": fields, "notes": plan.given.notes.as_ref().map_or(0, |n| n.notes.len()), "left_out": plan.channels_left_out().into_iter().chain(notes::left_out(plan)).collect::<Vec<_>>(), "warnings": plan.warnings(), "advice": plan.advice() })
 }

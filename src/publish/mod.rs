@@ -60,6 +60,10 @@ pub(crate) struct Args {
     /// Take the place on earth out of everything that is written; with a number, leave in which cell of a grid of so many metres it lies.
     #[arg(long, value_name = "METRES", num_args = 0..=1, require_equals = true, default_missing_value = "nowhere", value_parser = parse_place)]
     redact_location: Option<crate::redact::Place>,
+    /// With --redact-location, keep this scalar channel, which is left out otherwise: scans carry their coordinates as channels. Can be given several
+    /// times. A channel whose values are coordinates or heights is refused.
+    #[arg(long, value_name = "NAME", requires = "redact_location")]
+    keep_channel: Vec<String>,
     /// Check everything and show which field goes where; write nothing.
     #[arg(long)]
     dry_run: bool,
@@ -67,7 +71,7 @@ pub(crate) struct Args {
     #[arg(long)]
     site: bool,
     /// Withdraw an object instead: its files go to --keep, a page that says so is left.
-    #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "notes", "no_notes", "bag", "redact_location"])]
+    #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "notes", "no_notes", "bag", "redact_location", "keep_channel"])]
     withdraw: Option<String>,
     /// Why it is withdrawn; everybody can read it.
     #[arg(long, value_name = "TEXT", requires = "withdraw")]

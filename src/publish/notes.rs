@@ -74,7 +74,7 @@ pub(super) fn check(args: &Args, given: &Given, before: Option<&Manifest>) -> an
         Notes { notes: vec![note], left_out: 0 }.within(min, max).with_context(in_notes)?;
     }
     if given.place.is_some() {
-        notes.check_words(pack.bounds_min, pack.bounds_max, &given.degrees()).with_context(in_notes)?;
+        notes.check_words(&given.location()).with_context(in_notes)?;
     }
     Ok(())
 }

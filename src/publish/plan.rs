@@ -1,13 +1,13 @@
 //! What is going to be published, checked: metadata, pack, name, version, day, viewer, room. Changes nothing on disk.
 
 use super::{Args, notes};
-use crate::redact::Place;
+use crate::redact::{self, Place};
 use crate::source::open_pack;
 use anyhow::{Context, bail, ensure};
 use kilwa_builder::machine;
 use kilwa_server::Page;
-use kilwa_server::index::degrees_of_box;
 use kilwa_server::object::assemble::{Facts, Following, agree, existing, further};
+use kilwa_server::object::location::Location;
 use kilwa_server::object::metadata::plausible;
 use kilwa_server::object::record::europeana_lacks;
 use kilwa_server::object::rights::Rights;
@@ -32,6 +32,8 @@ pub(super) struct Given {
     crs: Option<String>,
     pub(super) slug: Slug,
     pub(super) place: Option<Place>,
+    /// Scalar channels that are kept although the place is taken out.
+    pub(super) keep_channels: Vec<String>,
     /// Notes on it, at places of the pack that was given.
     pub(super) notes: Option<Notes>,
 }
@@ -40,7 +42,7 @@ impl Given {
     pub(super) fn read(args: &Args) -> anyhow::Result<Self> {
         let (pack, file) =
             (args.pack.as_ref().context("give a pack")?, args.metadata.as_ref().context("give --metadata FILE")?);
-        let metadata = read_metadata(file)?;
+        let (metadata, text) = read_metadata_text(file)?;
         let in_file = || file.display().to_string();
         let rights = Rights::parse(&metadata.rights.uri).map_err(anyhow::Error::msg).with_context(in_file)?;
         let reader = open_pack(pack)?;
@@ -57,7 +59,7 @@ impl Given {
         if let Some(place) = args.redact_location {
             check_cell(place, &of_pack)?;
         }
-        Ok(Self {
+        let given = Self {
             pack: pack.clone(),
             identity: reader.identity(),
             pack_bytes: reader.header().file_bytes,
@@ -67,8 +69,39 @@ impl Given {
             crs,
             slug,
             place: args.redact_location,
+            keep_channels: args.keep_channel.clone(),
             notes: args.notes.as_deref().map(notes::read).transpose()?,
-        })
+        };
+        given.check_withheld(&in_file(), &text, args.version_note.as_deref())?;
+        if given.place.is_some() {
+            redact::checked_channels(&reader, &given.keep_channels, &given.location())?;
+        }
+        Ok(given)
+    }
+
+    /// Where the place is taken out, no text that is published may give it away: those of the metadata file, of the pack, and the note of the version.
+    fn check_withheld(&self, file: &str, text: &str, version_note: Option<&str>) -> anyhow::Result<()> {
+        let Some(place) = self.place else { return Ok(()) };
+        let location = self.location();
+        Metadata::check_withheld(text, &location).map_err(|problems| {
+            anyhow::anyhow!("{file} gives the location away that --redact-location withholds:\n  {problems}")
+        })?;
+        // What is made of the fields: the name in the address, addresses of identifiers.
+        if let Some((field, finding)) = self.published_metadata().giving_away(&location) {
+            bail!("{file}: {field}: {finding}");
+        }
+        if let Some(finding) = location.find(self.slug.as_str()) {
+            bail!("{file}: slug: {finding}; give slug = \"…\"");
+        }
+        if let Some(finding) = version_note.and_then(|note| location.find(note)) {
+            bail!("--version-note: {finding}");
+        }
+        let of_pack = redact::published_metadata(&self.of_pack, place, &self.metadata.title, &self.keep_channels);
+        let value = serde_json::to_value(&of_pack).context("cannot read the pack's metadata")?;
+        if let Some((field, finding)) = location.find_in_json(&value, &|at| at == "crs") {
+            bail!("{}: {field}: {finding}; build the pack again", self.pack.display());
+        }
+        Ok(())
     }
 
     /// Language of the texts.
@@ -76,13 +109,12 @@ impl Given {
         &self.metadata.language
     }
 
-    /// Latitude and longitude of the place: as they were given, and those of the model's middle where its reference system tells.
-    pub(super) fn degrees(&self) -> Vec<f64> {
-        let place = self.metadata.place.as_ref();
-        let given = place.into_iter().flat_map(|p| [p.latitude, p.longitude]).flatten();
+    /// Where the model truly is, as far as pack and metadata say.
+    pub(super) fn location(&self) -> Location {
         let bounds = [self.of_pack.bounds_min, self.of_pack.bounds_max];
-        let derived = self.crs.as_deref().and_then(|crs| degrees_of_box(crs, bounds));
-        given.chain(derived.into_iter().flatten()).collect()
+        let location = Location::of(bounds, self.crs.as_deref(), self.metadata.place.as_ref());
+        // A cell of the reference system is told with its name.
+        if matches!(self.place, Some(Place::Cell(_))) { location.with_known_system() } else { location }
     }
 
     /// What will be published of the metadata.
@@ -99,6 +131,8 @@ pub(super) struct Plan {
     /// The object's folder or address, for messages.
     pub(super) at: String,
     pub(super) page: Page,
+    /// Other objects of the folder that show the same model with its place, in words.
+    published_elsewhere: Option<String>,
 }
 
 impl Plan {
@@ -138,7 +172,7 @@ impl Plan {
             accuracy: given.of_pack.capture_accuracy.or(accuracy),
             tool: format!("kilwa {}", env!("CARGO_PKG_VERSION")),
         };
-        Ok(Self { given, facts, at, page: Page::load(args.www.as_deref())? })
+        Ok(Self { given, facts, at, page: Page::load(args.www.as_deref())?, published_elsewhere: None })
     }
 
     /// For a folder of this computer, which must have room.
@@ -151,12 +185,36 @@ impl Plan {
         );
         let object = args.to.join(given.slug.as_str());
         let before = existing(&object).map_err(anyhow::Error::msg)?;
-        let plan = Self::new(args, given, before, object.display().to_string())?;
+        let mut plan = Self::new(args, given, before, object.display().to_string())?;
+        plan.published_elsewhere = plan.same_model_in(&args.to);
         plan.check_disk(&args.to)?;
         if args.site {
             kilwa_server::object::site::check(&args.to)?;
         }
         Ok(plan)
+    }
+
+    /// Objects of a folder that tell the place of the model whose place is taken out here: who compares the two finds it. Manifests that cannot be read
+    /// are passed over.
+    fn same_model_in(&self, shelf: &Path) -> Option<String> {
+        self.given.place?;
+        let pack = &self.given.of_pack;
+        let is_same = |v: &kilwa_server::object::Version| {
+            let f = &v.figures;
+            let counts = (f.triangles, f.vertices, f.spacing) == (pack.triangles, pack.vertices, pack.median_edge);
+            !v.location_redacted && (v.pack.identity == self.given.identity || counts)
+        };
+        let entries = std::fs::read_dir(shelf).into_iter().flatten().flatten();
+        let others = entries.filter(|e| e.file_name().to_string_lossy() != self.facts.slug.as_str());
+        let manifests = others.filter_map(|e| existing(&e.path()).ok().flatten());
+        let mut names: Vec<String> = manifests.filter(|m| m.versions.iter().any(is_same)).map(|m| m.slug).collect();
+        names.sort();
+        (!names.is_empty()).then(|| {
+            format!(
+                "{} has the same model with its place, and whoever compares the two knows this one's; withdraw that one, and delete the place from its tombstone (docs/publish.md)",
+                names.join(", ")
+            )
+        })
     }
 
     /// Whether the folder can be written to and has room.
@@ -181,12 +239,28 @@ impl Plan {
         Ok(())
     }
 
+    /// Scalar channels that are not published, and why.
+    pub(super) fn channels_left_out(&self) -> Vec<String> {
+        let given = &self.given;
+        let scalars = given.of_pack.scalars.iter().map(|s| s.name.as_str());
+        let names: Vec<&str> =
+            scalars.filter(|n| given.place.is_some() && !given.keep_channels.iter().any(|k| k == n)).collect();
+        let said = || {
+            format!(
+                "the scalar channels {}, which may hold coordinates; --keep-channel NAME keeps one that does not",
+                names.join(", ")
+            )
+        };
+        (!names.is_empty()).then(said).into_iter().collect()
+    }
+
     /// What is hardly meant.
     pub(super) fn warnings(&self) -> Vec<String> {
         let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
         let today = kilwa_server::object::date::day_of(now.as_secs());
         let mut all = plausible::warnings(&self.facts.metadata, &self.given.of_pack, &today);
         all.extend(notes::warnings(self));
+        all.extend(self.published_elsewhere.iter().cloned());
         all
     }
 
@@ -227,6 +301,11 @@ pub(crate) fn in_utf8(bytes: Vec<u8>) -> Result<String, String> {
 }
 
 pub(crate) fn read_metadata(file: &Path) -> anyhow::Result<Metadata> {
+    read_metadata_text(file).map(|(metadata, _)| metadata)
+}
+
+/// The same, with the text that they were read from.
+fn read_metadata_text(file: &Path) -> anyhow::Result<(Metadata, String)> {
     let in_file = || file.display().to_string();
     let length = std::fs::metadata(file).with_context(|| format!("cannot read the metadata {}", in_file()))?.len();
     ensure!(
@@ -236,8 +315,9 @@ pub(crate) fn read_metadata(file: &Path) -> anyhow::Result<Metadata> {
     );
     let bytes = std::fs::read(file).with_context(|| format!("cannot read the metadata {}", in_file()))?;
     let text = in_utf8(bytes).map_err(|said| anyhow::anyhow!("{}: {said}", in_file()))?;
-    let lines = Metadata::parse(&text);
-    lines.map_err(|problems| anyhow::anyhow!("{} cannot be used:\n  {problems}", in_file()))
+    let metadata = Metadata::parse(&text);
+    let metadata = metadata.map_err(|problems| anyhow::anyhow!("{} cannot be used:\n  {problems}", in_file()))?;
+    Ok((metadata, text))
 }
 
 fn check_cell(place: Place, pack: &kilwa_pack::Metadata) -> anyhow::Result<()> {

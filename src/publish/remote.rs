@@ -4,6 +4,7 @@ use super::plan::{Given, Plan};
 use super::send::{Patience, Sender, Told, is_loopback};
 use super::write::{picture, spinner, without_place};
 use super::{Args, Report, mapping, notes};
+use crate::redact::Place;
 use crate::verify::{is_address, sound};
 use anyhow::{Context, bail, ensure};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -98,6 +99,11 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
         published: facts.published.clone(),
         note: facts.note.clone(),
         location_redacted: facts.location_redacted,
+        location_cell: match plan.given.place {
+            Some(Place::Cell(cell)) => Some(cell),
+            _ => None,
+        },
+        kept_channels: plan.given.keep_channels.clone(),
         same_object: args.same_object,
         metadata: facts.metadata.clone(),
         preview: pictured.preview.map(|p| PreviewSaid { triangles: p.triangles, error: p.error }),
@@ -119,6 +125,7 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
         )
     })?;
     let mut left_out = pictured.left_out;
+    left_out.extend(plan.channels_left_out());
     left_out.extend(notes::left_out(plan));
     if facts.metadata.url.is_none() {
         left_out.push("oembed.json, which needs an address".to_owned());

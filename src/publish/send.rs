@@ -364,7 +364,7 @@ impl Sender {
         match response.status().as_u16() {
             200..=202 => {
                 let bytes = body(response)?;
-                serde_json::from_slice(&bytes).map_err(|_| {
+                kilwa_pack::json::from_slice(&bytes).map_err(|_| {
                     Failure::Final(format!(
                         "{} answers as no kilwa of this version does; is it one, started with --accept-uploads?",
                         self.base
@@ -422,7 +422,7 @@ fn body(mut response: Response<Body>) -> Result<Vec<u8>, Failure> {
 /// What the server says, in its words where it has some.
 fn said(response: Response<Body>) -> String {
     let status = response.status();
-    let value = body(response).ok().and_then(|b| serde_json::from_slice::<serde_json::Value>(&b).ok());
+    let value = body(response).ok().and_then(|b| kilwa_pack::json::from_slice::<serde_json::Value>(&b).ok());
     let error = value.as_ref().and_then(|v| v.get("error")).and_then(serde_json::Value::as_str);
     match error {
         // Nothing that a terminal would take for an order.

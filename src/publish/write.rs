@@ -72,6 +72,7 @@ pub(super) fn run(args: &Args, plan: &Plan) -> anyhow::Result<Report> {
     }
     bar.finish_and_clear();
     let mut left_out = pictured.left_out;
+    left_out.extend(plan.channels_left_out());
     left_out.extend(notes::left_out(plan));
     if publication.url().is_none() {
         left_out.push("oembed.json, which needs an address".to_owned());
@@ -96,7 +97,8 @@ pub(super) fn run(args: &Args, plan: &Plan) -> anyhow::Result<Report> {
 /// Write the pack without its place, where that is asked for; what was taken out.
 pub(super) fn without_place(plan: &Plan, to: &Path) -> anyhow::Result<Option<redact::TakenOut>> {
     let Some(place) = plan.given.place else { return Ok(None) };
-    let taken = redact::redact(&plan.given.pack, to, place, &plan.facts.metadata.title)?;
+    let given = &plan.given;
+    let taken = redact::redact(&given.pack, to, place, &plan.facts.metadata.title, &given.keep_channels)?;
     verify::sound(to)?;
     Ok(Some(taken))
 }

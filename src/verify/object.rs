@@ -384,10 +384,10 @@ impl Check<'_> {
     /// A record as JSON. Damage is named where its checksum is compared.
     fn record(&mut self, path: &str) -> Option<serde_json::Value> {
         let bytes = self.place.read(path, LIST_MAX).ok()??;
-        match serde_json::from_slice(&bytes) {
+        match kilwa_pack::json::from_slice(&bytes) {
             Ok(value) => Some(value),
             Err(e) => {
-                self.add(path, Kind::Incomplete, format!("it is no JSON: {e}"));
+                self.add(path, Kind::Incomplete, format!("it is no JSON that can be used: {e}"));
                 None
             }
         }

@@ -29,6 +29,12 @@ def need(good, message):
         raise Refused(message)
 
 
+def members(pairs):
+    """An object of JSON, each of whose members is there once."""
+    need(len({name for name, _ in pairs}) == len(pairs), "an object in the metadata has a member twice")
+    return dict(pairs)
+
+
 # --- Sections 5.2 and 5.3: bits and numbers ---
 
 
@@ -552,7 +558,7 @@ class Pack:
         meta = data[self.meta_at : self.meta_end]
         need(blake3(meta)[:16] == meta_sum, "the metadata are damaged")
         try:
-            self.metadata = json.loads(meta.decode("utf-8"))
+            self.metadata = json.loads(meta.decode("utf-8"), object_pairs_hook=members)
         except ValueError as fault:
             raise Refused(f"the metadata are no JSON: {fault}") from fault
         need(isinstance(self.metadata, dict) and isinstance(self.metadata.get("scalars"), list), "the metadata are incomplete")

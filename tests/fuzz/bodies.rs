@@ -344,7 +344,8 @@ pub(crate) fn notes(bytes: &[u8]) -> String {
         assert_eq!(again.to_bytes(pack, identity).expect("is written again"), written);
     }
     let _ = notes.within([0.0; 3], [10.0; 3]);
-    let _ = notes.check_words([1e5; 3], [2e5; 3], &[1.5]);
+    let location = kilwa_server::object::location::Location::of([[1e5; 3], [2e5; 3]], Some("EPSG:32737"), None);
+    let _ = notes.check_words(&location);
     format!(
         "{} notes {} left {} links {} views",
         notes.notes.len().min(3),

@@ -10,6 +10,7 @@ mod object;
 mod opinions;
 mod place;
 mod refusals;
+mod traces;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

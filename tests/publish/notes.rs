@@ -150,14 +150,14 @@ fn notes_that_cannot_be_are_refused_with_the_note_and_what_to_do() {
     assert!(refused(&changed(&|n| n["body"][0]["format"] = "text/html".into()), &[]).contains("save it again"));
     assert!(refused(&changed(&|n| n["id"] = GATE.into()), &[]).contains("same id"));
     let telling = changed(&|n| n["body"][0]["value"] = "At 565 977 / 9 009 946".into());
-    assert!(refused(&telling, &["--redact-location"]).contains("tells the place; take it out of the text"));
+    assert!(refused(&telling, &["--redact-location"]).contains("\"565 977\" is a map coordinate of the model"));
     // Degrees that nobody gave are those of the pack, through its reference system.
     let degrees = changed(&|n| n["body"][0]["value"] = "8.9562 S".into());
     let path = bench.path("bad.json");
     std::fs::write(&path, &degrees).unwrap();
     let unplaced = FULL.replace("latitude = -8.9577\nlongitude = 39.5228\n", "");
     let said = bench.refused(&pack(), &unplaced, &["--notes", text(&path), "--redact-location"]);
-    assert!(said.contains("\"8.9562\" in it tells the place"), "{said}");
+    assert!(said.contains("\"8.9562\" is a latitude or longitude of the model"), "{said}");
     let missing = bench.refused(&pack(), FULL, &["--notes", "/nowhere.json"]);
     assert!(missing.contains("cannot read the notes /nowhere.json"), "{missing}");
     let both = run(&["publish", "x", "--to", "y", "--metadata", "z", "--notes", "n", "--no-notes"]);

@@ -1,78 +1,142 @@
-//! `--redact-location`: no file of an object tells where the model was, as text or as a number.
+//! `--redact-location`: no file of an object tells where the model was, as text or as a number, in any form.
 
-use crate::support::{json, text};
-use crate::{Bench, FULL, json_of, notes, pack, run, tree};
+use crate::support::{built_once, json, text};
+use crate::traces::Traces;
+use crate::{Bench, FULL, LEAST, json_of, notes, other_pack, pack, run, tree};
+use kilwa_server::object::checksums::sha256;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 
-/// Numbers that tell the place: corners, middle and lattice of the true pack, east and north.
-fn telling() -> Vec<f64> {
-    let info = json(&["info", text(&pack())]);
-    let at = |key: &str, k: usize| info["metadata"][key][k].as_f64().unwrap();
-    let mut all = Vec::new();
-    for k in 0..2 {
-        let (low, high) = (at("bounds_min", k), at("bounds_max", k));
-        all.extend([low, high, f64::midpoint(low, high), low.floor(), high.ceil(), low.round()]);
-    }
-    all
+/// A torus at UTM coordinates as scanners' programs export it: with its coordinates as scalar channels, and one channel of the surface.
+fn survey() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("publish");
+    let write = |path: &Path| {
+        let mesh = crate::support::Input::torus(90, 40, [565_977.25, 9_009_946.5, 31.75]);
+        let mut out = String::from("ply\nformat ascii 1.0\n");
+        let _ = writeln!(out, "element vertex {}", mesh.positions.len());
+        out += "property double x\nproperty double y\nproperty double z\nproperty float scalar_X\nproperty float scalar_Y\n";
+        out += "property float scalar_Elevation\nproperty float intensity\n";
+        let _ =
+            writeln!(out, "element face {}\nproperty list uchar int vertex_indices\nend_header", mesh.triangles.len());
+        for (i, p) in mesh.positions.iter().enumerate() {
+            let intensity = f64::from((i as u32 * 7919) % 1000) / 1000.0;
+            let _ = writeln!(out, "{} {} {} {} {} {} {intensity}", p[0], p[1], p[2], p[0], p[1], p[2] / 0.3048);
+        }
+        for t in &mesh.triangles {
+            let _ = writeln!(out, "3 {} {} {}", t[0], t[1], t[2]);
+        }
+        std::fs::write(path, out).unwrap();
+    };
+    built_once(&folder, "survey-kilwa-fort", write, &["--crs", "EPSG:32737", "--title", "Survey at 565977"])
 }
 
-/// Where a file tells one of the numbers: as digits, also grouped, or as binary doubles, floats and integers in both byte orders.
-fn tells(bytes: &[u8], numbers: &[f64]) -> Option<String> {
-    let digits: Vec<u8> = bytes.iter().copied().filter(|b| !b" ,'_".contains(b)).collect();
-    let grouped = String::from_utf8_lossy(bytes).replace(['\u{202f}', '\u{a0}', '\u{2009}'], "").into_bytes();
-    for &x in numbers {
-        // Six or seven digits before the point.
-        let whole = format!("{}", x.trunc());
-        for text in [bytes, &digits, &grouped] {
-            if text.windows(whole.len()).any(|w| w == whole.as_bytes()) {
-                return Some(format!("the digits {whole}"));
-            }
-        }
-        let near = |value: f64| (value - x).abs() < 0.01;
-        if bytes.windows(8).any(|w| {
-            let w: [u8; 8] = w.try_into().unwrap();
-            near(f64::from_le_bytes(w))
-                || near(f64::from_be_bytes(w))
-                || i64::from_le_bytes(w) == (x * 1000.0).round() as i64
-        }) {
-            return Some(format!("a double of {x}"));
-        }
-        let single = (x as f32).to_le_bytes();
-        if bytes.windows(4).any(|w| w == single || w == [single[3], single[2], single[1], single[0]]) {
-            return Some(format!("a float of {x}"));
-        }
-        let integer = (x.trunc() as i32).to_le_bytes();
-        if bytes.windows(4).any(|w| w == integer) {
-            return Some(format!("an integer of {x}"));
-        }
+/// What tells the place of a pack: corners, middle and lattice of the true pack; its degrees and those of the metadata; codes; what the pack and its
+/// sources are called.
+fn traces(pack: &Path) -> Traces {
+    let info = json(&["info", text(pack)]);
+    let at = |key: &str, k: usize| info["metadata"][key][k].as_f64().unwrap();
+    let mut map = Vec::new();
+    for k in 0..2 {
+        let (low, high) = (at("bounds_min", k), at("bounds_max", k));
+        map.extend([low, high, f64::midpoint(low, high), low.floor(), high.ceil(), low.round()]);
     }
-    None
+    let bytes = std::fs::read(pack).unwrap();
+    let identity = json(&["measure", text(pack), "area"])["pack"]["identity"].as_str().unwrap().to_owned();
+    let mut words = vec![sha256(&bytes), identity];
+    for source in info["metadata"]["sources"].as_array().unwrap() {
+        words.push(source["sha256"].as_str().unwrap().to_owned());
+        words.push(source["name"].as_str().unwrap().to_lowercase());
+    }
+    // Geohashes, Plus Codes, grid square and locator of the two sites.
+    let codes = ["kykjj1", "kykj53", "6g3x2jv2", "6g3x2grf", "37lel", "ki91tb", "ki91sb", "32737", "geo:"];
+    words.extend(codes.map(str::to_owned));
+    Traces { map, degrees: vec![-8.9577, 39.5228, -8.956_2, 39.600_1], words }
+}
+
+/// Metadata that are published whole but for what is left out.
+fn metadata() -> String {
+    FULL.replace("[place]\n", "[place]\nuri = \"https://www.geonames.org/157107\"\n")
+        .replace("[object]\n", "[object]\nuri = \"https://www.wikidata.org/wiki/Q1\"\n")
+}
+
+#[test]
+fn the_traces_are_found_where_they_are() {
+    let traces = traces(&survey());
+    for form in [
+        "565977",
+        "565 977",
+        "9,009,946",
+        "9.009.946",
+        "9'009'946.5",
+        " 65977 ",
+        "8.9577",
+        "-8,9577123",
+        "8.9562",
+        "39.52281",
+        "8%2e9577",
+        "8°57",
+        "8&deg;57",
+        "085727S",
+        "8:57:27",
+        "kykj5379",
+        "6G3X2GRF+W4",
+        "37LEL6597",
+        "EPSG:32737",
+        "geo:1,2",
+        "survey-kilwa-fort.ply",
+    ] {
+        assert!(traces.found("x.txt", format!("before {form} after").as_bytes()).is_some(), "{form}");
+    }
+    let middle = traces.map[2];
+    for bytes in [
+        middle.to_le_bytes().to_vec(),
+        middle.to_be_bytes().to_vec(),
+        (middle as f32).to_le_bytes().to_vec(),
+        (middle as f32).to_be_bytes().to_vec(),
+        (middle as i32).to_be_bytes().to_vec(),
+        (-8.9577f64).to_radians().to_le_bytes().to_vec(),
+        (39.5228f64 as f32).to_le_bytes().to_vec(),
+        395_228_000i32.to_le_bytes().to_vec(),
+    ] {
+        assert!(traces.found("x.bin", &[&[7; 3], &bytes[..], &[9; 5]].concat()).is_some(), "{bytes:?}");
+    }
+    // An object that was published with its place is full of them.
+    let bench = Bench::new();
+    let object = bench.published(&survey(), &metadata(), &[]);
+    let telling: Vec<String> =
+        tree(&object).iter().filter(|(p, b)| traces.found(p, b).is_some()).map(|(p, _)| p.clone()).collect();
+    for path in ["manifest.json", "index.html", "v1/preview.glb", "v1/metadata/paradata.json", "v1/drawings/plan.pgw"] {
+        assert!(telling.iter().any(|t| t == path), "{path} of {telling:?}");
+    }
+    assert!(telling.iter().any(|t| t.starts_with("v1/pack.")), "{telling:?}");
 }
 
 #[test]
 fn no_file_tells_where_it_was() {
-    let numbers = telling();
-    let original = std::fs::read(pack()).unwrap();
-    assert!(tells(&original, &numbers).is_some(), "the search would find it");
+    let survey = survey();
+    let traces = traces(&survey);
     let bench = Bench::new();
     // Notes tell it by their places, by how they are looked at, by where they lead, and by what only looks like a date, a purpose or a name.
-    let mut telling = notes::annotations(&pack());
-    let (east, north) = (numbers[2].trunc(), numbers[8].trunc());
+    let mut telling = notes::annotations(&survey);
+    let (east, north) = (traces.map[2].trunc(), traces.map[8].trunc());
     for (i, key) in ["created", "modified", "motivation"].into_iter().enumerate() {
         telling["items"][i % 2][key] = format!("{east} {north}").into();
     }
     telling["items"][0]["body"][0]["purpose"] = format!("{north}").into();
     telling["items"][1]["id"] = format!("urn:uuid:{east}-{north}").into();
     let notes = notes::file(&bench, &telling);
-    assert!(tells(&std::fs::read(&notes).unwrap(), &numbers).is_some(), "the search would find it in the notes");
-    let object = bench.published(&pack(), FULL, &["--redact-location", "--bag", "--site", "--notes", text(&notes)]);
+    assert!(
+        traces.found("notes.json", &std::fs::read(&notes).unwrap()).is_some(),
+        "the search would find it in the notes"
+    );
+    let more = ["--redact-location", "--keep-channel", "intensity", "--bag", "--site", "--notes", text(&notes)];
+    let object = bench.published(&survey, &metadata(), &more);
     let all = tree(&bench.path("site"));
-    for (path, bytes) in &all {
-        if let Some(what) = tells(bytes, &numbers) {
-            panic!("{path} has {what}");
-        }
-        for word in ["8.9577", "39.5228", "32737"] {
-            assert!(!bytes.windows(word.len()).any(|w| w == word.as_bytes()), "{path} has {word}");
-        }
+    let found: Vec<String> =
+        all.iter().filter_map(|(path, bytes)| Some(format!("{path} has {}", traces.found(path, bytes)?))).collect();
+    assert!(found.is_empty(), "{found:#?}");
+    for name in all.keys() {
+        assert!(traces.found("name.txt", name.as_bytes()).is_none(), "{name}");
     }
     assert!(all.len() > 60 && all.contains_key("gereza/v1/annotations.json"));
     let manifest = json_of(&object.join("manifest.json"));
@@ -80,13 +144,94 @@ fn no_file_tells_where_it_was() {
     assert!(manifest["versions"][0]["figures"]["crs"].is_null());
     let published = object.join(manifest["versions"][0]["pack"]["url"].as_str().unwrap());
     crate::support::succeeds(&["verify", text(&published)]);
+    let channels = json(&["info", text(&published)])["metadata"]["scalars"].clone();
+    let names: Vec<&str> = channels.as_array().unwrap().iter().map(|c| c["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["intensity"], "what was asked for, and nothing else");
     // Areas are what they were.
     let area = |pack: &std::path::Path| {
         let found = json(&["measure", text(pack), "area"]);
         let readings = found["readings"].as_array().unwrap();
         readings.iter().find(|r| r["name"] == "surface").unwrap()["value"].as_f64().unwrap()
     };
-    assert!((area(&published) / area(&pack()) - 1.0).abs() < 1e-9);
+    assert!((area(&published) / area(&survey) - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn channels_are_left_out_unless_they_are_named_and_hold_no_coordinates() {
+    let bench = Bench::new();
+    let survey = survey();
+    let dry = bench.publish(&survey, &metadata(), &["--redact-location", "--dry-run"]);
+    let said = String::from_utf8(dry.stdout).unwrap();
+    assert!(
+        said.contains(
+            "left out: the scalar channels scalar_X, scalar_Y, scalar_Elevation, intensity, which may hold coordinates"
+        ),
+        "{said}"
+    );
+    for channel in ["scalar_X", "scalar_Y", "scalar_Elevation"] {
+        let keep = ["--redact-location", "--keep-channel", "intensity", "--keep-channel", channel];
+        let said = bench.refused(&survey, &metadata(), &keep);
+        let wanted = format!("--keep-channel {channel}: the channel holds ");
+        assert!(said.contains(&wanted), "{said}");
+    }
+    let said = bench.refused(&survey, &metadata(), &["--redact-location", "--keep-channel", "Intensity"]);
+    assert!(said.contains("the pack has the channels scalar_X, scalar_Y, scalar_Elevation, intensity"), "{said}");
+    let said = bench.refused(&pack(), FULL, &["--redact-location", "--keep-channel", "x"]);
+    assert!(said.contains("no scalar channels"), "{said}");
+    let usage = run(&["publish", "x", "--to", "y", "--metadata", "z", "--keep-channel", "x"]);
+    assert_eq!(usage.status.code(), Some(2), "only where the location is taken out");
+}
+
+#[test]
+fn every_text_that_tells_the_place_is_refused_with_its_line() {
+    let bench = Bench::new();
+    let hidden = metadata();
+    // A text of FULL, what is put in its place, and the field that is named.
+    let table: [(&str, &str, &str); 19] = [
+        ("Gereza & fort, \\\"Kilwa\\\"", "Fort at 565977 E", "title"),
+        ("Ngome <ya> Kilwa", "Fort 8.9577 S", "alternative_titles"),
+        ("First paragraph & more.", "It lies at 8°57'27\\\" S", "description"),
+        ("Second <b>one</b>.", "see geo:-8.9577,39.5228", "description"),
+        ("Swahili coast", "37L EL 65977 09946", "subjects"),
+        ("slug = \"gereza\"", "slug = \"fort-565977\"", "slug"),
+        ("https://museum.example/models/gereza/", "https://museum.example/@-8.957,39.522/", "url"),
+        ("doi:10.1234/abc_d", "doi:10.1234/9009946", "identifier"),
+        ("Museum & Sons", "Museum, 6G3X2GRF+W4", "publisher"),
+        ("Antiquities Division", "Office at ٥٦٥٩٧٧", "rights.holder"),
+        ("Rüther, Heinz", "Rüther, 39,5228", "creators.name"),
+        ("University of Cape Town", "Field office 9 009 946", "creators.affiliation"),
+        ("Held, Christoph", "Held, kykj5379", "contributors.name"),
+        ("Kilwa Kisiwani", "Kilwa (S 8.96 E 39.52)", "place.name"),
+        ("coral rag", "coral rag of -8.957/39.523", "object.materials"),
+        ("UNESCO 144", "register 565977/9009946", "object.identifiers"),
+        ("Inside and outside.", "Control point 565 977.25 / 9 009 946.50", "capture.description"),
+        ("\"Registration\"", "\"Registered in EPSG:32737\"", "capture.steps.what"),
+        ("10.1145/1015706.1015802", "https://www.openstreetmap.org/#map=17/1/2", "related.uri"),
+    ];
+    for (old, new, field) in table {
+        assert!(hidden.contains(old), "{old}");
+        let changed = hidden.replace(old, new);
+        let line = changed.lines().position(|l| l.contains(new)).unwrap() + 1;
+        let said = bench.refused(&survey(), &changed, &["--redact-location"]);
+        assert!(said.contains(&format!("line {line}: {field}: \"")), "{new}: {said}");
+        assert!(said.contains("remove it from the text"), "{said}");
+        if field != "slug" && field != "title" {
+            let dry = bench.publish(&survey(), &changed, &["--dry-run"]);
+            assert!(
+                dry.status.success(),
+                "with its place it is published as it is: {}",
+                String::from_utf8_lossy(&dry.stderr)
+            );
+        }
+    }
+    let all = table.iter().fold(hidden, |text, (old, new, _)| text.replace(old, new));
+    let said = bench.refused(&survey(), &all, &["--redact-location"]);
+    assert!(
+        said.matches("\n  line ").count() + usize::from(said.contains("  line ")) >= table.len() - 1,
+        "all at once: {said}"
+    );
+    let said = bench.refused(&survey(), &metadata(), &["--redact-location", "--version-note", "Moved to 565977"]);
+    assert!(said.contains("--version-note: \"565977\" is a map coordinate of the model"), "{said}");
 }
 
 #[test]
@@ -99,17 +244,26 @@ fn what_was_published_with_its_place_cannot_be_hidden_by_a_further_version() {
     assert!(said.contains("does not hide a model"), "{said}");
     let usage = run(&["publish", "x", "--to", "y", "--metadata", "z", "--redact-location=far"]);
     assert_eq!(usage.status.code(), Some(2));
+    // Under another name it can, and the operator is told that the two can be compared.
+    let other = LEAST.replace("Fort", "Rock shelter");
+    let dry = bench.publish(&pack(), &other, &["--redact-location", "--dry-run"]);
+    let said = String::from_utf8(dry.stdout).unwrap();
+    assert!(said.contains("is this meant? gereza has the same model with its place"), "{said}");
+    let dry = bench.publish(&other_pack(), &other, &["--redact-location", "--dry-run"]);
+    assert!(!String::from_utf8(dry.stdout).unwrap().contains("same model"));
 }
 
 #[test]
 fn a_cell_tells_the_region_and_nothing_finer() {
     let bench = Bench::new();
-    let notes = notes::file(&bench, &notes::annotations(&pack()));
-    let object = bench.published(&pack(), FULL, &["--redact-location=100000", "--notes", text(&notes)]);
-    let numbers = telling();
+    let survey = survey();
+    let notes = notes::file(&bench, &notes::annotations(&survey));
+    let object = bench.published(&survey, &metadata(), &["--redact-location=100000", "--notes", text(&notes)]);
+    let mut traces = traces(&survey);
+    // The reference system and the square of 100 km are what is told.
+    traces.words.retain(|w| w != "32737" && w != "37lel");
     for (path, bytes) in tree(&object) {
-        assert_eq!(tells(&bytes, &numbers), None, "{path}");
-        assert!(!bytes.windows(6).any(|w| w == b"8.9577"), "{path}");
+        assert_eq!(traces.found(&path, &bytes), None, "{path}");
     }
     let figures = &json_of(&object.join("manifest.json"))["versions"][0]["figures"];
     assert_eq!(figures["crs"], "EPSG:32737");

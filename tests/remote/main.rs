@@ -113,6 +113,8 @@ pub(crate) fn intent(site: &Path, number: u32) -> Intent {
         published: version.published.clone(),
         note: version.note.clone(),
         location_redacted: false,
+        location_cell: None,
+        kept_channels: Vec::new(),
         same_object: false,
         metadata,
         preview: Some(PreviewSaid {

@@ -67,6 +67,42 @@ fn killed_while_it_sends_the_same_command_ends_it_with_the_bytes_of_publishing_h
 }
 
 #[test]
+fn without_its_location_it_is_taken_and_with_a_location_in_a_text_it_is_not_sent() {
+    let server = Server::start();
+    let (folder, metadata, www) = bench(METADATA);
+    let (to, notes) = (format!("http://{}/", server.address), folder.path().join("notes.json"));
+    std::fs::write(&notes, NOTES).unwrap();
+    let make = |more: &[&str]| {
+        command(&to, &metadata, &www, &server.token, more).args(["--date", "2026-11-19"]).output().unwrap()
+    };
+    let output = make(&["--redact-location", "--notes", text(&notes)]);
+    assert!(output.status.success(), "{}", said(&output));
+    let read = |path: &str| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(server.folder().join(path)).unwrap()).unwrap()
+    };
+    let version = &read("fort/manifest.json")["versions"][0];
+    let bounds = &version["figures"]["bounds"];
+    let at = |i: usize, k: usize| bounds[i][k].as_f64().unwrap();
+    assert_eq!(version["location_redacted"], true);
+    assert!(
+        (at(0, 0) + at(1, 0)).abs() < 0.01 && (at(0, 1) + at(1, 1)).abs() < 0.01 && at(0, 2).abs() < 0.01,
+        "{bounds}"
+    );
+    // In a cell, which the server is told.
+    std::fs::write(&metadata, METADATA.replace("\"fort\"", "\"cell\"").replace("/fort/", "/cell/")).unwrap();
+    let output = make(&["--redact-location=1000"]);
+    assert!(output.status.success(), "{}", said(&output));
+    let east = &read("cell/manifest.json")["versions"][0]["figures"]["bounds"][0][0];
+    assert!((400.0..500.0).contains(&east.as_f64().unwrap()), "{east}");
+    let output = make(&["--redact-location", "--version-note", "See geo:-8.95,39.52"]);
+    assert!(
+        !output.status.success() && said(&output).contains("--version-note: \"geo:-8.95,39.52\" leads to a map"),
+        "{}",
+        said(&output)
+    );
+}
+
+#[test]
 fn what_cannot_be_sent_is_refused_with_what_to_do() {
     let server = Server::start();
     let (folder, metadata, www) = bench(METADATA);

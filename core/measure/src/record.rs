@@ -230,7 +230,7 @@ impl Document {
             return Err(DocumentError::TooLong { bytes: bytes.len() });
         }
         // Version first: a newer document may have another shape.
-        let kind: Kind = serde_json::from_slice(bytes)?;
+        let kind: Kind = kilwa_pack::json::from_slice(bytes)?;
         if kind.kilwa != "measurements" {
             return Err(DocumentError::Other(kind.kilwa));
         }

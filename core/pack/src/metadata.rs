@@ -79,7 +79,7 @@ impl Metadata {
             return Err(PackError::checksum("metadata"));
         }
         let metadata: Self =
-            serde_json::from_slice(bytes).map_err(|e| PackError::invalid("metadata", e.to_string()))?;
+            crate::json::from_slice(bytes).map_err(|e| PackError::invalid("metadata", e.to_string()))?;
         metadata.check(header)?;
         Ok(metadata)
     }

@@ -2,7 +2,7 @@
 
 mod common;
 
-use kilwa_pack::{Attributes, Reader, SliceSource, relocate};
+use kilwa_pack::{Attributes, Metadata, Reader, SliceSource, relocate};
 
 const COLOURED: Attributes = Attributes { colors: true, scalars: 0 };
 
@@ -50,4 +50,51 @@ fn a_damaged_chunk_is_named_and_not_copied() {
     let old = open(bytes);
     let said = relocate(&old, Vec::new(), [0.0; 3], |_| ()).map(drop).expect_err("damaged").to_string();
     assert!(said.contains("chunk 3"), "{said}");
+}
+
+/// Every vertex of a chunk as its position and colour: what must survive when channels are left out.
+fn without_channels(mut chunk: kilwa_pack::Chunk, keep: &[usize]) -> kilwa_pack::chunk::Canonical {
+    let scalars = std::mem::take(&mut chunk.mesh.scalars);
+    chunk.mesh.scalars = keep.iter().map(|&k| scalars[k].clone()).collect();
+    chunk.canonical()
+}
+
+#[test]
+fn channels_that_are_not_kept_are_gone_and_everything_else_is_the_same() {
+    let old = open(common::pack(30, 9, Attributes { colors: true, scalars: 3 }));
+    for keep in [&[][..], &[1], &[2, 0], &[0, 1, 2]] {
+        let mut scratch = std::io::Cursor::new(Vec::new());
+        let moved = kilwa_pack::relocate_with_channels(&old, Vec::new(), &mut scratch, keep, [0.0; 3], |_| ());
+        let new = open(moved.expect("moves"));
+        let names = |r: &Reader<SliceSource<Vec<u8>>>| -> Vec<String> {
+            r.metadata().scalars.iter().map(|s| s.name.clone()).collect()
+        };
+        assert_eq!(names(&new), keep.iter().map(|&k| names(&old)[k].clone()).collect::<Vec<_>>());
+        assert_eq!(usize::from(new.header().attributes.scalars), keep.len());
+        for i in 0..old.entries().len() as u32 {
+            let (a, b) = (old.chunk(i).expect("sound"), new.chunk(i).expect("sound"));
+            assert_eq!(without_channels(a, keep), b.canonical(), "chunk {i}");
+        }
+    }
+    let mut scratch = std::io::Cursor::new(Vec::new());
+    let refused = kilwa_pack::relocate_with_channels(&old, Vec::new(), &mut scratch, &[3], [0.0; 3], |_| ());
+    assert!(refused.map(drop).expect_err("no such channel").to_string().contains("3 scalar channels"));
+}
+
+#[test]
+fn metadata_with_a_duplicate_key_is_refused() {
+    let bytes = common::pack(3, 2, COLOURED);
+    let pack = open(bytes.clone());
+    let (header, metadata) = (pack.header().clone(), pack.metadata());
+    let json = serde_json::to_string(metadata).expect("JSON");
+    for more in ["{\"title\":\"x\",", "{\"not known\":1,\"not known\":2,"] {
+        let twice = json.replacen('{', more, 1);
+        let header = kilwa_pack::Header { metadata_checksum: kilwa_pack::checksum(twice.as_bytes()), ..header.clone() };
+        let refused = Metadata::parse(twice.as_bytes(), &header).expect_err("two values").to_string();
+        assert!(refused.contains("duplicate"), "{refused}");
+    }
+    // Also in its maps, of which serde would keep the last.
+    let options = json.replace("\"options\":{", "\"options\":{\"o\":\"1\",\"o\":\"2\",");
+    let header = kilwa_pack::Header { metadata_checksum: kilwa_pack::checksum(options.as_bytes()), ..header };
+    assert!(options != json && Metadata::parse(options.as_bytes(), &header).is_err());
 }

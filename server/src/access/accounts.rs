@@ -203,7 +203,7 @@ impl Accounts {
             return Err(format!("it has more than {FILE_MAX} bytes"));
         }
         // The place is enough; what stands there may be a secret.
-        let document: Document = serde_json::from_slice(bytes).map_err(|e| {
+        let document: Document = kilwa_pack::json::from_slice(bytes).map_err(|e| {
             format!("line {}, column {}: it is no file that `kilwa access init` makes", e.line(), e.column())
         })?;
         if document.kilwa_access != FORM {
@@ -451,6 +451,17 @@ mod tests {
         accounts.set_user("amina", &grant, Some("a long enough sentence")).expect("adds");
         accounts.set_user("robot", &Grant::All, None).expect("adds");
         accounts
+    }
+
+    #[test]
+    fn a_key_that_stands_twice_is_refused_and_not_quoted() {
+        let document = Document { kilwa_access: FORM, key: some().key.to_hex(), users: some().users };
+        let text = serde_json::to_string(&document).expect("JSON");
+        for key in ["users", "key", "kilwa_access"] {
+            let twice = text.replacen('{', &format!("{{\"{key}\":[],"), 1);
+            let refused = Accounts::parse(twice.as_bytes()).expect_err("two values");
+            assert!(refused.contains("line 1") && !refused.contains(&document.key), "{refused}");
+        }
     }
 
     #[test]

@@ -44,6 +44,15 @@ pub fn degrees_of_box(crs: &str, [min, max]: [[f64; 3]; 2]) -> Option<[f64; 2]> 
     (lat.is_finite() && lon.is_finite()).then_some([lat, lon])
 }
 
+/// Easting and northing, in the units of the system, of a latitude and longitude in degrees of WGS 84; nothing where the system is not known.
+pub fn projected(epsg: u16, [lat, lon]: [f64; 2]) -> Option<[f64; 2]> {
+    let to = Proj::from_epsg_code(epsg).ok()?;
+    let from = Proj::from_proj_string("+proj=longlat +datum=WGS84 +no_defs").ok()?;
+    let mut point = (lon.to_radians(), lat.to_radians(), 0.0);
+    proj4rs::transform::transform(&from, &to, &mut point).ok()?;
+    (point.0.is_finite() && point.1.is_finite()).then_some([point.0, point.1])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

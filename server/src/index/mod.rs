@@ -18,7 +18,7 @@ mod schema;
 mod search;
 
 pub use entry::{Entry, SizeClass};
-pub use location::degrees_of_box;
+pub use location::{degrees_of_box, projected};
 pub use refresh::{Changes, Refused};
 pub use search::{Count, Facet, FacetCounts, Found, Located, PER_PAGE_MAX, Query, Sort};
 

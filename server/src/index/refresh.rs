@@ -176,7 +176,7 @@ fn read(folder: &Place, slug: &str, manifest: &Identity, survey: &Survey) -> io:
             is_unsure = is_refused(&e);
             Err(format!("{METADATA}: {e}"))
         }
-        Ok(bytes) => serde_json::from_slice::<Metadata>(&bytes).map_err(|e| format!("{METADATA}: {e}")),
+        Ok(bytes) => kilwa_pack::json::from_slice::<Metadata>(&bytes).map_err(|e| format!("{METADATA}: {e}")),
     };
     if let Err(why) = &metadata
         && !is_unsure

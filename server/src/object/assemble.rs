@@ -196,7 +196,7 @@ pub fn is_published(
 
 /// Whether a file `metadata/metadata.json` says the same as `metadata`.
 pub fn is_metadata(bytes: &[u8], metadata: &Metadata) -> bool {
-    serde_json::from_slice::<Metadata>(bytes).is_ok_and(|written| written == *metadata)
+    kilwa_pack::json::from_slice::<Metadata>(bytes).is_ok_and(|written| written == *metadata)
 }
 
 /// The manifest of an object's folder; `None` where there is no such folder.

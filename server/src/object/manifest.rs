@@ -255,7 +255,8 @@ impl Manifest {
     pub fn parse(bytes: &[u8]) -> Result<Self, ManifestError> {
         let unsealed = unsealed(bytes);
         let bytes = unsealed.as_ref().map_or(bytes, |(text, _)| text.as_slice());
-        let value: serde_json::Value = serde_json::from_slice(bytes).map_err(|e| ManifestError::Form(e.to_string()))?;
+        let value: serde_json::Value =
+            kilwa_pack::json::from_slice(bytes).map_err(|e| ManifestError::Form(e.to_string()))?;
         match value.get("kilwa").and_then(serde_json::Value::as_u64) {
             Some(form) if form == u64::from(FORM) => {}
             Some(form) => return Err(ManifestError::Newer(form)),

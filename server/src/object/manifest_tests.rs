@@ -93,3 +93,17 @@ fn a_byte_that_is_changed_breaks_the_seal() {
     let text = unsealed(&bytes).unwrap().0;
     assert_eq!((seal_of(&text), Manifest::parse(&text)), (Seal::None, Ok(sample())));
 }
+
+#[test]
+fn a_key_that_stands_twice_is_refused_with_its_line() {
+    let text = String::from_utf8(sample().to_bytes().unwrap()).unwrap();
+    for twice in [
+        text.replacen("{\n", "{\n  \"kilwa\": 2,\n", 1),
+        text.replacen("\"access\": {", "\"access\": {\n    \"state\": \"withdrawn\",", 1),
+        text.replacen("\"figures\": {", "\"figures\": {\n        \"crs\": \"EPSG:32737\",\n        \"crs\": null,", 1),
+    ] {
+        assert_ne!(twice, text);
+        let refused = Manifest::parse(twice.as_bytes()).unwrap_err().to_string();
+        assert!(refused.contains("duplicate key") && refused.contains("line"), "{refused}");
+    }
+}

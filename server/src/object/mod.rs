@@ -17,6 +17,7 @@ pub mod checksums;
 pub mod date;
 pub mod draft;
 pub mod layout;
+pub mod location;
 pub mod manifest;
 pub mod metadata;
 pub mod notes;

@@ -6,7 +6,9 @@
 
 use crate::object::Notes;
 use crate::object::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
+use crate::object::location::Location;
 use crate::object::notes::NOTES_MAX;
+use serde_json::Value;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
@@ -60,7 +62,10 @@ pub(super) fn check(path: &str, at: &Path) -> io::Result<()> {
     if path == PREVIEW {
         let mut bytes = Vec::new();
         file.take(PREVIEW_MAX + 1).read_to_end(&mut bytes)?;
-        return if is_whole_glb(&bytes) { Ok(()) } else { wrong("no binary glTF 2.0 that is whole in itself") };
+        return match glb_json(&bytes) {
+            Ok(_) => Ok(()),
+            Err(why) => wrong(&format!("no binary glTF 2.0 that is whole in itself: {why}")),
+        };
     }
     let mut head = [0; 8];
     file.read_exact(&mut head)?;
@@ -92,6 +97,9 @@ pub(super) fn check_notes(at: &Path, noted: &Noted<'_>) -> io::Result<()> {
     let mut bytes = Vec::new();
     File::open(at)?.take(NOTES_MAX + 1).read_to_end(&mut bytes)?;
     let notes = Notes::parse(&bytes).map_err(|e| wrong(e.to_string()))?;
+    if noted.location_redacted {
+        notes.check_words(&Location::unknown()).map_err(|e| wrong(e.to_string()))?;
+    }
     notes.within(noted.bounds[0], noted.bounds[1]).map_err(|e| wrong(e.to_string()))?;
     let notes = if noted.location_redacted { notes.without_place([0.0; 3], &[]) } else { notes };
     let written = notes.to_bytes(noted.pack.0, noted.pack.1).map_err(|e| wrong(e.to_string()))?;
@@ -104,19 +112,56 @@ pub(super) fn check_notes(at: &Path, noted: &Noted<'_>) -> io::Result<()> {
     )))
 }
 
-/// A header whose length is right, a first chunk of JSON, and no address in it.
-fn is_whole_glb(bytes: &[u8]) -> bool {
+/// The JSON of a binary glTF 2.0 that is whole in itself: header and chunks of the right lengths, a chunk of JSON and at most one of binary data,
+/// no key twice, and nothing in it that leads elsewhere, extensions and extras included.
+pub(super) fn glb_json(bytes: &[u8]) -> Result<Value, String> {
+    const JSON: u32 = 0x4e4f_534a;
+    const BIN: u32 = 0x004e_4942;
     let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
     if bytes.get(..4) != Some(b"glTF") || word(4) != Some(2) || word(8) != u32::try_from(bytes.len()).ok() {
-        return false;
+        return Err("its header is wrong".to_owned());
     }
-    let json = word(12).filter(|_| word(16) == Some(0x4e4f_534a)).and_then(|n| bytes.get(20..20 + n as usize));
-    let Some(value) = json.and_then(|j| serde_json::from_slice::<serde_json::Value>(j).ok()) else { return false };
-    let leads_elsewhere = |list: &str| {
-        let all = value.get(list).and_then(serde_json::Value::as_array);
-        all.is_some_and(|all| all.iter().any(|one| one.get("uri").is_some()))
+    let chunk = |at: usize, kind: u32| {
+        let length = word(at).filter(|_| word(at + 4) == Some(kind))?;
+        bytes.get(at + 8..(at + 8).checked_add(length as usize)?)
     };
-    value.get("asset").is_some() && !leads_elsewhere("buffers") && !leads_elsewhere("images")
+    let json = chunk(12, JSON).ok_or("its first chunk is no JSON")?;
+    let end = 20 + json.len();
+    let binary =
+        if end < bytes.len() { chunk(end, BIN).ok_or("behind its JSON is no binary chunk")?.len() + 8 } else { 0 };
+    if end + binary != bytes.len() {
+        return Err("something follows its chunks".to_owned());
+    }
+    let value: Value = kilwa_pack::json::from_slice(json).map_err(|e| e.to_string())?;
+    if value.get("asset").is_none() {
+        return Err("it has no \"asset\"".to_owned());
+    }
+    match address_in(&value, "") {
+        Some(at) => Err(format!("{at} leads to another file or site; previews hold all of their data")),
+        None => Ok(value),
+    }
+}
+
+/// Where a value has an address: under a key that holds one in glTF or an extension of it, or a text that is one. No deeper than the parser goes.
+fn address_in(value: &Value, at: &str) -> Option<String> {
+    const KEYS: [&str; 4] = ["uri", "url", "href", "src"];
+    match value {
+        Value::Object(map) => map.iter().find_map(|(key, value)| {
+            let below = format!("{at}/{key}");
+            let is_key = KEYS.iter().any(|k| key.eq_ignore_ascii_case(k));
+            if is_key || is_address(key) { Some(below) } else { address_in(value, &below) }
+        }),
+        Value::Array(list) => list.iter().enumerate().find_map(|(i, value)| address_in(value, &format!("{at}/{i}"))),
+        Value::String(text) if is_address(text) => Some(at.to_owned()),
+        _ => None,
+    }
+}
+
+/// Whether a text holds an address of another file or site.
+fn is_address(text: &str) -> bool {
+    let lower = text.trim_start().to_ascii_lowercase();
+    lower.contains("://")
+        || ["//", "data:", "file:", "javascript:", "blob:", "\\\\"].iter().any(|start| lower.starts_with(start))
 }
 
 #[cfg(test)]
@@ -180,6 +225,28 @@ mod tests {
         let elsewhere = "{\"asset\":{},\"buffers\":[{\"uri\":\"http://x\"}]}";
         assert!(said("preview.glb", &glb(elsewhere)).unwrap_err().contains("whole in itself"));
         assert!(said("preview.glb", &glb("{\"asset\":{}}")[..30]).is_err());
+        // Addresses in extensions and extras, hidden by letters, and keys that two programs read differently.
+        for json in [
+            "{\"asset\":{},\"images\":[{\"uri\":\"x.png\"}]}",
+            "{\"asset\":{},\"extensions\":{\"KHR_lights_image_based\":{\"lights\":[{\"URI\":\"x\"}]}}}",
+            "{\"asset\":{},\"extensions\":{\"MPEG_media\":{\"media\":[{\"alternatives\":[{\"uri\":\"https://evil.example/v.mp4\"}]}]}}}",
+            "{\"asset\":{},\"nodes\":[{\"extras\":{\"deep\":[[{\"link\":\"HTTPS://evil.example\"}]]}}]}",
+            "{\"asset\":{\"extras\":{\"a\":\"//evil.example/x\"}}}",
+            "{\"asset\":{\"copyright\":\"data:text/html,x\"}}",
+            "{\"asset\":{},\"materials\":[{\"extensions\":{\"X\":{\"href\":\"a\"}}}]}",
+            "{\"asset\":{},\"extensions\":{\"\\u0075ri\":\"a\"}}",
+            "{\"asset\":{},\"extras\":{\"https://evil.example\":1}}",
+        ] {
+            assert!(said("preview.glb", &glb(json)).unwrap_err().contains("leads to another file or site"), "{json}");
+        }
+        let twice = "{\"asset\":{},\"buffers\":[],\"buffers\":[]}";
+        assert!(said("preview.glb", &glb(twice)).unwrap_err().contains("duplicate key"));
+        let mut more = glb("{\"asset\":{}}");
+        more.extend_from_slice(b"4 more bytes");
+        let length = more.len() as u32;
+        more[8..12].copy_from_slice(&length.to_le_bytes());
+        assert!(said("preview.glb", &more).is_err(), "no chunk of glTF");
+        assert!(said("preview.glb", &glb("{\"asset\":{},\"extras\":{\"crs\":\"EPSG:32737\"}}")).is_ok());
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::staging::Staging;
 use super::wire::{FileSaid, Intent, Meant, State, Status};
-use super::{Refusal, Uploads, files, lock};
+use super::{Refusal, Uploads, files, lock, withheld};
 use crate::object::assemble::{Facts, Following, agree, complete, further, is_published, next_version};
 use crate::object::checksums::sha256_of;
 use crate::object::date::day_of;
@@ -127,7 +127,7 @@ type OfPack = (kilwa_pack::Metadata, String);
 
 /// Whether every file that was sent is what it must be, byte for byte.
 fn checked(staging: &Staging, intent: &Intent, meant: &Meant, job: &Job) -> Result<OfPack, Refusal> {
-    let of_pack = check_pack(staging, &meant.pack, &job.done)?;
+    let of_pack = check_pack(staging, intent, &meant.pack, &job.done)?;
     for file in intent.files.iter().filter(|f| f.path != meant.pack.path) {
         let at = staging.at(file);
         let (_, sum) = fs::File::open(&at).and_then(sha256_of).map_err(|e| Refusal::disk("read what was sent", &e))?;
@@ -135,6 +135,9 @@ fn checked(staging: &Staging, intent: &Intent, meant: &Meant, job: &Job) -> Resu
             return Err(altered(staging, file));
         }
         files::check(&file.path, &at).map_err(|e| refused_file(&e))?;
+        if intent.location_redacted {
+            withheld::check_file(&file.path, &at, &of_pack.0).map_err(|e| refused_file(&e))?;
+        }
         if file.path == ANNOTATIONS {
             let noted = files::Noted {
                 bounds: [of_pack.0.bounds_min, of_pack.0.bounds_max],
@@ -272,7 +275,7 @@ fn following<'a>(
 }
 
 /// Every byte and chunk of the pack.
-fn check_pack(staging: &Staging, said: &FileSaid, done: &AtomicU64) -> Result<OfPack, Refusal> {
+fn check_pack(staging: &Staging, intent: &Intent, said: &FileSaid, done: &AtomicU64) -> Result<OfPack, Refusal> {
     let path = staging.at(said);
     let failed = |e: io::Error| Refusal::disk("read the pack", &e);
     let source = FileSource::open(&path).map_err(failed)?;
@@ -292,6 +295,9 @@ fn check_pack(staging: &Staging, said: &FileSaid, done: &AtomicU64) -> Result<Of
         return Err(Refusal::content(format!("the pack is damaged: {damage}")));
     }
     let reader = Reader::open(source).map_err(|e| Refusal::content(format!("the pack: {e}")))?;
+    if intent.location_redacted {
+        pool.install(|| withheld::check_pack(intent, &reader)).map_err(Refusal::content)?;
+    }
     Ok((reader.metadata().clone(), reader.identity()))
 }
 

@@ -17,7 +17,7 @@
 //! [`crate::object::draft`] when every byte was verified, or not at all. Failures: what cannot be is refused with what to do; what was sent
 //! is kept until it lapses, unless it is damaged.
 //!
-//! One file per part: `wire` (what is said), `staging` (what lies on the disk), `files` (what a file must be), `finish` (verify and publish),
+//! One file per part: `wire` (what is said), `staging` (what lies on the disk), `files` (what a file must be), `withheld` (that a location that is said to be withheld is), `finish` (verify and publish),
 //! `there` (the object as it is, in the folder or a store, and the way there), `routes`.
 
 mod files;
@@ -26,6 +26,7 @@ pub(crate) mod routes;
 mod staging;
 mod there;
 pub mod wire;
+mod withheld;
 
 use crate::page::Page;
 use crate::store::S3;

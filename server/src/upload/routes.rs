@@ -128,7 +128,7 @@ async fn begun(
     headers: &HeaderMap,
     body: &Bytes,
 ) -> Result<(StatusCode, Status), Refusal> {
-    let intent: Intent = serde_json::from_slice(body).map_err(|e| {
+    let intent: Intent = kilwa_pack::json::from_slice(body).map_err(|e| {
         Refusal::content(format!(
             "this is no version to be published: {e}; use the same version of kilwa on both sides"
         ))

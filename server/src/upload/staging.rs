@@ -408,7 +408,7 @@ fn is_at(file: &File, path: &Path) -> bool {
 
 fn record(folder: &Path) -> Option<Record> {
     let bytes = crate::store::read_small(&folder.join(RECORD), crate::holding::SMALL).ok()?;
-    let record: Record = serde_json::from_slice(&bytes).ok()?;
+    let record: Record = kilwa_pack::json::from_slice(&bytes).ok()?;
     record.intent.files.iter().all(|f| is_sha256(&f.sha256)).then_some(record)
 }
 

@@ -34,6 +34,12 @@ pub struct Intent {
     /// Whether the place was taken out.
     #[serde(default)]
     pub location_redacted: bool,
+    /// Side of the grid cell, metres, in whose middle the model stands, where that much of the place is told.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub location_cell: Option<f64>,
+    /// Scalar channels that were kept although the place was taken out.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub kept_channels: Vec<String>,
     /// Whether it was said that it is the same object, however different it looks.
     #[serde(default)]
     pub same_object: bool,
@@ -198,6 +204,7 @@ impl Intent {
         if self.location_redacted && self.metadata.clone().without_location() != self.metadata {
             return wrong("the place is to be taken out, and the metadata still tell it".to_owned());
         }
+        super::withheld::check_intent(self).map_err(Refusal::content)?;
         let pack = self.check_files(limits)?;
         self.check_drawings()?;
         let preview = self.preview()?;

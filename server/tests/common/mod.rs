@@ -95,16 +95,22 @@ pub(crate) fn pack(title: &str) -> Vec<u8> {
 
 /// The same, in a reference system or none.
 pub(crate) fn pack_in(title: &str, crs: Option<&str>) -> Vec<u8> {
-    let attributes = Attributes { colors: true, scalars: 0 };
+    pack_at(title, crs, [0.0; 3], &[])
+}
+
+/// The same with its lattice at `origin`, metres, and scalar channels: name and the values of the three vertices.
+pub(crate) fn pack_at(title: &str, crs: Option<&str>, origin: [f64; 3], channels: &[(&str, [f32; 3])]) -> Vec<u8> {
+    let attributes = Attributes { colors: true, scalars: channels.len() as u8 };
     let mut chunk = Chunk::default();
     chunk.mesh.positions = vec![[0, 0, 0], [1000, 0, 0], [0, 800, 400]];
     chunk.mesh.normals = vec![[0, 0]; 3];
     chunk.mesh.colors = vec![[200, 190, 170]; 3];
+    chunk.mesh.scalars = channels.iter().map(|(_, values)| values.to_vec()).collect();
     chunk.mesh.triangles = vec![[0, 1, 2]];
     chunk.mesh.borders = vec![7];
     chunk.patches = vec![PatchRange { first: 0, count: 1, diamond: NO_DIAMOND }];
     let encoded = encode(&chunk, attributes).unwrap();
-    let lattice = Lattice { origin: [0.0; 3], step_log2: -10 };
+    let lattice = Lattice { origin, step_log2: -10 };
     let step = lattice.step();
     let bounds = Aabb::of(&chunk.mesh.positions);
     let entry = DirectoryEntry {
@@ -141,13 +147,20 @@ pub(crate) fn pack_in(title: &str, crs: Option<&str>) -> Vec<u8> {
         source_up: "z".to_owned(),
         crs: crs.map(str::to_owned),
         lattice_step: step,
-        bounds_min: [0.0; 3],
-        bounds_max: [1000.0 * step, 800.0 * step, 400.0 * step],
+        bounds_min: origin,
+        bounds_max: [origin[0] + 1000.0 * step, origin[1] + 800.0 * step, origin[2] + 400.0 * step],
         median_edge: 0.02,
         triangles: 1,
         vertices: 3,
         border_edges: 3,
-        scalars: Vec::new(),
+        scalars: channels
+            .iter()
+            .map(|(name, v)| kilwa_pack::ScalarChannel {
+                name: (*name).to_owned(),
+                min: v.iter().copied().fold(f32::INFINITY, f32::min),
+                max: v.iter().copied().fold(f32::NEG_INFINITY, f32::max),
+            })
+            .collect(),
         sources: Vec::new(),
         tool: "test".to_owned(),
         options: std::collections::BTreeMap::new(),

@@ -50,6 +50,8 @@ impl Version {
                 published: "2026-11-21".to_owned(),
                 note: "As it is".to_owned(),
                 location_redacted: false,
+                location_cell: None,
+                kept_channels: Vec::new(),
                 same_object: false,
                 metadata,
                 preview: Some(PreviewSaid { triangles: 1, error: 0.0 }),

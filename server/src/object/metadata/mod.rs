@@ -11,6 +11,7 @@ pub mod plausible;
 pub mod problem;
 mod reader;
 pub mod template;
+mod withheld;
 
 pub use problem::{Problem, Problems};
 

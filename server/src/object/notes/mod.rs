@@ -14,9 +14,10 @@ mod place;
 mod read;
 mod write;
 
-pub use place::{digits_of_a_place, scene_point};
+pub use place::scene_point;
 
 use super::checksums::sha256;
+use super::location::Location;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -257,12 +258,11 @@ impl Notes {
         all
     }
 
-    /// Whether the place can be taken out of the notes: no text tells map coordinates of the model, whose box this is, or of its latitude and
-    /// longitude, and each says something without its links.
+    /// Whether the place can be taken out of the notes: no text gives `location` away, and each says something without its links.
     ///
     /// # Errors
     /// Those of which it cannot, and why.
-    pub fn check_words(&self, min: [f64; 3], max: [f64; 3], degrees: &[f64]) -> Result<(), NotesError> {
+    pub fn check_words(&self, location: &Location) -> Result<(), NotesError> {
         let mut all = Vec::new();
         for (number, note) in (1..).zip(&self.notes) {
             if note.label.is_none() && note.bodies.iter().all(|b| matches!(b, Body::Link { .. })) {
@@ -282,11 +282,8 @@ impl Notes {
                 Body::Link { .. } => Vec::new(),
             });
             for text in labels.chain(texts).chain(note.creators()) {
-                if let Some(digits) = digits_of_a_place(&text, min, max, degrees) {
-                    all.push(format!(
-                        "{}: \"{digits}\" in it tells the place; take it out of the text",
-                        name_of(number, note)
-                    ));
+                if let Some(finding) = location.find(&text) {
+                    all.push(format!("{}: {finding}", name_of(number, note)));
                     break;
                 }
             }

@@ -4,15 +4,6 @@ use super::{Body, MARGIN, Note, Notes, View, same_pack};
 use crate::object::date::is_day;
 use serde_json::{Map, Value, json};
 
-/// Map coordinates begin here: smaller numbers are lengths, years and house numbers.
-const MAP: f64 = 10_000.0;
-/// What is around the model tells its place as well, metres and degrees.
-const AROUND: f64 = 1000.0;
-const AROUND_DEGREES: f64 = 0.05;
-/// Digits behind the point from which on a number may be degrees of a place, and not a length.
-const DEGREE_DIGITS: usize = 4;
-/// The same for two numbers, of which one is near the latitude and one near the longitude.
-const PAIR_DIGITS: usize = 3;
 /// What a note and a text of it may be for (Web Annotation Data Model, W3C 2017, section 3.3.5).
 const MOTIVATIONS: [&str; 13] = [
     "assessing",
@@ -103,7 +94,7 @@ impl Note {
         }
         self.rest = rest;
         // A name may be an address, or made of the place as it was; a random one tells nothing.
-        if !self.id.strip_prefix("urn:uuid:").is_some_and(is_uuid) {
+        if !self.id.strip_prefix("urn:uuid:").is_some_and(is_random_uuid) {
             self.id = self.derived_id(number);
         }
     }
@@ -114,10 +105,14 @@ fn known_motivation(text: &str) -> &'static str {
     MOTIVATIONS.into_iter().find(|m| *m == text).unwrap_or("describing")
 }
 
-/// Whether a text is a UUID as it is written: 8-4-4-4-12 hexadecimal digits (RFC 9562, section 4).
-fn is_uuid(text: &str) -> bool {
-    let lengths: Vec<usize> = text.split('-').map(str::len).collect();
-    lengths == [8, 4, 4, 4, 12] && text.bytes().all(|b| b == b'-' || b.is_ascii_hexdigit())
+/// Whether a text is a random UUID as it is written: 8-4-4-4-12 hexadecimal digits of version 4 (RFC 9562, section 5.4). Others may be made of a name
+/// or a place, which a guess confirms.
+fn is_random_uuid(text: &str) -> bool {
+    let parts: Vec<&str> = text.split('-').collect();
+    let lengths: Vec<usize> = parts.iter().map(|p| p.len()).collect();
+    let is_version = parts.get(2).is_some_and(|p| p.starts_with('4'));
+    let is_variant = parts.get(3).is_some_and(|p| p.starts_with(['8', '9', 'a', 'b', 'A', 'B']));
+    lengths == [8, 4, 4, 4, 12] && is_version && is_variant && text.bytes().all(|b| b == b'-' || b.is_ascii_hexdigit())
 }
 
 /// Whether a text is a day that exists, or a moment of it to a millisecond at the finest: `2026-11-20T10:00:00.000Z` (ISO 8601-1).
@@ -140,124 +135,4 @@ fn is_moment(text: &str) -> bool {
     };
     let is_fraction = |f: &str| time.len() == 8 && (1..=3).contains(&f.len()) && f.bytes().all(|b| b.is_ascii_digit());
     is_day(day) && is_clock(time, [24, 59, 60]) && fraction.is_none_or(is_fraction) && is_zone
-}
-
-/// The first number in a text that is a map coordinate in or around this box, or what tells a latitude or longitude near one of `degrees`: a
-/// number of four decimals, two of three decimals that are near two of them, or degrees and minutes.
-pub fn digits_of_a_place(text: &str, min: [f64; 3], max: [f64; 3], degrees: &[f64]) -> Option<String> {
-    let text: String = text.chars().map(plain).collect();
-    let is_near = |v: f64| (0..2).any(|k| min[k].abs() >= MAP && v >= min[k] - AROUND && v <= max[k] + AROUND);
-    let numbers = numbers(&text);
-    let one = numbers.iter().find(|digits| {
-        let Ok(v) = digits.parse::<f64>() else { return false };
-        is_near(v) || is_near(-v) || (decimals(digits) >= DEGREE_DIGITS && near_degree(v, degrees).is_some())
-    });
-    one.cloned().or_else(|| pair(&numbers, degrees)).or_else(|| minutes(&text, degrees))
-}
-
-/// Digits behind the point.
-fn decimals(digits: &str) -> usize {
-    digits.split_once('.').map_or(0, |(_, behind)| behind.len())
-}
-
-/// Which of `degrees` a number is near, whatever their signs.
-fn near_degree(v: f64, degrees: &[f64]) -> Option<f64> {
-    degrees.iter().map(|d| d.abs()).find(|d| (v - d).abs() < AROUND_DEGREES)
-}
-
-/// A latitude and a longitude of three decimals each, one of which alone may be a length.
-fn pair(numbers: &[String], degrees: &[f64]) -> Option<String> {
-    let near = |digits: &String| {
-        let v = digits.parse::<f64>().ok().filter(|_| decimals(digits) >= PAIR_DIGITS)?;
-        Some((digits.clone(), near_degree(v, degrees)?))
-    };
-    let mut found = numbers.iter().filter_map(near);
-    let (first, one) = found.next()?;
-    let (second, _) = found.find(|(_, other)| (one - other).abs() > 2.0 * AROUND_DEGREES)?;
-    Some(format!("{first} {second}"))
-}
-
-/// Degrees and minutes, with seconds or without, near one of `degrees`: `8° 57' 27.7" S`.
-fn minutes(text: &str, degrees: &[f64]) -> Option<String> {
-    text.match_indices(['°', 'º', '˚']).find_map(|(at, sign)| {
-        let before = text.get(..at)?.trim_end();
-        let digits = before.len() - before.trim_end_matches(|c: char| c.is_ascii_digit()).len();
-        let whole = before.get(before.len() - digits..)?.parse::<f64>().ok()?;
-        let (minutes, rest) = leading(text.get(at + sign.len()..)?)?;
-        let seconds = rest.trim_start().strip_prefix(['\'', '′', '’']).and_then(leading).map_or(0.0, |(s, _)| s);
-        near_degree(whole + minutes / 60.0 + seconds / 3600.0, degrees)?;
-        Some(format!("{whole}° {minutes}'"))
-    })
-}
-
-/// The number that a text begins with, after spaces, and what follows it.
-fn leading(text: &str) -> Option<(f64, &str)> {
-    let text = text.trim_start();
-    let end = text.find(|c: char| !c.is_ascii_digit() && !".,".contains(c)).unwrap_or(text.len());
-    let (digits, rest) = text.split_at(end);
-    Some((digits.trim_end_matches(['.', ',']).replace(',', ".").parse().ok()?, rest))
-}
-
-/// Digits and separators of other scripts as ASCII has them.
-fn plain(c: char) -> char {
-    // The zeros of Arabic, Persian, Devanagari, Bengali and full-width digits; the other nine follow each.
-    const ZEROS: [u32; 5] = [0x660, 0x6f0, 0x966, 0x9e6, 0xff10];
-    let digit = |zero: &u32| char::from_digit(u32::from(c).checked_sub(*zero)?, 10);
-    match c {
-        // Arabic decimal and thousands separators, and the comma.
-        '\u{66b}' => '.',
-        '\u{66c}' | '\u{60c}' => ',',
-        _ => ZEROS.iter().find_map(digit).unwrap_or(c),
-    }
-}
-
-/// Numbers as they are written by people: with a point or a comma, grouped by spaces, commas, points or apostrophes.
-fn numbers(text: &str) -> Vec<String> {
-    let chars: Vec<char> = text.chars().collect();
-    let digit = |i: usize| chars.get(i).is_some_and(char::is_ascii_digit);
-    let mut all = Vec::new();
-    let mut at = 0;
-    while at < chars.len() {
-        if !digit(at) {
-            at += 1;
-            continue;
-        }
-        // Runs of digits with a single other sign between them.
-        let (mut runs, mut signs) = (vec![String::new()], Vec::new());
-        loop {
-            while digit(at) {
-                if let (Some(run), Some(c)) = (runs.last_mut(), chars.get(at)) {
-                    run.push(*c);
-                }
-                at += 1;
-            }
-            let sign = chars.get(at).copied().filter(|c| ".,'’_ \u{a0}\u{2009}\u{202f}".contains(*c));
-            let Some(sign) = sign.filter(|_| digit(at + 1)) else { break };
-            signs.push(sign);
-            runs.push(String::new());
-            at += 1;
-        }
-        all.extend(readings(&runs, &signs));
-    }
-    all
-}
-
-/// What runs of digits can mean: each for itself, all as one number, and with the last sign, or any one point, as the decimal one.
-fn readings(runs: &[String], signs: &[char]) -> Vec<String> {
-    let mut all = runs.to_vec();
-    for from in 0..runs.len() {
-        // A group of a map coordinate has three digits; seven of them are the most that is looked at.
-        let mut whole = runs.get(from).cloned().unwrap_or_default();
-        for (sign, next) in signs.iter().zip(runs.iter().skip(1)).skip(from).take(7) {
-            if ".,".contains(*sign) {
-                all.push(format!("{whole}.{next}"));
-            }
-            if next.len() != 3 {
-                break;
-            }
-            whole.push_str(next);
-            all.push(whole.clone());
-        }
-    }
-    all
 }

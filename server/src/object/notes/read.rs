@@ -22,9 +22,9 @@ impl Notes {
             return Err(NotesError::one(format!("{length} bytes are too long for notes; {NOTES_MAX} are possible")));
         }
         let bytes = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes);
-        let value: Value = serde_json::from_slice(bytes).map_err(|e| {
+        let value: Value = kilwa_pack::json::from_slice(bytes).map_err(|e| {
             NotesError::one(format!(
-                "it is no JSON ({e}); save the notes as a file in the viewer, Notes, \"Save as a file\""
+                "it is no JSON that can be used ({e}); save the notes as a file in the viewer, Notes, \"Save as a file\""
             ))
         })?;
         let items = items_of(value)?;

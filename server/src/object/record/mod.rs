@@ -94,7 +94,7 @@ pub struct PublishedNotes {
 fn origin_of(glb: &[u8]) -> Option<[f64; 3]> {
     let word = |at: usize| Some(u32::from_le_bytes(glb.get(at..at + 4)?.try_into().ok()?));
     let json = glb.get(20..20usize.checked_add(word(12)? as usize)?)?;
-    let value: Value = serde_json::from_slice(json).ok()?;
+    let value: Value = kilwa_pack::json::from_slice(json).ok()?;
     let place: [f64; 3] = serde_json::from_value(value.pointer("/extras/world_from_local_m")?.clone()).ok()?;
     place.iter().all(|v| v.is_finite()).then_some(place)
 }

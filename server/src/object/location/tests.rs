@@ -1,0 +1,285 @@
+use super::*;
+use proptest::prelude::*;
+
+/// A fort in UTM 37 S, and what its metadata say.
+const BOUNDS: [[f64; 3]; 2] = [[565_950.0, 9_009_900.0, 2.0], [566_000.0, 9_009_990.0, 20.0]];
+
+fn place(latitude: f64, longitude: f64) -> Place {
+    Place { latitude: Some(latitude), longitude: Some(longitude), ..Place::default() }
+}
+
+fn fort() -> Location {
+    Location::of(BOUNDS, Some("EPSG:32737"), Some(&place(-8.9577, 39.5228)))
+}
+
+/// Every form of the fort's place (its middle is 565975 E, 9009945 N; -8.9562, 39.6001 by its system, -8.9577, 39.5228 by its metadata).
+const PLANTED: &[&str] = &[
+    // Map coordinates.
+    "at 565977",
+    "E 565 977.25",
+    "N 9,009,946.5",
+    "9'009'946",
+    "9.009.946",
+    "565_977",
+    "x=565977.25m",
+    "2026 565\u{a0}977",
+    "565.98 km east",
+    "5.65977e5",
+    "1 856 880 ft",
+    "56597725 cm",
+    "9009946250",
+    "UTM 37L 565977 9009946",
+    "65977 / -990054",
+    "65977 09946",
+    "E65977 N09946",
+    "4 408 262 / -1 001 044",
+    // Degrees.
+    "(-8.9577, 39.5228)",
+    "lat 8,9577°",
+    "-8.957, 39.523",
+    "8,957 / 39,523",
+    "-8.96, 39.52",
+    "8.96°S",
+    "8.96 S",
+    "latitude: -8.96",
+    "Long. 39.6",
+    "39.5228",
+    "8\u{b0}57'27.7\" S",
+    "39\u{b0} 31\u{2032} 22\u{2033} E",
+    "8\u{ba} 57,5' S",
+    "8&deg;57&prime;27&Prime; S",
+    "8 deg 57 min 27 sec south",
+    "8d57m27s",
+    "S08:57:27",
+    "08:57:27, 39:31:22",
+    "8-57-27 S",
+    "085727S 0393122E",
+    "0857.462,S",
+    "8° 57.46'",
+    // Other digits and signs.
+    "\u{665}\u{666}\u{665}\u{669}\u{667}\u{667}",
+    "\u{669}\u{66c}\u{660}\u{660}\u{669}\u{66c}\u{669}\u{664}\u{666}",
+    "\u{668}\u{66b}\u{669}\u{665}\u{667}\u{667}\u{60c}\u{663}\u{669}",
+    "\u{6f5}\u{6f6}\u{6f5}\u{6f9}\u{6f7}\u{6f7}",
+    "\u{ff15}\u{ff16}\u{ff15}\u{ff19}\u{ff17}\u{ff17}",
+    "\u{1d7d3}\u{1d7d4}\u{1d7d3}\u{1d7d7}\u{1d7d5}\u{1d7d5}",
+    "565\u{200b}977",
+    // Addresses.
+    "geo:-8.9577,39.5228",
+    "geo:10,20",
+    "https://example.org/?mlat=-8.9577&mlon=39.5228",
+    "https://example.org/#map=17/-8.957/39.522",
+    "https://example.org/@-8.96,39.52,17z",
+    "https://example.org/?q=-8%2E9577%2C39%2E5228",
+    "https://example.org/?u=https%253A%252F%252Fx%252F%2540-8%252E9577",
+    "https://www.openstreetmap.org/node/1",
+    "https://maps.app.goo.gl/abc",
+    "https://www.google.com/maps/place/Kilwa",
+    "https://www.wikidata.org/wiki/Q1741245",
+    "https://www.geonames.org/157107",
+    "https://tile.example.org/15/19988/17202.png",
+    "///filled.count.soap",
+    // Codes.
+    "kykjj1ef",
+    "geohash kykj5379",
+    "kykjj",
+    "6G3X2GRF+W4",
+    "2GRF+W4 Kilwa",
+    "6g3x2jv2%2bg2",
+    "37L EL 65977 09946",
+    "37LEL659099",
+    "MGRS EL 6597 0994",
+    "KI91tb",
+    "ki91sb",
+    "EPSG:32737",
+    "epsg::32737",
+];
+
+#[test]
+fn the_location_is_found_in_every_form() {
+    let fort = fort();
+    let missed: Vec<&str> = PLANTED.iter().copied().filter(|text| fort.find(text).is_none()).collect();
+    assert!(missed.is_empty(), "{missed:#?}");
+    // Also in the middle of other words.
+    for text in PLANTED {
+        let among = format!("The fort was built in 1505 of coral rag; {text} (see p. 12)");
+        assert!(fort.find(&among).is_some(), "{among}");
+    }
+}
+
+/// Sentences of catalogues, reports and metadata that no search may refuse.
+const ORDINARY: &[&str] = &[
+    "Built in 1505 and repaired in 1807.",
+    "The keep measures 12.5 m by 8.96 m.",
+    "8.957 m high",
+    "8.957 m by 1.234 m",
+    "8.957 and 8.958",
+    "Walls 1.35-1.80 m thick, 9.2 m high.",
+    "1,234,567 bricks",
+    "The mesh has 32,600,000 triangles at 2 cm.",
+    "724,727,186 points in 125 scans.",
+    "UNESCO 144, inscribed 1981, criteria (iii).",
+    "Inventory number 1987.45.123",
+    "Accession 2004,0416.7",
+    "TZ-NA-00123/b",
+    "Bodleian MS. Arab. c. 90, fols. 23b-24a",
+    "pp. 123-145, plates 12-17",
+    "ISBN 978-3-16-148410-0",
+    "ISSN 0305-4403",
+    "doi:10.1145/1015706.1015802",
+    "https://doi.org/10.5281/zenodo.1234567",
+    "https://orcid.org/0000-0002-1825-0097",
+    "https://ror.org/03p74gp79",
+    "https://creativecommons.org/licenses/by/4.0/deed.fr",
+    "2026-11-21",
+    "21.11.2026",
+    "8.9.2019 to 8.10.2019",
+    "2009-07-20/2009-08-03",
+    "2026-11-20T10:00:00.000Z",
+    "At 12:30 the tide was in.",
+    "From 08:57:27 to 09:31:22 the scanner stood still.",
+    "a slope of 8\u{b0}, then of 45\u{b0} 30'",
+    "The wall bears N 45\u{b0} 30' E.",
+    "Roof pitch 30\u{b0} 15'.",
+    "Radiocarbon age 1230 \u{b1} 45 BP (OxA-12345).",
+    "cal AD 1280-1390 (95.4 %)",
+    "Leica ScanStation P40, serial 1840123",
+    "Focal length 24.1234 mm, pixel size 0.00391 mm",
+    "Residuals of 0.0031, 0.0042 and 0.0028 m at three targets.",
+    "Registered with CloudCompare 2.13.1 and kilwa 0.1.0",
+    "RMS 0.0031 m over 57 targets",
+    "Grant AH/V001234/1",
+    "EUR 580,000 from the European Regional Development Fund",
+    "Award no. 20-2022-0157",
+    "phone +255 22 211 6421",
+    "P.O. Box 2280, Dar es Salaam",
+    "room 8.96, shelf E 12",
+    "Scale 1:500, contour interval 0.25 m",
+    "Section A-A' at level +3.20",
+    "See fig. 4.12 and table 3.7.",
+    "37 carved posts, 12 L of lime wash",
+    "Two cannon, 18-pounders, on the east side.",
+    "N wall, S wall and E gate, 3.5 m wide",
+    "Swahili coast; fort; coral rag",
+    "A copy of the model is at https://museum.example/models/gereza/",
+    "sha256 9c7c0123456789abcdef0123456789abcdef0123",
+    "urn:uuid:0b6ff3f0-5c3a-4c1f-9d53-8a5d00c0ffee",
+    "Photograph NIKON D850, 1/250 s, f/8, ISO 64, 4288 x 2848 px",
+    "Colour difference 2.3 \u{394}E00",
+    "The population was 4,000 in 1331 (Ibn Battuta).",
+    "32.6 million triangles in 96 blocks",
+    "\u{661}\u{665}\u{660}\u{665}",
+    "no number",
+];
+
+#[test]
+fn ordinary_sentences_pass() {
+    assert!(ORDINARY.len() >= 50);
+    let elsewhere = Location::of(
+        [[428_000.0, 5_520_000.0, 90.0], [428_050.0, 5_520_040.0, 120.0]],
+        Some("EPSG:32632"),
+        Some(&place(49.83, 8.0)),
+    );
+    for location in [fort(), elsewhere, Location::unknown()] {
+        let refused: Vec<String> =
+            ORDINARY.iter().filter_map(|text| location.find(text).map(|f| format!("{text}: {f}"))).collect();
+        assert!(refused.is_empty(), "{} of {}: {refused:#?}", refused.len(), ORDINARY.len());
+    }
+    let local = Location::of([[0.0; 3], [50.0; 3]], None, None);
+    assert!(local.find("1505 and 12.5").is_none(), "local coordinates tell nothing");
+}
+
+#[test]
+fn without_the_location_only_what_can_be_nothing_else_is_refused() {
+    let unknown = Location::unknown();
+    for text in [
+        "8°57'27\" S, 39°31'22\" E",
+        "S 8.9577 E 39.5228",
+        "lat=-8.95, lon=39.52",
+        "-8.957712, 39.522834",
+        "geo:-8.9577,39.5228",
+        "https://www.openstreetmap.org/?mlat=1",
+        "6GF72GVF+G4",
+        "///filled.count.soap",
+    ] {
+        assert!(unknown.find(text).is_some(), "{text}");
+    }
+    assert!(unknown.find("565977").is_none() && unknown.find("39.5228").is_none(), "nobody knows");
+}
+
+#[test]
+fn the_way_to_a_text_in_json_is_named() {
+    let value = serde_json::json!({ "a": [{ "b": "fine" }, { "b": "at 565977", "c": 565_977 }], "passed": "565977" });
+    let (at, finding) = fort().find_in_json(&value, &|at| at == "passed").unwrap();
+    assert_eq!((at.as_str(), finding.kind), ("a[1].b", Kind::MapCoordinate));
+    assert!(fort().find_in_json(&value, &|at| at == "passed" || at == "a[1]").is_none());
+    assert!(fort().find_in_json(&serde_json::json!({ "565977": 1 }), &|_| false).is_some(), "in a key");
+}
+
+/// A number with its digits grouped.
+fn grouped(number: u64, sign: char) -> String {
+    let digits = number.to_string();
+    let mut out = String::new();
+    for (i, c) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push(sign);
+        }
+        out.push(c);
+    }
+    out
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(if std::env::var_os("KILWA_SOAK").is_some() { 20_000 } else { 500 }))]
+
+    #[test]
+    fn no_text_stops_the_search(text in ".{0,300}") {
+        let _ = fort().find(&text);
+        let _ = Location::unknown().find(&text);
+    }
+
+    #[test]
+    fn no_text_of_digits_and_signs_stops_the_search(text in "[0-9 .,:°'\"NSEWOnsewo+/%a-f_-]{0,200}") {
+        let _ = fort().find(&text);
+    }
+
+    /// Any place on earth, in the forms that programs and people write.
+    #[test]
+    fn a_planted_place_is_found_wherever_it_is(
+        lat in -79.9..79.9f64, lon in -179.9..179.9f64, decimals in 2..9usize, before in "[a-zA-Z ]{0,12}", after in "[a-zA-Z ]{0,12}",
+    ) {
+        let location = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(lat, lon)));
+        let quarter = |v: f64, letters: [char; 2]| if v < 0.0 { letters[1] } else { letters[0] };
+        let sixty = |v: f64| { let s = (v.abs() * 3600.0).floor() as u64; (s / 3600, s / 60 % 60, s % 60) };
+        let ((d, m, s), (e, f, g)) = (sixty(lat), sixty(lon));
+        let (n, w) = (quarter(lat, ['N', 'S']), quarter(lon, ['E', 'W']));
+        let mut forms = vec![
+            format!("{lat:.decimals$}, {lon:.decimals$}"),
+            format!("{lon:.decimals$} {lat:.decimals$}").replace('.', ","),
+            format!("{:.decimals$}°{n} {:.decimals$}°{w}", lat.abs(), lon.abs()),
+            format!("geo:{lat:.decimals$},{lon:.decimals$}"),
+            format!("https://x.example/@{lat:.decimals$},{lon:.decimals$},15z"),
+            format!("https://x.example/?mlat={lat:.decimals$}&mlon={lon:.decimals$}"),
+            format!("{lat:.decimals$}%2C%20{lon:.decimals$}"),
+            format!("{d}°{m}'{s}\"{n} {e}°{f}'{g}\"{w}"),
+            format!("{n}{d:02}:{m:02}:{s:02} {w}{e:03}:{f:02}:{g:02}"),
+            format!("{d:02}{m:02}{s:02}{n}{e:03}{f:02}{g:02}{w}"),
+        ];
+        if decimals >= 4 {
+            forms.push(format!("{lat:.decimals$}"));
+            forms.push(format!("{:.decimals$}", lon.abs()).replace('.', ","));
+        }
+        let zone = (((lon + 180.0) / 6.0).floor() as u32).min(59) + 1;
+        let epsg = (32_600 + zone + if lat < 0.0 { 100 } else { 0 }) as u16;
+        let [east, north] = projected(epsg, [lat, lon]).unwrap();
+        for number in [east, north].into_iter().filter(|v| *v >= MAP) {
+            let whole = number.round() as u64;
+            forms.extend([whole.to_string(), format!("{number:.3}")]);
+            forms.extend([' ', ',', '.', '\'', '_', '\u{202f}'].map(|sign| grouped(whole, sign)));
+        }
+        for form in forms {
+            let text = format!("{before} {form} {after}");
+            prop_assert!(location.find(&text).is_some(), "{text}");
+        }
+    }
+}
