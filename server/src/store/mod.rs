@@ -7,6 +7,7 @@
 //! dropped from a list because of a silence or a refusal; [`outage`] says the former to readers.
 
 mod blocks;
+mod claim;
 mod folder;
 mod held;
 mod http;
