@@ -199,8 +199,7 @@ impl Holding {
     /// another version; a store is asked only now and then, and has each page under its hash.
     fn has_same_manifest(&self, table: &Table) -> bool {
         let listed = table.files.get(MANIFEST).map(Entry::identity);
-        self.folder.path().is_none()
-            || self.folder.join(MANIFEST).identity().is_ok_and(|now| listed == Some(&now))
+        self.folder.path().is_none() || self.folder.join(MANIFEST).identity().is_ok_and(|now| listed == Some(&now))
     }
 
     fn read(&self) -> io::Result<Table> {

@@ -196,13 +196,7 @@ impl Plan {
 }
 
 /// What is published, if what was given is to follow `before`.
-fn decide(
-    args: &Args,
-    given: &Given,
-    before: Option<Manifest>,
-    at: &str,
-    note: Option<&str>,
-) -> anyhow::Result<Facts> {
+fn decide(args: &Args, given: &Given, before: Option<Manifest>, at: &str, note: Option<&str>) -> anyhow::Result<Facts> {
     let published = day(args, &given.metadata, before.as_ref())?;
     notes::check(args, given, before.as_ref())?;
     let note = match &before {

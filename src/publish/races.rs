@@ -87,7 +87,8 @@ impl Bench {
             }
         }
         for folder in [self.path("site"), self.object()] {
-            let hidden = |e: std::io::Result<std::fs::DirEntry>| e.unwrap().file_name().to_string_lossy().starts_with('.');
+            let hidden =
+                |e: std::io::Result<std::fs::DirEntry>| e.unwrap().file_name().to_string_lossy().starts_with('.');
             assert!(!std::fs::read_dir(&folder).unwrap().any(hidden), "something is left in {}", folder.display());
         }
         m
@@ -117,7 +118,11 @@ fn two_who_planned_the_same_version_publish_one_after_the_other_and_both_are_the
     assert_eq!(publish(&theirs).unwrap().version, 2);
     let report = run_with(&ours, &mut planned, &blank).unwrap();
     assert_eq!(report.version, 3);
-    assert!(report.warnings.iter().any(|w| w.contains("version 2 was published by somebody else")), "{:?}", report.warnings);
+    assert!(
+        report.warnings.iter().any(|w| w.contains("version 2 was published by somebody else")),
+        "{:?}",
+        report.warnings
+    );
     let notes: Vec<String> = bench.is_whole().versions.into_iter().map(|v| v.note).collect();
     assert_eq!(notes, ["First publication", "theirs", "ours"]);
 }
@@ -193,7 +198,8 @@ fn in_two_hundred_rounds_of_two_who_publish_and_one_who_withdraws_nothing_is_los
             std::time::Duration::from_micros((state >> 33) % 12_000)
         };
         let site: &[&str] = if round % 5 == 0 { &["--site", "--bag"] } else { &[] };
-        let publishing = [("ours", bench.publishing(Some("ours"), site)), ("theirs", bench.publishing(Some("theirs"), &[]))];
+        let publishing =
+            [("ours", bench.publishing(Some("ours"), site)), ("theirs", bench.publishing(Some("theirs"), &[]))];
         let (takes, pauses) = (bench.withdrawing(), [pause(), pause(), pause(), pause(), pause()]);
         let (ends, taken) = std::thread::scope(|scope| {
             let publishers: Vec<_> = publishing
@@ -224,7 +230,9 @@ fn in_two_hundred_rounds_of_two_who_publish_and_one_who_withdraws_nothing_is_los
         for (words, end) in ends {
             let is_there = m.versions.iter().any(|v| v.note == words);
             match end {
-                Ok(report) => assert!(is_there && m.versions[report.version as usize - 1].note == words, "round {round}"),
+                Ok(report) => {
+                    assert!(is_there && m.versions[report.version as usize - 1].note == words, "round {round}")
+                }
                 Err(why) => {
                     let why = format!("{why:#}");
                     assert!(!is_there && is_withdrawn && why.contains("was withdrawn"), "round {round}: {why}");

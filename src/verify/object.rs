@@ -286,7 +286,9 @@ impl Check<'_> {
         self.report.bytes += page.len() as u64;
         let path = self.path(PAGE);
         let again = "run the same `kilwa publish` again, which goes on";
-        self.report.notes.push(format!("{path} is still the page of before: a change was cut off after it was made. {again}"));
+        self.report
+            .notes
+            .push(format!("{path} is still the page of before: a change was cut off after it was made. {again}"));
         Some(page)
     }
 
@@ -306,7 +308,9 @@ impl Check<'_> {
             if is_left {
                 let name = self.path(&version.pack.url);
                 let again = "run the same `kilwa publish --withdraw` again, which goes on";
-                self.report.notes.push(format!("{name} is withdrawn and still there: withdrawing was cut off. {again}"));
+                self.report
+                    .notes
+                    .push(format!("{name} is withdrawn and still there: withdrawing was cut off. {again}"));
             }
             complete &= self.version(manifest, version, &mut there, &mut records)?;
         }
@@ -484,7 +488,8 @@ impl Check<'_> {
         }
         for path in hidden {
             let path = self.path(&path);
-            let note = "belongs to a publication that is being made, or was cut off; the next one takes away what was left";
+            let note =
+                "belongs to a publication that is being made, or was cut off; the next one takes away what was left";
             self.report.notes.push(format!("{path} {note}"));
         }
     }

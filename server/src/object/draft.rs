@@ -40,7 +40,9 @@ pub enum DraftError {
         source: io::Error,
     },
     /// Another program changes the folder now.
-    #[error("another kilwa is publishing to or withdrawing from {0}; nothing was changed. Run the same command again when it is done")]
+    #[error(
+        "another kilwa is publishing to or withdrawing from {0}; nothing was changed. Run the same command again when it is done"
+    )]
     Busy(PathBuf),
     /// The folder cannot be locked.
     #[error(

@@ -115,7 +115,8 @@ fn run(what: What, folder: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
 async fn get(shelf: &Path, path: &str) -> (StatusCode, Vec<u8>) {
     let page = Page::from_files([("index.html".to_owned(), b"<html></html>".to_vec())].into());
     let app = app(Site::new(Catalogue::open(shelf).unwrap(), page));
-    let answer = app.oneshot(Request::get(path).header("host", "x.example").body(Body::empty()).unwrap()).await.unwrap();
+    let answer =
+        app.oneshot(Request::get(path).header("host", "x.example").body(Body::empty()).unwrap()).await.unwrap();
     let status = answer.status();
     (status, axum::body::to_bytes(answer.into_body(), usize::MAX).await.unwrap().to_vec())
 }
@@ -142,7 +143,7 @@ fn is_old_or_new(what: What, folder: &Path) {
         }
         let (status, served) = get("/fort/");
         assert!(status == StatusCode::GONE && String::from_utf8_lossy(&served).contains("asked to"));
-        assert!(needs.is_none_or(|needs| object.join(needs).exists()) , "a static host shows half of it");
+        assert!(needs.is_none_or(|needs| object.join(needs).exists()), "a static host shows half of it");
         return;
     }
     let current = is_whole(&object);

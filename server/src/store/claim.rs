@@ -110,7 +110,12 @@ fn taken_over(store: &Arc<S3>, key: &str, purpose: &str) -> io::Result<Option<St
     if is_ours || store.lease().is_zero() {
         return Ok(Some(tag));
     }
-    store.put(CLOCK, Bytes::from_static(b"kilwa publish asks what time it is\n"), PutMode::Overwrite, Attributes::new())?;
+    store.put(
+        CLOCK,
+        Bytes::from_static(b"kilwa publish asks what time it is\n"),
+        PutMode::Overwrite,
+        Attributes::new(),
+    )?;
     let now = store.changed(CLOCK)?.1;
     if now.duration_since(changed).unwrap_or_default() >= store.lease() {
         return Ok(Some(tag));
