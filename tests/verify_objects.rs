@@ -8,6 +8,7 @@ use kilwa_server::object::Metadata;
 use kilwa_server::object::checksums::sha256;
 use kilwa_server::object::draft::Draft;
 use kilwa_server::object::layout::{self, Slug, pack_name, version_folder};
+use kilwa_server::object::lock::Lock;
 use kilwa_server::object::manifest::{Access, AccessState, FORM, Figures, Manifest, PackEntry, RightsEntry, Version};
 use kilwa_server::object::page::{Surroundings, landing};
 use kilwa_server::object::record::{Publication, records, ro_crate};
@@ -72,7 +73,8 @@ fn publication(slug: &str, number: u32, bytes: &[u8]) -> Publication {
 fn publish(shelf: &Path, slug: &str, number: u32) -> PathBuf {
     let bytes = fs::read(pack()).unwrap();
     let p = publication(slug, number, &bytes);
-    let mut draft = Draft::begin(shelf, &p.slug, number, &|_| Ok(())).unwrap();
+    let lock = Lock::take(shelf).unwrap();
+    let mut draft = Draft::begin(&lock, &p.slug, &|_| Ok(())).unwrap();
     draft.write(p.pack.url.split_once('/').unwrap().1, &bytes).unwrap();
     for (path, content) in records(&p) {
         draft.write(path, &content).unwrap();
@@ -94,7 +96,7 @@ fn publish(shelf: &Path, slug: &str, number: u32) -> PathBuf {
     let earlier =
         fs::read(object.join(layout::MANIFEST)).ok().map(|b| Manifest::parse(&b).unwrap().versions).unwrap_or_default();
     let page = landing(VIEWER, &p, &Surroundings { earlier: earlier.clone(), ..Surroundings::default() });
-    let made = draft.finish(page.as_bytes(), |checksums, page| {
+    let made = draft.finish(&lock, number, page.as_bytes(), |checksums, page| {
         let mut versions = earlier;
         versions.push(Version {
             version: number,
@@ -322,7 +324,8 @@ fn a_bag_is_checked_by_its_lists_and_by_its_object() {
         date: "2026-11-21".to_owned(),
         tool: "kilwa".to_owned(),
     };
-    let bag = kilwa_server::object::bag::wrap(shelf.path(), &Slug::new("fort").unwrap(), &info, &|_| Ok(())).unwrap();
+    let lock = Lock::take(shelf.path()).unwrap();
+    let bag = kilwa_server::object::bag::wrap(&lock, &Slug::new("fort").unwrap(), &info, &|_| Ok(())).unwrap();
     assert_eq!(report(&[text(&bag)], 0)["sound"], true);
     for name in ["bag-info.txt", "bagit.txt", "manifest-sha256.txt", "data/manifest.json"] {
         let path = bag.join(name);

@@ -160,7 +160,7 @@ impl Holding {
     pub(crate) fn table(self: &Arc<Self>) -> io::Result<Arc<Table>> {
         let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((table, looked)) = current.as_mut() {
-            if looked.elapsed() < self.folder.looked_at_for() {
+            if looked.elapsed() < self.folder.looked_at_for() && self.has_same_manifest(table) {
                 return Ok(Arc::clone(table));
             }
             match root_of(&self.folder) {
@@ -193,6 +193,13 @@ impl Holding {
             self.tables.keep(self);
         }
         Ok(table)
+    }
+
+    /// Whether the manifest is the one that a table was made from. Of a folder it is looked at each time, so that no page is shown with the files of
+    /// another version; a store is asked only now and then, and has each page under its hash.
+    fn has_same_manifest(&self, table: &Table) -> bool {
+        let listed = table.files.get(MANIFEST).map(Entry::identity);
+        self.folder.path().is_none() || self.folder.join(MANIFEST).identity().is_ok_and(|now| listed == Some(&now))
     }
 
     fn read(&self) -> io::Result<Table> {

@@ -53,7 +53,7 @@ pub(crate) async fn respond(
     let (name, ranges) = split(name);
     let found = match table(&object.holding).await {
         Ok(table) => match verdict(&table.manifest.access, clock) {
-            Verdict::Gone(why) => Ok(gone(&table, name, &why).await),
+            Verdict::Gone(why) => Ok(gone(&object.holding, &table, name, &why).await),
             Verdict::WithoutGeometry(why) if is_geometry(name) => {
                 let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
                 match door {
@@ -123,7 +123,7 @@ pub(crate) async fn closed(holding: &Arc<Holding>, clock: &Clock) -> Result<Opti
     Ok(match verdict(&table.manifest.access, clock) {
         Verdict::Open => None,
         Verdict::WithoutGeometry(why) => Some(withheld(&why)),
-        Verdict::Gone(why) => Some(gone(&table, PAGE, &why).await),
+        Verdict::Gone(why) => Some(gone(holding, &table, PAGE, &why).await),
     })
 }
 
@@ -284,21 +284,29 @@ async fn source(holding: &Arc<Holding>, table: &Arc<Table>, name: &str) -> Resul
     Ok(Source { content, bytes, hash, content_type: content_type(name), cache: FOR_EVER })
 }
 
-/// The landing page, 404 where there is none. In a store, while a version is being published, it may be another one than the manifest names:
-/// then that one is looked for.
+/// The landing page, 404 where there is none. While a version is being published, and where that was cut off, `index.html` may be another one than
+/// the manifest names: then that one is looked for.
 async fn read_page(holding: &Arc<Holding>, table: &Arc<Table>) -> Result<Bytes, StatusCode> {
-    let page = read_entry(table, PAGE).await;
     let (folder, sum) = (holding.folder().clone(), table.manifest.page.sha256.clone());
-    if folder.store().is_none() || page.as_ref().is_ok_and(|page| sha256(page) == sum) {
-        return page;
-    }
-    let kept = blocking(move || {
+    let is_folder = folder.store().is_none();
+    let kept = move || {
         folder.kept_page(&sum).unwrap_or_else(|e| {
             warn(&folder, &e);
             None
         })
-    });
-    kept.await?.map_or(page, Ok)
+    };
+    if is_folder {
+        // To look for it costs less than to hash the page.
+        return match blocking(kept).await? {
+            Some(page) => Ok(page),
+            None => read_entry(table, PAGE).await,
+        };
+    }
+    let page = read_entry(table, PAGE).await;
+    if page.as_ref().is_ok_and(|page| sha256(page) == table.manifest.page.sha256) {
+        return page;
+    }
+    blocking(kept).await?.map_or(page, Ok)
 }
 
 /// A file of the root, 404 where there is none.
@@ -400,9 +408,10 @@ fn withheld(why: &str) -> Response<Body> {
 }
 
 /// 410: the manifest for programs that ask for it, the landing page, which is the tombstone, for everything else.
-async fn gone(table: &Arc<Table>, name: &str, why: &str) -> Response<Body> {
+async fn gone(holding: &Arc<Holding>, table: &Arc<Table>, name: &str, why: &str) -> Response<Body> {
     let wanted = if name == MANIFEST { MANIFEST } else { PAGE };
-    let bytes = read_entry(table, wanted).await.ok();
+    let read = if wanted == MANIFEST { read_entry(table, MANIFEST).await } else { read_page(holding, table).await };
+    let bytes = read.ok();
     let kind = content_type(if bytes.is_some() { wanted } else { PAGE });
     let tombstone = || html::gone(&table.manifest.title, why).into();
     let mut r = Response::new(Body::from(bytes.unwrap_or_else(tombstone)));

@@ -575,7 +575,7 @@ async fn what_has_a_name_in_a_version_too_is_not_appended_to() {
 #[tokio::test]
 async fn what_was_sent_is_checked_to_its_last_byte_while_somebody_else_publishes_to_the_folder() {
     let m = Museum::new();
-    let other = kilwa_server::object::draft::Lock::take(&m.models()).unwrap();
+    let other = kilwa_server::object::lock::Lock::take(&m.models()).unwrap();
     let mut bytes = fort_pack();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;

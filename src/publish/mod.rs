@@ -152,11 +152,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(slug) = &args.withdraw {
         return withdraw::run(args, slug);
     }
-    let plan = plan::Plan::for_folder(args)?;
+    let mut plan = plan::Plan::for_folder(args)?;
     if args.dry_run {
         return mapping::print(args, &plan);
     }
-    say(args, &write::run(args, &plan)?)
+    let report = write::run(args, &mut plan)?;
+    say(args, &report)
 }
 
 /// Print what was done.

@@ -6,7 +6,8 @@ use crate::source::open_pack;
 use anyhow::{Context, bail, ensure};
 use kilwa_builder::machine;
 use kilwa_server::Page;
-use kilwa_server::object::assemble::{Facts, Following, agree, existing, further};
+use kilwa_server::object::assemble::{Facts, Following, agree, existing, further, is_metadata};
+use kilwa_server::object::layout::METADATA;
 use kilwa_server::object::location::Location;
 use kilwa_server::object::metadata::plausible;
 use kilwa_server::object::record::europeana_lacks;
@@ -124,7 +125,11 @@ impl Given {
     }
 }
 
-/// Everything that is known before anything is written.
+/// What a first version says of itself where nobody said what is new.
+const FIRST: &str = "First publication";
+
+/// What is going to be published. It is decided twice: before anything is written, so that a mistake is named at once, and again when the version
+/// has been made and the folder is locked, by what is published then.
 pub(super) struct Plan {
     pub(super) given: Given,
     pub(super) facts: Facts,
@@ -138,41 +143,15 @@ pub(super) struct Plan {
 impl Plan {
     /// What was given is going to follow what is there already, at `at`.
     pub(super) fn new(args: &Args, given: Given, before: Option<Manifest>, at: String) -> anyhow::Result<Self> {
-        let published = day(args, &given.metadata, before.as_ref())?;
-        notes::check(args, &given, before.as_ref())?;
-        let note = args.version_note.as_deref();
-        let note = match &before {
-            Some(m) => {
-                let following = Following {
-                    at: &at,
-                    metadata: &given.metadata,
-                    pack: &given.of_pack,
-                    identity: &given.identity,
-                    redacted: given.place.is_some(),
-                    same_object: args.same_object,
-                    open_access: args.open_access,
-                    today: &published,
-                    note,
-                    published: &published,
-                };
-                further(m, &following).map_err(anyhow::Error::msg)?
-            }
-            None => note.unwrap_or("First publication").to_owned(),
-        };
-        let accuracy = given.metadata.capture.as_ref().and_then(|c| c.accuracy);
-        let facts = Facts {
-            metadata: given.published_metadata(),
-            rights: given.rights.clone(),
-            slug: given.slug.clone(),
-            before,
-            published,
-            note,
-            location_redacted: given.place.is_some(),
-            crs: if given.place == Some(Place::Nowhere) { None } else { given.crs.clone() },
-            accuracy: given.of_pack.capture_accuracy.or(accuracy),
-            tool: format!("kilwa {}", env!("CARGO_PKG_VERSION")),
-        };
-        Ok(Self { given, facts, at, page: Page::load(args.www.as_deref())?, published_elsewhere: None })
+        let page = Page::load(args.www.as_deref())?;
+        let facts = decide(args, &given, before, &at, args.version_note.as_deref())?;
+        Ok(Self { given, facts, at, page, published_elsewhere: None })
+    }
+
+    /// Decide again, by what is published now; everything that was decided before is forgotten.
+    pub(super) fn renew(&mut self, args: &Args, before: Option<Manifest>) -> anyhow::Result<()> {
+        self.facts = decide(args, &self.given, before, &self.at, args.version_note.as_deref())?;
+        Ok(())
     }
 
     /// For a folder of this computer, which must have room.
@@ -185,7 +164,12 @@ impl Plan {
         );
         let object = args.to.join(given.slug.as_str());
         let before = existing(&object).map_err(anyhow::Error::msg)?;
-        let mut plan = Self::new(args, given, before, object.display().to_string())?;
+        let at = object.display().to_string();
+        let again = before.as_ref().filter(|m| !args.dry_run && may_be_there(args, &given, &object, m));
+        let note = again.and_then(|m| m.versions.last()).map(|v| v.note.clone()).or_else(|| args.version_note.clone());
+        let page = Page::load(args.www.as_deref())?;
+        let facts = decide(args, &given, before, &at, note.as_deref())?;
+        let mut plan = Self { given, facts, at, page, published_elsewhere: None };
         plan.published_elsewhere = plan.same_model_in(&args.to);
         plan.check_disk(&args.to)?;
         if args.site {
@@ -224,8 +208,8 @@ impl Plan {
             Some(_) => shelf.join(self.facts.slug.as_str()),
             None => nearest_there(shelf)?,
         };
-        let probe = tempfile::Builder::new().prefix(kilwa_server::object::draft::HIDDEN).tempfile_in(&at);
-        probe.with_context(|| {
+        // Without a name, so that nothing of it can be left.
+        tempfile::tempfile_in(&at).with_context(|| {
             format!("cannot write to {}: give a folder with --to that you may write to, or ask whoever keeps it; nothing was changed", at.display())
         })?;
         if let Some(free) = machine::free_space(&at).filter(|free| *free < needed) {
@@ -283,6 +267,62 @@ impl Plan {
         all.extend(europeana_lacks(m, &self.facts.rights));
         all
     }
+}
+
+/// What is published, if what was given is to follow `before`.
+fn decide(args: &Args, given: &Given, before: Option<Manifest>, at: &str, note: Option<&str>) -> anyhow::Result<Facts> {
+    let published = day(args, &given.metadata, before.as_ref())?;
+    notes::check(args, given, before.as_ref())?;
+    let note = match &before {
+        Some(m) => {
+            let following = Following {
+                at,
+                metadata: &given.metadata,
+                pack: &given.of_pack,
+                identity: &given.identity,
+                redacted: given.place.is_some(),
+                same_object: args.same_object,
+                open_access: args.open_access,
+                today: &published,
+                note,
+                published: &published,
+            };
+            further(m, &following).map_err(anyhow::Error::msg)?
+        }
+        None => note.unwrap_or(FIRST).to_owned(),
+    };
+    let accuracy = given.metadata.capture.as_ref().and_then(|c| c.accuracy);
+    Ok(Facts {
+        metadata: given.published_metadata(),
+        rights: given.rights.clone(),
+        slug: given.slug.clone(),
+        before,
+        published,
+        note,
+        location_redacted: given.place.is_some(),
+        crs: if given.place == Some(Place::Nowhere) { None } else { given.crs.clone() },
+        accuracy: given.of_pack.capture_accuracy.or(accuracy),
+        tool: format!("kilwa {}", env!("CARGO_PKG_VERSION")),
+    })
+}
+
+/// Whether the last version says that it was made by a command with these options.
+pub(super) fn is_same_request(args: &Args, m: &Manifest) -> bool {
+    let note = args.version_note.as_deref().map_or(FIRST, str::trim);
+    m.versions
+        .last()
+        .is_some_and(|last| last.note.trim() == note && args.date.as_ref().is_none_or(|day| *day == last.published))
+}
+
+/// Whether an earlier run of this very command seems to have published the last version, so that no note for another one is asked for. Whether it has
+/// is known when the pack is hashed.
+fn may_be_there(args: &Args, given: &Given, object: &Path, m: &Manifest) -> bool {
+    let Some(last) = m.versions.last().filter(|_| is_same_request(args, m)) else { return false };
+    let is_pack = last.pack.identity == given.identity && last.pack.bytes == given.pack_bytes;
+    let written = std::fs::read(object.join(&last.folder).join(METADATA));
+    last.location_redacted == given.place.is_some()
+        && (is_pack || given.place.is_some())
+        && written.is_ok_and(|written| is_metadata(&written, &given.published_metadata()))
 }
 
 /// A text, or which line has what is not UTF-8, as it was most likely meant.

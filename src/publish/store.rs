@@ -48,13 +48,16 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     if args.dry_run {
         return mapping::print(&here, &plan);
     }
-    let mut report = write::run(&here, &plan).map_err(in_words)?;
+    let mut report = write::run(&here, &mut plan).map_err(in_words)?;
+    report.object = format!("{at}/");
+    if report.already {
+        return super::say(args, &report);
+    }
     let bar = spinner();
     let told = |key: &str| bar.set_message(format!("sending {}", visible(key)));
     store
         .send(&slug, shelf.path(), report.version, &against, &told)
         .with_context(|| format!("{at}: not published; what was sent stays, and the same command goes on"))?;
     bar.finish_and_clear();
-    report.object = format!("{at}/");
     super::say(args, &report)
 }

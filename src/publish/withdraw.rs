@@ -1,10 +1,11 @@
 //! `kilwa publish --withdraw`: the files go to a folder outside, a tombstone stays.
 
 use super::Args;
+use super::write::{locked, spinner};
 use anyhow::{Context, bail, ensure};
 use kilwa_server::object::Slug;
-use kilwa_server::object::draft::Lock;
-use kilwa_server::object::withdraw::{Outlook, outlook, withdraw};
+use kilwa_server::object::site;
+use kilwa_server::object::withdraw::{Outlook, Withdrawal, outlook, withdraw};
 use std::io::Write as _;
 use std::path::Path;
 
@@ -27,20 +28,19 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
     if !args.to.join(slug.as_str()).is_dir() {
         bail!("there is no {} in {}", slug, args.to.display());
     }
-    let there = outlook(&args.to, &slug)?;
-    let is_done = there.going.0 == 0 && !there.bag;
-    if let Some(day) = there.withdrawn.as_ref().filter(|_| is_done) {
-        bail!("{}/{slug} was withdrawn on {day} already; nothing was changed", args.to.display());
-    }
     if args.dry_run {
-        return say_outlook(args, &slug, keep, &there);
+        return say_outlook(args, &slug, keep, &ready(args, &slug)?);
     }
-    let _lock = Lock::take(&args.to)?;
-    std::fs::create_dir_all(keep).with_context(|| format!("cannot make the folder {}", keep.display()))?;
-    let kept = withdraw(&args.to, &slug, reason, &day, keep, &|_| Ok(()))?;
-    if args.site {
-        kilwa_server::object::site::write(&args.to, &kilwa_server::Page::load(args.www.as_deref())?)?;
+    let page = args.site.then(|| kilwa_server::Page::load(args.www.as_deref())).transpose()?;
+    let lock = locked(&args.to, &spinner())?;
+    let write_site = || page.as_ref().map_or(Ok(()), |page| site::write(&lock, page, &|_| Ok(())));
+    // Whether anything is left to do is known when nobody else does it.
+    if let Err(done) = ready(args, &slug) {
+        write_site()?;
+        return Err(done);
     }
+    let kept = withdraw(&lock, &slug, &Withdrawal { reason, day: &day, keep }, &|_| Ok(()))?;
+    write_site()?;
     let mut out = crate::terminal::out();
     if args.json {
         let report = serde_json::json!({ "withdrawn": slug.as_str(), "kept": kept.display().to_string(), "date": day });
@@ -49,6 +49,16 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
         writeln!(out, "{}/{slug}: withdrawn; its files are in {}", args.to.display(), kept.display())?;
     }
     Ok(())
+}
+
+/// What is left to be done, which must be something.
+fn ready(args: &Args, slug: &Slug) -> anyhow::Result<Outlook> {
+    let there = outlook(&args.to, slug)?;
+    let is_done = there.going.0 == 0 && !there.bag;
+    if let Some(day) = there.withdrawn.as_ref().filter(|_| is_done) {
+        bail!("{}/{slug} was withdrawn on {day} already; nothing was changed", args.to.display());
+    }
+    Ok(there)
 }
 
 /// What would be done.

@@ -1,18 +1,21 @@
 //! From a plan to the object on disk.
 
-use super::plan::Plan;
+use super::plan::{Plan, is_same_request};
 use super::{Args, Report, notes, pictures};
 use crate::{extract, redact, source, verify};
-use anyhow::{Context, bail};
+use anyhow::{Context, ensure};
 use indicatif::ProgressBar;
 use kilwa_pack::visible::visible;
 use kilwa_server::object::Manifest;
-use kilwa_server::object::assemble::{complete, is_published};
+use kilwa_server::object::assemble::{Landing, complete, is_published, write_viewer};
 use kilwa_server::object::bag::{self, BagInfo};
 use kilwa_server::object::checksums::sha256;
-use kilwa_server::object::draft::{Draft, Lock};
+use kilwa_server::object::draft::{Draft, Steps};
 use kilwa_server::object::layout::{ANNOTATIONS, PREVIEW, PREVIEW_MAX, pack_name};
-use kilwa_server::object::record::{Preview, Publication};
+use kilwa_server::object::lock::{Lock, PATIENCE};
+use kilwa_server::object::next::settle;
+use kilwa_server::object::record::Preview;
+use kilwa_server::object::site;
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -21,61 +24,71 @@ use std::time::Duration;
 /// The pack's name in the draft, until its hash is known.
 const PART: &str = "pack.part";
 
-pub(super) fn run(args: &Args, plan: &Plan) -> anyhow::Result<Report> {
-    let (shelf, facts) = (&args.to, &plan.facts);
+pub(super) fn run(args: &Args, plan: &mut Plan) -> anyhow::Result<Report> {
+    run_with(args, plan, &|pack, folder, plan, bar| picture(pack, folder, plan, args.software, bar))
+}
+
+/// Makes pictures and preview of a pack in a folder.
+type Picture<'a> = &'a dyn Fn(&Path, &Path, &Plan, &ProgressBar) -> anyhow::Result<Pictured>;
+
+/// Whatever takes long is done in a hidden folder and keeps nobody from publishing. Then the folder is locked, and the version is decided by what is
+/// published at that moment.
+fn run_with(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Result<Report> {
+    let (shelf, slug) = (&args.to, plan.facts.slug.clone());
     let bar = spinner();
     verify::sound(&plan.given.pack)?;
     std::fs::create_dir_all(shelf).with_context(|| format!("cannot make the folder {}", shelf.display()))?;
-    let _lock = Lock::take(shelf)?;
     let say = |what: &str| {
         bar.set_message(visible(what).into_owned());
         Ok(())
     };
-    let mut draft = Draft::begin(shelf, &facts.slug, facts.version(), &say)?;
-    let folder = draft.folder();
-    let part = folder.join(PART);
-    bar.set_message("copying the pack");
-    let taken = without_place(plan, &part)?;
-    if taken.is_none() {
-        copy(&plan.given.pack, &part)?;
+    let mut draft = Draft::begin(&locked(shelf, &bar)?, &slug, &say)?;
+    let made = Made::of(plan, &mut draft, picture, &bar)?;
+    write_viewer(&mut draft, &plan.page)?;
+    let lock = locked(shelf, &bar)?;
+    if args.site {
+        site::check(shelf)?;
     }
-    let reader = source::open_pack(&part)?;
-    let (of_pack, identity) = (reader.metadata().clone(), reader.identity());
-    drop(reader);
-    let (bytes, pack_sum) = draft.adopt_named(PART, pack_name)?;
-    let noted = notes::published(plan, taken.as_ref(), &of_pack, &pack_sum, &identity)?;
-    let notes_sum = noted.as_deref().map(sha256);
-    let object = shelf.join(facts.slug.as_str());
-    let is_there = |b: &&Manifest| is_published(&object, b, &pack_sum, &facts.metadata, notes_sum.as_deref());
-    if let Some(before) = facts.before.as_ref().filter(is_there) {
-        bail!(
+    let (planned, before) = (plan.facts.version(), settle(&lock, &slug, &say)?);
+    plan.facts.before.clone_from(&before);
+    let noted = notes::published(plan, made.taken.as_ref(), &made.of_pack, &made.pack_sum, &made.identity)?;
+    let (object, notes_sum) = (shelf.join(slug.as_str()), noted.as_deref().map(sha256));
+    let is_there = |b: &&Manifest| is_published(&object, b, &made.pack_sum, &plan.facts.metadata, notes_sum.as_deref());
+    if let Some(before) = before.as_ref().filter(is_there) {
+        ensure!(
+            is_same_request(args, before),
             "{}: version {} has this very pack, metadata and notes; there is nothing new to publish",
             plan.at,
             before.versions.len()
         );
+        drop(draft);
+        return already(args, plan, before, &made, &lock, &say);
     }
-    let pack_path = folder.join(pack_name(&pack_sum));
-    let pictured = picture(&pack_path, &folder, plan, args.software, &bar)?;
-    for path in &pictured.files {
-        draft.adopt(path)?;
-    }
+    plan.renew(args, before)?;
+    let facts = &plan.facts;
     if let Some(noted) = &noted {
         draft.write(ANNOTATIONS, noted)?;
     }
-    let publication = facts.publication(facts.pack_entry(bytes, pack_sum, identity), of_pack, pictured.preview);
-    let publication = publication.with_notes(&folder).context("cannot read the notes")?;
+    let entry = facts.pack_entry(made.bytes, made.pack_sum, made.identity);
+    let publication = facts.publication(entry, made.of_pack, made.pictured.preview);
+    let publication = publication.with_notes(&draft.folder()).context("cannot read the notes")?;
     let list = args.site.then(|| "../".to_owned());
-    let completed = complete(draft, facts, &publication, &plan.page, pictured.drawings, list)?;
-    let bag = if args.bag { Some(wrap(shelf, &publication, &say)?) } else { None };
-    if args.site {
-        kilwa_server::object::site::write(shelf, &plan.page)?;
-    }
+    let landing = Landing { viewer: &plan.page, drawings: made.pictured.drawings, list };
+    let completed = complete(draft, &lock, facts, &publication, landing)?;
+    let bag = around(args, plan, &lock, (&publication.published, &publication.pack.identity), &say)?;
     bar.finish_and_clear();
-    let mut left_out = pictured.left_out;
+    let mut left_out = made.pictured.left_out;
     left_out.extend(plan.channels_left_out());
     left_out.extend(notes::left_out(plan));
     if publication.url().is_none() {
         left_out.push("oembed.json, which needs an address".to_owned());
+    }
+    let mut warnings = plan.warnings();
+    if publication.version != planned {
+        warnings.push(format!(
+            "version {planned} was published by somebody else while this one was made; this one is version {}",
+            publication.version
+        ));
     }
     Ok(Report {
         object: completed.object.display().to_string(),
@@ -89,8 +102,80 @@ pub(super) fn run(args: &Args, plan: &Plan) -> anyhow::Result<Report> {
         pack: publication.pack,
         bag,
         left_out,
-        warnings: plan.warnings(),
+        warnings,
         advice: plan.advice(),
+    })
+}
+
+/// The lock of the folder of objects. Who has to wait for it is told so.
+pub(super) fn locked(shelf: &Path, bar: &ProgressBar) -> anyhow::Result<Lock> {
+    let waits = || {
+        let line = format!(
+            "kilwa: another kilwa is publishing to or withdrawing from {}; waiting for it, {} minutes at most",
+            shelf.display(),
+            PATIENCE.as_secs() / 60
+        );
+        bar.suspend(|| drop(writeln!(std::io::stderr(), "{line}")));
+    };
+    Ok(Lock::wait(shelf, PATIENCE, &waits)?)
+}
+
+/// What of a version is made without knowing what is published.
+struct Made {
+    taken: Option<redact::TakenOut>,
+    of_pack: kilwa_pack::Metadata,
+    identity: String,
+    bytes: u64,
+    pack_sum: String,
+    pictured: Pictured,
+}
+
+impl Made {
+    fn of(plan: &Plan, draft: &mut Draft<'_>, picture: Picture<'_>, bar: &ProgressBar) -> anyhow::Result<Self> {
+        let folder = draft.folder();
+        let part = folder.join(PART);
+        bar.set_message("copying the pack");
+        let taken = without_place(plan, &part)?;
+        if taken.is_none() {
+            copy(&plan.given.pack, &part)?;
+        }
+        let reader = source::open_pack(&part)?;
+        let (of_pack, identity) = (reader.metadata().clone(), reader.identity());
+        drop(reader);
+        let (bytes, pack_sum) = draft.adopt_named(PART, pack_name)?;
+        let pictured = picture(&folder.join(pack_name(&pack_sum)), &folder, plan, bar)?;
+        for path in &pictured.files {
+            draft.adopt(path)?;
+        }
+        Ok(Self { taken, of_pack, identity, bytes, pack_sum, pictured })
+    }
+}
+
+/// An earlier run has published this version: what it did not come to is done.
+fn already(
+    args: &Args,
+    plan: &Plan,
+    before: &Manifest,
+    made: &Made,
+    lock: &Lock,
+    steps: Steps<'_>,
+) -> anyhow::Result<Report> {
+    let last = before.versions.last().context("a manifest has versions")?;
+    let bag = around(args, plan, lock, (&last.published, &last.pack.identity), steps)?;
+    Ok(Report {
+        object: plan.at.clone(),
+        slug: plan.facts.slug.to_string(),
+        version: last.version,
+        published: last.published.clone(),
+        already: true,
+        files: 1,
+        bytes: made.bytes,
+        pack: last.pack.clone(),
+        notes: plan.given.notes.as_ref().map_or(0, |n| n.notes.len()),
+        bag,
+        left_out: Vec::new(),
+        warnings: Vec::new(),
+        advice: Vec::new(),
     })
 }
 
@@ -165,19 +250,35 @@ fn preview(pack: &Path, folder: &Path, left_out: &mut Vec<String>) -> anyhow::Re
     }
 }
 
-fn wrap(shelf: &Path, p: &Publication, steps: kilwa_server::object::draft::Steps<'_>) -> anyhow::Result<String> {
+/// What lies around the object: its bag and the pages of the folder, where they are asked for; the bag's folder.
+fn around(
+    args: &Args,
+    plan: &Plan,
+    lock: &Lock,
+    (published, identity): (&str, &str),
+    steps: Steps<'_>,
+) -> anyhow::Result<Option<String>> {
+    let m = &plan.facts.metadata;
+    let identifier = m.identifier.clone().or_else(|| m.url.clone());
     let info = BagInfo {
-        organization: p.metadata.publisher.clone(),
-        identifier: p
-            .metadata
-            .identifier
-            .clone()
-            .or_else(|| p.metadata.url.clone())
-            .unwrap_or_else(|| format!("urn:kilwa:{}", p.pack.identity)),
-        description: p.metadata.title.clone(),
-        date: p.published.clone(),
-        tool: p.tool.clone(),
+        organization: m.publisher.clone(),
+        identifier: identifier.unwrap_or_else(|| format!("urn:kilwa:{identity}")),
+        description: m.title.clone(),
+        date: published.to_owned(),
+        tool: plan.facts.tool.clone(),
     };
-    let bag = bag::wrap(shelf, &p.slug, &info, steps).context("the object is published; its bag could not be made")?;
-    Ok(bag.display().to_string())
+    let mut bag = None;
+    if args.bag {
+        let made = bag::wrap(lock, &plan.facts.slug, &info, steps);
+        bag = Some(made.context("the object is published; its bag could not be made")?.display().to_string());
+    }
+    if args.site {
+        let made = site::write(lock, &plan.page, steps);
+        made.context("the object is published; the pages of the folder could not be written")?;
+    }
+    Ok(bag)
 }
+
+#[cfg(test)]
+#[path = "races.rs"]
+mod races;

@@ -16,6 +16,7 @@ use kilwa_server::object::layout::{
     PAGE, PARADATA, POSTER, README, version_of,
 };
 use kilwa_server::object::manifest::{FileEntry, MANIFEST_MAX, Seal, seal_of};
+use kilwa_server::object::next::NEXT;
 use kilwa_server::object::notes::NOTES_MAX;
 use kilwa_server::object::sound;
 use kilwa_server::object::{AccessState, Manifest, Metadata, Notes, Version};
@@ -274,8 +275,25 @@ impl Check<'_> {
         }
     }
 
+    /// The landing page. Where publishing or withdrawing was cut off between manifest and page, the page lies beside it, and the old one is shown by
+    /// static hosts.
+    fn page(&mut self, manifest: &Manifest) -> Option<Vec<u8>> {
+        let page = self.place.read(&format!("{NEXT}/{PAGE}"), LIST_MAX).ok().flatten();
+        let Some(page) = page.filter(|page| sha256(page) == manifest.page.sha256) else {
+            return self.entry(&manifest.page);
+        };
+        self.report.files += 1;
+        self.report.bytes += page.len() as u64;
+        let path = self.path(PAGE);
+        let again = "run the same `kilwa publish` again, which goes on";
+        self.report
+            .notes
+            .push(format!("{path} is still the page of before: a change was cut off after it was made. {again}"));
+        Some(page)
+    }
+
     fn contents(&mut self, manifest: &Manifest) -> anyhow::Result<()> {
-        let page = self.entry(&manifest.page);
+        let page = self.page(manifest);
         let mut there: BTreeSet<String> = [MANIFEST, PAGE].map(str::to_owned).into();
         let mut complete = true;
         let mut records = Vec::new();
@@ -285,9 +303,18 @@ impl Check<'_> {
                 self.report.notes.push(format!("{name} is withdrawn and not there"));
                 continue;
             }
+            let is_left = manifest.access.state == AccessState::Withdrawn
+                && matches!(self.place.open(&version.pack.url), Ok(Some(_)));
+            if is_left {
+                let name = self.path(&version.pack.url);
+                let again = "run the same `kilwa publish --withdraw` again, which goes on";
+                self.report
+                    .notes
+                    .push(format!("{name} is withdrawn and still there: withdrawing was cut off. {again}"));
+            }
             complete &= self.version(manifest, version, &mut there, &mut records)?;
         }
-        self.extra(&there);
+        self.extra(manifest, &there);
         // What is withdrawn leads to what is gone.
         if complete && manifest.access.state != AccessState::Withdrawn {
             let home = manifest.url.as_deref();
@@ -425,7 +452,7 @@ impl Check<'_> {
     }
 
     /// Files that nobody lists.
-    fn extra(&mut self, there: &BTreeSet<String>) {
+    fn extra(&mut self, manifest: &Manifest, there: &BTreeSet<String>) {
         let files = match self.place.list("") {
             Ok(Some(files)) => files,
             Ok(None) => return,
@@ -434,11 +461,21 @@ impl Check<'_> {
                 return;
             }
         };
+        let began = self.begun_version(manifest);
+        if let Some(folder) = &began {
+            let path = self.path(folder);
+            let note = "is a version that was cut off while it was published, and is not published; the next publication takes it away";
+            self.report.notes.push(format!("{path} {note}"));
+        }
+        let mut hidden = BTreeSet::new();
         for (path, _) in files.iter().filter(|(path, _)| !there.contains(path)) {
-            if path.split('/').any(|part| part.starts_with(HIDDEN)) {
-                let path = self.path(path);
-                let note = "was left by a publication that was cut off; the next one takes it away";
-                self.report.notes.push(format!("{path} {note}"));
+            let first = path.split('/').next().unwrap_or_default();
+            if began.as_deref() == Some(first) {
+                continue;
+            }
+            if let Some(part) = path.split('/').find(|part| part.starts_with(HIDDEN)) {
+                let end = path.find(part).unwrap_or_default() + part.len();
+                hidden.insert(path.get(..end).unwrap_or(path).to_owned());
                 continue;
             }
             let of_version = path.split_once('/').and_then(|(folder, _)| version_of(folder)).is_some();
@@ -449,6 +486,20 @@ impl Check<'_> {
             };
             self.add(path, Kind::Extra, format!("nobody knows this file: {by}"));
         }
+        for path in hidden {
+            let path = self.path(&path);
+            let note =
+                "belongs to a publication that is being made, or was cut off; the next one takes away what was left";
+            self.report.notes.push(format!("{path} {note}"));
+        }
+    }
+
+    /// The folder of a version that was cut off before the manifest named it: the manifest that would have lies beside it.
+    fn begun_version(&self, manifest: &Manifest) -> Option<String> {
+        let next = self.place.read(&format!("{NEXT}/{MANIFEST}"), MANIFEST_MAX).ok()??;
+        let next = Manifest::parse(&next).ok()?;
+        let is_next = |v: &&Version| v.version as usize == manifest.versions.len() + 1;
+        next.versions.iter().find(is_next).map(|v| v.folder.clone())
     }
 
     /// Links that stay in the object lead to a file of it.

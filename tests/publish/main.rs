@@ -5,6 +5,7 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+mod cut;
 mod notes;
 mod object;
 mod opinions;

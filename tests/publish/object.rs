@@ -133,7 +133,10 @@ fn versions_are_added_with_what_is_new_and_the_old_ones_stay_as_they_are() {
     let bench = Bench::new();
     let object = bench.published(&pack(), FULL, &[]);
     let first = tree(&object.join("v1"));
-    let said = bench.refused(&pack(), FULL, &[]);
+    let again = bench.publish(&pack(), FULL, &[]);
+    let said = String::from_utf8_lossy(&again.stdout).into_owned();
+    assert!(again.status.success() && said.contains("is there already, version 1 of 2026-11-21"), "{said}");
+    let said = bench.refused(&pack(), &FULL.replace("First paragraph", "Better text"), &["--date", "2026-12-01"]);
     assert!(said.contains("--version-note"), "{said}");
     let said = bench.refused(&pack(), FULL, &["--version-note", "Nothing", "--date", "2026-12-01"]);
     assert!(said.contains("nothing new to publish"), "{said}");

@@ -7,6 +7,7 @@
 use super::draft::{Draft, DraftError};
 use super::layout::Slug;
 use super::layout::{ANNOTATIONS, CRATE, MANIFEST, METADATA, VIEWER, pack_name, version_folder};
+use super::lock::Lock;
 use super::manifest::{Access, AccessState, FORM, Figures, FileEntry, Manifest, PackEntry, RightsEntry, Version};
 use super::metadata::{Metadata, crs};
 use super::page::{self, Surroundings};
@@ -151,32 +152,51 @@ pub struct Completed {
     pub bytes: u64,
 }
 
-/// Write everything beside pack, pictures and preview, which the draft holds already, and give the version its name.
-/// `drawings` are its drawings (path, words), `list` the address of a catalogue, relative to the object.
+/// Write the viewer, which is the same whatever the version says.
 ///
 /// # Errors
-/// [`DraftError`]; the object is as it was before.
+/// [`DraftError`].
+pub fn write_viewer(draft: &mut Draft<'_>, viewer: &Page) -> Result<(), DraftError> {
+    for (name, bytes) in viewer.files().filter(|(name, _)| !name.starts_with("examples/")) {
+        draft.write(&format!("{VIEWER}/{name}"), bytes)?;
+    }
+    Ok(())
+}
+
+/// What the landing page of a version shows beside its records.
+#[derive(Debug)]
+pub struct Landing<'a> {
+    /// The viewer that it is made from.
+    pub viewer: &'a Page,
+    /// Its drawings: path and words.
+    pub drawings: Vec<(String, String)>,
+    /// Address of a catalogue, relative to the object.
+    pub list: Option<String>,
+}
+
+/// Write everything beside pack, pictures, preview and viewer, which the draft holds already, and give the version its name. `lock` is that of the
+/// folder of objects, under which the facts were decided.
+///
+/// # Errors
+/// [`DraftError`]; the object is as it was before, but for [`DraftError::Unfinished`].
 pub fn complete(
     mut draft: Draft<'_>,
+    lock: &Lock,
     facts: &Facts,
     publication: &Publication,
-    viewer: &Page,
-    drawings: Vec<(String, String)>,
-    list: Option<String>,
+    landing: Landing<'_>,
 ) -> Result<Completed, DraftError> {
     for (path, bytes) in records(publication) {
         draft.write(path, &bytes)?;
-    }
-    for (name, bytes) in viewer.files().filter(|(name, _)| !name.starts_with("examples/")) {
-        draft.write(&format!("{VIEWER}/{name}"), bytes)?;
     }
     let crate_ = ro_crate(publication, draft.files());
     draft.write(CRATE, &crate_)?;
     let (files, bytes) = (draft.files().len() + 1, draft.files().iter().map(|(_, bytes, _)| bytes).sum());
     let earlier = facts.before.as_ref().map(|m| m.versions.clone()).unwrap_or_default();
-    let around = Surroundings { earlier, drawings, list };
-    let html = page::landing(viewer.html(), publication, &around);
-    let object = draft.finish(html.as_bytes(), |checksums, page| facts.manifest(publication, checksums, page))?;
+    let around = Surroundings { earlier, drawings: landing.drawings, list: landing.list };
+    let html = page::landing(landing.viewer.html(), publication, &around);
+    let manifest = |checksums, page| facts.manifest(publication, checksums, page);
+    let object = draft.finish(lock, publication.version, html.as_bytes(), manifest)?;
     Ok(Completed { object, files, bytes })
 }
 

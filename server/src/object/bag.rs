@@ -1,13 +1,17 @@
 //! BagIt (RFC 8493): an object wrapped for deposit, `<slug>.bag/` with the object as its payload in `data/`.
 //!
 //! Files are linked where the file system can (nothing that is published ever changes in place), copied else. Written under a hidden name and
-//! renamed; a bag that is there is replaced.
+//! renamed; a bag that is there is replaced. Cut off between the two renames there is no bag until the same command is run again: it is made of the
+//! object, which is untouched.
 
 use super::checksums::{Checksums, sha256, sha256_of};
-use super::draft::{DraftError, HIDDEN, Steps};
+use super::disk;
+use super::draft::{DraftError, Steps};
 use super::layout::Slug;
+use super::lock::Lock;
+use super::scratch::{self, Scratch};
 use std::fs::{self, File};
-use std::io::{self, BufReader, Write};
+use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 
 /// What stands in bag-info.txt.
@@ -25,11 +29,12 @@ pub struct BagInfo {
     pub tool: String,
 }
 
-/// Wrap the object `slug` of the folder `shelf`; the folder of the bag.
+/// Wrap the object `slug` of the locked folder; the folder of the bag.
 ///
 /// # Errors
 /// [`DraftError::Disk`]; a bag that was there before stands then.
-pub fn wrap(shelf: &Path, slug: &Slug, info: &BagInfo, steps: Steps<'_>) -> Result<PathBuf, DraftError> {
+pub fn wrap(lock: &Lock, slug: &Slug, info: &BagInfo, steps: Steps<'_>) -> Result<PathBuf, DraftError> {
+    let shelf = lock.folder();
     let object = shelf.join(slug.as_str());
     let bag = shelf.join(format!("{slug}.bag"));
     let failed = |path: &Path| {
@@ -37,14 +42,16 @@ pub fn wrap(shelf: &Path, slug: &Slug, info: &BagInfo, steps: Steps<'_>) -> Resu
         move |source| DraftError::Disk { what: "write", path, source }
     };
     steps("bag").map_err(failed(&bag))?;
-    let hidden =
-        tempfile::Builder::new().prefix(&format!("{HIDDEN}{slug}-")).tempdir_in(shelf).map_err(failed(shelf))?;
+    scratch::sweep(shelf, &|name| scratch::is_of(slug, name), steps)?;
+    let hidden = Scratch::create(shelf, &scratch::prefix(slug), steps)?;
+    let whole = hidden.path().join("bag");
+    disk::create_dir(&whole, steps)?;
     let mut payload = Checksums::default();
     let (mut bytes, mut files) = (0, 0);
     let mut all = Vec::new();
     list(&object, "", &mut all).map_err(failed(&object))?;
     for path in all {
-        let (from, to) = (object.join(&path), hidden.path().join("data").join(&path));
+        let (from, to) = (object.join(&path), whole.join("data").join(&path));
         steps(&path).map_err(failed(&to))?;
         let (length, sum) = take(&from, &to).map_err(failed(&to))?;
         payload.add(format!("data/{path}"), sum);
@@ -59,21 +66,16 @@ pub fn wrap(shelf: &Path, slug: &Slug, info: &BagInfo, steps: Steps<'_>) -> Resu
     ];
     for (name, text) in texts {
         tags.add(name, sha256(text.as_bytes()));
-        put(&hidden.path().join(name), text.as_bytes()).map_err(failed(&bag))?;
+        disk::write(&whole.join(name), text.as_bytes(), steps)?;
     }
-    put(&hidden.path().join("tagmanifest-sha256.txt"), tags.to_text().as_bytes()).map_err(failed(&bag))?;
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        fs::set_permissions(hidden.path(), fs::Permissions::from_mode(0o755)).map_err(failed(&bag))?;
-    }
-    let old = tempfile::Builder::new().prefix(&format!("{HIDDEN}{slug}-")).tempdir_in(shelf).map_err(failed(shelf))?;
-    steps("bag, its name").map_err(failed(&bag))?;
+    disk::write(&whole.join("tagmanifest-sha256.txt"), tags.to_text().as_bytes(), steps)?;
+    disk::open_to_all(&whole, steps)?;
+    disk::sync_folders(&whole)?;
     if bag.exists() {
-        fs::rename(&bag, old.path().join("bag")).map_err(failed(&bag))?;
+        disk::rename(&bag, &hidden.path().join("old"), steps)?;
     }
-    fs::rename(hidden.path(), &bag).map_err(failed(&bag))?;
-    let _ = hidden.keep();
+    disk::rename(&whole, &bag, steps)?;
+    hidden.close(steps)?;
     Ok(bag)
 }
 
@@ -111,12 +113,7 @@ fn take(from: &Path, to: &Path) -> io::Result<(u64, String)> {
     }
     if fs::hard_link(from, to).is_err() {
         fs::copy(from, to)?;
+        File::open(to)?.sync_all()?;
     }
     sha256_of(BufReader::new(File::open(to)?))
-}
-
-fn put(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let mut file = File::create_new(path)?;
-    file.write_all(bytes)?;
-    file.sync_all()
 }

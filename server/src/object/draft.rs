@@ -1,18 +1,22 @@
-//! Putting a version on disk so that nobody ever sees half of one.
+//! Putting a version on disk so that nobody ever sees half of one, and two who publish at once lose nothing.
 //!
-//! Everything is written under a hidden temporary name on the same file system, on disk (fsync), and renamed at the end. A first version appears
-//! with its object in one rename. A further version: its folder is renamed, then the landing page is replaced, then the manifest; what is
-//! there before the last step is the old object, complete, with one folder more that no manifest names. A failure removes what was
-//! begun; what a power cut leaves (names that begin with `.kilwa-`, a version folder without a place in the manifest) the next
-//! publication of that object takes away. One publication at a time per folder (a lock on the folder).
+//! A [`Draft`] is made in a hidden folder on the same file system ([`super::scratch`]), which takes as long as it takes and keeps nobody from
+//! publishing. Then the folder of objects is locked ([`super::lock`]), what is published is read again ([`super::next::settle`]), everything that depends on it
+//! is decided, and [`Draft::finish`] gives the version its name: a first one appears with its object in one rename, a further one by
+//! [`super::next`]. A version folder that is there is never touched.
 //!
 //! Before every change on disk [`Steps`] is told of it: for progress, and for tests that fail or kill there.
 
 use super::checksums::{Checksum, Checksums, sha256, sha256_of};
+use super::disk::{self, failed};
 use super::layout::{CHECKSUMS, MANIFEST, PAGE, Slug, safe, version_folder};
-use super::manifest::{FileEntry, Manifest, ManifestError};
+use super::lock::Lock;
+use super::manifest::{FileEntry, MANIFEST_MAX, Manifest, ManifestError};
+use super::next::become_next;
+use super::scratch::{self, Scratch};
+use crate::store::read_small;
 use std::fs::{self, File};
-use std::io::{self, BufReader, Write};
+use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -35,12 +39,37 @@ pub enum DraftError {
         /// The system's reason.
         source: io::Error,
     },
-    /// Another program publishes here now.
-    #[error("another kilwa publishes to {0} at this moment; run the same again when it is done")]
+    /// Another program changes the folder now.
+    #[error(
+        "another kilwa is publishing to or withdrawing from {0}; nothing was changed. Run the same command again when it is done"
+    )]
     Busy(PathBuf),
+    /// The folder cannot be locked.
+    #[error(
+        "cannot lock {path}: {source}. Without a lock two publications at once could lose one of them; nothing was changed. \
+         Publish on the computer that has the disk, or mount it so that files can be locked"
+    )]
+    Unlockable {
+        /// Which folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
     /// Something is there that must not be replaced.
     #[error("{0} is there already")]
     There(PathBuf),
+    /// A version folder that the manifest does not name.
+    #[error(
+        "{0} is there, and manifest.json does not name it: somebody may be copying that version here, or an earlier kilwa was cut off. \
+         It is left as it is; wait for the copy, or move the folder away, and run the same command again"
+    )]
+    Unnamed(PathBuf),
+    /// The manifest was replaced, what follows it was not.
+    #[error("the change is made, and could not be finished: {what}; run the same command again", what = without_hint(.0))]
+    Unfinished(#[source] Box<DraftError>),
+    /// What is there is no object, for people.
+    #[error("{0}")]
+    Other(String),
     /// A file of somebody else's stands where one of ours would.
     #[error("{0} is not from kilwa and is left as it is; move it away, publish to another folder, or leave --site out")]
     Foreign(PathBuf),
@@ -61,67 +90,47 @@ fn hint(e: &io::Error) -> &'static str {
     }
 }
 
-fn disk(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DraftError {
-    let path = path.to_owned();
-    move |source| DraftError::Disk { what, path, source }
-}
-
-/// Held while something is published to a folder.
-#[derive(Debug)]
-pub struct Lock {
-    _folder: Option<File>,
-}
-
-impl Lock {
-    /// Take the folder for oneself.
-    ///
-    /// # Errors
-    /// [`DraftError::Busy`] while another program has it.
-    pub fn take(folder: &Path) -> Result<Self, DraftError> {
-        // Where folders cannot be opened as files (Windows) there is no lock.
-        let Ok(file) = File::open(folder) else { return Ok(Self { _folder: None }) };
-        match file.try_lock() {
-            Err(fs::TryLockError::WouldBlock) => Err(DraftError::Busy(folder.to_owned())),
-            Ok(()) | Err(fs::TryLockError::Error(_)) => Ok(Self { _folder: Some(file) }),
-        }
+/// An error without the advice of who has changed nothing.
+fn without_hint(e: &DraftError) -> String {
+    match e {
+        DraftError::Disk { what, path, source } => format!("cannot {what} {}: {source}", path.display()),
+        other => other.to_string(),
     }
 }
 
 /// A version that is being written.
 pub struct Draft<'a> {
-    shelf: PathBuf,
     slug: Slug,
-    version: u32,
-    /// The hidden folder: of the object for a first version, of the version else.
-    hidden: tempfile::TempDir,
+    hidden: Scratch,
     files: Vec<(String, u64, Checksum)>,
     steps: Steps<'a>,
 }
 
 impl<'a> Draft<'a> {
-    /// Begin version `version` of the object `slug` in the folder `shelf`, which is there. A first version begins an object.
+    /// Begin a version of the object `slug` in the locked folder; what earlier ones that were cut off have left is removed. The lock is not needed
+    /// while the version is made.
     ///
     /// # Errors
-    /// [`DraftError`] when the folder cannot be written to, or the object is there already (first version).
-    pub fn begin(shelf: &Path, slug: &Slug, version: u32, steps: Steps<'a>) -> Result<Self, DraftError> {
-        let object = shelf.join(slug.as_str());
-        let first = version == 1;
-        if first && object.exists() {
-            return Err(DraftError::There(object));
-        }
-        let parent = if first { shelf } else { &object };
-        let prefix = if first { format!("{HIDDEN}{slug}-") } else { HIDDEN.to_owned() };
-        remove_hidden(parent, &prefix, steps)?;
-        steps("begin").map_err(disk("write to", parent))?;
-        let hidden = tempfile::Builder::new().prefix(&prefix).tempdir_in(parent).map_err(disk("write to", parent))?;
-        let draft = Self { shelf: shelf.to_owned(), slug: slug.clone(), version, hidden, files: Vec::new(), steps };
-        fs::create_dir_all(draft.folder()).map_err(disk("write", &draft.folder()))?;
+    /// [`DraftError`] when the folder cannot be written to.
+    pub fn begin(lock: &Lock, slug: &Slug, steps: Steps<'a>) -> Result<Self, DraftError> {
+        let (shelf, object) = (lock.folder(), lock.folder().join(slug.as_str()));
+        scratch::sweep(shelf, &|name| scratch::is_of(slug, name), steps)?;
+        // Who may add versions to an object need not be allowed to add objects.
+        let parent = if object.is_dir() {
+            scratch::sweep(&object, &|name| name.starts_with(HIDDEN) && name != super::next::NEXT, steps)?;
+            &object
+        } else {
+            shelf
+        };
+        let hidden = Scratch::create(parent, &scratch::prefix(slug), steps)?;
+        let draft = Self { slug: slug.clone(), hidden, files: Vec::new(), steps };
+        disk::create_dir(&draft.folder(), steps)?;
         Ok(draft)
     }
 
     /// The version's folder, under its temporary name: others may write files there, and [`Self::adopt`] them.
     pub fn folder(&self) -> PathBuf {
-        if self.version == 1 { self.hidden.path().join(version_folder(1)) } else { self.hidden.path().to_owned() }
+        self.hidden.path().join("version")
     }
 
     /// What is in it so far: path, bytes, SHA-256.
@@ -135,7 +144,7 @@ impl<'a> Draft<'a> {
     /// [`DraftError::Disk`].
     pub fn write(&mut self, path: &str, bytes: &[u8]) -> Result<(), DraftError> {
         let to = self.prepare(path)?;
-        put(&to, bytes)?;
+        disk::write(&to, bytes, self.steps)?;
         self.files.push((path.to_owned(), bytes.len() as u64, sha256(bytes)));
         Ok(())
     }
@@ -146,7 +155,7 @@ impl<'a> Draft<'a> {
     /// [`DraftError::Disk`].
     pub fn adopt(&mut self, path: &str) -> Result<(u64, Checksum), DraftError> {
         let (at, file) = self.settle(path)?;
-        let (bytes, sum) = sha256_of(BufReader::new(file)).map_err(disk("read", &at))?;
+        let (bytes, sum) = sha256_of(BufReader::new(file)).map_err(failed("read", &at))?;
         self.files.push((path.to_owned(), bytes, sum.clone()));
         Ok((bytes, sum))
     }
@@ -158,8 +167,8 @@ impl<'a> Draft<'a> {
     /// [`DraftError::Disk`], also where it has another length.
     pub fn adopt_known(&mut self, path: &str, bytes: u64, sum: &str) -> Result<(), DraftError> {
         let (at, file) = self.settle(path)?;
-        if file.metadata().map_err(disk("read", &at))?.len() != bytes {
-            return Err(disk("read", &at)(io::Error::other(format!("it is not {bytes} bytes long"))));
+        if file.metadata().map_err(failed("read", &at))?.len() != bytes {
+            return Err(failed("read", &at)(io::Error::other(format!("it is not {bytes} bytes long"))));
         }
         self.files.push((path.to_owned(), bytes, sum.to_owned()));
         Ok(())
@@ -168,9 +177,9 @@ impl<'a> Draft<'a> {
     /// A file that somebody else has written: on disk, and for a web server to read.
     fn settle(&self, path: &str) -> Result<(PathBuf, File), DraftError> {
         let at = self.prepare(path)?;
-        let file = File::open(&at).map_err(disk("read", &at))?;
-        file.sync_all().map_err(disk("write", &at))?;
-        readable(&file).map_err(disk("write", &at))?;
+        let file = File::open(&at).map_err(failed("read", &at))?;
+        file.sync_all().map_err(failed("write", &at))?;
+        disk::readable(&file).map_err(failed("write", &at))?;
         Ok((at, file))
     }
 
@@ -186,7 +195,7 @@ impl<'a> Draft<'a> {
         let (bytes, sum) = self.adopt(path)?;
         let name = name(&sum);
         let (from, to) = (self.folder().join(path), self.folder().join(&name));
-        fs::rename(&from, &to).map_err(disk("rename", &from))?;
+        disk::rename(&from, &to, self.steps)?;
         if let Some(last) = self.files.last_mut() {
             last.0 = name;
         }
@@ -196,181 +205,76 @@ impl<'a> Draft<'a> {
     fn prepare(&self, path: &str) -> Result<PathBuf, DraftError> {
         let to = self.folder().join(path);
         if !safe(path) {
-            return Err(disk("write", &to)(io::Error::other("this is no path inside of an object")));
+            return Err(failed("write", &to)(io::Error::other("this is no path inside of an object")));
         }
-        (self.steps)(path).map_err(disk("write", &to))?;
+        (self.steps)(path).map_err(failed("write", &to))?;
         if let Some(parent) = to.parent() {
-            fs::create_dir_all(parent).map_err(disk("write", parent))?;
+            fs::create_dir_all(parent).map_err(failed("write", parent))?;
         }
         Ok(to)
     }
 
-    /// Write the list of checksums, give everything its name, replace landing page and manifest. `manifest` makes it of the list of
-    /// checksums and the page as they were written.
+    /// Write the list of checksums, and give the version its name, its place in the manifest, and its page, while the folder of objects is locked.
+    /// `manifest` makes the manifest of the list of checksums and the page as they were written; it must have been decided under this lock.
     ///
     /// # Errors
-    /// [`DraftError`]; the object is as it was before.
+    /// [`DraftError`]; the object is as it was before, but for [`DraftError::Unfinished`].
     pub fn finish(
         mut self,
+        lock: &Lock,
+        version: u32,
         page: &[u8],
         manifest: impl FnOnce(FileEntry, FileEntry) -> Manifest,
     ) -> Result<PathBuf, DraftError> {
+        let object = lock.folder().join(self.slug.as_str());
+        free(&object, version)?;
         let mut list = Checksums::default();
         for (path, _, sum) in &self.files {
             list.add(path.clone(), sum.clone());
         }
         let list = list.to_text();
         self.write(CHECKSUMS, list.as_bytes())?;
-        let folder = version_folder(self.version);
+        let folder = version_folder(version);
         let entry = |url: String, bytes: &[u8]| FileEntry { url, bytes: bytes.len() as u64, sha256: sha256(bytes) };
         let manifest = manifest(entry(format!("{folder}/{CHECKSUMS}"), list.as_bytes()), entry(PAGE.to_owned(), page));
         let manifest = manifest.to_bytes()?;
-        sync_folders(&self.folder())?;
-        let object = self.shelf.join(self.slug.as_str());
-        if self.version == 1 {
-            self.appear(&object, page, &manifest)?;
+        let whole = self.hidden.path().join("next");
+        disk::create_dir(&whole, self.steps)?;
+        disk::open_to_all(&self.folder(), self.steps)?;
+        disk::rename(&self.folder(), &whole.join(&folder), self.steps)?;
+        disk::write(&whole.join(PAGE), page, self.steps)?;
+        disk::write(&whole.join(MANIFEST), &manifest, self.steps)?;
+        disk::open_to_all(&whole, self.steps)?;
+        (self.steps)("sync").map_err(failed("write", &whole))?;
+        disk::sync_folders(&whole)?;
+        if version == 1 {
+            disk::rename(&whole, &object, self.steps).map_err(|e| {
+                // It has its name, and the disk does not say that this would outlive a power cut.
+                if whole.exists() { e } else { DraftError::Unfinished(Box::new(e)) }
+            })?;
         } else {
-            self.follow(&object, &folder, page, &manifest)?;
+            become_next(&object, &whole, Some(&folder), self.steps)?;
         }
+        // It is published, whether the empty folder goes now or with the next version.
+        drop(self.hidden.close(self.steps));
         Ok(object)
     }
+}
 
-    /// A new object, in one rename.
-    fn appear(self, object: &Path, page: &[u8], manifest: &[u8]) -> Result<(), DraftError> {
-        let hidden = self.hidden.path().to_owned();
-        for (name, bytes) in [(PAGE, page), (MANIFEST, manifest)] {
-            (self.steps)(name).map_err(disk("write", &hidden.join(name)))?;
-            put(&hidden.join(name), bytes)?;
-        }
-        open_to_all(&hidden)?;
-        sync_folders(&hidden)?;
-        (self.steps)("appear").map_err(disk("rename", object))?;
-        if object.exists() {
-            return Err(DraftError::There(object.to_owned()));
-        }
-        fs::rename(&hidden, object).map_err(disk("rename", object))?;
-        // It has another name now: nothing is left to remove.
-        let _ = self.hidden.keep();
-        sync_folder(&self.shelf)
+/// Whether `version` is the next of the object, and nothing is where its folder will be.
+fn free(object: &Path, version: u32) -> Result<(), DraftError> {
+    let folder = object.join(version_folder(version));
+    if version == 1 {
+        return if object.exists() { Err(DraftError::There(object.to_owned())) } else { Ok(()) };
     }
-
-    /// A further version.
-    fn follow(self, object: &Path, folder: &str, page: &[u8], manifest: &[u8]) -> Result<(), DraftError> {
-        let to = object.join(folder);
-        (self.steps)("version folder").map_err(disk("rename", &to))?;
-        if to.exists() {
-            // Left by a publication that did not come to its manifest; never published.
-            let stale = tempfile::Builder::new().prefix(HIDDEN).tempdir_in(object).map_err(disk("write to", object))?;
-            fs::rename(&to, stale.path().join(folder)).map_err(disk("rename", &to))?;
-        }
-        open_to_all(self.hidden.path())?;
-        fs::rename(self.hidden.path(), &to).map_err(disk("rename", &to))?;
-        let _ = self.hidden.keep();
-        let old_page = fs::read(object.join(PAGE)).map_err(disk("read", &object.join(PAGE)))?;
-        let replaced = (|| {
-            sync_folder(object)?;
-            replace(object, PAGE, page, self.steps)?;
-            replace(object, MANIFEST, manifest, self.steps)
-        })();
-        if replaced.is_err() && !names_version(object, folder) {
-            // The old manifest stands: the old page goes back to it, and then the folder that nobody names goes.
-            if replace(object, PAGE, &old_page, &|_| Ok(())).is_ok() {
-                drop(fs::remove_dir_all(&to));
-            }
-        }
-        replaced
+    let path = object.join(MANIFEST);
+    let manifest = Manifest::parse(&read_small(&path, MANIFEST_MAX).map_err(failed("read", &path))?)?;
+    if super::assemble::next_version(Some(&manifest)) != version {
+        return Err(DraftError::There(folder));
     }
-}
-
-fn names_version(object: &Path, folder: &str) -> bool {
-    let manifest = fs::read(object.join(MANIFEST)).ok().and_then(|bytes| Manifest::parse(&bytes).ok());
-    manifest.is_some_and(|m| m.versions.iter().any(|v| v.folder == folder))
-}
-
-/// Replace a file of the root: written beside, on disk, renamed.
-///
-/// # Errors
-/// [`DraftError::Disk`]; the old file stands.
-pub fn replace(object: &Path, name: &str, bytes: &[u8], steps: Steps<'_>) -> Result<(), DraftError> {
-    let to = object.join(name);
-    steps(name).map_err(disk("replace", &to))?;
-    let failed = || disk("replace", &to);
-    let mut file = tempfile::Builder::new().prefix(HIDDEN).tempfile_in(object).map_err(failed())?;
-    file.write_all(bytes).map_err(failed())?;
-    readable(file.as_file()).map_err(failed())?;
-    file.as_file().sync_all().map_err(failed())?;
-    file.persist(&to).map_err(|e| failed()(e.error))?;
-    sync_folder(object)
-}
-
-/// Remove what earlier publications that were cut off have left.
-fn remove_hidden(folder: &Path, prefix: &str, steps: Steps<'_>) -> Result<(), DraftError> {
-    for entry in fs::read_dir(folder).map_err(disk("read", folder))? {
-        let entry = entry.map_err(disk("read", folder))?;
-        if !entry.file_name().to_string_lossy().starts_with(prefix) {
-            continue;
-        }
-        let path = entry.path();
-        steps("remove what an earlier publication left").map_err(disk("remove", &path))?;
-        let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
-        removed.map_err(disk("remove", &path))?;
-    }
-    Ok(())
-}
-
-/// A new file, on disk.
-fn put(path: &Path, bytes: &[u8]) -> Result<(), DraftError> {
-    let written = (|| {
-        let mut file = File::create_new(path)?;
-        file.write_all(bytes)?;
-        readable(&file)?;
-        file.sync_all()
-    })();
-    written.map_err(disk("write", path))
-}
-
-/// Temporary files and folders are private; what is published is for a web server to read.
-fn readable(file: &File) -> io::Result<()> {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        file.set_permissions(fs::Permissions::from_mode(0o644))?;
-    }
-    #[cfg(not(unix))]
-    let _ = file;
-    Ok(())
-}
-
-fn open_to_all(folder: &Path) -> Result<(), DraftError> {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        fs::set_permissions(folder, fs::Permissions::from_mode(0o755)).map_err(disk("write", folder))?;
-    }
-    #[cfg(not(unix))]
-    let _ = folder;
-    Ok(())
-}
-
-/// The names in a folder and its folders, on disk.
-fn sync_folders(folder: &Path) -> Result<(), DraftError> {
-    for entry in fs::read_dir(folder).map_err(disk("read", folder))? {
-        let path = entry.map_err(disk("read", folder))?.path();
-        if path.is_dir() {
-            sync_folders(&path)?;
-        }
-    }
-    sync_folder(folder)
-}
-
-/// The names in a folder, on disk. Systems that cannot open folders (Windows) do it themselves.
-fn sync_folder(folder: &Path) -> Result<(), DraftError> {
-    if let Ok(file) = File::open(folder) {
-        file.sync_all().map_err(disk("write", folder))?;
-    }
-    Ok(())
+    if fs::symlink_metadata(&folder).is_ok() { Err(DraftError::Unnamed(folder)) } else { Ok(()) }
 }
 
 #[cfg(test)]
 #[path = "draft_tests.rs"]
-mod tests;
+pub(crate) mod tests;

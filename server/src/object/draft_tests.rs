@@ -1,33 +1,41 @@
 use super::*;
+use crate::object::layout::pack_name;
+use crate::object::lock::PATIENCE;
 use crate::object::manifest::tests::sample;
+use crate::object::next::settle;
 use std::cell::Cell;
 use std::collections::BTreeMap;
 
-fn slug() -> Slug {
+pub(crate) fn slug() -> Slug {
     Slug::new("fort").unwrap()
 }
 
 /// Publish version `version` with some files; the words in them tell versions apart.
-fn publish(shelf: &Path, version: u32, steps: Steps<'_>) -> Result<PathBuf, DraftError> {
-    let mut draft = Draft::begin(shelf, &slug(), version, steps)?;
+pub(crate) fn publish(shelf: &Path, version: u32, steps: Steps<'_>) -> Result<PathBuf, DraftError> {
+    let mut draft = Draft::begin(&Lock::wait(shelf, PATIENCE, &|| ())?, &slug(), steps)?;
     draft.write("a.txt", format!("a of {version}").as_bytes())?;
     draft.write("metadata/b.txt", format!("b of {version}").as_bytes())?;
-    fs::write(draft.folder().join("by-others.part"), "pack").unwrap();
-    draft.adopt_named("by-others.part", |sum| format!("by-others.{}.txt", &sum[..4]))?;
-    draft.finish(format!("page of {version}").as_bytes(), |checksums, page| {
+    draft.write("viewer/style.css", b"css")?;
+    fs::write(draft.folder().join("by-others.part"), format!("pack {version}")).unwrap();
+    let (bytes, sum) = draft.adopt_named("by-others.part", pack_name)?;
+    let lock = Lock::wait(shelf, PATIENCE, &|| ())?;
+    let before = settle(&lock, &slug(), steps)?;
+    let page = format!("page of {version}, which needs v{version}/a.txt");
+    draft.finish(&lock, version, page.as_bytes(), |checksums, page| {
         let mut m = sample();
-        m.versions.truncate(version as usize);
-        m.current = version;
-        m.page = page;
-        if let Some(last) = m.versions.last_mut() {
-            last.checksums = checksums;
-        }
+        let mut added = m.versions.remove(0);
+        m.versions = before.map(|m| m.versions).unwrap_or_default();
+        (added.version, added.folder, added.checksums) = (version, version_folder(version), checksums);
+        added.pack.url = format!("v{version}/{}", pack_name(&sum));
+        (added.pack.sha256, added.pack.bytes) = (sum, bytes);
+        m.versions.push(added);
+        (m.current, m.page) = (version, page);
         m
     })
 }
 
 /// Every file of a folder, hidden ones too.
-fn tree(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+pub(crate) fn tree(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut all = BTreeMap::new();
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -41,15 +49,12 @@ fn tree(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     all
 }
 
-/// The object's manifest names folders that are complete: every checksum right, nothing else in them.
-fn is_whole(object: &Path) -> u32 {
+/// The object's manifest names folders that are complete: every checksum right, nothing else in them. The number of the version that is shown.
+pub(crate) fn is_whole(object: &Path) -> u32 {
     let manifest = Manifest::parse(&fs::read(object.join(MANIFEST)).unwrap()).unwrap();
     for v in &manifest.versions {
         let list = fs::read(object.join(&v.checksums.url)).unwrap();
-        assert_eq!(
-            sha256(&list),
-            if v.version == manifest.current { v.checksums.sha256.clone() } else { sha256(&list) }
-        );
+        assert_eq!(sha256(&list), v.checksums.sha256);
         let list = Checksums::parse(std::str::from_utf8(&list).unwrap()).unwrap();
         let there = tree(&object.join(&v.folder));
         assert_eq!(there.len(), list.len() + 1);
@@ -68,7 +73,7 @@ fn versions_are_added_and_what_is_there_never_changes() {
     assert_eq!(is_whole(&object), 1);
     publish(shelf.path(), 2, &|_| Ok(())).unwrap();
     assert_eq!((is_whole(&object), tree(&object.join("v1"))), (2, first));
-    assert_eq!(fs::read(object.join(PAGE)).unwrap(), b"page of 2");
+    assert!(fs::read_to_string(object.join(PAGE)).unwrap().starts_with("page of 2"));
     assert_eq!(fs::read_dir(&object).unwrap().count(), 4);
     assert!(matches!(publish(shelf.path(), 1, &|_| Ok(())), Err(DraftError::There(_))));
 }
@@ -92,6 +97,14 @@ fn a_failure_at_any_step_leaves_what_was_there_and_nothing_else() {
                     assert!(step > 5, "{step} steps are too few");
                     break;
                 }
+                // The manifest was replaced: it is the new object, and whoever comes next puts the page in its place.
+                Err(e @ DraftError::Unfinished(_)) => {
+                    assert!(e.to_string().contains("run the same command again"), "{e}");
+                    settle(&Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap(), &slug(), &|_| Ok(())).unwrap();
+                    let whole = tempfile::tempdir().unwrap();
+                    (1..=version).for_each(|v| drop(publish(whole.path(), v, &|_| Ok(())).unwrap()));
+                    assert!(tree(shelf.path()) == tree(whole.path()), "step {step} of version {version}: {e}");
+                }
                 Err(e) => {
                     assert!(e.to_string().contains("Make room"), "{e}");
                     assert!(tree(shelf.path()) == before, "step {step} of version {version}: {e}");
@@ -101,59 +114,44 @@ fn a_failure_at_any_step_leaves_what_was_there_and_nothing_else() {
     }
 }
 
-const KILL: &str = "KILWA_TEST_KILL_AT";
-
-/// Run by the next test in a process of its own: publishes and dies at a step.
 #[test]
-fn dies_at_a_step() {
-    let Ok(text) = std::env::var(KILL) else { return };
-    let parts: Vec<&str> = text.splitn(3, ' ').collect();
-    let (version, step): (u32, u32) = (parts[0].parse().unwrap(), parts[1].parse().unwrap());
-    let count = Cell::new(0);
-    let dying = |_: &str| {
-        count.set(count.get() + 1);
-        if count.get() > step {
-            std::process::abort();
-        }
-        Ok(())
-    };
-    publish(Path::new(parts[2]), version, &dying).unwrap();
-}
-
-#[test]
-fn killed_at_any_step_the_object_is_the_old_or_the_new_one_and_publishing_again_completes_it() {
-    for version in [1, 2] {
-        for step in 0.. {
-            let shelf = tempfile::tempdir().unwrap();
-            let object = shelf.path().join("fort");
-            if version == 2 {
-                publish(shelf.path(), 1, &|_| Ok(())).unwrap();
-            }
-            let ended = std::process::Command::new(std::env::current_exe().unwrap())
-                .args(["--exact", "object::draft::tests::dies_at_a_step", "--quiet"])
-                .env(KILL, format!("{version} {step} {}", shelf.path().display()))
-                .stdout(std::process::Stdio::null())
-                .stderr(std::process::Stdio::null())
-                .status()
-                .unwrap();
-            let now = object.exists().then(|| is_whole(&object));
-            assert!(now.unwrap_or(0) == version - 1 || ended.success(), "step {step}: {now:?}");
-            if ended.success() {
-                break;
-            }
-            publish(shelf.path(), version, &|_| Ok(())).unwrap();
-            assert_eq!(is_whole(&object), version);
-            let hidden = tree(shelf.path()).keys().filter(|p| p.contains(HIDDEN)).count();
-            assert_eq!((hidden, fs::read_dir(&object).unwrap().count()), (0, 2 + version as usize), "step {step}");
-        }
-    }
-}
-
-#[test]
-fn two_cannot_publish_to_one_folder_at_once() {
+fn a_version_that_is_there_is_never_touched_whoever_put_it_there() {
     let shelf = tempfile::tempdir().unwrap();
-    let held = Lock::take(shelf.path()).unwrap();
-    assert!(matches!(Lock::take(shelf.path()), Err(DraftError::Busy(_))));
-    drop(held);
-    assert!(Lock::take(shelf.path()).is_ok());
+    let object = publish(shelf.path(), 1, &|_| Ok(())).unwrap();
+    // As somebody copies the next version from elsewhere, its manifest last.
+    let (theirs, copied) = (object.join("v2"), "of theirs");
+    fs::create_dir(&theirs).unwrap();
+    fs::write(theirs.join("a.txt"), copied).unwrap();
+    let refused = publish(shelf.path(), 2, &|_| Ok(())).unwrap_err();
+    assert!(matches!(refused, DraftError::Unnamed(_)) && refused.to_string().contains("v2 is there"), "{refused}");
+    assert_eq!(fs::read_to_string(theirs.join("a.txt")).unwrap(), copied);
+    assert_eq!((is_whole(&object), fs::read_dir(&object).unwrap().count()), (1, 4), "nothing hidden is left");
+}
+
+#[test]
+fn a_version_that_somebody_else_has_published_meanwhile_is_refused_and_theirs_stays() {
+    let shelf = tempfile::tempdir().unwrap();
+    let object = publish(shelf.path(), 1, &|_| Ok(())).unwrap();
+    let lock = Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap();
+    let mut late = Draft::begin(&lock, &slug(), &|_| Ok(())).unwrap();
+    late.write("a.txt", b"late").unwrap();
+    drop(lock);
+    publish(shelf.path(), 2, &|_| Ok(())).unwrap();
+    let theirs = tree(&object.join("v2"));
+    let refused = late.finish(&Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap(), 2, b"late", |_, _| sample());
+    assert!(matches!(refused, Err(DraftError::There(_) | DraftError::Manifest(_))), "{refused:?}");
+    assert_eq!((is_whole(&object), tree(&object.join("v2"))), (2, theirs));
+}
+
+#[test]
+fn what_another_program_is_making_is_left_alone() {
+    let shelf = tempfile::tempdir().unwrap();
+    for version in [1, 2] {
+        let lock = Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap();
+        let mut other = Draft::begin(&lock, &slug(), &|_| Ok(())).unwrap();
+        other.write("a.txt", b"a of theirs").unwrap();
+        drop(lock);
+        publish(shelf.path(), version, &|_| Ok(())).unwrap();
+        assert_eq!(fs::read(other.folder().join("a.txt")).unwrap(), b"a of theirs");
+    }
 }

@@ -1,13 +1,16 @@
 //! `--site`: the pages of a whole folder of objects for any static host: catalogue, Atom feed, list for programs, sitemap.
 //!
-//! Written from the manifests that are there, sorted by title, each file replaced in one rename: `index.html`, `feed.xml`, `models.json`, `assets/`,
+//! Written from the manifests that are there, sorted by title, while the folder is locked, each file replaced in one rename: `index.html`, `feed.xml`, `models.json`, `assets/`,
 //! and `sitemap.xml` where the objects say at which address they are. An object whose manifest cannot be read is named as such on the page.
 //! What an embargo or a restriction keeps from the public keeps a server from it, not a static host: the page says so.
 
-use super::draft::{DraftError, replace};
+use super::disk;
+use super::draft::{DraftError, Steps};
 use super::layout::{MANIFEST, Slug, is_object, version_folder};
+use super::lock::Lock;
 use super::manifest::{AccessState, MANIFEST_MAX, Manifest};
 use super::record::xml::{Xml, escape};
+use super::scratch::{self, Scratch};
 use crate::html::{grouped, poster, size, size_in_space};
 use crate::page::Page;
 use serde_json::{Value, json};
@@ -24,30 +27,45 @@ struct Entry {
     manifest: Result<Manifest, String>,
 }
 
-/// Write the pages of the folder `shelf`.
+/// How the hidden folder begins in which the pages are made: no slug has two hyphens.
+const MAKING: &str = ".kilwa--site-";
+/// There while the pages are written for the first time: what stands there then without our own page is ours all the same.
+const BEGUN: &str = ".kilwa-site";
+
+/// Write the pages of the locked folder.
 ///
 /// # Errors
 /// [`DraftError::Disk`] with the file; [`DraftError::Foreign`] where a page of somebody else's would be replaced.
-pub fn write(shelf: &Path, page: &Page) -> Result<(), DraftError> {
+pub fn write(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftError> {
+    let shelf = lock.folder();
     check(shelf)?;
     let entries = entries(shelf)?;
     let base = base(&entries);
-    let assets = shelf.join(ASSETS);
-    fs::create_dir_all(&assets).map_err(|source| DraftError::Disk { what: "write", path: assets.clone(), source })?;
-    let steps = &|_: &str| Ok(());
+    scratch::sweep(shelf, &|name| name.starts_with(MAKING), steps)?;
+    let making = Scratch::create(shelf, MAKING, steps)?;
+    if !shelf.join("index.html").exists() && !shelf.join(BEGUN).exists() {
+        disk::write(&shelf.join(BEGUN), b"kilwa publish --site\n", steps)?;
+    }
+    disk::create_dir(&shelf.join(ASSETS), steps)?;
+    let put = |path: &str, name: &str, bytes: &[u8]| {
+        disk::write(&making.path().join(name), bytes, steps)?;
+        disk::rename(&making.path().join(name), &shelf.join(path).join(name), steps)
+    };
     for (name, bytes) in page.files() {
         if let Some(short) =
             [("style.css", "style.css"), ("icons/kilwa.svg", "kilwa.svg")].iter().find(|(n, _)| name == *n)
         {
-            replace(&assets, short.1, bytes, steps)?;
+            put(ASSETS, short.1, bytes)?;
         }
     }
-    replace(shelf, "models.json", format!("{:#}\n", list(&entries)).as_bytes(), steps)?;
-    replace(shelf, "feed.xml", feed(&entries, base.as_deref()).as_bytes(), steps)?;
+    put("", "models.json", format!("{:#}\n", list(&entries)).as_bytes())?;
+    put("", "feed.xml", feed(&entries, base.as_deref()).as_bytes())?;
     if let Some(base) = &base {
-        replace(shelf, "sitemap.xml", sitemap(&entries, base).as_bytes(), steps)?;
+        put("", "sitemap.xml", sitemap(&entries, base).as_bytes())?;
     }
-    replace(shelf, "index.html", catalogue(&entries).as_bytes(), steps)
+    put("", "index.html", catalogue(&entries).as_bytes())?;
+    disk::remove(&shelf.join(BEGUN), steps)?;
+    making.close(steps)
 }
 
 /// What our own page begins with, and nobody else's.
@@ -61,6 +79,9 @@ pub fn check(shelf: &Path) -> Result<(), DraftError> {
     let index = shelf.join("index.html");
     if fs::read_to_string(&index).is_ok_and(|html| html.contains(OURS)) {
         return Ok(());
+    }
+    if shelf.join(BEGUN).exists() {
+        return if index.exists() { Err(DraftError::Foreign(index)) } else { Ok(()) };
     }
     let others = ["index.html", "feed.xml", "models.json", "sitemap.xml", ASSETS].map(|name| shelf.join(name));
     match others.into_iter().find(|path| path.exists()) {
@@ -290,7 +311,7 @@ mod tests {
         fs::write(shelf.path().join("broken").join(MANIFEST), "{").unwrap();
         fs::create_dir_all(shelf.path().join("fort.bag")).unwrap();
         let page = Page::from_files([("style.css".to_owned(), b"css".to_vec())].into());
-        write(shelf.path(), &page).unwrap();
+        write(&Lock::take(shelf.path()).unwrap(), &page, &|_| Ok(())).unwrap();
         let text = |name: &str| fs::read_to_string(shelf.path().join(name)).unwrap();
         let html = text("index.html");
         assert!(

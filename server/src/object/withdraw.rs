@@ -1,13 +1,19 @@
 //! Withdrawing an object: its files go to a folder outside of what is served, its metadata and a page that says why stay.
 //!
-//! In this order, so that being cut off at any point loses nothing: everything is linked or copied to the other folder under a hidden name and renamed;
-//! landing page and manifest are replaced (from here on nobody is led to a file that goes); packs, pictures, previews and the viewer are
-//! removed. Run again, it goes on where it was cut off.
+//! In this order, so that wherever it is cut off nothing is lost and the same command goes on: page and manifest are copied to the other folder; they are
+//! replaced by those of a withdrawn object ([`super::next`]), so that it is public no longer; its files are linked or copied to the other folder; what was
+//! withdrawn is removed, each file only when it is in the other folder.
 
-use super::draft::{DraftError, HIDDEN, Steps, replace};
+use super::disk::{self, failed};
+use super::draft::{DraftError, HIDDEN, Steps};
 use super::layout::{CHECKSUMS, CITATIONS, LICENCE, MANIFEST, PAGE, README, Slug, VIEWER};
-use super::manifest::{AccessState, Manifest};
+use super::lock::{Lock, PATIENCE};
+use super::manifest::{AccessState, MANIFEST_MAX, Manifest};
+use super::next::{become_next, settle};
 use super::page::tombstone;
+use super::scratch::{self, Scratch};
+use crate::holding::SMALL;
+use crate::store::read_small;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -31,19 +37,19 @@ pub struct Outlook {
 /// [`DraftError`] when it has no manifest that can be read.
 pub fn outlook(shelf: &Path, slug: &Slug) -> Result<Outlook, DraftError> {
     let object = shelf.join(slug.as_str());
-    let failed = |path: &Path| {
-        let path = path.to_owned();
-        move |source| DraftError::Disk { what: "read", path, source }
-    };
     let path = object.join(MANIFEST);
-    let manifest = Manifest::parse(&fs::read(&path).map_err(failed(&path))?)?;
+    let manifest = Manifest::parse(&read_small(&path, MANIFEST_MAX).map_err(failed("read", &path))?)?;
     let mut going = (0, 0);
-    for version in &manifest.versions {
-        let folder = object.join(&version.folder);
-        count(&folder, "", &mut going).map_err(failed(&folder))?;
+    for folder in folders(&object, &manifest) {
+        count(&folder, "", &mut going).map_err(failed("read", &folder))?;
     }
     let withdrawn = manifest.access.withdrawn.filter(|_| manifest.access.state == AccessState::Withdrawn);
     Ok(Outlook { title: manifest.title, withdrawn, going, bag: shelf.join(format!("{slug}.bag")).is_dir() })
+}
+
+/// The version folders that are there: of what is withdrawn somebody may have removed one.
+fn folders(object: &Path, manifest: &Manifest) -> Vec<PathBuf> {
+    manifest.versions.iter().map(|v| object.join(&v.folder)).filter(|folder| folder.is_dir()).collect()
 }
 
 fn count(folder: &Path, prefix: &str, going: &mut (usize, u64)) -> io::Result<()> {
@@ -59,57 +65,103 @@ fn count(folder: &Path, prefix: &str, going: &mut (usize, u64)) -> io::Result<()
     Ok(())
 }
 
-/// Withdraw the object `slug` of the folder `shelf`; where its files are now.
+/// What somebody says of a withdrawal.
+#[derive(Debug, Clone, Copy)]
+pub struct Withdrawal<'a> {
+    /// Why, for everybody to read.
+    pub reason: &'a str,
+    /// The day of it.
+    pub day: &'a str,
+    /// Where the files go.
+    pub keep: &'a Path,
+}
+
+/// Withdraw the object `slug` of the locked folder, or go on with it; where its files are now.
 ///
 /// # Errors
-/// [`DraftError`] when it has no manifest, there is something of this name in `keep`, or the system refuses.
-pub fn withdraw(
-    shelf: &Path,
+/// [`DraftError`] when it has no manifest, there is something else of this name in `keep`, or the system refuses.
+pub fn withdraw(lock: &Lock, slug: &Slug, said: &Withdrawal<'_>, steps: Steps<'_>) -> Result<PathBuf, DraftError> {
+    let (shelf, object) = (lock.folder(), lock.folder().join(slug.as_str()));
+    let none = || DraftError::Other(format!("there is no {slug} in {}", shelf.display()));
+    let before = settle(lock, slug, steps)?.ok_or_else(none)?;
+    let kept = begin_keeping(&object, slug, &before, said.keep, steps)?;
+    if before.access.state != AccessState::Withdrawn {
+        close_object(&object, slug, before.clone(), said, steps)?;
+    }
+    let folders = folders(&object, &before);
+    let copy_of = |folder: &Path| kept.join(folder.file_name().unwrap_or_default());
+    for folder in &folders {
+        take(folder, &copy_of(folder), steps)?;
+    }
+    // A bag holds the same files again.
+    disk::remove(&shelf.join(format!("{slug}.bag")), steps)?;
+    for folder in &folders {
+        strip(folder, &copy_of(folder), "", steps)?;
+    }
+    Ok(kept)
+}
+
+/// Page and manifest as they are go to the folder outside, unless an earlier attempt has put them there.
+fn begin_keeping(
+    object: &Path,
     slug: &Slug,
-    reason: &str,
-    day: &str,
+    manifest: &Manifest,
     keep: &Path,
     steps: Steps<'_>,
 ) -> Result<PathBuf, DraftError> {
-    let object = shelf.join(slug.as_str());
-    let failed = |what: &'static str, path: &Path| {
-        let path = path.to_owned();
-        move |source| DraftError::Disk { what, path, source }
-    };
-    let path = object.join(MANIFEST);
-    let mut manifest = Manifest::parse(&fs::read(&path).map_err(failed("read", &path))?)?;
+    disk::create_dir(keep, steps)?;
+    let _lock = Lock::wait(keep, PATIENCE, &|| ())?;
     let kept = keep.join(slug.as_str());
-    if manifest.access.state != AccessState::Withdrawn {
-        if kept.exists() {
-            return Err(DraftError::There(kept));
+    if kept.exists() {
+        let there = read_small(&kept.join(MANIFEST), MANIFEST_MAX).ok().and_then(|b| Manifest::parse(&b).ok());
+        let there = there.map(|there| there.versions).filter(|there| manifest.versions.starts_with(there));
+        match there {
+            Some(there) if there.len() == manifest.versions.len() => return Ok(kept),
+            // Begun before the last version was published, and cut off before anything else was put there.
+            Some(_) if fs::read_dir(&kept).map_err(failed("read", &kept))?.count() == 2 => disk::remove(&kept, steps)?,
+            _ => return Err(DraftError::There(kept)),
         }
-        let hidden = tempfile::Builder::new().prefix(HIDDEN).tempdir_in(keep).map_err(failed("write to", keep))?;
-        steps("keep").map_err(failed("write", &kept))?;
-        take(&object, hidden.path(), steps).map_err(failed("write", &kept))?;
-        steps("keep, its name").map_err(failed("write", &kept))?;
-        fs::rename(hidden.path(), &kept).map_err(failed("write", &kept))?;
-        let _ = hidden.keep();
-        manifest.access.state = AccessState::Withdrawn;
-        manifest.access.until = None;
-        manifest.access.reason = Some(reason.to_owned());
-        manifest.access.withdrawn = Some(day.to_owned());
-        let style = format!("{}/{VIEWER}/style.css", manifest.versions.last().map_or("v1", |v| v.folder.as_str()));
-        let page = tombstone(&manifest, &style);
-        manifest.page.bytes = page.len() as u64;
-        manifest.page.sha256 = super::checksums::sha256(page.as_bytes());
-        replace(&object, PAGE, page.as_bytes(), steps)?;
-        replace(&object, MANIFEST, &manifest.to_bytes()?, steps)?;
     }
-    // A bag holds the same files again.
-    let bag = shelf.join(format!("{slug}.bag"));
-    if bag.is_dir() {
-        steps("bag").and_then(|()| fs::remove_dir_all(&bag)).map_err(failed("remove", &bag))?;
+    scratch::sweep(keep, &|name| scratch::is_of(slug, name), steps)?;
+    let hidden = Scratch::create(keep, &scratch::prefix(slug), steps)?;
+    let whole = hidden.path().join("kept");
+    disk::create_dir(&whole, steps)?;
+    for name in [PAGE, MANIFEST] {
+        let from = object.join(name);
+        let bytes = read_small(&from, SMALL).map_err(failed("read", &from))?;
+        disk::write(&whole.join(name), &bytes, steps)?;
     }
-    for version in &manifest.versions {
-        let folder = object.join(&version.folder);
-        strip(&folder, "", steps).map_err(failed("remove what was withdrawn from", &folder))?;
-    }
+    disk::rename(&whole, &kept, steps)?;
+    hidden.close(steps)?;
     Ok(kept)
+}
+
+/// From here on nobody is led to a file that goes, and a server gives none.
+fn close_object(
+    object: &Path,
+    slug: &Slug,
+    mut manifest: Manifest,
+    said: &Withdrawal<'_>,
+    steps: Steps<'_>,
+) -> Result<(), DraftError> {
+    manifest.access.state = AccessState::Withdrawn;
+    manifest.access.until = None;
+    manifest.access.reason = Some(said.reason.to_owned());
+    manifest.access.withdrawn = Some(said.day.to_owned());
+    let style = format!("{}/{VIEWER}/style.css", manifest.versions.last().map_or("v1", |v| v.folder.as_str()));
+    let page = tombstone(&manifest, &style);
+    manifest.page.bytes = page.len() as u64;
+    manifest.page.sha256 = super::checksums::sha256(page.as_bytes());
+    scratch::sweep(object, &|name| scratch::is_of(slug, name), steps)?;
+    let hidden = Scratch::create(object, &scratch::prefix(slug), steps)?;
+    let whole = hidden.path().join("next");
+    disk::create_dir(&whole, steps)?;
+    disk::write(&whole.join(PAGE), page.as_bytes(), steps)?;
+    disk::write(&whole.join(MANIFEST), &manifest.to_bytes()?, steps)?;
+    disk::sync_folder(&whole)?;
+    become_next(object, &whole, None, steps)?;
+    drop(hidden.close(steps));
+    Ok(())
 }
 
 /// What stays of a version: its records in words, and the style of the page.
@@ -118,108 +170,65 @@ fn stays(path: &str) -> bool {
     path.starts_with("metadata/") || texts.contains(&path) || path == format!("{VIEWER}/style.css")
 }
 
-fn strip(folder: &Path, prefix: &str, steps: Steps<'_>) -> io::Result<()> {
-    for entry in fs::read_dir(folder)? {
-        let entry = entry?;
+/// Remove what was withdrawn from a version, each file only when the other folder has it.
+fn strip(folder: &Path, kept: &Path, prefix: &str, steps: Steps<'_>) -> Result<(), DraftError> {
+    for entry in fs::read_dir(folder).map_err(failed("read", folder))? {
+        let entry = entry.map_err(failed("read", folder))?;
+        let (at, copy) = (entry.path(), kept.join(entry.file_name()));
         let path = format!("{prefix}{}", entry.file_name().to_string_lossy());
-        if entry.file_type()?.is_dir() {
-            strip(&entry.path(), &format!("{path}/"), steps)?;
+        if is_folder(&entry)? {
+            strip(&at, &copy, &format!("{path}/"), steps)?;
             // Refused where something stays in it.
-            let _ = fs::remove_dir(entry.path());
+            drop(steps(&path).and_then(|()| fs::remove_dir(&at)));
         } else if !stays(&path) {
-            steps(&path)?;
-            fs::remove_file(entry.path())?;
+            if !is_there(&at, &copy) {
+                let lacking = io::Error::other(format!("{} has not the same file", copy.display()));
+                return Err(failed("remove what was withdrawn,", &at)(lacking));
+            }
+            disk::remove(&at, steps)?;
         }
     }
     Ok(())
 }
 
-fn take(from: &Path, to: &Path, steps: Steps<'_>) -> io::Result<()> {
-    fs::create_dir_all(to)?;
-    for entry in fs::read_dir(from)? {
-        let entry = entry?;
-        if entry.file_name().to_string_lossy().starts_with(HIDDEN) {
-            continue;
-        }
-        let there = to.join(entry.file_name());
-        if entry.file_type()?.is_dir() {
-            take(&entry.path(), &there, steps)?;
-            continue;
-        }
-        steps(&entry.path().to_string_lossy())?;
-        if fs::hard_link(entry.path(), &there).is_err() {
-            fs::copy(entry.path(), &there)?;
-            File::open(&there)?.sync_all()?;
+/// Link or copy what is not there yet.
+fn take(from: &Path, to: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    disk::create_dir(to, steps)?;
+    // Copies that were cut off.
+    scratch::sweep(to, &|name| name.starts_with(HIDDEN), steps)?;
+    for entry in fs::read_dir(from).map_err(failed("read", from))? {
+        let entry = entry.map_err(failed("read", from))?;
+        let (at, copy) = (entry.path(), to.join(entry.file_name()));
+        if is_folder(&entry)? {
+            take(&at, &copy, steps)?;
+        } else if !is_there(&at, &copy) {
+            steps(&entry.file_name().to_string_lossy()).map_err(failed("write", &copy))?;
+            if fs::hard_link(&at, &copy).is_err() {
+                let part = to.join(format!("{HIDDEN}part"));
+                copied(&at, &part).map_err(failed("write", &copy))?;
+                disk::rename(&part, &copy, steps)?;
+            }
         }
     }
-    if let Ok(folder) = File::open(to) {
-        folder.sync_all()?;
-    }
-    Ok(())
+    steps("sync").map_err(failed("write", to))?;
+    disk::sync_folder(to)
+}
+
+fn copied(from: &Path, to: &Path) -> io::Result<()> {
+    fs::copy(from, to)?;
+    File::open(to)?.sync_all()
+}
+
+/// Whether a file has a copy as long as it is; of a link, anything of its name.
+fn is_there(at: &Path, copy: &Path) -> bool {
+    let (Ok(at), Ok(copy)) = (fs::symlink_metadata(at), fs::symlink_metadata(copy)) else { return false };
+    !at.is_file() || (copy.is_file() && copy.len() == at.len())
+}
+
+fn is_folder(entry: &fs::DirEntry) -> Result<bool, DraftError> {
+    Ok(entry.file_type().map_err(failed("read", &entry.path()))?.is_dir())
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::object::manifest::tests::sample;
-
-    fn object(shelf: &Path) {
-        for version in ["v1", "v2"] {
-            for (path, text) in [
-                ("pack.x.kilwa", "secret"),
-                ("metadata/dc.xml", "dc"),
-                ("poster.jpg", "jpg"),
-                ("viewer/style.css", "css"),
-                ("viewer/app.js", "js"),
-                ("README.txt", "r"),
-            ] {
-                let path = shelf.join("fort").join(version).join(path);
-                fs::create_dir_all(path.parent().unwrap()).unwrap();
-                fs::write(path, text).unwrap();
-            }
-        }
-        fs::write(shelf.join("fort/index.html"), "page").unwrap();
-        fs::write(shelf.join("fort/manifest.json"), sample().to_bytes().unwrap()).unwrap();
-    }
-
-    #[test]
-    fn files_go_outside_words_stay_and_cut_off_anywhere_nothing_is_lost() {
-        for step in 0.. {
-            let (shelf, keep) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-            object(shelf.path());
-            let slug = Slug::new("fort").unwrap();
-            let count = std::cell::Cell::new(0);
-            let failing = |_: &str| {
-                count.set(count.get() + 1);
-                if count.get() > step { Err(io::Error::other("cut off")) } else { Ok(()) }
-            };
-            let first = withdraw(shelf.path(), &slug, "asked to", "2026-11-21", keep.path(), &failing);
-            let (here, there) = (shelf.path().join("fort"), keep.path().join("fort"));
-            for version in ["v1", "v2"] {
-                let pack = format!("{version}/pack.x.kilwa");
-                assert!(here.join(&pack).exists() || there.join(&pack).exists());
-            }
-            if first.is_err()
-                && there.exists()
-                && Manifest::parse(&fs::read(here.join(MANIFEST)).unwrap()).unwrap().access.state
-                    != AccessState::Withdrawn
-            {
-                // Cut off between the copy and the manifest: the copy has to be moved away by hand, it may be somebody else's.
-                fs::remove_dir_all(&there).unwrap();
-            }
-            withdraw(shelf.path(), &slug, "asked to", "2026-11-21", keep.path(), &|_| Ok(())).unwrap();
-            assert!(!here.join("v1/pack.x.kilwa").exists() && !here.join("v2/poster.jpg").exists());
-            assert!(here.join("v1/metadata/dc.xml").exists() && here.join("v2/viewer/style.css").exists());
-            let manifest = Manifest::parse(&fs::read(here.join(MANIFEST)).unwrap()).unwrap();
-            assert_eq!(
-                (manifest.access.state, manifest.access.reason.as_deref()),
-                (AccessState::Withdrawn, Some("asked to"))
-            );
-            assert!(fs::read_to_string(here.join(PAGE)).unwrap().contains("asked to"));
-            assert_eq!(fs::read_to_string(there.join("v2/pack.x.kilwa")).unwrap(), "secret");
-            if first.is_ok() {
-                return;
-            }
-        }
-    }
-}
+#[path = "withdraw_tests.rs"]
+mod tests;

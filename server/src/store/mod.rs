@@ -7,6 +7,7 @@
 //! dropped from a list because of a silence or a refusal; [`outage`] says the former to readers.
 
 mod blocks;
+mod claim;
 mod folder;
 mod held;
 mod http;
@@ -26,6 +27,10 @@ pub(crate) use refused::{hint, is_refused};
 pub(crate) use s3::{HELD_MAX, is_changed};
 pub(crate) use survey::Survey;
 
+use crate::holding::SMALL;
+use crate::object::checksums::sha256;
+use crate::object::layout::PAGE;
+use crate::object::next::NEXT;
 use crate::plain_file;
 use axum::body::Bytes;
 use std::collections::BTreeMap;
@@ -164,10 +169,14 @@ impl Place {
     }
 
     /// The landing page with this SHA-256 of the object whose folder this is, where it is kept beside `index.html`: in stores, of what
-    /// was published there.
+    /// was published there; in folders, while it is on its way to its place.
     pub(crate) fn kept_page(&self, sum: &str) -> io::Result<Option<Bytes>> {
         match self {
-            Self::Path(_) => Ok(None),
+            Self::Path(path) => match read_small(&path.join(NEXT).join(PAGE), SMALL) {
+                Ok(page) => Ok((sha256(&page) == sum).then(|| page.into())),
+                Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+                Err(e) => Err(e),
+            },
             Self::Key(store, key) => store.kept_page(key, sum),
         }
     }

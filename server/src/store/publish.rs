@@ -7,9 +7,10 @@
 //! A file carries its SHA-256 as metadata: what an earlier attempt has sent is not sent
 //! again. Before each file the store's manifest must still be the one that the version was made against, and a small file is put only where there
 //! is none or over exactly the one that was seen (a long one is the pack, whose name is its hash): so a version that somebody else has
-//! published meanwhile is not written over. Before the manifest, what lies in the version's folder is compared with what was sent, so that
-//! two who publish the same version at once make no mixture.
+//! published meanwhile is not written over. Of two who publish the same version at once one is refused ([`super::claim`]); before the manifest, what
+//! lies in the version's folder is compared with what was sent all the same.
 
+use super::claim::{self, Claim};
 use super::folder::walk;
 use super::s3::lock;
 use super::{S3, is_refused, read_small};
@@ -99,6 +100,7 @@ impl S3 {
         told: &dyn Fn(&str),
     ) -> io::Result<Sent> {
         let (object, folder) = (shelf.join(slug.as_str()), version_folder(version));
+        let claim = Claim::take(self, slug, version, &claim::purpose(&object, version)?)?;
         let mut files = BTreeMap::new();
         walk(&object.join(&folder), "", 0, &mut files)?;
         let (mut sent, mut tags) = (Sent { files: files.len(), there: 0 }, BTreeMap::new());
@@ -108,7 +110,9 @@ impl S3 {
             told(&key);
             let path = object.join(&folder).join(name);
             let (_, sum) = sha256_of(File::open(&path)?)?;
-            let (is_there, tag) = self.send_file((slug, against), &key, &path, &attributes(name, FOR_EVER, &sum))?;
+            claim.renew().map_err(or_others)?;
+            let said = attributes(name, FOR_EVER, &sum);
+            let (is_there, tag) = self.send_file((slug, against, &claim), &key, &path, &said)?;
             sent.there += usize::from(is_there);
             tags.insert(name.clone(), (identity.bytes(), tag));
         }
@@ -120,6 +124,7 @@ impl S3 {
         if !tags.iter().all(is_ours) {
             return Err(others());
         }
+        claim.renew_now().map_err(or_others)?;
         self.keep_page(slug, read_small(&object.join(PAGE), SMALL)?)?;
         for name in [PAGE, MANIFEST] {
             told(&format!("{slug}/{name}"));
@@ -141,6 +146,7 @@ impl S3 {
                 put => drop(put.map_err(or_others)?),
             }
         }
+        claim.release();
         self.forget_list();
         Ok(sent)
     }
@@ -202,7 +208,7 @@ impl S3 {
     /// A file of the version: whether it was there already, and its tag.
     fn send_file(
         self: &Arc<Self>,
-        (slug, against): (&Slug, &Against),
+        (slug, against, claim): (&Slug, &Against, &Claim<'_>),
         key: &str,
         path: &Path,
         said: &Attributes,
@@ -219,7 +225,7 @@ impl S3 {
             // After the look at the file: what a version that is published by now has put since has another tag.
             self.still(slug, against)?;
             if length > PART {
-                return Ok((false, self.put_parts(key, path, length, said)?));
+                return Ok((false, self.put_parts(claim, key, path, length, said)?));
             }
             let mode = match there {
                 None => PutMode::Create,
@@ -254,6 +260,7 @@ impl S3 {
     /// A long file, in parts; its tag.
     fn put_parts(
         self: &Arc<Self>,
+        claim: &Claim<'_>,
         key: &str,
         path: &Path,
         length: u64,
@@ -270,12 +277,13 @@ impl S3 {
             if bytes.is_empty() {
                 break;
             }
+            claim.renew().map_err(or_others)?;
             upload = self.wait(key, move |_| async move { add(upload, bytes.into()).await })?;
         }
         self.wait(key, move |_| async move { upload.complete().await.map(|done| done.e_tag) })
     }
 
-    fn put(
+    pub(super) fn put(
         self: &Arc<Self>,
         key: &str,
         bytes: Bytes,

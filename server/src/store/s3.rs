@@ -47,6 +47,9 @@ const KEYS: [&str; 5] = [
 /// What is seen of one object is trusted at most so long.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
+/// How long a version stays claimed by somebody who does not go on.
+const LEASE: Duration = Duration::from_secs(1800);
+
 /// Where a store is and how it is asked.
 #[derive(Clone)]
 pub struct S3Options {
@@ -62,6 +65,8 @@ pub struct S3Options {
     pub refresh: Duration,
     /// How often a step that failed is tried again.
     pub retries: usize,
+    /// How long nobody else may publish a version that somebody began to send and does not go on with. Longer than a step with all its attempts.
+    pub lease: Duration,
 }
 
 impl S3Options {
@@ -71,7 +76,7 @@ impl S3Options {
             std::env::vars_os().filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
         let settings = settings.filter(|(name, value)| name.starts_with("AWS_") && !value.is_empty()).collect();
         let (timeout, refresh) = (Duration::from_secs(10), Duration::from_secs(30));
-        Self { url: url.to_owned(), endpoint: None, settings, timeout, refresh, retries: 1 }
+        Self { url: url.to_owned(), endpoint: None, settings, timeout, refresh, retries: 1, lease: LEASE }
     }
 
     fn has(&self, name: &str) -> bool {
@@ -127,6 +132,7 @@ pub struct S3 {
     pub(super) objects: Mutex<Option<Listed>>,
     timeout: Duration,
     refresh: Duration,
+    lease: Duration,
 }
 
 impl fmt::Debug for S3 {
@@ -178,6 +184,7 @@ impl S3 {
             objects: Mutex::default(),
             timeout: options.timeout,
             refresh: options.refresh,
+            lease: options.lease,
         });
         // A bucket that is not there, keys that are refused: better now than at the first reader.
         match store.check() {
@@ -240,6 +247,18 @@ impl S3 {
     pub(super) fn identity(self: &Arc<Self>, key: &str) -> io::Result<Identity> {
         let path = self.at(key)?;
         self.wait(key, |store| async move { store.client.head(&path).await.map(|meta| identity_of(&meta)) })
+    }
+
+    /// The same with when it was put there, by the store's clock.
+    pub(super) fn changed(self: &Arc<Self>, key: &str) -> io::Result<(Identity, SystemTime)> {
+        let path = self.at(key)?;
+        let of = |meta: ObjectMeta| (identity_of(&meta), SystemTime::from(meta.last_modified));
+        self.wait(key, move |store| async move { store.client.head(&path).await.map(of) })
+    }
+
+    /// How long a claim holds that is not renewed.
+    pub(super) fn lease(&self) -> Duration {
+        self.lease
     }
 
     /// All of a small file, as it is now.

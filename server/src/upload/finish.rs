@@ -3,11 +3,14 @@
 use super::staging::Staging;
 use super::wire::{FileSaid, Intent, Meant, State, Status};
 use super::{Refusal, Uploads, files, lock, withheld};
-use crate::object::assemble::{Facts, Following, agree, complete, further, is_published, next_version};
+use crate::object::assemble::{
+    Facts, Following, Landing, agree, complete, further, is_published, next_version, write_viewer,
+};
 use crate::object::checksums::sha256_of;
 use crate::object::date::day_of;
-use crate::object::draft::{Draft, DraftError, Lock};
+use crate::object::draft::{Draft, DraftError};
 use crate::object::layout::ANNOTATIONS;
+use crate::object::lock::{Lock, PATIENCE};
 use crate::object::manifest::Manifest;
 use crate::object::sound;
 use crate::object::source::FileSource;
@@ -19,10 +22,6 @@ use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
-
-/// How long another publication to the folder is waited for.
-const PATIENCE: Duration = Duration::from_secs(600);
 
 /// A version that is being verified, or was.
 pub(super) struct Job {
@@ -173,20 +172,11 @@ pub(super) fn check_version(intent: &Intent, before: Option<&Manifest>) -> Resul
     )))
 }
 
-fn shelf_lock(uploads: &Uploads) -> Result<Lock, Refusal> {
-    let began = Instant::now();
-    loop {
-        match Lock::take(&uploads.shelf) {
-            Ok(lock) => return Ok(lock),
-            Err(DraftError::Busy(_)) if began.elapsed() < PATIENCE => std::thread::sleep(Duration::from_millis(200)),
-            Err(e) => {
-                return Err(Refusal {
-                    retry_after: Some(60),
-                    ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, e.to_string())
-                });
-            }
-        }
-    }
+fn locked(folder: &Path, job: &Job) -> Result<Lock, Refusal> {
+    let said = "something else is published to or withdrawn from the archive; it goes on after that";
+    let taken = Lock::wait(folder, PATIENCE, &|| *lock(&job.waits) = Some(said.to_owned()));
+    *lock(&job.waits) = None;
+    taken.map_err(|e| Refusal { retry_after: Some(60), ..refused(&e) })
 }
 
 /// Publish what was checked, while nobody else publishes to the folder.
@@ -198,8 +188,8 @@ fn placed(
     (of_pack, identity): OfPack,
     (job, now): (&Job, u64),
 ) -> Result<Done, Refusal> {
-    let _lock = shelf_lock(uploads)?;
-    let mut there = uploads.there_at_last(&meant.slug, job)?;
+    let locked = locked(&uploads.shelf, job)?;
+    let mut there = uploads.there_at_last(&locked, &meant.slug, job)?;
     let (object, before) = (there.shelf.join(&intent.slug), there.before.take());
     if let Some(m) =
         before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata, intent.notes()))
@@ -226,7 +216,9 @@ fn placed(
         tool: format!("kilwa {}", env!("CARGO_PKG_VERSION")),
     };
     let steps = |what: &str| (uploads.steps)(what);
-    let mut draft = Draft::begin(&there.shelf, &facts.slug, facts.version(), &steps).map_err(|e| refused(&e))?;
+    // Of a store the object is made in a folder of its own, which has a lock of its own.
+    let locked = there.stored.as_ref().map_or(&locked, |(_, work)| work.lock());
+    let mut draft = Draft::begin(locked, &facts.slug, &steps).map_err(|e| refused(&e))?;
     // In the order in which publishing to a folder writes them.
     for file in &intent.files {
         let is_same_file = put(staging, file, &draft.folder())?;
@@ -241,7 +233,9 @@ fn placed(
     let publication = facts.publication(entry, of_pack, meant.preview);
     let publication = publication.with_notes(&draft.folder()).map_err(|e| Refusal::disk("read the notes", &e))?;
     let drawings = intent.drawings.iter().map(|d| (d.path.clone(), d.words.clone())).collect();
-    complete(draft, &facts, &publication, &uploads.page, drawings, None).map_err(|e| refused(&e))?;
+    write_viewer(&mut draft, &uploads.page).map_err(|e| refused(&e))?;
+    let landing = Landing { viewer: &uploads.page, drawings, list: None };
+    complete(draft, locked, &facts, &publication, landing).map_err(|e| refused(&e))?;
     uploads.send(&facts.slug, publication.version, &there, job)?;
     Ok(Done { version: publication.version, already: false })
 }
@@ -314,15 +308,18 @@ fn put(staging: &Staging, said: &FileSaid, folder: &Path) -> Result<bool, Refusa
     linked.map_err(|e| Refusal::disk("write the version", &e))
 }
 
-fn refused(e: &DraftError) -> Refusal {
+pub(super) fn refused(e: &DraftError) -> Refusal {
     match e {
         DraftError::Disk { source, what, path } => {
             let refusal = Refusal::disk(&format!("{what} the version"), source);
             tracing::error!("{}: {e}", path.display());
             refusal
         }
-        DraftError::There(_) | DraftError::Foreign(_) => Refusal::conflict(e.to_string()),
-        DraftError::Busy(_) => {
+        DraftError::There(_) | DraftError::Foreign(_) | DraftError::Unnamed(_) | DraftError::Other(_) => {
+            Refusal::conflict(e.to_string())
+        }
+        DraftError::Busy(_) | DraftError::Unlockable { .. } | DraftError::Unfinished(_) => {
+            tracing::error!("an upload: {e}");
             Refusal { retry_after: Some(60), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, e.to_string()) }
         }
         DraftError::Manifest(_) => Refusal::content(e.to_string()),

@@ -8,9 +8,12 @@
 use super::finish::Job;
 use super::{Refusal, Uploads, lock};
 use crate::object::assemble::existing;
-use crate::object::draft::Lock;
+use crate::object::draft::DraftError;
 use crate::object::layout::{MANIFEST, Slug};
+use crate::object::lock::Lock;
 use crate::object::manifest::Manifest;
+use crate::object::next::settle;
+use crate::object::scratch::{Scratch, sweep};
 use crate::store::{Against, S3, is_away, is_refused};
 use axum::http::StatusCode;
 use std::fs;
@@ -19,7 +22,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
-use tempfile::TempDir;
 
 /// How the folders begin that versions for a store are made in.
 const WORK: &str = ".kilwa-work-";
@@ -33,7 +35,7 @@ pub(super) struct There {
     pub(super) shelf: PathBuf,
     /// Its manifest; none for a new one.
     pub(super) before: Option<Manifest>,
-    stored: Option<(Against, TempDir)>,
+    pub(super) stored: Option<(Against, Scratch)>,
 }
 
 impl Uploads {
@@ -48,17 +50,21 @@ impl Uploads {
         found(slug, work, against)
     }
 
-    /// The same for a version that is being published: a store that does not answer is waited for.
-    pub(super) fn there_at_last(&self, slug: &Slug, job: &Job) -> Result<There, Refusal> {
-        let Some(store) = &self.store else { return self.there(slug) };
+    /// The same for a version that is being published, under the lock of the folder: what an earlier change has left there is finished or taken away. A
+    /// store that does not answer is waited for.
+    pub(super) fn there_at_last(&self, locked: &Lock, slug: &Slug, job: &Job) -> Result<There, Refusal> {
+        let Some(store) = &self.store else {
+            let steps = |what: &str| (self.steps)(what);
+            let before = settle(locked, slug, &steps).map_err(|e| super::finish::refused(&e))?;
+            return Ok(There { shelf: self.shelf.clone(), before, stored: None });
+        };
         let work = self.work()?;
         let against = waiting(job, || store.fetch(slug, work.path())).map_err(|e| refused(&e))?;
         found(slug, work, against)
     }
 
-    fn work(&self) -> Result<TempDir, Refusal> {
-        let made = tempfile::Builder::new().prefix(WORK).tempdir_in(&self.shelf);
-        made.map_err(|e| Refusal::disk("make a folder for the version", &e))
+    fn work(&self) -> Result<Scratch, Refusal> {
+        Scratch::create(&self.shelf, WORK, &|_| Ok(())).map_err(|e| super::finish::refused(&e))
     }
 
     /// Send a version that lies complete in `there`, where it is for a store; else it is where it belongs already.
@@ -80,7 +86,7 @@ impl Uploads {
     }
 }
 
-fn found(slug: &Slug, work: TempDir, against: Against) -> Result<There, Refusal> {
+fn found(slug: &Slug, work: Scratch, against: Against) -> Result<There, Refusal> {
     let before = existing(&work.path().join(slug.as_str())).map_err(Refusal::conflict)?;
     Ok(There { shelf: work.path().to_owned(), before, stored: Some((against, work)) })
 }
@@ -152,12 +158,9 @@ pub(super) fn prepare(folder: &Path) -> io::Result<()> {
     std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
     builder.create(folder)?;
     // Another server that uses it publishes at this moment: it tidies up itself.
-    let Ok(_lock) = Lock::take(folder) else { return Ok(()) };
-    for entry in fs::read_dir(folder)? {
-        let entry = entry?;
-        if entry.file_name().to_string_lossy().starts_with(WORK) && entry.file_type()?.is_dir() {
-            fs::remove_dir_all(entry.path())?;
-        }
-    }
-    Ok(())
+    let locked = match Lock::take(folder) {
+        Err(DraftError::Busy(_)) => return Ok(()),
+        locked => locked.map_err(io::Error::other)?,
+    };
+    sweep(locked.folder(), &|name| name.starts_with(WORK), &|_| Ok(())).map_err(io::Error::other)
 }

@@ -9,6 +9,7 @@ mod collections;
 mod common;
 mod extracts;
 mod publishing;
+mod races;
 mod start;
 mod uploads;
 
@@ -268,7 +269,7 @@ async fn until<T, F: Future<Output = Option<T>>>(mut ask: impl FnMut() -> F) -> 
             return found;
         }
         assert!(began.elapsed() < Duration::from_secs(15), "it does not come about");
-        tokio::time::sleep(Duration::from_millis(50)).await;
+        tokio::time::sleep(Duration::from_millis(10)).await;
     }
 }
 

@@ -13,7 +13,7 @@ use kilwa_server::door::Door;
 use kilwa_server::index::Index;
 use kilwa_server::object::Manifest;
 use kilwa_server::object::checksums::{Checksums, sha256};
-use kilwa_server::store::{Place, S3};
+use kilwa_server::store::{Place, S3, S3Options};
 use kilwa_server::upload::wire::{State, Status};
 use kilwa_server::upload::{UploadLimits, Uploads};
 use kilwa_server::{Catalogue, Clock, Site, app};
@@ -28,16 +28,21 @@ const NOW: u64 = 1_795_262_400;
 const SHELF: &str = "s3://museum/shelf";
 
 /// A site over a store that takes uploads by way of a folder.
-struct Museum {
-    app: Router,
+pub(super) struct Museum {
+    pub(super) app: Router,
     robot: String,
-    folder: tempfile::TempDir,
+    pub(super) folder: tempfile::TempDir,
 }
 
 impl Museum {
     fn over(bucket: &Bucket, timeout: Duration) -> Self {
+        Self::over_part(bucket.options(SHELF, timeout))
+    }
+
+    /// The same over another part of the store.
+    pub(super) fn over_part(mut options: S3Options) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let mut options = bucket.options(SHELF, timeout);
+        let writer = S3::open(&options).unwrap();
         // Whatever shows at once does not show because the list was old.
         options.refresh = Duration::from_secs(600);
         let store = S3::open(&options).unwrap();
@@ -46,19 +51,24 @@ impl Museum {
         index.refresh().unwrap();
         let mut site = Site::new(Catalogue::of_store(&store).unwrap(), page());
         site.index = Some(Arc::new(index));
-        let writer = bucket.open(SHELF, timeout).unwrap();
         let uploads = Uploads::into_store(&folder.path().join("uploads"), &writer, page(), UploadLimits::default());
         site.uploads = Some(Arc::new(uploads.unwrap()));
         Self::with(folder, site)
     }
 
     /// The same over a folder.
-    fn over_folder() -> Self {
+    pub(super) fn over_folder() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let models = folder.path().join("models");
         std::fs::create_dir(&models).unwrap();
-        let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
-        site.uploads = Some(Arc::new(Uploads::new(models.canonicalize().unwrap(), page(), UploadLimits::default())));
+        Self::over_models(folder, &models)
+    }
+
+    /// The same over this folder, with one for accounts.
+    pub(super) fn over_models(folder: tempfile::TempDir, models: &Path) -> Self {
+        let mut site = Site::new(Catalogue::open(models).unwrap(), page());
+        let limits = UploadLimits { per_minute: u32::MAX, ..UploadLimits::default() };
+        site.uploads = Some(Arc::new(Uploads::new(models.canonicalize().unwrap(), page(), limits)));
         Self::with(folder, site)
     }
 
@@ -97,7 +107,7 @@ impl Museum {
     }
 
     /// Everything that is lacking.
-    async fn send_all(&self, version: &Version) {
+    pub(super) async fn send_all(&self, version: &Version) {
         let begun = self.begin(version).await;
         assert_eq!(begun.status, StatusCode::CREATED, "{}", begun.text());
         for lack in status(&begun).lacks {
@@ -107,7 +117,7 @@ impl Museum {
         }
     }
 
-    async fn finish(&self) -> Answer {
+    pub(super) async fn finish(&self) -> Answer {
         self.send(Method::POST, "/uploads/fort", &[], Body::empty()).await
     }
 
@@ -116,7 +126,7 @@ impl Museum {
         (answer.status, status(&answer))
     }
 
-    async fn ended(&self) -> (StatusCode, Status) {
+    pub(super) async fn ended(&self) -> (StatusCode, Status) {
         until(|| async { Some(self.look().await).filter(|(_, said)| said.state != State::Verifying) }).await
     }
 
@@ -135,14 +145,14 @@ impl Museum {
 }
 
 /// A version with a pack that is true, and pictures that differ.
-fn version(number: u32, words: &str) -> Version {
+pub(super) fn version(number: u32, words: &str) -> Version {
     let mut version = Version::new("fort", number, fort_pack());
     version.intent.metadata.description = Some(words.to_owned());
     version
 }
 
 /// Every file of the object that a site serves, by the lists of its versions, each as its list says it is; `None` where there is none.
-async fn tree(app: &Router) -> Option<BTreeMap<String, Bytes>> {
+pub(super) async fn tree(app: &Router) -> Option<BTreeMap<String, Bytes>> {
     let answer = get(app, "/fort/manifest.json").await;
     if answer.status == 404 {
         return None;

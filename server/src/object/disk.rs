@@ -1,0 +1,104 @@
+//! Changes on disk: each is told to [`Steps`] before it is made, and its failure says what, where and why.
+
+use super::draft::{DraftError, Steps};
+use std::fs::{self, File};
+use std::io::{self, Write as _};
+use std::path::Path;
+
+/// Makes an error that says what could not be done, and where.
+pub(crate) fn failed(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DraftError {
+    let path = path.to_owned();
+    move |source| DraftError::Disk { what, path, source }
+}
+
+/// Write a new file, on disk (fsync), for a web server to read.
+pub(crate) fn write(path: &Path, bytes: &[u8], steps: Steps<'_>) -> Result<(), DraftError> {
+    let written = (|| {
+        steps(&name(path))?;
+        let mut file = File::create_new(path)?;
+        file.write_all(bytes)?;
+        readable(&file)?;
+        file.sync_all()
+    })();
+    written.map_err(failed("write", path))
+}
+
+/// Make a folder.
+pub(crate) fn create_dir(path: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    steps(&name(path)).and_then(|()| fs::create_dir_all(path)).map_err(failed("write", path))
+}
+
+/// Give a file or folder another name, and put that on disk.
+pub(crate) fn rename(from: &Path, to: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    let what = format!("rename {}", name(to));
+    steps(&what).and_then(|()| fs::rename(from, to)).map_err(failed("rename", to))?;
+    for folder in [to.parent(), from.parent().filter(|folder| Some(*folder) != to.parent())].into_iter().flatten() {
+        steps("sync").map_err(failed("write", folder))?;
+        sync_folder(folder)?;
+    }
+    Ok(())
+}
+
+/// Remove a file or a folder with everything in it; nothing where there is none.
+pub(crate) fn remove(path: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    let removed = (|| {
+        let is_folder = fs::symlink_metadata(path)?.is_dir();
+        if is_folder {
+            for entry in fs::read_dir(path)? {
+                remove(&entry?.path(), steps).map_err(io::Error::other)?;
+            }
+        }
+        steps(&format!("remove {}", name(path)))?;
+        if is_folder { fs::remove_dir(path) } else { fs::remove_file(path) }
+    })();
+    match removed {
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
+        removed => removed.map_err(failed("remove", path)),
+    }
+}
+
+/// Temporary files and folders are private; what is published is for a web server to read.
+pub(crate) fn readable(file: &File) -> io::Result<()> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        file.set_permissions(fs::Permissions::from_mode(0o644))?;
+    }
+    #[cfg(not(unix))]
+    let _ = file;
+    Ok(())
+}
+
+/// The same for a folder.
+pub(crate) fn open_to_all(folder: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    steps("open to all").map_err(failed("write", folder))?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        fs::set_permissions(folder, fs::Permissions::from_mode(0o755)).map_err(failed("write", folder))?;
+    }
+    Ok(())
+}
+
+/// The names in a folder and its folders, on disk.
+pub(crate) fn sync_folders(folder: &Path) -> Result<(), DraftError> {
+    for entry in fs::read_dir(folder).map_err(failed("read", folder))? {
+        let entry = entry.map_err(failed("read", folder))?;
+        if entry.file_type().map_err(failed("read", folder))?.is_dir() {
+            sync_folders(&entry.path())?;
+        }
+    }
+    sync_folder(folder)
+}
+
+/// The names in a folder, on disk. Systems that cannot open folders (Windows) do it themselves.
+pub(crate) fn sync_folder(folder: &Path) -> Result<(), DraftError> {
+    if let Ok(file) = File::open(folder) {
+        file.sync_all().map_err(failed("write", folder))?;
+    }
+    Ok(())
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
+}

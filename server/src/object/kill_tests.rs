@@ -1,0 +1,287 @@
+//! Whatever changes an archive is killed before every change on disk, and, where `strace` is there, before every system call that makes one: each leaves
+//! the old object or the new one, served whole, and the same command goes on to what it would have come to.
+
+use super::bag::{self, BagInfo};
+use super::checksums::sha256;
+use super::draft::tests::{is_whole, publish, slug, tree};
+use super::draft::{DraftError, Steps};
+use super::layout::{MANIFEST, PAGE};
+use super::lock::{Lock, PATIENCE};
+use super::manifest::{AccessState, Manifest};
+use super::next::settle;
+use super::site;
+use super::withdraw::{Withdrawal, outlook, withdraw};
+use crate::{Catalogue, Page, Site, app};
+use axum::body::Body;
+use axum::http::{Request, StatusCode};
+use std::cell::Cell;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitStatus, Stdio};
+use tower::ServiceExt as _;
+
+/// What is killed, and what is there before.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum What {
+    /// A version of this number.
+    Publish(u32),
+    /// An object with two versions and a bag.
+    Withdraw,
+    /// Another bag of an object with two versions.
+    Bag,
+    /// The pages of the folder, for the first time or again.
+    Site(bool),
+}
+
+const ALL: [What; 6] =
+    [What::Publish(1), What::Publish(2), What::Withdraw, What::Bag, What::Site(false), What::Site(true)];
+
+/// A folder of objects, and one outside of it.
+struct Archive {
+    folder: tempfile::TempDir,
+}
+
+impl Archive {
+    fn new(what: What) -> Self {
+        // Thousands of files are put on disk: in memory that takes no time.
+        let memory = Path::new("/dev/shm");
+        let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
+        let archive = Self { folder: folder.unwrap() };
+        fs::create_dir(archive.shelf()).unwrap();
+        let versions = if let What::Publish(version) = what { version - 1 } else { 2 };
+        for version in 1..=versions {
+            publish(&archive.shelf(), version, &|_| Ok(())).unwrap();
+        }
+        match what {
+            What::Withdraw | What::Bag => wrap(&archive.shelf(), &|_| Ok(())).unwrap(),
+            What::Site(true) => pages(&archive.shelf(), &|_| Ok(())).unwrap(),
+            _ => {}
+        }
+        archive
+    }
+
+    fn shelf(&self) -> PathBuf {
+        self.folder.path().join("shelf")
+    }
+}
+
+/// A program that another test starts in this moment has what is open here, locks too, until it runs.
+fn locked(shelf: &Path) -> Result<Lock, DraftError> {
+    Lock::wait(shelf, PATIENCE, &|| ())
+}
+
+fn wrap(shelf: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    let info = BagInfo {
+        organization: None,
+        identifier: "urn:x".to_owned(),
+        description: "Fort".to_owned(),
+        date: "2026-11-21".to_owned(),
+        tool: "kilwa".to_owned(),
+    };
+    bag::wrap(&locked(shelf)?, &slug(), &info, steps).map(drop)
+}
+
+fn pages(shelf: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    let page = Page::from_files([("style.css".to_owned(), b"css".to_vec())].into());
+    site::write(&locked(shelf)?, &page, steps)
+}
+
+/// The command, as often as it is given: what is done already is not done again.
+fn run(what: What, folder: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    let (shelf, keep) = (folder.join("shelf"), folder.join("keep"));
+    match what {
+        What::Publish(version) => {
+            let settled = settle(&locked(&shelf)?, &slug(), steps)?;
+            if settled.is_none_or(|m| m.current < version) {
+                publish(&shelf, version, steps)?;
+            }
+            Ok(())
+        }
+        What::Withdraw => {
+            let there = outlook(&shelf, &slug())?;
+            if there.withdrawn.is_some() && there.going.0 == 0 && !there.bag {
+                return Ok(());
+            }
+            let said = Withdrawal { reason: "asked to", day: "2026-11-21", keep: &keep };
+            withdraw(&locked(&shelf)?, &slug(), &said, steps).map(drop)
+        }
+        What::Bag => wrap(&shelf, steps),
+        What::Site(_) => pages(&shelf, steps),
+    }
+}
+
+/// What a reader gets.
+async fn get(shelf: &Path, path: &str) -> (StatusCode, Vec<u8>) {
+    let page = Page::from_files([("index.html".to_owned(), b"<html></html>".to_vec())].into());
+    let app = app(Site::new(Catalogue::open(shelf).unwrap(), page));
+    let answer =
+        app.oneshot(Request::get(path).header("host", "x.example").body(Body::empty()).unwrap()).await.unwrap();
+    let status = answer.status();
+    (status, axum::body::to_bytes(answer.into_body(), usize::MAX).await.unwrap().to_vec())
+}
+
+/// What must hold whenever it is looked at.
+fn is_old_or_new(what: What, folder: &Path) {
+    let (shelf, object) = (folder.join("shelf"), folder.join("shelf/fort"));
+    let threads = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let get = |path: &str| threads.block_on(get(&shelf, path));
+    if !object.exists() {
+        assert_eq!(what, What::Publish(1), "the object is gone");
+        return;
+    }
+    let manifest = Manifest::parse(&fs::read(object.join(MANIFEST)).unwrap()).unwrap();
+    // A static host shows this page, whatever the manifest says.
+    let page = fs::read_to_string(object.join(PAGE)).unwrap();
+    let needs = page.split("needs ").nth(1);
+    if manifest.access.state == AccessState::Withdrawn {
+        assert_eq!(what, What::Withdraw);
+        for version in &manifest.versions {
+            let (_, here) = (get(&format!("/fort/{}", version.pack.url)), object.join(&version.pack.url));
+            assert!(here.exists() || folder.join("keep/fort").join(&version.pack.url).exists(), "a pack is lost");
+            assert_eq!(get(&format!("/fort/{}", version.pack.url)).0, StatusCode::GONE);
+        }
+        let (status, served) = get("/fort/");
+        assert!(status == StatusCode::GONE && String::from_utf8_lossy(&served).contains("asked to"));
+        assert!(needs.is_none_or(|needs| object.join(needs).exists()), "a static host shows half of it");
+        return;
+    }
+    let current = is_whole(&object);
+    assert!(matches!(what, What::Publish(version) if current + 1 >= version && current <= version) || current == 2);
+    assert!(object.join(needs.unwrap()).exists(), "a static host shows half of it");
+    let (status, served) = get("/fort/");
+    let served = String::from_utf8(served).unwrap();
+    assert!(status == StatusCode::OK && served.contains(&format!("page of {current},")), "{served}");
+    assert_eq!(sha256(&get("/fort/index.html").1), manifest.page.sha256);
+    for version in &manifest.versions {
+        for file in [&version.pack.url, &version.checksums.url] {
+            assert_eq!(get(&format!("/fort/{file}")).0, StatusCode::OK, "{file}");
+        }
+    }
+}
+
+/// The same, and that the same command goes on.
+fn is_gone_on_with(what: What, archive: &Archive, whole: &Archive, cut: &str) {
+    let folder = archive.folder.path();
+    is_old_or_new(what, folder);
+    run(what, folder, &|_| Ok(())).unwrap_or_else(|e| panic!("{what:?}, {cut}: {e}"));
+    is_old_or_new(what, folder);
+    let (mut there, wanted) = (tree(folder), tree(whole.folder.path()));
+    // Of these the newest stands, and nobody reads them.
+    there.retain(|name, _| !name.ends_with(".kilwa-lock"));
+    let differ = |name: &&String| there.get(*name) != wanted.get(*name);
+    let names: Vec<&String> = there.keys().chain(wanted.keys()).filter(differ).collect();
+    assert!(names.is_empty(), "{what:?}, {cut}: it does not come to the same: {names:?}");
+}
+
+fn whole(what: What) -> Archive {
+    let archive = Archive::new(what);
+    run(what, archive.folder.path(), &|_| Ok(())).unwrap();
+    archive
+}
+
+const KILL: &str = "KILWA_TEST_KILL_AT";
+
+/// Run by the other tests in a process of its own: does it, and dies at a step.
+#[test]
+fn dies_at_a_step() {
+    let Ok(text) = std::env::var(KILL) else { return };
+    let parts: Vec<&str> = text.splitn(3, ' ').collect();
+    let (what, step): (usize, u32) = (parts[0].parse().unwrap(), parts[1].parse().unwrap());
+    let count = Cell::new(0);
+    let dying = |_: &str| {
+        count.set(count.get() + 1);
+        if count.get() > step {
+            std::process::abort();
+        }
+        Ok(())
+    };
+    run(ALL[what], Path::new(parts[2]), &dying).unwrap();
+}
+
+/// Run the test above with so many steps to live, by way of another program where one is named.
+fn dying(by: &[&str], what: What, step: u32, folder: &Path) -> ExitStatus {
+    let number = ALL.iter().position(|w| *w == what).unwrap();
+    let program = std::env::current_exe().unwrap();
+    let mut command = match by.split_first() {
+        Some((first, rest)) => {
+            let mut command = Command::new(first);
+            command.args(rest).arg(program);
+            command
+        }
+        None => Command::new(program),
+    };
+    command
+        .args(["--exact", "object::kill_tests::dies_at_a_step", "--quiet", "--test-threads=1"])
+        .env(KILL, format!("{number} {step} {}", folder.display()))
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .unwrap()
+}
+
+#[test]
+fn killed_before_any_change_on_disk_it_is_the_old_or_the_new_and_the_same_command_goes_on() {
+    for what in ALL {
+        let whole = whole(what);
+        for step in 0.. {
+            let archive = Archive::new(what);
+            let ended = dying(&[], what, step, archive.folder.path());
+            if ended.success() {
+                assert!(step > 5, "{step} steps are too few");
+                println!("{what:?}: killed at {step} steps");
+                break;
+            }
+            is_gone_on_with(what, &archive, &whole, &format!("killed at step {step}"));
+        }
+    }
+}
+
+/// What changes a disk.
+const CALLS: &str = "rename,renameat,renameat2,unlink,unlinkat,rmdir,mkdir,mkdirat,link,linkat,write,pwrite64,writev,fsync,fdatasync,ftruncate,chmod,fchmod,fchmodat,copy_file_range,sendfile,flock";
+
+/// How often each of these calls is made, in a run that comes to its end.
+fn calls(what: What) -> BTreeMap<String, u32> {
+    let (archive, mut counts) = (Archive::new(what), BTreeMap::new());
+    let log = archive.folder.path().join("log");
+    let by = ["strace", "-f", "-qq", "-o", log.to_str().unwrap(), "-e", &format!("trace={CALLS}")];
+    assert!(dying(&by, what, u32::MAX, archive.folder.path()).success());
+    for line in fs::read_to_string(log).unwrap().lines() {
+        let name = line.split('(').next().and_then(|begin| begin.split_whitespace().last());
+        if let Some(name) = name.filter(|name| CALLS.split(',').any(|call| call == *name)) {
+            *counts.entry(name.to_owned()).or_default() += 1;
+        }
+    }
+    counts
+}
+
+#[test]
+fn killed_before_any_system_call_it_is_the_old_or_the_new_and_the_same_command_goes_on() {
+    let works = Command::new("strace").args(["-f", "-qq", "-o", "/dev/null", "true"]).status();
+    if !works.is_ok_and(|status| status.success()) {
+        println!("skipped: strace is not here, or may not watch programs");
+        return;
+    }
+    // A run takes a twentieth of a second: usually some of the calls, others with each run.
+    let every = if std::env::var_os("KILWA_SOAK").is_some() { 1 } else { 7 };
+    let mut skipped = std::process::id() % every;
+    for what in ALL {
+        let (whole, mut killed, mut of) = (whole(what), 0, 0);
+        for (call, count) in calls(what) {
+            for nth in 1..=count {
+                of += 1;
+                skipped = (skipped + 1) % every;
+                if skipped > 0 {
+                    continue;
+                }
+                let archive = Archive::new(what);
+                let inject = format!("inject={call}:signal=KILL:when={nth}");
+                let by = ["strace", "-f", "-qq", "-o", "/dev/null", "-e", &format!("trace={call}"), "-e", &inject];
+                killed += u32::from(!dying(&by, what, u32::MAX, archive.folder.path()).success());
+                is_gone_on_with(what, &archive, &whole, &format!("killed at call {nth} of {call}"));
+            }
+        }
+        println!("{what:?}: killed at {killed} of {of} system calls");
+        assert!(killed > 0 && of > 20, "{killed} of {of} calls are too few");
+    }
+}

@@ -1,0 +1,248 @@
+//! Those who publish to, and withdraw from, one folder at once: whoever is told that it is done has done it, and nobody undoes what another has done.
+//!
+//! Everything is done as by `kilwa publish`, but that pictures are made of nothing: they take seconds, and have no part in this.
+
+use super::super::withdraw;
+use super::*;
+use clap::Parser as _;
+use kilwa_server::object::checksums::Checksums;
+use kilwa_server::object::layout::{MANIFEST, PAGE, POSTER, THUMBNAILS};
+use kilwa_server::object::{AccessState, Version};
+use std::path::PathBuf;
+
+#[path = "../../tests/support/serving.rs"]
+#[expect(dead_code, reason = "no server is started here")]
+mod serving;
+
+#[derive(clap::Parser)]
+struct Cli {
+    #[command(flatten)]
+    args: Args,
+}
+
+fn args(more: &[&str]) -> Args {
+    Cli::parse_from([&["kilwa"], more].concat()).args
+}
+
+const METADATA: &str = "title = \"Wall\"\npublished = 2026-11-21\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n";
+
+/// A folder with a page and metadata, and room for objects.
+struct Bench {
+    folder: tempfile::TempDir,
+}
+
+impl Bench {
+    fn new() -> Self {
+        // Thousands of files are put on disk: in memory that takes no time.
+        let memory = Path::new("/dev/shm");
+        let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
+        let bench = Self { folder: folder.unwrap() };
+        serving::page(&bench.path("www"));
+        bench
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn object(&self) -> PathBuf {
+        self.path("site/wall")
+    }
+
+    /// What publishes a version whose description and note are `words`; none for a first one.
+    fn publishing(&self, words: Option<&str>, more: &[&str]) -> Args {
+        let pack = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/compat/1.0-wall.kilwa");
+        let metadata = self.path(&format!("{}.toml", words.unwrap_or("first")));
+        let described = words.map(|words| format!("description = \"{words}\"\n")).unwrap_or_default();
+        std::fs::write(&metadata, format!("{described}{METADATA}")).unwrap();
+        let text = |path: &Path| path.to_str().unwrap().to_owned();
+        let (pack, site, www) = (text(&pack), text(&self.path("site")), text(&self.path("www")));
+        let all = ["publish", &pack, "--to", &site, "--metadata", &text(&metadata), "--www", &www, "--json"];
+        let noted = ["--date", "2026-11-22", "--version-note"];
+        let noted: Vec<&str> = words.map(|words| [&noted[..], &[words]].concat()).unwrap_or_default();
+        args(&[&all[1..], &noted, more].concat())
+    }
+
+    fn withdrawing(&self) -> Args {
+        let (site, keep) = (self.path("site"), self.path("keep"));
+        let (site, keep) = (site.to_str().unwrap(), keep.to_str().unwrap());
+        args(&["--withdraw", "wall", "--to", site, "--keep", keep, "--reason", "asked to", "--json"])
+    }
+
+    fn manifest(&self) -> Manifest {
+        Manifest::parse(&std::fs::read(self.object().join(MANIFEST)).unwrap()).unwrap()
+    }
+
+    /// Every file of every version is there and right, in the object or, of what was withdrawn, outside; the page is the manifest's.
+    fn is_whole(&self) -> Manifest {
+        let m = self.manifest();
+        assert_eq!(sha256(&std::fs::read(self.object().join(PAGE)).unwrap()), m.page.sha256);
+        for Version { folder, checksums, .. } in &m.versions {
+            let list = std::fs::read(self.object().join(&checksums.url)).unwrap();
+            assert_eq!(sha256(&list), checksums.sha256, "{folder}");
+            for (path, sum) in Checksums::parse(std::str::from_utf8(&list).unwrap()).unwrap().iter() {
+                let here = std::fs::read(self.object().join(folder).join(path));
+                let bytes = here.or_else(|_| std::fs::read(self.path("keep/wall").join(folder).join(path)));
+                assert_eq!(sha256(&bytes.unwrap()), sum, "{folder}/{path}");
+            }
+        }
+        for folder in [self.path("site"), self.object()] {
+            let hidden =
+                |e: std::io::Result<std::fs::DirEntry>| e.unwrap().file_name().to_string_lossy().starts_with('.');
+            assert!(!std::fs::read_dir(&folder).unwrap().any(hidden), "something is left in {}", folder.display());
+        }
+        m
+    }
+}
+
+/// Pictures of nothing.
+fn blank(_: &Path, folder: &Path, _: &Plan, _: &ProgressBar) -> anyhow::Result<Pictured> {
+    let names = || [POSTER].into_iter().chain(THUMBNAILS.map(|(name, _)| name));
+    for name in names() {
+        std::fs::write(folder.join(name), b"\xff\xd8\xff\xe0")?;
+    }
+    let files = names().map(str::to_owned).collect();
+    Ok(Pictured { files, drawings: Vec::new(), preview: None, left_out: Vec::new() })
+}
+
+fn publish(args: &Args) -> anyhow::Result<Report> {
+    run_with(args, &mut Plan::for_folder(args)?, &blank)
+}
+
+#[test]
+fn two_who_planned_the_same_version_publish_one_after_the_other_and_both_are_there() {
+    let bench = Bench::new();
+    publish(&bench.publishing(None, &[])).unwrap();
+    let (ours, theirs) = (bench.publishing(Some("ours"), &[]), bench.publishing(Some("theirs"), &[]));
+    let mut planned = Plan::for_folder(&ours).unwrap();
+    assert_eq!(publish(&theirs).unwrap().version, 2);
+    let report = run_with(&ours, &mut planned, &blank).unwrap();
+    assert_eq!(report.version, 3);
+    assert!(
+        report.warnings.iter().any(|w| w.contains("version 2 was published by somebody else")),
+        "{:?}",
+        report.warnings
+    );
+    let notes: Vec<String> = bench.is_whole().versions.into_iter().map(|v| v.note).collect();
+    assert_eq!(notes, ["First publication", "theirs", "ours"]);
+}
+
+#[test]
+fn what_was_withdrawn_while_a_version_was_made_stays_withdrawn() {
+    let bench = Bench::new();
+    publish(&bench.publishing(None, &[])).unwrap();
+    let ours = bench.publishing(Some("ours"), &[]);
+    let mut planned = Plan::for_folder(&ours).unwrap();
+    withdraw::run(&bench.withdrawing(), "wall").unwrap();
+    let why = run_with(&ours, &mut planned, &blank).err().unwrap().to_string();
+    assert!(why.contains("was withdrawn"), "{why}");
+    let m = bench.is_whole();
+    assert_eq!((m.access.state, m.versions.len()), (AccessState::Withdrawn, 1));
+}
+
+#[test]
+fn what_an_object_asks_of_its_next_version_is_asked_when_the_version_has_been_made() {
+    let bench = Bench::new();
+    let closed = "[access]\nstate = \"restricted\"\n";
+    let restrict = |args: &Args| {
+        let file = args.metadata.as_ref().unwrap();
+        std::fs::write(file, std::fs::read_to_string(file).unwrap() + closed).unwrap();
+    };
+    // Two first versions of one name: the second is a further one, and says nothing of what is new.
+    let (first, second) = (bench.publishing(None, &[]), bench.publishing(Some("second"), &[]));
+    let without_note = Args { version_note: None, date: None, ..second };
+    let mut planned = Plan::for_folder(&without_note).unwrap();
+    publish(&first).unwrap();
+    let why = run_with(&without_note, &mut planned, &blank).err().unwrap().to_string();
+    assert!(why.contains("is published already") && why.contains("--version-note"), "{why}");
+    // A version that closes the object comes while an open one is made.
+    let (open, restricted) = (bench.publishing(Some("open"), &[]), bench.publishing(Some("closed"), &[]));
+    restrict(&restricted);
+    let mut planned = Plan::for_folder(&open).unwrap();
+    publish(&restricted).unwrap();
+    let why = run_with(&open, &mut planned, &blank).err().unwrap().to_string();
+    assert!(why.contains("is restricted, and this version would be public"), "{why}");
+    assert_eq!(bench.is_whole().versions.len(), 2);
+}
+
+#[test]
+fn the_same_command_again_says_what_is_there_and_makes_what_is_lacking() {
+    let bench = Bench::new();
+    let first = bench.publishing(None, &["--bag", "--site"]);
+    assert!(!publish(&first).unwrap().already);
+    let before = bench.is_whole();
+    std::fs::remove_dir_all(bench.path("site/wall.bag")).unwrap();
+    std::fs::remove_file(bench.path("site/feed.xml")).unwrap();
+    let again = publish(&first).unwrap();
+    assert!(again.already && again.version == 1 && bench.is_whole() == before);
+    assert!(bench.path("site/wall.bag/bagit.txt").exists() && bench.path("site/feed.xml").exists());
+    let further = bench.publishing(Some("further"), &[]);
+    assert!(!publish(&further).unwrap().already && publish(&further).unwrap().already);
+    assert_eq!(bench.is_whole().versions.len(), 2);
+    // Another version of the very same is none.
+    let same = Args { version_note: Some("other words".to_owned()), ..further };
+    assert!(publish(&same).err().unwrap().to_string().contains("nothing new to publish"));
+}
+
+#[test]
+fn in_two_hundred_rounds_of_two_who_publish_and_one_who_withdraws_nothing_is_lost() {
+    let rounds: u64 = if std::env::var_os("KILWA_SOAK").is_some() { 2000 } else { 200 };
+    let (mut published, mut refused, mut withdrawn) = (0, 0, 0);
+    for round in 0..rounds {
+        let bench = Bench::new();
+        publish(&bench.publishing(None, &[])).unwrap();
+        let mut state = round.wrapping_mul(0x9e37_79b9_7f4a_7c15) + 1;
+        let mut pause = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            // Which of them is where is what this is about: no state is waited for.
+            std::time::Duration::from_micros((state >> 33) % 12_000)
+        };
+        let site: &[&str] = if round % 5 == 0 { &["--site", "--bag"] } else { &[] };
+        let publishing =
+            [("ours", bench.publishing(Some("ours"), site)), ("theirs", bench.publishing(Some("theirs"), &[]))];
+        let (takes, pauses) = (bench.withdrawing(), [pause(), pause(), pause(), pause(), pause()]);
+        let (ends, taken) = std::thread::scope(|scope| {
+            let publishers: Vec<_> = publishing
+                .iter()
+                .zip(pauses.chunks(2))
+                .map(|((words, args), pauses)| {
+                    scope.spawn(move || {
+                        std::thread::sleep(pauses[0]);
+                        let planned = Plan::for_folder(args);
+                        std::thread::sleep(pauses[1]);
+                        (*words, planned.and_then(|mut plan| run_with(args, &mut plan, &blank)))
+                    })
+                })
+                .collect();
+            let taker = (round % 3 > 0).then(|| {
+                scope.spawn(|| {
+                    std::thread::sleep(pauses[4] * 3);
+                    withdraw::run(&takes, "wall")
+                })
+            });
+            let ends: Vec<_> = publishers.into_iter().map(|p| p.join().unwrap()).collect();
+            (ends, taker.map(|t| t.join().unwrap()))
+        });
+        let m = bench.is_whole();
+        let is_withdrawn = taken.is_some_and(|taken| taken.map_err(|e| panic!("round {round}: {e:#}")).is_ok());
+        assert_eq!(m.access.state == AccessState::Withdrawn, is_withdrawn, "round {round}");
+        withdrawn += u64::from(is_withdrawn);
+        for (words, end) in ends {
+            let is_there = m.versions.iter().any(|v| v.note == words);
+            match end {
+                Ok(report) => {
+                    assert!(is_there && m.versions[report.version as usize - 1].note == words, "round {round}")
+                }
+                Err(why) => {
+                    let why = format!("{why:#}");
+                    assert!(!is_there && is_withdrawn && why.contains("was withdrawn"), "round {round}: {why}");
+                    refused += 1;
+                    continue;
+                }
+            }
+            published += 1;
+        }
+    }
+    println!("{rounds} rounds: {published} published, {refused} refused, {withdrawn} withdrawn, 0 lost");
+    assert!(published > rounds / 2 && refused > rounds / 20 && withdrawn > rounds / 2);
+}

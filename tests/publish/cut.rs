@@ -1,0 +1,126 @@
+//! What is left of a publication or withdrawal that was killed: `kilwa verify` says what happened, and the same command goes on.
+
+use crate::support::text;
+use crate::{Bench, LEAST, json_of, other_pack, run, tree};
+use std::path::Path;
+use std::process::{Command, Output};
+
+const NEXT: &str = ".kilwa-next";
+const FURTHER: [&str; 4] = ["--version-note", "Better", "--date", "2026-12-01"];
+
+fn described() -> String {
+    format!("description = \"Better\"\n{LEAST}")
+}
+
+fn verified(folder: &Path) -> (bool, String) {
+    let output = run(&["verify", text(folder)]);
+    let said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
+    (output.status.success(), said)
+}
+
+#[test]
+fn cut_off_around_the_manifest_it_is_sound_and_verify_says_what_happened() {
+    let bench = Bench::new();
+    let object = bench.published(&other_pack(), LEAST, &[]);
+    let old = ["manifest.json", "index.html"].map(|name| (name, std::fs::read(object.join(name)).unwrap()));
+    bench.published(&other_pack(), &described(), &FURTHER);
+    let whole = tree(&object);
+    let next = object.join(NEXT);
+    // After the folder of the version: its manifest and page lie beside it, and the object is the old one.
+    std::fs::create_dir(&next).unwrap();
+    for (name, bytes) in &old {
+        std::fs::rename(object.join(name), next.join(name)).unwrap();
+        std::fs::write(object.join(name), bytes).unwrap();
+    }
+    let (is_sound, said) = verified(&object);
+    assert!(is_sound && said.contains("v2 is a version that was cut off while it was published"), "{said}");
+    assert!(!said.contains("nobody knows this file"), "{said}");
+    bench.published(&other_pack(), &described(), &FURTHER);
+    assert!(tree(&object) == whole, "the same command comes to the same");
+    // After the manifest: the object is the new one, and its page lies beside it.
+    std::fs::create_dir(&next).unwrap();
+    std::fs::rename(object.join("index.html"), next.join("index.html")).unwrap();
+    std::fs::write(object.join("index.html"), &old[1].1).unwrap();
+    let (is_sound, said) = verified(&object);
+    assert!(is_sound && said.contains("index.html is still the page of before") && said.contains("again"), "{said}");
+    let again = bench.publish(&other_pack(), &described(), &FURTHER);
+    assert!(again.status.success(), "{}", String::from_utf8_lossy(&again.stderr));
+    assert!(tree(&object) == whole);
+    // A page that is neither is damage.
+    std::fs::write(object.join("index.html"), "another").unwrap();
+    let (is_sound, said) = verified(&object);
+    assert!(!is_sound && said.contains("it is not what was published"), "{said}");
+}
+
+/// Run a command that is killed before its n-th call of a kind; `None` where it came to its end.
+fn killed(args: &[&str], call: &str, nth: u32) -> Option<Output> {
+    let inject = format!("inject={call}:signal=KILL:when={nth}");
+    let output = Command::new("strace")
+        .args([
+            "-f",
+            "-qq",
+            "-o",
+            "/dev/null",
+            "-e",
+            &format!("trace={call}"),
+            "-e",
+            &inject,
+            env!("CARGO_BIN_EXE_kilwa"),
+        ])
+        .args(args)
+        .env_remove("SOURCE_DATE_EPOCH")
+        .output()
+        .unwrap();
+    (!output.status.success()).then_some(output)
+}
+
+#[test]
+fn the_program_killed_before_any_rename_leaves_a_sound_archive_and_goes_on() {
+    let works = Command::new("strace").args(["-f", "-qq", "-o", "/dev/null", "true"]).status();
+    if !works.is_ok_and(|status| status.success()) {
+        println!("skipped: strace is not here, or may not watch programs");
+        return;
+    }
+    let bench = Bench::new();
+    let object = bench.published(&other_pack(), LEAST, &[]);
+    let (first, kept) = (bench.path("first"), bench.path("keep"));
+    let copy = |from: &Path, to: &Path| {
+        drop(std::fs::remove_dir_all(to));
+        assert!(Command::new("cp").args(["-a", text(from), text(to)]).status().unwrap().success());
+    };
+    copy(&bench.path("site"), &first);
+    let (metadata, site, www, pack) =
+        (bench.metadata(&described()), bench.path("site"), bench.path("www"), other_pack());
+    let begin = ["publish", text(&pack), "--to", text(&site), "--metadata", text(&metadata), "--www", text(&www)];
+    let publish = [&begin[..], &["--software"], &FURTHER].concat();
+    let reason = ["--reason", "asked to", "--date", "2026-12-02"];
+    let withdraw =
+        [&["publish", "--withdraw", "fort", "--to", text(&site), "--keep", text(&kept)][..], &reason].concat();
+    for (command, call) in [(&publish, "rename"), (&withdraw, "rename"), (&withdraw, "unlink")] {
+        let mut deaths = 0;
+        for nth in 1.. {
+            copy(&first, &site);
+            drop(std::fs::remove_dir_all(&kept));
+            if killed(command, call, nth).is_none() {
+                break;
+            }
+            deaths += 1;
+            let (is_sound, said) = verified(&object);
+            assert!(is_sound, "killed before {call} {nth}: {said}");
+            let again = run(command);
+            assert!(again.status.success(), "{call} {nth}: {}", String::from_utf8_lossy(&again.stderr));
+            let (is_sound, said) = verified(&object);
+            assert!(is_sound && !said.contains("cut off"), "{call} {nth}: {said}");
+            let manifest = json_of(&object.join("manifest.json"));
+            if *command == publish {
+                assert_eq!(manifest["current"], 2);
+            } else {
+                let pack = manifest["versions"][0]["pack"]["url"].as_str().unwrap();
+                assert_eq!(manifest["access"]["state"], "withdrawn");
+                assert!(!object.join(pack).exists() && kept.join("fort").join(pack).exists());
+            }
+        }
+        println!("{call}: killed {deaths} times");
+        assert!(deaths > 2, "{deaths}");
+    }
+}
