@@ -122,6 +122,8 @@ struct Report {
     published: String,
     /// It was there before, from an earlier run; nothing was added.
     already: bool,
+    /// Its geometry can be read by its owner and the group of the folder alone.
+    closed: bool,
     files: usize,
     bytes: u64,
     pack: kilwa_server::object::PackEntry,
@@ -173,6 +175,10 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
         return Ok(());
     }
     writeln!(out, "{object}: version {version} published, {files} files, {}", plan::human(report.bytes))?;
+    if report.closed {
+        let folder = args.to.display();
+        writeln!(out, "  not public: pack and preview can be read only by you and the group of {folder}; the server must belong to it")?;
+    }
     if report.notes > 0 {
         writeln!(out, "  with {} notes", report.notes)?;
     }

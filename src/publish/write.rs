@@ -6,7 +6,7 @@ use crate::{extract, redact, source, verify};
 use anyhow::{Context, ensure};
 use indicatif::ProgressBar;
 use kilwa_pack::visible::visible;
-use kilwa_server::object::Manifest;
+use kilwa_server::object::{AccessState, Manifest};
 use kilwa_server::object::assemble::{Landing, complete, is_published, write_viewer};
 use kilwa_server::object::bag::{self, BagInfo};
 use kilwa_server::object::checksums::sha256;
@@ -96,6 +96,7 @@ fn run_with(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Resul
         version: publication.version,
         published: publication.published,
         already: false,
+        closed: closed_files(plan),
         files: completed.files,
         bytes: completed.bytes,
         notes: publication.notes.map_or(0, |n| n.notes.notes.len()),
@@ -107,6 +108,11 @@ fn run_with(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Resul
     })
 }
 
+/// Whether the geometry is kept from other users of this computer.
+fn closed_files(plan: &Plan) -> bool {
+    cfg!(unix) && plan.facts.metadata.access() != AccessState::Public
+}
+
 /// The lock of the folder of objects. Who has to wait for it is told so.
 pub(super) fn locked(shelf: &Path, bar: &ProgressBar) -> anyhow::Result<Lock> {
     let waits = || {
@@ -115,7 +121,7 @@ pub(super) fn locked(shelf: &Path, bar: &ProgressBar) -> anyhow::Result<Lock> {
             shelf.display(),
             PATIENCE.as_secs() / 60
         );
-        bar.suspend(|| drop(writeln!(std::io::stderr(), "{line}")));
+        bar.suspend(|| crate::terminal::say!("{line}"));
     };
     Ok(Lock::wait(shelf, PATIENCE, &waits)?)
 }

@@ -12,6 +12,7 @@ use super::disk::{self, failed};
 use super::layout::{CHECKSUMS, MANIFEST, PAGE, Slug, safe, version_folder};
 use super::lock::Lock;
 use super::manifest::{FileEntry, MANIFEST_MAX, Manifest, ManifestError};
+use super::modes;
 use super::next::become_next;
 use super::scratch::{self, Scratch};
 use crate::store::read_small;
@@ -237,11 +238,13 @@ impl<'a> Draft<'a> {
         let folder = version_folder(version);
         let entry = |url: String, bytes: &[u8]| FileEntry { url, bytes: bytes.len() as u64, sha256: sha256(bytes) };
         let manifest = manifest(entry(format!("{folder}/{CHECKSUMS}"), list.as_bytes()), entry(PAGE.to_owned(), page));
+        let (is_open, earlier) = (modes::is_for_everybody(&manifest.access), manifest.versions.clone());
         let manifest = manifest.to_bytes()?;
         let whole = self.hidden.path().join("next");
         disk::create_dir(&whole, self.steps)?;
         disk::open_to_all(&self.folder(), self.steps)?;
         disk::rename(&self.folder(), &whole.join(&folder), self.steps)?;
+        modes::settle(&whole.join(&folder), is_open, lock.folder(), self.steps)?;
         disk::write(&whole.join(PAGE), page, self.steps)?;
         disk::write(&whole.join(MANIFEST), &manifest, self.steps)?;
         disk::open_to_all(&whole, self.steps)?;
@@ -253,7 +256,18 @@ impl<'a> Draft<'a> {
                 if whole.exists() { e } else { DraftError::Unfinished(Box::new(e)) }
             })?;
         } else {
+            // Closed before the manifest says so, opened after it.
+            let settle_earlier = || {
+                let folders = earlier.iter().map(|v| object.join(&v.folder)).filter(|at| at.is_dir());
+                folders.into_iter().try_for_each(|at| modes::settle(&at, is_open, lock.folder(), self.steps))
+            };
+            if !is_open {
+                settle_earlier()?;
+            }
             become_next(&object, &whole, Some(&folder), self.steps)?;
+            if is_open {
+                settle_earlier().map_err(|e| DraftError::Unfinished(Box::new(e)))?;
+            }
         }
         // It is published, whether the empty folder goes now or with the next version.
         drop(self.hidden.close(self.steps));

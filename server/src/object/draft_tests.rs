@@ -1,6 +1,7 @@
 use super::*;
 use crate::object::layout::pack_name;
 use crate::object::lock::PATIENCE;
+use crate::object::manifest::AccessState;
 use crate::object::manifest::tests::sample;
 use crate::object::next::settle;
 use std::cell::Cell;
@@ -12,6 +13,11 @@ pub(crate) fn slug() -> Slug {
 
 /// Publish version `version` with some files; the words in them tell versions apart.
 pub(crate) fn publish(shelf: &Path, version: u32, steps: Steps<'_>) -> Result<PathBuf, DraftError> {
+    publish_as(shelf, version, steps, AccessState::Public)
+}
+
+/// The same, for those who may see what is `state`.
+fn publish_as(shelf: &Path, version: u32, steps: Steps<'_>, state: AccessState) -> Result<PathBuf, DraftError> {
     let mut draft = Draft::begin(&Lock::wait(shelf, PATIENCE, &|| ())?, &slug(), steps)?;
     draft.write("a.txt", format!("a of {version}").as_bytes())?;
     draft.write("metadata/b.txt", format!("b of {version}").as_bytes())?;
@@ -30,6 +36,8 @@ pub(crate) fn publish(shelf: &Path, version: u32, steps: Steps<'_>) -> Result<Pa
         (added.pack.sha256, added.pack.bytes) = (sum, bytes);
         m.versions.push(added);
         (m.current, m.page) = (version, page);
+        m.access.state = state;
+        m.access.until = (state == AccessState::Embargo).then(|| "2099-01-01".to_owned());
         m
     })
 }
@@ -154,4 +162,29 @@ fn what_another_program_is_making_is_left_alone() {
         publish(shelf.path(), version, &|_| Ok(())).unwrap();
         assert_eq!(fs::read(other.folder().join("a.txt")).unwrap(), b"a of theirs");
     }
+}
+
+/// Modes of the packs of an object, version by version.
+#[cfg(unix)]
+fn modes_of_packs(object: &Path) -> Vec<u32> {
+    use std::os::unix::fs::PermissionsExt;
+    let manifest = Manifest::parse(&fs::read(object.join(MANIFEST)).unwrap()).unwrap();
+    let mode = |path: &str| fs::metadata(object.join(path)).unwrap().permissions().mode() & 0o777;
+    manifest.versions.iter().map(|v| mode(&v.pack.url)).collect()
+}
+
+#[cfg(unix)]
+#[test]
+fn geometry_that_is_not_public_is_not_for_other_users_of_the_computer() {
+    use AccessState::{Embargo, Public, Restricted};
+    use std::os::unix::fs::PermissionsExt;
+    let shelf = tempfile::tempdir().unwrap();
+    let object = shelf.path().join("fort");
+    let states = [(Restricted, vec![0o640]), (Public, vec![0o644; 2]), (Embargo, vec![0o640; 3])];
+    for (version, (state, wanted)) in (1..).zip(states) {
+        publish_as(shelf.path(), version, &|_| Ok(()), state).unwrap();
+        assert_eq!(modes_of_packs(&object), wanted, "version {version}");
+    }
+    // Words and pictures are for everybody, whatever the model is.
+    assert_eq!(fs::metadata(object.join("v3/a.txt")).unwrap().permissions().mode() & 0o777, 0o644);
 }

@@ -24,6 +24,7 @@ pub mod location;
 pub mod lock;
 pub mod manifest;
 pub mod metadata;
+mod modes;
 pub mod next;
 pub mod notes;
 pub mod page;

@@ -9,6 +9,7 @@ use super::draft::{DraftError, HIDDEN, Steps};
 use super::layout::{CHECKSUMS, CITATIONS, LICENCE, MANIFEST, PAGE, README, Slug, VIEWER};
 use super::lock::{Lock, PATIENCE};
 use super::manifest::{AccessState, MANIFEST_MAX, Manifest};
+use super::modes;
 use super::next::{become_next, settle};
 use super::page::tombstone;
 use super::scratch::{self, Scratch};
@@ -92,6 +93,7 @@ pub fn withdraw(lock: &Lock, slug: &Slug, said: &Withdrawal<'_>, steps: Steps<'_
     let copy_of = |folder: &Path| kept.join(folder.file_name().unwrap_or_default());
     for folder in &folders {
         take(folder, &copy_of(folder), steps)?;
+        modes::settle(&copy_of(folder), false, said.keep, steps)?;
     }
     // A bag holds the same files again.
     disk::remove(&shelf.join(format!("{slug}.bag")), steps)?;
