@@ -90,6 +90,7 @@ impl Pace {
 mod tests {
     use super::*;
 
+    #[expect(clippy::unnecessary_wraps, reason = "it is compared with what may say nothing")]
     fn wait(from: u64, to: u64) -> Option<Wait> {
         Some(Wait { from: Duration::from_secs(from), to: Duration::from_secs(to) })
     }
