@@ -127,7 +127,9 @@ mod tests {
     fn through(form: Form, pieces: &[&[u8]]) -> String {
         let mut to = Vec::new();
         let mut escaping = Escaping::new(&mut to, form);
-        pieces.iter().for_each(|piece| escaping.write_all(piece).unwrap());
+        for piece in pieces {
+            escaping.write_all(piece).unwrap();
+        }
         drop(escaping);
         String::from_utf8(to).unwrap()
     }
