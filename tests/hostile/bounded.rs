@@ -50,7 +50,7 @@ fn shape(kind: &str, n: u32) -> Input {
         _ => {
             let height = |i: u32| if kind == "two places" { f64::from(i % 2) / 2.0 } else { 0.0 };
             mesh.positions.extend((0..n).flat_map(|i| base.map(|[x, y, _]| [x, y, height(i)])));
-            let order = |i: u32| if kind == "facing apart" && i % 2 == 0 { [0, 2, 1] } else { [0, 1, 2] };
+            let order = |i: u32| if kind == "facing apart" && i.is_multiple_of(2) { [0, 2, 1] } else { [0, 1, 2] };
             mesh.triangles.extend((0..n).map(|i| order(i).map(|k| 3 * i + k)));
             if kind == "stacked with colours" {
                 mesh.colors.extend((0..3 * n).map(|i| [i / 3, i / 768, i / 196_608].map(|c| c as u8)));
@@ -180,12 +180,11 @@ fn texts(each: &mut dyn FnMut(&str, String)) {
     let surface = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n";
     let lines = |line: &dyn Fn(usize) -> String| {
         let mut text = String::new();
-        (0..)
-            .take_while(|i| {
-                text += &line(*i);
-                text.len() < TEXT
-            })
-            .for_each(drop);
+        let mut number = 0;
+        while text.len() < TEXT {
+            text += &line(number);
+            number += 1;
+        }
         text
     };
     let ply = |inside: &str| {

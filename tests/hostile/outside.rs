@@ -266,7 +266,7 @@ fn no_name_made_of_any_parts_leads_out_of_the_folder() {
     };
     let (mut refused, mut missing) = (0, 0);
     for _ in 0..trials {
-        let mut name: String = (0..1 + next(7)).map(|_| PARTS[next(PARTS.len())]).collect();
+        let mut name: String = (0..=next(7)).map(|_| PARTS[next(PARTS.len())]).collect();
         if next(2) == 0 {
             name = format!("{name}{}secret.bin", ["/", "/../", "\\..\\", ""][next(4)]);
         }

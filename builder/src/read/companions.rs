@@ -130,9 +130,8 @@ impl Companions {
             [&|| Some(exact.clone()), &|| self.ignoring_case(from, name), &|| self.ignoring_case(from, last)];
         for path in ways.into_iter().filter_map(|way| way()) {
             match self.judged(path) {
-                Found::Nothing => {}
                 Found::Outside(path) if outside == Found::Nothing => outside = Found::Outside(path),
-                Found::Outside(_) => {}
+                Found::Outside(_) | Found::Nothing => {}
                 found @ Found::File(_) => return found,
             }
         }

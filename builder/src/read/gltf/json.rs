@@ -32,9 +32,8 @@ fn refusal(e: &serde_path_to_error::Error<serde_json::Error>, context: &Context<
     context.part(visible(&part).into_owned(), plainly(&e.inner().to_string()), expected)
 }
 
-/// The same with every 1.0 written as 1; `None` where there is none. Takes the bytes over, so that both forms are not held
-/// for longer than it takes.
-pub(super) fn with_whole_numbers(json: Vec<u8>) -> Option<Vec<u8>> {
+/// The same with every 1.0 written as 1; `None` where there is none.
+pub(super) fn with_whole_numbers(json: &[u8]) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(json.len());
     let (mut at, mut changed) = (0, false);
     while let Some(&b) = json.get(at) {

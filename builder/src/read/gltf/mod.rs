@@ -232,7 +232,10 @@ fn parse(mut json: Vec<u8>, most: u64, context: &Context<'_>) -> Result<Root, Re
         Ok(root) => return Ok(root),
         Err(refusal) => refusal,
     };
-    let Some(json) = json::with_whole_numbers(json) else { return Err(refusal) };
+    let whole = json::with_whole_numbers(&json);
+    // Both forms are not held while one of them is parsed.
+    drop(json);
+    let Some(json) = whole else { return Err(refusal) };
     deserialize(&json, context).map_err(|_| refusal)
 }
 
