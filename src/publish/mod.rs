@@ -177,7 +177,10 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
     writeln!(out, "{object}: version {version} published, {files} files, {}", plan::human(report.bytes))?;
     if report.closed {
         let folder = args.to.display();
-        writeln!(out, "  not public: pack and preview can be read only by you and the group of {folder}; the server must belong to it")?;
+        writeln!(
+            out,
+            "  not public: pack and preview can be read only by you and the group of {folder}; the server must belong to it"
+        )?;
     }
     if report.notes > 0 {
         writeln!(out, "  with {} notes", report.notes)?;

@@ -243,6 +243,6 @@ fn in_two_hundred_rounds_of_two_who_publish_and_one_who_withdraws_nothing_is_los
             published += 1;
         }
     }
-    println!("{rounds} rounds: {published} published, {refused} refused, {withdrawn} withdrawn, 0 lost");
+    crate::terminal::say!("{rounds} rounds: {published} published, {refused} refused, {withdrawn} withdrawn, 0 lost");
     assert!(published > rounds / 2 && refused > rounds / 20 && withdrawn > rounds / 2);
 }

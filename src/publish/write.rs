@@ -6,7 +6,6 @@ use crate::{extract, redact, source, verify};
 use anyhow::{Context, ensure};
 use indicatif::ProgressBar;
 use kilwa_pack::visible::visible;
-use kilwa_server::object::{AccessState, Manifest};
 use kilwa_server::object::assemble::{Landing, complete, is_published, write_viewer};
 use kilwa_server::object::bag::{self, BagInfo};
 use kilwa_server::object::checksums::sha256;
@@ -16,6 +15,7 @@ use kilwa_server::object::lock::{Lock, PATIENCE};
 use kilwa_server::object::next::settle;
 use kilwa_server::object::record::Preview;
 use kilwa_server::object::site;
+use kilwa_server::object::{AccessState, Manifest};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -174,6 +174,7 @@ fn already(
         version: last.version,
         published: last.published.clone(),
         already: true,
+        closed: closed_files(plan),
         files: 1,
         bytes: made.bytes,
         pack: last.pack.clone(),
