@@ -1,10 +1,12 @@
 //! Saved measurements: adding to a document, measuring all of a document again, writing it in other formats.
 
+use super::output::folder;
 use super::{Args, Subject};
 use crate::new_file::NewFile;
 use anyhow::Context;
 use kilwa_measure::job::pack_name;
 use kilwa_measure::{Document, Leaves, Measurement, Outcome};
+use kilwa_server::object::lock::{Lock, PATIENCE};
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -56,9 +58,10 @@ pub(super) fn citation(s: &Subject, measurement: &Measurement) -> String {
     measurement.citation(&pack_name(s.leaves.index()), PROGRAM, s.unit)
 }
 
-/// Add a measurement to a document, which is made where it is not there.
+/// Add a measurement to a document, which is made where it is not there. The folder is locked meanwhile: of two that are saved at once neither is lost.
 pub(super) fn save(s: &Subject, outcome: &Outcome, to: &Path, args: &Args) -> anyhow::Result<()> {
     let pack = pack_name(s.leaves.index());
+    let _lock = Lock::wait(folder(to), PATIENCE, &|| ()).with_context(|| format!("cannot write {}", to.display()))?;
     let mut document = if to.exists() { read(to)? } else { Document::new(pack.clone()) };
     anyhow::ensure!(
         document.pack.identity == pack.identity,

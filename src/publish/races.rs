@@ -231,7 +231,7 @@ fn in_two_hundred_rounds_of_two_who_publish_and_one_who_withdraws_nothing_is_los
             let is_there = m.versions.iter().any(|v| v.note == words);
             match end {
                 Ok(report) => {
-                    assert!(is_there && m.versions[report.version as usize - 1].note == words, "round {round}")
+                    assert!(is_there && m.versions[report.version as usize - 1].note == words, "round {round}");
                 }
                 Err(why) => {
                     let why = format!("{why:#}");

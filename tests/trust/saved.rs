@@ -38,6 +38,24 @@ pub(crate) fn save_all(p: &Phantom, to: &Path) -> usize {
 }
 
 #[test]
+fn of_measurements_that_are_saved_at_once_none_is_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, p) = (folder.path().join("all.json"), phantom("cube", "origin"));
+    let save = || {
+        std::thread::spawn({
+            let (pack, file) = (p.pack.clone(), file.clone());
+            move || succeeds(&["measure", text(&pack), "area", "--save", text(&file)])
+        })
+    };
+    for _ in 0..5 {
+        let saving: Vec<_> = (0..8).map(|_| save()).collect();
+        saving.into_iter().for_each(|one| drop(one.join().unwrap()));
+    }
+    let again = json(&["measure", text(&p.pack), "again", text(&file)]);
+    assert_eq!(again["measurements"].as_array().unwrap().len(), 40);
+}
+
+#[test]
 fn every_tool_is_saved_and_measures_the_same_to_the_last_bit() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("all.json");

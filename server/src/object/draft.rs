@@ -42,13 +42,13 @@ pub enum DraftError {
     },
     /// Another program changes the folder now.
     #[error(
-        "another kilwa is publishing to or withdrawing from {0}; nothing was changed. Run the same command again when it is done"
+        "another kilwa is changing {0} (publishing, withdrawing or saving); nothing was changed. Run the same command again when it is done"
     )]
     Busy(PathBuf),
     /// The folder cannot be locked.
     #[error(
-        "cannot lock {path}: {source}. Without a lock two publications at once could lose one of them; nothing was changed. \
-         Publish on the computer that has the disk, or mount it so that files can be locked"
+        "cannot lock {path}: {source}. Without a lock two changes at once could lose one of them; nothing was changed. \
+         Run the command on the computer that has the disk, or mount it so that files can be locked"
     )]
     Unlockable {
         /// Which folder.
