@@ -49,7 +49,9 @@ fn of_measurements_that_are_saved_at_once_none_is_lost() {
     };
     for _ in 0..5 {
         let saving: Vec<_> = (0..8).map(|_| save()).collect();
-        saving.into_iter().for_each(|one| drop(one.join().unwrap()));
+        for one in saving {
+            one.join().unwrap();
+        }
     }
     let again = json(&["measure", text(&p.pack), "again", text(&file)]);
     assert_eq!(again["measurements"].as_array().unwrap().len(), 40);
