@@ -136,6 +136,8 @@ fn every_ply_is_read_as_the_reference_reads_it_or_refused_with_a_reason() {
 const OBJ_REFUSED: &[(&str, &str)] = &[
     ("Cube_fbx_wrong_extension.obj", "an FBX scene"),
     ("box_UTF16BE.obj", "UTF-16"),
+    // Reads its colours from a folder beside its own; `--allow-outside` takes it.
+    ("box-external-resources/box-external-resources.obj", "outside of the folder"),
     ("ObjImporter/Test/empty.obj", "its content tells nothing"),
     ("invalid/malformed.obj", "line 23: found vertex index 12"),
     ("issue-140-zero-face-idx.obj", "line 16: found vertex index 0"),
