@@ -2,7 +2,7 @@
 
 use crate::new_file::NewFile;
 use crate::sheet::{self, SheetArgs};
-use crate::source::FileSource;
+use crate::source::{FileSource, read_named_text};
 use anyhow::{Context, bail};
 use kilwa_pack::Metadata;
 use kilwa_stream::{Budgets, Stats};
@@ -190,12 +190,15 @@ fn draw_sheet(args: &Args, mut session: Session<FileSource>) -> anyhow::Result<(
     Ok(())
 }
 
+/// Longest file of a camera or a display, bytes.
+const SETTINGS_MAX: u64 = 1 << 20;
+
 /// What the options say of how the model is shown.
 fn display(args: &Args) -> anyhow::Result<Display> {
     let mut display = match &args.display {
         Some(text) if text.trim_start().starts_with('{') => Display::from_json(text).context("--display")?,
         Some(path) => {
-            let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the display {path}"))?;
+            let text = read_named_text(Path::new(path), SETTINGS_MAX)?;
             Display::from_json(&text).with_context(|| path.clone())?
         }
         None => Display::default(),
@@ -305,7 +308,7 @@ fn report(
 }
 
 fn read_camera(path: &Path) -> anyhow::Result<Camera> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the camera {}", path.display()))?;
+    let text = read_named_text(path, SETTINGS_MAX)?;
     let file: CameraFile = serde_json::from_str(&text).with_context(|| format!("{} is no camera", path.display()))?;
     let CameraFile { target, distance, azimuth, elevation, field_of_view, orthographic } = file;
     let finite = target.iter().chain(&[azimuth, distance]).all(|x| x.is_finite());

@@ -3,7 +3,25 @@
 use anyhow::Context;
 use kilwa_pack::Reader;
 pub(crate) use kilwa_server::object::source::FileSource;
+use kilwa_server::plain_file;
 use std::path::Path;
+
+/// All of a plain file that a person named, of at most `max` bytes.
+///
+/// # Errors
+/// When it cannot be read, is longer, or is a pipe or a device, which could be read without end; the message names the file.
+pub(crate) fn read_named(path: &Path, max: u64) -> anyhow::Result<Vec<u8>> {
+    let read = plain_file::open(path).and_then(|file| plain_file::read(file, max));
+    read.with_context(|| format!("cannot read {}", path.display()))
+}
+
+/// The same, as text.
+///
+/// # Errors
+/// As [`read_named`], and where it is not UTF-8.
+pub(crate) fn read_named_text(path: &Path, max: u64) -> anyhow::Result<String> {
+    String::from_utf8(read_named(path, max)?).with_context(|| format!("{} is not UTF-8", path.display()))
+}
 
 /// Open and check a pack.
 ///

@@ -154,3 +154,36 @@ fn a_change_keeps_links_and_permissions() {
     assert!(link.is_symlink() && done(&["access", "list", text(&path)], "").contains("robot"));
     assert_eq!(std::fs::metadata(&path).expect("there").permissions().mode() & 0o777, 0o640);
 }
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_in_place_of_the_file_is_named_and_not_waited_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("access.json");
+    assert!(Command::new("mkfifo").arg(&path).status().expect("starts").success());
+    let file = text(&path);
+    for args in [
+        vec!["access", "list", file],
+        vec!["access", "token", file, "robot"],
+        vec!["access", "user", file, "robot", "--no-password"],
+        vec!["access", "revoke", file, "123"],
+        vec!["access", "remove", file, "robot"],
+        vec!["access", "sign-out", file, "robot"],
+    ] {
+        let message = refused(&args, "");
+        assert!(message.contains("access.json") && message.contains("pipe"), "{args:?}: {message}");
+    }
+}
+
+/// Files that a person names are read when they are files: devices and pipes have no end.
+#[cfg(unix)]
+#[test]
+fn devices_and_pipes_are_no_files_to_read() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pipe = folder.path().join("pipe");
+    assert!(Command::new("mkfifo").arg(&pipe).status().expect("starts").success());
+    for file in ["/dev/zero", text(&pipe)] {
+        let message = refused(&["metadata", "check", file], "");
+        assert!(message.contains(file) && message.contains("device"), "{message}");
+    }
+}

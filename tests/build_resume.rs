@@ -241,6 +241,26 @@ fn damaged_scratch_files_are_noticed_and_what_they_were_for_is_done_again() {
     }
 }
 
+/// A pack is written under a temporary name first; what stands there must not lead it into somebody else's file.
+#[cfg(unix)]
+#[test]
+fn a_link_under_the_temporary_name_is_refused_and_what_it_leads_to_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let (precious, part) = (folder.path().join("precious"), folder.path().join(".a.kilwa.part"));
+    let made = kilwa(folder.path(), &["synth", "wall", "--triangles", "2000", "-o", "wall.ply"]).output().unwrap();
+    assert!(made.status.success(), "{}", stderr(&made));
+    let link = [std::os::unix::fs::symlink::<&Path, &Path>, std::fs::hard_link::<&Path, &Path>];
+    for link in link {
+        std::fs::write(&precious, "precious").unwrap();
+        link(&precious, &part).unwrap();
+        let refused = kilwa(folder.path(), &["build", "wall.ply", "-o", "a.kilwa"]).output().unwrap();
+        assert_eq!(refused.status.code(), Some(1));
+        assert!(stderr(&refused).contains(".a.kilwa.part"), "{}", stderr(&refused));
+        assert_eq!(std::fs::read(&precious).unwrap(), b"precious");
+        std::fs::remove_file(&part).unwrap();
+    }
+}
+
 #[test]
 fn two_builds_of_one_pack_at_once_and_foreign_folders_are_refused() {
     let site = Site::new();

@@ -21,8 +21,8 @@ use std::time::Instant;
 
 /// Files of the root, which are read whole for each request, are at most this long.
 pub(crate) const SMALL: u64 = 16 << 20;
-/// Files up to this length are compared with their checksum when they are first asked for. Longer ones (packs, each chunk of which has a
-/// checksum that every reader checks) are compared by length, and by `kilwa verify`.
+/// Files up to this length are compared with their checksum when they are first asked for. Only packs may be longer: each of their chunks has a
+/// checksum that every reader checks, and the server compares their length; `kilwa verify` compares all of it.
 const CHECKED: u64 = 64 << 20;
 /// Tables of so many objects are held.
 const HELD: usize = 256;
@@ -266,6 +266,10 @@ fn version_files(version: &Version, folder: &Place, files: &mut BTreeMap<String,
             let is_pack = version.pack.url.strip_suffix(name).is_some_and(|rest| rest.ends_with('/'));
             if is_pack && entry.identity.bytes() != version.pack.bytes {
                 tracing::warn!("{folder}: {name} has another length than the manifest says, not served");
+                continue;
+            }
+            if !is_pack && entry.identity.bytes() > CHECKED {
+                tracing::warn!("{folder}: {name} is longer than anything but a pack can be, not served");
                 continue;
             }
             entry.sha256 = Some(sum.into());

@@ -30,6 +30,32 @@ pub(super) fn folder_of(output: &Path) -> &Path {
     }
 }
 
+/// Under the temporary name of an output there may be what an interrupted build left, and nothing else: a link would lead the pack into another file.
+fn refuse_others_file(part: &Path) -> anyhow::Result<()> {
+    let what = match std::fs::symlink_metadata(part) {
+        Ok(m) if m.is_symlink() => "a link",
+        Ok(m) if !m.is_file() => "no plain file",
+        Ok(m) if has_other_names(&m) => "a file that has other names too",
+        Ok(_) => return Ok(()),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Err(e) => return Err(e).with_context(|| format!("cannot look at {}", part.display())),
+    };
+    anyhow::bail!(
+        "{} is {what}, where the pack is to be written first; remove it, or give another output",
+        part.display()
+    )
+}
+
+#[cfg(unix)]
+fn has_other_names(metadata: &std::fs::Metadata) -> bool {
+    std::os::unix::fs::MetadataExt::nlink(metadata) > 1
+}
+
+#[cfg(not(unix))]
+fn has_other_names(_: &std::fs::Metadata) -> bool {
+    false
+}
+
 /// The output under its temporary name.
 pub(super) struct Output {
     writer: BufWriter<File>,
@@ -43,11 +69,14 @@ impl Output {
         let part = beside(name, ".part");
         let cannot =
             || format!("cannot write {}: no file can be made in {}", name.display(), folder_of(name).display());
+        refuse_others_file(&part)?;
         let file =
             File::options().create(true).truncate(false).read(true).write(true).open(&part).with_context(cannot)?;
         if let Err(fs4::TryLockError::WouldBlock) = fs4::FileExt::try_lock(&file) {
             anyhow::bail!("{} is being written by another build; wait for it", name.display());
         }
+        // What is open now is what was looked at: nothing of somebody else's is written over.
+        refuse_others_file(&part)?;
         file.set_len(0).with_context(cannot)?;
         let temporary = tempfile::TempPath::try_from_path(&part).with_context(cannot)?;
         Ok(Self { writer: BufWriter::with_capacity(BUFFER, file), temporary, name: name.to_owned() })

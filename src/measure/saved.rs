@@ -3,6 +3,7 @@
 use super::output::folder;
 use super::{Args, Subject};
 use crate::new_file::NewFile;
+use crate::source::read_named;
 use anyhow::Context;
 use kilwa_measure::job::pack_name;
 use kilwa_measure::{Document, Leaves, Measurement, Outcome};
@@ -27,8 +28,11 @@ pub(crate) struct AgainArgs {
     force: bool,
 }
 
+/// Longest document of measurements that is read, bytes.
+const DOCUMENT_MAX: u64 = 256 << 20;
+
 fn read(path: &Path) -> anyhow::Result<Document> {
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let bytes = read_named(path, DOCUMENT_MAX)?;
     Document::parse(&bytes).with_context(|| path.display().to_string())
 }
 

@@ -11,6 +11,7 @@ use anyhow::{Context, bail, ensure};
 use kilwa_server::object::layout::{ANNOTATIONS, pack_name};
 use kilwa_server::object::notes::{NOTES_MAX, same_pack};
 use kilwa_server::object::{Manifest, Notes, Version};
+use kilwa_server::plain_file;
 use std::io::Read as _;
 use std::path::Path;
 
@@ -20,7 +21,7 @@ const SAME_SIZE: f64 = 0.01;
 pub(super) fn read(file: &Path) -> anyhow::Result<Notes> {
     let in_file = || format!("cannot read the notes {}", file.display());
     let mut bytes = Vec::new();
-    std::fs::File::open(file).and_then(|f| f.take(NOTES_MAX + 1).read_to_end(&mut bytes)).with_context(in_file)?;
+    plain_file::open(file).and_then(|f| f.take(NOTES_MAX + 1).read_to_end(&mut bytes)).with_context(in_file)?;
     ensure!(
         bytes.len() as u64 <= NOTES_MAX,
         "{}: longer than {NOTES_MAX} bytes, which is the most that the viewer reads; leave some notes out",

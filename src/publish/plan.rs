@@ -2,7 +2,7 @@
 
 use super::{Args, notes};
 use crate::redact::{self, Place};
-use crate::source::open_pack;
+use crate::source::{open_pack, read_named};
 use anyhow::{Context, bail, ensure};
 use kilwa_builder::machine;
 use kilwa_server::Page;
@@ -353,7 +353,7 @@ fn read_metadata_text(file: &Path) -> anyhow::Result<(Metadata, String)> {
         "{}: {length} bytes are no metadata file; kilwa metadata init writes one to begin with",
         in_file()
     );
-    let bytes = std::fs::read(file).with_context(|| format!("cannot read the metadata {}", in_file()))?;
+    let bytes = read_named(file, METADATA_MAX)?;
     let text = in_utf8(bytes).map_err(|said| anyhow::anyhow!("{}: {said}", in_file()))?;
     let metadata = Metadata::parse(&text);
     let metadata = metadata.map_err(|problems| anyhow::anyhow!("{} cannot be used:\n  {problems}", in_file()))?;

@@ -12,6 +12,7 @@ use super::capability::Capabilities;
 use super::secret::{Key, hash_password, is_password, token_hash};
 use crate::object::date::{day_of, is_day};
 use crate::object::layout::Slug;
+use crate::plain_file;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File, Metadata};
 use std::io::{self, Read, Write};
@@ -169,7 +170,7 @@ impl Accounts {
     /// [`AccountsError`] with the file and what is wrong. Its text is quoted nowhere: it has secrets.
     pub fn read(path: &Path) -> Result<Self, AccountsError> {
         let failed = |source| AccountsError::File { path: path.to_owned(), source };
-        let file = File::open(path).map_err(failed)?;
+        let file = plain_file::open(path).map_err(failed)?;
         Self::read_open(&file, path)
     }
 
@@ -274,9 +275,12 @@ impl Accounts {
         check_name(name).map_err(AccountsError::Refused)?;
         let grants = match grant {
             Grant::All => vec!["*".to_owned()],
-            Grant::Objects(slugs) => slugs.clone(),
+            Grant::Objects(slugs) => {
+                // What stands for everything in the file is not the name of an object.
+                let all = slugs.iter().map(|slug| Slug::new(slug).map(|_| slug.clone()));
+                all.collect::<Result<_, _>>().map_err(|e| AccountsError::Refused(e.to_string()))?
+            }
         };
-        grants.iter().try_for_each(|g| check_grant(g)).map_err(AccountsError::Refused)?;
         let password = password.map(hash_password).transpose().map_err(AccountsError::Refused)?;
         match self.users.iter_mut().find(|u| u.name == name) {
             Some(user) => {
@@ -383,7 +387,7 @@ impl Accounts {
 /// Open and lock the file that `path` names when the lock is held: whoever had the lock before has put another file in its place.
 fn lock(path: &Path) -> io::Result<File> {
     loop {
-        let file = File::open(path)?;
+        let file = plain_file::open(path)?;
         file.lock()?;
         if is_same_file(&file.metadata()?, &fs::metadata(path)?) {
             return Ok(file);
@@ -563,6 +567,8 @@ mod tests {
         let said = |r: Result<(), AccountsError>| r.expect_err("refused").to_string();
         assert!(said(accounts.set_user("Amina!", &Grant::All, None)).contains("cannot be a name"));
         assert!(said(accounts.set_user("a", &Grant::Objects(vec!["../x".to_owned()]), None)).contains("for example"));
+        let everything = Grant::Objects(vec!["fort".to_owned(), "*".to_owned()]);
+        assert!(said(accounts.set_user("a", &everything, None)).contains("for example"));
         assert!(said(accounts.set_user("a", &Grant::All, Some("short"))).contains("8 characters"));
         assert!(said(accounts.remove_user("b")).contains("amina, robot"));
         let key = "0".repeat(64);

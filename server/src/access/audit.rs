@@ -71,6 +71,7 @@ impl Audit {
         options.append(true).create(true);
         #[cfg(unix)]
         std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+        let _reader = open_if_pipe(path)?;
         let state = Mutex::new(State { file: options.open(path)?, lost: 0 });
         Ok(Self { path: path.to_owned(), state })
     }
@@ -93,6 +94,27 @@ impl Audit {
             }
         }
     }
+}
+
+/// A pipe that nobody reads would hold the server at its start: opened here first, without waiting, for as long as what is returned lives.
+#[cfg(unix)]
+fn open_if_pipe(path: &Path) -> std::io::Result<Option<File>> {
+    use std::os::unix::fs::{FileTypeExt as _, OpenOptionsExt as _};
+    if !std::fs::metadata(path).is_ok_and(|m| m.file_type().is_fifo()) {
+        return Ok(None);
+    }
+    let opened = OpenOptions::new().write(true).custom_flags(libc::O_NONBLOCK).open(path);
+    opened.map(Some).map_err(|e| match e.raw_os_error() {
+        Some(libc::ENXIO) => {
+            std::io::Error::other("it is a pipe that nobody reads; start what reads it first, or name a file")
+        }
+        _ => e,
+    })
+}
+
+#[cfg(not(unix))]
+fn open_if_pipe(_: &Path) -> std::io::Result<Option<File>> {
+    Ok(None)
 }
 
 #[cfg(test)]
@@ -132,5 +154,18 @@ mod tests {
         audit.record(&event);
         audit.record(&event);
         assert_eq!(audit.state.lock().expect("not poisoned").lost, 2);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_pipe_that_nobody_reads_is_refused_and_one_with_a_reader_taken() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("audit");
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().expect("starts").success());
+        let refused = Audit::open(&path).err().expect("nobody reads");
+        assert!(refused.to_string().contains("pipe"), "{refused}");
+        let reader = OpenOptions::new().read(true).write(true).open(&path).expect("opens");
+        assert!(Audit::open(&path).is_ok());
+        drop(reader);
     }
 }

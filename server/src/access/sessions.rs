@@ -9,6 +9,7 @@
 
 use super::capability::{Holder, SESSION, is_lower_hex};
 use super::secret::Key;
+use crate::plain_file;
 use std::collections::HashMap;
 use std::fs;
 use std::io;
@@ -20,6 +21,8 @@ const PER_USER: usize = 50;
 /// Hexadecimal digits of a name that stand for the user; the rest stand for the session.
 const USER_DIGITS: usize = 32;
 const SESSION_DIGITS: usize = 64;
+/// Longest file of a session, bytes: a number.
+const UNTIL_MAX: u64 = 32;
 /// Digits of an identifier: 128 bits, which nobody guesses.
 const ID_DIGITS: usize = 32;
 
@@ -81,7 +84,7 @@ impl Sessions {
     pub fn lives(&self, holder: &Holder) -> bool {
         let name = name_of(holder);
         match &self.folder {
-            Some(folder) => fs::symlink_metadata(folder.join(name)).is_ok_and(|m| m.is_file()),
+            Some(folder) => until_of(folder, &name).is_some(),
             None => self.lock().contains_key(&name),
         }
     }
@@ -119,8 +122,8 @@ impl Sessions {
             let Some(name) = entry.file_name().to_str().filter(|name| is_name(name)).map(str::to_owned) else {
                 continue;
             };
-            // One that a crash left empty, or that another server has just ended, is over.
-            let until = fs::read_to_string(entry.path()).ok().and_then(|text| text.trim().parse().ok());
+            // One that a crash left empty, that another server has just ended, or that is no plain file, is over.
+            let until = until_of(folder, &name);
             all.push((name, until.unwrap_or(0)));
         }
         Ok(all)
@@ -144,6 +147,13 @@ impl Sessions {
     fn lock(&self) -> MutexGuard<'_, HashMap<String, u64>> {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// When a session of a folder ends, as its file says; `None` where there is no such plain file.
+fn until_of(folder: &Path, name: &str) -> Option<u64> {
+    let file = plain_file::open_inside(folder, &folder.join(name)).ok()?;
+    let text = plain_file::read(file, UNTIL_MAX).ok()?;
+    std::str::from_utf8(&text).ok()?.trim().parse().ok()
 }
 
 fn write(path: &Path, until: u64) -> io::Result<()> {
@@ -228,6 +238,27 @@ mod tests {
         std::fs::remove_dir_all(folder.path()).expect("removes");
         assert!(!one.lives(&kept), "a folder that is gone ends them");
         assert!(one.begin("amina", NOW).is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_no_plain_file_ends_the_session_and_keeps_nobody_from_signing_in() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let sessions = Sessions::in_folder(folder.path()).expect("uses it");
+        let spoil: [&dyn Fn(&Path); 4] = [
+            &|at| assert!(std::process::Command::new("mkfifo").arg(at).status().expect("starts").success()),
+            &|at| std::os::unix::fs::symlink("/dev/zero", at).expect("links"),
+            &|at| fs::File::create(at).and_then(|file| file.set_len(20 << 30)).expect("makes"),
+            &|at| fs::write(at, "forever").expect("writes"),
+        ];
+        for how in spoil {
+            let holder = sessions.begin("amina", NOW).expect("begins");
+            let at = folder.path().join(name_of(&holder));
+            fs::remove_file(&at).expect("there");
+            how(&at);
+            let other = sessions.begin("amina", NOW).expect("another one begins all the same");
+            assert!(!sessions.lives(&holder) && sessions.lives(&other));
+        }
     }
 
     #[cfg(unix)]
