@@ -75,7 +75,7 @@ const RANGES: [(&str, Wanted); 49] = [
 ];
 
 /// Method, header lines (`TAG` stands for the file's tag) and what has to come.
-const CONDITIONS: [(&str, &str, Wanted); 27] = [
+const CONDITIONS: [(&str, &str, Wanted); 31] = [
     ("GET", "", Whole),
     ("HEAD", "", Status(200)),
     ("HEAD", "Range: bytes=0-9\r\n", Status(200)),
