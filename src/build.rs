@@ -36,7 +36,7 @@ pub(crate) struct Args {
     #[arg(short, long, value_name = "NAME.kilwa")]
     output: PathBuf,
     /// Worker threads; one per core where not given. The bytes do not depend on it.
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = parse_threads)]
     threads: usize,
     /// Memory to hold, for example 300M or 2.5GiB; a quarter of the machine's where not given. The bytes do not depend on it.
     #[arg(long, value_name = "SIZE", value_parser = size::memory)]
@@ -193,6 +193,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let threads = if args.threads == 0 { rayon::current_num_threads() } else { args.threads };
     let run = Spent::of(&built, memory, threads, need, begun.elapsed().as_secs_f64());
     print(args, &Report { build: &built, run })
+}
+
+/// Each thread takes memory of its own and a place in the system's tables, which thousands of them would fill for everybody.
+fn parse_threads(text: &str) -> Result<usize, String> {
+    const MAX: usize = 1024;
+    let threads = text.parse().ok().filter(|n| *n <= MAX);
+    threads.ok_or_else(|| format!("a number from 1 to {MAX} is wanted, or 0 for one per core"))
 }
 
 /// What is wrong with the arguments whatever the inputs are.

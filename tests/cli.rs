@@ -84,6 +84,7 @@ fn usage_errors_exit_with_2_and_say_how_it_goes() {
     let mut calls: Vec<Vec<&str>> = vec![vec![], vec!["paint"], vec!["--no-such-option"]];
     calls.extend(VERBS.iter().map(|verb| vec![*verb]));
     calls.extend(VERBS.iter().map(|verb| vec![*verb, "--no-such-option"]));
+    calls.push(vec!["build", "a.ply", "-o", "a.kilwa", "--threads", "20000"]);
     for call in calls {
         let output = kilwa(&call);
         let text = stderr(&output);

@@ -58,7 +58,7 @@ pub(crate) async fn answer(source: Source, method: &Method, headers: &HeaderMap)
         plain(status)
     } else {
         // A validator that is not exactly ours, a date included, means: send everything.
-        let current = text(headers, &IF_RANGE).is_none_or(|v| v.trim() == etag);
+        let current = headers.get(IF_RANGE).is_none_or(|v| v.as_bytes().trim_ascii() == etag.as_bytes());
         let mut ranges = headers.get_all(RANGE).iter();
         let wanted = match (ranges.next().and_then(|v| v.to_str().ok()), ranges.next()) {
             (Some(range), None) if method == Method::GET && current => parse(range, source.bytes),
@@ -157,8 +157,9 @@ pub(crate) fn share_ranges(response: &mut Response<Body>) {
 pub(crate) fn condition(etag: &str, headers: &HeaderMap) -> Option<StatusCode> {
     // A list may be spread over several lines.
     let any = |name: HeaderName, weak| {
-        let mut lines = headers.get_all(name).iter().filter_map(|v| v.to_str().ok()).peekable();
-        lines.peek().is_some().then(|| lines.any(|line| lists(line, etag, weak)))
+        let mut lines = headers.get_all(name).iter().peekable();
+        // A tag may have bytes that are no ASCII (RFC 9110 section 8.8.3): it is another one than ours, not none.
+        lines.peek().is_some().then(|| lines.any(|line| lists(&String::from_utf8_lossy(line.as_bytes()), etag, weak)))
     };
     if any(IF_MATCH, false) == Some(false) {
         Some(StatusCode::PRECONDITION_FAILED)

@@ -42,9 +42,10 @@ use axum::body::{Body, HttpBody as _};
 use axum::extract::{Path, RawQuery, Request, State};
 use axum::http::header::{
     ACCEPT_ENCODING, ACCESS_CONTROL_ALLOW_ORIGIN, ALLOW, CACHE_CONTROL, CONNECTION, CONTENT_ENCODING,
-    CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, IF_NONE_MATCH, LINK, LOCATION, REFERRER_POLICY, VARY,
+    CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, HOST, IF_NONE_MATCH, LINK, LOCATION, REFERRER_POLICY, VARY,
     X_CONTENT_TYPE_OPTIONS,
 };
+use axum::http::uri::Authority;
 use axum::http::{Extensions, HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{Html, IntoResponse, Response};
@@ -52,6 +53,7 @@ use axum::routing::{get, post};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use std::io::Write;
+use std::net::IpAddr;
 use std::sync::Arc;
 
 /// Nothing here takes more than this of a request's body.
@@ -393,8 +395,8 @@ async fn health(State(site): State<Site>) -> Response {
 }
 
 async fn metrics(State(site): State<Site>, extensions: Extensions, headers: HeaderMap) -> Response {
-    let forwarded = ["x-forwarded-for", "forwarded", "x-real-ip", "via"].iter().any(|name| headers.contains_key(*name));
-    let local = extensions.get::<Peer>().is_none_or(|peer| peer.0.to_canonical().is_loopback()) && !forwarded;
+    let from_here = extensions.get::<Peer>().is_none_or(|peer| peer.0.to_canonical().is_loopback());
+    let local = from_here && asks_this_computer(&headers) && !is_forwarded(&headers);
     match site.metrics_for {
         Audience::None => lost(),
         Audience::Local if !local => lost(),
@@ -403,6 +405,20 @@ async fn metrics(State(site): State<Site>, extensions: Extensions, headers: Head
             ([kind], site.metrics.to_text(site.catalogue.count())).into_response()
         }
     }
+}
+
+/// Whether a proxy added a header that proxies and content delivery networks add.
+fn is_forwarded(headers: &HeaderMap) -> bool {
+    const NAMES: [&str; 6] = ["forwarded", "via", "x-real-ip", "x-client-ip", "true-client-ip", "cf-connecting-ip"];
+    headers.keys().any(|name| name.as_str().starts_with("x-forwarded-") || NAMES.contains(&name.as_str()))
+}
+
+/// Whether the request names this computer by a loopback address: a page of another site whose name was made to lead here does not.
+fn asks_this_computer(headers: &HeaderMap) -> bool {
+    let Some(host) = headers.get(HOST) else { return true };
+    let Ok(authority) = host.to_str().unwrap_or_default().parse::<Authority>() else { return false };
+    let name = authority.host().trim_matches(['[', ']']);
+    name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|ip| ip.to_canonical().is_loopback())
 }
 
 /// What a browser on another site asks before a request with a `Range` header.

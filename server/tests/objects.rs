@@ -380,6 +380,20 @@ async fn requests_have_names_and_bodies_that_nothing_takes_are_refused() {
     let text = get(&app, "/metrics").await.text();
     assert!(text.contains("kilwa_answers_total{route=\"pack\",status=\"200\"} 1"), "{text}");
     assert!(text.contains("kilwa_models 1"));
+    for (name, value, status) in [
+        ("x-forwarded-proto", "https", 404),
+        ("x-forwarded-host", "museum.example", 404),
+        ("cf-connecting-ip", "203.0.113.9", 404),
+        ("via", "1.1 proxy", 404),
+        ("host", "museum.example", 404),
+        ("host", "127.0.0.1.evil.example:8080", 404),
+        ("host", "localhost@evil.example", 404),
+        ("host", "localhost:8080", 200),
+        ("host", "127.0.0.1:8080", 200),
+        ("host", "[::1]:8080", 200),
+    ] {
+        assert_eq!(ask(&app, "GET", "/metrics", &[(name, value)]).await.status, status, "{name}: {value}");
+    }
     let through_a_proxy = ask(&app, "GET", "/metrics", &[("x-forwarded-for", "203.0.113.9")]).await;
     assert_eq!(through_a_proxy.status, 404);
     assert_eq!(get(&app, "/healthz").await.text(), "ok\n");

@@ -75,7 +75,7 @@ const RANGES: [(&str, Wanted); 49] = [
 ];
 
 /// Method, header lines (`TAG` stands for the file's tag) and what has to come.
-const CONDITIONS: [(&str, &str, Wanted); 27] = [
+const CONDITIONS: [(&str, &str, Wanted); 31] = [
     ("GET", "", Whole),
     ("HEAD", "", Status(200)),
     ("HEAD", "Range: bytes=0-9\r\n", Status(200)),
@@ -92,6 +92,11 @@ const CONDITIONS: [(&str, &str, Wanted); 27] = [
     ("GET", "If-Match: *\r\nRange: bytes=0-9\r\n", Part(0, 9)),
     ("GET", "If-Match: W/TAG\r\n", Status(412)),
     ("GET", "If-Match: \"a\"\r\nRange: bytes=0-9\r\n", Status(412)),
+    // Tags with bytes that are no ASCII are tags all the same.
+    ("GET", "If-Match: \"é\"\r\nRange: bytes=0-9\r\n", Status(412)),
+    ("GET", "If-Match: \"é\", TAG\r\nRange: bytes=0-9\r\n", Part(0, 9)),
+    ("GET", "If-None-Match: \"é\"\r\nRange: bytes=0-9\r\n", Part(0, 9)),
+    ("GET", "If-Range: \"é\"\r\nRange: bytes=0-9\r\n", Whole),
     ("GET", "If-Range: TAG\r\nRange: bytes=0-9\r\n", Part(0, 9)),
     ("GET", "If-Range: TAG\r\nRange: bytes=1000-\r\n", Beyond),
     ("GET", "If-Range: TAG\r\n", Whole),
