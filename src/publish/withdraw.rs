@@ -4,6 +4,7 @@ use super::Args;
 use super::write::{locked, spinner};
 use anyhow::{Context, bail, ensure};
 use kilwa_server::object::Slug;
+use kilwa_server::object::location::Location;
 use kilwa_server::object::site;
 use kilwa_server::object::withdraw::{Outlook, Withdrawal, outlook, withdraw};
 use std::io::Write as _;
@@ -28,6 +29,7 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
     if !args.to.join(slug.as_str()).is_dir() {
         bail!("there is no {} in {}", slug, args.to.display());
     }
+    checked_reason(args, &slug, reason)?;
     if args.dry_run {
         return say_outlook(args, &slug, keep, &ready(args, &slug)?);
     }
@@ -49,6 +51,18 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
         writeln!(out, "{}/{slug}: withdrawn; its files are in {}", args.to.display(), kept.display())?;
     }
     Ok(())
+}
+
+/// The reason is published: of an object whose place is withheld it states none.
+fn checked_reason(args: &Args, slug: &Slug, reason: &str) -> anyhow::Result<()> {
+    if !outlook(&args.to, slug)?.is_withheld {
+        return Ok(());
+    }
+    // The true place is not known any more: what has the form of a coordinate is refused.
+    match Location::unknown().find(reason) {
+        Some(finding) => bail!("--reason: {finding}; nothing was changed"),
+        None => Ok(()),
+    }
 }
 
 /// What is left to be done, which must be something.

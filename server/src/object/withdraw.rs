@@ -30,6 +30,8 @@ pub struct Outlook {
     pub going: (usize, u64),
     /// The bag of it, which goes too.
     pub bag: bool,
+    /// Whether a version of it was published without its location.
+    pub is_withheld: bool,
 }
 
 /// What withdrawing the object `slug` of the folder `shelf` would do; changes nothing.
@@ -45,7 +47,8 @@ pub fn outlook(shelf: &Path, slug: &Slug) -> Result<Outlook, DraftError> {
         count(&folder, "", &mut going).map_err(failed("read", &folder))?;
     }
     let withdrawn = manifest.access.withdrawn.filter(|_| manifest.access.state == AccessState::Withdrawn);
-    Ok(Outlook { title: manifest.title, withdrawn, going, bag: shelf.join(format!("{slug}.bag")).is_dir() })
+    let is_withheld = manifest.versions.iter().any(|v| v.location_redacted);
+    Ok(Outlook { title: manifest.title, withdrawn, going, bag: shelf.join(format!("{slug}.bag")).is_dir(), is_withheld })
 }
 
 /// The version folders that are there: of what is withdrawn somebody may have removed one.

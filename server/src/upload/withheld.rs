@@ -35,7 +35,7 @@ pub(super) fn check_intent(intent: &Intent) -> Result<(), String> {
     if let Some(cell) = intent.location_cell.filter(|c| !(c.is_finite() && *c > 0.0 && *c <= CELL_MAX)) {
         return Err(format!("location_cell: {cell} m is no side of a cell; up to {CELL_MAX} are possible"));
     }
-    let unknown = Location::unknown();
+    let unknown = unknown(intent);
     if let Some((field, finding)) = intent.metadata.giving_away(&unknown) {
         return Err(format!("metadata: {field}: {finding}"));
     }
@@ -45,6 +45,12 @@ pub(super) fn check_intent(intent: &Intent) -> Result<(), String> {
         Some((what, finding)) => Err(format!("{what}: {finding}")),
         None => Ok(()),
     }
+}
+
+/// What texts are searched for: whichever place; a cell comes with its reference system.
+fn unknown(intent: &Intent) -> Location {
+    let unknown = Location::unknown();
+    if intent.location_cell.is_some() { unknown.with_known_system() } else { unknown }
 }
 
 /// What can be seen in the pack, whose chunks were verified.
@@ -61,7 +67,7 @@ pub(super) fn check_pack<S: Source + Sync>(intent: &Intent, reader: &Reader<S>) 
     if let Some(map) = value.as_object_mut() {
         map.remove("crs");
     }
-    if let Some((field, finding)) = Location::unknown().find_in_json(&value, &|_| false) {
+    if let Some((field, finding)) = unknown(intent).find_in_json(&value, &|_| false) {
         return Err(claimed(&format!("{field} of its pack: {finding}")));
     }
     if let Some(other) = metadata.scalars.iter().find(|s| !intent.kept_channels.contains(&s.name)) {

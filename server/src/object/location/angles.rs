@@ -150,7 +150,8 @@ fn packed(text: &[char], from: usize) -> Option<Angle> {
     let digits: String = text.iter().skip(from).take(8).take_while(|c| c.is_ascii_digit()).collect();
     let mut to = from + digits.len();
     let fraction: String = match text.get(to) {
-        Some('.') => text.iter().skip(to + 1).take(8).take_while(|c| c.is_ascii_digit()).collect(),
+        // A receiver writes a point or a comma.
+        Some('.' | ',') => text.iter().skip(to + 1).take(8).take_while(|c| c.is_ascii_digit()).collect(),
         _ => String::new(),
     };
     to += if fraction.is_empty() { 0 } else { fraction.len() + 1 };

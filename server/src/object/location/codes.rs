@@ -19,6 +19,10 @@ const AROUND_M: f64 = 1000.0;
 const GEOHASH: &str = "0123456789bcdefghjkmnpqrstuvwxyz";
 const PLUS: &str = "23456789cfghjmpqrvwx";
 
+/// Columns of the military grid, by zone, and its rows.
+const COLUMNS: [&str; 3] = ["STUVWXYZ", "ABCDEFGH", "JKLMNPQR"];
+const ROWS: &str = "ABCDEFGHJKLMNPQRSTUV";
+
 /// Hosts, with paths where others share the host, that show a place on a map or hold its coordinates.
 const MAPS: [&str; 32] = [
     "openstreetmap.org",
@@ -75,6 +79,9 @@ pub(super) fn map_address(text: &[char]) -> Option<(usize, usize)> {
         let sign = usize::from(lower.get(at + 4).is_some_and(|c| matches!(c, '-' | '+')));
         if begins(at, "geo:") && lower.get(at + 4 + sign).is_some_and(char::is_ascii_digit) {
             return Some((at, at + 24));
+        }
+        if begins(at, "wd:q") && lower.get(at + 4).is_some_and(char::is_ascii_digit) {
+            return Some((at, at + 12));
         }
         if begins(at, "///") {
             let words: String =
@@ -249,10 +256,13 @@ fn plus(before: &[usize], after: &[usize]) -> Option<Area> {
 }
 
 impl Square {
+    /// The UTM zone that it is in.
+    pub(super) fn zone(&self) -> u32 {
+        self.zone
+    }
+
     /// The square of a place in UTM.
     pub(super) fn of(zone: u32, [east, north]: [f64; 2]) -> Option<Self> {
-        const COLUMNS: [&str; 3] = ["STUVWXYZ", "ABCDEFGH", "JKLMNPQR"];
-        const ROWS: &str = "ABCDEFGHJKLMNPQRSTUV";
         let column = COLUMNS.get(zone as usize % 3)?.chars().nth(((east / 1e5).floor() as usize).checked_sub(1)?)?;
         let row = (north / 1e5).floor() as usize + if zone.is_multiple_of(2) { 5 } else { 0 };
         let row = ROWS.chars().nth(row % 20)?;
@@ -297,6 +307,30 @@ fn grid(text: &[char], square: &Square) -> Option<(usize, usize)> {
         };
         let is_here = near(part(0)?, square.inside[0]) && near(part(n)?, square.inside[1]);
         is_here.then_some((at, digits.last()?.0 + 1))
+    })
+}
+
+/// A reference in the military grid with zone, band, square and at least three digits each, whichever place it names.
+pub(super) fn grid_reference(text: &[char]) -> Option<(usize, usize)> {
+    let letter = |at: usize| text.get(at).map(char::to_ascii_uppercase).filter(char::is_ascii_uppercase);
+    (0..text.len()).find_map(|start| {
+        let zone: String = text.iter().skip(start).take(3).take_while(|c| c.is_ascii_digit()).collect();
+        let number = zone.parse::<usize>().ok().filter(|z| zone.len() <= 2 && (1..=60).contains(z))?;
+        if start.checked_sub(1).and_then(|i| text.get(i)).is_some_and(|c| c.is_alphanumeric()) {
+            return None;
+        }
+        let skip = |at: usize| at + usize::from(text.get(at) == Some(&' '));
+        let band = skip(start + zone.len());
+        let column = skip(band + 1);
+        let is_square = "CDEFGHJKLMNPQRSTUVWX".contains(letter(band)?)
+            && COLUMNS.get(number % 3)?.contains(letter(column)?)
+            && ROWS.contains(letter(column + 1)?);
+        let digits: Vec<usize> = (column + 2..text.len().min(column + 18))
+            .take_while(|i| text.get(*i).is_some_and(|c| c.is_ascii_digit() || *c == ' '))
+            .filter(|i| text.get(*i) != Some(&' '))
+            .collect();
+        let is_reference = is_square && matches!(digits.len(), 6 | 8 | 10);
+        is_reference.then_some((start, digits.last()? + 1))
     })
 }
 

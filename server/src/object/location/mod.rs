@@ -3,7 +3,8 @@
 //! [`Location::of`] is made of the pack and the metadata that were given; [`Location::unknown`] is for who was given neither, as a server is that
 //! takes an upload. Both refuse what can only be a statement of coordinates (a latitude with a longitude, a Plus Code, an address of a
 //! map), wherever the place is; a comparison with another site names it in words. Single numbers are refused only where they agree with the
-//! true location, so that sizes, dates and inventory numbers pass. Words are not understood: names of places stay.
+//! true location, so that sizes, dates and inventory numbers pass. Where nothing is known, whatever has the form of a coordinate is refused
+//! ([`whichever`]). Words are not understood: names of places stay.
 //!
 //! Precision: map coordinates within 1 km of the model, degrees within 0.05° or as far as their last digit reaches. Nothing here fails or
 //! panics; time grows with the length of the text.
@@ -12,6 +13,8 @@ mod angles;
 pub mod channels;
 mod codes;
 mod text;
+mod unseen;
+mod whichever;
 
 use super::metadata::Place;
 use crate::index::{degrees_of_box, projected};
@@ -34,8 +37,8 @@ const BESIDE_DECIMALS: usize = 2;
 const ANYWHERE_DECIMALS: usize = 5;
 /// Characters between two numbers that belong together.
 const BESIDE: usize = 16;
-/// Units of map coordinates besides the metre, in metres: international and US survey foot, centimetre, millimetre.
-const UNITS: [f64; 4] = [0.3048, 1200.0 / 3937.0, 0.01, 0.001];
+/// Units of map coordinates besides the metre, in metres: international and US survey foot, yard, centimetre, millimetre.
+const UNITS: [f64; 5] = [0.3048, 1200.0 / 3937.0, 0.9144, 0.01, 0.001];
 
 /// What gives a location away in a text.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -61,6 +64,8 @@ pub enum Kind {
     Code,
     /// The model's reference system.
     ReferenceSystem,
+    /// A reference system of some region, or a zone of one.
+    RegionalSystem,
 }
 
 impl fmt::Display for Finding {
@@ -71,6 +76,7 @@ impl fmt::Display for Finding {
             Kind::Coordinates => "states coordinates",
             Kind::MapAddress => "leads to a map or a gazetteer",
             Kind::Code => "is a location code (geohash, Plus Code, grid reference)",
+            Kind::RegionalSystem => "names a reference system that is used in one region only",
             Kind::ReferenceSystem => "names the model's reference system",
         };
         write!(f, "\"{}\" {what}, and the location is to be withheld; remove it from the text", self.found)
@@ -116,6 +122,10 @@ pub struct Location {
     squares: Vec<Square>,
     /// The code of the reference system, where that is withheld, too.
     epsg: Option<String>,
+    /// Whether the reference system is told.
+    is_system_told: bool,
+    /// Whether coordinates are refused by their form alone, as nothing else is known.
+    is_unknown: bool,
     /// The box of the model in its reference system, metres; for channels.
     bounds: Option<[[f64; 3]; 2]>,
 }
@@ -124,7 +134,7 @@ impl Location {
     /// Of which nothing is known.
     #[must_use]
     pub fn unknown() -> Self {
-        Self::default()
+        Self { is_unknown: true, ..Self::default() }
     }
 
     /// Of a model in this box (metres, in the system `crs` where one is known) whose metadata say `place`.
@@ -148,6 +158,7 @@ impl Location {
     #[must_use]
     pub fn with_known_system(mut self) -> Self {
         self.epsg = None;
+        self.is_system_told = true;
         self
     }
 
@@ -170,6 +181,8 @@ impl Location {
         if let Some([east, north]) = epsg.and_then(|utm| projected(utm, [lat, lon])) {
             self.add_map([east - half[0], north - half[1]], [east + half[0], north + half[1]]);
             self.squares.extend(Square::of(zone, [east, north]));
+            // Metres south of the equator.
+            self.add_map([MAP / 10.0, north - half[1] - 1e7], [MAP / 10.0, north + half[1] - 1e7]);
             let range = |k: usize, v: f64| Range::around(v - half[k], v + half[k], AROUND);
             // Without the false easting or northing, and the last five digits of both.
             for (e, n) in [(east - 5e5, north), (east, north - 1e7), (east - 5e5, north - 1e7)] {
@@ -231,7 +244,12 @@ impl Location {
             .or_else(|| stated(text, &numbers, &angles).map(says(Kind::Coordinates)))
             .or_else(|| codes::plus_code(text).map(says(Kind::Code)))
             .or_else(|| codes::near(text, &self.sites, &self.squares).map(says(Kind::Code)))
-            .or_else(|| self.system(text).map(says(Kind::ReferenceSystem)))
+            .or_else(|| self.system(text, &numbers).map(says(Kind::ReferenceSystem)))
+            .or_else(|| {
+                let found = || whichever::found(text, &numbers, &angles, self.is_system_told);
+                let (from, to, kind) = if self.is_unknown { found()? } else { return None };
+                Some(Finding { found: shown(text, from, to), kind })
+            })
     }
 
     fn map_coordinate(&self, text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
@@ -267,6 +285,15 @@ impl Location {
         if let Some(n) = alone {
             return Some((n.from, n.to));
         }
+        let in_parts = numbers.iter().filter(|n| n.decimals >= 1).find(|n| {
+            let unit = |words: &[&str]| words.iter().any(|w| begins(text, n.to, w));
+            let is_near = |v: f64| self.near(v, 9).is_some();
+            unit(&["gon", "gra"]) && is_near(n.value * 0.9)
+                || unit(&["min", "arcmin"]) && n.value > 60.0 && is_near(n.value / 60.0)
+        });
+        if let Some(n) = in_parts {
+            return Some((n.from, n.to));
+        }
         let angle = angles.iter().find(|a| (a.is_marked || a.axis.is_some()) && self.near(a.value, 9).is_some());
         if let Some(a) = angle {
             return Some((a.from, a.to));
@@ -296,7 +323,17 @@ impl Location {
         })
     }
 
-    fn system(&self, text: &[char]) -> Option<(usize, usize)> {
+    fn system(&self, text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
+        if self.is_system_told {
+            return None;
+        }
+        let is_own = |zone: u32| self.squares.iter().any(|s| s.zone() == zone);
+        let named = whichever::zones(text, numbers).find(|(zone, ..)| is_own(*zone)).map(|(_, from, to)| (from, to));
+        let bare = || self.squares.iter().find_map(|s| whichever::bare_zone(text, numbers, s.zone()));
+        named.or_else(bare).or_else(|| self.code(text))
+    }
+
+    fn code(&self, text: &[char]) -> Option<(usize, usize)> {
         let code: Vec<char> = self.epsg.as_ref()?.chars().collect();
         (0..text.len()).find_map(|at| {
             let is_code = text.get(at..at + code.len()) == Some(&code[..])

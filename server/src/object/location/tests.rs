@@ -93,6 +93,32 @@ const PLANTED: &[&str] = &[
     "ki91sb",
     "EPSG:32737",
     "epsg::32737",
+    "UTM zone 37S",
+    "37L (UTM)",
+    "WGS 84 / UTM 37",
+    "zone 37 S",
+    // Metres south of the equator, other signs and units.
+    "990054",
+    "990 054 m south",
+    "8\u{b7}9561",
+    "9   009   946",
+    "0857,367,S",
+    "618 961.5 yd",
+    "9.9513 gon",
+    "537.4 minutes south",
+    "wd:Q12345",
+    // Digits that are no decimal ones, and encodings.
+    "\u{2079}\u{2070}\u{2070}\u{2079}\u{2079}\u{2074}\u{2076}",
+    "\u{2089}\u{2080}\u{2080}\u{2089}\u{2089}\u{2084}\u{2086}",
+    "\u{2468}\u{24ea}\u{24ea}\u{2468}\u{2468}\u{2463}\u{2465}",
+    "\u{4e5d}\u{3007}\u{3007}\u{4e5d}\u{4e5d}\u{56db}\u{516d}",
+    "&#57;&#48;&#48;&#57;&#57;&#52;&#54;",
+    "&#x39;&#x30;&#x30;&#x39;&#x39;&#x34;&#x36;",
+    "&#0057&#48&#48&#57&#57&#52&#54",
+    "\\u0039\\u0030\\u0030\\u0039946",
+    "\\u{39}\\u{30}09946",
+    "\\x39\\x30\\x30\\x39946",
+    "%26%2357;009946",
 ];
 
 #[test]
@@ -205,6 +231,105 @@ fn without_the_location_only_what_can_be_nothing_else_is_refused() {
         assert!(unknown.find(text).is_some(), "{text}");
     }
     assert!(unknown.find("565977").is_none() && unknown.find("39.5228").is_none(), "nobody knows");
+}
+
+/// The first digits of all 76 scripts of Unicode 17 that count by tens (General_Category Nd), without ASCII.
+#[rustfmt::skip]
+const ZEROS: [u32; 75] = [
+    0x660, 0x6f0, 0x7c0, 0x966, 0x9e6, 0xa66, 0xae6, 0xb66, 0xbe6, 0xc66, 0xce6, 0xd66, 0xde6, 0xe50, 0xed0, 0xf20, 0x1040, 0x1090, 0x17e0,
+    0x1810, 0x1946, 0x19d0, 0x1a80, 0x1a90, 0x1b50, 0x1bb0, 0x1c40, 0x1c50, 0xa620, 0xa8d0, 0xa900, 0xa9d0, 0xa9f0, 0xaa50, 0xabf0, 0xff10,
+    0x104a0, 0x10d30, 0x10d40, 0x11066, 0x110f0, 0x11136, 0x111d0, 0x112f0, 0x11450, 0x114d0, 0x11650, 0x116c0, 0x116d0, 0x116da, 0x11730,
+    0x118e0, 0x11950, 0x11bf0, 0x11c50, 0x11d50, 0x11da0, 0x11f50, 0x16130, 0x16a60, 0x16ac0, 0x16b50, 0x16d70, 0x1ccf0, 0x1d7ce, 0x1d7d8,
+    0x1d7e2, 0x1d7ec, 0x1d7f6, 0x1e140, 0x1e2f0, 0x1e4f0, 0x1e5f1, 0x1e950, 0x1fbf0,
+];
+
+/// Northing, degrees, and degrees with minutes.
+const BY_DIGITS: [&str; 3] = ["9009946", "-8.9562", "8°57'22\" S"];
+
+#[test]
+fn digits_of_every_script_are_read() {
+    let fort = fort();
+    for zero in ZEROS {
+        let other = |c: char| char::from_u32(zero + c.to_digit(10)?);
+        for form in BY_DIGITS {
+            let text: String = form.chars().map(|c| other(c).unwrap_or(c)).collect();
+            assert!(fort.find(&text).is_some(), "{text} (U+{zero:04X})");
+        }
+    }
+}
+
+#[test]
+fn what_nobody_sees_hides_no_coordinate() {
+    let fort = fort();
+    let ranges = [
+        0xad..=0xad,
+        0x300..=0x36f,
+        0x61c..=0x61c,
+        0x64b..=0x65f,
+        0x115f..=0x1160,
+        0x17b4..=0x17b5,
+        0x180b..=0x180f,
+        0x1ab0..=0x1ace,
+        0x1dc0..=0x1dff,
+        0x200b..=0x200f,
+        0x202a..=0x202e,
+        0x2060..=0x206f,
+        0x20d0..=0x20f0,
+        0x2800..=0x2800,
+        0x3164..=0x3164,
+        0xfe00..=0xfe0f,
+        0xfe20..=0xfe2f,
+        0xfeff..=0xfeff,
+        0xffa0..=0xffa0,
+        0xfff0..=0xfffb,
+        0x1bca0..=0x1bca3,
+        0x1d173..=0x1d17a,
+        0xe0000..=0xe0fff,
+    ];
+    for code in ranges.into_iter().flatten() {
+        let sign = char::from_u32(code).unwrap();
+        for form in BY_DIGITS {
+            let text: String = form.chars().flat_map(|c| [c, sign]).collect();
+            assert!(fort.find(&text).is_some(), "{form} with U+{code:04X}");
+        }
+    }
+}
+
+#[test]
+fn without_the_location_the_form_alone_tells() {
+    let unknown = Location::unknown();
+    for text in [
+        "EPSG:32737",
+        "EPSG 32637",
+        "UTM 37S 565977",
+        "UTM zone 37 south",
+        "565977.25 9009946.5",
+        "565 977 E 9 009 946 N",
+        "N 9,009,946 / E 565,977",
+        "Easting 565977, northing 9009946",
+        "37LEL6597709946",
+        "37L EL 65977 09946",
+        "-8.9561094",
+        "39.600225",
+        "39,600225\u{b0}",
+        "8\u{b0}57'22\"S",
+        "8\u{b0}57'22\"",
+        "-8.956/39.600",
+        "-8.956, 39.600",
+        "8.9561 S",
+        "lat 8.956",
+        "geohash kvu8c2b",
+        "8\u{fe0f}.\u{fe0f}9561094",
+        "Looters came to 8.956109, 39.600225 (EPSG:32737 565977 9009946)",
+    ] {
+        let among = format!("The fort was built in 1505 of coral rag; {text} (see p. 12)");
+        assert!(unknown.find(text).is_some() && unknown.find(&among).is_some(), "{text}");
+    }
+    for text in ["EPSG:4326", "WGS 84 (EPSG:3857)", "projected with UTM", "123,456 vertices and 1,234,567 triangles"] {
+        assert!(unknown.find(text).is_none(), "{text}");
+    }
+    let told = Location::unknown().with_known_system();
+    assert!(told.find("EPSG:32737, UTM zone 37S").is_none() && told.find("565977 9009946").is_some());
 }
 
 #[test]

@@ -1,12 +1,9 @@
-//! Text as the searches read it: ASCII digits and signs, without the encodings of addresses and HTML, and the numbers in it.
+//! Text as the searches read it: ASCII digits and signs, without the encodings of addresses, HTML and programs, and the numbers in it.
 
-/// Times that percent encoding is taken off: links are put into links.
+use super::unseen;
+
+/// Times that encodings are taken off: links are put into links.
 const DECODINGS: usize = 3;
-/// Zeros of the decimal digits of other scripts (Unicode category Nd); the other nine follow each.
-const ZEROS: [u32; 24] = [
-    0x660, 0x6f0, 0x7c0, 0x966, 0x9e6, 0xa66, 0xae6, 0xb66, 0xbe6, 0xc66, 0xce6, 0xd66, 0xe50, 0xed0, 0xf20, 0x1040,
-    0x17e0, 0x1810, 0xff10, 0x1d7ce, 0x1d7d8, 0x1d7e2, 0x1d7ec, 0x1d7f6,
-];
 /// What stands for signs in HTML, and the sign.
 const ENTITIES: [(&str, char); 14] = [
     ("&deg;", '°'),
@@ -25,12 +22,12 @@ const ENTITIES: [(&str, char); 14] = [
     ("&amp;", '&'),
 ];
 
-/// A text in the forms in which it is searched: as it is, and with the encodings of addresses taken off, where it has any.
+/// A text in the forms in which it is searched: as it is, and with the encodings of addresses, HTML and programs taken off, where it has any.
 pub(super) fn readable(text: &str) -> Vec<Vec<char>> {
     let mut all = vec![plain(text)];
     let mut decoded = text.to_owned();
     for _ in 0..DECODINGS {
-        let next = without_percent(&decoded);
+        let next = without_escapes(&without_percent(&decoded));
         if next == decoded {
             break;
         }
@@ -50,7 +47,14 @@ fn plain(text: &str) -> Vec<char> {
             }
         }
     }
-    text.chars().filter_map(one).collect()
+    // Several spaces are shown as one.
+    let mut all: Vec<char> = Vec::with_capacity(text.len());
+    for c in text.chars().filter_map(one) {
+        if c != ' ' || all.last() != Some(&' ') {
+            all.push(c);
+        }
+    }
+    all
 }
 
 /// One character as the searches read it; nothing of one that nobody sees.
@@ -65,24 +69,21 @@ fn one(c: char) -> Option<char> {
         });
     }
     Some(match c {
-        '\u{ad}' | '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{2069}' | '\u{feff}' => {
-            return None;
-        }
+        c if unseen::is_unseen(c) => return None,
         'º' | '˚' | '∘' => '°',
         '′' | '’' | '‘' | 'ʹ' | 'ʼ' | '´' => '\'',
         '″' | '”' | '“' | 'ʺ' | '〃' => '"',
         '−' | '‐' | '‑' | '‒' | '–' | '—' | '﹣' | '－' => '-',
-        '\u{66b}' | '．' => '.',
+        // Points in the middle of the line, and what looks like one.
+        '\u{66b}' | '．' | '·' | '\u{387}' | '\u{2022}' | '\u{2024}' | '\u{2027}' | '\u{2219}' | '\u{22c5}'
+        | '\u{30fb}' | '\u{2e33}' => '.',
         '\u{66c}' | '\u{60c}' | '，' | '、' => ',',
         '：' => ':',
         '＋' => '+',
         c if c.is_whitespace() => ' ',
         // Latin letters of full width.
         'Ａ'..='Ｚ' | 'ａ'..='ｚ' => char::from_u32(u32::from(c) - 0xfee0).unwrap_or(c),
-        c => ZEROS
-            .iter()
-            .find_map(|zero| char::from_digit(u32::from(c).checked_sub(*zero).filter(|d| *d < 10)?, 10))
-            .unwrap_or(c),
+        c => unseen::digit(c).unwrap_or(c),
     })
 }
 
@@ -103,6 +104,46 @@ fn without_percent(text: &str) -> String {
         }
     }
     String::from_utf8_lossy(&out).into_owned()
+}
+
+/// With `&#57;`, `&#x39;`, `\u0039`, `\u{39}` and `\x39` as what they stand for; what is no such form stays.
+fn without_escapes(text: &str) -> String {
+    let (mut out, mut rest) = (String::with_capacity(text.len()), text);
+    while let Some(at) = rest.find(['&', '\\']) {
+        let (before, here) = rest.split_at(at);
+        out.push_str(before);
+        let Some((c, length)) = escape(here) else {
+            out.push_str(here.get(..1).unwrap_or_default());
+            rest = here.get(1..).unwrap_or_default();
+            continue;
+        };
+        out.push(c);
+        rest = here.get(length..).unwrap_or_default();
+    }
+    out + rest
+}
+
+/// The character that a text begins with in an escaped form, and the bytes of that form.
+fn escape(text: &str) -> Option<(char, usize)> {
+    const FORMS: [(&str, &str, u32, usize); 9] = [
+        ("&#x", ";", 16, 8),
+        ("&#X", ";", 16, 8),
+        ("&#", ";", 10, 8),
+        ("\\u{", "}", 16, 6),
+        ("\\x{", "}", 16, 6),
+        ("\\u", "", 16, 4),
+        ("\\U", "", 16, 8),
+        ("\\x", "", 16, 2),
+        ("\\", "", 8, 3),
+    ];
+    FORMS.iter().find_map(|(begin, end, radix, most)| {
+        let rest = text.strip_prefix(begin)?;
+        let digits = rest.bytes().take(*most).take_while(|b| char::from(*b).is_digit(*radix)).count();
+        let c = char::from_u32(u32::from_str_radix(rest.get(..digits)?, *radix).ok()?)?;
+        let length = begin.len() + digits;
+        // HTML is shown without the semicolon, too.
+        Some((c, length + if text.get(length..)?.starts_with(end) { end.len() } else { 0 }))
+    })
 }
 
 /// A number as a text can be read; one place of the text may be read as several.

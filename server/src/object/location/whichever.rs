@@ -1,0 +1,143 @@
+//! Coordinates and reference systems of whichever place, by their form alone: for texts of which nobody knows what they must not say.
+//!
+//! Stricter than what a known location needs: five decimals are a coordinate here, whatever they measure. A single whole number (`565977`) says nothing by
+//! its form and passes.
+
+use super::angles::{Angle, Axis, axis_of};
+use super::codes::grid_reference;
+use super::text::Number;
+use super::{BESIDE, Kind, is_degree};
+
+/// Reference systems of the whole earth (EPSG), which tell no place.
+const WORLDWIDE: [&str; 9] = ["4326", "4978", "4979", "4936", "3857", "3395", "3785", "9707", "900913"];
+/// Decimals of a latitude or longitude without anything that says so, and of one beside another or with its letter.
+const ALONE_DECIMALS: usize = 5;
+const PAIR_DECIMALS: usize = 3;
+/// Metres: eastings of UTM and its relatives, and northings beside them.
+const EASTINGS: std::ops::Range<f64> = 100_000.0..900_000.0;
+const NORTHINGS: std::ops::Range<f64> = 1_000_000.0..10_000_000.0;
+/// Words that may stand between an easting and a northing.
+const AXES: [&str; 15] =
+    ["e", "n", "s", "w", "m", "x", "y", "and", "east", "west", "north", "south", "easting", "northing", "mn"];
+/// Words that may stand between `UTM` and a zone.
+const ZONE_WORDS: [&str; 12] =
+    ["zone", "zona", "huso", "fuso", "fuseau", "no", "nr", "z", "wgs", "etrs", "nad", "projection"];
+
+/// A place between two characters, and what is there.
+type Found = (usize, usize, Kind);
+
+/// The first piece that can hardly be anything but a coordinate or a regional reference system; the latter only where it is not told.
+pub(super) fn found(text: &[char], numbers: &[Number], angles: &[Angle], is_system_told: bool) -> Option<Found> {
+    let coordinates = |(from, to): (usize, usize)| (from, to, Kind::Coordinates);
+    let system = || {
+        let zone = || zones(text, numbers).next().map(|(_, from, to)| (from, to));
+        epsg(text).or_else(zone).map(|(from, to)| (from, to, Kind::RegionalSystem))
+    };
+    let told = if is_system_told { None } else { system() };
+    told.or_else(|| degrees(text, numbers, angles).map(coordinates))
+        .or_else(|| eastings(text, numbers).map(coordinates))
+        .or_else(|| grid_reference(text).or_else(|| geohash(text)).map(|(from, to)| (from, to, Kind::Code)))
+}
+
+/// UTM zones that are named as such (`UTM zone 37S`, `37L UTM`), with where they stand.
+pub(super) fn zones<'a>(text: &'a [char], numbers: &'a [Number]) -> impl Iterator<Item = (u32, usize, usize)> + 'a {
+    let small = numbers.iter().filter(|n| n.decimals == 0 && n.to - n.from <= 2 && (1.0..=60.0).contains(&n.value));
+    small.filter_map(move |n| {
+        let before = lower(text, n.from.saturating_sub(28), n.from);
+        let named = before.rfind("utm").and_then(|at| before.get(at + 3..));
+        let is_before = named.is_some_and(|between| only_words(between, &ZONE_WORDS));
+        let behind = lower(text, n.to, n.to + 12);
+        let is_behind = behind
+            .trim_start_matches(|c: char| c.is_ascii_alphabetic())
+            .trim_start_matches([' ', '(', '/', ','])
+            .starts_with("utm")
+            || behind.trim_start_matches([' ', '(', '/', ',']).starts_with("utm");
+        let letter = usize::from(text.get(n.to).is_some_and(char::is_ascii_alphabetic));
+        (is_before || is_behind).then_some((n.value as u32, n.from, n.to + letter))
+    })
+}
+
+/// `zone 37S`, without a word of UTM: for who knows the zone.
+pub(super) fn bare_zone(text: &[char], numbers: &[Number], zone: u32) -> Option<(usize, usize)> {
+    let of_it = numbers.iter().filter(|n| n.decimals == 0 && n.value == f64::from(zone) && n.to - n.from == 2);
+    of_it.map(|n| (n.from, n.to)).find(|(from, to)| {
+        let before = lower(text, from.saturating_sub(8), *from);
+        let has_letter = lower(text, *to, to + 2).trim_start().starts_with(|c: char| c.is_ascii_alphabetic());
+        has_letter && ["zone", "zona", "huso", "fuso"].iter().any(|w| before.trim_end().ends_with(w))
+    })
+}
+
+fn lower(text: &[char], from: usize, to: usize) -> String {
+    let part = text.get(from.min(text.len())..to.min(text.len())).unwrap_or_default();
+    part.iter().map(char::to_ascii_lowercase).collect()
+}
+
+fn only_words(text: &str, words: &[&str]) -> bool {
+    text.split(|c: char| !c.is_alphabetic()).all(|w| w.is_empty() || words.contains(&w))
+}
+
+/// The code of a regional reference system.
+fn epsg(text: &[char]) -> Option<(usize, usize)> {
+    let lower: Vec<char> = text.iter().map(char::to_ascii_lowercase).collect();
+    (0..lower.len()).find_map(|at| {
+        let is_name = lower.get(at..at + 4)? == ['e', 'p', 's', 'g'];
+        let from = (at + 4..lower.len().min(at + 20)).find(|i| lower.get(*i).is_some_and(char::is_ascii_digit))?;
+        let code: String = lower.iter().skip(from).take_while(|c| c.is_ascii_digit()).collect();
+        let is_regional = is_name && (4..=6).contains(&code.len()) && !WORLDWIDE.contains(&code.as_str());
+        is_regional.then_some((at, from + code.len()))
+    })
+}
+
+fn degrees(text: &[char], numbers: &[Number], angles: &[Angle]) -> Option<(usize, usize)> {
+    let is_degrees = |n: &&Number| (1.0..=180.0).contains(&n.value);
+    let alone = numbers.iter().filter(is_degrees).find(|n| {
+        let has_axis = || is_degree(text, n) || axis_of(text, n.from, n.to).is_some();
+        n.decimals >= ALONE_DECIMALS || n.decimals >= PAIR_DECIMALS && has_axis()
+    });
+    if let Some(n) = alone {
+        return Some((n.from, n.to));
+    }
+    let sixty = angles.iter().find(|a| {
+        let most = if a.axis == Some(Axis::Latitude) { 90.0 } else { 180.0 };
+        let has_seconds = text.get(a.from..a.to).is_some_and(|t| t.ends_with(&['"']));
+        a.value <= most && a.is_marked && (a.axis.is_some() || has_seconds)
+    });
+    if let Some(a) = sixty {
+        return Some((a.from, a.to));
+    }
+    let fine: Vec<&Number> = numbers.iter().filter(is_degrees).filter(|n| n.decimals >= PAIR_DECIMALS).collect();
+    fine.windows(2).find_map(|two| {
+        let [a, b] = two else { return None };
+        let between = text.get(a.to..b.from)?;
+        let is_pair = (1..=4).contains(&between.len()) && between.iter().all(|c| " ,;/|+-".contains(*c));
+        (is_pair && (a.value <= 90.0 || b.value <= 90.0)).then_some((a.from, b.to))
+    })
+}
+
+/// An easting beside a northing, with nothing but signs, axes and units between them.
+fn eastings(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
+    let of = |range: &std::ops::Range<f64>| numbers.iter().filter(|n| range.contains(&n.value)).collect::<Vec<_>>();
+    let (east, north) = (of(&EASTINGS), of(&NORTHINGS));
+    let pair = |first: &Number, then: &Number| {
+        let is_near = then.from > first.to && then.from <= first.to + BESIDE;
+        (is_near && only_words(&lower(text, first.to, then.from), &AXES)).then_some((first.from, then.to))
+    };
+    // Both lists are in the order of the text: few stand within reach of each.
+    let follows = |ones: &[&Number], others: &[&Number]| {
+        ones.iter().find_map(|a| {
+            let start = others.partition_point(|b| b.from <= a.to);
+            others.iter().skip(start).take(8).find_map(|b| pair(a, b))
+        })
+    };
+    follows(&east, &north).or_else(|| follows(&north, &east))
+}
+
+/// A word that is said to be a geohash.
+fn geohash(text: &[char]) -> Option<(usize, usize)> {
+    let all = lower(text, 0, text.len());
+    let (before, behind) = all.split_at(all.find("geohash")?);
+    let said = behind.get(7..)?.trim_start_matches(|c: char| !c.is_alphanumeric());
+    let code: String = said.chars().take_while(char::is_ascii_alphanumeric).collect();
+    let from = before.chars().count();
+    (code.len() >= 4 && code.chars().any(|c| c.is_ascii_digit())).then_some((from, from + 20))
+}
