@@ -63,10 +63,25 @@ impl Bench {
         args(&[&all[1..], &noted, more].concat())
     }
 
-    fn withdrawing(&self) -> Args {
-        let (site, keep) = (self.path("site"), self.path("keep"));
-        let (site, keep) = (site.to_str().unwrap(), keep.to_str().unwrap());
-        args(&["--withdraw", "wall", "--to", site, "--keep", keep, "--reason", "asked to", "--json"])
+    fn withdrawing(&self, more: &[&str]) -> Args {
+        let (site, keep, www) = (self.path("site"), self.path("keep"), self.path("www"));
+        let (site, keep, www) = (site.to_str().unwrap(), keep.to_str().unwrap(), www.to_str().unwrap());
+        let all = ["--withdraw", "wall", "--to", site, "--keep", keep, "--reason", "asked to", "--www", www, "--json"];
+        args(&[&all[..], more].concat())
+    }
+
+    /// The list of the folder's pages says of the object what its manifest says.
+    fn is_listed(&self, m: &Manifest) {
+        let list = std::fs::read(self.path("site/models.json")).unwrap();
+        let list: serde_json::Value = serde_json::from_slice(&list).unwrap();
+        let is_withdrawn = m.access.state == AccessState::Withdrawn;
+        let pack = m.current().filter(|_| !is_withdrawn).map(|v| format!("wall/{}", v.pack.url));
+        let wanted = serde_json::json!({ "access": m.access.state, "version": m.current, "pack": pack });
+        for (name, value) in wanted.as_object().unwrap() {
+            assert_eq!(list["models"][0][name], *value, "{name}");
+        }
+        let html = std::fs::read_to_string(self.path("site/index.html")).unwrap();
+        assert_eq!(html.contains("<h2>Withdrawn</h2>"), is_withdrawn);
     }
 
     fn manifest(&self) -> Manifest {
@@ -86,7 +101,8 @@ impl Bench {
                 assert_eq!(sha256(&bytes.unwrap()), sum, "{folder}/{path}");
             }
         }
-        for folder in [self.path("site"), self.object()] {
+        let keep = Some(self.path("keep")).filter(|keep| keep.is_dir());
+        for folder in [self.path("site"), self.object()].into_iter().chain(keep) {
             let hidden =
                 |e: std::io::Result<std::fs::DirEntry>| e.unwrap().file_name().to_string_lossy().starts_with('.');
             assert!(!std::fs::read_dir(&folder).unwrap().any(hidden), "something is left in {}", folder.display());
@@ -133,7 +149,7 @@ fn what_was_withdrawn_while_a_version_was_made_stays_withdrawn() {
     publish(&bench.publishing(None, &[])).unwrap();
     let ours = bench.publishing(Some("ours"), &[]);
     let mut planned = Plan::for_folder(&ours).unwrap();
-    withdraw::run(&bench.withdrawing(), "wall").unwrap();
+    withdraw::run(&bench.withdrawing(&[]), "wall").unwrap();
     let why = run_with(&ours, &mut planned, &blank).err().unwrap().to_string();
     assert!(why.contains("was withdrawn"), "{why}");
     let m = bench.is_whole();
@@ -176,9 +192,21 @@ fn the_same_command_again_says_what_is_there_and_makes_what_is_lacking() {
     let again = publish(&first).unwrap();
     assert!(again.already && again.version == 1 && bench.is_whole() == before);
     assert!(bench.path("site/wall.bag/bagit.txt").exists() && bench.path("site/feed.xml").exists());
-    let further = bench.publishing(Some("further"), &[]);
+    // Only the pages of the folder fail.
+    let further = bench.publishing(Some("further"), &["--site"]);
+    let feed = bench.path("site/feed.xml");
+    std::fs::remove_file(&feed).unwrap();
+    std::fs::create_dir_all(feed.join("in the way")).unwrap();
+    let why = format!("{:#}", publish(&further).err().unwrap());
+    assert!(why.contains("the version is published, but the pages") && why.contains("same command again"), "{why}");
+    assert!(!why.contains("nothing was changed") && why.matches("os error").count() == 1, "{why}");
+    std::fs::remove_dir_all(&feed).unwrap();
+    assert!(publish(&further).unwrap().already && feed.is_file());
+    assert!(publish(&further).unwrap().already);
+    bench.is_listed(&bench.is_whole());
+    let further = bench.publishing(Some("another"), &[]);
     assert!(!publish(&further).unwrap().already && publish(&further).unwrap().already);
-    assert_eq!(bench.is_whole().versions.len(), 2);
+    assert_eq!(bench.is_whole().versions.len(), 3);
     // Another version of the very same is none.
     let same = Args { version_note: Some("other words".to_owned()), ..further };
     assert!(publish(&same).err().unwrap().to_string().contains("nothing new to publish"));
@@ -197,10 +225,11 @@ fn in_two_hundred_rounds_of_two_who_publish_and_one_who_withdraws_nothing_is_los
             // Which of them is where is what this is about: no state is waited for.
             std::time::Duration::from_micros((state >> 33) % 12_000)
         };
-        let site: &[&str] = if round % 5 == 0 { &["--site", "--bag"] } else { &[] };
+        let (site, bag): (&[&str], &[&str]) =
+            if round % 5 == 0 { (&["--site"], &["--site", "--bag"]) } else { (&[], &[]) };
         let publishing =
-            [("ours", bench.publishing(Some("ours"), site)), ("theirs", bench.publishing(Some("theirs"), &[]))];
-        let (takes, pauses) = (bench.withdrawing(), [pause(), pause(), pause(), pause(), pause()]);
+            [("ours", bench.publishing(Some("ours"), bag)), ("theirs", bench.publishing(Some("theirs"), site))];
+        let (takes, pauses) = (bench.withdrawing(site), [pause(), pause(), pause(), pause(), pause()]);
         let (ends, taken) = std::thread::scope(|scope| {
             let publishers: Vec<_> = publishing
                 .iter()
@@ -224,6 +253,9 @@ fn in_two_hundred_rounds_of_two_who_publish_and_one_who_withdraws_nothing_is_los
             (ends, taker.map(|t| t.join().unwrap()))
         });
         let m = bench.is_whole();
+        if round % 5 == 0 {
+            bench.is_listed(&m);
+        }
         let is_withdrawn = taken.is_some_and(|taken| taken.map_err(|e| panic!("round {round}: {e:#}")).is_ok());
         assert_eq!(m.access.state == AccessState::Withdrawn, is_withdrawn, "round {round}");
         withdrawn += u64::from(is_withdrawn);

@@ -2,11 +2,11 @@
 
 use super::Args;
 use super::write::{locked, spinner};
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, anyhow, bail, ensure};
 use kilwa_server::object::Slug;
 use kilwa_server::object::location::Location;
 use kilwa_server::object::site;
-use kilwa_server::object::withdraw::{Outlook, Withdrawal, outlook, withdraw};
+use kilwa_server::object::withdraw::{Outlook, Withdrawal, Withdrawn, outlook, withdraw};
 use std::io::Write as _;
 use std::path::Path;
 
@@ -35,22 +35,44 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
     }
     let page = args.site.then(|| kilwa_server::Page::load(args.www.as_deref())).transpose()?;
     let lock = locked(&args.to, &spinner())?;
-    let write_site = || page.as_ref().map_or(Ok(()), |page| site::write(&lock, page, &|_| Ok(())));
-    // Whether anything is left to do is known when nobody else does it.
-    if let Err(done) = ready(args, &slug) {
-        write_site()?;
-        return Err(done);
+    if args.site {
+        site::check(&args.to)?;
     }
-    let kept = withdraw(&lock, &slug, &Withdrawal { reason, day: &day, keep }, &|_| Ok(()))?;
-    write_site()?;
+    let done = withdraw(&lock, &slug, &Withdrawal { reason, day: &day, keep }, &|_| Ok(()))?;
+    if done.before && !done.changed && page.is_none() {
+        return Err(nothing_left(args, &slug, &done.day));
+    }
+    if let Some(page) = &page {
+        let written = site::write(&lock, page, &|_| Ok(()));
+        written.map_err(|e| e.after("the object is withdrawn, but the pages of the folder are not written"))?;
+    }
+    say_done(args, &slug, &done)
+}
+
+/// Nothing was left to do.
+fn nothing_left(args: &Args, slug: &Slug, day: &str) -> anyhow::Error {
+    anyhow!("{}/{slug} was withdrawn on {day} already; nothing was changed", args.to.display())
+}
+
+/// What was done, which may be what an earlier command did not come to.
+fn say_done(args: &Args, slug: &Slug, done: &Withdrawn) -> anyhow::Result<()> {
     let mut out = crate::terminal::out();
+    let Withdrawn { kept, day, before, changed } = done;
+    let kept = kept.display().to_string();
     if args.json {
-        let report = serde_json::json!({ "withdrawn": slug.as_str(), "kept": kept.display().to_string(), "date": day });
-        writeln!(out, "{report:#}")?;
-    } else {
-        writeln!(out, "{}/{slug}: withdrawn; its files are in {}", args.to.display(), kept.display())?;
+        let report = serde_json::json!({ "withdrawn": slug.as_str(), "kept": kept, "date": day, "already": before });
+        return Ok(writeln!(out, "{report:#}")?);
     }
-    Ok(())
+    let at = args.to.display();
+    if !before {
+        return Ok(writeln!(out, "{at}/{slug}: withdrawn; its files are in {kept}")?);
+    }
+    let now = [
+        changed.then_some("what a command that was cut off had left is removed"),
+        args.site.then_some("the pages of the folder are written"),
+    ];
+    let now: Vec<&str> = now.into_iter().flatten().collect();
+    Ok(writeln!(out, "{at}/{slug}: was withdrawn on {day} already; {}", now.join(", and "))?)
 }
 
 /// The reason is published: of an object whose place is withheld it states none.
@@ -70,7 +92,7 @@ fn ready(args: &Args, slug: &Slug) -> anyhow::Result<Outlook> {
     let there = outlook(&args.to, slug)?;
     let is_done = there.going.0 == 0 && !there.bag;
     if let Some(day) = there.withdrawn.as_ref().filter(|_| is_done) {
-        bail!("{}/{slug} was withdrawn on {day} already; nothing was changed", args.to.display());
+        return Err(nothing_left(args, slug, day));
     }
     Ok(there)
 }

@@ -277,11 +277,12 @@ fn around(
     let mut bag = None;
     if args.bag {
         let made = bag::wrap(lock, &plan.facts.slug, &info, steps);
-        bag = Some(made.context("the object is published; its bag could not be made")?.display().to_string());
+        let made = made.map_err(|e| e.after("the version is published, but its bag is not made"))?;
+        bag = Some(made.display().to_string());
     }
     if args.site {
         let made = site::write(lock, &plan.page, steps);
-        made.context("the object is published; the pages of the folder could not be written")?;
+        made.map_err(|e| e.after("the version is published, but the pages of the folder are not written"))?;
     }
     Ok(bag)
 }

@@ -104,7 +104,12 @@ fn the_program_killed_before_any_rename_leaves_a_sound_archive_and_goes_on() {
     let reason = ["--reason", "asked to", "--date", "2026-12-02"];
     let withdraw =
         [&["publish", "--withdraw", "fort", "--to", text(&site), "--keep", text(&kept)][..], &reason].concat();
-    for (command, call) in [(&publish, "rename"), (&withdraw, "rename"), (&withdraw, "unlink")] {
+    let withdraw = [&withdraw[..], &["--site", "--www", text(&www)]].concat();
+    assert!(run(&withdraw).status.success());
+    let withdrawn = [tree(&site), tree(&kept)];
+    for (command, call) in
+        [(&publish, "rename"), (&withdraw, "rename"), (&withdraw, "unlink"), (&withdraw, "rmdir"), (&withdraw, "mkdir")]
+    {
         let mut deaths = 0;
         // Drawing takes long, and is done before the last five.
         let all = std::env::var_os("KILWA_SOAK").is_some() || *command == withdraw;
@@ -129,6 +134,7 @@ fn the_program_killed_before_any_rename_leaves_a_sound_archive_and_goes_on() {
                 let pack = manifest["versions"][0]["pack"]["url"].as_str().unwrap();
                 assert_eq!(manifest["access"]["state"], "withdrawn");
                 assert!(!object.join(pack).exists() && kept.join("fort").join(pack).exists());
+                assert!([tree(&site), tree(&kept)] == withdrawn, "{call} {nth}: it does not come to the same");
             }
         }
         println!("{call}: killed {deaths} times");

@@ -215,6 +215,12 @@ fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
     assert!(
         String::from_utf8_lossy(&refused.stderr).contains("outside with --keep") && object.join(&pack_file).exists()
     );
+    let (index, theirs) = (site.join("index.html"), "a page of somebody else's");
+    let ours = std::fs::read(&index).unwrap();
+    std::fs::write(&index, theirs).unwrap();
+    let refused = withdraw(text(&keep));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("is not from kilwa") && object.join(&pack_file).exists());
+    std::fs::write(&index, ours).unwrap();
     let before = tree(&site);
     let would = run(&[
         "publish",
@@ -234,8 +240,21 @@ fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
         "{would}"
     );
     assert!(tree(&site) == before && !keep.exists());
+    // The pages of the folder cannot be written; they are all that the same command does then.
+    let feed = site.join("feed.xml");
+    std::fs::remove_file(&feed).unwrap();
+    std::fs::create_dir_all(feed.join("in the way")).unwrap();
+    let failed = withdraw(text(&keep));
+    let said = String::from_utf8_lossy(&failed.stderr).into_owned();
+    assert!(failed.status.code() == Some(1) && said.matches("os error").count() == 1, "{said}");
+    assert!(said.contains("the object is withdrawn, but the pages") && said.contains("same command again"), "{said}");
+    assert!(!said.contains("nothing was changed"), "{said}");
+    std::fs::remove_dir_all(&feed).unwrap();
     let done = withdraw(text(&keep));
+    let said = String::from_utf8_lossy(&done.stdout).into_owned();
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    assert!(said.contains("was withdrawn on 2027-01-01 already; the pages of the folder are written"), "{said}");
+    assert!(feed.is_file() && !site.join(".kilwa-site").exists());
     assert!(
         !object.join(&pack_file).exists()
             && !object.join("v1/poster.jpg").exists()
@@ -247,7 +266,9 @@ fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
     assert!(html.contains("The family asked for it") && html.contains("2027-01-01"));
     let manifest = json_of(&object.join("manifest.json"));
     assert_eq!(manifest["access"]["state"], "withdrawn");
-    let twice = withdraw(text(&keep));
+    let reason = ["--reason", "The family asked for it"];
+    let again = ["publish", "--withdraw", "gereza", "--to", text(&site), "--keep", text(&keep)];
+    let twice = run(&[&again[..], &reason].concat());
     let said = String::from_utf8_lossy(&twice.stderr).into_owned();
     assert!(twice.status.code() == Some(1) && said.contains("was withdrawn on 2027-01-01 already"), "{said}");
     assert!(!std::fs::read_to_string(site.join("feed.xml")).unwrap().contains("gereza/"));

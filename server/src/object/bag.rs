@@ -39,7 +39,7 @@ pub fn wrap(lock: &Lock, slug: &Slug, info: &BagInfo, steps: Steps<'_>) -> Resul
     let bag = shelf.join(format!("{slug}.bag"));
     let failed = |path: &Path| {
         let path = path.to_owned();
-        move |source| DraftError::Disk { what: "write", path, source }
+        move |reason| DraftError::Disk { what: "write", path, reason }
     };
     steps("bag").map_err(failed(&bag))?;
     scratch::sweep(shelf, &|name| scratch::is_of(slug, name), steps)?;

@@ -8,7 +8,7 @@ use std::path::Path;
 /// Makes an error that says what could not be done, and where.
 pub(crate) fn failed(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DraftError {
     let path = path.to_owned();
-    move |source| DraftError::Disk { what, path, source }
+    move |reason| DraftError::Disk { what, path, reason }
 }
 
 /// Write a new file, on disk (fsync), for a web server to read.
@@ -41,17 +41,18 @@ pub(crate) fn rename(from: &Path, to: &Path, steps: Steps<'_>) -> Result<(), Dra
 
 /// Remove a file or a folder with everything in it; nothing where there is none.
 pub(crate) fn remove(path: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
-    let removed = (|| {
-        let is_folder = fs::symlink_metadata(path)?.is_dir();
-        if is_folder {
-            for entry in fs::read_dir(path)? {
-                remove(&entry?.path(), steps).map_err(io::Error::other)?;
-            }
+    let is_folder = match fs::symlink_metadata(path) {
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
+        there => there.map_err(failed("remove", path))?.is_dir(),
+    };
+    if is_folder {
+        for entry in fs::read_dir(path).map_err(failed("remove", path))? {
+            // Its failure names the file in the folder, once.
+            remove(&entry.map_err(failed("remove", path))?.path(), steps)?;
         }
-        steps(&format!("remove {}", name(path)))?;
-        if is_folder { fs::remove_dir(path) } else { fs::remove_file(path) }
-    })();
-    match removed {
+    }
+    let removed = steps(&format!("remove {}", name(path)));
+    match removed.and_then(|()| if is_folder { fs::remove_dir(path) } else { fs::remove_file(path) }) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
         removed => removed.map_err(failed("remove", path)),
     }

@@ -31,14 +31,14 @@ pub type Steps<'a> = &'a dyn Fn(&str) -> io::Result<()>;
 #[derive(Debug, Error)]
 pub enum DraftError {
     /// The system refused.
-    #[error("cannot {what} {path}: {source}{hint}", hint = hint(source))]
+    #[error("cannot {what} {path}: {reason}{hint}", hint = hint(reason))]
     Disk {
         /// Write, rename, read.
         what: &'static str,
         /// Which file or folder.
         path: PathBuf,
-        /// The system's reason.
-        source: io::Error,
+        /// The system's reason. The message has it, so that it is no `source`: who prints the chain of causes would print it twice.
+        reason: io::Error,
     },
     /// Another program changes the folder now.
     #[error(
@@ -47,14 +47,14 @@ pub enum DraftError {
     Busy(PathBuf),
     /// The folder cannot be locked.
     #[error(
-        "cannot lock {path}: {source}. Without a lock two changes at once could lose one of them; nothing was changed. \
+        "cannot lock {path}: {reason}. Without a lock two changes at once could lose one of them; nothing was changed. \
          Run the command on the computer that has the disk, or mount it so that files can be locked"
     )]
     Unlockable {
         /// Which folder.
         path: PathBuf,
         /// The system's reason.
-        source: io::Error,
+        reason: io::Error,
     },
     /// Something is there that must not be replaced.
     #[error("{0} is there already")]
@@ -66,8 +66,13 @@ pub enum DraftError {
     )]
     Unnamed(PathBuf),
     /// The manifest was replaced, what follows it was not.
-    #[error("the change is made, and could not be finished: {what}; run the same command again", what = without_hint(.0))]
-    Unfinished(#[source] Box<DraftError>),
+    #[error("{done}: {what}. Run the same command again: it goes on from there", what = after_the_change(why))]
+    Unfinished {
+        /// What is done, and what is lacking.
+        done: &'static str,
+        /// What stopped it.
+        why: Box<DraftError>,
+    },
     /// What is there is no object, for people.
     #[error("{0}")]
     Other(String),
@@ -82,22 +87,49 @@ pub enum DraftError {
 fn hint(e: &io::Error) -> &'static str {
     match e.kind() {
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
-            ". Give a folder with --to that you may write to, or ask whoever keeps it; nothing was changed"
+            ". Give a folder that you may write to, or ask whoever keeps it; nothing was changed"
         }
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-            ". Make room on that disk, or give a folder on another one with --to; nothing was changed"
+            ". Make room on that disk, or give a folder on another one; nothing was changed"
         }
         _ => "",
     }
 }
 
-/// An error without the advice of who has changed nothing.
-fn without_hint(e: &DraftError) -> String {
+/// An error of what follows the change: something was changed, and no other folder helps.
+fn after_the_change(e: &DraftError) -> String {
     match e {
-        DraftError::Disk { what, path, source } => format!("cannot {what} {}: {source}", path.display()),
+        DraftError::Disk { what, path, reason } => {
+            let advice = match reason.kind() {
+                io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+                    ". See that you may write there, or ask whoever keeps it"
+                }
+                io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => ". Make room on that disk",
+                _ => "",
+            };
+            format!("cannot {what} {}: {reason}{advice}", path.display())
+        }
+        DraftError::Busy(path) => format!("another kilwa is changing {}", path.display()),
+        DraftError::Unlockable { path, reason } => format!("cannot lock {}: {reason}", path.display()),
+        DraftError::Unfinished { why, .. } => after_the_change(why),
         other => other.to_string(),
     }
 }
+
+impl DraftError {
+    /// The same error of what follows a change that is made already: it says what is `done`, and not that nothing was changed.
+    #[must_use]
+    pub fn after(self, done: &'static str) -> Self {
+        let why = match self {
+            Self::Unfinished { why, .. } => why,
+            other => Box::new(other),
+        };
+        Self::Unfinished { done, why }
+    }
+}
+
+/// What is done when the manifest names a version, and something is lacking.
+const PUBLISHED: &str = "the version is published, but not everything that belongs to it is in its place";
 
 /// A version that is being written.
 pub struct Draft<'a> {
@@ -116,6 +148,7 @@ impl<'a> Draft<'a> {
     pub fn begin(lock: &Lock, slug: &Slug, steps: Steps<'a>) -> Result<Self, DraftError> {
         let (shelf, object) = (lock.folder(), lock.folder().join(slug.as_str()));
         scratch::sweep(shelf, &|name| scratch::is_of(slug, name), steps)?;
+        super::site::sweep(lock, steps)?;
         // Who may add versions to an object need not be allowed to add objects.
         let parent = if object.is_dir() {
             scratch::sweep(&object, &|name| name.starts_with(HIDDEN) && name != super::next::NEXT, steps)?;
@@ -253,7 +286,7 @@ impl<'a> Draft<'a> {
         if version == 1 {
             disk::rename(&whole, &object, self.steps).map_err(|e| {
                 // It has its name, and the disk does not say that this would outlive a power cut.
-                if whole.exists() { e } else { DraftError::Unfinished(Box::new(e)) }
+                if whole.exists() { e } else { e.after(PUBLISHED) }
             })?;
         } else {
             // Closed before the manifest says so, opened after it.
@@ -264,9 +297,9 @@ impl<'a> Draft<'a> {
             if !is_open {
                 settle_earlier()?;
             }
-            become_next(&object, &whole, Some(&folder), self.steps)?;
+            become_next(&object, &whole, Some(&folder), PUBLISHED, self.steps)?;
             if is_open {
-                settle_earlier().map_err(|e| DraftError::Unfinished(Box::new(e)))?;
+                settle_earlier().map_err(|e| e.after(PUBLISHED))?;
             }
         }
         // It is published, whether the empty folder goes now or with the next version.

@@ -5,7 +5,7 @@ use crate::object::manifest::AccessState;
 use crate::object::manifest::tests::sample;
 use crate::object::next::settle;
 use std::cell::Cell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 pub(crate) fn slug() -> Slug {
     Slug::new("fort").unwrap()
@@ -52,6 +52,20 @@ pub(crate) fn tree(folder: &Path) -> BTreeMap<String, Vec<u8>> {
             all.extend(tree(&path).into_iter().map(|(p, b)| (format!("{name}/{p}"), b)));
         } else {
             all.insert(name, fs::read(&path).unwrap());
+        }
+    }
+    all
+}
+
+/// Every folder in a folder, hidden and empty ones too.
+pub(crate) fn folders(folder: &Path) -> BTreeSet<String> {
+    let mut all = BTreeSet::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            let name = path.file_name().unwrap().to_string_lossy().into_owned();
+            all.extend(folders(&path).into_iter().map(|inner| format!("{name}/{inner}")));
+            all.insert(name);
         }
     }
     all
@@ -106,15 +120,18 @@ fn a_failure_at_any_step_leaves_what_was_there_and_nothing_else() {
                     break;
                 }
                 // The manifest was replaced: it is the new object, and whoever comes next puts the page in its place.
-                Err(e @ DraftError::Unfinished(_)) => {
-                    assert!(e.to_string().contains("run the same command again"), "{e}");
+                Err(e @ DraftError::Unfinished { .. }) => {
+                    let said = e.to_string();
+                    assert!(said.contains("the version is published") && said.contains("same command again"), "{said}");
+                    assert!(!said.contains("nothing was changed"), "{said}");
                     settle(&Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap(), &slug(), &|_| Ok(())).unwrap();
                     let whole = tempfile::tempdir().unwrap();
                     (1..=version).for_each(|v| drop(publish(whole.path(), v, &|_| Ok(())).unwrap()));
                     assert!(tree(shelf.path()) == tree(whole.path()), "step {step} of version {version}: {e}");
                 }
                 Err(e) => {
-                    assert!(e.to_string().contains("Make room"), "{e}");
+                    let said = e.to_string();
+                    assert!(said.contains("Make room") && said.contains("nothing was changed"), "{said}");
                     assert!(tree(shelf.path()) == before, "step {step} of version {version}: {e}");
                 }
             }

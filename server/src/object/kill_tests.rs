@@ -3,14 +3,14 @@
 
 use super::bag::{self, BagInfo};
 use super::checksums::sha256;
-use super::draft::tests::{is_whole, publish, slug, tree};
-use super::draft::{DraftError, Steps};
+use super::draft::tests::{folders, is_whole, publish, slug, tree};
+use super::draft::{Draft, DraftError, Steps};
 use super::layout::{MANIFEST, PAGE};
 use super::lock::{Lock, PATIENCE};
 use super::manifest::{AccessState, Manifest};
 use super::next::settle;
 use super::site;
-use super::withdraw::{Withdrawal, outlook, withdraw};
+use super::withdraw::{Withdrawal, withdraw};
 use crate::{Catalogue, Page, Site, app};
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
@@ -95,14 +95,13 @@ fn run(what: What, folder: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
             let settled = settle(&locked(&shelf)?, &slug(), steps)?;
             if settled.is_none_or(|m| m.current < version) {
                 publish(&shelf, version, steps)?;
+            } else {
+                // The program makes a version before it finds that it is there.
+                Draft::begin(&locked(&shelf)?, &slug(), steps)?;
             }
             Ok(())
         }
         What::Withdraw => {
-            let there = outlook(&shelf, &slug())?;
-            if there.withdrawn.is_some() && there.going.0 == 0 && !there.bag {
-                return Ok(());
-            }
             let said = Withdrawal { reason: "asked to", day: "2026-11-21", keep: &keep };
             withdraw(&locked(&shelf)?, &slug(), &said, steps).map(drop)
         }
@@ -172,6 +171,7 @@ fn is_gone_on_with(what: What, archive: &Archive, whole: &Archive, cut: &str) {
     let differ = |name: &&String| there.get(*name) != wanted.get(*name);
     let names: Vec<&String> = there.keys().chain(wanted.keys()).filter(differ).collect();
     assert!(names.is_empty(), "{what:?}, {cut}: it does not come to the same: {names:?}");
+    assert_eq!(folders(folder), folders(whole.folder.path()), "{what:?}, {cut}: folders are left");
 }
 
 fn whole(what: What) -> Archive {

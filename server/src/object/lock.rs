@@ -3,6 +3,7 @@
 //! The lock is taken on the folder itself, so that nothing is left behind. Where the system cannot lock a folder (network file systems, Windows)
 //! it is taken on a hidden file in it, [`LOCK_FILE`]. Where neither works the change is refused: two changes at once could lose one of them.
 
+use super::disk::failed;
 use super::draft::DraftError;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
@@ -31,7 +32,7 @@ impl Lock {
     pub fn take(folder: &Path) -> Result<Self, DraftError> {
         if cfg!(unix) {
             let opened = File::open(folder);
-            let file = opened.map_err(|source| DraftError::Disk { what: "open", path: folder.to_owned(), source })?;
+            let file = opened.map_err(failed("open", folder))?;
             match file.try_lock() {
                 Ok(()) => return Ok(Self { folder: folder.to_owned(), _file: file }),
                 Err(TryLockError::WouldBlock) => return Err(DraftError::Busy(folder.to_owned())),
@@ -43,7 +44,7 @@ impl Lock {
 
     /// The same, by the hidden file.
     fn of_file(folder: &Path) -> Result<Self, DraftError> {
-        let failed = |source: io::Error| DraftError::Unlockable { path: folder.to_owned(), source };
+        let failed = |reason: io::Error| DraftError::Unlockable { path: folder.to_owned(), reason };
         let path = folder.join(LOCK_FILE);
         let file = OpenOptions::new().create(true).read(true).write(true).truncate(false).open(path).map_err(failed)?;
         match file.try_lock() {

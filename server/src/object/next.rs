@@ -29,11 +29,12 @@ pub const NEXT: &str = ".kilwa-next";
 /// Make of the object what `prepared` holds: `manifest.json`, `index.html` and, where a version is added, its folder.
 ///
 /// # Errors
-/// [`DraftError`]: the object is as it was, or [`DraftError::Unfinished`]: it is the new one but for its page.
+/// [`DraftError`]: the object is as it was, or [`DraftError::Unfinished`]: it is the new one but for its page, as `done` says.
 pub(super) fn become_next(
     object: &Path,
     prepared: &Path,
     version: Option<&str>,
+    done: &'static str,
     steps: Steps<'_>,
 ) -> Result<(), DraftError> {
     let next = object.join(NEXT);
@@ -49,7 +50,7 @@ pub(super) fn become_next(
         drop(take_back(object, &|_| Ok(())));
         return decided;
     }
-    decided.and_then(|()| show_page(object, steps)).map_err(|e| DraftError::Unfinished(Box::new(e)))
+    decided.and_then(|()| show_page(object, steps)).map_err(|e| e.after(done))
 }
 
 /// The page into its place; then nothing of the hidden folder is needed.
@@ -71,7 +72,8 @@ pub fn settle(lock: &Lock, slug: &Slug, steps: Steps<'_>) -> Result<Option<Manif
     if next.join(MANIFEST).exists() {
         take_back(&object, steps)?;
     } else if is_page_of(&next, &manifest) {
-        show_page(&object, steps)?;
+        show_page(&object, steps)
+            .map_err(|e| e.after("an earlier change is made, but its page is not in its place"))?;
     }
     disk::remove(&next, steps)?;
     Ok(Some(manifest))

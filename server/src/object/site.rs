@@ -37,13 +37,22 @@ const BEGUN: &str = ".kilwa-site";
 /// # Errors
 /// [`DraftError::Disk`] with the file; [`DraftError::Foreign`] where a page of somebody else's would be replaced.
 pub fn write(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftError> {
+    check(lock.folder())?;
+    let written = put_all(lock, page, steps);
+    if written.is_err() {
+        // Where none of the pages is there, nothing says that they were begun. Otherwise whoever comes next goes on with them.
+        drop(sweep(lock, &|_| Ok(())));
+    }
+    written
+}
+
+fn put_all(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftError> {
     let shelf = lock.folder();
-    check(shelf)?;
     let entries = entries(shelf)?;
     let base = base(&entries);
-    scratch::sweep(shelf, &|name| name.starts_with(MAKING), steps)?;
+    scratch::sweep(shelf, &is_making, steps)?;
     let making = Scratch::create(shelf, MAKING, steps)?;
-    if !shelf.join("index.html").exists() && !shelf.join(BEGUN).exists() {
+    if !shelf.join(INDEX).exists() && !shelf.join(BEGUN).exists() {
         disk::write(&shelf.join(BEGUN), b"kilwa publish --site\n", steps)?;
     }
     disk::create_dir(&shelf.join(ASSETS), steps)?;
@@ -63,9 +72,44 @@ pub fn write(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftErro
     if let Some(base) = &base {
         put("", "sitemap.xml", sitemap(&entries, base).as_bytes())?;
     }
-    put("", "index.html", catalogue(&entries).as_bytes())?;
+    put("", INDEX, catalogue(&entries).as_bytes())?;
     disk::remove(&shelf.join(BEGUN), steps)?;
     making.close(steps)
+}
+
+fn is_making(name: &str) -> bool {
+    name.starts_with(MAKING)
+}
+
+/// Remove what somebody has left who was cut off while the pages were written. The mark of pages that are written for the first time stays while some
+/// of them are there: without it nobody could tell that they are ours.
+///
+/// # Errors
+/// [`DraftError::Disk`].
+pub(super) fn sweep(lock: &Lock, steps: Steps<'_>) -> Result<(), DraftError> {
+    let shelf = lock.folder();
+    scratch::sweep(shelf, &is_making, steps)?;
+    let begun = shelf.join(BEGUN);
+    if !begun.exists() {
+        return Ok(());
+    }
+    if !is_ours(&shelf.join(INDEX)) {
+        // Refused where something is in it.
+        drop(fs::remove_dir(shelf.join(ASSETS)));
+        if PAGES.into_iter().any(|name| shelf.join(name).exists()) {
+            return Ok(());
+        }
+    }
+    disk::remove(&begun, steps)
+}
+
+/// The page that says that the pages are ours, put in its place last.
+const INDEX: &str = "index.html";
+/// All that is written.
+const PAGES: [&str; 5] = [INDEX, "feed.xml", "models.json", "sitemap.xml", ASSETS];
+
+fn is_ours(index: &Path) -> bool {
+    fs::read_to_string(index).is_ok_and(|html| html.contains(OURS))
 }
 
 /// What our own page begins with, and nobody else's.
@@ -76,25 +120,23 @@ const OURS: &str = "<meta name=\"generator\" content=\"Kilwa\">";
 /// # Errors
 /// [`DraftError::Foreign`] with the file that is not ours.
 pub fn check(shelf: &Path) -> Result<(), DraftError> {
-    let index = shelf.join("index.html");
-    if fs::read_to_string(&index).is_ok_and(|html| html.contains(OURS)) {
+    let index = shelf.join(INDEX);
+    if is_ours(&index) {
         return Ok(());
     }
     if shelf.join(BEGUN).exists() {
         return if index.exists() { Err(DraftError::Foreign(index)) } else { Ok(()) };
     }
-    let others = ["index.html", "feed.xml", "models.json", "sitemap.xml", ASSETS].map(|name| shelf.join(name));
-    match others.into_iter().find(|path| path.exists()) {
+    match PAGES.map(|name| shelf.join(name)).into_iter().find(|path| path.exists()) {
         Some(there) => Err(DraftError::Foreign(there)),
         None => Ok(()),
     }
 }
 
 fn entries(shelf: &Path) -> Result<Vec<Entry>, DraftError> {
-    let failed = |source| DraftError::Disk { what: "read", path: shelf.to_owned(), source };
     let mut all = Vec::new();
-    for entry in fs::read_dir(shelf).map_err(failed)? {
-        let folder = entry.map_err(failed)?.path();
+    for entry in fs::read_dir(shelf).map_err(disk::failed("read", shelf))? {
+        let folder = entry.map_err(disk::failed("read", shelf))?.path();
         let Some(slug) = folder.file_name().and_then(|n| n.to_str()).filter(|n| Slug::new(n).is_ok()) else { continue };
         if is_object(&folder) {
             all.push(Entry { slug: slug.to_owned(), manifest: read(&folder.join(MANIFEST)) });
@@ -127,11 +169,12 @@ fn base(entries: &[Entry]) -> Option<String> {
 fn list(entries: &[Entry]) -> Value {
     let one = |e: &Entry| match &e.manifest {
         Ok(m) => {
-            let v = m.current();
+            // Of what was withdrawn there is a page, and no pack.
+            let v = m.current().filter(|_| m.access.state != AccessState::Withdrawn);
             json!({
                 "slug": m.slug, "title": m.title, "page": format!("{}/", e.slug), "manifest": format!("{}/{MANIFEST}", e.slug),
                 "rights": m.rights.uri, "access": m.access.state, "place": m.place, "version": m.current,
-                "published": v.map(|v| &v.published), "pack": v.map(|v| format!("{}/{}", e.slug, v.pack.url)),
+                "published": m.current().map(|v| &v.published), "pack": v.map(|v| format!("{}/{}", e.slug, v.pack.url)),
                 "bytes": v.map(|v| v.pack.bytes), "triangles": v.map(|v| v.figures.triangles),
             })
         }
@@ -324,7 +367,10 @@ mod tests {
         assert!(text("feed.xml").contains("https://a.org/x/fort/") && !text("feed.xml").contains("gone/"));
         assert!(text("sitemap.xml").contains("<loc>https://a.org/x/fort/</loc>"));
         let list: Value = serde_json::from_str(&text("models.json")).unwrap();
-        assert_eq!(list["models"].as_array().unwrap().len(), 3);
+        let models = list["models"].as_array().unwrap();
+        assert_eq!(models.len(), 3);
+        let gone = models.iter().find(|m| m["slug"] == "gone").unwrap();
+        assert!(gone["access"] == "withdrawn" && gone["pack"].is_null() && gone["bytes"].is_null(), "{gone}");
         assert_eq!(text("assets/style.css"), "css");
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! In this order, so that wherever it is cut off nothing is lost and the same command goes on: page and manifest are copied to the other folder; they are
 //! replaced by those of a withdrawn object ([`super::next`]), so that it is public no longer; its files are linked or copied to the other folder; what was
-//! withdrawn is removed, each file only when it is in the other folder.
+//! withdrawn is removed, each file only when it is in the other folder; what commands that were cut off have left is removed, also where nothing else is
+//! left to do.
 
 use super::disk::{self, failed};
 use super::draft::{DraftError, HIDDEN, Steps};
@@ -13,8 +14,10 @@ use super::modes;
 use super::next::{become_next, settle};
 use super::page::tombstone;
 use super::scratch::{self, Scratch};
+use super::site;
 use crate::holding::SMALL;
 use crate::store::read_small;
+use std::cell::Cell;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -86,30 +89,90 @@ pub struct Withdrawal<'a> {
     pub keep: &'a Path,
 }
 
-/// Withdraw the object `slug` of the locked folder, or go on with it; where its files are now.
+/// How a withdrawal ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Withdrawn {
+    /// Where its files are now; where an earlier command has moved them all, where this one would have.
+    pub kept: PathBuf,
+    /// The day on which it was withdrawn.
+    pub day: String,
+    /// An earlier command has moved all of its files.
+    pub before: bool,
+    /// Something was changed now: with `before`, what was cut off had left something.
+    pub changed: bool,
+}
+
+/// What is done when the manifest says that an object is withdrawn, and something is lacking.
+const WITHDRAWN: &str = "the object is withdrawn, but not everything that goes has left its folder";
+
+/// Withdraw the object `slug` of the locked folder, or go on with it.
 ///
 /// # Errors
-/// [`DraftError`] when it has no manifest, there is something else of this name in `keep`, or the system refuses.
-pub fn withdraw(lock: &Lock, slug: &Slug, said: &Withdrawal<'_>, steps: Steps<'_>) -> Result<PathBuf, DraftError> {
+/// [`DraftError`] when it has no manifest, there is something else of this name in `keep`, or the system refuses: the object is as it was, or
+/// [`DraftError::Unfinished`], withdrawn and not all of it moved.
+pub fn withdraw(lock: &Lock, slug: &Slug, said: &Withdrawal<'_>, steps: Steps<'_>) -> Result<Withdrawn, DraftError> {
     let (shelf, object) = (lock.folder(), lock.folder().join(slug.as_str()));
+    let changes = Cell::new(0_u32);
+    let steps: Steps<'_> = &|what| {
+        changes.set(changes.get().saturating_add(1));
+        steps(what)
+    };
     let none = || DraftError::Other(format!("there is no {slug} in {}", shelf.display()));
-    let before = settle(lock, slug, steps)?.ok_or_else(none)?;
-    let kept = begin_keeping(&object, slug, &before, said.keep, steps)?;
-    if before.access.state != AccessState::Withdrawn {
-        close_object(&object, slug, before.clone(), said, steps)?;
+    let manifest = settle(lock, slug, steps)?.ok_or_else(none)?;
+    let is_withdrawn = manifest.access.state == AccessState::Withdrawn;
+    let left = outlook(shelf, slug)?;
+    let before = is_withdrawn && left.going.0 == 0 && !left.bag;
+    let kept = if before {
+        said.keep.join(slug.as_str())
+    } else {
+        let begun = begin_keeping(&object, slug, &manifest, said.keep, steps);
+        begun.map_err(|e| if is_withdrawn { e.after(WITHDRAWN) } else { e })?
+    };
+    if !is_withdrawn {
+        close_object(&object, slug, manifest.clone(), said, steps)?;
     }
-    let folders = folders(&object, &before);
-    let copy_of = |folder: &Path| kept.join(folder.file_name().unwrap_or_default());
-    for folder in &folders {
-        take(folder, &copy_of(folder), steps)?;
-        modes::settle(&copy_of(folder), false, said.keep, steps)?;
+    let moved = || {
+        if !before {
+            take_all(&object, &manifest, &kept, said.keep, steps)?;
+        }
+        // A bag holds the same files again.
+        disk::remove(&shelf.join(format!("{slug}.bag")), steps)?;
+        for folder in folders(&object, &manifest) {
+            strip(&folder, &copy_of(&folder, &kept), "", steps)?;
+        }
+        sweep(lock, slug, said.keep, steps)
+    };
+    moved().map_err(|e| e.after(WITHDRAWN))?;
+    let day = manifest.access.withdrawn.filter(|_| is_withdrawn).unwrap_or_else(|| said.day.to_owned());
+    Ok(Withdrawn { kept, day, before, changed: changes.get() > 0 })
+}
+
+/// Where the files of a version's folder go.
+fn copy_of(folder: &Path, kept: &Path) -> PathBuf {
+    kept.join(folder.file_name().unwrap_or_default())
+}
+
+/// Link or copy all versions of an object to the folder outside, for nobody else to read.
+fn take_all(object: &Path, manifest: &Manifest, kept: &Path, keep: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    for folder in folders(object, manifest) {
+        let copy = copy_of(&folder, kept);
+        take(&folder, &copy, steps)?;
+        modes::settle(&copy, false, keep, steps)?;
     }
-    // A bag holds the same files again.
-    disk::remove(&shelf.join(format!("{slug}.bag")), steps)?;
-    for folder in &folders {
-        strip(folder, &copy_of(folder), "", steps)?;
+    Ok(())
+}
+
+/// Remove the hidden folders of commands that were cut off: a bag that was being made holds what was withdrawn.
+fn sweep(lock: &Lock, slug: &Slug, keep: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    let is_of = |name: &str| scratch::is_of(slug, name);
+    scratch::sweep(lock.folder(), &is_of, steps)?;
+    scratch::sweep(&lock.folder().join(slug.as_str()), &is_of, steps)?;
+    site::sweep(lock, steps)?;
+    if keep.is_dir() {
+        let _lock = Lock::wait(keep, PATIENCE, &|| ())?;
+        scratch::sweep(keep, &is_of, steps)?;
     }
-    Ok(kept)
+    Ok(())
 }
 
 /// Page and manifest as they are go to the folder outside, unless an earlier attempt has put them there.
@@ -170,7 +233,7 @@ fn close_object(
     disk::write(&whole.join(PAGE), page.as_bytes(), steps)?;
     disk::write(&whole.join(MANIFEST), &manifest.to_bytes()?, steps)?;
     disk::sync_folder(&whole)?;
-    become_next(object, &whole, None, steps)?;
+    become_next(object, &whole, None, WITHDRAWN, steps)?;
     drop(hidden.close(steps));
     Ok(())
 }
@@ -189,8 +252,9 @@ fn strip(folder: &Path, kept: &Path, prefix: &str, steps: Steps<'_>) -> Result<(
         let path = format!("{prefix}{}", entry.file_name().to_string_lossy());
         if is_folder(&entry)? {
             strip(&at, &copy, &format!("{path}/"), steps)?;
-            // Refused where something stays in it.
-            drop(steps(&path).and_then(|()| fs::remove_dir(&at)));
+            if fs::read_dir(&at).map_err(failed("read", &at))?.next().is_none() {
+                disk::remove(&at, steps)?;
+            }
         } else if !stays(&path) {
             if !is_there(&at, &copy) {
                 let lacking = io::Error::other(format!("{} has not the same file", copy.display()));

@@ -1,12 +1,16 @@
 use super::*;
-use crate::object::draft::tests::{publish, slug, tree};
+use crate::object::draft::tests::{folders as folders_in, publish, slug, tree};
 
 fn said(keep: &Path) -> Withdrawal<'_> {
     Withdrawal { reason: "asked to", day: "2026-11-21", keep }
 }
 
 fn withdrawn(shelf: &Path, keep: &Path) -> Result<PathBuf, DraftError> {
-    withdraw(&Lock::wait(shelf, PATIENCE, &|| ()).unwrap(), &slug(), &said(keep), &|_| Ok(()))
+    ended(shelf, keep, &|_| Ok(())).map(|done| done.kept)
+}
+
+fn ended(shelf: &Path, keep: &Path, steps: Steps<'_>) -> Result<Withdrawn, DraftError> {
+    withdraw(&Lock::wait(shelf, PATIENCE, &|| ()).unwrap(), &slug(), &said(keep), steps)
 }
 
 #[test]
@@ -70,4 +74,82 @@ fn a_withdrawal_that_was_begun_before_another_version_came_goes_on_with_all_of_t
     let before = tree(&shelf.path().join("fort"));
     let kept = withdrawn(shelf.path(), keep.path()).unwrap();
     assert!(tree(&kept) == before);
+}
+
+#[test]
+fn nothing_was_changed_is_said_only_where_nothing_was_and_the_same_command_goes_on() {
+    let with_two_versions = || {
+        // Thousands of files are put on disk: in memory that takes no time.
+        let memory = Path::new("/dev/shm");
+        let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() }.unwrap();
+        fs::create_dir(folder.path().join("shelf")).unwrap();
+        for version in [1, 2] {
+            publish(&folder.path().join("shelf"), version, &|_| Ok(())).unwrap();
+        }
+        folder
+    };
+    let run = |folder: &Path, steps: Steps<'_>| ended(&folder.join("shelf"), &folder.join("keep"), steps);
+    let whole = with_two_versions();
+    let done = run(whole.path(), &|_| Ok(())).unwrap();
+    assert!(!done.before && done.changed);
+    let everything = |folder: &Path| (tree(folder), folders_in(folder));
+    // Once, and from then on for good.
+    for lasts in [false, true] {
+        let mut after = 0;
+        for step in 1.. {
+            let folder = with_two_versions();
+            let (before, count) = (tree(&folder.path().join("shelf")), Cell::new(0));
+            let failing = |_: &str| {
+                count.set(count.get() + 1);
+                let fails = count.get() == step || (lasts && count.get() > step);
+                if fails { Err(io::Error::from(io::ErrorKind::PermissionDenied)) } else { Ok(()) }
+            };
+            let failed = run(folder.path(), &failing);
+            if count.get() < step {
+                break;
+            }
+            let object = folder.path().join("shelf/fort");
+            let manifest = Manifest::parse(&fs::read(object.join(MANIFEST)).unwrap()).unwrap();
+            let is_withdrawn = manifest.access.state == AccessState::Withdrawn;
+            if let Err(e) = &failed {
+                let said = e.to_string();
+                assert_eq!(said.contains("nothing was changed"), !is_withdrawn, "step {step}: {said}");
+                assert_eq!(said.contains("the object is withdrawn, but"), is_withdrawn, "step {step}: {said}");
+                assert_eq!(said.contains("Run the same command again"), is_withdrawn, "step {step}: {said}");
+                assert!(std::error::Error::source(e).is_none() && said.matches("denied").count() == 1, "{said}");
+                after += u32::from(is_withdrawn);
+            }
+            if !is_withdrawn {
+                assert!(tree(&folder.path().join("shelf")) == before, "step {step}");
+            }
+            run(folder.path(), &|_| Ok(())).unwrap();
+            assert!(everything(folder.path()) == everything(whole.path()), "step {step}: it does not come to the same");
+        }
+        assert!(after > 5, "{after} failures after the manifest are too few");
+    }
+}
+
+#[test]
+fn what_commands_that_were_cut_off_have_left_goes_with_the_next_one_also_when_all_is_withdrawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let (shelf, keep) = (folder.path().join("shelf"), folder.path().join("keep"));
+    fs::create_dir(&shelf).unwrap();
+    publish(&shelf, 1, &|_| Ok(())).unwrap();
+    withdrawn(&shelf, &keep).unwrap();
+    let everything = || (tree(folder.path()), folders_in(folder.path()));
+    let before = everything();
+    let none = ended(&shelf, &keep, &|_| Ok(())).unwrap();
+    assert!(none.before && !none.changed && none.day == "2026-11-21");
+    for left in ["keep/.kilwa-fort--aB3dEf", "shelf/fort/.kilwa-fort--aB3dEf", "shelf/.kilwa-fort--aB3dEf/bag/data"] {
+        fs::create_dir_all(folder.path().join(left)).unwrap();
+    }
+    // The last folder of a version, whose last file was removed; the mark of pages that were not begun.
+    fs::create_dir_all(shelf.join("fort/v1/viewer/icons")).unwrap();
+    fs::write(shelf.join(".kilwa-site"), "").unwrap();
+    let other = keep.join(".kilwa-fort-2--aB3dEf");
+    fs::create_dir(&other).unwrap();
+    let swept = ended(&shelf, &keep, &|_| Ok(())).unwrap();
+    assert!(swept.before && swept.changed);
+    fs::remove_dir(&other).expect("what is of another object stays");
+    assert!(everything() == before);
 }

@@ -310,15 +310,15 @@ fn put(staging: &Staging, said: &FileSaid, folder: &Path) -> Result<bool, Refusa
 
 pub(super) fn refused(e: &DraftError) -> Refusal {
     match e {
-        DraftError::Disk { source, what, path } => {
-            let refusal = Refusal::disk(&format!("{what} the version"), source);
+        DraftError::Disk { reason, what, path } => {
+            let refusal = Refusal::disk(&format!("{what} the version"), reason);
             tracing::error!("{}: {e}", path.display());
             refusal
         }
         DraftError::There(_) | DraftError::Foreign(_) | DraftError::Unnamed(_) | DraftError::Other(_) => {
             Refusal::conflict(e.to_string())
         }
-        DraftError::Busy(_) | DraftError::Unlockable { .. } | DraftError::Unfinished(_) => {
+        DraftError::Busy(_) | DraftError::Unlockable { .. } | DraftError::Unfinished { .. } => {
             tracing::error!("an upload: {e}");
             Refusal { retry_after: Some(60), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, e.to_string()) }
         }
