@@ -19,7 +19,7 @@ use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
 /// Which meshes are read, and how their coordinates are meant.
@@ -202,6 +202,7 @@ impl kilwa_builder::Inputs for Inputs {
         work.scratch.folder().clone_into(&mut self.options.scratch);
         self.options.memory = self.options.memory.min(work.memory / 2);
         self.options.document = work.memory / 2;
+        self.options.picture = work.memory / 2;
         if self.options.detail.is_some() {
             for (i, file) in (0..).zip(&self.files) {
                 work.stop.check()?;
@@ -266,10 +267,16 @@ fn expand(
         return Ok(());
     };
     let found = glob::glob(pattern).with_context(|| format!("{pattern} is no pattern that can be used"))?;
+    let real = fixed_part(given);
+    let real =
+        real.canonicalize().with_context(|| format!("no file fits {pattern}: {} cannot be opened", real.display()))?;
     let before = files.len();
     for path in found {
         let path = path.with_context(|| format!("cannot look for {pattern}"))?;
         if path.is_file() {
+            if !allow_outside {
+                refuse_link_out(&path, &real)?;
+            }
             files.push(path);
         }
     }
@@ -277,6 +284,13 @@ fn expand(
         bail!("no file fits {pattern}");
     }
     Ok(())
+}
+
+/// The folder that a pattern looks in: its parts before the first with a wildcard, which the user has named as they are.
+fn fixed_part(pattern: &Path) -> PathBuf {
+    let is_fixed = |part: &Component<'_>| !part.as_os_str().as_encoded_bytes().iter().any(|b| b"*?[".contains(b));
+    let fixed: PathBuf = pattern.components().take_while(is_fixed).collect();
+    if fixed.as_os_str().is_empty() { PathBuf::from(".") } else { fixed }
 }
 
 /// Every mesh in a folder.

@@ -270,3 +270,68 @@ fn lines_headers_and_names_stay_within_the_memory_whatever_they_are_made_of() {
     let folder = tempfile::tempdir().unwrap();
     texts(&mut |name, content| stays_within_memory(folder.path(), name, content));
 }
+
+/// An OBJ with one triangle that shows this picture.
+#[cfg(unix)]
+fn with_picture(folder: &Path, picture: &[u8]) -> String {
+    std::fs::write(folder.join("a.mtl"), "newmtl m\nmap_Kd a.png\n").unwrap();
+    std::fs::write(folder.join("a.png"), picture).unwrap();
+    "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n".to_owned()
+}
+
+/// A chunk of a PNG of zeros that are compressed.
+#[cfg(unix)]
+fn inflating(name: &[u8; 4], before: &[u8], bytes: u64) -> Vec<u8> {
+    use std::io::Read;
+    let mut data = [name, before].concat();
+    let zeros = std::io::repeat(0).take(bytes);
+    flate2::read::ZlibEncoder::new(zeros, flate2::Compression::fast()).read_to_end(&mut data).unwrap();
+    let mut sum = flate2::Crc::new();
+    sum.update(&data);
+    [&(data.len() as u32 - 4).to_be_bytes(), &data[..], &sum.sum().to_be_bytes()].concat()
+}
+
+#[cfg(unix)]
+fn encoded(picture: &image::DynamicImage) -> Vec<u8> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    picture.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+    bytes.into_inner()
+}
+
+/// Before, a profile of 300 MB in a file of 300 KB took 300 MiB. Profiles and texts are not looked at.
+#[cfg(unix)]
+#[test]
+fn a_profile_or_text_that_inflates_stays_within_the_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = encoded(&image::DynamicImage::new_rgb8(4, 4));
+    for (name, before) in [(b"iCCP", &b"a\0\0"[..]), (b"zTXt", b"a\0\0"), (b"iTXt", b"a\0\x01\0\0\0")] {
+        // After the header, which has 25 bytes with its sum.
+        let chunk = inflating(name, before, 256 << 20);
+        let mesh = with_picture(folder.path(), &[&plain[..33], &chunk, &plain[33..]].concat());
+        stays_within_memory(folder.path(), "profile.obj", mesh);
+        assert!(folder.path().join("out.kilwa").exists(), "the picture is read");
+        std::fs::remove_file(folder.path().join("out.kilwa")).unwrap();
+    }
+}
+
+/// A picture that does not fit is refused with what to do, never left out: what is read does not depend on the memory.
+#[cfg(unix)]
+#[test]
+fn a_picture_that_decodes_to_more_than_the_memory_is_refused_with_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    for picture in [image::DynamicImage::new_luma8(6000, 6000), image::DynamicImage::new_rgba16(3600, 3600)] {
+        let bytes = encoded(&picture);
+        drop(picture);
+        let mesh = with_picture(folder.path(), &bytes);
+        stays_within_memory(folder.path(), "large.obj", mesh.clone());
+        let (input, pack) = (folder.path().join("large.obj"), folder.path().join("out.kilwa"));
+        assert!(!pack.exists());
+        std::fs::write(&input, mesh).unwrap();
+        let build = ["build", text(&input), "-o", text(&pack), "--force", "--memory"];
+        let message = crate::support::fails(&[&build[..], &["128M"]].concat());
+        assert!(message.contains("large.obj") && message.contains("larger --memory"), "{message}");
+    }
+    // With more, the last of them is read. Behind all others, for the most that any program took is what is looked at.
+    let (input, pack) = (folder.path().join("large.obj"), folder.path().join("out.kilwa"));
+    succeeds(&["build", text(&input), "-o", text(&pack), "--memory", "512M"]);
+}

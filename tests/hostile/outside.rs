@@ -224,6 +224,55 @@ fn a_matrix_beside_a_mesh_that_is_a_link_out_is_not_read_and_a_file_that_is_no_m
     }
 }
 
+/// As the folder that holds it would be: what a pattern finds by a link out of the folder before its first wildcard.
+#[cfg(unix)]
+#[test]
+fn a_pattern_follows_no_link_out_of_its_folder() {
+    use std::os::unix::fs::symlink;
+    let site = Site::new();
+    site.obj("");
+    std::fs::create_dir_all(site.path("blocks/a")).unwrap();
+    symlink("../site/scan.obj", site.path("blocks/x.obj")).unwrap();
+    symlink("../../site/scan.obj", site.path("blocks/a/y.obj")).unwrap();
+    symlink("../site", site.path("blocks/linked")).unwrap();
+    let pack = site.path("out.kilwa");
+    for pattern in
+        ["blocks/*.obj", "blocks/?.obj", "blocks/[x].obj", "blocks/a/*.obj", "blocks/*/*.obj", "blocks/l*/scan.obj"]
+    {
+        let given = site.path(pattern);
+        let build = ["build", text(&given), "-o", text(&pack), "--force"];
+        let message = fails(&build);
+        assert!(message.contains("is a link to") && message.contains("--allow-outside"), "{pattern}: {message}");
+        assert!(!pack.exists(), "{pattern}");
+    }
+    succeeds(&["build", text(&site.path("blocks/?.obj")), "-o", text(&pack), "--allow-outside"]);
+    // What the user names as it is, is meant: a link to a file or a folder.
+    for given in ["blocks/x.obj", "blocks/linked", "blocks/linked/*.obj", "si*/*.obj"] {
+        succeeds(&["build", text(&site.path(given)), "-o", text(&pack), "--force"]);
+    }
+}
+
+/// The folder of a mesh that is named through a link is that of the real file.
+#[cfg(unix)]
+#[test]
+fn a_mesh_named_through_a_link_is_read_with_what_lies_beside_the_real_file() {
+    use std::os::unix::fs::symlink;
+    let site = Site::new();
+    // Whoever made the mesh names what lies beside the link.
+    std::fs::create_dir(site.path("private")).unwrap();
+    std::fs::rename(site.path("secret.mtl"), site.path("private/secret.mtl")).unwrap();
+    site.obj("mtllib private/secret.mtl");
+    symlink("site/scan.obj", site.path("linked.obj")).unwrap();
+    site.is_refused("linked.obj", &["linked.obj", "line 1", "secret.mtl"]);
+    site.gltf("secret.bin", None);
+    symlink("site/scan.gltf", site.path("linked.gltf")).unwrap();
+    site.is_refused("linked.gltf", &["buffers[0]", "secret.bin"]);
+    // A link in a folder for work to a mesh among its companions.
+    site.write("site/a.mtl", "newmtl red\nKd 1 0 0\n");
+    site.obj("mtllib a.mtl");
+    assert!(succeeds(&["info", text(&site.path("linked.obj"))]).contains("colours     yes"));
+}
+
 #[cfg(unix)]
 fn pipe(path: &Path) {
     assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success());

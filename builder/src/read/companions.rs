@@ -2,7 +2,8 @@
 //!
 //! A mesh may come from anybody, and what it names ends up in the pack. So only regular files inside the folder of the mesh
 //! file are opened, after symbolic links are resolved. What lies elsewhere is refused with its name, unless the user
-//! insists ([`ReadOptions::allow_outside`]). Names written on another system, in another case or before the files were
+//! insists ([`ReadOptions::allow_outside`]). Where the mesh itself is named through a link, its folder is that of the real
+//! file; what lies only beside the link is outside. Names written on another system, in another case or before the files were
 //! moved are found all the same, as long as the file is in the folder.
 //!
 //! A file is opened by its real path and compared with what is there afterwards, so that it cannot be exchanged in
@@ -25,8 +26,10 @@ type Entries = HashMap<String, PathBuf>;
 /// Finds and opens what one mesh file names.
 #[derive(Debug)]
 pub(super) struct Companions {
-    /// The folder of the mesh file, as the user gave it.
+    /// The folder of the mesh file: as the user gave it, or, where the mesh is a link out of that, the real one.
     folder: PathBuf,
+    /// Where the link lies, if the mesh is a link to a file in another folder.
+    link: Option<PathBuf>,
     /// The same, links resolved; `None` where it cannot be.
     real: Option<PathBuf>,
     allow_outside: bool,
@@ -64,9 +67,14 @@ impl Companions {
             Some(folder) if !folder.as_os_str().is_empty() => folder.to_owned(),
             _ => PathBuf::from("."),
         };
-        let real = folder.canonicalize().ok();
+        let given = folder.canonicalize().ok();
         let allow_outside = options.allow_outside;
-        Self { folder, real, allow_outside, found: RefCell::default(), listed: RefCell::default() }
+        let real = input.canonicalize().ok().and_then(|file| file.parent().map(Path::to_owned));
+        let (folder, real, link) = match real {
+            Some(real) if given.as_ref() != Some(&real) => (real.clone(), Some(real), Some(folder)),
+            _ => (folder, given, None),
+        };
+        Self { folder, link, real, allow_outside, found: RefCell::default(), listed: RefCell::default() }
     }
 
     /// The folder of the mesh file.
@@ -86,7 +94,13 @@ impl Companions {
         if let Some(found) = self.found.borrow().get(&key) {
             return found.clone();
         }
-        let found = self.look(&key.0, &key.1);
+        let mut found = self.look(&key.0, &key.1);
+        // Beside a link to the mesh is outside: refused rather than missed without a word.
+        if let (Found::Nothing, Some(link)) = (&found, &self.link)
+            && key.0 == self.folder
+        {
+            found = self.look(link, &key.1);
+        }
         let mut all = self.found.borrow_mut();
         if all.len() < REMEMBERED {
             all.insert(key, found.clone());

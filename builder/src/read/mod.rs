@@ -74,6 +74,9 @@ pub struct ReadOptions {
     /// Bytes that tables and decoded pictures may take together, about, beside one picture; the rest goes to scratch
     /// files or is decoded again. Never changes what is read.
     pub memory: u64,
+    /// The most bytes that a picture may take while it is decoded, with its file and the pictures that are kept; beyond
+    /// them the mesh is refused, for what is read must not depend on the memory.
+    pub picture: u64,
     /// The most bytes that the JSON of a glTF and what is made of it may take, about; beyond them the file is refused.
     pub document: u64,
     /// Whether files outside of the folder of the mesh file may be read where it names them. What they hold ends up in
@@ -93,6 +96,7 @@ impl Default for ReadOptions {
             scratch: std::env::temp_dir(),
             texture_bytes: texture::TEXTURE_BYTES,
             memory: MEMORY,
+            picture: 4 * texture::TEXTURE_BYTES,
             document: MEMORY,
             allow_outside: false,
             detail: None,

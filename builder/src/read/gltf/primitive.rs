@@ -1,6 +1,6 @@
 //! One primitive of one node: its vertices in the coordinates of the scene with their colours, and its triangles.
 
-use super::super::texture::{Texture as Picture, Textures, light_from_srgb, srgb_from_light};
+use super::super::texture::{Refusal, Texture as Picture, Textures, light_from_srgb, srgb_from_light};
 use super::super::{MeshSink, ReadError, ReadOptions, VertexBlock};
 use super::Context;
 use super::accessor::{Accessor, Component};
@@ -27,7 +27,6 @@ pub(super) struct Delivery<'r, 's, 'a> {
     pub(super) context: Context<'r>,
     textures: Textures,
     /// The most bytes of a picture, decoded and as a file.
-    texture_bytes: u64,
     /// Whether every vertex gets a colour, because some have one that is not white.
     pub(super) colored: bool,
     /// Where triangles are split, or their edges noted.
@@ -83,9 +82,8 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
         options: &ReadOptions,
         detailing: Option<Detailing<'r>>,
     ) -> Self {
-        let textures = Textures::new(options.texture_bytes).keeping(options.memory / 2);
-        let texture_bytes = options.texture_bytes;
-        Self { root, buffers, sink, context, textures, texture_bytes, colored, detailing, triangles: 0 }
+        let textures = Textures::new(options.texture_bytes).keeping(options.memory / 2).within(options.picture);
+        Self { root, buffers, sink, context, textures, colored, detailing, triangles: 0 }
     }
 
     /// Triangles delivered.
@@ -291,7 +289,7 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
     /// The decoded picture of a texture; where it cannot be had, that is counted once.
     pub(super) fn picture(&mut self, texture: &Texture) -> Option<&Picture> {
         let (root, buffers, context) = (self.root, &mut self.buffers, &self.context);
-        let most = self.texture_bytes;
+        let most = self.textures.file_bytes();
         let load = || image_bytes(root, texture.image, buffers, most, context);
         let findings = self.sink.findings();
         self.textures.get(texture.image, load, |why| {
@@ -355,6 +353,10 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
     }
 
     pub(super) fn deliver(&mut self, triangles: &mut Vec<[u64; 3]>) -> Result<(), ReadError> {
+        if let Some(why) = self.textures.short() {
+            let what = format!("a picture of it: {why}");
+            return Err(ReadError::TooLarge { file: self.context.path.to_owned(), what });
+        }
         if !triangles.is_empty() {
             self.sink.triangles(triangles, &[])?;
             self.triangles += triangles.len() as u64;
@@ -401,25 +403,33 @@ fn triples(values: &[f64]) -> impl Iterator<Item = [f64; 3]> + '_ {
     values.chunks_exact(3).map(|v| [v[0], v[1], v[2]])
 }
 
-/// The encoded bytes of a picture; of a file no more than `most`.
+/// The encoded bytes of a picture, no more than `most`.
 fn image_bytes(
     root: &Root,
     index: usize,
     buffers: &mut Buffers<'_>,
     most: u64,
     context: &Context<'_>,
-) -> Result<Vec<u8>, String> {
-    let image = root.images.get(index).ok_or("there is no such image")?;
-    let text = |e: ReadError| e.to_string();
+) -> Result<Vec<u8>, Refusal> {
+    let none = |why: &str| Refusal::Unreadable(why.to_owned());
+    let image = root.images.get(index).ok_or_else(|| none("there is no such image"))?;
+    let text = |e: ReadError| none(&e.to_string());
     if let Some(view) = image.buffer_view {
         let view = buffers.view(root, view, context).map_err(text)?;
+        if view.len() > most {
+            let why = format!(
+                "images[{index}] has {} bytes, of which {most} fit the memory; give a larger --memory",
+                view.len()
+            );
+            return Err(Refusal::Memory(why));
+        }
         return buffers.whole(&view, context).map_err(text);
     }
-    let uri = image.uri.as_ref().ok_or("it has neither a uri nor a bufferView")?;
+    let uri = image.uri.as_ref().ok_or_else(|| none("it has neither a uri nor a bufferView"))?;
     let part = format!("images[{index}]");
     if let Some(bytes) = buffers::data_uri(uri, &part, context).map_err(text)? {
         return Ok(bytes);
     }
     let path = buffers::locate(uri, &part, context).map_err(text)?;
-    context.companions.read(&path, most).map_err(|e| format!("{}: {e}", path.display()))
+    context.companions.read(&path, most).map_err(|e| Refusal::of_file(&path, &e))
 }

@@ -15,7 +15,7 @@ use crate::read::companions::{Companions, Reference};
 use crate::read::faces::{CROSSING, REPEATED, TOO_FEW, TRIANGULATED};
 use crate::read::sink::{NOT_FINITE, TWICE, VertexBlock};
 use crate::read::texture::detail::{Detail, Shared, Vertex, middle, split};
-use crate::read::texture::{Texture, Textures, light_from_srgb, srgb_from_light};
+use crate::read::texture::{Refusal, Texture, Textures, light_from_srgb, srgb_from_light};
 use crate::read::triangulate::{Outcome, Triangulator};
 use kilwa_pack::visible::visible;
 use std::collections::HashMap;
@@ -71,8 +71,8 @@ pub(super) struct Corners<'s, 'p> {
     paint: Paint,
     textures: Textures,
     companions: &'p Companions,
-    /// The most bytes of a picture, decoded and as a file.
-    texture_bytes: u64,
+    /// The mesh file.
+    path: &'p Path,
     /// Pictures by their numbers: name and file.
     pictures: Vec<(String, Option<PathBuf>)>,
     /// The number of a picture, by its library and its name there.
@@ -121,9 +121,9 @@ impl<'s, 'p> Corners<'s, 'p> {
             remembered: vec![[0; 4]; remembered as usize],
             epoch: 0,
             paint: Paint::Nothing,
-            textures: Textures::new(options.texture_bytes).keeping(options.memory / 2),
+            textures: Textures::new(options.texture_bytes).keeping(options.memory / 2).within(options.picture),
             companions,
-            texture_bytes: options.texture_bytes,
+            path,
             pictures: Vec::new(),
             picture_of: HashMap::new(),
             block: Block { first, ..Block::default() },
@@ -193,10 +193,10 @@ impl<'s, 'p> Corners<'s, 'p> {
     fn picture(&mut self) -> Option<(&Texture, &Map)> {
         let Paint::Picture(number, map) = &self.paint else { return None };
         let (name, file) = &self.pictures[*number];
-        let (companions, most) = (self.companions, self.texture_bytes);
+        let (companions, most) = (self.companions, self.textures.file_bytes());
         let load = || match file {
-            Some(file) => companions.read(file, most).map_err(|e| format!("it cannot be read: {e}")),
-            None => Err("it is missing".to_owned()),
+            Some(file) => companions.read(file, most).map_err(|e| Refusal::of_file(file, &e)),
+            None => Err(Refusal::Unreadable("it is missing".to_owned())),
         };
         let findings = &mut self.findings;
         let refused = |why| findings.add("pictures left out", || format!("{}: {why}", visible(name)));
@@ -240,6 +240,12 @@ impl<'s, 'p> Corners<'s, 'p> {
     }
 
     fn flush(&mut self) -> Result<(), ReadError> {
+        if let Some(why) = self.textures.short() {
+            return Err(ReadError::TooLarge {
+                file: self.path.to_owned(),
+                what: format!("a picture that it names: {why}"),
+            });
+        }
         self.flush_vertices()?;
         if let (To::Sink(sink), false) = (&mut self.to, self.triangles.is_empty()) {
             sink.triangles(&self.triangles, &[])?;

@@ -1,12 +1,14 @@
 //! Pictures on meshes: decoded, and sampled at texture coordinates to give colours of vertices.
 //!
-//! Input: the bytes of a PNG, JPEG, WebP or TIFF. A picture of more texels than a limit is refused before it is decoded;
+//! Input: the bytes of a PNG, JPEG, WebP or TIFF. A picture of more texels than a limit, or that would take more memory than
+//! there is, is refused before it is decoded (`room` tells how much); ancillary chunks of a PNG are never looked at;
 //! pictures are kept up to a number of bytes and decoded again when they come back ([`Textures`]). Texels are taken as 8-bit
 //! sRGB, whatever a colour profile says; opacity is not looked at.
 
 pub mod detail;
+mod room;
 
-use image::{ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 use std::io::Cursor;
 use std::sync::LazyLock;
 
@@ -23,6 +25,26 @@ pub enum Wrap {
     Mirror,
     /// The texels at its edge.
     Clamp,
+}
+
+/// Why a picture cannot be had.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    /// It is missing, damaged, of another format or too large for any memory: the mesh is read without it.
+    #[error("{0}")]
+    Unreadable(String),
+    /// There is too little memory for it: the mesh is refused, for with more memory it would be read.
+    #[error("{0}")]
+    Memory(String),
+}
+
+impl Refusal {
+    /// A file of a picture that cannot be read; one that is larger than was asked for is a matter of memory.
+    pub(super) fn of_file(file: &std::path::Path, e: &std::io::Error) -> Self {
+        let kind = if e.kind() == std::io::ErrorKind::FileTooLarge { Self::Memory } else { Self::Unreadable };
+        let way_out = if matches!(kind(String::new()), Self::Memory(_)) { "; give a larger --memory" } else { "" };
+        kind(format!("{} cannot be read: {e}{way_out}", file.display()))
+    }
 }
 
 /// A decoded picture.
@@ -54,27 +76,57 @@ pub fn light_from_srgb(level: u8) -> f64 {
     LIGHT[usize::from(level)]
 }
 
+fn too_little(memory: u64, need: &str) -> Refusal {
+    Refusal::Memory(format!(
+        "decoding it takes {need} of memory, and it may have {memory} bytes; give a larger --memory (twice what it takes), or a smaller picture"
+    ))
+}
+
 impl Texture {
-    /// Decode a picture that takes up to `most` bytes at 3 a texel.
+    /// Decode a picture that takes up to `most` bytes at 3 a texel, and up to `memory` while it is decoded; `make_room` is
+    /// told beforehand how many.
     ///
     /// # Errors
-    /// A sentence that says what is wrong: it is damaged, of another format, or larger than that.
-    pub fn decode(bytes: &[u8], most: u64) -> Result<Self, String> {
-        let reader = || ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string());
-        let (width, height) = reader()?.into_dimensions().map_err(|e| format!("it cannot be decoded: {e}"))?;
+    /// [`Refusal`]: it is damaged, of another format, or larger than that.
+    pub fn decode(bytes: &[u8], most: u64, memory: u64, make_room: impl FnOnce(u64)) -> Result<Self, Refusal> {
+        let damaged = |e: ImageError| match e {
+            ImageError::Limits(_) => too_little(memory, "more bytes"),
+            e => Refusal::Unreadable(format!("it cannot be decoded: {e}")),
+        };
+        let essential = room::without_extras(bytes);
+        let limits = |bytes: u64| {
+            let mut limits = Limits::default();
+            limits.max_alloc = Some(bytes);
+            limits
+        };
+        let mut reader =
+            ImageReader::new(Cursor::new(&*essential)).with_guessed_format().map_err(|e| damaged(e.into()))?;
+        let format = reader.format();
+        // Not set here: what the header says is judged first.
+        reader.no_limits();
+        let mut decoder = reader.into_decoder().map_err(damaged)?;
+        let (width, height) = decoder.dimensions();
         let texels = u64::from(width) * u64::from(height);
         if texels == 0 || texels > most / 3 {
-            return Err(format!("it has {width} × {height} = {texels} texels; at most {} are read", most / 3));
+            let why = format!("it has {width} × {height} = {texels} texels; at most {} are read", most / 3);
+            return Err(Refusal::Unreadable(why));
         }
-        let mut reader = reader()?;
-        let mut limits = Limits::default();
-        limits.max_alloc = Some(most.saturating_mul(3));
-        reader.limits(limits);
-        let picture = reader.decode().map_err(|e| format!("it cannot be decoded: {e}"))?;
+        let need = room::needed(format, bytes, texels, decoder.color_type());
+        if need > memory {
+            return Err(too_little(memory, &format!("{need} bytes")));
+        }
+        make_room(need);
+        // A TIFF takes more where its strips are large: for that there is what is left.
+        let apart = room::apart(bytes, texels, decoder.color_type());
+        decoder.set_limits(limits(memory.saturating_sub(apart))).map_err(damaged)?;
+        let picture = DynamicImage::from_decoder(decoder).map_err(damaged)?;
         let (width, height) = (width as usize, height as usize);
-        let texels = picture.into_rgb8().into_raw();
+        let texels = match picture {
+            DynamicImage::ImageRgba8(picture) => room::without_alpha(picture.into_raw()),
+            picture => picture.into_rgb8().into_raw(),
+        };
         if texels.len() != 3 * width * height {
-            return Err("it is not as large as its header says".to_owned());
+            return Err(Refusal::Unreadable("it is not as large as its header says".to_owned()));
         }
         Ok(Self { width, height, texels })
     }
@@ -130,6 +182,10 @@ pub struct Textures {
     /// Bytes that all together may take, beside the one in use.
     kept: u64,
     held: u64,
+    /// Bytes that one may take while it is decoded, with those that are held.
+    memory: u64,
+    /// Why there was too little memory.
+    short: Option<String>,
     clock: u64,
     entries: Vec<Entry>,
 }
@@ -148,7 +204,7 @@ enum Entry {
 impl Textures {
     /// Room for pictures of `most` bytes each and together, at 3 a texel.
     pub fn new(most: u64) -> Self {
-        Self { most, kept: most, held: 0, clock: 0, entries: Vec::new() }
+        Self { most, kept: most, held: 0, memory: u64::MAX, short: None, clock: 0, entries: Vec::new() }
     }
 
     /// The same, but together they take up to `kept` bytes, or as much as one.
@@ -157,12 +213,28 @@ impl Textures {
         Self { kept: kept.min(self.most), ..self }
     }
 
+    /// The same, but decoding one takes at most so many bytes of memory, with those that are held.
+    #[must_use]
+    pub fn within(self, memory: u64) -> Self {
+        Self { memory, ..self }
+    }
+
+    /// The most bytes that the file of one may have.
+    pub fn file_bytes(&self) -> u64 {
+        self.most.min(self.memory / 2)
+    }
+
+    /// Why the mesh cannot be read with this memory, where a picture was refused for it.
+    pub fn short(&self) -> Option<&str> {
+        self.short.as_deref()
+    }
+
     /// Picture `number`; `load` gives its encoded bytes where it is not there. `None` where it could not be had: then
     /// `refused` was called once with the reason.
     pub fn get(
         &mut self,
         number: usize,
-        load: impl FnOnce() -> Result<Vec<u8>, String>,
+        load: impl FnOnce() -> Result<Vec<u8>, Refusal>,
         refused: impl FnOnce(String),
     ) -> Option<&Texture> {
         if number >= self.entries.len() {
@@ -170,14 +242,17 @@ impl Textures {
         }
         self.clock += 1;
         if matches!(self.entries[number], Entry::Out) {
-            self.entries[number] = match load().and_then(|bytes| Texture::decode(&bytes, self.most)) {
+            self.entries[number] = match self.loaded(load) {
                 Ok(texture) => {
                     self.make_room(texture.texels.len() as u64);
                     self.held += texture.texels.len() as u64;
                     Entry::In { texture, used: self.clock }
                 }
                 Err(reason) => {
-                    refused(reason);
+                    if let Refusal::Memory(why) = &reason {
+                        self.short.get_or_insert_with(|| why.clone());
+                    }
+                    refused(reason.to_string());
                     Entry::Refused
                 }
             };
@@ -191,8 +266,19 @@ impl Textures {
         }
     }
 
+    fn loaded(&mut self, load: impl FnOnce() -> Result<Vec<u8>, Refusal>) -> Result<Texture, Refusal> {
+        let bytes = load()?;
+        let (most, memory) = (self.most, self.memory);
+        Texture::decode(&bytes, most, memory, |need| self.leave(need, memory))
+    }
+
     fn make_room(&mut self, bytes: u64) {
-        while self.held + bytes > self.kept {
+        self.leave(bytes, self.kept);
+    }
+
+    /// Those used longest ago leave, until so many bytes more are at most `most` together.
+    fn leave(&mut self, bytes: u64, most: u64) {
+        while self.held.saturating_add(bytes) > most {
             let age = |e: &Entry| if let Entry::In { used, .. } = e { Some(*used) } else { None };
             let oldest = (0..self.entries.len()).filter_map(|i| age(&self.entries[i]).map(|a| (a, i))).min();
             let Some((_, i)) = oldest else { return };
@@ -218,13 +304,15 @@ mod tests {
     fn two_by_two() -> Texture {
         let colors = [[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]];
         let bytes = encoded(ImageFormat::Png, 2, 2, |x, y| colors[y as usize][x as usize]);
-        Texture::decode(&bytes, TEXTURE_BYTES).unwrap()
+        Texture::decode(&bytes, TEXTURE_BYTES, u64::MAX, |_| ()).unwrap()
     }
 
     #[test]
     fn pictures_of_every_format_are_decoded() {
         for format in [ImageFormat::Png, ImageFormat::Jpeg, ImageFormat::WebP, ImageFormat::Tiff] {
-            let texture = Texture::decode(&encoded(format, 16, 8, |_, _| [200, 100, 50]), TEXTURE_BYTES).unwrap();
+            let texture =
+                Texture::decode(&encoded(format, 16, 8, |_, _| [200, 100, 50]), TEXTURE_BYTES, u64::MAX, |_| ())
+                    .unwrap();
             assert_eq!(texture.size(), [16, 8]);
             let color = texture.sample([0.5, 0.5], [Wrap::Repeat; 2]);
             assert!(color.iter().zip([200u8, 100, 50]).all(|(a, b)| a.abs_diff(b) <= 4), "{format:?} {color:?}");
@@ -242,7 +330,7 @@ mod tests {
     #[test]
     fn between_texels_light_is_averaged_and_not_levels() {
         let bytes = encoded(ImageFormat::Png, 2, 1, |x, _| if x == 0 { [0; 3] } else { [255; 3] });
-        let t = Texture::decode(&bytes, TEXTURE_BYTES).unwrap();
+        let t = Texture::decode(&bytes, TEXTURE_BYTES, u64::MAX, |_| ()).unwrap();
         assert_eq!(t.sample([0.5, 0.5], [Wrap::Clamp; 2]), [188; 3]);
     }
 
@@ -268,10 +356,15 @@ mod tests {
     #[test]
     fn a_picture_beyond_the_limit_or_damaged_is_refused_with_the_reason() {
         let bytes = encoded(ImageFormat::Png, 64, 32, |_, _| [1; 3]);
-        let text = Texture::decode(&bytes, 3 * 2047).unwrap_err();
+        let text = Texture::decode(&bytes, 3 * 2047, u64::MAX, |_| ()).unwrap_err().to_string();
         assert!(text.contains("64 × 32 = 2048 texels") && text.contains("at most 2047"), "{text}");
-        assert!(Texture::decode(&bytes[..60], TEXTURE_BYTES).unwrap_err().contains("cannot be decoded"));
-        assert!(Texture::decode(b"nothing", TEXTURE_BYTES).is_err());
+        assert!(
+            Texture::decode(&bytes[..60], TEXTURE_BYTES, u64::MAX, |_| ())
+                .unwrap_err()
+                .to_string()
+                .contains("cannot be decoded")
+        );
+        assert!(Texture::decode(b"nothing", TEXTURE_BYTES, u64::MAX, |_| ()).is_err());
     }
 
     #[test]
@@ -295,7 +388,7 @@ mod tests {
         }
         let mut told = 0;
         for _ in 0..2 {
-            assert!(textures.get(9, || Err("gone".to_owned()), |_| told += 1).is_none());
+            assert!(textures.get(9, || Err(Refusal::Unreadable("gone".to_owned())), |_| told += 1).is_none());
         }
         assert_eq!(told, 1);
     }
