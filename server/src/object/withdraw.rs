@@ -48,7 +48,13 @@ pub fn outlook(shelf: &Path, slug: &Slug) -> Result<Outlook, DraftError> {
     }
     let withdrawn = manifest.access.withdrawn.filter(|_| manifest.access.state == AccessState::Withdrawn);
     let is_withheld = manifest.versions.iter().any(|v| v.location_redacted);
-    Ok(Outlook { title: manifest.title, withdrawn, going, bag: shelf.join(format!("{slug}.bag")).is_dir(), is_withheld })
+    Ok(Outlook {
+        title: manifest.title,
+        withdrawn,
+        going,
+        bag: shelf.join(format!("{slug}.bag")).is_dir(),
+        is_withheld,
+    })
 }
 
 /// The version folders that are there: of what is withdrawn somebody may have removed one.
