@@ -13,7 +13,8 @@ use kilwa_server::object::{Manifest, Metadata};
 use kilwa_server::upload::wire::{Intent, State, Status};
 use kilwa_server::upload::{UploadLimits, Uploads};
 use kilwa_server::{Catalogue, Clock, Site, app};
-use std::io;
+use serde_json::{Value, json};
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -684,14 +685,81 @@ async fn what_all_uploads_hold_is_limited_also_where_it_was_announced_long_ago()
 fn withheld(pack: Vec<u8>) -> Version {
     let mut version = Version::new("fort", 1, pack);
     version.intent.location_redacted = true;
-    let jpeg = |i: u8| [&b"\xff\xd8\xff\xdb\x00\x03"[..], &[i], b"\xff\xda\x00\x02\x01\xff\xd9"].concat();
-    let chunk = |kind: &[u8; 4]| [&[0; 4], &kind[..], &[0; 4]].concat();
-    let png = [&b"\x89PNG\r\n\x1a\n"[..], &chunk(b"IHDR"), &chunk(b"IDAT"), &chunk(b"IEND")].concat();
-    let posters = ["poster.jpg", "poster-600.jpg", "poster-300.jpg"].into_iter().zip(1..);
-    for (path, bytes) in posters.map(|(p, i)| (p, jpeg(i))).chain([("drawings/plan.png", png)]) {
+    let posters = [("poster.jpg", [1200, 630]), ("poster-600.jpg", [600, 315]), ("poster-300.jpg", [300, 158])];
+    let png = png(&[(b"pHYs", RESOLUTION), (b"IDAT", &zipped(&[0; 14]))]);
+    let others = [("drawings/plan.png", png), ("preview.glb", preview(json!({}), &[]))];
+    for (path, bytes) in posters.map(|(p, size)| (p, jpeg(size, &[]))).into_iter().chain(others) {
         replace(&mut version, path, bytes);
     }
     version
+}
+
+/// A grey poster as `kilwa publish` writes it, with something before its end.
+fn jpeg([width, height]: [u32; 2], more: &[u8]) -> Vec<u8> {
+    let mut bytes = include_bytes!("../src/upload/poster-head.bin").to_vec();
+    bytes[25..29].copy_from_slice(&(height << 16 | width).to_be_bytes());
+    // Three blocks of nothing in 14 bits.
+    let units = width.div_ceil(8) * height.div_ceil(8);
+    let bits: Vec<u8> = (0..units).flat_map(|_| [0, 0, 1, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0]).collect();
+    let whole = |byte: &[u8]| (0..8).fold(0, |sum, i| sum << 1 | byte.get(i).copied().unwrap_or(1));
+    bytes.extend(bits.chunks(8).map(whole));
+    [&bytes, more, b"\xff\xd9"].concat()
+}
+
+const RESOLUTION: &[u8] = b"\0\0\x17\x12\0\0\x17\x12\x01";
+
+/// A drawing of 2 x 2 pixels with these chunks.
+fn png(chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
+    let mut bytes = b"\x89PNG\r\n\x1a\n".to_vec();
+    let head: (&[u8; 4], &[u8]) = (b"IHDR", b"\0\0\0\x02\0\0\0\x02\x08\x02\0\0\0");
+    for (kind, data) in [&[head], chunks, &[(b"IEND", b"")]].concat() {
+        let body = [&kind[..], data].concat();
+        let mut crc = flate2::Crc::new();
+        crc.update(&body);
+        bytes.extend([&(data.len() as u32).to_be_bytes()[..], &body, &crc.sum().to_be_bytes()].concat());
+    }
+    bytes
+}
+
+fn zipped(bytes: &[u8]) -> Vec<u8> {
+    let mut out = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
+    out.write_all(bytes).unwrap();
+    out.finish().unwrap()
+}
+
+/// A preview of one triangle as `kilwa publish` writes it, with other values, and with more behind its triangle.
+fn preview(other: Value, more: &[u8]) -> Vec<u8> {
+    let mut value = json!({
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 3, "max": [0.25, 0.25, 0.0], "min": [-0.25, -0.25, 0.0], "type": "VEC3"},
+            {"bufferView": 0, "byteOffset": 12, "componentType": 5126, "count": 3, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5125, "count": 3, "type": "SCALAR"}
+        ],
+        "asset": {"generator": concat!("kilwa ", env!("CARGO_PKG_VERSION")), "version": "2.0"},
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 72, "byteStride": 24, "target": 34962},
+            {"buffer": 0, "byteLength": 12, "byteOffset": 72, "target": 34963}
+        ],
+        "buffers": [{"byteLength": 84}],
+        "extras": {"certified_error_m": 0.0, "crs": null, "world_from_local_m": [0.0, 0.0, 0.195_312_5]},
+        "materials": [{"pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}],
+        "meshes": [{"primitives": [{"attributes": {"NORMAL": 1, "POSITION": 0}, "indices": 2, "material": 0}]}],
+        "nodes": [{"matrix": [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -0.0, 1.0], "mesh": 0, "name": "Fort"}],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}]
+    });
+    for (at, new) in other.as_object().unwrap() {
+        let (parent, key) = at.rsplit_once('/').unwrap();
+        value.pointer_mut(parent).unwrap()[key] = new.clone();
+    }
+    let mut text = value.to_string();
+    text.extend(std::iter::repeat_n(' ', text.len().next_multiple_of(4) - text.len()));
+    let corners = [[-0.25f32, -0.25, 0.0], [0.25, -0.25, 0.0], [0.25, 0.25, 0.0]];
+    let floats = corners.iter().flat_map(|p| p.iter().chain(&[0.0, 0.0, 1.0])).flat_map(|f| f.to_le_bytes());
+    let binary: Vec<u8> = floats.chain((0..3u32).flat_map(u32::to_le_bytes)).chain(more.iter().copied()).collect();
+    let word = |n: usize| (n as u32).to_le_bytes();
+    let (all, json, bin) = (word(28 + text.len() + binary.len()), word(text.len()), word(binary.len()));
+    [b"glTF", &word(2)[..], &all, &json, b"JSON", text.as_bytes(), &bin, b"BIN\0", &binary].concat()
 }
 
 fn replace(version: &mut Version, path: &str, bytes: Vec<u8>) {
@@ -719,15 +787,17 @@ async fn a_location_that_is_said_to_be_withheld_is_looked_for() {
         version.intent.kept_channels = vec![name.to_owned()];
         version
     };
-    let glb = |json: &str| {
-        let mut bytes = b"glTF".to_vec();
-        for word in [2, 20 + json.len() as u32, json.len() as u32, 0x4e4f_534a] {
-            bytes.extend_from_slice(&word.to_le_bytes());
-        }
-        [&bytes, json.as_bytes()].concat()
+    let file = |path: &str, bytes: Vec<u8>| with(&|v| replace(v, path, bytes.clone()));
+    let poster = |path: &str, change: &dyn Fn(&mut Vec<u8>)| {
+        let mut bytes = jpeg([1200, 630], b"");
+        change(&mut bytes);
+        file(path, bytes)
     };
-    let preview = |json: &str| with(&|v| replace(v, "preview.glb", glb(json)));
-    let table: Vec<(Version, &str)> = vec![
+    let told = |key: &str, value: Value| file("preview.glb", preview(json!({ key: value }), b""));
+    let here = b"-8.956109 39.600225 EPSG:32737 565977 9009946";
+    let segment = |marker: u8| [&[0xff, marker, 0, here.len() as u8 + 2], &here[..]].concat();
+    let pixels = zipped(&[0; 14]);
+    let mut table: Vec<(Version, &str)> = vec![
         (withheld(pack(true_place, &[])), "the middle of its pack is at 565977.000 9009946.000, on height 31.000"),
         (withheld(pack(at(3.0, 0.0, 0.0), &[])), "and not at 0 0"),
         (withheld(pack(at(0.0, 0.0, 31.0), &[])), "on height 31.000"),
@@ -754,38 +824,91 @@ async fn a_location_that_is_said_to_be_withheld_is_looked_for() {
         (with(&|v| v.intent.location_cell = Some(100_000.0)), "and not at 50000 50000"),
         (with(&|v| v.intent.location_cell = Some(-1.0)), "no side of a cell"),
         (
-            preview("{\"asset\":{},\"extras\":{\"world_from_local_m\":[565977,9009946,31]}} "),
-            "preview.glb tells a place outside of the pack",
+            told("/extras/world_from_local_m", json!([565_977.0, 9_009_946.0, 31.0])),
+            "preview.glb tells a place outside",
+        ),
+        (told("/accessors/0/max", json!([565_977.0, 0.25, 0.0])), "preview.glb has coordinates larger than the model"),
+        (
+            told("/accessors/0/max", json!([0.375, 0.25, 0.0])),
+            "preview.glb has vertices or triangles other than it says",
+        ),
+        (file("preview.glb", preview(json!({}), b"565977__")), "preview.glb has vertices or triangles other"),
+        (
+            poster("poster.jpg", &|b| drop(b.splice(2..2, segment(0xe1)))),
+            "poster.jpg holds something beside its pixels",
         ),
         (
-            preview("{\"asset\":{},\"nodes\":[{\"translation\":[565977,0,0]}]} "),
-            "preview.glb has coordinates larger than the model",
+            poster("poster.jpg", &|b| drop(b.splice(2..2, segment(0xdb)))),
+            "poster.jpg holds something beside its pixels",
         ),
-        (preview("{\"asset\":{\"copyright\":\"-8.957712, 39.522834\"}}  "), "preview.glb has asset.copyright: "),
-        (preview("{\"asset\":{},\"extras\":{\"crs\":\"EPSG:32737\"}} "), "preview.glb names a reference system"),
+        (poster("poster.jpg", &|b| drop(b.splice(609..609, segment(0xc4)))), "poster.jpg holds something beside"),
+        (poster("poster.jpg", &|b| drop(b.splice(609..609, segment(0xdd)))), "poster.jpg holds something beside"),
+        (poster("poster.jpg", &|b| b.extend(here)), "poster.jpg holds something beside its pixels"),
+        (file("poster.jpg", jpeg([1200, 630], here)), "poster.jpg holds something beside its pixels"),
         (
-            with(&|v| replace(v, "poster.jpg", b"\xff\xd8\xff\xe1\x00\x04GP\xff\xd9".to_vec())),
-            "poster.jpg has metadata beside its pixels",
+            file("poster.jpg", jpeg([1200, 630], &[b"\xff\xd0", &here[..]].concat())),
+            "poster.jpg holds something beside",
         ),
+        (file("poster-600.jpg", jpeg([1200, 630], b"")), "poster-600.jpg holds something beside its pixels"),
         (
             with(&|v| v.add("drawings/plan.pgw", b"1\n0\n0\n-1\n565977\n9009946\n".to_vec())),
+            "drawings/plan.pgw is not in the form",
+        ),
+        (
+            with(&|v| v.add("drawings/plan.pgw", b"1.0\n0.0\n0.0\n-1.0\n565977.0\n9009946.0\n".to_vec())),
             "drawings/plan.pgw places the plan somewhere else",
         ),
     ];
-    for (version, wanted) in &table {
-        let (code, said) = m.publish(version).await;
-        let why = said.error.unwrap_or_default();
-        assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY, "{wanted}: {why}");
-        assert!(why.contains(wanted), "{wanted}: {why}");
-        assert!(!m.models().join("fort").exists(), "{wanted}");
+    for (key, value) in [
+        ("/meshes/0/name", json!("E565977 N9009946")),
+        ("/accessors/0/name", json!("EPSG:32737")),
+        ("/buffers/0/name", json!("9009946")),
+        ("/9009946", json!(1)),
+        ("/extras/a", json!(565_977.25)),
+        ("/extras/crs", json!("EPSG:32737")),
+        ("/asset/extras", json!({"lat": -8.956, "lon": 39.6})),
+        ("/asset/version", json!("2.0 565977")),
+        ("/asset/copyright", json!("-8.957712, 39.522834")),
+        ("/cameras", json!([{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 565_977.25}}])),
+        ("/nodes/0/translation", json!([565_977.0, 0.0, 0.0])),
+    ] {
+        table.push((told(key, value), "preview.glb is not in the form in which this version"));
+    }
+    let sound = [(b"pHYs", RESOLUTION), (b"IDAT", &pixels[..])];
+    for kind in [b"tEXt", b"eXIf", b"pHYs", b"gAMA", b"tRNS", b"sBIT", b"PLTE", b"sRGB", b"cHRM", b"IDAT"] {
+        for at in 0..=2 {
+            let mut chunks = sound.to_vec();
+            chunks.insert(at, (kind, here));
+            table
+                .push((file("drawings/plan.png", png(&chunks)), "drawings/plan.png holds something beside its pixels"));
+        }
+    }
+    let more = zipped(&[&[0; 14], &here[..]].concat());
+    for stream in [&more[..], &[&pixels[..], &zipped(here)].concat(), &zipped(&[0; 13]), &zipped(&[9; 14])] {
+        let chunks = [(b"pHYs", RESOLUTION), (b"IDAT", stream)];
+        table.push((file("drawings/plan.png", png(&chunks)), "its pixels do not fill its size"));
+    }
+    // A museum takes few uploads in a minute.
+    for part in table.chunks(20) {
+        let m = Museum::new();
+        for (version, wanted) in part {
+            let (code, said) = m.publish(version).await;
+            let why = said.error.unwrap_or_default();
+            assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY, "{wanted}: {why}");
+            assert!(why.contains(wanted), "{wanted}: {why}");
+            assert!(!m.models().join("fort").exists(), "{wanted}");
+        }
     }
     // What is as it is said is published: without a place, with a channel of the surface, in a cell.
     let mut cell = withheld(pack_at("Fort", Some("EPSG:32737"), at(550_000.0, 9_050_000.0, 0.0), &[]));
     cell.intent.location_cell = Some(100_000.0);
+    let moved =
+        json!({"/extras/crs": "EPSG:32737", "/extras/world_from_local_m": [550_000.0, 9_050_000.0, 0.195_312_5]});
+    replace(&mut cell, "preview.glb", preview(moved, b""));
     (cell.intent.slug, cell.intent.metadata.slug) = ("cell".to_owned(), Some("cell".to_owned()));
     let mut scalar = kept("class", [2.0; 3]);
     (scalar.intent.slug, scalar.intent.metadata.slug) = ("scalar".to_owned(), Some("scalar".to_owned()));
-    let world = with(&|v| v.add("drawings/plan.pgw", b"0.01\n0\n0\n-0.01\n-0.5\n0.4\n".to_vec()));
+    let world = with(&|v| v.add("drawings/plan.pgw", b"0.01\n0.0\n0.0\n-0.01\n-0.5\n0.4\n".to_vec()));
     for version in [world, cell, scalar] {
         let (code, said) = m.publish(&version).await;
         assert_eq!((code, said.state), (StatusCode::OK, State::Published), "{:?}", said.error);

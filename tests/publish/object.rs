@@ -186,6 +186,27 @@ fn a_dry_run_shows_every_field_and_writes_nothing() {
 }
 
 #[test]
+fn the_reason_of_a_withdrawal_states_no_place_that_is_withheld() {
+    let bench = Bench::new();
+    bench.published(&pack(), FULL, &["--redact-location"]);
+    let (site, keep) = (bench.path("site"), bench.path("keep"));
+    let withdraw = |reason: &str| {
+        let to = ["publish", "--withdraw", "gereza", "--to", text(&site), "--keep", text(&keep)];
+        run(&[&to[..], &["--date", "2027-01-01", "--reason", reason]].concat())
+    };
+    let before = tree(&site);
+    for reason in ["Looters came to 8.956109, 39.600225", "Looters at EPSG:32737", "At 565977 9009946", "UTM zone 37S"]
+    {
+        let refused = withdraw(reason);
+        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert!(!refused.status.success() && said.contains("--reason: \""), "{reason}: {said}");
+        assert!(tree(&site) == before && !keep.exists(), "{reason}");
+    }
+    let done = withdraw("Looters came in 2026");
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+}
+
+#[test]
 fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
     let bench = Bench::new();
     let object = bench.published(&pack(), FULL, &["--bag", "--site"]);

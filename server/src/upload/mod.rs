@@ -22,6 +22,7 @@
 
 mod files;
 mod finish;
+mod plain;
 pub(crate) mod routes;
 mod staging;
 mod there;
