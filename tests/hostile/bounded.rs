@@ -281,9 +281,9 @@ fn with_picture(folder: &Path, picture: &[u8]) -> String {
 
 /// A chunk of a PNG of zeros that are compressed.
 #[cfg(unix)]
-fn inflating(name: &[u8; 4], before: &[u8], bytes: u64) -> Vec<u8> {
+fn inflating(name: [u8; 4], before: &[u8], bytes: u64) -> Vec<u8> {
     use std::io::Read;
-    let mut data = [name, before].concat();
+    let mut data = [&name[..], before].concat();
     let zeros = std::io::repeat(0).take(bytes);
     flate2::read::ZlibEncoder::new(zeros, flate2::Compression::fast()).read_to_end(&mut data).unwrap();
     let mut sum = flate2::Crc::new();
@@ -306,7 +306,7 @@ fn a_profile_or_text_that_inflates_stays_within_the_memory() {
     let plain = encoded(&image::DynamicImage::new_rgb8(4, 4));
     for (name, before) in [(b"iCCP", &b"a\0\0"[..]), (b"zTXt", b"a\0\0"), (b"iTXt", b"a\0\x01\0\0\0")] {
         // After the header, which has 25 bytes with its sum.
-        let chunk = inflating(name, before, 256 << 20);
+        let chunk = inflating(*name, before, 256 << 20);
         let mesh = with_picture(folder.path(), &[&plain[..33], &chunk, &plain[33..]].concat());
         stays_within_memory(folder.path(), "profile.obj", mesh);
         assert!(folder.path().join("out.kilwa").exists(), "the picture is read");
