@@ -249,7 +249,7 @@ struct Said {
 
 impl Said {
     fn of(value: &Value) -> Option<Self> {
-        let count = |at: &str| value.pointer(at)?.as_u64().filter(|n| *n <= u64::from(u32::MAX));
+        let count = |at: &str| value.pointer(at)?.as_u64().filter(|n| u32::try_from(*n).is_ok());
         let three = |at: &str| -> Option<[f64; 3]> {
             value.pointer(at)?.as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<_>>>()?.try_into().ok()
         };
@@ -309,7 +309,7 @@ impl Said {
     /// Whether these are the vertices, whose box is the one that is said, and the triangles.
     fn holds(&self, binary: &[u8]) -> bool {
         let (stride, vertex_bytes) = (self.stride() as usize, self.vertices * self.stride());
-        if self.corners % 3 != 0 || binary.len() as u64 != vertex_bytes + self.corners * 4 {
+        if !self.corners.is_multiple_of(3) || binary.len() as u64 != vertex_bytes + self.corners * 4 {
             return false;
         }
         let (vertices, corners) = binary.split_at(vertex_bytes as usize);

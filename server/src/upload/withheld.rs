@@ -166,7 +166,7 @@ fn check_world(text: &str, of_pack: &Metadata) -> Result<(), String> {
     let [scale, 0.0, 0.0, down, x, y] = numbers[..] else {
         return Err("is no world file of a plan".to_owned());
     };
-    let written: String = numbers.iter().map(|n| format!("{n:?}\n")).collect();
+    let written: String = numbers.iter().flat_map(|n| [format!("{n:?}"), "\n".to_owned()]).collect();
     if text != written || scale <= 0.0 || scale > diagonal(of_pack).max(1.0) || down != -scale {
         return Err("is not in the form in which kilwa publish writes it".to_owned());
     }
