@@ -687,7 +687,7 @@ fn withheld(pack: Vec<u8>) -> Version {
     version.intent.location_redacted = true;
     let posters = [("poster.jpg", [1200, 630]), ("poster-600.jpg", [600, 315]), ("poster-300.jpg", [300, 158])];
     let png = png(&[(b"pHYs", RESOLUTION), (b"IDAT", &zipped(&[0; 14]))]);
-    let others = [("drawings/plan.png", png), ("preview.glb", preview(json!({}), &[]))];
+    let others = [("drawings/plan.png", png), ("preview.glb", preview(&json!({}), &[]))];
     for (path, bytes) in posters.map(|(p, size)| (p, jpeg(size, &[]))).into_iter().chain(others) {
         replace(&mut version, path, bytes);
     }
@@ -728,7 +728,7 @@ fn zipped(bytes: &[u8]) -> Vec<u8> {
 }
 
 /// A preview of one triangle as `kilwa publish` writes it, with other values, and with more behind its triangle.
-fn preview(other: Value, more: &[u8]) -> Vec<u8> {
+fn preview(other: &Value, more: &[u8]) -> Vec<u8> {
     let mut value = json!({
         "accessors": [
             {"bufferView": 0, "componentType": 5126, "count": 3, "max": [0.25, 0.25, 0.0], "min": [-0.25, -0.25, 0.0], "type": "VEC3"},
@@ -793,7 +793,7 @@ async fn a_location_that_is_said_to_be_withheld_is_looked_for() {
         change(&mut bytes);
         file(path, bytes)
     };
-    let told = |key: &str, value: Value| file("preview.glb", preview(json!({ key: value }), b""));
+    let told = |key: &str, value: Value| file("preview.glb", preview(&json!({ key: value }), b""));
     let here = b"-8.956109 39.600225 EPSG:32737 565977 9009946";
     let segment = |marker: u8| [&[0xff, marker, 0, here.len() as u8 + 2], &here[..]].concat();
     let pixels = zipped(&[0; 14]);
@@ -832,7 +832,7 @@ async fn a_location_that_is_said_to_be_withheld_is_looked_for() {
             told("/accessors/0/max", json!([0.375, 0.25, 0.0])),
             "preview.glb has vertices or triangles other than it says",
         ),
-        (file("preview.glb", preview(json!({}), b"565977__")), "preview.glb has vertices or triangles other"),
+        (file("preview.glb", preview(&json!({}), b"565977__")), "preview.glb has vertices or triangles other"),
         (
             poster("poster.jpg", &|b| drop(b.splice(2..2, segment(0xe1)))),
             "poster.jpg holds something beside its pixels",
@@ -904,7 +904,7 @@ async fn a_location_that_is_said_to_be_withheld_is_looked_for() {
     cell.intent.location_cell = Some(100_000.0);
     let moved =
         json!({"/extras/crs": "EPSG:32737", "/extras/world_from_local_m": [550_000.0, 9_050_000.0, 0.195_312_5]});
-    replace(&mut cell, "preview.glb", preview(moved, b""));
+    replace(&mut cell, "preview.glb", preview(&moved, b""));
     (cell.intent.slug, cell.intent.metadata.slug) = ("cell".to_owned(), Some("cell".to_owned()));
     let mut scalar = kept("class", [2.0; 3]);
     (scalar.intent.slug, scalar.intent.metadata.slug) = ("scalar".to_owned(), Some("scalar".to_owned()));
