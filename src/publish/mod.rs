@@ -172,7 +172,8 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
     let Report { object, version, files, .. } = report;
     if report.already {
         let around = [(report.bag.is_some(), "its bag is made"), (args.site, "the pages of the folder are written")];
-        let around: String = around.iter().filter(|(is, _)| *is).flat_map(|(_, what)| ["; ", *what]).collect();
+        let around: Vec<&str> = around.into_iter().filter(|(is, _)| *is).flat_map(|(_, what)| ["; ", what]).collect();
+        let around = around.concat();
         let day = &report.published;
         writeln!(out, "{object}: is there already, version {version} of {day}; nothing was added to it{around}")?;
         return Ok(());

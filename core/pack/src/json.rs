@@ -4,19 +4,18 @@
 //! was checked by one program could so say something else to the next one. Every program here reads JSON from outside through this module,
 //! which refuses such text.
 
-use serde::de::{DeserializeOwned, Deserializer, Error as _, MapAccess, SeqAccess, Visitor};
-use std::collections::HashSet;
-use std::fmt;
-
-/// Longest key that an error repeats, in characters.
-const KEY_SHOWN: usize = 60;
+use serde::de::DeserializeOwned;
 
 /// Read a value of which no object has a key twice.
+///
+/// In the page's programs, whose bytes count before the first picture, a value's own fields are looked at and members that it does not know are not:
+/// serde refuses the former, and nothing there depends on the latter.
 ///
 /// # Errors
 /// As [`serde_json::from_slice`], and for a duplicate key, with the key, its line and column.
 pub fn from_slice<T: DeserializeOwned>(bytes: &[u8]) -> serde_json::Result<T> {
-    serde_json::from_slice::<UniqueKeys>(bytes)?;
+    #[cfg(not(target_arch = "wasm32"))]
+    serde_json::from_slice::<unique::UniqueKeys>(bytes)?;
     serde_json::from_slice(bytes)
 }
 
@@ -28,64 +27,74 @@ pub fn from_str<T: DeserializeOwned>(text: &str) -> serde_json::Result<T> {
     from_slice(text.as_bytes())
 }
 
-/// Any JSON value without duplicate keys. Nothing of it is kept; depth is bounded by the parser, memory by the keys of one branch.
-struct UniqueKeys;
+#[cfg(not(target_arch = "wasm32"))]
+mod unique {
+    use serde::de::{Deserializer, Error as _, MapAccess, SeqAccess, Visitor};
+    use std::collections::HashSet;
+    use std::fmt;
 
-impl<'de> serde::Deserialize<'de> for UniqueKeys {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_any(Self)
-    }
-}
+    /// Longest key that an error repeats, in characters.
+    const KEY_SHOWN: usize = 60;
 
-impl<'de> Visitor<'de> for UniqueKeys {
-    type Value = Self;
+    /// Any JSON value without duplicate keys. Nothing of it is kept; depth is bounded by the parser, memory by the keys of one branch.
+    pub(super) struct UniqueKeys;
 
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("JSON")
-    }
-
-    fn visit_bool<E>(self, _: bool) -> Result<Self, E> {
-        Ok(self)
-    }
-
-    fn visit_i64<E>(self, _: i64) -> Result<Self, E> {
-        Ok(self)
-    }
-
-    fn visit_u64<E>(self, _: u64) -> Result<Self, E> {
-        Ok(self)
-    }
-
-    fn visit_f64<E>(self, _: f64) -> Result<Self, E> {
-        Ok(self)
-    }
-
-    fn visit_str<E>(self, _: &str) -> Result<Self, E> {
-        Ok(self)
-    }
-
-    fn visit_unit<E>(self) -> Result<Self, E> {
-        Ok(self)
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self, A::Error> {
-        while list.next_element::<Self>()?.is_some() {}
-        Ok(self)
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, mut object: A) -> Result<Self, A::Error> {
-        let mut seen = HashSet::new();
-        while let Some(key) = object.next_key::<String>()? {
-            if seen.contains(&key) {
-                let shown: String = key.chars().take(KEY_SHOWN).collect();
-                return Err(A::Error::custom(format!(
-                    "duplicate key {shown:?}: programs would disagree about its value; remove one of the two"
-                )));
-            }
-            seen.insert(key);
-            object.next_value::<Self>()?;
+    impl<'de> serde::Deserialize<'de> for UniqueKeys {
+        fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+            deserializer.deserialize_any(Self)
         }
-        Ok(self)
+    }
+
+    impl<'de> Visitor<'de> for UniqueKeys {
+        type Value = Self;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("JSON")
+        }
+
+        fn visit_bool<E>(self, _: bool) -> Result<Self, E> {
+            Ok(self)
+        }
+
+        fn visit_i64<E>(self, _: i64) -> Result<Self, E> {
+            Ok(self)
+        }
+
+        fn visit_u64<E>(self, _: u64) -> Result<Self, E> {
+            Ok(self)
+        }
+
+        fn visit_f64<E>(self, _: f64) -> Result<Self, E> {
+            Ok(self)
+        }
+
+        fn visit_str<E>(self, _: &str) -> Result<Self, E> {
+            Ok(self)
+        }
+
+        fn visit_unit<E>(self) -> Result<Self, E> {
+            Ok(self)
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self, A::Error> {
+            while list.next_element::<Self>()?.is_some() {}
+            Ok(self)
+        }
+
+        fn visit_map<A: MapAccess<'de>>(self, mut object: A) -> Result<Self, A::Error> {
+            let mut seen = HashSet::new();
+            while let Some(key) = object.next_key::<String>()? {
+                if seen.contains(&key) {
+                    let shown: String = key.chars().take(KEY_SHOWN).collect();
+                    return Err(A::Error::custom(format!(
+                        "duplicate key {shown:?}: programs would disagree about its value; remove one of the two"
+                    )));
+                }
+                seen.insert(key);
+                object.next_value::<Self>()?;
+            }
+            Ok(self)
+        }
     }
 }
 

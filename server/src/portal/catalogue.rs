@@ -129,8 +129,8 @@ pub(crate) fn page(query: &Query, found: &Found, around: &Around<'_>) -> String 
         pages(&mut s, query, found.total, around);
     }
     if query.is_start() && !around.collections.is_empty() {
-        let (first, to) = (around.collections.iter().take(COLLECTIONS), around.reader.to("/collections/"));
-        let _ = writeln!(s, "<h2 class=\"others\"><a href=\"{to}\">{}</a></h2>", l.t("collections"));
+        let first = around.collections.iter().take(COLLECTIONS);
+        let _ = writeln!(s, "<h2 class=\"others\">{}</h2>", l.t("collections"));
         s.push_str(&collections::list(first, &around.reader));
     }
     if query.is_start() && !around.others.is_empty() {
