@@ -55,7 +55,8 @@ impl Client {
     }
 
     pub(crate) async fn ask(&mut self, method: &str, path: &str, headers: &str) -> io::Result<Answer> {
-        self.send(format!("{method} {path} HTTP/1.1\r\nHost: x\r\n{headers}\r\n").as_bytes(), method == "HEAD").await
+        self.send(format!("{method} {path} HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n").as_bytes(), method == "HEAD")
+            .await
     }
 
     /// Send bytes as they are and read one answer.
