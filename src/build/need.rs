@@ -14,6 +14,8 @@ const PACK_BYTES: (u64, u64) = (12, 1 << 16);
 const LEVEL_BYTES: u64 = 80;
 /// The longest JSON of a glTF that is looked at.
 const MOST_JSON: u64 = 64 << 20;
+/// More vertices or triangles than any mesh has; what a file claims beyond them is not calculated with.
+const COUNT_MAX: u64 = 1 << 40;
 /// What the tree and the journal take in any case.
 const FIXED: u64 = 1 << 16;
 
@@ -41,8 +43,8 @@ impl Need {
         let mut all = Count::default();
         for path in inputs {
             let count = count(path, memory).unwrap_or_default();
-            all.vertices += count.vertices;
-            all.triangles += count.triangles;
+            all.vertices = all.vertices.saturating_add(count.vertices).min(COUNT_MAX);
+            all.triangles = all.triangles.saturating_add(count.triangles).min(COUNT_MAX);
             all.attributes = all.attributes.max(count.attributes);
         }
         let ingest = ingest::scratch_needed(all.vertices, all.triangles, all.attributes);
@@ -107,13 +109,11 @@ fn json_length(start: &[u8], bytes: u64) -> Option<u64> {
     (length <= bytes.min(MOST_JSON)).then_some(length)
 }
 
-/// What the accessors of a glTF say, compressed or not: each primitive once.
+/// What the accessors of a glTF say, compressed or not, of each mesh as often as it is shown.
 fn gltf(bytes: &[u8], memory: u64) -> Option<Count> {
     let json = if bytes.starts_with(b"glTF") { bytes.get(20..)? } else { bytes };
     let sizes = read::gltf::sizes(json, memory / 2)?;
-    // More than its buffers can hold, however compressed, is a lie, which the reader says better.
-    let most = sizes.buffer_bytes.saturating_mul(16);
-    Some(Count { vertices: sizes.vertices.min(most), triangles: sizes.triangles.min(most), attributes: 8 })
+    Some(Count { vertices: sizes.vertices, triangles: sizes.triangles, attributes: 8 })
 }
 
 /// From the beginning of a file of so many bytes.

@@ -3,27 +3,32 @@
 use super::tally::Tally;
 use serde::Deserialize;
 
-/// What the JSON of a glTF says of its size, compressed or not; each primitive once.
+/// What the JSON of a glTF says of its size, compressed or not; each mesh as often as nodes show it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sizes {
     /// Vertices.
     pub vertices: u64,
     /// Triangles. Strips and fans have one for each corner.
     pub triangles: u64,
-    /// Bytes of all buffers.
-    pub buffer_bytes: u64,
 }
 
 #[derive(Deserialize)]
 struct Root {
     accessors: Vec<Accessor>,
     meshes: Vec<Mesh>,
+    #[serde(default)]
+    nodes: Vec<Node>,
     buffers: Vec<Buffer>,
 }
 
 #[derive(Deserialize)]
 struct Accessor {
     count: u64,
+}
+
+#[derive(Deserialize)]
+struct Node {
+    mesh: Option<u64>,
 }
 
 #[derive(Deserialize)]
@@ -57,15 +62,53 @@ pub fn sizes(json: &[u8], most: u64) -> Option<Sizes> {
         return None;
     }
     let root: Root = serde_json::from_slice(json).ok()?;
-    let count = |index: Option<u64>| root.accessors.get(usize::try_from(index?).ok()?).map(|a| a.count);
-    let mut sizes = Sizes { vertices: 0, triangles: 0, buffer_bytes: 0 };
-    for primitive in root.meshes.iter().flat_map(|mesh| &mesh.primitives) {
-        let vertices = count(primitive.attributes.position).unwrap_or(0);
-        let corners = count(primitive.indices).unwrap_or(vertices);
-        sizes.vertices = sizes.vertices.checked_add(vertices)?;
-        let triangles = if primitive.mode.unwrap_or(4) == 4 { corners / 3 } else { corners };
-        sizes.triangles = sizes.triangles.checked_add(triangles)?;
+    // More than the buffers can hold, however compressed, is not believed; the reader explains what is wrong.
+    let most = root.buffers.iter().fold(0u64, |sum, b| sum.saturating_add(b.bytes)).saturating_mul(16);
+    let count = |index: Option<u64>| {
+        let accessor = root.accessors.get(usize::try_from(index?).ok()?);
+        accessor.map(|a| a.count.min(most))
+    };
+    // A node has one parent at most, so that each is shown once at most.
+    let mut shown = vec![0u64; root.meshes.len()];
+    for mesh in root.nodes.iter().filter_map(|node| node.mesh) {
+        if let Some(shown) = usize::try_from(mesh).ok().and_then(|mesh| shown.get_mut(mesh)) {
+            *shown += 1;
+        }
     }
-    sizes.buffer_bytes = root.buffers.iter().fold(0, |sum, b| sum.saturating_add(b.bytes));
+    if shown.iter().all(|shown| *shown == 0) {
+        // Without nodes the meshes themselves are read.
+        shown.fill(1);
+    }
+    let mut sizes = Sizes { vertices: 0, triangles: 0 };
+    for (mesh, shown) in root.meshes.iter().zip(shown) {
+        for primitive in &mesh.primitives {
+            let vertices = count(primitive.attributes.position).unwrap_or(0);
+            let corners = count(primitive.indices).unwrap_or(vertices);
+            let triangles = if primitive.mode.unwrap_or(4) == 4 { corners / 3 } else { corners };
+            sizes.vertices = sizes.vertices.saturating_add(vertices.saturating_mul(shown));
+            sizes.triangles = sizes.triangles.saturating_add(triangles.saturating_mul(shown));
+        }
+    }
     Some(sizes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mesh_counts_as_often_as_nodes_show_it() {
+        let json = |nodes: &str, bytes: u64| {
+            format!(
+                r#"{{"accessors":[{{"count":300}},{{"count":900}}],"buffers":[{{"byteLength":{bytes}}}],"meshes":[
+                {{"primitives":[{{"attributes":{{"POSITION":0}},"indices":1}}]}},
+                {{"primitives":[{{"attributes":{{"POSITION":0}},"mode":5}}]}}]{nodes}}}"#
+            )
+        };
+        let of = |text: String| sizes(text.as_bytes(), 1 << 20).map(|s| (s.vertices, s.triangles));
+        assert_eq!(of(json("", 9000)), Some((600, 600)), "without nodes each once");
+        let nodes = ",\"nodes\":[{\"mesh\":0},{\"mesh\":0},{\"mesh\":0},{},{\"mesh\":7}]";
+        assert_eq!(of(json(nodes, 9000)), Some((900, 900)), "the first three times, the second not at all");
+        assert_eq!(of(json("", 1)), Some((32, 21)), "no more than the buffers can hold");
+    }
 }
