@@ -12,6 +12,7 @@ use crate::object::manifest::{Access, AccessState};
 use crate::plain_file;
 use crate::store::{self, Identity, Place, S3, Survey, is_away, is_refused, is_silent};
 use axum::http::StatusCode;
+use kilwa_pack::header::MAGIC;
 use kilwa_pack::{HEADER_BYTES, Header, Metadata};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -91,7 +92,12 @@ pub struct Model {
 #[derive(Debug)]
 pub(crate) enum Kind {
     /// A pack, with published notes beside it where there are any.
-    Pack { notes: Option<PathBuf> },
+    Pack {
+        /// The notes.
+        notes: Option<PathBuf>,
+        /// Whether the file begins as a pack does: a file with that ending may be anything.
+        begins_as_pack: bool,
+    },
     /// An archive object.
     Object(Object),
 }
@@ -448,7 +454,7 @@ fn listed_before(
 ) -> Option<Arc<Model>> {
     let model = before.get(slug)?;
     let same_notes = match &model.kind {
-        Kind::Pack { notes } => place.path().is_some_and(|path| *notes == notes_of(path)),
+        Kind::Pack { notes, .. } => place.path().is_some_and(|path| *notes == notes_of(path)),
         Kind::Object(_) => true,
     };
     let same = same_notes && !model.is_unsure && model.place.is(place) && model.identity == *identity;
@@ -462,7 +468,10 @@ fn pack_of(place: Place, slug: &str, identity: Identity) -> Arc<Model> {
         summary: place.path().map_or_else(|| Err("it is not on this computer".to_owned()), summarise),
         hash: OnceCell::new(),
         slug: slug.to_owned(),
-        kind: Kind::Pack { notes: place.path().and_then(notes_of) },
+        kind: Kind::Pack {
+            notes: place.path().and_then(notes_of),
+            begins_as_pack: place.path().is_some_and(|path| begins_as_pack(path).unwrap_or(false)),
+        },
         is_unsure: false,
         place,
         identity,
@@ -548,6 +557,13 @@ fn object_of(
 
 fn is_pack(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("kilwa"))
+}
+
+/// Whether the first bytes of a file are those of a pack.
+fn begins_as_pack(path: &Path) -> std::io::Result<bool> {
+    let mut first = Vec::new();
+    plain_file::open_direct(path)?.take(MAGIC.len() as u64).read_to_end(&mut first)?;
+    Ok(!first.is_empty() && MAGIC.starts_with(&first))
 }
 
 fn summarise(path: &Path) -> Result<Summary, String> {

@@ -84,6 +84,9 @@ async fn find(catalogue: &Arc<Catalogue>, name: &str, clock: &Clock) -> Result<(
             let source = objects::current_pack(&object.holding, clock).await?;
             return pinned(source, pin).map(|source| (source, model));
         }
+        if is_no_pack(catalogue, &model).await? {
+            return Err(StatusCode::NOT_FOUND);
+        }
         if let Some(source) = open(&model).await {
             return pinned(source, pin).map(|source| (source, model));
         }
@@ -91,6 +94,20 @@ async fn find(catalogue: &Arc<Catalogue>, name: &str, clock: &Clock) -> Result<(
         blocking(move || c.list()).await?.map_err(|_| StatusCode::INTERNAL_SERVER_ERROR)?;
     }
     Err(StatusCode::SERVICE_UNAVAILABLE)
+}
+
+/// Whether a file with the ending of packs is none, also after looking at the folder again where that is due.
+async fn is_no_pack(catalogue: &Arc<Catalogue>, model: &Arc<Model>) -> Result<bool, StatusCode> {
+    let is_none = |model: &Model| matches!(model.kind, Kind::Pack { begins_as_pack: false, .. });
+    if !is_none(model) {
+        return Ok(false);
+    }
+    let (c, slug) = (Arc::clone(catalogue), model.slug.clone());
+    blocking(move || {
+        c.refresh();
+        c.model(&slug).is_none_or(|model| is_none(&model))
+    })
+    .await
 }
 
 /// An address with the hash of something else leads nowhere; one with the right hash never changes.
@@ -132,7 +149,7 @@ async fn notes(
     let model = blocking(move || c.model(&s).ok_or_else(|| c.missing())).await??;
     let path = match &model.kind {
         Kind::Object(_) => return Ok(objects::respond(&model, objects::NOTES, clock, None, method, headers).await),
-        Kind::Pack { notes } => notes.clone().ok_or(StatusCode::NOT_FOUND)?,
+        Kind::Pack { notes, .. } => notes.clone().ok_or(StatusCode::NOT_FOUND)?,
     };
     let opened = blocking(move || {
         let file = plain_file::open_direct(&path)?;

@@ -26,6 +26,16 @@ async fn the_list_names_every_model_and_the_reason_of_every_broken_one() {
     assert!(!html.contains("<script"), "the list needs no script");
     let json = get(&app, "/models.json").await.text();
     assert!(json.contains("\"slug\":\"cut\"") && json.contains("\"triangles\":1"));
+    // What only has the ending of a pack is not given out; what is a pack, as far as it goes, is for its readers to judge.
+    assert_eq!(get(&app, "/packs/text.kilwa").await.status, 404);
+    assert_eq!(get(&app, "/packs/cut.kilwa").await.status, 200);
+    write(dir.path().join("text.kilwa"), &good).unwrap();
+    let replaced = async {
+        while get(&app, "/packs/text.kilwa").await.status != 200 {
+            tokio::task::yield_now().await;
+        }
+    };
+    tokio::time::timeout(std::time::Duration::from_secs(60), replaced).await.expect("a pack in its place is noticed");
 }
 
 #[tokio::test]

@@ -63,7 +63,8 @@ impl Dice {
 /// A reproducible file of no particular content.
 fn noise(length: usize, seed: u64) -> Vec<u8> {
     let mut dice = Dice(seed | 1);
-    let mut bytes = Vec::with_capacity(length + 8);
+    let mut bytes = Vec::with_capacity(length + 16);
+    bytes.extend_from_slice(&kilwa_pack::header::MAGIC);
     while bytes.len() < length {
         bytes.extend_from_slice(&dice.below(u64::MAX).to_le_bytes());
     }

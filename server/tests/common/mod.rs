@@ -48,7 +48,8 @@ pub(crate) fn noise(length: usize, seed: u64) -> Vec<u8> {
         x ^= x << 17;
         (x >> 32) as u8
     };
-    (0..length).map(|_| next()).collect()
+    let rest = std::iter::repeat_with(&mut next);
+    kilwa_pack::header::MAGIC.into_iter().chain(rest).take(length).collect()
 }
 
 /// One answer, read to its end.
