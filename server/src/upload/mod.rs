@@ -33,6 +33,7 @@ use crate::page::Page;
 use crate::store::S3;
 use axum::http::StatusCode;
 use finish::Job;
+use kilwa_pack::visible::visible;
 use std::collections::HashMap;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -190,7 +191,9 @@ pub(crate) struct Refusal {
 
 impl Refusal {
     fn new(status: StatusCode, why: impl Into<String>) -> Self {
-        Self { status, why: why.into(), retry_after: None, offset: None }
+        // It may repeat what the client sent: names that turn text round or move a cursor are shown by their numbers.
+        let why = why.into().split('\n').map(|line| visible(line).into_owned()).collect::<Vec<_>>().join("\n");
+        Self { status, why, retry_after: None, offset: None }
     }
 
     /// The content cannot be published, whatever is tried.
