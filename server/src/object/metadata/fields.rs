@@ -87,7 +87,7 @@ pub(super) fn parse(text: &str) -> Result<Metadata, Problems> {
 
 fn metadata(t: Table<'_, '_>) -> Option<Metadata> {
     let title = t.text("title").map(|f| f.value);
-    if title.is_none() {
+    if title.as_ref().is_none_or(|title| !title.chars().any(char::is_alphanumeric)) {
         t.missing("title", "every model needs a title; write title = \"…\" at the top of the file");
     }
     let slug = t.text("slug").and_then(|f| {

@@ -25,6 +25,8 @@ fn without_them_each_is_named_with_what_to_write() {
     assert!(all.contains("title: every model needs a title"), "{all}");
     assert!(all.contains("rights: add a line [rights]") && all.contains("CC BY 4.0"), "{all}");
     assert!(all.contains("model: add a line [model]") && all.contains("mm"), "{all}");
+    let unseen = said("title = \"\\u202E\"\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n");
+    assert!(unseen.contains("every model needs a title"), "{unseen}");
     let empty = said("title = \"\"\n\n[rights]\nuri = \" \"\n[model]\n");
     assert!(
         empty.contains("line 1: title")
