@@ -360,11 +360,18 @@ fn read_metadata_text(file: &Path) -> anyhow::Result<(Metadata, String)> {
     Ok((metadata, text))
 }
 
+/// Widest cell, metres: a quarter of the way around the Earth.
+const CELL_MAX: f64 = 1e7;
+
 fn check_cell(place: Place, pack: &kilwa_pack::Metadata) -> anyhow::Result<()> {
     let Place::Cell(cell) = place else { return Ok(()) };
     let widest = (0..2).map(|k| pack.bounds_max[k] - pack.bounds_min[k]).fold(0.0, f64::max);
     ensure!(
-        cell > widest && cell <= 1e7,
+        cell <= CELL_MAX,
+        "--redact-location={cell}: a cell of {cell} m is larger than the maps of any reference system; leave the number out to withhold the location altogether"
+    );
+    ensure!(
+        cell > widest,
         "--redact-location={cell}: a cell of {cell} m does not hide a model {widest:.0} m wide; give one much larger than the model, 10000 for example"
     );
     Ok(())

@@ -178,6 +178,8 @@ fn channels_are_left_out_unless_they_are_named_and_hold_no_coordinates() {
     assert!(said.contains("the pack has the channels scalar_X, scalar_Y, scalar_Elevation, intensity"), "{said}");
     let said = bench.refused(&pack(), FULL, &["--redact-location", "--keep-channel", "x"]);
     assert!(said.contains("no scalar channels"), "{said}");
+    let said = bench.refused(&pack(), &FULL.replace("\"gereza\"", "\"other\""), &["--redact-location=1e9"]);
+    assert!(said.contains("leave the number out"), "{said}");
     let usage = run(&["publish", "x", "--to", "y", "--metadata", "z", "--keep-channel", "x"]);
     assert_eq!(usage.status.code(), Some(2), "only where the location is taken out");
 }
