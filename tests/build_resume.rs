@@ -1,6 +1,5 @@
 //! A build that is stopped, killed or robbed of its scratch files ends with the bytes of an undisturbed one, or says why
 //! it does not; in between nothing stands under the final name.
-#![cfg(unix)]
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};

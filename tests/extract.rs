@@ -1,8 +1,7 @@
 //! `kilwa extract` in every format: what goes out comes in again, no cut cracks, boxes tile the model, `--max-triangles`
 //! keeps its promise, and nothing is overwritten.
 
-mod support;
-
+use crate::support::{Input, Ply, built_once, fails, json, kilwa, succeeds, text};
 use kilwa_builder::RawMesh;
 use kilwa_builder::read::read_mesh;
 use kilwa_geometry::Lattice;
@@ -10,7 +9,6 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
-use support::{Input, Ply, built_once, fails, json, kilwa, succeeds, text};
 
 /// Where the torus lies: coordinates of a map, which a float cannot hold.
 const FAR: [f64; 3] = [531_000.0, 9_010_000.0, 12.0];

@@ -1,9 +1,7 @@
 //! Many inputs: files, folders and patterns in any order give the same bytes; each input goes where it belongs.
 
-mod support;
-
+use crate::support::{Input, Ply, fails, json, kilwa, succeeds, text};
 use std::path::Path;
-use support::{Input, Ply, fails, json, kilwa, succeeds, text};
 
 /// A wall in blocks, in a folder of its own.
 fn blocks(folder: &Path) -> Vec<String> {

@@ -1,13 +1,11 @@
 //! `kilwa info`, `verify` and `extract` on packs that `kilwa build` wrote: the mesh comes back whole, coarser forms have
 //! no cracks, damage is found and named, and a failure leaves nothing behind.
 
-mod support;
-
+use crate::support::{Input, Ply, built_once, fails, json, kilwa, plys, shared, succeeds, text};
 use kilwa_geometry::Lattice;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use support::{Input, Ply, built_once, fails, json, kilwa, plys, shared, succeeds, text};
 
 /// Triangles of the torus.
 const TRIANGLES: usize = 40_960;

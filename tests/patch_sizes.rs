@@ -1,10 +1,8 @@
 //! How many triangles patches and chunks have, and how many could not be simplified: the report of the build and `kilwa info`
 //! say the same, and it is what the pack holds.
 
-mod support;
-
+use crate::support::{json, succeeds, text};
 use kilwa_pack::{NO_DIAMOND, Reader};
-use support::{json, succeeds, text};
 
 /// Smallest, 5 %, median, 95 %, largest, by counting.
 fn spread(mut all: Vec<u64>) -> serde_json::Value {
@@ -63,7 +61,7 @@ fn build_and_info_tell_how_large_patches_and_chunks_are_and_what_could_not_be_si
 fn a_pack_whose_tables_contradict_its_directory_is_not_described() {
     let folder = tempfile::tempdir().unwrap();
     let (ply, pack) = (folder.path().join("a.ply"), folder.path().join("a.kilwa"));
-    support::Input::torus(64, 32, [0.0; 3]).write(&ply);
+    crate::support::Input::torus(64, 32, [0.0; 3]).write(&ply);
     succeeds(&["build", text(&ply), "-o", text(&pack)]);
     let mut bytes = std::fs::read(&pack).unwrap();
     let reader = Reader::open(kilwa_pack::reader::SliceSource(bytes.clone())).unwrap();
@@ -71,6 +69,6 @@ fn a_pack_whose_tables_contradict_its_directory_is_not_described() {
     let at = reader.entries()[0].offset as usize + 2;
     bytes[at] ^= 1;
     std::fs::write(&pack, bytes).unwrap();
-    let said = support::fails(&["info", text(&pack)]);
+    let said = crate::support::fails(&["info", text(&pack)]);
     assert!(said.contains("chunk 0") && said.contains("kilwa verify"), "{said}");
 }

@@ -1,11 +1,9 @@
 //! Real OBJ, STL and glTF files of `../shared/data`, each by the whole program: it becomes a pack that verifies, or it is
 //! refused with exit code 1 and one line that names the file, in words of people, and nothing is left. (PLY: `real_input`.)
 
-mod support;
-
+use crate::support::{fails, json, kilwa, text};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use support::{fails, json, kilwa, text};
 
 /// Words of programmers that no message may need.
 const JARGON: [&str; 9] = ["usize", "u64", "f64", "struct", "EOF", "None", "Some", "unwrap", "panicked"];

@@ -2,13 +2,11 @@
 //! verifies and gives the same triangles back, or is refused with exit code 1, a message that names the file, the place
 //! and the reason, and nothing left under the final name or beside it.
 
-mod support;
-
+use crate::support::{Ply, fails, json, plys, succeeds, text};
 use kilwa_builder::read::read_mesh;
 use kilwa_geometry::Lattice;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use support::{Ply, fails, json, plys, succeeds, text};
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -204,7 +202,7 @@ fn what_is_not_a_file_is_never_replaced() {
 /// A mesh whose pack is larger than the room given to it below.
 fn large_enough(folder: &Path) -> PathBuf {
     let input = folder.join("torus.ply");
-    support::Input::torus(64, 32, [0.0; 3]).write(&input);
+    crate::support::Input::torus(64, 32, [0.0; 3]).write(&input);
     input
 }
 
@@ -244,7 +242,7 @@ fn a_full_file_system_leaves_nothing_under_the_final_name() {
         println!("skipped: no small file system can be mounted here");
         return;
     }
-    let output = support::kilwa(&["build", text(&input), "-o", text(&small.join("a.kilwa"))]);
+    let output = crate::support::kilwa(&["build", text(&input), "-o", text(&small.join("a.kilwa"))]);
     let empty = is_empty(&small);
     assert!(Command::new("umount").arg(&small).status().unwrap().success());
     let said = String::from_utf8_lossy(&output.stderr);

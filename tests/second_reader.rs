@@ -1,14 +1,12 @@
 //! docs/FORMAT.md is enough to write a reader from: `tests/format/read_pack.py`, written from it in another language,
 //! decodes every chunk to the same numbers, and `verify_pack.py` beside it finds every rule of its section 9 kept.
 
-mod support;
-
+use crate::support::{Input, succeeds, text};
 use kilwa_pack::{Chunk, Reader, SliceSource};
 use sha2::{Digest, Sha256};
 use std::fmt::Write;
 use std::path::Path;
 use std::process::Command;
-use support::{Input, succeeds, text};
 
 /// SHA-256 over a chunk, in the layout of `digest` in read_pack.py.
 fn digest(chunk: &Chunk) -> String {

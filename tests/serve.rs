@@ -1,12 +1,10 @@
 //! `kilwa serve` as a process: it says where it is, ends when it is told to, and refuses what cannot be served.
 
-mod support;
-
+use crate::support::serving::{address, page};
 use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
-use support::serving::{address, page};
 
 fn kilwa(args: &[&str], www: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));

@@ -1,13 +1,11 @@
 //! Streaming of real packs over simulated links.
 
-mod support;
-
+use crate::support::{built_once, succeeds, text};
 use kilwa_pack::SliceSource;
 use kilwa_stream::sim::{Decoders, Link, PackStore, Simulator};
 use kilwa_stream::{Budgets, Stats};
 use kilwa_viewer::{Bounds, Camera, StandardView};
 use std::path::Path;
-use support::{built_once, succeeds, text};
 
 /// What the first view cost by the time its target was reached.
 struct FirstView {

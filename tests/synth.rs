@@ -1,9 +1,7 @@
 //! `kilwa synth` as a person or a script meets it: files, messages, exit codes.
 
-mod support;
-
+use crate::support::{fails, json, kilwa, succeeds, text};
 use std::path::Path;
-use support::{fails, json, kilwa, succeeds, text};
 
 fn folder() -> tempfile::TempDir {
     tempfile::tempdir().unwrap()

@@ -1,8 +1,7 @@
 //! `kilwa verify` on archive objects, folders of them and addresses: a changed byte of any file is found and named, so is what is missing
 //! or too much; a nightly job goes on where it was stopped.
 
-mod support;
-
+use crate::support::{built_once, fails, kilwa, succeeds, text};
 use kilwa_pack::{Reader, SliceSource};
 use kilwa_server::object::Metadata;
 use kilwa_server::object::checksums::sha256;
@@ -20,7 +19,6 @@ use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use support::{built_once, fails, kilwa, succeeds, text};
 
 const METADATA: &str = "title = \"Gereza\"\ndescription = \"A fort.\"\n[rights]\nuri = \"CC BY 4.0\"\n[[creators]]\nname = \"Held, C.\"\n[model]\nunits = \"m\"\n";
 const VIEWER: &str = "<!doctype html><html><head><base href=\"./\"><title>Kilwa</title><script src=\"boot.js\"></script></head>\

@@ -1,8 +1,7 @@
 //! `kilwa verify https://…` against a real TLS server whose certificate the test makes: what the certificate's authority vouches for is read, everything
 //! else is refused with the reason. `SSL_CERT_FILE` names an authority that the system does not know.
 
-mod support;
-
+use crate::support::{built_once, succeeds, text};
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair, date_time_ymd};
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer};
 use rustls::{ServerConfig, ServerConnection, StreamOwned};
@@ -11,7 +10,6 @@ use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::Arc;
-use support::{built_once, succeeds, text};
 
 fn pack() -> Vec<u8> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("verify_tls");

@@ -1,13 +1,11 @@
 //! What vertices carry, at every level: normals continue across chunks, places with two colours keep both, and colours
 //! average.
 
-mod support;
-
+use crate::support::{Opened, Random, build, fort, open};
 use kilwa_builder::RawMesh;
 use kilwa_geometry::LatticePoint;
 use kilwa_pack::cut::Cut;
 use std::collections::{BTreeMap, BTreeSet};
-use support::{Opened, Random, build, fort, open};
 
 /// Everything refined down to a level, for each level: what a view has that is equally sharp everywhere.
 fn levels(pack: &Opened) -> Vec<Cut> {

@@ -2,14 +2,12 @@
 //! of the finest one and points sampled on the finest one within the cut's ε* of the coarse one. The search here is a
 //! plain grid, written apart from the certifier.
 
-mod support;
-
+use crate::support::{Opened, Random, build, closed, fort, open, wall};
 use kilwa_geometry::distance::{Vec3, point_triangle_squared};
 use kilwa_pack::cut::Cut;
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::path::Path;
-use support::{Opened, Random, build, closed, fort, open, wall};
 
 type Triangle = [Vec3; 3];
 

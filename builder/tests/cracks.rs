@@ -1,13 +1,11 @@
 //! No cut of any pack has a crack: every edge used once carries the true-border bit, a closed mesh has none, and no
 //! triangle stands more often than in the input. 1,000 random valid cuts of each of four meshes.
 
-mod support;
-
+use crate::support::{Opened, build, closed, fort, non_manifold, open, with_holes};
 use kilwa_geometry::LatticePoint;
 use kilwa_pack::cut::Cut;
 use rayon::prelude::*;
 use std::collections::HashMap;
-use support::{Opened, build, closed, fort, non_manifold, open, with_holes};
 
 const CUTS: u64 = 1000;
 

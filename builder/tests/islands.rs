@@ -2,15 +2,13 @@
 //! can be taken from. The build succeeds, nothing of the finest level is lost, and the first request of a viewer shows the
 //! whole extent.
 
-mod support;
-
+use crate::support::{Opened, Random, drawn, open};
 use kilwa_builder::{BuildOptions, RawMesh, Silent, build_pack};
 use kilwa_geometry::{Lattice, LatticePoint};
 use kilwa_pack::chunk::Declared;
 use kilwa_pack::cut::Cut;
 use kilwa_pack::{HEAD_BYTES, parse_head};
 use std::collections::HashSet;
-use support::{Opened, Random, drawn, open};
 
 /// Islands along each side of the square.
 const SIDE: u32 = 317;

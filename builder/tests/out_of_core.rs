@@ -1,8 +1,7 @@
 //! What is kept on disk and how much memory there is never changes the bytes; nor does being stopped at any moment and
 //! going on with other threads and other memory.
 
-mod support;
-
+use crate::support::{Random, fort, non_manifold, wall};
 use kilwa_builder::ingest::Spool;
 use kilwa_builder::journal::PlannedInput;
 use kilwa_builder::scratch::Scratch;
@@ -12,7 +11,6 @@ use kilwa_pack::metadata::SourceFile;
 use std::io::Cursor;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
-use support::{Random, fort, non_manifold, wall};
 
 struct Delivered<'a>(&'a RawMesh);
 

@@ -1,8 +1,6 @@
 //! The same input gives the same bytes, for any number of threads and any order of the triangles.
 
-mod support;
-
-use support::{Random, build, non_manifold, wall, with_holes};
+use crate::support::{Random, build, non_manifold, wall, with_holes};
 
 #[test]
 fn one_two_and_eight_threads_give_the_same_bytes() {

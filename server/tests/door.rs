@@ -1,11 +1,9 @@
 //! What is not public is opened to whoever is granted it, for as long as is said, and to nobody else.
 
-mod common;
-
+use crate::common::{Answer, ask, get, object, pack, page, public};
 use axum::Router;
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
-use common::{Answer, ask, get, object, pack, page, public};
 use kilwa_server::access::{Accounts, AccountsError, Grant, Purpose, Sessions};
 use kilwa_server::door::Door;
 use kilwa_server::object::manifest::{Access, AccessState};

@@ -3,13 +3,12 @@
 #[path = "../src/extracts/clerk.rs"]
 #[allow(dead_code, reason = "the tests of the module use all of it")]
 mod clerk;
-mod common;
 
+use crate::common::{Answer, ask, get, object, pack, page, public};
 use axum::Router;
 use axum::body::Body;
 use axum::http::Request;
 use clerk::Clerk;
-use common::{Answer, ask, get, object, pack, page, public};
 use kilwa_server::access::{Accounts, Grant};
 use kilwa_server::door::Door;
 use kilwa_server::extracts::{Detail, Extract, Extracts, Failure, Format, Pack};

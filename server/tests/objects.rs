@@ -1,8 +1,6 @@
 //! Archive objects over HTTP: exactly what was published, what is new at once, nothing of what is not public.
 
-mod common;
-
-use common::{ask, get, noise, object, pack, page, public, site};
+use crate::common::{ask, get, noise, object, pack, page, public, site};
 use kilwa_server::object::checksums::sha256;
 use kilwa_server::object::manifest::{Access, AccessState};
 use kilwa_server::{Catalogue, Clock, Policy, Site, app};

@@ -1,8 +1,6 @@
 //! What a pack URL answers: exact ranges, strong tags, no surprises.
 
-mod common;
-
-use common::{ask, get, noise, site};
+use crate::common::{ask, get, noise, site};
 use std::fs::write;
 use tempfile::TempDir;
 

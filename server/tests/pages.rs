@@ -1,8 +1,6 @@
 //! The pages a person sees, and the page's own files.
 
-mod common;
-
-use common::{ask, get, pack, page, site};
+use crate::common::{ask, get, pack, page, site};
 use kilwa_server::{Catalogue, Page, Site, app};
 use std::fs::write;
 use std::path::Path;

@@ -1,8 +1,6 @@
 //! The portal: what people search and other systems read, over objects as publishing writes them.
 
-mod common;
-
-use common::{Answer, ask, get, object, pack, page, public};
+use crate::common::{Answer, ask, get, object, pack, page, public};
 use kilwa_server::index::Index;
 use kilwa_server::object::manifest::{Access, AccessState, Manifest};
 use kilwa_server::{COLLECTIONS_FILE, Catalogue, Clock, Collections, Site, app};

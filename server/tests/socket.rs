@@ -1,8 +1,6 @@
 //! The accept loop over a real socket: limits hold, stopping is orderly.
 
-mod common;
-
-use common::{noise, site};
+use crate::common::{noise, site};
 use kilwa_server::{Limits, listen};
 use std::net::SocketAddr;
 use std::sync::Arc;

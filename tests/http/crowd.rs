@@ -1,9 +1,9 @@
 //! Many readers at the same time, each with a connection of its own: what went wrong, how long answers took, what the server's memory grew by
 //! while they went on, and the descriptors it holds when they have gone.
 
-use crate::client::{Client, loopback};
-use crate::process::Server;
-use crate::{Dice, claim, claim_none, claim_when_quiet};
+use super::client::{Client, loopback};
+use super::process::Server;
+use super::{Dice, claim, claim_none, claim_when_quiet};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::Barrier;

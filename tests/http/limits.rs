@@ -1,8 +1,8 @@
 //! What a request and a client may cost, and what happens beyond.
 
-use crate::client::{Client, loopback};
-use crate::noise;
-use crate::process::Server;
+use super::client::{Client, loopback};
+use super::noise;
+use super::process::Server;
 use std::time::Duration;
 
 #[tokio::test]

@@ -1,8 +1,8 @@
 //! The log: a line for each request, with its name, and nothing that has to stay secret.
 
-use crate::client::Client;
-use crate::noise;
-use crate::process::Server;
+use super::client::Client;
+use super::noise;
+use super::process::Server;
 use serde_json::Value;
 use std::time::Duration;
 

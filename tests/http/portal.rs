@@ -1,9 +1,9 @@
 //! Many readers of the portal at the same time: catalogue, search, map, collection, landing page, downloads, and the pack by ranges.
 
-use crate::client::Client;
-use crate::crowd::{Crowd, Reader};
-use crate::process::Server;
-use crate::{full, noise, quantile};
+use super::client::Client;
+use super::crowd::{Crowd, Reader};
+use super::process::Server;
+use super::{full, noise, quantile};
 use kilwa_server::object::checksums::sha256;
 use serde_json::json;
 use std::path::Path;

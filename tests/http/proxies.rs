@@ -1,9 +1,9 @@
 //! nginx and Caddy before the server, each with the configuration that docs/hosting tells people to use: what comes through is what
 //! `kilwa serve` answers.
 
-use crate::client::Client;
-use crate::process::Server;
-use crate::{Dice, claim_none, noise};
+use super::client::Client;
+use super::process::Server;
+use super::{Dice, claim_none, noise};
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};

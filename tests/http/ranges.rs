@@ -1,8 +1,8 @@
 //! Ranges and conditions: a table of what is asked and what has to come, and random ranges against the file.
 
-use crate::client::Client;
-use crate::process::Server;
-use crate::{Dice, claim_none, full, noise};
+use super::client::Client;
+use super::process::Server;
+use super::{Dice, claim_none, full, noise};
 
 const LENGTH: usize = 1000;
 const URL: &str = "/packs/fort.kilwa";

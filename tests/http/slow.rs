@@ -1,8 +1,8 @@
 //! Clients that hold connections: requests that come a byte at a time, answers that are taken a little at a time.
 
-use crate::client::{Client, loopback};
-use crate::process::Server;
-use crate::{claim, claim_none, claim_when_quiet, full, noise, quantile};
+use super::client::{Client, loopback};
+use super::process::Server;
+use super::{claim, claim_none, claim_when_quiet, full, noise, quantile};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};

@@ -1,8 +1,8 @@
 //! The order to stop while answers are on their way: each is complete or visibly cut, and the process ends in time.
 
-use crate::client::{Client, loopback};
-use crate::process::Server;
-use crate::{claim, claim_none, claim_when_quiet, full, noise};
+use super::client::{Client, loopback};
+use super::process::Server;
+use super::{claim, claim_none, claim_when_quiet, full, noise};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};

@@ -1,8 +1,8 @@
 //! Addresses that try to leave the folder, written to the socket as they are: 400 or 404, whatever the spelling.
 
-use crate::claim_none;
-use crate::client::Client;
-use crate::process::Server;
+use super::claim_none;
+use super::client::Client;
+use super::process::Server;
 
 const UP: [&str; 12] = [
     "..",

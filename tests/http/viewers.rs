@@ -1,9 +1,9 @@
 //! Many people who look at a model at the same time.
 
-use crate::client::Client;
-use crate::crowd::{Crowd, Reader};
-use crate::process::Server;
-use crate::{full, noise, quantile};
+use super::client::Client;
+use super::crowd::{Crowd, Reader};
+use super::process::Server;
+use super::{full, noise, quantile};
 use std::time::{Duration, Instant};
 
 const URL: &str = "/packs/fort.kilwa";

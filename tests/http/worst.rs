@@ -3,10 +3,10 @@
 //! The search asks every route with every kind of query that any handler reads, up to the longest request line that the server takes, and then random
 //! mixtures of them. What it finds is held by readers from two addresses: memory must stay within its bound, and others must be served meanwhile.
 
-use crate::client::{Client, loopback};
-use crate::portal::object;
-use crate::process::Server;
-use crate::{Dice, claim, claim_none, claim_when_quiet, full, noise};
+use super::client::{Client, loopback};
+use super::portal::object;
+use super::process::Server;
+use super::{Dice, claim, claim_none, claim_when_quiet, full, noise};
 use std::net::SocketAddr;
 use std::time::Duration;
 use tokio::io::AsyncWriteExt as _;

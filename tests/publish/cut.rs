@@ -1,7 +1,7 @@
 //! What is left of a publication or withdrawal that was killed: `kilwa verify` says what happened, and the same command goes on.
 
+use super::{Bench, LEAST, json_of, other_pack, run, tree};
 use crate::support::text;
-use crate::{Bench, LEAST, json_of, other_pack, run, tree};
 use std::path::Path;
 use std::process::{Command, Output};
 

@@ -1,7 +1,7 @@
 //! `--notes`: what people wrote on the model is part of a version, of its lists and of its page; what cannot be is refused before anything is written.
 
+use super::{Bench, FULL, LEAST, json_of, other_pack, pack, run, tree};
 use crate::support::{json, text};
-use crate::{Bench, FULL, LEAST, json_of, other_pack, pack, run, tree};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 

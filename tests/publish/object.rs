@@ -1,7 +1,7 @@
 //! What an object is: complete, the same from the same, versions that are added and never changed.
 
+use super::{Bench, FULL, LEAST, json_of, other_pack, pack, run, tree};
 use crate::support::{json, succeeds, text};
-use crate::{Bench, FULL, LEAST, json_of, other_pack, pack, run, tree};
 use std::process::Command;
 
 #[test]

@@ -1,8 +1,8 @@
 //! What programs that others wrote say of an object: bagit, rocrate, DataCite's JSON schema, rdflib, expat, citation parsers. From PyPI, pinned
 //! in tests/trust/requirements.txt; `cargo xtask test` puts them in the tools' folder and names it in `KILWA_PYTHON`.
 
+use super::{Bench, FULL, LEAST, json_of, other_pack, pack};
 use crate::support::text;
-use crate::{Bench, FULL, LEAST, json_of, other_pack, pack};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Command;

@@ -1,8 +1,8 @@
 //! `--redact-location`: no file of an object tells where the model was, as text or as a number, in any form.
 
+use super::traces::Traces;
+use super::{Bench, FULL, LEAST, json_of, notes, other_pack, pack, run, tree};
 use crate::support::{built_once, json, text};
-use crate::traces::Traces;
-use crate::{Bench, FULL, LEAST, json_of, notes, other_pack, pack, run, tree};
 use kilwa_server::object::checksums::sha256;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! What is refused: before anything is written, with what to do.
 
+use super::{Bench, FULL, LEAST, other_pack, pack, run, tree};
 use crate::support::text;
-use crate::{Bench, FULL, LEAST, other_pack, pack, run, tree};
 use std::process::Command;
 
 #[test]

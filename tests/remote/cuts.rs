@@ -1,9 +1,9 @@
 //! Cut off fifty times, at random bytes and steps: nobody ever sees half of a version, and at the end the whole of it is there.
 
-use crate::proxy::Proxy;
-use crate::send::{Patience, Sender};
+use super::proxy::Proxy;
+use super::send::{Patience, Sender};
+use super::{Dice, Server, intent, local, tree};
 use crate::support::succeeds;
-use crate::{Dice, Server, intent, local, tree};
 use kilwa_server::object::Manifest;
 use kilwa_server::object::checksums::{Checksums, sha256};
 use kilwa_server::upload::wire::{FileSaid, Intent};
@@ -170,8 +170,8 @@ fn a_line_that_breaks_again_and_again_is_waited_for_in_one_run() {
     let intent = intent(&site, 1);
     let sender = Sender::new(&address, server.token.clone(), patience);
     let waits = std::cell::Cell::new(0);
-    let told = |told: crate::send::Told<'_>| {
-        if let crate::send::Told::Waits(..) = told {
+    let told = |told: super::send::Told<'_>| {
+        if let super::send::Told::Waits(..) = told {
             waits.set(waits.get() + 1);
             left.allow(300_000);
         }

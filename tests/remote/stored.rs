@@ -1,10 +1,10 @@
 //! The same over a store: server, client and both lines are cut off, and the store has the old object or the new one.
 
+use super::cuts::{killed_client, once, portal, publish};
+use super::proxy::Proxy;
+use super::send::Patience;
+use super::{ARCHIVE, Dice, Server, local, tree};
 use crate::bucket::Bucket;
-use crate::cuts::{killed_client, once, portal, publish};
-use crate::proxy::Proxy;
-use crate::send::Patience;
-use crate::{ARCHIVE, Dice, Server, local, tree};
 use kilwa_server::object::Manifest;
 use kilwa_server::object::checksums::{Checksums, sha256};
 use kilwa_server::{Catalogue, Limits, Page, Site, app, listen};
@@ -63,7 +63,7 @@ fn cut_off_at_random_the_store_has_the_old_object_or_the_new_one_and_at_the_end_
     let mut server = Server::over(bucket.options(ARCHIVE, Duration::from_secs(5)).endpoint);
     let (mut cuts, mut kinds) = (0, [0; 4]);
     for number in [1, 2] {
-        let all: u64 = crate::intent(&site, number).files.iter().map(|f| f.bytes).sum();
+        let all: u64 = super::intent(&site, number).files.iter().map(|f| f.bytes).sum();
         for _ in 0..CUTS / 2 {
             let before = versions(&seen(&bucket));
             let kind = dice.below(4) as usize;

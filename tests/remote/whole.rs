@@ -1,7 +1,7 @@
 //! `kilwa publish --to http://…` as a program: what it says, what it refuses, and that it ends what was killed.
 
+use super::{METADATA, NOTES, Server, local, pack, tree};
 use crate::support::{serving, text};
-use crate::{METADATA, NOTES, Server, local, pack, tree};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
@@ -147,14 +147,14 @@ fn a_token_for_this_computer_goes_through_no_proxy() {
 #[test]
 fn a_file_that_changes_while_it_is_sent_is_named_and_not_sent_for_ever() {
     let (site, server, folder) = (local(), Server::start(), tempfile::tempdir().unwrap());
-    let intent = crate::intent(&site, 1);
+    let intent = super::intent(&site, 1);
     let changed = folder.path().join("changed");
     let mut bytes = std::fs::read(site.join("fort/v1/poster.jpg")).unwrap();
     bytes[20] ^= 1;
     std::fs::write(&changed, bytes).unwrap();
     let (first, longest) = (Duration::ZERO, Duration::ZERO);
-    let patience = crate::send::Patience { attempts: 10, first, longest };
-    let sender = crate::send::Sender::new(&format!("http://{}", server.address), server.token.clone(), patience);
+    let patience = super::send::Patience { attempts: 10, first, longest };
+    let sender = super::send::Sender::new(&format!("http://{}", server.address), server.token.clone(), patience);
     let at = |file: &kilwa_server::upload::wire::FileSaid| {
         if file.path == "poster.jpg" { changed.clone() } else { site.join("fort/v1").join(&file.path) }
     };

@@ -1,8 +1,8 @@
 //! Meshes on request, as `kilwa serve` makes them: out of a store and out of a folder the same bytes, and a small one of a small part of the pack.
 
+use super::{ARCHIVE, Keeper, grown};
 use crate::bucket::Bucket;
 use crate::support::{built_once, succeeds, text};
-use crate::{ARCHIVE, Keeper, grown};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 

@@ -1,8 +1,8 @@
 //! Drawings are true to scale, also where other programs (Pillow, PDFium) open them.
 
-use crate::claim;
-use crate::opinions::python;
-use crate::phantoms::phantom;
+use super::claim;
+use super::opinions::python;
+use super::phantoms::phantom;
 use crate::support::{fails, json, text};
 
 const MEASURE: &str = "

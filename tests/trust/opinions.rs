@@ -1,8 +1,8 @@
 //! Second opinions by programs that others wrote: trimesh on areas, volumes and sections, ezdxf on the DXF. From PyPI; `cargo xtask
 //! test` puts them in the tools' folder and names it in `KILWA_PYTHON`; where that is not set the tests say so.
 
-use crate::claim;
-use crate::phantoms::{measure, phantom, reading};
+use super::claim;
+use super::phantoms::{measure, phantom, reading};
 use crate::support::{json, shared, succeeds, text};
 use serde_json::Value;
 use std::path::Path;

@@ -1,10 +1,10 @@
 //! The page's face of measuring, without a browser: the same questions through the sans-I/O surface that its worker uses, over a network that
 //! answers late, against what the command line prints. The browser's own test is tests/browser/measure.test.mjs.
 
-use crate::claim_none;
-use crate::oracle::Numbers;
-use crate::phantoms::phantom;
-use crate::rays::Open;
+use super::claim_none;
+use super::oracle::Numbers;
+use super::phantoms::phantom;
+use super::rays::Open;
 use crate::support::{built_once, json, succeeds, text};
 use kilwa_measure::clip::{ClipBox, HalfSpace, box_faces};
 use kilwa_measure::interval::Provisional;
@@ -106,7 +106,7 @@ fn the_page_gives_the_digits_of_the_command_line_for_every_tool() {
     for place in ["origin", "utm"] {
         let p = phantom("cube", place);
         let file = folder.path().join(format!("{place}.json"));
-        crate::saved::save_all(&p, &file);
+        super::saved::save_all(&p, &file);
         let words = std::fs::read_to_string(&file).unwrap();
         let page = Page::open(&p.pack);
         let document = read(&page.index, &words).unwrap();
@@ -254,7 +254,7 @@ fn what_the_viewer_says_before_the_finest_surface_is_there_contains_the_final_pi
             for n in 0..40 {
                 let ray = open.random_ray(&mut random);
                 let way = [0, 1, 2].map(|_| random.between(-1.0, 1.0));
-                let normal = way.map(|x| x / crate::oracle::length(way));
+                let normal = way.map(|x| x / super::oracle::length(way));
                 let plane = HalfSpace { normal, offset: (0..3).map(|i| normal[i] * centre[i]).sum() };
                 let faces = box_faces(centre, [size * 0.5; 3], n as f64);
                 let clip = Clip {

@@ -1,8 +1,8 @@
 //! Analytic solids: lengths, areas, angles, volumes, sections, wherever in the world they stand.
 
-use crate::oracle::{P, area, cut, dot, length, perimeter, six_volume, sub, to_segment};
+use super::oracle::{P, area, cut, dot, length, perimeter, six_volume, sub, to_segment};
+use super::{claim, claim_none};
 use crate::support::{Input, Ply, built_once, json, succeeds, text};
-use crate::{claim, claim_none};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 

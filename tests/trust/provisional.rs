@@ -1,9 +1,9 @@
 //! Provisional picks: the interval that a coarse level gives holds the final value.
 
-use crate::claim_none;
-use crate::oracle::Numbers;
-use crate::phantoms::phantom;
-use crate::rays::Open;
+use super::claim_none;
+use super::oracle::Numbers;
+use super::phantoms::phantom;
+use super::rays::Open;
 use crate::support::{built_once, succeeds, text};
 use kilwa_measure::interval::{Provisional, provisional, stretch};
 use kilwa_pack::{Cut, NO_DIAMOND};

@@ -1,8 +1,8 @@
 //! Picks: the same triangle as looking at every triangle finds, at any distance of the eye, never clipped geometry.
 
-use crate::claim_none;
-use crate::oracle::{Numbers, P, dot, length, sub};
-use crate::phantoms::phantom;
+use super::claim_none;
+use super::oracle::{Numbers, P, dot, length, sub};
+use super::phantoms::phantom;
 use kilwa_geometry::distance::ray_triangle;
 use kilwa_measure::{Picked, Picker, Plane, Ray};
 use kilwa_pack::{Chunk, NO_DIAMOND, Reader, SliceSource};

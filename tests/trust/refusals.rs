@@ -1,6 +1,6 @@
 //! Where there is no meaningful number there is a sentence, and no number.
 
-use crate::phantoms::phantom;
+use super::phantoms::phantom;
 use crate::support::{fails, kilwa, text};
 
 #[test]
@@ -33,7 +33,7 @@ fn what_means_nothing_is_refused_with_a_sentence() {
     assert!(say(&["section", "--z", "0.5", "-o", "/nowhere/x.svg"]).contains("no folder"));
     let usage = kilwa(&["measure", pack, "area", "--unit", "furlong"]);
     assert_eq!(usage.status.code(), Some(2));
-    crate::claim_none("questions without an answer that get a number", asked.get(), 0);
+    super::claim_none("questions without an answer that get a number", asked.get(), 0);
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! Saved measurements come back bit for bit, measure the same again, and open in other programs.
 
-use crate::opinions::{EZDXF, python};
-use crate::oracle::P;
-use crate::phantoms::{Phantom, measure, phantom};
+use super::opinions::{EZDXF, python};
+use super::oracle::P;
+use super::phantoms::{Phantom, measure, phantom};
 use crate::support::{fails, json, kilwa, succeeds, text};
 use serde_json::Value;
 use std::path::Path;
@@ -83,7 +83,7 @@ fn every_tool_is_saved_and_measures_the_same_to_the_last_bit() {
         assert!(String::from_utf8_lossy(&said.stdout).contains("were made on another pack"));
         std::fs::remove_file(&file).unwrap();
     }
-    crate::claim_none("saved measurements that do not come back and measure the same to the last bit", 30, differing);
+    super::claim_none("saved measurements that do not come back and measure the same to the last bit", 30, differing);
 }
 
 #[test]

@@ -14,7 +14,7 @@ use std::fmt::Write as _;
 pub(crate) fn run() -> Result<()> {
     let mut claims = Claims::of("soak");
     let mut remarks = String::new();
-    let mut test = cargo(&["test", "--locked", "--package", "kilwa", "--test", "http", "--no-fail-fast"])?;
+    let mut test = cargo(&["test", "--locked", "--package", "kilwa", "--test", "whole", "--no-fail-fast", "http::"])?;
     test.args(["--", "--nocapture", "--test-threads", "1"]).env("KILWA_SOAK", "1");
     let ended = watch(&mut test, SUITE_LIMIT, |line| {
         let is_other = claims.read(line);

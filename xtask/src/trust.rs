@@ -17,7 +17,7 @@ pub(crate) const VARIABLE: &str = "KILWA_PYTHON";
 pub(crate) fn run() -> Result<()> {
     let packages = setup::python_packages(PACKAGES)?;
     let mut claims = Claims::of("trust");
-    let mut test = cargo(&["test", "--locked", "--package", "kilwa", "--test", "trust", "--no-fail-fast"])?;
+    let mut test = cargo(&["test", "--locked", "--package", "kilwa", "--test", "whole", "--no-fail-fast", "trust::"])?;
     test.args(["--", "--nocapture", "--test-threads", "1"]).env(VARIABLE, packages);
     let is_success =
         (watch(&mut test, SUITE_LIMIT, |line| claims.read(line))? == Ended::Well) & in_browser(&mut claims)?;

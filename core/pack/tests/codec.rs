@@ -1,8 +1,6 @@
 //! The chunk codec gives back exactly what it was given, and refuses everything else without a panic.
 
-mod common;
-
-use common::{Random, height_field};
+use crate::common::{Random, height_field};
 use kilwa_geometry::Mesh;
 use kilwa_pack::chunk::{Declared, decode, encode, patch_table};
 use kilwa_pack::{Attributes, Chunk, NO_DIAMOND, PatchRange};

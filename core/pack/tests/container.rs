@@ -1,7 +1,5 @@
 //! Header, directory, metadata, footer: what is written is read back, and nothing else is accepted.
 
-mod common;
-
 use kilwa_geometry::Sphere;
 use kilwa_pack::directory::{parse_page, round_up, write_page};
 use kilwa_pack::verify::{self, Totals};
@@ -40,10 +38,10 @@ fn forged(bytes: &[u8], change: impl Fn(&mut [u8])) -> Vec<u8> {
 #[test]
 fn a_pack_reads_back_as_written() {
     let attributes = Attributes { colors: true, scalars: 1 };
-    let bytes = common::pack(300, 6, attributes);
+    let bytes = crate::common::pack(300, 6, attributes);
     let reader = Reader::open(SliceSource(&bytes)).expect("opens");
     assert_eq!(reader.entries().len(), 300);
-    assert_eq!(*reader.metadata(), common::metadata(attributes, reader.header().triangles));
+    assert_eq!(*reader.metadata(), crate::common::metadata(attributes, reader.header().triangles));
     assert_eq!(Header::parse(&reader.header().to_bytes()).expect("parses"), *reader.header());
     for i in 0..300 {
         assert_eq!(reader.chunk(i).expect("decodes").mesh.triangle_count(), 72);
@@ -54,18 +52,18 @@ fn a_pack_reads_back_as_written() {
 #[test]
 fn one_request_gives_a_picture() {
     // Metadata as long as possible: 64 KiB.
-    let mut metadata = common::metadata(COLORED, 32);
+    let mut metadata = crate::common::metadata(COLORED, 32);
     metadata.title = "x".repeat(64_000);
-    let chunk = common::height_field(8, 1, 1, COLORED);
+    let chunk = crate::common::height_field(8, 1, 1, COLORED);
     let encoded = kilwa_pack::chunk::encode(&chunk, COLORED).expect("encodes");
     let entries: Vec<_> = (0..400u32)
         .map(|i| {
             let (error, parents) = if i == 0 { (f32::INFINITY, vec![]) } else { (1.0, vec![0]) };
-            common::entry_of(&chunk, &encoded, u8::from(i > 0), error, &parents)
+            crate::common::entry_of(&chunk, &encoded, u8::from(i > 0), error, &parents)
         })
         .collect();
     let mut writer =
-        PackWriter::begin(Vec::new(), common::header(COLORED, 32), &metadata, entries.clone()).expect("begins");
+        PackWriter::begin(Vec::new(), crate::common::header(COLORED, 32), &metadata, entries.clone()).expect("begins");
     for _ in 0..400 {
         writer.chunk(&encoded).expect("writes");
     }
@@ -84,13 +82,13 @@ fn one_request_gives_a_picture() {
     }
 
     metadata.title = "x".repeat(66_000);
-    let refused = PackWriter::begin(Vec::new(), common::header(COLORED, 32), &metadata, entries).err();
+    let refused = PackWriter::begin(Vec::new(), crate::common::header(COLORED, 32), &metadata, entries).err();
     assert!(refused.expect("refused").to_string().contains("shorten"));
 }
 
 #[test]
 fn a_short_head_says_how_much_is_needed() {
-    let bytes = common::pack(5, 3, COLORED);
+    let bytes = crate::common::pack(5, 3, COLORED);
     let needed = {
         let header = Header::parse(&bytes).expect("header");
         header.first_page + 16_384
@@ -108,7 +106,7 @@ fn a_short_head_says_how_much_is_needed() {
 
 #[test]
 fn any_prefix_of_the_directory_is_a_coarser_tree() {
-    let reader = Reader::open(SliceSource(common::pack(300, 3, COLORED))).expect("opens");
+    let reader = Reader::open(SliceSource(crate::common::pack(300, 3, COLORED))).expect("opens");
     for (i, e) in reader.entries().iter().enumerate().skip(1) {
         assert!(e.parents().count() > 0 && e.parents().all(|p| (p as usize) < i));
     }
@@ -117,7 +115,7 @@ fn any_prefix_of_the_directory_is_a_coarser_tree() {
 
 #[test]
 fn every_flipped_bit_is_detected_and_names_a_part() {
-    let bytes = common::pack(3, 2, COLORED);
+    let bytes = crate::common::pack(3, 2, COLORED);
     let header = Header::parse(&bytes).expect("header");
     let padding = header.metadata.0 + u64::from(header.metadata.1)..header.first_page;
     let empty_tail = header.first_page + 128 + 3 * 128..header.first_page + 16_384;
@@ -141,7 +139,7 @@ fn every_flipped_bit_is_detected_and_names_a_part() {
 
 #[test]
 fn every_truncation_and_every_extension_is_detected() {
-    let bytes = common::pack(3, 2, COLORED);
+    let bytes = crate::common::pack(3, 2, COLORED);
     for length in 0..bytes.len() {
         assert!(verify_all(&bytes[..length]).is_err(), "{length}");
     }
@@ -166,7 +164,7 @@ impl Source for Guarded<'_> {
 
 #[test]
 fn hostile_counts_are_refused_before_anything_is_read_for_them() {
-    let bytes = common::pack(3, 2, COLORED);
+    let bytes = crate::common::pack(3, 2, COLORED);
     let u64_fields = [64, 72, 104, 112, 120, 128, 136];
     for at in u64_fields {
         for value in [1u64 << 63, u64::MAX, 1 << 40, 0] {
@@ -186,9 +184,9 @@ fn hostile_counts_are_refused_before_anything_is_read_for_them() {
 /// A hostile writer makes the hashes right: then the checks of values have to hold alone.
 #[test]
 fn forged_directories_with_right_hashes_never_panic() {
-    let bytes = common::pack(5, 3, COLORED);
+    let bytes = crate::common::pack(5, 3, COLORED);
     let page = Header::parse(&bytes).expect("header").first_page as usize;
-    let mut random = common::Random(5);
+    let mut random = crate::common::Random(5);
     let (mut opened, mut refused) = (0, 0);
     for _ in 0..3000 {
         let mut forged = bytes.clone();
@@ -222,7 +220,7 @@ fn forged_directories_with_right_hashes_never_panic() {
 
 #[test]
 fn an_unknown_required_feature_is_refused_by_its_number() {
-    let bytes = common::pack(2, 2, COLORED);
+    let bytes = crate::common::pack(2, 2, COLORED);
     for bit in [0u32, 5, 37, 63] {
         let forged = forged(&bytes, |b| b[16..24].copy_from_slice(&(1u64 << bit).to_le_bytes()));
         let e = Reader::open(SliceSource(forged)).err().expect("refused");
@@ -234,7 +232,7 @@ fn an_unknown_required_feature_is_refused_by_its_number() {
 
 #[test]
 fn another_major_version_is_refused_by_its_number_and_a_minor_one_read() {
-    let bytes = common::pack(2, 2, COLORED);
+    let bytes = crate::common::pack(2, 2, COLORED);
     let minor = forged(&bytes, |b| b[10..12].copy_from_slice(&7u16.to_le_bytes()));
     assert_eq!(Header::parse(&minor[..256]).expect("is read").entry_count, 2);
     let major = forged(&bytes, |b| b[8..12].copy_from_slice(&[2, 0, 7, 0]));
@@ -251,8 +249,8 @@ fn other_files_are_no_packs() {
 
 #[test]
 fn pages_of_another_pack_are_noticed() {
-    let a = common::pack(300, 2, COLORED);
-    let b = common::pack(300, 3, COLORED);
+    let a = crate::common::pack(300, 2, COLORED);
+    let b = crate::common::pack(300, 3, COLORED);
     let (ha, hb) = (Header::parse(&a).expect("header"), Header::parse(&b).expect("header"));
     let mut mixed = a.clone();
     let (to, from) = (ha.page_range(1).0 as usize, hb.page_range(1).0 as usize);
@@ -268,9 +266,9 @@ fn errors_and_spheres_survive_the_file_without_shrinking() {
         assert!(up == 0.0 || up.is_infinite() || f64::from(up.next_down()) < x, "{up} is the nearest above {x}");
     }
     assert_eq!(round_up(0.5), 0.5);
-    let chunk = common::height_field(2, 1, 1, COLORED);
-    let mut outer = common::entry_of(&chunk, &[1], 0, f32::INFINITY, &[]);
-    let mut inner = common::entry_of(&chunk, &[1], 0, 0.25, &[0]);
+    let chunk = crate::common::height_field(2, 1, 1, COLORED);
+    let mut outer = crate::common::entry_of(&chunk, &[1], 0, f32::INFINITY, &[]);
+    let mut inner = crate::common::entry_of(&chunk, &[1], 0, 0.25, &[0]);
     inner.sphere = Sphere { center: [1.0 / 3.0, 2e9 / 7.0, 1e-9], radius: 1e5 / 3.0 };
     outer.sphere = inner.sphere.union(&Sphere { center: [77.1, 3e8, 5.0], radius: 12.3 });
     outer.offset = 1 << 40;
@@ -281,13 +279,13 @@ fn errors_and_spheres_survive_the_file_without_shrinking() {
 
 #[test]
 fn the_writer_refuses_what_a_reader_would() {
-    let chunk = common::height_field(2, 1, 1, COLORED);
+    let chunk = crate::common::height_field(2, 1, 1, COLORED);
     let encoded = kilwa_pack::chunk::encode(&chunk, COLORED).expect("encodes");
-    let root = common::entry_of(&chunk, &encoded, 0, f32::INFINITY, &[]);
-    let child = |level, error, parents: &[u32]| common::entry_of(&chunk, &encoded, level, error, parents);
+    let root = crate::common::entry_of(&chunk, &encoded, 0, f32::INFINITY, &[]);
+    let child = |level, error, parents: &[u32]| crate::common::entry_of(&chunk, &encoded, level, error, parents);
     let begin = |entries| {
-        let metadata = common::metadata(COLORED, 8);
-        PackWriter::begin(Vec::new(), common::header(COLORED, 8), &metadata, entries)
+        let metadata = crate::common::metadata(COLORED, 8);
+        PackWriter::begin(Vec::new(), crate::common::header(COLORED, 8), &metadata, entries)
     };
     let refusal = |entries| begin(entries).err().expect("refused").to_string();
     assert!(refusal(vec![]).contains("0 directory entries"));
@@ -321,19 +319,19 @@ fn a_full_disk_is_an_error() {
             Ok(())
         }
     }
-    let chunk = common::height_field(2, 1, 1, COLORED);
+    let chunk = crate::common::height_field(2, 1, 1, COLORED);
     let encoded = kilwa_pack::chunk::encode(&chunk, COLORED).expect("encodes");
     for room in [0, 100, 300, 5000] {
-        let root = common::entry_of(&chunk, &encoded, 0, f32::INFINITY, &[]);
-        let metadata = common::metadata(COLORED, 8);
-        let result = PackWriter::begin(Full(room), common::header(COLORED, 8), &metadata, vec![root]);
+        let root = crate::common::entry_of(&chunk, &encoded, 0, f32::INFINITY, &[]);
+        let metadata = crate::common::metadata(COLORED, 8);
+        let result = PackWriter::begin(Full(room), crate::common::header(COLORED, 8), &metadata, vec![root]);
         assert!(matches!(result.err(), Some(PackError::Io { .. })));
     }
 }
 
 #[test]
 fn a_model_of_another_size_than_announced_is_found() {
-    let reader = Reader::open(SliceSource(common::pack(3, 2, COLORED))).expect("opens");
+    let reader = Reader::open(SliceSource(crate::common::pack(3, 2, COLORED))).expect("opens");
     let mut totals = Totals::default();
     for i in 0..3 {
         totals = totals.plus(verify::chunk(i, &reader.chunk(i).expect("decodes"), reader.entries()).expect("sound"));
@@ -350,22 +348,22 @@ fn a_model_of_another_size_than_announced_is_found() {
 #[test]
 fn lies_of_the_directory_are_found_by_verify() {
     let chunk = {
-        let mut c = common::height_field(4, 2, 1, COLORED);
+        let mut c = crate::common::height_field(4, 2, 1, COLORED);
         c.patches[0].diamond = 1;
         c
     };
     let encoded = kilwa_pack::chunk::encode(&chunk, COLORED).expect("encodes");
-    let leaf = common::height_field(4, 1, 2, COLORED);
+    let leaf = crate::common::height_field(4, 1, 2, COLORED);
     let leaf_bytes = kilwa_pack::chunk::encode(&leaf, COLORED).expect("encodes");
     let build = |change: &dyn Fn(&mut [kilwa_pack::DirectoryEntry]), triangles: u64| {
         let mut entries = vec![
-            common::entry_of(&chunk, &encoded, 0, f32::INFINITY, &[]),
-            common::entry_of(&leaf, &leaf_bytes, 0, 0.5, &[0]),
+            crate::common::entry_of(&chunk, &encoded, 0, f32::INFINITY, &[]),
+            crate::common::entry_of(&leaf, &leaf_bytes, 0, 0.5, &[0]),
         ];
         change(&mut entries);
-        let metadata = common::metadata(COLORED, triangles);
-        let mut w =
-            PackWriter::begin(Vec::new(), common::header(COLORED, triangles), &metadata, entries).expect("begins");
+        let metadata = crate::common::metadata(COLORED, triangles);
+        let mut w = PackWriter::begin(Vec::new(), crate::common::header(COLORED, triangles), &metadata, entries)
+            .expect("begins");
         w.chunk(&encoded).and_then(|()| w.chunk(&leaf_bytes)).expect("writes");
         verify_all(&w.finish().expect("finishes"))
     };

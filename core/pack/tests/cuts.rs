@@ -1,14 +1,12 @@
 //! What must hold of every cut.
 
-mod common;
-
 use kilwa_geometry::{Aabb, Sphere};
 use kilwa_pack::cut::{Cut, coarse_triangles};
 use kilwa_pack::{Attributes, DirectoryEntry, NO_DIAMOND, PatchRange, Reader, SliceSource};
 
 /// A random directory with up to four parents per entry and saturated errors.
 fn directory(count: u32, seed: u64) -> (Vec<DirectoryEntry>, Vec<u64>) {
-    let mut random = common::Random(seed);
+    let mut random = crate::common::Random(seed);
     let mut entries: Vec<DirectoryEntry> = Vec::new();
     let mut coarse = Vec::new();
     for i in 0..count {
@@ -153,7 +151,7 @@ fn a_set_without_a_parent_is_no_cut() {
 #[test]
 fn coarse_triangles_are_summed_from_the_patch_tables() {
     let reader =
-        Reader::open(SliceSource(common::pack(20, 4, Attributes { colors: false, scalars: 0 }))).expect("opens");
+        Reader::open(SliceSource(crate::common::pack(20, 4, Attributes { colors: false, scalars: 0 }))).expect("opens");
     let patches: Vec<_> = (0..20).flat_map(|i| reader.chunk(i).expect("decodes").patches).collect();
     let coarse = coarse_triangles(20, &patches);
     assert_eq!(coarse[0], 0, "nothing names the root");

@@ -1,7 +1,5 @@
 //! A pack moved to another place is the same model, and nothing in it tells the old place.
 
-mod common;
-
 use kilwa_pack::{Attributes, Metadata, Reader, SliceSource, relocate};
 
 const COLOURED: Attributes = Attributes { colors: true, scalars: 0 };
@@ -12,7 +10,7 @@ fn open(bytes: Vec<u8>) -> Reader<SliceSource<Vec<u8>>> {
 
 #[test]
 fn every_chunk_is_the_same_and_only_origin_and_metadata_differ() {
-    let old = open(common::pack(40, 12, COLOURED));
+    let old = open(crate::common::pack(40, 12, COLOURED));
     let moved = relocate(&old, Vec::new(), [-8.0, -8.0, 0.0], |m| {
         m.crs = None;
         m.sources.clear();
@@ -35,7 +33,7 @@ fn every_chunk_is_the_same_and_only_origin_and_metadata_differ() {
 
 #[test]
 fn the_bounds_move_with_the_lattice_in_whole_steps() {
-    let old = open(common::pack(3, 6, COLOURED));
+    let old = open(crate::common::pack(3, 6, COLOURED));
     let steps = |m: [f64; 3], origin: [f64; 3]| [0, 1, 2].map(|k| ((m[k] - origin[k]) * 8192.0).round());
     let wanted = steps(old.metadata().bounds_max, old.header().lattice.origin);
     let new = open(relocate(&old, Vec::new(), [0.0; 3], |_| ()).expect("moves"));
@@ -44,7 +42,7 @@ fn the_bounds_move_with_the_lattice_in_whole_steps() {
 
 #[test]
 fn a_damaged_chunk_is_named_and_not_copied() {
-    let mut bytes = common::pack(5, 8, COLOURED);
+    let mut bytes = crate::common::pack(5, 8, COLOURED);
     let at = open(bytes.clone()).entries()[3].offset as usize + 9;
     bytes[at] ^= 1;
     let old = open(bytes);
@@ -61,7 +59,7 @@ fn without_channels(mut chunk: kilwa_pack::Chunk, keep: &[usize]) -> kilwa_pack:
 
 #[test]
 fn channels_that_are_not_kept_are_gone_and_everything_else_is_the_same() {
-    let old = open(common::pack(30, 9, Attributes { colors: true, scalars: 3 }));
+    let old = open(crate::common::pack(30, 9, Attributes { colors: true, scalars: 3 }));
     for keep in [&[][..], &[1], &[2, 0], &[0, 1, 2]] {
         let mut scratch = std::io::Cursor::new(Vec::new());
         let moved = kilwa_pack::relocate_with_channels(&old, Vec::new(), &mut scratch, keep, [0.0; 3], |_| ());
@@ -83,7 +81,7 @@ fn channels_that_are_not_kept_are_gone_and_everything_else_is_the_same() {
 
 #[test]
 fn metadata_with_a_duplicate_key_is_refused() {
-    let bytes = common::pack(3, 2, COLOURED);
+    let bytes = crate::common::pack(3, 2, COLOURED);
     let pack = open(bytes.clone());
     let (header, metadata) = (pack.header().clone(), pack.metadata());
     let json = serde_json::to_string(metadata).expect("JSON");

@@ -1,14 +1,12 @@
 //! A recorded flight over simulated links: the commands are the same on every machine, byte by byte (`tests/snapshots`; written
 //! anew with `KILWA_BLESS=1`), every step is sound, and at every stop the target is reached, after any failure.
 
-mod support;
-
+use crate::support::{Pack, assert_sound};
 use kilwa_geometry::distance::{cross, dot};
 use kilwa_stream::sim::{Decoders, Flight, Link, Simulator};
 use kilwa_stream::{Budgets, Command, Projection, Step, Streamer, View};
 use std::fmt::Write as _;
 use std::path::Path;
-use support::{Pack, assert_sound};
 
 const FRAME_MS: f64 = 1000.0 / 60.0;
 

@@ -1,12 +1,10 @@
 //! Claims about the streamer under random packs, cameras, latencies and failures.
 
-mod support;
-
+use crate::support::{Faults, Pack, Random, World, random_view};
 use kilwa_stream::{Budgets, Clip, Command, Event, Step, Streamer, View, length_of};
 use proptest::prelude::*;
 use std::collections::BTreeSet;
 use std::ops::Range;
-use support::{Faults, Pack, Random, World, random_view};
 
 fn budgets() -> impl Strategy<Value = Budgets> {
     (1usize..8, 1_000u64..200_000, 1_000u64..100_000, 10_000u64..400_000, 1usize..5, 1usize..6).prop_map(

@@ -1,8 +1,8 @@
 //! `collections.toml` beside the objects of a store.
 
 use super::bucket::Bucket;
-use super::common::{get, noise, object, public};
 use super::{PATIENCE, SHORT, Said, of_store, until};
+use crate::common::{get, noise, object, public};
 use axum::Router;
 use kilwa_server::{Collections, Site, app};
 use std::path::Path;

@@ -1,8 +1,8 @@
 //! Meshes on request of packs in a store: read where they are wanted, as they are, to the bytes of a folder.
 
 use super::bucket::Bucket;
-use super::common::{Answer, ask, get, noise, object, public};
 use super::{PATIENCE, SHORT, archive, of_store, site, until};
+use crate::common::{Answer, ask, get, noise, object, public};
 use axum::Router;
 use axum::body::Body;
 use axum::http::Request;

@@ -1,8 +1,8 @@
 //! Versions that are sent to a store: whole or not at all, whoever else does the same and wherever it is cut off.
 
 use super::bucket::Bucket;
-use super::common::{get, noise, object, page, public};
 use super::{PATIENCE, SHORT};
+use crate::common::{get, noise, object, page, public};
 use kilwa_server::object::checksums::sha256;
 use kilwa_server::object::layout::Slug;
 use kilwa_server::object::manifest::Manifest;

@@ -1,9 +1,9 @@
 //! Two or more who publish to one store, or to one folder by a server and beside it, at once: whoever is told that it is done has published a version that is there, whole; the others are told why not.
 
 use super::bucket::Bucket;
-use super::common::{page, public};
 use super::uploads::{Museum, tree, version};
 use super::{PATIENCE, noise, object};
+use crate::common::{page, public};
 use kilwa_server::object::checksums::{Checksums, sha256};
 use kilwa_server::object::draft::{Draft, DraftError};
 use kilwa_server::object::layout::Slug;

@@ -1,8 +1,8 @@
 //! What a start over a store asks: its list, and of an object only what is not known.
 
 use super::bucket::Bucket;
-use super::common::{get, noise, object, page, public};
 use super::{PATIENCE, of_folder};
+use crate::common::{get, noise, object, page, public};
 use kilwa_server::index::{Index, Query};
 use kilwa_server::store::{Place, S3};
 use kilwa_server::{Catalogue, Site, app};

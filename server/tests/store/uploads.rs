@@ -1,9 +1,9 @@
 //! Versions that are published from elsewhere into a store, by way of a folder of the server.
 
 use super::bucket::Bucket;
-use super::common::version::{Version, fort_pack, status};
-use super::common::{Answer, get, page};
 use super::{PATIENCE, SHORT, until};
+use crate::common::version::{Version, fort_pack, status};
+use crate::common::{Answer, get, page};
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::http::{Method, Request, StatusCode};

@@ -3,22 +3,16 @@
 //!
 //! What is sent is made once by `kilwa publish` to a folder; what the server has at the end must be the same bytes.
 
-#[path = "../../server/tests/store/bucket.rs"]
-#[allow(dead_code, reason = "the tests of the server use all of it")]
-mod bucket;
-#[path = "../../src/distrust.rs"]
-mod distrust;
 #[path = "../../src/publish/send.rs"]
 #[allow(dead_code, reason = "the program uses all of it")]
 mod send;
-#[path = "../support/mod.rs"]
-mod support;
 
 mod cuts;
 mod proxy;
 mod stored;
 mod whole;
 
+use crate::support::{Input, built_once, serving, succeeds, text};
 use kilwa_server::access::{Accounts, Grant, Purpose};
 use kilwa_server::object::checksums::sha256;
 use kilwa_server::object::{Manifest, Metadata};
@@ -28,7 +22,6 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{SystemTime, UNIX_EPOCH};
-use support::{Input, built_once, serving, succeeds, text};
 
 /// What is published, in two versions.
 pub(crate) const METADATA: &str = "title = \"Fort & <b>\"\nslug = \"fort\"\npublisher = \"Museum\"\nurl = \"https://museum.example/fort/\"\n\

@@ -4,5 +4,3 @@
 mod bounded;
 mod outside;
 mod printed;
-#[path = "../support/mod.rs"]
-mod support;

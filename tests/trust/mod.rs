@@ -4,9 +4,6 @@
 //! be held to the same. Packs are built from phantoms whose sizes are known, at the origin, at UTM coordinates and 10^7 m away; the
 //! oracles are written anew here, from the triangles that went in, not from the code that is tested.
 
-#[path = "../support/mod.rs"]
-mod support;
-
 mod drawings;
 mod opinions;
 mod oracle;

@@ -2,9 +2,6 @@
 //!
 //! Each test publishes packs of its own to a folder of its own, with a page of a few small files in place of the built one.
 
-#[path = "../support/mod.rs"]
-mod support;
-
 mod cut;
 mod notes;
 mod object;
@@ -13,10 +10,10 @@ mod place;
 mod refusals;
 mod traces;
 
+use crate::support::{Input, built_once, serving, text};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use support::{Input, built_once, serving, text};
 
 /// Metadata with everything in it; `@` stands where tests put more at the top of the file.
 pub(crate) const FULL: &str = r#"

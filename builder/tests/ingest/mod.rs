@@ -2,8 +2,8 @@
 //! and they are what a plain construction in memory gives.
 
 mod plain;
-mod support;
 
+use crate::support::{Random, closed, fort, non_manifold, wall, with_holes};
 use kilwa_builder::ingest::{IngestOptions, Spool, ingest};
 use kilwa_builder::scratch::Scratch;
 use kilwa_builder::surface::{Ingested, Surface};
@@ -13,7 +13,6 @@ use kilwa_geometry::{Mesh, Tetra};
 use plain::{partition, plain};
 use std::collections::BTreeMap;
 use std::path::Path;
-use support::{Random, closed, fort, non_manifold, wall, with_holes};
 
 /// A corner with all that it carries.
 type Corner = ([i32; 3], [u8; 3], [i16; 2], Vec<u32>);

@@ -5,10 +5,7 @@
 //! design/publishing.md, one test at a time, and prints each claim with its bound and what was measured (archived in docs/bench).
 //! Traffic goes to this machine only, from several of its loopback addresses; loops are bounded.
 
-#[path = "../support/mod.rs"]
-mod support;
-
-mod client;
+pub(crate) mod client;
 mod crowd;
 mod limits;
 mod logs;

@@ -3,26 +3,18 @@
 //! The store is moto, from PyPI: `cargo xtask test` puts it where `KILWA_MOTO` says; without that the tests say that they were skipped.
 //! What they check is what a person meets: the keys come from the environment, the object is published, opened, read and followed by a second version.
 
-#[path = "../../server/tests/store/bucket.rs"]
-#[allow(dead_code, reason = "the tests of the server use all of it")]
-mod bucket;
-#[path = "../http/client.rs"]
-#[allow(dead_code, reason = "the tests of the server use all of it")]
-mod client;
 mod extracts;
-#[path = "../support/mod.rs"]
-mod support;
 
-use bucket::Bucket;
-use client::{Answer, Client};
+use crate::bucket::Bucket;
+use crate::http::client::{Answer, Client};
+use crate::support::serving::{address, page};
+use crate::support::{Input, built_once, text};
 use kilwa_server::object::Manifest;
 use kilwa_server::object::checksums::sha256;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
-use support::serving::{address, page};
-use support::{Input, built_once, text};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 
 const ARCHIVE: &str = "s3://museum/archive/of forts";
@@ -79,7 +71,7 @@ impl Keeper {
         std::fs::write(&metadata, METADATA).unwrap();
         let (pack, www) = (pack(), self.path("www"));
         let args = ["publish", text(&pack), "--to", text(&local), "--metadata", text(&metadata), "--www", text(&www)];
-        support::succeeds(&[&args[..], &["--software"]].concat());
+        crate::support::succeeds(&[&args[..], &["--software"]].concat());
         local
     }
 

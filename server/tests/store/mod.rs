@@ -5,19 +5,17 @@
 
 mod bucket;
 mod collections;
-#[path = "../common/mod.rs"]
-mod common;
 mod extracts;
 mod publishing;
 mod races;
 mod start;
 mod uploads;
 
+use crate::common::{Answer, ask, get, noise, object, page, public};
 use axum::Router;
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use bucket::Bucket;
-use common::{Answer, ask, get, noise, object, page, public};
 use futures_util::{StreamExt as _, TryStreamExt as _};
 use kilwa_server::index::{Index, Query};
 use kilwa_server::object::manifest::{Access, AccessState, Manifest};

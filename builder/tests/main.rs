@@ -1,0 +1,12 @@
+//! The builder from outside: meshes in, packs out.
+
+mod attributes;
+mod bound;
+mod cracks;
+mod ingest;
+mod islands;
+mod out_of_core;
+mod read_shared_data;
+mod read_stl_and_gltf;
+mod same_bytes;
+mod support;

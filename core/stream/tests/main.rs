@@ -1,0 +1,5 @@
+//! The streamer over simulated networks.
+
+mod flights;
+mod random_network;
+mod support;

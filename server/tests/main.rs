@@ -1,0 +1,13 @@
+//! The server from outside: requests to a site over a folder or a store, without a socket unless one is meant.
+
+mod common;
+mod door;
+mod extracts;
+mod index;
+mod objects;
+mod packs;
+mod pages;
+mod portal;
+mod socket;
+mod store;
+mod uploads;

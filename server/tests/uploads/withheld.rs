@@ -1,0 +1,280 @@
+//! A version that claims to be without its location is looked through: texts, channels, pictures, preview.
+
+use super::Museum;
+use crate::common::pack_at;
+use crate::common::version::Version;
+use axum::http::StatusCode;
+use kilwa_server::upload::wire::State;
+use serde_json::{Value, json};
+use std::io::Write as _;
+
+/// A version that is said to be without its location, with the pictures that `kilwa publish` makes.
+fn withheld(pack: Vec<u8>) -> Version {
+    let mut version = Version::new("fort", 1, pack);
+    version.intent.location_redacted = true;
+    let posters = [("poster.jpg", [1200, 630]), ("poster-600.jpg", [600, 315]), ("poster-300.jpg", [300, 158])];
+    let png = png(&[(b"pHYs", RESOLUTION), (b"IDAT", &zipped(&[0; 14]))]);
+    let others = [("drawings/plan.png", png), ("preview.glb", preview(&json!({}), &[]))];
+    for (path, bytes) in posters.map(|(p, size)| (p, jpeg(size, &[]))).into_iter().chain(others) {
+        replace(&mut version, path, bytes);
+    }
+    version
+}
+
+/// A grey poster as `kilwa publish` writes it, with something before its end.
+fn jpeg([width, height]: [u32; 2], more: &[u8]) -> Vec<u8> {
+    let mut bytes = include_bytes!("../../src/upload/poster-head.bin").to_vec();
+    bytes[25..29].copy_from_slice(&(height << 16 | width).to_be_bytes());
+    // Three blocks of nothing in 14 bits.
+    let units = width.div_ceil(8) * height.div_ceil(8);
+    let bits: Vec<u8> = (0..units).flat_map(|_| [0, 0, 1, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0]).collect();
+    let whole = |byte: &[u8]| (0..8).fold(0, |sum, i| sum << 1 | byte.get(i).copied().unwrap_or(1));
+    bytes.extend(bits.chunks(8).map(whole));
+    [&bytes, more, b"\xff\xd9"].concat()
+}
+
+const RESOLUTION: &[u8] = b"\0\0\x17\x12\0\0\x17\x12\x01";
+
+/// A drawing of 2 x 2 pixels with these chunks.
+fn png(chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
+    let mut bytes = b"\x89PNG\r\n\x1a\n".to_vec();
+    let head: (&[u8; 4], &[u8]) = (b"IHDR", b"\0\0\0\x02\0\0\0\x02\x08\x02\0\0\0");
+    for (kind, data) in [&[head], chunks, &[(b"IEND", b"")]].concat() {
+        let body = [&kind[..], data].concat();
+        let mut crc = flate2::Crc::new();
+        crc.update(&body);
+        bytes.extend([&(data.len() as u32).to_be_bytes()[..], &body, &crc.sum().to_be_bytes()].concat());
+    }
+    bytes
+}
+
+fn zipped(bytes: &[u8]) -> Vec<u8> {
+    let mut out = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
+    out.write_all(bytes).unwrap();
+    out.finish().unwrap()
+}
+
+/// A preview of one triangle as `kilwa publish` writes it, with other values, and with more behind its triangle.
+fn preview(other: &Value, more: &[u8]) -> Vec<u8> {
+    let mut value = json!({
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 3, "max": [0.25, 0.25, 0.0], "min": [-0.25, -0.25, 0.0], "type": "VEC3"},
+            {"bufferView": 0, "byteOffset": 12, "componentType": 5126, "count": 3, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5125, "count": 3, "type": "SCALAR"}
+        ],
+        "asset": {"generator": concat!("kilwa ", env!("CARGO_PKG_VERSION")), "version": "2.0"},
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 72, "byteStride": 24, "target": 34962},
+            {"buffer": 0, "byteLength": 12, "byteOffset": 72, "target": 34963}
+        ],
+        "buffers": [{"byteLength": 84}],
+        "extras": {"certified_error_m": 0.0, "crs": null, "world_from_local_m": [0.0, 0.0, 0.195_312_5]},
+        "materials": [{"pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}],
+        "meshes": [{"primitives": [{"attributes": {"NORMAL": 1, "POSITION": 0}, "indices": 2, "material": 0}]}],
+        "nodes": [{"matrix": [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -0.0, 1.0], "mesh": 0, "name": "Fort"}],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}]
+    });
+    for (at, new) in other.as_object().unwrap() {
+        let (parent, key) = at.rsplit_once('/').unwrap();
+        value.pointer_mut(parent).unwrap()[key] = new.clone();
+    }
+    let mut text = value.to_string();
+    text.extend(std::iter::repeat_n(' ', text.len().next_multiple_of(4) - text.len()));
+    let corners = [[-0.25f32, -0.25, 0.0], [0.25, -0.25, 0.0], [0.25, 0.25, 0.0]];
+    let floats = corners.iter().flat_map(|p| p.iter().chain(&[0.0, 0.0, 1.0])).flat_map(|f| f.to_le_bytes());
+    let binary: Vec<u8> = floats.chain((0..3u32).flat_map(u32::to_le_bytes)).chain(more.iter().copied()).collect();
+    let word = |n: usize| (n as u32).to_le_bytes();
+    let (all, json, bin) = (word(28 + text.len() + binary.len()), word(text.len()), word(binary.len()));
+    [b"glTF", &word(2)[..], &all, &json, b"JSON", text.as_bytes(), &bin, b"BIN\0", &binary].concat()
+}
+
+fn replace(version: &mut Version, path: &str, bytes: Vec<u8>) {
+    version.files.remove(version.intent.files.iter().position(|f| f.path == path).unwrap());
+    version.intent.files.retain(|f| f.path != path);
+    version.add(path, bytes);
+}
+
+/// Where the middle of the test's pack lies, so that its bounds surround the origin, m.
+const MIDDLE: [f64; 3] = [-500.0 / 1024.0, -400.0 / 1024.0, 0.0];
+/// The true place, in a form that every file is tried with.
+const HERE: &[u8] = b"-8.956109 39.600225 EPSG:32737 565977 9009946";
+const PICTURE: &str = "holds something beside its pixels";
+
+fn at(x: f64, y: f64, z: f64) -> [f64; 3] {
+    [MIDDLE[0] + x, MIDDLE[1] + y, z]
+}
+
+fn true_place() -> [f64; 3] {
+    at(565_977.0, 9_009_946.0, 31.0)
+}
+
+fn pack(origin: [f64; 3], channels: &[(&str, [f32; 3])]) -> Vec<u8> {
+    pack_at("Fort", None, origin, channels)
+}
+
+/// A version without a fault, changed.
+fn with(change: impl FnOnce(&mut Version)) -> Version {
+    let mut version = withheld(pack(MIDDLE, &[]));
+    change(&mut version);
+    version
+}
+
+/// A version that announces that it keeps a channel.
+fn kept(name: &str, values: [f32; 3]) -> Version {
+    let mut version = withheld(pack(MIDDLE, &[(name, values)]));
+    version.intent.kept_channels = vec![name.to_owned()];
+    version
+}
+
+fn file(path: &str, bytes: Vec<u8>) -> Version {
+    with(|v| replace(v, path, bytes))
+}
+
+/// A version with another value in its preview.
+fn previewed(key: &str, value: &Value) -> Version {
+    file("preview.glb", preview(&json!({ key: value }), b""))
+}
+
+/// A segment of a JPEG that holds the true place.
+fn segment(marker: u8) -> Vec<u8> {
+    [&[0xff, marker, 0, HERE.len() as u8 + 2], HERE].concat()
+}
+
+/// Each of these versions is refused with this reason, and nothing of it appears.
+async fn are_refused(table: Vec<(Version, &str)>) {
+    // One server takes few uploads in a minute.
+    for part in table.chunks(20) {
+        let m = Museum::new();
+        for (version, wanted) in part {
+            let (code, status) = m.publish(version).await;
+            let why = status.error.unwrap_or_default();
+            assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY, "{wanted}: {why}");
+            assert!(why.contains(wanted), "{wanted}: {why}");
+            assert!(!m.models().join("fort").exists(), "{wanted}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_withheld_location_is_searched_for_in_pack_and_texts() {
+    let utm = pack_at("Fort", Some("EPSG:32737"), MIDDLE, &[]);
+    let titled = pack_at("Fort 8°57'27\" S 39°31'22\" E", None, MIDDLE, &[]);
+    let description = Some("At S 8.9577 E 39.5228".to_owned());
+    let holder = Some("geo:-8.95,39.52".to_owned());
+    let note = "See https://www.openstreetmap.org/way/1".to_owned();
+    are_refused(vec![
+        (withheld(pack(true_place(), &[])), "the middle of its pack is at 565977.000 9009946.000, on height 31.000"),
+        (withheld(pack(at(3.0, 0.0, 0.0), &[])), "and not at 0 0"),
+        (withheld(pack(at(0.0, 0.0, 31.0), &[])), "on height 31.000"),
+        (withheld(utm), "its pack names a reference system"),
+        (withheld(titled), "title of its pack: \"8°57'27\" S 39°31'22\"\" states coordinates"),
+        (withheld(pack(MIDDLE, &[("intensity", [1.0, 2.0, 0.5])])), "\"intensity\", which was not announced as kept"),
+        (kept("scalar_X", [565_977.0, 565_978.0, 565_977.0]), "\"scalar_X\" holds a coordinate or a height"),
+        (with(|v| v.intent.metadata.description = description), "metadata: description: \"8.9577"),
+        (with(|v| v.intent.metadata.rights.holder = holder), "metadata: rights.holder: \"geo:"),
+        (with(|v| v.intent.note = note), "the note of the version: \"openstreetmap.org"),
+        (with(|v| v.intent.location_cell = Some(0.5)), "a cell of 0.5 m does not hide a model"),
+        (with(|v| v.intent.location_cell = Some(100_000.0)), "and not at 50000 50000"),
+        (with(|v| v.intent.location_cell = Some(-1.0)), "no side of a cell"),
+    ])
+    .await;
+}
+
+#[tokio::test]
+async fn a_withheld_location_is_searched_for_in_the_preview() {
+    let world = json!([565_977.0, 9_009_946.0, 31.0]);
+    let larger = json!([565_977.0, 0.25, 0.0]);
+    let mut table = vec![
+        (previewed("/extras/world_from_local_m", &world), "preview.glb tells a place outside"),
+        (previewed("/accessors/0/max", &larger), "preview.glb has coordinates larger than the model"),
+        (previewed("/accessors/0/max", &json!([0.375, 0.25, 0.0])), "preview.glb has vertices or triangles other"),
+        (file("preview.glb", preview(&json!({}), b"565977__")), "preview.glb has vertices or triangles other"),
+    ];
+    for (key, value) in [
+        ("/meshes/0/name", json!("E565977 N9009946")),
+        ("/accessors/0/name", json!("EPSG:32737")),
+        ("/buffers/0/name", json!("9009946")),
+        ("/9009946", json!(1)),
+        ("/extras/a", json!(565_977.25)),
+        ("/extras/crs", json!("EPSG:32737")),
+        ("/asset/extras", json!({"lat": -8.956, "lon": 39.6})),
+        ("/asset/version", json!("2.0 565977")),
+        ("/asset/copyright", json!("-8.957712, 39.522834")),
+        ("/cameras", json!([{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 565_977.25}}])),
+        ("/nodes/0/translation", json!([565_977.0, 0.0, 0.0])),
+    ] {
+        table.push((previewed(key, &value), "preview.glb is not in the form in which this version"));
+    }
+    are_refused(table).await;
+}
+
+#[tokio::test]
+async fn a_withheld_location_is_searched_for_in_posters() {
+    let poster = |change: &dyn Fn(&mut Vec<u8>)| {
+        let mut bytes = jpeg([1200, 630], b"");
+        change(&mut bytes);
+        (file("poster.jpg", bytes), PICTURE)
+    };
+    let restart = [b"\xff\xd0", HERE].concat();
+    are_refused(vec![
+        poster(&|b| drop(b.splice(2..2, segment(0xe1)))),
+        poster(&|b| drop(b.splice(2..2, segment(0xdb)))),
+        poster(&|b| drop(b.splice(609..609, segment(0xc4)))),
+        poster(&|b| drop(b.splice(609..609, segment(0xdd)))),
+        poster(&|b| b.extend(HERE)),
+        (file("poster.jpg", jpeg([1200, 630], HERE)), PICTURE),
+        (file("poster.jpg", jpeg([1200, 630], &restart)), PICTURE),
+        (file("poster-600.jpg", jpeg([1200, 630], b"")), "poster-600.jpg holds something beside its pixels"),
+    ])
+    .await;
+}
+
+#[tokio::test]
+async fn a_withheld_location_is_searched_for_in_drawings() {
+    let world = |text: &str| {
+        let text = text.as_bytes().to_vec();
+        with(|v| v.add("drawings/plan.pgw", text))
+    };
+    let mut table = vec![
+        (world("1\n0\n0\n-1\n565977\n9009946\n"), "drawings/plan.pgw is not in the form"),
+        (world("1.0\n0.0\n0.0\n-1.0\n565977.0\n9009946.0\n"), "drawings/plan.pgw places the plan somewhere else"),
+    ];
+    let drawing = |chunks: &[(&[u8; 4], &[u8])]| file("drawings/plan.png", png(chunks));
+    let pixels = zipped(&[0; 14]);
+    for kind in [b"tEXt", b"eXIf", b"pHYs", b"gAMA", b"tRNS", b"sBIT", b"PLTE", b"sRGB", b"cHRM", b"IDAT"] {
+        for at in 0..=2 {
+            let mut chunks = vec![(b"pHYs", RESOLUTION), (b"IDAT", &pixels)];
+            chunks.insert(at, (kind, HERE));
+            table.push((drawing(&chunks), PICTURE));
+        }
+    }
+    let more = zipped(&[&[0; 14], HERE].concat());
+    for stream in [&more[..], &[&pixels[..], &zipped(HERE)].concat(), &zipped(&[0; 13]), &zipped(&[9; 14])] {
+        let chunks = drawing(&[(b"pHYs", RESOLUTION), (b"IDAT", stream)]);
+        table.push((chunks, "its pixels do not fill its size"));
+    }
+    are_refused(table).await;
+}
+
+/// Without a place, with a channel of the surface, in a cell; and where nothing is announced as withheld, nothing is searched for.
+#[tokio::test]
+async fn a_version_whose_announcement_is_true_is_published() {
+    let m = Museum::new();
+    let mut cell = withheld(pack_at("Fort", Some("EPSG:32737"), at(550_000.0, 9_050_000.0, 0.0), &[]));
+    cell.intent.location_cell = Some(100_000.0);
+    let moved =
+        json!({"/extras/crs": "EPSG:32737", "/extras/world_from_local_m": [550_000.0, 9_050_000.0, 0.195_312_5]});
+    replace(&mut cell, "preview.glb", preview(&moved, b""));
+    (cell.intent.slug, cell.intent.metadata.slug) = ("cell".to_owned(), Some("cell".to_owned()));
+    let mut scalar = kept("class", [2.0; 3]);
+    (scalar.intent.slug, scalar.intent.metadata.slug) = ("scalar".to_owned(), Some("scalar".to_owned()));
+    let world = with(|v| v.add("drawings/plan.pgw", b"0.01\n0.0\n0.0\n-0.01\n-0.5\n0.4\n".to_vec()));
+    for version in [world, cell, scalar] {
+        let (code, status) = m.publish(&version).await;
+        assert_eq!((code, status.state), (StatusCode::OK, State::Published), "{:?}", status.error);
+    }
+    let mut open = Version::new("open", 1, pack(true_place(), &[]));
+    open.intent.metadata.description = Some("At S 8.9577 E 39.5228".to_owned());
+    assert_eq!(m.publish(&open).await.0, StatusCode::OK);
+}

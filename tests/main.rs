@@ -1,0 +1,34 @@
+//! The tests of the whole program, in one binary: linking one takes as long as each of many would.
+
+mod access;
+#[path = "../server/tests/store/bucket.rs"]
+#[allow(dead_code, reason = "the tests of the server use all of it")]
+mod bucket;
+#[cfg(unix)]
+mod build_resume;
+mod cli;
+// Named by `send`, which is compiled into the tests of uploads.
+#[path = "../src/distrust.rs"]
+mod distrust;
+mod extract;
+mod gpu;
+mod hostile;
+mod http;
+mod info_mesh;
+mod inputs;
+mod pack_verbs;
+mod patch_sizes;
+mod publish;
+mod real_formats;
+mod real_input;
+mod remote;
+mod render_verb;
+mod second_reader;
+mod serve;
+mod stored;
+mod streaming;
+mod support;
+mod synth;
+mod trust;
+mod verify_objects;
+mod verify_tls;

@@ -1,0 +1,5 @@
+//! The renderer from outside.
+
+mod camera;
+mod present;
+mod shaders;
