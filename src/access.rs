@@ -42,7 +42,7 @@ enum What {
         #[arg(long)]
         no_password: bool,
     },
-    /// End all sessions of a user, on every server that uses the file; tokens go on.
+    /// End all sessions of a user, on every server that uses the file; tokens keep working.
     SignOut {
         /// The file.
         file: PathBuf,

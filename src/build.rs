@@ -125,7 +125,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(first) = inputs.passed_over.first() {
         let count = inputs.passed_over.len();
         crate::terminal::say!(
-            "kilwa: {count} files are no meshes and were passed over, the first of them {}",
+            "kilwa: skipped files that are not meshes ({count}), the first of them {}",
             first.display()
         );
     }
@@ -199,7 +199,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 fn parse_threads(text: &str) -> Result<usize, String> {
     const MAX: usize = 1024;
     let threads = text.parse().ok().filter(|n| *n <= MAX);
-    threads.ok_or_else(|| format!("a number from 1 to {MAX} is wanted, or 0 for one per core"))
+    threads.ok_or_else(|| format!("expected a number from 1 to {MAX}, or 0 for one per core"))
 }
 
 /// What is wrong with the arguments whatever the inputs are.

@@ -48,7 +48,7 @@ pub(crate) struct InputArgs {
     /// Without it, vertices have the colour of the picture where they lie, and nothing is split.
     #[arg(long, value_name = "TEXELS", value_parser = texels)]
     pub(crate) texture_detail: Option<f64>,
-    /// Read files outside of a mesh's own folder where it names them (materials, pictures, buffers), and meshes that links
+    /// Read files outside a mesh's own folder if it names them (materials, pictures, buffers), and meshes that links
     /// in a given folder lead to.
     ///
     /// What they hold ends up in the pack. Give it only for meshes that you trust.
@@ -337,7 +337,7 @@ fn refuse_link_out(path: &Path, folder: &Path) -> anyhow::Result<()> {
     let target = path.canonicalize().with_context(|| format!("{} cannot be opened", path.display()))?;
     if !target.starts_with(folder) {
         bail!(
-            "{} is a link to {}, outside of the folder {}; remove it, name that file itself, or give --allow-outside",
+            "{} is a link to {}, outside of the folder {}; remove it, name that file directly, or use --allow-outside",
             path.display(),
             target.display(),
             folder.display()
@@ -397,7 +397,7 @@ fn matrix(file: &Path) -> anyhow::Result<Placement> {
         // Not the word itself: where this is another file than was meant, its content is nobody's business.
         let place = numbers.len() + 1;
         let number: f64 =
-            word.parse().with_context(|| format!("{}: word {place} is no number; give 16", file.display()))?;
+            word.parse().with_context(|| format!("{}: word {place} is not a number; 16 are needed", file.display()))?;
         numbers.push(number);
     }
     if numbers.len() != 16 {
@@ -548,7 +548,7 @@ mod tests {
         let site = three();
         for (text, reason) in [
             ("1 2 3", "has 3 numbers"),
-            ("a", "is no number"),
+            ("a", "is not a number"),
             ("1 0 0 0 0 1 0 0 0 0 1 0 5 5 5 1", "column by column"),
             ("1 0 0 0 0 1 0 0 0 0 0 0 0 0 0 1", "flattens"),
         ] {

@@ -110,7 +110,7 @@ struct AccessArgs {
     /// Let in who is in this file, made by `kilwa access init`, to what is not public (default: nobody).
     #[arg(long, value_name = "FILE")]
     access: Option<PathBuf>,
-    /// Keep sessions in this folder, so that a restart ends none and servers that share it share them (default: in memory).
+    /// Keep sessions in this folder, so that they survive a restart and servers can share them (default: in memory).
     #[arg(long, value_name = "DIR", requires = "access")]
     sessions: Option<PathBuf>,
     /// Append to this file who was let in to what, and who was not.

@@ -134,7 +134,7 @@ pub(crate) async fn count(State(counting): State<Counting>, request: Request, ne
     let Some(claim) = counting.budget.take(&network, bytes.len()) else {
         let mut refusal = plain(StatusCode::SERVICE_UNAVAILABLE);
         *refusal.body_mut() = Body::from(
-            "503 Service Unavailable\nToo many answers are waiting for their readers. Please try again in a few seconds.\n",
+            "503 Service Unavailable\nToo many responses are being sent. Please try again in a few seconds.\n",
         );
         insert(&mut refusal, RETRY_AFTER, AGAIN);
         return refusal;

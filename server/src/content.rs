@@ -158,7 +158,7 @@ pub(crate) fn condition(etag: &str, headers: &HeaderMap) -> Option<StatusCode> {
     // A list may be spread over several lines.
     let any = |name: HeaderName, weak| {
         let mut lines = headers.get_all(name).iter().peekable();
-        // A tag may have bytes that are no ASCII (RFC 9110 section 8.8.3): it is another one than ours, not none.
+        // An ETag may have non-ASCII bytes (RFC 9110 section 8.8.3): it differs from ours, but it is one.
         lines.peek().is_some().then(|| lines.any(|line| lists(&String::from_utf8_lossy(line.as_bytes()), etag, weak)))
     };
     if any(IF_MATCH, false) == Some(false) {

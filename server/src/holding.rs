@@ -269,7 +269,7 @@ fn version_files(version: &Version, folder: &Place, files: &mut BTreeMap<String,
                 continue;
             }
             if !is_pack && entry.identity.bytes() > CHECKED {
-                tracing::warn!("{folder}: {name} is longer than anything but a pack can be, not served");
+                tracing::warn!("{folder}: {name} is too long for a file that is not a pack, not served");
                 continue;
             }
             entry.sha256 = Some(sum.into());

@@ -22,7 +22,7 @@ impl fmt::Display for Other {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Folder => "it is a folder, not a file",
-            Self::Special => "it is a pipe, a socket or a device, not a plain file; nothing was read from it",
+            Self::Special => "it is a pipe, a socket or a device, not a regular file; nothing was read from it",
             Self::Link => "it is a link; links are not followed inside an archive, put the file itself there",
             Self::BehindLink => {
                 "a folder on the way to it is a link; links are not followed inside an archive, put the folder itself there"

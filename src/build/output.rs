@@ -34,14 +34,14 @@ pub(super) fn folder_of(output: &Path) -> &Path {
 fn refuse_others_file(part: &Path) -> anyhow::Result<()> {
     let what = match std::fs::symlink_metadata(part) {
         Ok(m) if m.is_symlink() => "a link",
-        Ok(m) if !m.is_file() => "no plain file",
-        Ok(m) if has_other_names(&m) => "a file that has other names too",
+        Ok(m) if !m.is_file() => "not a regular file",
+        Ok(m) if has_other_names(&m) => "a file that has other hard links",
         Ok(_) => return Ok(()),
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(()),
         Err(e) => return Err(e).with_context(|| format!("cannot look at {}", part.display())),
     };
     anyhow::bail!(
-        "{} is {what}, where the pack is to be written first; remove it, or give another output",
+        "{} is {what}, but the pack is first written there; remove it, or choose another output",
         part.display()
     )
 }

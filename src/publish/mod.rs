@@ -171,11 +171,11 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
     }
     let Report { object, version, files, .. } = report;
     if report.already {
-        let around = [(report.bag.is_some(), "its bag is made"), (args.site, "the pages of the folder are written")];
+        let around = [(report.bag.is_some(), "its bag was made"), (args.site, "the pages of the folder were written")];
         let around: Vec<&str> = around.into_iter().filter(|(is, _)| *is).flat_map(|(_, what)| ["; ", what]).collect();
         let around = around.concat();
         let day = &report.published;
-        writeln!(out, "{object}: is there already, version {version} of {day}; nothing was added to it{around}")?;
+        writeln!(out, "{object}: version {version} of {day} is already published; nothing was added{around}")?;
         return Ok(());
     }
     writeln!(out, "{object}: version {version} published, {files} files, {}", plan::human(report.bytes))?;
@@ -183,7 +183,7 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
         let folder = args.to.display();
         writeln!(
             out,
-            "  not public: pack and preview can be read only by you and the group of {folder}; the server must belong to it"
+            "  not public: pack and preview can be read only by you and the group of {folder}; the server must be in that group"
         )?;
     }
     if report.notes > 0 {

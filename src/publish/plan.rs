@@ -85,7 +85,7 @@ impl Given {
         let Some(place) = self.place else { return Ok(()) };
         let location = self.location();
         Metadata::check_withheld(text, &location).map_err(|problems| {
-            anyhow::anyhow!("{file} gives the location away that --redact-location withholds:\n  {problems}")
+            anyhow::anyhow!("{file} gives away the location that --redact-location withholds:\n  {problems}")
         })?;
         // What is made of the fields: the name in the address, addresses of identifiers.
         if let Some((field, finding)) = self.published_metadata().giving_away(&location) {
@@ -178,7 +178,7 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Objects of a folder that tell the place of the model whose place is taken out here: who compares the two finds it. Manifests that cannot be read
+    /// Objects in a folder that reveal the location withheld here, by comparison of the two. Manifests that cannot be read
     /// are passed over.
     fn same_model_in(&self, shelf: &Path) -> Option<String> {
         self.given.place?;
@@ -195,7 +195,7 @@ impl Plan {
         names.sort();
         (!names.is_empty()).then(|| {
             format!(
-                "{} has the same model with its place, and whoever compares the two knows this one's; withdraw that one, and delete the place from its tombstone (docs/publish.md)",
+                "the same model with its location is published as {}; comparing the two reveals this one's. Withdraw that one and delete the location from its tombstone (docs/publish.md)",
                 names.join(", ")
             )
         })

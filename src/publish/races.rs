@@ -1,4 +1,4 @@
-//! Those who publish to, and withdraw from, one folder at once: whoever is told that it is done has done it, and nobody undoes what another has done.
+//! Concurrent publishing to and withdrawing from one folder: what is reported as done is done, and nobody undoes another's work.
 //!
 //! Everything is done as by `kilwa publish`, but that pictures are made of nothing: they take seconds, and have no part in this.
 
@@ -144,7 +144,7 @@ fn two_who_planned_the_same_version_publish_one_after_the_other_and_both_are_the
 }
 
 #[test]
-fn what_was_withdrawn_while_a_version_was_made_stays_withdrawn() {
+fn an_object_withdrawn_while_a_version_is_made_stays_withdrawn() {
     let bench = Bench::new();
     publish(&bench.publishing(None, &[])).unwrap();
     let ours = bench.publishing(Some("ours"), &[]);
@@ -182,7 +182,7 @@ fn what_an_object_asks_of_its_next_version_is_asked_when_the_version_has_been_ma
 }
 
 #[test]
-fn the_same_command_again_says_what_is_there_and_makes_what_is_lacking() {
+fn a_rerun_reports_what_exists_and_creates_what_is_missing() {
     let bench = Bench::new();
     let first = bench.publishing(None, &["--bag", "--site"]);
     assert!(!publish(&first).unwrap().already);
@@ -213,7 +213,7 @@ fn the_same_command_again_says_what_is_there_and_makes_what_is_lacking() {
 }
 
 #[test]
-fn in_two_hundred_rounds_of_two_who_publish_and_one_who_withdraws_nothing_is_lost() {
+fn two_publishers_and_a_withdrawal_lose_nothing_in_200_rounds() {
     let rounds: u64 = if std::env::var_os("KILWA_SOAK").is_some() { 2000 } else { 200 };
     let (mut published, mut refused, mut withdrawn) = (0, 0, 0);
     for round in 0..rounds {

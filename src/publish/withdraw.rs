@@ -44,7 +44,7 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
     }
     if let Some(page) = &page {
         let written = site::write(&lock, page, &|_| Ok(()));
-        written.map_err(|e| e.after("the object is withdrawn, but the pages of the folder are not written"))?;
+        written.map_err(|e| e.after("the object is withdrawn, but the pages of the folder were not written"))?;
     }
     say_done(args, &slug, &done)
 }
@@ -68,8 +68,8 @@ fn say_done(args: &Args, slug: &Slug, done: &Withdrawn) -> anyhow::Result<()> {
         return Ok(writeln!(out, "{at}/{slug}: withdrawn; its files are in {kept}")?);
     }
     let now = [
-        changed.then_some("what a command that was cut off had left is removed"),
-        args.site.then_some("the pages of the folder are written"),
+        changed.then_some("leftovers of an interrupted command were removed"),
+        args.site.then_some("the pages of the folder were written"),
     ];
     let now: Vec<&str> = now.into_iter().flatten().collect();
     Ok(writeln!(out, "{at}/{slug}: was withdrawn on {day} already; {}", now.join(", and "))?)

@@ -117,7 +117,7 @@ fn closed_files(plan: &Plan) -> bool {
 pub(super) fn locked(shelf: &Path, bar: &ProgressBar) -> anyhow::Result<Lock> {
     let waits = || {
         let line = format!(
-            "kilwa: another kilwa is publishing to or withdrawing from {}; waiting for it, {} minutes at most",
+            "kilwa: another kilwa is publishing to or withdrawing from {}; waiting for up to {} minutes",
             shelf.display(),
             PATIENCE.as_secs() / 60
         );
@@ -277,12 +277,12 @@ fn around(
     let mut bag = None;
     if args.bag {
         let made = bag::wrap(lock, &plan.facts.slug, &info, steps);
-        let made = made.map_err(|e| e.after("the version is published, but its bag is not made"))?;
+        let made = made.map_err(|e| e.after("the version is published, but its bag was not made"))?;
         bag = Some(made.display().to_string());
     }
     if args.site {
         let made = site::write(lock, &plan.page, steps);
-        made.map_err(|e| e.after("the version is published, but the pages of the folder are not written"))?;
+        made.map_err(|e| e.after("the version is published, but the pages of the folder were not written"))?;
     }
     Ok(bag)
 }

@@ -285,10 +285,10 @@ impl Check<'_> {
         self.report.files += 1;
         self.report.bytes += page.len() as u64;
         let path = self.path(PAGE);
-        let again = "run the same `kilwa publish` again, which goes on";
+        let again = "run the same `kilwa publish` again to finish";
         self.report
             .notes
-            .push(format!("{path} is still the page of before: a change was cut off after it was made. {again}"));
+            .push(format!("{path} is still the old page: a change was interrupted after it took effect. {again}"));
         Some(page)
     }
 
@@ -307,10 +307,10 @@ impl Check<'_> {
                 && matches!(self.place.open(&version.pack.url), Ok(Some(_)));
             if is_left {
                 let name = self.path(&version.pack.url);
-                let again = "run the same `kilwa publish --withdraw` again, which goes on";
+                let again = "run the same `kilwa publish --withdraw` again to finish";
                 self.report
                     .notes
-                    .push(format!("{name} is withdrawn and still there: withdrawing was cut off. {again}"));
+                    .push(format!("{name} is withdrawn but still there: the withdrawal was interrupted. {again}"));
             }
             complete &= self.version(manifest, version, &mut there, &mut records)?;
         }
@@ -414,7 +414,7 @@ impl Check<'_> {
         match kilwa_pack::json::from_slice(&bytes) {
             Ok(value) => Some(value),
             Err(e) => {
-                self.add(path, Kind::Incomplete, format!("it is no JSON that can be used: {e}"));
+                self.add(path, Kind::Incomplete, format!("it is not usable JSON: {e}"));
                 None
             }
         }
@@ -464,7 +464,7 @@ impl Check<'_> {
         let began = self.begun_version(manifest);
         if let Some(folder) = &began {
             let path = self.path(folder);
-            let note = "is a version that was cut off while it was published, and is not published; the next publication takes it away";
+            let note = "is a version whose publication was interrupted; it is not published, and the next publication removes it";
             self.report.notes.push(format!("{path} {note}"));
         }
         let mut hidden = BTreeSet::new();
@@ -489,7 +489,7 @@ impl Check<'_> {
         for path in hidden {
             let path = self.path(&path);
             let note =
-                "belongs to a publication that is being made, or was cut off; the next one takes away what was left";
+                "belongs to a publication that is in progress or was interrupted; the next one removes leftovers";
             self.report.notes.push(format!("{path} {note}"));
         }
     }

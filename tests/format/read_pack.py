@@ -31,7 +31,7 @@ def need(good, message):
 
 def members(pairs):
     """An object of JSON, each of whose members is there once."""
-    need(len({name for name, _ in pairs}) == len(pairs), "an object in the metadata has a member twice")
+    need(len({name for name, _ in pairs}) == len(pairs), "an object in the metadata has a duplicate member")
     return dict(pairs)
 
 

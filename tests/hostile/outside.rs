@@ -209,7 +209,7 @@ fn links_out_of_the_folder_are_refused_and_pipes_and_devices_are_not_waited_for(
 
 #[cfg(unix)]
 #[test]
-fn a_matrix_beside_a_mesh_that_is_a_link_out_is_not_read_and_a_file_that_is_no_matrix_is_not_shown() {
+fn a_matrix_that_is_a_link_out_is_not_read_and_other_files_are_not_quoted() {
     let site = Site::new();
     site.obj("");
     std::os::unix::fs::symlink("../secret.mtl", site.path("site/scan.xf")).unwrap();
@@ -220,7 +220,7 @@ fn a_matrix_beside_a_mesh_that_is_a_link_out_is_not_read_and_a_file_that_is_no_m
         [&build[..], &["build", text(&mesh), "-o", text(&pack), "--transform", text(&site.path("secret.mtl"))]]
     {
         let message = fails(&[command, &["--allow-outside"]].concat());
-        assert!(message.contains("is no number") && !message.contains("PRIVATE"), "{message}");
+        assert!(message.contains("is not a number") && !message.contains("PRIVATE"), "{message}");
     }
 }
 

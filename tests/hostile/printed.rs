@@ -117,7 +117,7 @@ fn every_verb_shows_what_a_pack_says_of_itself_without_acting_on_the_terminal() 
 }
 
 #[test]
-fn what_is_wrong_with_files_of_any_name_is_told_without_acting_on_the_terminal() {
+fn error_messages_never_control_the_terminal_whatever_the_file_name() {
     let site = Site::new();
     for name in &names() {
         let missing = site.path(&format!("{name}.kilwa"));

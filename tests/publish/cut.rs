@@ -19,7 +19,7 @@ fn verified(folder: &Path) -> (bool, String) {
 }
 
 #[test]
-fn cut_off_around_the_manifest_it_is_sound_and_verify_says_what_happened() {
+fn an_object_interrupted_around_the_manifest_is_sound_and_verify_explains() {
     let bench = Bench::new();
     let object = bench.published(&other_pack(), LEAST, &[]);
     let old = ["manifest.json", "index.html"].map(|name| (name, std::fs::read(object.join(name)).unwrap()));
@@ -33,7 +33,7 @@ fn cut_off_around_the_manifest_it_is_sound_and_verify_says_what_happened() {
         std::fs::write(object.join(name), bytes).unwrap();
     }
     let (is_sound, said) = verified(&object);
-    assert!(is_sound && said.contains("v2 is a version that was cut off while it was published"), "{said}");
+    assert!(is_sound && said.contains("v2 is a version whose publication was interrupted"), "{said}");
     assert!(!said.contains("nobody knows this file"), "{said}");
     bench.published(&other_pack(), &described(), &FURTHER);
     assert!(tree(&object) == whole, "the same command comes to the same");
@@ -42,7 +42,7 @@ fn cut_off_around_the_manifest_it_is_sound_and_verify_says_what_happened() {
     std::fs::rename(object.join("index.html"), next.join("index.html")).unwrap();
     std::fs::write(object.join("index.html"), &old[1].1).unwrap();
     let (is_sound, said) = verified(&object);
-    assert!(is_sound && said.contains("index.html is still the page of before") && said.contains("again"), "{said}");
+    assert!(is_sound && said.contains("index.html is still the old page") && said.contains("again"), "{said}");
     let again = bench.publish(&other_pack(), &described(), &FURTHER);
     assert!(again.status.success(), "{}", String::from_utf8_lossy(&again.stderr));
     assert!(tree(&object) == whole);

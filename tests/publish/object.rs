@@ -135,7 +135,7 @@ fn versions_are_added_with_what_is_new_and_the_old_ones_stay_as_they_are() {
     let first = tree(&object.join("v1"));
     let again = bench.publish(&pack(), FULL, &[]);
     let said = String::from_utf8_lossy(&again.stdout).into_owned();
-    assert!(again.status.success() && said.contains("is there already, version 1 of 2026-11-21"), "{said}");
+    assert!(again.status.success() && said.contains("version 1 of 2026-11-21 is already published"), "{said}");
     let said = bench.refused(&pack(), &FULL.replace("First paragraph", "Better text"), &["--date", "2026-12-01"]);
     assert!(said.contains("--version-note"), "{said}");
     let said = bench.refused(&pack(), FULL, &["--version-note", "Nothing", "--date", "2026-12-01"]);
@@ -274,7 +274,7 @@ fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
     let done = withdraw(text(&keep));
     let said = String::from_utf8_lossy(&done.stdout).into_owned();
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-    assert!(said.contains("was withdrawn on 2027-01-01 already; the pages of the folder are written"), "{said}");
+    assert!(said.contains("was withdrawn on 2027-01-01 already; the pages of the folder were written"), "{said}");
     assert!(feed.is_file() && !site.join(".kilwa-site").exists());
     assert!(
         !object.join(&pack_file).exists()

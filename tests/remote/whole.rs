@@ -67,7 +67,7 @@ fn killed_while_it_sends_the_same_command_ends_it_with_the_bytes_of_publishing_h
 }
 
 #[test]
-fn without_its_location_it_is_taken_and_with_a_location_in_a_text_it_is_not_sent() {
+fn an_upload_without_its_location_is_accepted_and_one_with_it_in_a_text_is_not_sent() {
     let server = Server::start();
     let (folder, metadata, www) = bench(METADATA);
     let (to, notes) = (format!("http://{}/", server.address), folder.path().join("notes.json"));

@@ -38,7 +38,7 @@ pub(crate) fn save_all(p: &Phantom, to: &Path) -> usize {
 }
 
 #[test]
-fn of_measurements_that_are_saved_at_once_none_is_lost() {
+fn measurements_saved_at_the_same_time_are_all_kept() {
     let folder = tempfile::tempdir().unwrap();
     let (file, p) = (folder.path().join("all.json"), phantom("cube", "origin"));
     let save = || {

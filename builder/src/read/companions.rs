@@ -199,7 +199,7 @@ impl Companions {
     pub(super) fn open(&self, path: &Path) -> io::Result<(File, u64)> {
         let real = path.canonicalize()?;
         let exchanged =
-            || io::Error::new(io::ErrorKind::PermissionDenied, "it was exchanged while it was being opened");
+            || io::Error::new(io::ErrorKind::PermissionDenied, "the file was replaced while it was being opened");
         if !self.is_allowed(&real) {
             return Err(exchanged());
         }
@@ -234,7 +234,7 @@ impl Companions {
 /// Where it cannot be opened, or is something else.
 pub fn open_regular(path: &Path) -> io::Result<(File, u64)> {
     let regular = |about: &std::fs::Metadata| {
-        let kind = if about.is_dir() { "it is a folder" } else { "it is no regular file" };
+        let kind = if about.is_dir() { "it is a folder" } else { "it is not a regular file" };
         if about.is_file() { Ok(()) } else { Err(io::Error::new(io::ErrorKind::InvalidInput, kind)) }
     };
     // Opening some devices does something: they are not opened at all. What changes between this and the next line is found

@@ -44,7 +44,7 @@ pub enum ReadError {
         what: &'static str,
     },
     /// The file names another that lies outside of the folder of the mesh.
-    #[error("{}, {place}: names the file \"{name}\", which leads to {} outside of the folder {}; copy that file into the folder and name it there, or give --allow-outside if you trust what names it", file.display(), target.display(), folder.display())]
+    #[error("{}, {place}: the file name \"{name}\" leads to {} outside of the folder {}; copy that file into the folder and correct the name, or use --allow-outside if you trust the mesh", file.display(), target.display(), folder.display())]
     Outside {
         /// The file that names the other.
         file: PathBuf,

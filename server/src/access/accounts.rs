@@ -415,7 +415,7 @@ fn keep_ownership(file: &File, before: &Metadata) -> io::Result<()> {
     if (now.uid(), now.gid()) != (before.uid(), before.gid()) {
         std::os::unix::fs::fchown(file, Some(before.uid()), Some(before.gid())).map_err(|e| {
             let (uid, gid) = (before.uid(), before.gid());
-            io::Error::new(e.kind(), format!("it belongs to user {uid} and group {gid}, which cannot be kept ({e}); run this as that user or as root"))
+            io::Error::new(e.kind(), format!("its owner and group (user {uid}, group {gid}) cannot be kept ({e}); run this as that user or as root"))
         })?;
     }
     file.set_permissions(before.permissions())
@@ -458,7 +458,7 @@ mod tests {
     }
 
     #[test]
-    fn a_key_that_stands_twice_is_refused_and_not_quoted() {
+    fn a_duplicate_key_is_refused_and_not_quoted() {
         let document = Document { kilwa_access: FORM, key: some().key.to_hex(), users: some().users };
         let text = serde_json::to_string(&document).expect("JSON");
         for key in ["users", "key", "kilwa_access"] {

@@ -106,7 +106,7 @@ fn open_if_pipe(path: &Path) -> std::io::Result<Option<File>> {
     let opened = OpenOptions::new().write(true).custom_flags(libc::O_NONBLOCK).open(path);
     opened.map(Some).map_err(|e| match e.raw_os_error() {
         Some(libc::ENXIO) => {
-            std::io::Error::other("it is a pipe that nobody reads; start what reads it first, or name a file")
+            std::io::Error::other("it is a pipe with no reader; start the reader first, or name a file")
         }
         _ => e,
     })

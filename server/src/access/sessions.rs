@@ -242,7 +242,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn what_is_no_plain_file_ends_the_session_and_keeps_nobody_from_signing_in() {
+    fn a_session_that_is_not_a_regular_file_is_over_and_blocks_no_sign_in() {
         let folder = tempfile::tempdir().expect("a folder");
         let sessions = Sessions::in_folder(folder.path()).expect("uses it");
         let spoil: [&dyn Fn(&Path); 4] = [

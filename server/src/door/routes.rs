@@ -131,7 +131,7 @@ async fn check(
         };
         door.succeeded(&counted, &network);
         let session = door.begin_session(accounts, user, now).map_err(|e| {
-            tracing::error!("nobody can sign in: a session cannot be kept: {e}");
+            tracing::error!("nobody can sign in: a session cannot be stored: {e}");
             Denied::Failed
         })?;
         door.record(Action::SignIn, Some(&user.name), &address, None, now);

@@ -7,7 +7,7 @@
 //! | `/<slug>/extract/<name>` | the file; 202 with how far it is while it is being made; 404 where nobody asked for it |
 //!
 //! [`order`] says what can be asked for and how it is called, this module makes it: as many at once as there are cores, others wait in a
-//! queue in which the networks take turns ([`queue`]), told how many are before them and how long that will probably take ([`pace`]), and while what is being made may take as much room as the cache is large, and who asks for what is being made gets the same. How a mesh is taken out of a pack is not known here: the program
+//! queue in which networks take turns ([`queue`]), and are told how many are ahead of them and the estimated wait ([`pace`]). Files being made may take as much room as the cache has; identical requests share one file. How a mesh is taken out of a pack is not known here: the program
 //! gives an [`Extract`].
 //!
 //! Invariants: the cache holds complete files only, under names made from the pack's hash and the order, never from an address; its size stays below

@@ -263,7 +263,7 @@ fn told(standing: &Standing) -> Value {
             json!({ "state": "failed", "error": "the archive's storage does not answer" })
         }
         Standing::Failed(Failure::Other(_)) => json!({ "state": "failed", "error": "the file could not be made" }),
-        Standing::Unknown => json!({ "state": "unknown", "error": "nobody asked for this file" }),
+        Standing::Unknown => json!({ "state": "unknown", "error": "this file was not requested" }),
     }
 }
 

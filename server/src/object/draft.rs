@@ -61,12 +61,12 @@ pub enum DraftError {
     There(PathBuf),
     /// A version folder that the manifest does not name.
     #[error(
-        "{0} is there, and manifest.json does not name it: somebody may be copying that version here, or an earlier kilwa was cut off. \
+        "{0} is there, but manifest.json does not name it: somebody may be copying that version here, or an earlier kilwa was interrupted. \
          It is left as it is; wait for the copy, or move the folder away, and run the same command again"
     )]
     Unnamed(PathBuf),
     /// The manifest was replaced, what follows it was not.
-    #[error("{done}: {what}. Run the same command again: it goes on from there", what = after_the_change(why))]
+    #[error("{done}: {what}. Run the same command again to finish", what = after_the_change(why))]
     Unfinished {
         /// What is done, and what is lacking.
         done: &'static str,
@@ -87,7 +87,7 @@ pub enum DraftError {
 fn hint(e: &io::Error) -> &'static str {
     match e.kind() {
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
-            ". Give a folder that you may write to, or ask whoever keeps it; nothing was changed"
+            ". Choose a folder that you can write to, or ask its owner; nothing was changed"
         }
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
             ". Make room on that disk, or give a folder on another one; nothing was changed"
@@ -102,7 +102,7 @@ fn after_the_change(e: &DraftError) -> String {
         DraftError::Disk { what, path, reason } => {
             let advice = match reason.kind() {
                 io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
-                    ". See that you may write there, or ask whoever keeps it"
+                    ". Make sure that you can write there, or ask its owner"
                 }
                 io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => ". Make room on that disk",
                 _ => "",
@@ -129,7 +129,7 @@ impl DraftError {
 }
 
 /// What is done when the manifest names a version, and something is lacking.
-const PUBLISHED: &str = "the version is published, but not everything that belongs to it is in its place";
+const PUBLISHED: &str = "the version is published, but not all of its files are in place";
 
 /// A version that is being written.
 pub struct Draft<'a> {

@@ -221,7 +221,7 @@ fn dying(by: &[&str], what: What, step: u32, folder: &Path) -> ExitStatus {
 }
 
 #[test]
-fn killed_before_any_change_on_disk_it_is_the_old_or_the_new_and_the_same_command_goes_on() {
+fn a_kill_before_any_disk_change_leaves_the_old_or_new_object_and_a_rerun_finishes() {
     for what in ALL {
         let whole = whole(what);
         for step in 0.. {
@@ -256,7 +256,7 @@ fn calls(what: What) -> BTreeMap<String, u32> {
 }
 
 #[test]
-fn killed_before_any_system_call_it_is_the_old_or_the_new_and_the_same_command_goes_on() {
+fn a_kill_before_any_system_call_leaves_the_old_or_new_object_and_a_rerun_finishes() {
     let works = Command::new("strace").args(["-f", "-qq", "-o", "/dev/null", "true"]).status();
     if !works.is_ok_and(|status| status.success()) {
         println!("skipped: strace is not here, or may not watch programs");

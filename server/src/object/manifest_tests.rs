@@ -95,7 +95,7 @@ fn a_byte_that_is_changed_breaks_the_seal() {
 }
 
 #[test]
-fn a_key_that_stands_twice_is_refused_with_its_line() {
+fn a_duplicate_key_is_refused_with_its_line() {
     let text = String::from_utf8(sample().to_bytes().unwrap()).unwrap();
     for twice in [
         text.replacen("{\n", "{\n  \"kilwa\": 2,\n", 1),

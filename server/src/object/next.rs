@@ -60,7 +60,7 @@ fn show_page(object: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     disk::remove(&next, steps)
 }
 
-/// The manifest of the object `slug` of the locked folder, after what an earlier change that was cut off has left was finished or taken away. `None`
+/// The manifest of the object `slug` of the locked folder, after finishing or removing what an interrupted change left. `None`
 /// where there is no such object.
 ///
 /// # Errors
@@ -73,7 +73,7 @@ pub fn settle(lock: &Lock, slug: &Slug, steps: Steps<'_>) -> Result<Option<Manif
         take_back(&object, steps)?;
     } else if is_page_of(&next, &manifest) {
         show_page(&object, steps)
-            .map_err(|e| e.after("an earlier change is made, but its page is not in its place"))?;
+            .map_err(|e| e.after("an earlier change was made, but its page is not in its place"))?;
     }
     disk::remove(&next, steps)?;
     Ok(Some(manifest))
@@ -84,7 +84,7 @@ fn is_page_of(next: &Path, manifest: &Manifest) -> bool {
     read_small(&next.join(PAGE), SMALL).is_ok_and(|page| sha256(&page) == manifest.page.sha256)
 }
 
-/// The manifest did not come to its place: the object is the old one, and what was to come goes.
+/// The manifest was not replaced: the object is the old one, and the prepared change is removed.
 fn take_back(object: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     let next = object.join(NEXT);
     if let Some(added) = added(object) {

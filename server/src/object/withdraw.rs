@@ -78,7 +78,7 @@ fn count(folder: &Path, prefix: &str, going: &mut (usize, u64)) -> io::Result<()
     Ok(())
 }
 
-/// What somebody says of a withdrawal.
+/// What is stated about a withdrawal.
 #[derive(Debug, Clone, Copy)]
 pub struct Withdrawal<'a> {
     /// Why, for everybody to read.
@@ -98,12 +98,12 @@ pub struct Withdrawn {
     pub day: String,
     /// An earlier command has moved all of its files.
     pub before: bool,
-    /// Something was changed now: with `before`, what was cut off had left something.
+    /// Something was changed now; with `before`, only leftovers of an interrupted command.
     pub changed: bool,
 }
 
 /// What is done when the manifest says that an object is withdrawn, and something is lacking.
-const WITHDRAWN: &str = "the object is withdrawn, but not everything that goes has left its folder";
+const WITHDRAWN: &str = "the object is withdrawn, but not all of its files have been moved";
 
 /// Withdraw the object `slug` of the locked folder, or go on with it.
 ///
@@ -210,7 +210,7 @@ fn begin_keeping(
     Ok(kept)
 }
 
-/// From here on nobody is led to a file that goes, and a server gives none.
+/// From here on no page links to a file that will go, and a server serves none.
 fn close_object(
     object: &Path,
     slug: &Slug,
@@ -257,7 +257,7 @@ fn strip(folder: &Path, kept: &Path, prefix: &str, steps: Steps<'_>) -> Result<(
             }
         } else if !stays(&path) {
             if !is_there(&at, &copy) {
-                let lacking = io::Error::other(format!("{} has not the same file", copy.display()));
+                let lacking = io::Error::other(format!("{} is not the same file", copy.display()));
                 return Err(failed("remove what was withdrawn,", &at)(lacking));
             }
             disk::remove(&at, steps)?;

@@ -58,7 +58,7 @@ fn no_file_is_removed_that_is_not_kept() {
 }
 
 #[test]
-fn a_withdrawal_that_was_begun_before_another_version_came_goes_on_with_all_of_them() {
+fn a_resumed_withdrawal_includes_versions_published_since() {
     let (shelf, keep) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     publish(shelf.path(), 1, &|_| Ok(())).unwrap();
     let cut = |what: &str| if what == "manifest.json" { Err(io::Error::other("cut off")) } else { Ok(()) };
@@ -77,7 +77,7 @@ fn a_withdrawal_that_was_begun_before_another_version_came_goes_on_with_all_of_t
 }
 
 #[test]
-fn nothing_was_changed_is_said_only_where_nothing_was_and_the_same_command_goes_on() {
+fn nothing_was_changed_is_printed_only_if_true_and_a_rerun_finishes() {
     let with_two_versions = || {
         // Thousands of files are put on disk: in memory that takes no time.
         let memory = Path::new("/dev/shm");
@@ -130,7 +130,7 @@ fn nothing_was_changed_is_said_only_where_nothing_was_and_the_same_command_goes_
 }
 
 #[test]
-fn what_commands_that_were_cut_off_have_left_goes_with_the_next_one_also_when_all_is_withdrawn() {
+fn the_next_command_removes_leftovers_even_if_everything_is_withdrawn() {
     let folder = tempfile::tempdir().unwrap();
     let (shelf, keep) = (folder.path().join("shelf"), folder.path().join("keep"));
     fs::create_dir(&shelf).unwrap();

@@ -17,7 +17,7 @@ use std::fmt::Write as _;
 pub(crate) const PAGE: u32 = 100;
 /// A page ends behind the record with which it is longer than this, bytes.
 const PAGE_BYTES: usize = 128 * 1024;
-/// Longest `dc.xml` that is passed on, bytes; of an object with a longer one only the least is told.
+/// Longest `dc.xml` that is passed on, bytes; an object with a longer one gets a minimal record.
 pub(crate) const RECORD_MAX: u64 = 128 * 1024;
 
 /// What the protocol asks of the archive.

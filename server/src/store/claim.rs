@@ -127,7 +127,7 @@ fn taken_over(store: &Arc<S3>, key: &str, purpose: &str) -> io::Result<Option<St
 fn refused(version: u32, lease: Duration) -> io::Error {
     io::Error::other(format!(
         "somebody else is publishing version {version} of this object at this moment; run the same command again when that is done. \
-         If it was given up, it can be run again {} minutes after that",
+         If they gave up, run it again after {} minutes",
         lease.as_secs().div_ceil(60)
     ))
 }

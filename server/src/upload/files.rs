@@ -64,7 +64,7 @@ pub(super) fn check(path: &str, at: &Path) -> io::Result<()> {
         file.take(PREVIEW_MAX + 1).read_to_end(&mut bytes)?;
         return match glb_json(&bytes) {
             Ok(_) => Ok(()),
-            Err(why) => wrong(&format!("no binary glTF 2.0 that is whole in itself: {why}")),
+            Err(why) => wrong(&format!("not a self-contained binary glTF 2.0: {why}")),
         };
     }
     let mut head = [0; 8];
@@ -125,10 +125,10 @@ pub(super) fn glb_json(bytes: &[u8]) -> Result<Value, String> {
         let length = word(at).filter(|_| word(at + 4) == Some(kind))?;
         bytes.get(at + 8..(at + 8).checked_add(length as usize)?)
     };
-    let json = chunk(12, JSON).ok_or("its first chunk is no JSON")?;
+    let json = chunk(12, JSON).ok_or("its first chunk is not JSON")?;
     let end = 20 + json.len();
     let binary =
-        if end < bytes.len() { chunk(end, BIN).ok_or("behind its JSON is no binary chunk")?.len() + 8 } else { 0 };
+        if end < bytes.len() { chunk(end, BIN).ok_or("no binary chunk follows its JSON")?.len() + 8 } else { 0 };
     if end + binary != bytes.len() {
         return Err("something follows its chunks".to_owned());
     }
@@ -223,7 +223,7 @@ mod tests {
         };
         assert!(said("preview.glb", &glb("{\"asset\":{\"version\":\"2.0\"}}")).is_ok());
         let elsewhere = "{\"asset\":{},\"buffers\":[{\"uri\":\"http://x\"}]}";
-        assert!(said("preview.glb", &glb(elsewhere)).unwrap_err().contains("whole in itself"));
+        assert!(said("preview.glb", &glb(elsewhere)).unwrap_err().contains("self-contained"));
         assert!(said("preview.glb", &glb("{\"asset\":{}}")[..30]).is_err());
         // Addresses in extensions and extras, hidden by letters, and keys that two programs read differently.
         for json in [

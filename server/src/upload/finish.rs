@@ -173,7 +173,7 @@ pub(super) fn check_version(intent: &Intent, before: Option<&Manifest>) -> Resul
 }
 
 fn locked(folder: &Path, job: &Job) -> Result<Lock, Refusal> {
-    let said = "something else is published to or withdrawn from the archive; it goes on after that";
+    let said = "another publication or withdrawal is in progress; this one continues after it";
     let taken = Lock::wait(folder, PATIENCE, &|| *lock(&job.waits) = Some(said.to_owned()));
     *lock(&job.waits) = None;
     taken.map_err(|e| Refusal { retry_after: Some(60), ..refused(&e) })

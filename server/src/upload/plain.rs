@@ -20,7 +20,7 @@ const RESOLUTION: &[u8; 9] = b"\0\0\x17\x12\0\0\x17\x12\x01";
 /// Largest side of a drawing, pixels.
 const SIDE_MAX: u32 = 20_000;
 
-const FOREIGN: &str = "holds something beside its pixels, or is damaged";
+const FOREIGN: &str = "holds something beyond its pixels, or is damaged";
 
 /// A JPEG as `kilwa publish` writes the poster or thumbnail of this name.
 pub(super) fn check_jpeg(path: &str, bytes: &[u8]) -> Result<(), String> {
@@ -29,7 +29,7 @@ pub(super) fn check_jpeg(path: &str, bytes: &[u8]) -> Result<(), String> {
     let (w, h) = match width_of {
         Some(w) => (w, (w * height).div_ceil(width)),
         None if path == POSTER => (width, height),
-        None => return Err("is no poster".to_owned()),
+        None => return Err("is not a poster".to_owned()),
     };
     let mut head = *HEAD;
     if let Some(size) = head.get_mut(SIZE_AT) {
@@ -227,13 +227,13 @@ pub(super) fn check_preview(bytes: &[u8], of_pack: &Metadata) -> Result<(), Stri
     let diagonal = size.iter().map(|s| s * s).sum::<f64>().sqrt();
     let near = |k: usize| (said.place[k] - f64::midpoint(of_pack.bounds_min[k], of_pack.bounds_max[k])).abs();
     if (0..3).any(|k| near(k) > diagonal / 100.0 + 1e-3) {
-        return Err("tells a place outside of the pack".to_owned());
+        return Err("states a position outside the pack".to_owned());
     }
     if !(0.0..=diagonal).contains(&said.error) || said.min.iter().chain(&said.max).any(|v| v.abs() > diagonal) {
         return Err("has coordinates larger than the model".to_owned());
     }
     let binary = bytes.get(28 + length..).unwrap_or_default();
-    if said.holds(binary) { Ok(()) } else { Err("has vertices or triangles other than it says".to_owned()) }
+    if said.holds(binary) { Ok(()) } else { Err("has other vertices or triangles than it declares".to_owned()) }
 }
 
 /// What differs from preview to preview.

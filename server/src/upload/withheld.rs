@@ -1,4 +1,4 @@
-//! Whether a version that is said to be published without its location is: the server does not know the true one, and takes nobody's word for it.
+//! Checks that a version announced as having no location really has none; the server does not know the true one.
 //!
 //! A pack that `kilwa publish --redact-location` writes stands with its middle at zero, or in the middle of the cell that was announced, on height
 //! zero, and names neither reference system nor source files. Channels must be announced and hold no coordinates. No text states
@@ -32,7 +32,7 @@ pub(super) fn check_intent(intent: &Intent) -> Result<(), String> {
         };
     }
     if let Some(cell) = intent.location_cell.filter(|c| !(c.is_finite() && *c > 0.0 && *c <= CELL_MAX)) {
-        return Err(format!("location_cell: {cell} m is no side of a cell; up to {CELL_MAX} are possible"));
+        return Err(format!("location_cell: {cell} m is not a valid cell size; at most {CELL_MAX} m is allowed"));
     }
     let unknown = unknown(intent);
     if let Some((field, finding)) = intent.metadata.giving_away(&unknown) {
@@ -120,13 +120,13 @@ fn check_place<S: Source>(intent: &Intent, reader: &Reader<S>) -> Result<(), Str
     let reach = (0..3).map(|k| high[k] - low[k]).fold(tolerance, f64::max);
     let corners = (0..3)
         .all(|k| (metadata.bounds_min[k] - low[k]).abs() <= reach && (metadata.bounds_max[k] - high[k]).abs() <= reach);
-    if corners { Ok(()) } else { Err(claimed("the metadata of its pack tell another place than its lattice")) }
+    if corners { Ok(()) } else { Err(claimed("the metadata of its pack give a different position from its lattice")) }
 }
 
 /// What was found although the location is said to be withheld.
 fn claimed(what: &str) -> String {
     format!(
-        "the version is said to be without its location (--redact-location), and {what}; publish it with this version of kilwa, which takes the location out"
+        "the version is announced as having no location (--redact-location), but {what}; publish it with this version of kilwa, which removes the location"
     )
 }
 
@@ -164,7 +164,7 @@ fn is_around(of_pack: &Metadata, axis: usize, value: f64) -> bool {
 fn check_world(text: &str, of_pack: &Metadata) -> Result<(), String> {
     let numbers: Vec<f64> = text.lines().filter_map(|l| l.trim().parse().ok()).collect();
     let [scale, 0.0, 0.0, down, x, y] = numbers[..] else {
-        return Err("is no world file of a plan".to_owned());
+        return Err("is not a world file of a plan".to_owned());
     };
     let written: String = numbers.iter().flat_map(|n| [format!("{n:?}"), "\n".to_owned()]).collect();
     if text != written || scale <= 0.0 || scale > diagonal(of_pack).max(1.0) || down != -scale {

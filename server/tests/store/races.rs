@@ -1,4 +1,4 @@
-//! Two or more who publish to one store, or to one folder by a server and beside it, at once: whoever is told that it is done has published a version that is there, whole; the others are told why not.
+//! Concurrent publishing to one store, or to one folder through a server and directly: a version reported as published is there, complete; the others are told why not.
 
 use super::bucket::Bucket;
 use super::uploads::{Museum, tree, version};
@@ -40,7 +40,7 @@ async fn shown(options: &S3Options) -> Manifest {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_version_that_somebody_publishes_is_not_mixed_with_that_of_another() {
+async fn concurrent_versions_are_never_mixed() {
     let Some(bucket) = Bucket::start("a_version_that_somebody_publishes_is_not_mixed…") else { return };
     let options = options(&bucket, "mixed", LEASE);
     let first = noise(10_000, 1);
@@ -92,7 +92,7 @@ async fn a_version_that_somebody_publishes_is_not_mixed_with_that_of_another() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_somebody_gave_up_is_taken_over_by_the_same_command_at_once_and_by_another_when_its_time_is_over() {
+async fn an_abandoned_claim_goes_to_the_same_command_at_once_and_to_others_after_the_lease() {
     let Some(bucket) = Bucket::start("what_somebody_gave_up_is_taken_over…") else { return };
     let packs = [noise(10_000, 1), noise(10_000, 2)];
     let shelves = [0, 1].map(|i: usize| {
@@ -163,7 +163,7 @@ fn pauses(seed: u64, most: u64) -> impl Fn(&str) + Send {
 
 /// An upload, a version that is published to the same folder, and a withdrawal.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn of_an_upload_a_publication_and_a_withdrawal_in_one_folder_nothing_is_lost() {
+async fn a_concurrent_upload_publication_and_withdrawal_lose_nothing() {
     let rounds = 200;
     let memory = Path::new("/dev/shm");
     let folder = || if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() }.unwrap();
@@ -236,8 +236,8 @@ async fn of_an_upload_a_publication_and_a_withdrawal_in_one_folder_nothing_is_lo
 
 /// Two programs that send what they made, and a server that takes an upload, at once and with pauses of any length between their steps.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn of_three_who_publish_at_once_nothing_is_lost() {
-    let Some(bucket) = Bucket::start("of_three_who_publish_at_once_nothing_is_lost") else { return };
+async fn three_concurrent_publishers_lose_nothing() {
+    let Some(bucket) = Bucket::start("three_concurrent_publishers_lose_nothing") else { return };
     let rounds = if std::env::var_os("KILWA_SOAK").is_some() { 200 } else { 8 };
     // The same object with two further versions, made in folders.
     let mut made = Vec::new();

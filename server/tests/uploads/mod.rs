@@ -562,7 +562,7 @@ async fn who_publishes_many_versions_lets_others_go_between_them() {
 }
 
 #[tokio::test]
-async fn an_announcement_in_which_a_key_stands_twice_is_refused() {
+async fn an_announcement_with_a_duplicate_key_is_refused() {
     let m = Museum::new();
     let version = Version::new("fort", 1, fort_pack());
     let json = serde_json::to_string(&version.intent).unwrap();

@@ -99,7 +99,7 @@ fn replace(version: &mut Version, path: &str, bytes: Vec<u8>) {
 const MIDDLE: [f64; 3] = [-500.0 / 1024.0, -400.0 / 1024.0, 0.0];
 /// The true place, in a form that every file is tried with.
 const HERE: &[u8] = b"-8.956109 39.600225 EPSG:32737 565977 9009946";
-const PICTURE: &str = "holds something beside its pixels";
+const PICTURE: &str = "holds something beyond its pixels";
 
 fn at(x: f64, y: f64, z: f64) -> [f64; 3] {
     [MIDDLE[0] + x, MIDDLE[1] + y, z]
@@ -176,7 +176,7 @@ async fn a_withheld_location_is_searched_for_in_pack_and_texts() {
         (with(|v| v.intent.note = note), "the note of the version: \"openstreetmap.org"),
         (with(|v| v.intent.location_cell = Some(0.5)), "a cell of 0.5 m does not hide a model"),
         (with(|v| v.intent.location_cell = Some(100_000.0)), "and not at 50000 50000"),
-        (with(|v| v.intent.location_cell = Some(-1.0)), "no side of a cell"),
+        (with(|v| v.intent.location_cell = Some(-1.0)), "not a valid cell size"),
     ])
     .await;
 }
@@ -186,10 +186,10 @@ async fn a_withheld_location_is_searched_for_in_the_preview() {
     let world = json!([565_977.0, 9_009_946.0, 31.0]);
     let larger = json!([565_977.0, 0.25, 0.0]);
     let mut table = vec![
-        (previewed("/extras/world_from_local_m", &world), "preview.glb tells a place outside"),
+        (previewed("/extras/world_from_local_m", &world), "preview.glb states a position outside"),
         (previewed("/accessors/0/max", &larger), "preview.glb has coordinates larger than the model"),
-        (previewed("/accessors/0/max", &json!([0.375, 0.25, 0.0])), "preview.glb has vertices or triangles other"),
-        (file("preview.glb", preview(&json!({}), b"565977__")), "preview.glb has vertices or triangles other"),
+        (previewed("/accessors/0/max", &json!([0.375, 0.25, 0.0])), "preview.glb has other vertices or triangles"),
+        (file("preview.glb", preview(&json!({}), b"565977__")), "preview.glb has other vertices or triangles"),
     ];
     for (key, value) in [
         ("/meshes/0/name", json!("E565977 N9009946")),
@@ -225,7 +225,7 @@ async fn a_withheld_location_is_searched_for_in_posters() {
         poster(&|b| b.extend(HERE)),
         (file("poster.jpg", jpeg([1200, 630], HERE)), PICTURE),
         (file("poster.jpg", jpeg([1200, 630], &restart)), PICTURE),
-        (file("poster-600.jpg", jpeg([1200, 630], b"")), "poster-600.jpg holds something beside its pixels"),
+        (file("poster-600.jpg", jpeg([1200, 630], b"")), "poster-600.jpg holds something beyond its pixels"),
     ])
     .await;
 }

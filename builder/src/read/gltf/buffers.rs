@@ -115,7 +115,7 @@ impl<'a> Buffers<'a> {
             }
             let size = packed.count.saturating_mul(packed.byte_stride);
             if size > self.most {
-                let found = format!("a compressed view of {size} bytes, of which at most {} fit the memory", self.most);
+                let found = format!("a compressed view of {size} bytes; at most {} fit in memory", self.most);
                 let expected = "a smaller one; give a larger --memory, or export the file without compression";
                 return Err(context.part(part(), found, expected));
             }

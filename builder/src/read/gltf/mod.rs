@@ -94,7 +94,7 @@ impl Context<'_> {
 
     /// The error for a version that is not read.
     fn version(&self, version: &str) -> ReadError {
-        let needs = format!("is glTF {}; glTF 2.0 is read", visible(version));
+        let needs = format!("is glTF {}; only glTF 2.0 is supported", visible(version));
         ReadError::Needs { file: self.path.to_owned(), needs, way_out: EXPORT }
     }
 }

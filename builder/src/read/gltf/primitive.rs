@@ -418,7 +418,7 @@ fn image_bytes(
         let view = buffers.view(root, view, context).map_err(text)?;
         if view.len() > most {
             let why = format!(
-                "images[{index}] has {} bytes, of which {most} fit the memory; give a larger --memory",
+                "images[{index}] has {} bytes, of which only {most} fit in memory; give a larger --memory",
                 view.len()
             );
             return Err(Refusal::Memory(why));

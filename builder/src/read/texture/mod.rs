@@ -78,7 +78,7 @@ pub fn light_from_srgb(level: u8) -> f64 {
 
 fn too_little(memory: u64, need: &str) -> Refusal {
     Refusal::Memory(format!(
-        "decoding it takes {need} of memory, and it may have {memory} bytes; give a larger --memory (twice what it takes), or a smaller picture"
+        "decoding it takes {need} of memory, but {memory} bytes are allowed; give a larger --memory (twice what it takes), or a smaller picture"
     ))
 }
 

@@ -1,4 +1,4 @@
-//! Where a model truly is, for whatever must not say so: finds in texts, and in scalar channels ([`channels`]), what gives a withheld location away.
+//! Finds what gives a withheld location away, in texts and in scalar channels ([`channels`]).
 //!
 //! [`Location::of`] is made of the pack and the metadata that were given; [`Location::unknown`] is for who was given neither, as a server is that
 //! takes an upload. Both refuse what can only be a statement of coordinates (a latitude with a longitude, a Plus Code, an address of a

@@ -1,4 +1,4 @@
-//! Coordinates and reference systems of whichever place, by their form alone: for texts of which nobody knows what they must not say.
+//! Coordinates and reference systems of any place, by form alone: for texts whose withheld location is unknown.
 //!
 //! Stricter than what a known location needs: five decimals are a coordinate here, whatever they measure. A single whole number (`565977`) says nothing by
 //! its form and passes.

@@ -24,7 +24,7 @@ impl Notes {
         let bytes = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes);
         let value: Value = kilwa_pack::json::from_slice(bytes).map_err(|e| {
             NotesError::one(format!(
-                "it is no JSON that can be used ({e}); save the notes as a file in the viewer, Notes, \"Save as a file\""
+                "it is not usable JSON ({e}); save the notes as a file in the viewer, Notes, \"Save as a file\""
             ))
         })?;
         let items = items_of(value)?;

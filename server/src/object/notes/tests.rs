@@ -113,7 +113,7 @@ fn what_is_nested_deeper_than_can_be_read_again_is_refused_with_its_note() {
 }
 
 #[test]
-fn a_key_that_stands_twice_is_refused() {
+fn a_duplicate_key_is_refused() {
     let text = String::from_utf8(page(&json!([note("Gate", [1.0, 2.0, 3.0])]))).unwrap();
     for twice in [
         text.replacen("\"label\":", "\"label\":\"Other\",\"label\":", 1),
@@ -162,7 +162,7 @@ fn what_cannot_be_is_refused_with_its_note_and_what_to_do() {
     let empty = changed(&|v| (v["label"], v["body"]) = (json!(""), json!([])));
     assert!(empty.contains("note 2 says nothing") && empty.contains("delete it"), "{empty}");
     let parse = |text: &str| Notes::parse(text.as_bytes()).unwrap_err().to_string();
-    assert!(parse("{").contains("no JSON that can be used") && parse("{").contains("Save as a file"));
+    assert!(parse("{").contains("not usable JSON") && parse("{").contains("Save as a file"));
     assert!(
         parse("{\"type\":\"Feature\"}").contains("no Web Annotations") && parse("7").contains("no Web Annotations")
     );
