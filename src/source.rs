@@ -1,9 +1,9 @@
 //! Opening packs that are files.
 
 use anyhow::Context;
+use kilwa_files::plain_file;
 use kilwa_pack::Reader;
 pub(crate) use kilwa_server::object::source::FileSource;
-use kilwa_server::plain_file;
 use std::path::Path;
 
 /// All of a plain file that a person named, of at most `max` bytes.

@@ -9,9 +9,9 @@ use crate::holding::{Holding, SMALL, Tables};
 use crate::object::Manifest;
 use crate::object::layout::{MANIFEST, RESERVED};
 use crate::object::manifest::{Access, AccessState};
-use crate::plain_file;
 use crate::store::{self, Identity, Place, S3, Survey, is_away, is_refused, is_silent};
 use axum::http::StatusCode;
+use kilwa_files::plain_file;
 use kilwa_pack::header::MAGIC;
 use kilwa_pack::{HEADER_BYTES, Header, Metadata};
 use std::collections::{BTreeMap, BTreeSet};
@@ -345,7 +345,7 @@ impl Catalogue {
     pub(crate) fn check(&self) -> std::io::Result<()> {
         match &self.root {
             Place::Path(path) if path.is_dir() => std::fs::read_dir(path).map(drop),
-            Place::Path(path) => File::open(path).map(drop),
+            Place::Path(path) => plain_file::open(path).map(drop),
             Place::Key(store, _) => store.check(),
         }
     }

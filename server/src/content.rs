@@ -2,12 +2,12 @@
 //!
 //! Inputs: an open [`Source`] (content, length, tag, how long it may be kept) and the request's method and headers. Invariants: what is
 //! sent is exactly `length` bytes of the file as it was opened, never encoded, because offsets in a pack are offsets on the wire; one
-//! response holds a buffer or two, whatever the file's size and however slow the reader. Failures: a file that turns out shorter than it
-//! was, and a store that stops in the middle, end the connection before `Content-Length` is reached, which no client takes for the end.
+//! response holds a buffer or two, whatever the file's size and however slow the reader. Failures: a file that was changed or made shorter
+//! meanwhile, and a store that stops in the middle, end the connection before `Content-Length` is reached, which no client takes for the end.
 
 use crate::budget::Lean;
 use crate::range::{RANGES_MAX, Wanted, lists, parse};
-use crate::store::Content;
+use crate::store::{Content, Identity};
 use axum::body::{Body, Bytes};
 use axum::http::header::{
     ACCEPT_RANGES, ACCESS_CONTROL_ALLOW_ORIGIN, ACCESS_CONTROL_EXPOSE_HEADERS, CACHE_CONTROL, CONTENT_LENGTH,
@@ -109,7 +109,7 @@ pub(crate) async fn pieces(
 /// Stretches, start and length, one behind the other; `length` bytes in all. A store is asked for [`AHEAD`] of them at a time.
 async fn several(content: Content, stretches: Vec<(u64, u64)>, length: u64) -> io::Result<Body> {
     let (store, key, identity) = match content {
-        Content::File(file) => return Ok(Body::new(Part::new(file, stretches, length))),
+        Content::File(file, identity) => return Ok(Body::new(Part::new((file, identity), stretches, length))),
         Content::Held(bytes) => {
             let part = |&(start, length): &(u64, u64)| {
                 let place = usize::try_from(start).ok().zip(usize::try_from(start + length).ok());
@@ -203,7 +203,7 @@ async fn send(source: Source, wanted: Wanted, head: bool) -> io::Result<Response
 /// `length` bytes from `start` on.
 async fn stretch(content: Content, start: u64, length: u64) -> io::Result<Body> {
     Ok(match content {
-        Content::File(file) => Body::new(Part::new(file, vec![(start, length)], length)),
+        Content::File(file, identity) => Body::new(Part::new((file, identity), vec![(start, length)], length)),
         Content::Held(bytes) => {
             let end = usize::try_from(start + length).ok();
             let part = usize::try_from(start).ok().zip(end).filter(|(_, end)| *end <= bytes.len());
@@ -239,7 +239,8 @@ pub(crate) fn plain(status: StatusCode) -> Response<Body> {
 
 /// Stretches of a file as a response body, read a buffer at a time, and only when the one before has gone.
 struct Part {
-    file: Arc<File>,
+    /// And what it was when its tag was found out.
+    file: Arc<(File, Identity)>,
     /// What is to be read, start and length, none empty.
     stretches: VecDeque<(u64, u64)>,
     left: u64,
@@ -248,7 +249,7 @@ struct Part {
 
 impl Part {
     /// `left` bytes in all.
-    fn new(file: File, stretches: Vec<(u64, u64)>, left: u64) -> Self {
+    fn new(file: (File, Identity), stretches: Vec<(u64, u64)>, left: u64) -> Self {
         Self { file: Arc::new(file), stretches: stretches.into(), left, reading: None }
     }
 
@@ -336,8 +337,8 @@ impl http_body::Body for Flow {
     }
 }
 
-/// Parts of a file, one behind the other.
-fn read(file: &File, parts: &[(u64, usize)]) -> io::Result<Bytes> {
+/// Parts of a file, one behind the other, of which none was written over before it was read.
+fn read((file, identity): &(File, Identity), parts: &[(u64, usize)]) -> io::Result<Bytes> {
     let mut buffer = vec![0; parts.iter().map(|p| p.1).sum()];
     let mut left = buffer.as_mut_slice();
     for &(mut at, length) in parts {
@@ -355,6 +356,9 @@ fn read(file: &File, parts: &[(u64, usize)]) -> io::Result<Bytes> {
             at += n as u64;
             rest = rest.get_mut(n..).unwrap_or_default();
         }
+    }
+    if Identity::of(&file.metadata()?) != *identity {
+        return Err(io::Error::other("the file was changed while it was sent"));
     }
     Ok(buffer.into())
 }

@@ -8,12 +8,12 @@
 
 use crate::object::checksums::{sha256, sha256_of};
 use crate::object::layout::{CHECKSUMS, MANIFEST, PAGE, version_of};
-use crate::object::manifest::Version;
+use crate::object::manifest::{AccessState, Version};
 use crate::object::{Checksums, Manifest};
 use crate::objects::NOTES;
-use crate::plain_file;
-use crate::store::{Content, HELD_MAX, Identity, Place, is_away, is_refused, is_silent};
+use crate::store::{Content, HELD_MAX, Identity, Place, is_away, is_refused, is_silent, warn_once};
 use axum::body::Bytes;
+use kilwa_files::plain_file;
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
@@ -52,7 +52,7 @@ impl Entry {
                 if Identity::of(&file.metadata()?) != self.identity {
                     return Err(io::Error::other("the file changed since it was listed"));
                 }
-                Content::File(file)
+                Content::File(file, self.identity.clone())
             }
             Place::Key(..) if bytes <= HELD_MAX => Content::Held(self.place.read_listed(&self.identity, HELD_MAX)?),
             Place::Key(store, key) => Content::Remote(Arc::clone(store), key.clone(), self.identity.clone()),
@@ -72,10 +72,10 @@ impl Entry {
             return Ok(sound);
         }
         let sum = match (content, &self.place) {
-            (Content::File(_), Place::Path(path)) => sha256_of(plain_file::open_direct(path)?)?.1,
+            (Content::File(..), Place::Path(path)) => sha256_of(plain_file::open_direct(path)?)?.1,
             (Content::Held(bytes), _) => sha256(bytes),
             (Content::Remote(store, key, identity), _) => store.sha256(key, identity)?,
-            (Content::File(file), Place::Key(..)) => sha256_of(file)?.1,
+            (Content::File(file, _), Place::Key(..)) => sha256_of(file)?.1,
         };
         Ok(*sound.insert(sum == wanted))
     }
@@ -101,7 +101,8 @@ pub(crate) struct Table {
     files: BTreeMap<String, Entry>,
     root: BTreeMap<String, Option<Identity>>,
     pub(crate) manifest: Manifest,
-    /// Not where the store refused a version's list: it is asked for again.
+    /// Not if the store refused a version's list, or a file of a version is missing or damaged: it is looked for again, as it may be put back
+    /// without any change of the folder above it.
     is_whole: bool,
 }
 
@@ -228,9 +229,11 @@ impl Holding {
                 Err(e) if is_away(&e) => return Err(e),
                 Err(e) if is_refused(&e) => is_whole = false,
                 Err(e) => {
-                    tracing::warn!("{place}: {e}; nothing of it is served; run kilwa verify on the object");
+                    warn_once(format!("{place}: {e}; nothing of it is served; run kilwa verify on the object"));
+                    is_whole = false;
                 }
-                Ok(()) => {}
+                // What is withdrawn has no geometry.
+                Ok(all) => is_whole &= all || manifest.access.state == AccessState::Withdrawn,
             }
         }
         Ok(Table { files, root, manifest, is_whole })
@@ -250,8 +253,8 @@ fn root_of(folder: &Place) -> io::Result<BTreeMap<String, Option<Identity>>> {
     Ok(root)
 }
 
-/// Every file of a version folder that its list names, under `v1/name`.
-fn version_files(version: &Version, folder: &Place, files: &mut BTreeMap<String, Entry>) -> io::Result<()> {
+/// Every file of a version folder that its list names, under `v1/name`; whether all of them are there.
+fn version_files(version: &Version, folder: &Place, files: &mut BTreeMap<String, Entry>) -> io::Result<bool> {
     let mut found = folder.files()?;
     let list = found.remove(CHECKSUMS).map(|identity| Entry::new(folder.join(CHECKSUMS), identity));
     let list = list.ok_or_else(|| io::Error::other(format!("there is no {CHECKSUMS}")))?;
@@ -260,25 +263,29 @@ fn version_files(version: &Version, folder: &Place, files: &mut BTreeMap<String,
         return Err(io::Error::other(format!("its {CHECKSUMS} is not the one that manifest.json names")));
     }
     let text = String::from_utf8(bytes.into()).map_err(io::Error::other)?;
+    let mut is_whole = true;
     for (name, sum) in Checksums::parse(&text).map_err(|e| io::Error::other(format!("{CHECKSUMS}: {e}")))?.iter() {
-        if let Some(identity) = found.remove(name) {
-            let mut entry = Entry::new(folder.join(name), identity);
-            let is_pack = version.pack.url.strip_suffix(name).is_some_and(|rest| rest.ends_with('/'));
-            if is_pack && entry.identity.bytes() != version.pack.bytes {
-                tracing::warn!("{folder}: {name} has another length than the manifest says, not served");
-                continue;
-            }
-            if !is_pack && entry.identity.bytes() > CHECKED {
-                tracing::warn!("{folder}: {name} is too long for a file that is not a pack, not served");
-                continue;
-            }
+        let Some(identity) = found.remove(name) else {
+            is_whole = false;
+            continue;
+        };
+        let mut entry = Entry::new(folder.join(name), identity);
+        let is_pack = version.pack.url.strip_suffix(name).is_some_and(|rest| rest.ends_with('/'));
+        let why = if is_pack && entry.identity.bytes() != version.pack.bytes {
+            "has another length than the manifest says"
+        } else if !is_pack && entry.identity.bytes() > CHECKED {
+            "is too long for a file that is not a pack"
+        } else {
             entry.sha256 = Some(sum.into());
             files.insert(format!("{}/{name}", version.folder), entry);
-        }
+            continue;
+        };
+        warn_once(format!("{folder}: {name} {why}, not served"));
+        is_whole = false;
     }
     for name in found.keys() {
-        tracing::warn!("{folder}: {name} is not in {CHECKSUMS}, not served");
+        warn_once(format!("{folder}: {name} is not in {CHECKSUMS}, not served"));
     }
     files.insert(format!("{}/{CHECKSUMS}", version.folder), list);
-    Ok(())
+    Ok(is_whole)
 }

@@ -23,6 +23,7 @@ use crate::object::manifest::Version;
 use crate::packs::blocking;
 use crate::page::content_type;
 use crate::range::{is_pack, split};
+use crate::recheck::rechecked;
 use crate::site::{Site, accepts};
 use crate::store::{Content, Identity, Place, is_silent, warn};
 use axum::body::{Body, Bytes};
@@ -58,15 +59,21 @@ pub(crate) async fn respond(
                 let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
                 match door {
                     Some(door) if lets_out(door, headers, &model.slug, content, clock).await => {
-                        file(&Asked { holding: &object.holding, table: &table, ranges, method, headers }, name)
+                        let asked = Asked { holding: &object.holding, table: &table, ranges, method, headers };
+                        file(&asked, name)
                             .await
                             .map(keep_nowhere)
+                            .map(|r| while_allowed(r, model, clock, Some(door), headers))
                     }
                     Some(_) => Ok(locked(&model.slug, &why)),
                     None => Ok(withheld(&why)),
                 }
             }
-            _ => file(&Asked { holding: &object.holding, table: &table, ranges, method, headers }, name).await,
+            _ => {
+                let found =
+                    file(&Asked { holding: &object.holding, table: &table, ranges, method, headers }, name).await;
+                if is_geometry(name) { found.map(|r| while_allowed(r, model, clock, door, headers)) } else { found }
+            }
         },
         Err(status) => Err(status),
     };
@@ -77,6 +84,34 @@ pub(crate) async fn respond(
         share_ranges(&mut response);
     }
     response
+}
+
+/// The same, ended when whoever asked may not have it any more.
+pub(crate) fn while_allowed(
+    response: Response<Body>,
+    model: &Model,
+    clock: &Clock,
+    door: Option<&Arc<Door>>,
+    headers: &HeaderMap,
+) -> Response<Body> {
+    let Some(object) = model.object() else { return response };
+    let (holding, slug) = (Arc::clone(&object.holding), model.slug.clone());
+    let (clock, door, headers) = (clock.clone(), door.cloned(), headers.clone());
+    let may_go_on = move || {
+        let Ok(table) = holding.table() else { return false };
+        match verdict(&table.manifest.access, &clock) {
+            Verdict::Open => true,
+            Verdict::Gone(_) => false,
+            Verdict::WithoutGeometry(_) => {
+                let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
+                let now = clock.seconds();
+                // Who was let in by this very answer has its capability in the next request only.
+                let is_visitor = |door: &Door| door.visitor(&headers, now).is_some_and(|v| door.sees(&v.who, &slug));
+                door.as_ref().is_some_and(|door| door.lets_out(&headers, &slug, content, now) || is_visitor(door))
+            }
+        }
+    };
+    response.map(|body| rechecked(body, Arc::new(may_go_on)))
 }
 
 /// The landing page of an object, or `None` where it has none; its status, 410 for a tombstone; and its table.
@@ -169,7 +204,7 @@ async fn root_file(asked: &Asked<'_>, name: &str) -> Result<Response<Body>, Stat
     let entry = asked.table.get(name).ok_or(StatusCode::NOT_FOUND)?.clone();
     if entry.identity().bytes() > WHOLE_MAX && entry.place().path().is_some() {
         let opened = blocking(move || match entry.open()? {
-            (Content::File(file), _) => hashed(file).map(Some),
+            (Content::File(file, _), _) => hashed(file).map(Some),
             _ => Ok(None),
         });
         if let Ok(Some(source)) = opened.await? {
@@ -186,6 +221,7 @@ async fn root_file(asked: &Asked<'_>, name: &str) -> Result<Response<Body>, Stat
 /// # Errors
 /// When it cannot be read.
 pub(crate) fn hashed(mut file: File) -> io::Result<Source> {
+    let identity = Identity::of(&file.metadata()?);
     let (mut hasher, mut bytes, mut buffer) = (blake3::Hasher::new(), 0, vec![0; 64 * 1024]);
     loop {
         let read = file.read(&mut buffer)?;
@@ -197,7 +233,7 @@ pub(crate) fn hashed(mut file: File) -> io::Result<Source> {
     }
     let hash = hasher.finalize().to_hex().as_str().into();
     let content_type = "application/octet-stream";
-    Ok(Source { content: Content::File(file), bytes, hash, content_type, cache: ASK_AGAIN })
+    Ok(Source { content: Content::File(file, identity), bytes, hash, content_type, cache: ASK_AGAIN })
 }
 
 /// A file of a version, under the name that says what kind it is; once more after looking again, where it is not what was listed.

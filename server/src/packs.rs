@@ -9,11 +9,11 @@ use crate::catalogue::{Catalogue, Kind, Model};
 use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, offer_pieces, pieces, plain, share_ranges};
 use crate::holding::SMALL;
 use crate::objects;
-use crate::plain_file;
 use crate::range::split;
 use crate::store::{Content, Identity};
 use axum::body::Body;
 use axum::http::{HeaderMap, Method, Response, StatusCode};
+use kilwa_files::plain_file;
 use std::sync::Arc;
 
 /// Answer a GET or HEAD for the file name of a pack URL.
@@ -125,12 +125,12 @@ async fn open(model: &Arc<Model>) -> Option<Source> {
     let model = Arc::clone(model);
     let opened = blocking(move || {
         let file = plain_file::open_direct(model.place.path()?).ok()?;
-        (Identity::of(&file.metadata().ok()?) == model.identity).then_some((file, model.bytes))
+        (Identity::of(&file.metadata().ok()?) == model.identity).then_some((file, model.identity.clone()))
     });
-    let (file, bytes) = opened.await.ok().flatten()?;
+    let (file, identity) = opened.await.ok().flatten()?;
     Some(Source {
-        content: Content::File(file),
-        bytes,
+        bytes: identity.bytes(),
+        content: Content::File(file, identity),
         hash,
         content_type: "application/octet-stream",
         cache: ASK_AGAIN,

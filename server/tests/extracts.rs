@@ -21,7 +21,7 @@ use tower::ServiceExt;
 struct Archive {
     app: Router,
     clerk: Arc<Clerk>,
-    _folder: tempfile::TempDir,
+    folder: tempfile::TempDir,
 }
 
 fn archive() -> Archive {
@@ -46,7 +46,7 @@ fn archive() -> Archive {
     site.door = Some(Arc::new(Door::open(&folder.path().join("access.json"), None).unwrap()));
     let cache = folder.path().join("cache");
     site.extracts = Some(Extracts::open(cache, 140_000_000, Arc::<Clerk>::clone(&clerk)).unwrap());
-    Archive { app: app(site), clerk, _folder: folder }
+    Archive { app: app(site), clerk, folder }
 }
 
 impl Archive {
@@ -120,6 +120,41 @@ async fn a_form_leads_to_a_page_that_waits_and_to_the_file() {
     assert_ne!(get(&a.app, "/fort/extract/v2-whole.stl").await.header("etag"), etag);
 }
 
+/// Of the cache only what was made is given out, under a tag that says so.
+#[cfg(unix)]
+#[tokio::test]
+async fn a_file_of_the_cache_that_somebody_changed_is_made_anew() {
+    let a = archive();
+    let (form, name) = ("format=stl&detail=whole", "/fort/extract/v2-whole.stl");
+    let make = async || {
+        assert_eq!(a.post("/fort/extract", "", form).await.status, 303);
+        let made = a.made(name, "").await;
+        assert_eq!(made.status, 200, "{}", made.text());
+        made.body
+    };
+    let good = make().await;
+    let cache = a.folder.path().join("cache");
+    let file = std::fs::read_dir(&cache).unwrap().map(|e| e.unwrap().path()).find(|p| p.is_file()).unwrap();
+    std::fs::write(a.folder.path().join("secret"), "secret").unwrap();
+    let changes: [&dyn Fn(); 4] = [
+        &|| std::fs::write(&file, &good[..10]).unwrap(),
+        &|| {
+            std::fs::remove_file(&file).unwrap();
+            std::os::unix::fs::symlink("../secret", &file).unwrap();
+        },
+        &|| {
+            std::fs::remove_file(&file).unwrap();
+            assert!(std::process::Command::new("mkfifo").arg(&file).status().unwrap().success());
+        },
+        &|| std::fs::remove_dir_all(&cache).unwrap(),
+    ];
+    for (i, change) in changes.into_iter().enumerate() {
+        change();
+        assert_eq!(get(&a.app, name).await.status, 404, "change {i}");
+        assert_eq!(make().await, good, "change {i}");
+    }
+}
+
 #[tokio::test]
 async fn what_nobody_asked_for_and_what_is_no_order_is_refused_with_a_sentence() {
     let a = archive();
@@ -172,6 +207,10 @@ async fn an_extract_is_for_whoever_may_have_the_model_and_needs_no_script() {
     let form = "format=ply&detail=whole";
     assert_eq!(a.post("/cave/extract", "", form).await.status, 403);
     assert_eq!(get(&a.app, "/gone/extract").await.status, 410);
+    std::fs::remove_dir_all(a.folder.path().join("models/gone/v1")).unwrap();
+    for gone in ["/gone/extract", "/gone/extract/v1-whole.ply"] {
+        assert_eq!(get(&a.app, gone).await.status, 410, "{gone}");
+    }
     let omar = a.sign_in("omar", "another sentence").await;
     assert_eq!(a.post("/cave/extract", &omar, form).await.status, 403, "signed in, and not granted it");
     let amina = a.sign_in("amina", "a long sentence").await;

@@ -10,4 +10,5 @@ mod pages;
 mod portal;
 mod socket;
 mod store;
+mod transfers;
 mod uploads;

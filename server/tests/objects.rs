@@ -329,6 +329,38 @@ async fn a_damaged_object_is_named_with_its_reason_and_the_others_go_on() {
     assert_eq!(get(&app, "/good/v1/poster.jpg").await.status, 200);
 }
 
+/// An operator who finds damage and puts a copy in its place needs no restart.
+#[tokio::test]
+async fn a_file_that_was_damaged_or_lost_and_is_put_back_is_served_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let manifest = object(dir.path(), "fort", &[pack("fort")], public());
+    let app = site(dir.path());
+    let pack = manifest.versions[0].pack.url.clone();
+    for name in [&pack, "v1/poster.jpg"] {
+        let (path, address) = (dir.path().join("fort").join(name), format!("/fort/{name}"));
+        let good = std::fs::read(&path).unwrap();
+        let damage: [&dyn Fn(); 2] =
+            [&|| std::fs::write(&path, &good[1..]).unwrap(), &|| std::fs::remove_file(&path).unwrap()];
+        for damage in damage {
+            let until = async |status: u16| {
+                let seen = async {
+                    while get(&app, &address).await.status != status {
+                        tokio::task::yield_now().await;
+                    }
+                };
+                tokio::time::timeout(std::time::Duration::from_secs(60), seen).await.expect("it is noticed");
+            };
+            until(200).await;
+            damage();
+            let answer = get(&app, &address).await;
+            assert!(answer.status != 200 || answer.body == good, "{address}: other bytes under its checksum");
+            std::fs::write(path.with_extension("new"), &good).unwrap();
+            std::fs::rename(path.with_extension("new"), &path).unwrap();
+            until(200).await;
+        }
+    }
+}
+
 #[tokio::test]
 async fn published_notes_lie_where_the_page_looks_for_them() {
     let dir = tempfile::tempdir().unwrap();

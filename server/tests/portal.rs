@@ -1,7 +1,7 @@
 //! The portal: what people search and other systems read, over objects as publishing writes them.
 
 use crate::common::{Answer, ask, get, object, pack, page, public};
-use kilwa_server::index::Index;
+use kilwa_server::index::{Facet, Index};
 use kilwa_server::object::manifest::{Access, AccessState, Manifest};
 use kilwa_server::{COLLECTIONS_FILE, Catalogue, Clock, Collections, Site, app};
 use std::path::Path;
@@ -116,6 +116,25 @@ async fn the_catalogue_lists_searches_and_narrows_without_a_script() {
         let a = get(&app, hostile).await;
         assert_eq!(a.status, 200, "{hostile}");
         assert!(!a.text().contains("<script") && !a.text().contains("\"\">"), "{hostile}");
+    }
+}
+
+/// Whatever an address says, in whichever field of whichever page, is text.
+#[tokio::test]
+async fn nothing_of_an_address_becomes_markup() {
+    let dir = archive();
+    let app = portal(dir.path());
+    let pages = ["/", "/map", "/collections/", "/collections/x/", "/gereza/", "/gereza/extract", "/sign-in", "/oai"];
+    let facets = Facet::ALL.map(Facet::name);
+    let others = ["q", "sort", "lang", "page", "packs", "box", "verb", "identifier", "set", "metadataPrefix", "next"];
+    for path in pages {
+        for field in facets.iter().chain(&others) {
+            for (mark, raw) in [("%3Ci+id%3Dzz%3E", "<i id=zz>"), ("%22zz%27%3E%3Cb%3E", "\"zz'><b>")] {
+                let address = format!("{path}?{field}={mark}");
+                let text = get(&app, &address).await.text();
+                assert!(!text.contains(raw), "{address}: {text}");
+            }
+        }
     }
 }
 

@@ -6,9 +6,10 @@ use crate::source::open_pack;
 use anyhow::Context;
 use kilwa_builder::Progress;
 use kilwa_builder::work::Stop;
+use kilwa_files::plain_file;
 use kilwa_pack::verify::{self, Totals};
 use rayon::prelude::*;
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -31,13 +32,13 @@ pub(super) fn folder_of(output: &Path) -> &Path {
 }
 
 /// Under the temporary name of an output there may be what an interrupted build left, and nothing else: a link would lead the pack into another file.
-fn refuse_others_file(part: &Path) -> anyhow::Result<()> {
+fn refuse_others_file(part: &Path) -> anyhow::Result<Option<Metadata>> {
     let what = match std::fs::symlink_metadata(part) {
         Ok(m) if m.is_symlink() => "a link",
         Ok(m) if !m.is_file() => "not a regular file",
         Ok(m) if has_other_names(&m) => "a file that has other hard links",
-        Ok(_) => return Ok(()),
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Ok(m) => return Ok(Some(m)),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(e).with_context(|| format!("cannot look at {}", part.display())),
     };
     anyhow::bail!(
@@ -47,12 +48,12 @@ fn refuse_others_file(part: &Path) -> anyhow::Result<()> {
 }
 
 #[cfg(unix)]
-fn has_other_names(metadata: &std::fs::Metadata) -> bool {
+fn has_other_names(metadata: &Metadata) -> bool {
     std::os::unix::fs::MetadataExt::nlink(metadata) > 1
 }
 
 #[cfg(not(unix))]
-fn has_other_names(_: &std::fs::Metadata) -> bool {
+fn has_other_names(_: &Metadata) -> bool {
     false
 }
 
@@ -75,8 +76,11 @@ impl Output {
         if let Err(fs4::TryLockError::WouldBlock) = fs4::FileExt::try_lock(&file) {
             anyhow::bail!("{} is being written by another build; wait for it", name.display());
         }
-        // What is open now is what was looked at: nothing of somebody else's is written over.
-        refuse_others_file(&part)?;
+        // The file that is open must be the one that was checked: nothing of somebody else's is written over.
+        let (opened, there) = (file.metadata().with_context(cannot)?, refuse_others_file(&part)?);
+        if !there.is_some_and(|there| plain_file::is_same_file(&opened, &there)) {
+            return Err(plain_file::replaced()).with_context(cannot);
+        }
         file.set_len(0).with_context(cannot)?;
         let temporary = tempfile::TempPath::try_from_path(&part).with_context(cannot)?;
         Ok(Self { writer: BufWriter::with_capacity(BUFFER, file), temporary, name: name.to_owned() })

@@ -6,7 +6,7 @@ use crate::source::{open_pack, read_named};
 use anyhow::{Context, bail, ensure};
 use kilwa_builder::machine;
 use kilwa_server::Page;
-use kilwa_server::object::assemble::{Facts, Following, agree, existing, further, is_metadata};
+use kilwa_server::object::assemble::{Facts, Following, agree, existing, further, has_metadata};
 use kilwa_server::object::layout::METADATA;
 use kilwa_server::object::location::Location;
 use kilwa_server::object::metadata::plausible;
@@ -319,10 +319,9 @@ pub(super) fn is_same_request(args: &Args, m: &Manifest) -> bool {
 fn may_be_there(args: &Args, given: &Given, object: &Path, m: &Manifest) -> bool {
     let Some(last) = m.versions.last().filter(|_| is_same_request(args, m)) else { return false };
     let is_pack = last.pack.identity == given.identity && last.pack.bytes == given.pack_bytes;
-    let written = std::fs::read(object.join(&last.folder).join(METADATA));
     last.location_redacted == given.place.is_some()
         && (is_pack || given.place.is_some())
-        && written.is_ok_and(|written| is_metadata(&written, &given.published_metadata()))
+        && has_metadata(object, last, &given.published_metadata())
 }
 
 /// A text, or which line has what is not UTF-8, as it was most likely meant.

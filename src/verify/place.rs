@@ -1,8 +1,8 @@
 //! Where an object lies: a folder, or an address ([`super::web`]). Paths are relative to it, with `/`.
 
 use crate::source::FileSource;
+use kilwa_files::plain_file;
 use kilwa_pack::Source;
-use kilwa_server::plain_file;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};

@@ -167,7 +167,8 @@ async fn slow_readers_of_a_pack_in_a_store_cost_little_memory() {
     };
     let mut held = Vec::new();
     for number in 0..100 {
-        let mut client = Client::connect_from(client::loopback(number), server.address, Some(4096)).await.unwrap();
+        let mut client =
+            Client::connect_from(crate::http::client::loopback(number), server.address, Some(4096)).await.unwrap();
         client.stream.write_all(format!("GET {url} HTTP/1.1\r\nHost: x\r\n\r\n").as_bytes()).await.unwrap();
         held.push(client);
     }

@@ -10,6 +10,7 @@
 //! between. Pipes and devices are never opened: opening one may wait for ever.
 
 use super::{ReadError, ReadOptions};
+use kilwa_files::plain_file;
 use kilwa_pack::visible::visible;
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -198,18 +199,19 @@ impl Companions {
     /// Where it cannot be opened, is no regular file any more, or leads out of the folder by now.
     pub(super) fn open(&self, path: &Path) -> io::Result<(File, u64)> {
         let real = path.canonicalize()?;
-        let exchanged =
-            || io::Error::new(io::ErrorKind::PermissionDenied, "the file was replaced while it was being opened");
         if !self.is_allowed(&real) {
-            return Err(exchanged());
+            return Err(plain_file::replaced());
         }
         let (file, bytes) = open_regular(&real)?;
         if self.allow_outside {
             return Ok((file, bytes));
         }
         // What was opened must be what lies at a path without links inside of the folder.
-        let is_same = real.canonicalize()? == real && is_same_file(&file, &real)?;
-        if is_same { Ok((file, bytes)) } else { Err(exchanged()) }
+        let is_same = || -> io::Result<bool> {
+            let there = std::fs::symlink_metadata(&real)?;
+            Ok(real.canonicalize()? == real && plain_file::is_same_file(&file.metadata()?, &there))
+        };
+        if is_same()? { Ok((file, bytes)) } else { Err(plain_file::replaced()) }
     }
 
     /// All bytes of a file that [`Companions::find`] found, at most so many.
@@ -217,60 +219,18 @@ impl Companions {
     /// # Errors
     /// As [`Companions::open`]; where it has more.
     pub(super) fn read(&self, path: &Path, most: u64) -> io::Result<Vec<u8>> {
-        use std::io::Read;
-        let (file, _) = self.open(path)?;
-        let mut bytes = Vec::new();
-        file.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
-        if bytes.len() as u64 > most {
-            return Err(io::Error::new(io::ErrorKind::FileTooLarge, format!("it has more than {most} bytes")));
-        }
-        Ok(bytes)
+        plain_file::read(self.open(path)?.0, most)
     }
 }
 
 /// Open a regular file, never a folder, a pipe or a device, and never wait for one; how many bytes it has.
 ///
 /// # Errors
-/// Where it cannot be opened, or is something else.
+/// If it cannot be opened, or is something else.
 pub fn open_regular(path: &Path) -> io::Result<(File, u64)> {
-    let regular = |about: &std::fs::Metadata| {
-        let kind = if about.is_dir() { "it is a folder" } else { "it is not a regular file" };
-        if about.is_file() { Ok(()) } else { Err(io::Error::new(io::ErrorKind::InvalidInput, kind)) }
-    };
-    // Opening some devices does something: they are not opened at all. What changes between this and the next line is found
-    // on the open file.
-    regular(&std::fs::metadata(path)?)?;
-    let file = without_waiting(path)?;
-    let about = file.metadata()?;
-    regular(&about)?;
-    Ok((file, about.len()))
-}
-
-/// Open for reading; a pipe without a writer is not waited for.
-fn without_waiting(path: &Path) -> io::Result<File> {
-    let mut options = File::options();
-    options.read(true);
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::OpenOptionsExt;
-        options.custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY);
-    }
-    options.open(path)
-}
-
-/// Whether an open file is the one at a path.
-#[cfg(unix)]
-fn is_same_file(file: &File, path: &Path) -> io::Result<bool> {
-    use std::os::unix::fs::MetadataExt;
-    let (a, b) = (file.metadata()?, std::fs::symlink_metadata(path)?);
-    Ok((a.dev(), a.ino()) == (b.dev(), b.ino()))
-}
-
-/// Whether an open file is the one at a path, as far as can be known.
-#[cfg(not(unix))]
-fn is_same_file(file: &File, path: &Path) -> io::Result<bool> {
-    let (a, b) = (file.metadata()?, std::fs::symlink_metadata(path)?);
-    Ok(a.len() == b.len() && a.modified()? == b.modified()? && a.created()? == b.created()?)
+    let file = plain_file::open(path)?;
+    let bytes = file.metadata()?.len();
+    Ok((file, bytes))
 }
 
 /// Whether a path begins with the name of another computer or of a device, as on Windows.

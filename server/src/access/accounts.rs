@@ -12,7 +12,7 @@ use super::capability::Capabilities;
 use super::secret::{Key, hash_password, is_password, token_hash};
 use crate::object::date::{day_of, is_day};
 use crate::object::layout::Slug;
-use crate::plain_file;
+use kilwa_files::plain_file;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File, Metadata};
 use std::io::{self, Read, Write};

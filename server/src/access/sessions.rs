@@ -9,7 +9,7 @@
 
 use super::capability::{Holder, SESSION, is_lower_hex};
 use super::secret::Key;
-use crate::plain_file;
+use kilwa_files::plain_file;
 use std::collections::HashMap;
 use std::fs;
 use std::io;

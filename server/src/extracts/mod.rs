@@ -27,6 +27,8 @@ pub(crate) mod routes;
 pub use order::{Detail, Format};
 pub use pack::{Opened, Pack, is_not_given};
 
+use crate::store::{Content, Identity};
+use kilwa_files::plain_file;
 use order::Order;
 use pace::{Pace, Wait};
 use queue::{Full, Queue, SHARE};
@@ -147,6 +149,8 @@ struct State {
     /// Of those that run.
     room: u64,
     starts: BTreeMap<String, VecDeque<Instant>>,
+    /// Files of the cache, as they were when they were made, or, if an earlier run made them, when they were first asked for.
+    made: BTreeMap<String, Identity>,
 }
 
 impl State {
@@ -189,12 +193,7 @@ impl Extracts {
     /// # Errors
     /// When the folder cannot be made or listed.
     pub fn open(cache: PathBuf, most_bytes: u64, extractor: Arc<dyn Extract>) -> std::io::Result<Arc<Self>> {
-        let mut builder = std::fs::DirBuilder::new();
-        builder.recursive(true);
-        // What is not public for the web is not public for other users of the machine.
-        #[cfg(unix)]
-        std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
-        builder.create(&cache)?;
+        create(&cache)?;
         for entry in std::fs::read_dir(&cache)? {
             let entry = entry?;
             let name = entry.file_name();
@@ -240,6 +239,44 @@ impl Extracts {
         self.cache.join(key)
     }
 
+    /// A file of the cache, if it is there as it was made. What somebody else put in its place is removed, and made anew when it is asked for.
+    /// Blocks.
+    fn ready(&self, key: &str) -> Option<PathBuf> {
+        let path = self.path(key);
+        let why = match plain_file::metadata_inside(&self.cache, &path) {
+            Ok(metadata) => {
+                let now = Identity::of(&metadata);
+                if *self.lock().made.entry(key.to_owned()).or_insert_with(|| now.clone()) == now {
+                    return Some(path);
+                }
+                "it was changed".to_owned()
+            }
+            Err(e) if plain_file::is_other(&e) => e.to_string(),
+            Err(_) => return None,
+        };
+        tracing::warn!("{}: removed from the cache of meshes: {why}", path.display());
+        self.lock().made.remove(key);
+        if let Err(e) = std::fs::remove_file(&path) {
+            tracing::warn!("cannot remove {}: {e}", path.display());
+        }
+        None
+    }
+
+    /// Open a file of the cache that is [`Standing::Ready`]. Blocks.
+    ///
+    /// # Errors
+    /// When it went for others in this moment, or is something else by now.
+    pub(crate) fn open_ready(&self, path: &Path) -> std::io::Result<Content> {
+        let file = plain_file::open_inside(&self.cache, path)?;
+        let identity = Identity::of(&file.metadata()?);
+        let key = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        if self.lock().made.get(key) == Some(&identity) {
+            Ok(Content::File(file, identity))
+        } else {
+            Err(plain_file::replaced())
+        }
+    }
+
     /// Have a file of a pack of so many triangles made, unless it is there or being made. Blocks on the file system.
     pub(crate) fn ask(
         self: &Arc<Self>,
@@ -249,7 +286,7 @@ impl Extracts {
         network: &str,
     ) -> Result<(), Refusal> {
         let key = order.key(hash);
-        if self.path(&key).is_file() {
+        if self.ready(&key).is_some() {
             return Ok(());
         }
         let now = Instant::now();
@@ -298,8 +335,7 @@ impl Extracts {
                 None => {}
             }
         }
-        let path = self.path(&key);
-        if path.is_file() { Standing::Ready(path) } else { Standing::Unknown }
+        self.ready(&key).map_or(Standing::Unknown, Standing::Ready)
     }
 
     /// Begin what can be begun.
@@ -355,6 +391,8 @@ impl Extracts {
     }
 
     fn take(&self, pack: &Pack, key: &str, order: Order, progress: &(dyn Fn(f64) + Sync)) -> Result<(), Failure> {
+        // Somebody may have emptied the disk.
+        create(&self.cache).map_err(|e| Failure::Other(format!("cannot make {}: {e}", self.cache.display())))?;
         self.extractor.extract(pack, &self.path(key), order.format, order.detail, progress)
     }
 
@@ -370,7 +408,11 @@ impl Extracts {
             }
         }
         match made {
-            Ok(()) => drop(state.jobs.remove(key)),
+            Ok(()) => {
+                state.jobs.remove(key);
+                // Found anew: as it is now.
+                state.made.remove(key);
+            }
             Err(failure) => {
                 if let Some(job) = state.jobs.get_mut(key) {
                     job.phase = Phase::Failed(failure, Instant::now());
@@ -400,11 +442,24 @@ impl Extracts {
                 continue;
             }
             match std::fs::remove_file(&path) {
-                Ok(()) => total = total.saturating_sub(bytes),
+                Ok(()) => {
+                    total = total.saturating_sub(bytes);
+                    self.lock().made.remove(path.file_name().and_then(|name| name.to_str()).unwrap_or_default());
+                }
                 Err(e) => tracing::warn!("cannot remove {}: {e}", path.display()),
             }
         }
     }
+}
+
+/// Make the folder of the cache, if it is missing.
+fn create(cache: &Path) -> std::io::Result<()> {
+    let mut builder = std::fs::DirBuilder::new();
+    builder.recursive(true);
+    // What is not public for the web is not public for other users of the machine.
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.create(cache)
 }
 
 /// All of the room of a job.

@@ -1,8 +1,8 @@
 //! Where the pack lies that a mesh is taken out of, and how it is read: a file of this computer, or one of a store, of which what is needed is fetched.
 
 use crate::object::source::FileSource;
-use crate::plain_file;
 use crate::store::{BLOCK, Blocks, Identity, Place, is_silent};
+use kilwa_files::plain_file;
 use kilwa_pack::Source;
 use std::fmt;
 use std::io;

@@ -216,14 +216,13 @@ pub(crate) async fn file(
             headers,
         ),
         Standing::Ready(path) => {
-            let opened = blocking(move || {
-                let file = std::fs::File::open(path)?;
-                let bytes = file.metadata()?.len();
-                Ok::<_, std::io::Error>((file, bytes))
-            });
-            match opened.await {
-                Ok(Ok((_, bytes))) if wants_page => shown(&Stage::Ready(bytes), StatusCode::OK),
-                Ok(Ok((file, bytes))) => send(&asked, order, &name, (file, bytes), &method, headers).await,
+            let extracts = Arc::clone(&asked.extracts);
+            match blocking(move || extracts.open_ready(&path)).await {
+                Ok(Ok(content)) if wants_page => shown(&Stage::Ready(content.bytes()), StatusCode::OK),
+                Ok(Ok(content)) => {
+                    let sent = send(&asked, order, &name, content, &method, headers).await;
+                    objects::while_allowed(sent, &asked.model, &site.clock, site.door.as_ref(), headers)
+                }
                 // It went for others in this moment.
                 _ => html(
                     &asked,
@@ -282,19 +281,14 @@ async fn send(
     asked: &Asked,
     order: Order,
     name: &str,
-    (file, bytes): (std::fs::File, u64),
+    content: Content,
     method: &Method,
     headers: &HeaderMap,
 ) -> Response {
     let hash = blake3::hash(order.key(&asked.pack.1).as_bytes()).to_hex();
     let kind = content_type(name);
-    let source = Source {
-        content: Content::File(file),
-        bytes,
-        hash: hash.as_str().into(),
-        content_type: kind,
-        cache: ASK_AGAIN,
-    };
+    let source =
+        Source { bytes: content.bytes(), content, hash: hash.as_str().into(), content_type: kind, cache: ASK_AGAIN };
     let mut response = answer(source, method, headers).await.unwrap_or_else(|_| plain(StatusCode::SERVICE_UNAVAILABLE));
     let disposition = format!("attachment; filename=\"{}-{name}\"", asked.about.slug);
     insert(&mut response, CONTENT_DISPOSITION, &disposition);
@@ -334,18 +328,21 @@ async fn admit(
     let or_lost =
         |status: StatusCode| if status == StatusCode::NOT_FOUND { lost() } else { plain(status).into_response() };
     let model = find(site, slug).await.map_err(or_lost)?;
+    let manifest = match model.object() {
+        Some(object) => Some(objects::manifest_of(&object.holding).await.map_err(or_lost)?),
+        None => None,
+    };
+    let verdict = manifest.as_ref().map(|manifest| verdict(&manifest.access, &site.clock));
+    // Before its files, which are gone too.
+    if matches!(verdict, Some(Verdict::Gone(_))) {
+        return Err(plain(StatusCode::GONE).into_response());
+    }
     let (about, pack) = match model.object() {
         Some(_) => of_object(&model, version).await.map_err(or_lost)?,
         None => of_pack(&model, version).await.map_err(or_lost)?,
     };
     let mut asked = Asked { extracts, about, pack, model: Arc::clone(&model), is_closed: false, cookie: None };
-    let Some(object) = model.object() else { return Ok(asked) };
-    let manifest = objects::manifest_of(&object.holding).await.map_err(or_lost)?;
-    let why = match verdict(&manifest.access, &site.clock) {
-        Verdict::Open => return Ok(asked),
-        Verdict::Gone(_) => return Err(plain(StatusCode::GONE).into_response()),
-        Verdict::WithoutGeometry(why) => why,
-    };
+    let (Some(manifest), Some(Verdict::WithoutGeometry(why))) = (manifest, verdict) else { return Ok(asked) };
     asked.is_closed = true;
     // Capabilities are for the content of the current version, as in `objects`.
     let content = manifest.current().map(|v| v.pack.sha256.clone()).unwrap_or_default();

@@ -13,7 +13,9 @@ use super::metadata::{Metadata, crs};
 use super::page::{self, Surroundings};
 use super::record::{Preview, Publication, citation, records, ro_crate};
 use super::rights::Rights;
+use crate::holding::SMALL;
 use crate::page::Page;
+use kilwa_files::plain_file;
 use std::path::{Path, PathBuf};
 
 /// What is known of a version beside its files.
@@ -210,8 +212,13 @@ pub fn is_published(
 ) -> bool {
     let is_last = |v: &&Version| v.pack.sha256 == pack_sha256 && v.has_notes(notes);
     let Some(last) = before.versions.last().filter(is_last) else { return false };
-    let written = std::fs::read(object.join(&last.folder).join(METADATA)).ok();
-    written.is_some_and(|bytes| is_metadata(&bytes, metadata))
+    has_metadata(object, last, metadata)
+}
+
+/// Whether a version of an object in a folder was published with this metadata.
+pub fn has_metadata(object: &Path, version: &Version, metadata: &Metadata) -> bool {
+    let written = plain_file::read_at(&object.join(&version.folder).join(METADATA), SMALL);
+    written.is_ok_and(|bytes| is_metadata(&bytes, metadata))
 }
 
 /// Whether a file `metadata/metadata.json` says the same as `metadata`.
@@ -228,7 +235,7 @@ pub fn existing(object: &Path) -> Result<Option<Manifest>, String> {
         return Ok(None);
     }
     let path = object.join(MANIFEST);
-    let bytes = crate::store::read_small(&path, crate::holding::SMALL).map_err(|e| {
+    let bytes = crate::store::read_small(&path, SMALL).map_err(|e| {
         format!("{} is there and is no object of kilwa ({e}); give another name with slug = \"…\" in the metadata, or move it away", object.display())
     })?;
     Manifest::parse(&bytes).map(Some).map_err(|e| format!("{}: {e}", path.display()))

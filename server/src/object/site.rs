@@ -11,8 +11,10 @@ use super::lock::Lock;
 use super::manifest::{AccessState, MANIFEST_MAX, Manifest};
 use super::record::xml::{Xml, escape};
 use super::scratch::{self, Scratch};
+use crate::holding::SMALL;
 use crate::html::{grouped, poster, size, size_in_space};
 use crate::page::Page;
+use kilwa_files::plain_file;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::fs;
@@ -109,7 +111,7 @@ const INDEX: &str = "index.html";
 const PAGES: [&str; 5] = [INDEX, "feed.xml", "models.json", "sitemap.xml", ASSETS];
 
 fn is_ours(index: &Path) -> bool {
-    fs::read_to_string(index).is_ok_and(|html| html.contains(OURS))
+    plain_file::read_at(index, SMALL).is_ok_and(|html| String::from_utf8_lossy(&html).contains(OURS))
 }
 
 /// What our own page begins with, and nobody else's.
@@ -148,11 +150,8 @@ fn entries(shelf: &Path) -> Result<Vec<Entry>, DraftError> {
 }
 
 fn read(path: &Path) -> Result<Manifest, String> {
-    let length = fs::metadata(path).map_err(|e| e.to_string())?.len();
-    if length > MANIFEST_MAX {
-        return Err(format!("its manifest has {length} bytes"));
-    }
-    Manifest::parse(&fs::read(path).map_err(|e| e.to_string())?).map_err(|e| e.to_string())
+    let bytes = plain_file::read_at(path, MANIFEST_MAX).map_err(|e| e.to_string())?;
+    Manifest::parse(&bytes).map_err(|e| e.to_string())
 }
 
 /// The address of the folder, where all objects that have one say the same.

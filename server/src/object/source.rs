@@ -1,6 +1,6 @@
 //! A file as the bytes of a pack: read by position, so that threads can share it.
 
-use crate::plain_file;
+use kilwa_files::plain_file;
 use kilwa_pack::Source;
 use std::fs::File;
 use std::io;

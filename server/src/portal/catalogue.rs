@@ -192,7 +192,8 @@ pub(super) fn search_form(s: &mut String, path: &str, query: &Query, reader: &Re
 /// The text of a facet's value.
 fn named(l: &'static Language, facet: Facet, value: &str) -> String {
     match facet {
-        Facet::Size => l.t(value).to_owned(),
+        // Of an address: a value that is none of ours is its own text.
+        Facet::Size => escape(l.t(value)),
         Facet::Country => escape(l.country(value)),
         _ => escape(value),
     }

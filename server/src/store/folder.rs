@@ -2,11 +2,11 @@
 
 use super::{DEPTH, MOST_FILES};
 use crate::object::layout::MANIFEST;
-use crate::plain_file;
+use kilwa_files::plain_file;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{DirEntry, FileType, Metadata};
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
 
@@ -60,16 +60,22 @@ impl Identity {
 
 /// All of a file of at most `most` bytes.
 pub(crate) fn read_small(path: &Path, most: u64) -> io::Result<Vec<u8>> {
-    plain_file::read(plain_file::open(path)?, most)
+    plain_file::read_at(path, most)
 }
 
-/// Say in the log that something is not served; once, as folders are listed again and again.
+/// Log that something is not served, once.
 pub(crate) fn warn_of(path: &Path, e: &io::Error) {
-    /// Paths that were named; with more than this no path is named again.
-    static NAMED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
-    let mut named = NAMED.lock().unwrap_or_else(PoisonError::into_inner);
-    if named.len() < MOST_FILES && named.insert(path.to_owned()) {
-        tracing::warn!("{}: not served: {e}", path.display());
+    warn_once(format!("{}: not served: {e}", path.display()));
+}
+
+/// Log a warning once, as folders are listed again and again.
+pub(crate) fn warn_once(warning: String) {
+    /// What was logged; with more than so many nothing new is.
+    static LOGGED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+    let mut logged = LOGGED.lock().unwrap_or_else(PoisonError::into_inner);
+    if logged.len() < MOST_FILES && !logged.contains(&warning) {
+        tracing::warn!("{warning}");
+        logged.insert(warning);
     }
 }
 

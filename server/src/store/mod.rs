@@ -21,7 +21,7 @@ pub use publish::{Against, Sent};
 pub use s3::{S3, S3Options, StoreError};
 
 pub(crate) use blocks::{BLOCK, Blocks};
-pub(crate) use folder::{Identity, read_small, warn_of};
+pub(crate) use folder::{Identity, read_small, warn_of, warn_once};
 pub(crate) use outage::{is_away, tell};
 pub(crate) use refused::{hint, is_refused};
 pub(crate) use s3::{HELD_MAX, is_changed};
@@ -31,8 +31,8 @@ use crate::holding::SMALL;
 use crate::object::checksums::sha256;
 use crate::object::layout::PAGE;
 use crate::object::next::NEXT;
-use crate::plain_file;
 use axum::body::Bytes;
+use kilwa_files::plain_file;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::fs::File;
@@ -63,8 +63,8 @@ pub enum Place {
 /// A file that is open, to be sent in parts.
 #[derive(Debug)]
 pub(crate) enum Content {
-    /// Of this computer.
-    File(File),
+    /// Of this computer, and what it was when it was looked at: what is sent must still be that.
+    File(File, Identity),
     /// All of it.
     Held(Bytes),
     /// To be had from the store, where it still is what was listed.
@@ -72,6 +72,14 @@ pub(crate) enum Content {
 }
 
 impl Content {
+    /// Its length.
+    pub(crate) fn bytes(&self) -> u64 {
+        match self {
+            Self::File(_, identity) | Self::Remote(_, _, identity) => identity.bytes(),
+            Self::Held(bytes) => bytes.len() as u64,
+        }
+    }
+
     /// Whether an answer with it holds a buffer or two, whatever its length.
     pub(crate) fn is_lean(&self) -> bool {
         !matches!(self, Self::Held(_))

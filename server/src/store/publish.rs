@@ -100,11 +100,15 @@ impl S3 {
         told: &dyn Fn(&str),
     ) -> io::Result<Sent> {
         let (object, folder) = (shelf.join(slug.as_str()), version_folder(version));
-        let claim = Claim::take(self, slug, version, &claim::purpose(&object, version)?)?;
         let mut files = BTreeMap::new();
         walk(&object.join(&folder), "", 0, &mut files)?;
         let (mut sent, mut tags) = (Sent { files: files.len(), there: 0 }, BTreeMap::new());
-        self.still(slug, against)?;
+        let claim = Claim::take(self, slug, version, &claim::purpose(&object, version)?)?;
+        if let Err(e) = self.still(slug, against) {
+            // Too late: a claim to a published version would stay for ever.
+            claim.release();
+            return Err(e);
+        }
         for (name, identity) in &files {
             let key = format!("{slug}/{folder}/{name}");
             told(&key);
@@ -116,6 +120,7 @@ impl S3 {
             sent.there += usize::from(is_there);
             tags.insert(name.clone(), (identity.bytes(), tag));
         }
+        claim.renew_now().map_err(or_others)?;
         let listed = self.files(&format!("{slug}/{folder}"))?;
         let is_ours = |(name, (bytes, tag)): (&String, &(u64, Option<String>))| {
             let there = listed.get(name);
@@ -124,7 +129,6 @@ impl S3 {
         if !tags.iter().all(is_ours) {
             return Err(others());
         }
-        claim.renew_now().map_err(or_others)?;
         self.keep_page(slug, read_small(&object.join(PAGE), SMALL)?)?;
         for name in [PAGE, MANIFEST] {
             told(&format!("{slug}/{name}"));
@@ -133,6 +137,8 @@ impl S3 {
             if name == PAGE {
                 self.still(slug, against)?;
             }
+            // Whoever took the claim over may have replaced files since they were compared.
+            claim.renew_now().map_err(or_others)?;
             let mode = match &against.0 {
                 _ if name == PAGE => PutMode::Overwrite,
                 None => PutMode::Create,
@@ -222,8 +228,9 @@ impl S3 {
             {
                 return Ok((true, meta.e_tag.clone()));
             }
-            // After the look at the file: what a version that is published by now has put since has another tag.
+            // After the look at the file: what others have put since has another tag, and what they put before, they put under a claim of theirs.
             self.still(slug, against)?;
+            claim.renew_now().map_err(or_others)?;
             if length > PART {
                 return Ok((false, self.put_parts(claim, key, path, length, said)?));
             }

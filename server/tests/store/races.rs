@@ -92,6 +92,57 @@ async fn concurrent_versions_are_never_mixed() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_command_started_again_while_it_still_runs_publishes_one_version_and_not_a_mixture() {
+    let Some(bucket) = Bucket::start("a_command_started_again…") else { return };
+    let options = options(&bucket, "twice", LEASE);
+    // The same pack with the same metadata, drawn twice.
+    let shelves = [&b"drawn first"[..], b"drawn again"].map(|poster| {
+        let dir = tempfile::tempdir().unwrap();
+        let mut manifest = object(dir.path(), "fort", &[noise(10_000, 1)], public());
+        let fort = dir.path().join("fort");
+        std::fs::write(fort.join("v1/poster.jpg"), poster).unwrap();
+        let path = fort.join("v1/checksums.sha256");
+        let mut list = Checksums::parse(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        list.add("poster.jpg", sha256(poster));
+        std::fs::write(&path, list.to_text()).unwrap();
+        let entry = &mut manifest.versions[0].checksums;
+        (entry.bytes, entry.sha256) = (list.to_text().len() as u64, sha256(list.to_text().as_bytes()));
+        std::fs::write(fort.join("manifest.json"), manifest.to_bytes().unwrap()).unwrap();
+        dir
+    });
+    let ((waits, waiting), (go, goes)) = (channel::<()>(), channel::<()>());
+    let (first, second) = std::thread::scope(|scope| {
+        let (options, shelves) = (&options, &shelves);
+        let first = scope.spawn(move || {
+            send(options, shelves[0].path(), 1, &|key| {
+                if key.ends_with("/poster.jpg") {
+                    waits.send(()).unwrap();
+                    goes.recv().unwrap();
+                }
+            })
+        });
+        waiting.recv().unwrap();
+        // The second has sent and compared everything when the first goes on.
+        let first = std::cell::RefCell::new(Some(first));
+        let ended = std::cell::RefCell::new(None);
+        let second = send(options, shelves[1].path(), 1, &|key| {
+            if key.ends_with("index.html")
+                && let Some(first) = first.take()
+            {
+                go.send(()).unwrap();
+                ended.replace(Some(first.join().unwrap()));
+            }
+        });
+        (ended.take().unwrap(), second)
+    });
+    assert_eq!(second, Ok(()));
+    let why = first.unwrap_err();
+    assert!(why.contains("somebody else has published this object meanwhile"), "{why}");
+    let published = std::fs::read(shelves[1].path().join("fort/manifest.json")).unwrap();
+    assert_eq!(shown(&options).await, Manifest::parse(&published).unwrap());
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_abandoned_claim_goes_to_the_same_command_at_once_and_to_others_after_the_lease() {
     let Some(bucket) = Bucket::start("what_somebody_gave_up_is_taken_over…") else { return };
     let packs = [noise(10_000, 1), noise(10_000, 2)];

@@ -26,7 +26,6 @@ pub(super) struct Delivery<'r, 's, 'a> {
     pub(super) sink: &'s mut dyn MeshSink,
     pub(super) context: Context<'r>,
     textures: Textures,
-    /// The most bytes of a picture, decoded and as a file.
     /// Whether every vertex gets a colour, because some have one that is not white.
     pub(super) colored: bool,
     /// Where triangles are split, or their edges noted.

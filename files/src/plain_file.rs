@@ -1,7 +1,7 @@
-//! Opening files that somebody else put there: plain files only, and, inside of an archive, no links.
+//! Opening files that somebody else put there: regular files only, and, inside an archive, no links.
 //!
-//! A link in a served folder may lead to any file that the server can read, and a pipe with nobody at its other end would hold whoever opens
-//! it for ever. So a file is opened without waiting, and looked at once it is open.
+//! A link in a served folder may lead to any file that the server can read, and opening a pipe with no writer blocks for ever.
+//! So a file is opened without waiting, and checked again once it is open.
 //! Failures: [`io::Error`] with a sentence that says what it is instead; [`is_other`] recognises it.
 
 use std::fmt;
@@ -9,7 +9,7 @@ use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Read};
 use std::path::Path;
 
-/// What was found where a plain file belongs.
+/// What was found where a regular file belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Other {
     Folder,
@@ -45,10 +45,10 @@ pub fn is_other(e: &io::Error) -> bool {
     e.get_ref().is_some_and(<dyn std::error::Error + Send + Sync>::is::<Other>)
 }
 
-/// Open a plain file that a person named; links lead to it.
+/// Open a regular file that a person named; links are followed.
 ///
 /// # Errors
-/// The system's, or that it is no plain file.
+/// The system's, or that it is not a regular file.
 pub fn open(path: &Path) -> io::Result<File> {
     // Before it is opened: opening alone can wind a tape.
     kind_of(&fs::metadata(path)?)?;
@@ -57,20 +57,43 @@ pub fn open(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Open a plain file inside an archive whose folder is `root`, which may itself be a link: no link below it is followed.
+/// Open a regular file inside an archive whose folder is `root`, which may itself be a link: no link below it is followed.
 ///
 /// # Errors
-/// The system's, or that it is a link, lies behind one, or is no plain file.
+/// The system's, or that it is a link, lies behind one, is not a regular file, or was replaced meanwhile.
 pub fn open_inside(root: &Path, path: &Path) -> io::Result<File> {
     metadata_inside(root, path)?;
-    let file = options().open(path)?;
-    kind_of(&file.metadata()?)?;
-    // Again, of what is open now: it may have been replaced by a link in between.
-    metadata_inside(root, path)?;
-    Ok(file)
+    open_between(path, || metadata_inside(root, path))
 }
 
-/// Open a plain file whose path has no link anywhere, as the paths below a canonical one should be.
+/// Open `path`; the file that is open must be the one that `look` finds there afterwards. Without this comparison a link that stands there only
+/// for the moment of opening would be followed.
+fn open_between(path: &Path, look: impl FnOnce() -> io::Result<Metadata>) -> io::Result<File> {
+    let file = options().open(path)?;
+    let opened = file.metadata()?;
+    kind_of(&opened)?;
+    if is_same_file(&opened, &look()?) { Ok(file) } else { Err(replaced()) }
+}
+
+/// The error for a file that was replaced while it was being opened.
+pub fn replaced() -> io::Error {
+    io::Error::new(io::ErrorKind::PermissionDenied, "the file was replaced while it was being opened")
+}
+
+/// Whether two entries are the same file.
+#[cfg(unix)]
+pub fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    (a.dev(), a.ino()) == (b.dev(), b.ino())
+}
+
+/// Whether two entries are the same file, as far as can be known without inode numbers.
+#[cfg(not(unix))]
+pub fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
+    (a.created().ok(), a.modified().ok(), a.len()) == (b.created().ok(), b.modified().ok(), b.len())
+}
+
+/// Open a regular file whose path has no link anywhere, as the paths below a canonical one should be.
 ///
 /// # Errors
 /// As for [`open_inside`].
@@ -116,17 +139,25 @@ fn is_behind_link(root: &Path, path: &Path) -> io::Result<bool> {
     Ok(false)
 }
 
-/// All of a plain file of at most `max` bytes.
+/// All of an open file of at most `max` bytes.
 ///
 /// # Errors
-/// As for [`open`], and where it is longer.
+/// The system's, or that it is longer ([`io::ErrorKind::FileTooLarge`]).
 pub fn read(file: File, max: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    file.take(max + 1).read_to_end(&mut bytes)?;
+    file.take(max.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > max {
-        return Err(io::Error::other(format!("longer than {max} bytes")));
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, format!("it is longer than {max} bytes")));
     }
     Ok(bytes)
+}
+
+/// All of a regular file that a person or a folder named, of at most `max` bytes.
+///
+/// # Errors
+/// As for [`open`] and [`read`].
+pub fn read_at(path: &Path, max: u64) -> io::Result<Vec<u8>> {
+    read(open(path)?, max)
 }
 
 fn kind_of(metadata: &Metadata) -> io::Result<()> {
@@ -142,8 +173,8 @@ fn options() -> OpenOptions {
     #[cfg(unix)]
     {
         use std::os::unix::fs::OpenOptionsExt;
-        // A pipe is opened at once, with or without a writer; plain files do not know the difference.
-        options.custom_flags(libc::O_NONBLOCK);
+        // A pipe is opened at once, with or without a writer, and a terminal does not become ours; regular files do not know the difference.
+        options.custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY);
     }
     options
 }
@@ -155,7 +186,7 @@ mod tests {
     use std::process::Command;
 
     #[test]
-    fn only_plain_files_are_opened_and_nothing_waits() {
+    fn only_regular_files_are_opened_and_nothing_waits() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         fs::write(at("file"), "x").unwrap();
@@ -169,6 +200,21 @@ mod tests {
             assert!(is_other(&open(&at(name)).unwrap_err()), "{name}");
         }
         assert_eq!(open(&at("none")).unwrap_err().kind(), io::ErrorKind::NotFound);
+    }
+
+    #[test]
+    fn a_link_that_is_there_only_while_the_file_is_opened_is_not_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, secret) = (folder.path().join("file"), folder.path().join("secret"));
+        fs::write(&secret, "secret").unwrap();
+        symlink(&secret, &file).unwrap();
+        let looked = open_between(&file, || {
+            fs::remove_file(&file)?;
+            fs::write(&file, "x")?;
+            metadata_direct(&file)
+        });
+        assert_eq!(looked.unwrap_err().to_string(), replaced().to_string());
+        assert_eq!(read(open_direct(&file).unwrap(), 1).unwrap(), b"x");
     }
 
     #[test]
