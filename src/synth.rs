@@ -122,7 +122,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             "seed": args.seed,
             "crs": args.utm.then_some(UTM_CRS),
         });
-        writeln!(out, "{json}")?;
+        writeln!(out, "{}", crate::terminal::json_line(&json)?)?;
         return Ok(());
     }
     let off = (report.triangles as f64 / args.triangles as f64 - 1.0) * 100.0;

@@ -48,6 +48,17 @@ pub(crate) fn json_text(value: &impl Serialize) -> serde_json::Result<String> {
     Ok(out)
 }
 
+/// A value as JSON in one line, escaped in the same way.
+///
+/// # Errors
+/// If it cannot be written as JSON.
+pub(crate) fn json_line(value: &impl Serialize) -> serde_json::Result<String> {
+    let text = serde_json::to_string(value)?;
+    let mut out = String::with_capacity(text.len());
+    text.chars().for_each(|c| escape(c, Form::Json, &mut out));
+    Ok(out)
+}
+
 /// How a character that acts on a terminal is shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Form {
@@ -165,6 +176,9 @@ mod tests {
         assert_eq!(serde_json::from_str::<serde_json::Value>(&text).unwrap(), value);
         assert!(text.chars().all(|c| c == '\n' || !is_control(c)), "{text}");
         assert_eq!(through(Form::Text, &[text.as_bytes()]), text, "and passes as text");
+        let line = json_line(&value).unwrap();
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&line).unwrap(), value);
+        assert_eq!(through(Form::Text, &[line.as_bytes()]), line, "and passes as text");
         let line = serde_json::to_string(&value).unwrap();
         let escaped = through(Form::Json, &[line.as_bytes()]);
         assert_eq!(serde_json::from_str::<serde_json::Value>(&escaped).unwrap(), value);

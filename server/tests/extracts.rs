@@ -135,6 +135,8 @@ async fn a_file_of_the_cache_that_somebody_changed_is_made_anew() {
     let good = make().await;
     let cache = a.folder.path().join("cache");
     let file = std::fs::read_dir(&cache).unwrap().map(|e| e.unwrap().path()).find(|p| p.is_file()).unwrap();
+    let mode = std::os::unix::fs::PermissionsExt::mode(&file.metadata().unwrap().permissions());
+    assert_eq!(mode & 0o777, 0o600, "not for other users of the computer, also if the folder is");
     std::fs::write(a.folder.path().join("secret"), "secret").unwrap();
     let changes: [&dyn Fn(); 4] = [
         &|| std::fs::write(&file, &good[..10]).unwrap(),

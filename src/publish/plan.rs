@@ -7,7 +7,6 @@ use anyhow::{Context, bail, ensure};
 use kilwa_builder::machine;
 use kilwa_server::Page;
 use kilwa_server::object::assemble::{Facts, Following, agree, existing, further, has_metadata};
-use kilwa_server::object::layout::METADATA;
 use kilwa_server::object::location::Location;
 use kilwa_server::object::metadata::plausible;
 use kilwa_server::object::record::europeana_lacks;

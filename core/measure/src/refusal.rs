@@ -60,7 +60,7 @@ pub enum Refusal {
     )]
     Gap,
     /// Not a number.
-    #[error("a coordinate is not a finite number")]
+    #[error("a coordinate, or the result, is not a finite number; give coordinates near the model")]
     NotFinite,
     /// Not a ray.
     #[error("a ray needs a finite origin and a direction that is not zero")]

@@ -52,6 +52,8 @@ const NETWORKS: usize = 10_000;
 const TOLD: Duration = Duration::from_secs(600);
 /// Where something could not be made, the same is not tried again before this.
 const AGAIN: Duration = Duration::from_secs(10);
+/// What the names of folders begin with in which meshes are being made.
+const UNFINISHED: &str = ".kilwa-";
 /// What a crash left half written is taken away after this.
 const STALE: Duration = Duration::from_secs(24 * 3600);
 /// Endings of files of this cache.
@@ -197,11 +199,11 @@ impl Extracts {
         for entry in std::fs::read_dir(&cache)? {
             let entry = entry?;
             let name = entry.file_name();
-            let is_ours = name.to_str().is_some_and(|n| n.starts_with(".kilwa-"));
+            let is_ours = name.to_str().is_some_and(|n| n.starts_with(UNFINISHED));
             let age = entry.metadata().and_then(|m| m.modified()).ok().and_then(|t| t.elapsed().ok());
             if is_ours && age.is_some_and(|age| age > STALE) {
                 // Another server that uses the cache may have been faster.
-                drop(std::fs::remove_file(entry.path()));
+                drop(std::fs::remove_dir_all(entry.path()).or_else(|_| std::fs::remove_file(entry.path())));
             }
         }
         let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
@@ -391,9 +393,22 @@ impl Extracts {
     }
 
     fn take(&self, pack: &Pack, key: &str, order: Order, progress: &(dyn Fn(f64) + Sync)) -> Result<(), Failure> {
+        let failed = |e: std::io::Error| {
+            let why = format!("cannot write to {}: {e}", self.cache.display());
+            if e.kind() == std::io::ErrorKind::StorageFull { Failure::Full } else { Failure::Other(why) }
+        };
         // Somebody may have emptied the disk.
-        create(&self.cache).map_err(|e| Failure::Other(format!("cannot make {}: {e}", self.cache.display())))?;
-        self.extractor.extract(pack, &self.path(key), order.format, order.detail, progress)
+        create(&self.cache).map_err(failed)?;
+        // The cache may be a folder that other users can read: a mesh is made where they cannot, and is readable by the server alone.
+        let mut builder = tempfile::Builder::new();
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
+        let work = builder.prefix(UNFINISHED).tempdir_in(&self.cache).map_err(failed)?;
+        let made = work.path().join(key);
+        self.extractor.extract(pack, &made, order.format, order.detail, progress)?;
+        #[cfg(unix)]
+        std::fs::set_permissions(&made, std::os::unix::fs::PermissionsExt::from_mode(0o600)).map_err(failed)?;
+        std::fs::rename(&made, self.path(key)).map_err(failed)
     }
 
     fn ended(&self, key: &str, made: Result<(), Failure>) {

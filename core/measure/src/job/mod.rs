@@ -119,27 +119,38 @@ pub fn pack_name(index: &Index) -> PackName {
 /// # Errors
 /// A [`Refusal`] where there is no meaningful number, or what kept chunks from being read.
 pub async fn measure<L: Leaves>(leaves: &L, task: &Task) -> Result<Outcome, Failure> {
-    let s = Subject::new(leaves);
+    let outcome = measured(&Subject::new(leaves), task).await?;
+    finite(&outcome.readings)?;
+    Ok(outcome)
+}
+
+/// What overflowed is no number, and could not be read again from a document.
+fn finite(readings: &[Reading]) -> Result<(), Refusal> {
+    let is_finite = |r: &Reading| r.quantity.value.is_finite() && !r.quantity.uncertainty.is_nan();
+    if readings.iter().all(is_finite) { Ok(()) } else { Err(Refusal::NotFinite) }
+}
+
+async fn measured<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
     match task.tool {
-        ToolName::Coordinate => on_points(&s, task, PointTool::Coordinate),
-        ToolName::Distance => on_points(&s, task, PointTool::Distance),
-        ToolName::Perimeter => on_points(&s, task, PointTool::Perimeter),
-        ToolName::Along => cutting::along(&s, task).await,
-        ToolName::Angle => on_points(&s, task, PointTool::Angle),
-        ToolName::PlaneAngle => on_points(&s, task, PointTool::PlaneAngle),
-        ToolName::Height => on_points(&s, task, PointTool::Height),
-        ToolName::Circle => on_points(&s, task, PointTool::Circle),
-        ToolName::Area if task.local.is_empty() => whole::area(&s, task).await,
-        ToolName::Area => whole::polygon_area(&s, task).await,
-        ToolName::Volume => whole::volume(&s, task).await,
-        ToolName::CutFill => whole::cut_fill(&s, task).await,
-        ToolName::Deviation => whole::deviation(&s, task).await,
+        ToolName::Coordinate => on_points(s, task, PointTool::Coordinate),
+        ToolName::Distance => on_points(s, task, PointTool::Distance),
+        ToolName::Perimeter => on_points(s, task, PointTool::Perimeter),
+        ToolName::Along => cutting::along(s, task).await,
+        ToolName::Angle => on_points(s, task, PointTool::Angle),
+        ToolName::PlaneAngle => on_points(s, task, PointTool::PlaneAngle),
+        ToolName::Height => on_points(s, task, PointTool::Height),
+        ToolName::Circle => on_points(s, task, PointTool::Circle),
+        ToolName::Area if task.local.is_empty() => whole::area(s, task).await,
+        ToolName::Area => whole::polygon_area(s, task).await,
+        ToolName::Volume => whole::volume(s, task).await,
+        ToolName::CutFill => whole::cut_fill(s, task).await,
+        ToolName::Deviation => whole::deviation(s, task).await,
         ToolName::Section => {
             let plane = task.plane.ok_or(Refusal::NoPlane { tool: "a section" })?;
-            cutting::section(&s, task, sound(plane)?).await
+            cutting::section(s, task, sound(plane)?).await
         }
-        ToolName::Profile => cutting::profile(&s, task).await,
-        ToolName::Contours => cutting::contours(&s, task).await,
+        ToolName::Profile => cutting::profile(s, task).await,
+        ToolName::Contours => cutting::contours(s, task).await,
     }
 }
 
@@ -159,7 +170,9 @@ pub fn of_points(task: &Task, space: &Space, point: &Uncertainty) -> Result<Vec<
         ToolName::Area if !task.local.is_empty() => PointTool::PolygonArea,
         _ => return Err(Refusal::Waits),
     };
-    tool.measure(&task.local, space, point)
+    let readings = tool.measure(&task.local, space, point)?;
+    finite(&readings)?;
+    Ok(readings)
 }
 
 fn on_points<L: Leaves>(s: &Subject<'_, L>, task: &Task, tool: PointTool) -> Result<Outcome, Failure> {
