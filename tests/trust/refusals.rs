@@ -29,6 +29,15 @@ fn what_means_nothing_is_refused_with_a_sentence() {
     assert!(say(&["contours", "--interval", "1e-9"]).contains("not possible"));
     assert!(say(&["coordinate", "--rays", "9", "9", "9", "1", "0", "0"]).contains("the ray meets no surface"));
     assert!(say(&["coordinate", "NaN", "0", "0"]).contains("finite"));
+    // A result that overflows is not saved either: a document cannot hold it.
+    let document = tempfile::tempdir().unwrap();
+    let document = document.path().join("all.json");
+    for overflow in
+        [&["deviation", "--z=1e308"][..], &["distance", "0", "0", "0", "1e308", "1e308", "-1e308", "--exact"]]
+    {
+        assert!(say(&[overflow, &["--save", text(&document)]].concat()).contains("finite"), "{overflow:?}");
+        assert!(!document.exists());
+    }
     assert!(say(&["section", "--z", "0.5", "-o", "x.pdf"]).contains("the ending says the format"));
     assert!(say(&["section", "--z", "0.5", "-o", "/nowhere/x.svg"]).contains("no folder"));
     let usage = kilwa(&["measure", pack, "area", "--unit", "furlong"]);
