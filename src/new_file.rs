@@ -4,6 +4,18 @@ use anyhow::Context;
 use std::fs::File;
 use std::path::Path;
 
+/// A folder among the system's temporary files, gone when it is dropped. Nobody but its owner can look into it: it may hold a closed model.
+///
+/// # Errors
+/// What the system says.
+pub(crate) fn private_folder(prefix: &str) -> std::io::Result<tempfile::TempDir> {
+    let mut builder = tempfile::Builder::new();
+    // Temporary files are private without this, folders are not.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
+    builder.prefix(prefix).tempdir()
+}
+
 /// A file under a temporary name in the folder that it will be in; gone when it is dropped.
 pub(crate) struct NewFile(tempfile::NamedTempFile);
 
@@ -39,5 +51,16 @@ impl NewFile {
         let named = if replace { self.0.persist(path) } else { self.0.persist_noclobber(path) };
         named.map_err(|e| e.error).with_context(failed)?;
         Ok(())
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    #[test]
+    fn no_other_user_can_look_into_a_temporary_folder() {
+        let folder = super::private_folder("kilwa-").unwrap();
+        assert_eq!(folder.path().metadata().unwrap().permissions().mode() & 0o777, 0o700);
     }
 }

@@ -306,7 +306,7 @@ fn extracts(args: &ExtractArgs) -> anyhow::Result<Option<(Option<tempfile::TempD
     let (folder, own) = if let Some(folder) = args.cache.clone().or_else(cache_folder) {
         (folder, None)
     } else {
-        let own = tempfile::Builder::new().prefix("kilwa-extracts-").tempdir();
+        let own = crate::new_file::private_folder("kilwa-extracts-");
         let own = own.context("cannot make a folder for extracts")?;
         (own.path().to_owned(), Some(own))
     };

@@ -509,3 +509,30 @@ fn links_and_special_files_are_named_and_never_followed() {
     symlink("/etc/passwd", object.join("v1/extra")).unwrap();
     checked(&object, &["v1/extra", "nobody knows"]);
 }
+
+#[cfg(unix)]
+#[test]
+fn what_another_user_is_publishing_is_a_note_though_nobody_else_can_look_into_it() {
+    use std::os::unix::fs::PermissionsExt as _;
+    use std::os::unix::process::CommandExt as _;
+    let shelf = tempfile::tempdir().unwrap();
+    fs::set_permissions(shelf.path(), fs::Permissions::from_mode(0o755)).unwrap();
+    let object = publish(shelf.path(), "fort", 1);
+    let closed = object.join(".kilwa-fort--aB3dEf");
+    fs::create_dir(&closed).unwrap();
+    fs::set_permissions(&closed, fs::Permissions::from_mode(0o000)).unwrap();
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_kilwa"));
+    command.args(["verify", text(&object)]).current_dir("/");
+    if fs::read_dir(&closed).is_ok() {
+        // Nothing is closed to root.
+        command.uid(65_534).gid(65_534);
+    }
+    let Ok(output) = command.output() else {
+        println!("skipped: a folder of another user: the program cannot be run as one");
+        return;
+    };
+    let said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
+    fs::set_permissions(&closed, fs::Permissions::from_mode(0o700)).unwrap();
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains(".kilwa-fort--aB3dEf belongs to a publication that is in progress"), "{said}");
+}

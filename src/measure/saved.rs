@@ -63,9 +63,17 @@ pub(super) fn citation(s: &Subject, measurement: &Measurement) -> String {
 }
 
 /// Add a measurement to a document, which is made where it is not there. The folder is locked meanwhile: of two that are saved at once neither is lost.
+/// If it is a folder of objects, a publication may hold that lock for minutes; who has to wait is told so.
 pub(super) fn save(s: &Subject, outcome: &Outcome, to: &Path, args: &Args) -> anyhow::Result<()> {
     let pack = pack_name(s.leaves.index());
-    let _lock = Lock::wait(folder(to), PATIENCE, &|| ()).with_context(|| format!("cannot write {}", to.display()))?;
+    let waits = || {
+        crate::terminal::say!(
+            "kilwa: another kilwa is publishing, withdrawing or saving in {}; waiting for up to {} minutes",
+            folder(to).display(),
+            PATIENCE.as_secs() / 60
+        );
+    };
+    let _lock = Lock::wait(folder(to), PATIENCE, &waits).with_context(|| format!("cannot write {}", to.display()))?;
     let mut document = if to.exists() { read(to)? } else { Document::new(pack.clone()) };
     anyhow::ensure!(
         document.pack.identity == pack.identity,

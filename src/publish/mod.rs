@@ -124,6 +124,9 @@ struct Report {
     already: bool,
     /// Its geometry can be read by its owner and the group of the folder alone.
     closed: bool,
+    /// With that, by its owner alone: they are not in that group.
+    #[serde(skip)]
+    owner_only: bool,
     files: usize,
     bytes: u64,
     pack: kilwa_server::object::PackEntry,
@@ -180,11 +183,12 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
     }
     writeln!(out, "{object}: version {version} published, {files} files, {}", plan::human(report.bytes))?;
     if report.closed {
-        let folder = args.to.display();
-        writeln!(
-            out,
-            "  not public: pack and preview can be read only by you and the group of {folder}; the server must be in that group"
-        )?;
+        let whom = if report.owner_only {
+            "you".to_owned()
+        } else {
+            format!("you and the group of {}; the server must be in that group", args.to.display())
+        };
+        writeln!(out, "  not public: pack and preview can be read only by {whom}")?;
     }
     if report.notes > 0 {
         writeln!(out, "  with {} notes", report.notes)?;

@@ -51,7 +51,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     let at = format!("{base}/{}", given.slug);
     sender.greet(given.slug.as_str()).map_err(anyhow::Error::msg).with_context(|| at.clone())?;
     let before = manifest(&sender, given.slug.as_str(), &at)?;
-    let work = tempfile::Builder::new().prefix("kilwa-publish-").tempdir().context("cannot make a temporary folder")?;
+    let work = crate::new_file::private_folder("kilwa-publish-").context("cannot make a temporary folder")?;
     if !args.dry_run {
         sound(&given.pack)?;
     }
@@ -137,6 +137,7 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
         published: version.published.clone(),
         already: published.already,
         closed: false,
+        owner_only: false,
         files: intent.files.len(),
         bytes: intent.files.iter().map(|f| f.bytes).sum(),
         pack: PackEntry { identity, ..version.pack.clone() },
@@ -181,6 +182,7 @@ fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) 
         published: last.published.clone(),
         already: true,
         closed: false,
+        owner_only: false,
         files: 1,
         bytes,
         pack: last.pack.clone(),

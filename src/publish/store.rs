@@ -37,8 +37,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     options.retries = 5;
     let store = S3::open(&options)?;
     let at = format!("{}/{slug}", store.name());
-    let shelf =
-        tempfile::Builder::new().prefix("kilwa-publish-").tempdir().context("cannot make a temporary folder")?;
+    let shelf = crate::new_file::private_folder("kilwa-publish-").context("cannot make a temporary folder")?;
     let against = store.fetch(&slug, shelf.path()).with_context(|| at.clone())?;
     let here = Args { to: shelf.path().to_owned(), ..args.clone() };
     // Nobody knows the folder that it is made in.

@@ -1,9 +1,10 @@
 //! `kilwa publish --withdraw`: the files go to a folder outside, a tombstone stays.
 
 use super::Args;
-use super::write::{locked, spinner};
-use anyhow::{Context, anyhow, bail, ensure};
+use super::write::{spinner, waits};
+use anyhow::{Context, anyhow, bail};
 use kilwa_server::object::Slug;
+use kilwa_server::object::keep::{Folders, check_outside};
 use kilwa_server::object::location::Location;
 use kilwa_server::object::site;
 use kilwa_server::object::withdraw::{Outlook, Withdrawal, Withdrawn, outlook, withdraw};
@@ -19,31 +20,26 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
         Some(day) => day.clone(),
         None => super::today()?,
     };
-    let absolute = |p: &std::path::Path| std::path::absolute(p).with_context(|| p.display().to_string());
-    ensure!(
-        !absolute(keep)?.starts_with(absolute(&args.to)?),
-        "{} is in {}, from where a web server would go on serving the files; give a folder outside with --keep",
-        keep.display(),
-        args.to.display()
-    );
     if !args.to.join(slug.as_str()).is_dir() {
         bail!("there is no {} in {}", slug, args.to.display());
     }
+    check_outside(&args.to, keep)?;
     checked_reason(args, &slug, reason)?;
     if args.dry_run {
         return say_outlook(args, &slug, keep, &ready(args, &slug)?);
     }
     let page = args.site.then(|| kilwa_server::Page::load(args.www.as_deref())).transpose()?;
-    let lock = locked(&args.to, &spinner())?;
-    if args.site {
-        site::check(&args.to)?;
-    }
-    let done = withdraw(&lock, &slug, &Withdrawal { reason, day: &day, keep }, &|_| Ok(()))?;
+    let check_site = || if args.site { site::check(&args.to) } else { Ok(()) };
+    // Before anything is made, and again when nobody else can change it.
+    check_site()?;
+    let folders = Folders::lock(&args.to, keep, &slug, &waits(&spinner()), &|_| Ok(()))?;
+    check_site()?;
+    let done = withdraw(&folders, &slug, &Withdrawal { reason, day: &day }, &|_| Ok(()))?;
     if done.before && !done.changed && page.is_none() {
         return Err(nothing_left(args, &slug, &done.day));
     }
     if let Some(page) = &page {
-        let written = site::write(&lock, page, &|_| Ok(()));
+        let written = site::write(folders.shelf(), page, &|_| Ok(()));
         written.map_err(|e| e.after("the object is withdrawn, but the pages of the folder were not written"))?;
     }
     say_done(args, &slug, &done)
@@ -90,8 +86,7 @@ fn checked_reason(args: &Args, slug: &Slug, reason: &str) -> anyhow::Result<()> 
 /// What is left to be done, which must be something.
 fn ready(args: &Args, slug: &Slug) -> anyhow::Result<Outlook> {
     let there = outlook(&args.to, slug)?;
-    let is_done = there.going.0 == 0 && !there.bag;
-    if let Some(day) = there.withdrawn.as_ref().filter(|_| is_done) {
+    if let Some(day) = there.withdrawn.as_ref().filter(|_| there.is_done()) {
         return Err(nothing_left(args, slug, day));
     }
     Ok(there)

@@ -10,8 +10,9 @@ use kilwa_server::object::assemble::{Landing, complete, is_published, write_view
 use kilwa_server::object::bag::{self, BagInfo};
 use kilwa_server::object::checksums::sha256;
 use kilwa_server::object::draft::{Draft, Steps};
-use kilwa_server::object::layout::{ANNOTATIONS, PREVIEW, PREVIEW_MAX, pack_name};
+use kilwa_server::object::layout::{ANNOTATIONS, PREVIEW, PREVIEW_MAX, pack_name, version_folder};
 use kilwa_server::object::lock::{Lock, PATIENCE};
+use kilwa_server::object::modes::{settle_published, unshared_with};
 use kilwa_server::object::next::settle;
 use kilwa_server::object::record::Preview;
 use kilwa_server::object::site;
@@ -97,6 +98,7 @@ fn run_with(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Resul
         published: publication.published,
         already: false,
         closed: closed_files(plan),
+        owner_only: is_for_owner_only(args, &completed.object, publication.version, &mut warnings)?,
         files: completed.files,
         bytes: completed.bytes,
         notes: publication.notes.map_or(0, |n| n.notes.notes.len()),
@@ -113,17 +115,41 @@ fn closed_files(plan: &Plan) -> bool {
     cfg!(unix) && plan.facts.metadata.access() != AccessState::Public
 }
 
+/// Whether the closed files could not be given to the group of the folder, which is warned of.
+fn is_for_owner_only(args: &Args, object: &Path, version: u32, warnings: &mut Vec<String>) -> anyhow::Result<bool> {
+    let Some(group) = unshared_with(&object.join(version_folder(version)), &args.to)? else { return Ok(false) };
+    warnings.push(format!(
+        "you are not in {}, the group of {}: only you can read pack, preview and notes, and a server that runs as another user cannot. \
+         Have yourself added to that group, sign in again, and run the same command again",
+        group_name(group),
+        args.to.display()
+    ));
+    Ok(true)
+}
+
+/// A group as the computer's own list calls it, else by its number.
+fn group_name(group: u32) -> String {
+    let list = std::fs::read_to_string("/etc/group").unwrap_or_default();
+    let mut lines = list.lines().map(|line| line.split(':').collect::<Vec<_>>());
+    let line = lines.find(|line| line.get(2).and_then(|id| id.parse().ok()) == Some(group));
+    line.map_or_else(|| format!("group {group}"), |line| line[0].to_owned())
+}
+
 /// The lock of the folder of objects. Who has to wait for it is told so.
-pub(super) fn locked(shelf: &Path, bar: &ProgressBar) -> anyhow::Result<Lock> {
-    let waits = || {
+fn locked(shelf: &Path, bar: &ProgressBar) -> anyhow::Result<Lock> {
+    Ok(Lock::wait(shelf, PATIENCE, &|| waits(bar)(shelf))?)
+}
+
+/// Says that a folder is locked.
+pub(super) fn waits(bar: &ProgressBar) -> impl Fn(&Path) {
+    |folder| {
         let line = format!(
             "kilwa: another kilwa is publishing to or withdrawing from {}; waiting for up to {} minutes",
-            shelf.display(),
+            folder.display(),
             PATIENCE.as_secs() / 60
         );
         bar.suspend(|| crate::terminal::say!("{line}"));
-    };
-    Ok(Lock::wait(shelf, PATIENCE, &waits)?)
+    }
 }
 
 /// What of a version is made without knowing what is published.
@@ -167,6 +193,8 @@ fn already(
     steps: Steps<'_>,
 ) -> anyhow::Result<Report> {
     let last = before.versions.last().context("a manifest has versions")?;
+    let settled = settle_published(lock, &plan.facts.slug, before, steps);
+    settled.map_err(|e| e.after("the version is published, but its files do not have their permissions"))?;
     let bag = around(args, plan, lock, (&last.published, &last.pack.identity), steps)?;
     Ok(Report {
         object: plan.at.clone(),
@@ -175,6 +203,7 @@ fn already(
         published: last.published.clone(),
         already: true,
         closed: closed_files(plan),
+        owner_only: false,
         files: 1,
         bytes: made.bytes,
         pack: last.pack.clone(),

@@ -3,6 +3,7 @@
 use crate::source::FileSource;
 use kilwa_files::plain_file;
 use kilwa_pack::Source;
+use kilwa_server::object::draft::HIDDEN;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -91,10 +92,15 @@ fn walk(folder: &Path, prefix: &str, into: &mut Vec<(String, u64)>) -> io::Resul
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
         let name = entry.file_name().to_string_lossy().into_owned();
+        let is_hidden = name.starts_with(HIDDEN);
         let path = if prefix.is_empty() { name } else { format!("{prefix}/{name}") };
         let kind = entry.file_type()?;
         if kind.is_dir() {
-            walk(&entry.path(), &path, into)?;
+            match walk(&entry.path(), &path, into) {
+                // What another user is making there: it is closed to everybody else, and named like its files would be.
+                Err(e) if e.kind() == io::ErrorKind::PermissionDenied && is_hidden => into.push((path, 0)),
+                walked => walked?,
+            }
         } else {
             into.push((path, entry.metadata()?.len()));
         }

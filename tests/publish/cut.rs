@@ -2,6 +2,7 @@
 
 use super::{Bench, LEAST, json_of, other_pack, run, tree};
 use crate::support::text;
+use std::hash::{BuildHasher as _, RandomState};
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -82,13 +83,22 @@ fn calls(args: &[&str], call: &str, log: &Path) -> u32 {
     std::fs::read_to_string(log).unwrap().matches(&format!("{call}(")).count().try_into().unwrap()
 }
 
+/// Chooses what is killed: given, so that a failure can be repeated, or another one with each run.
+fn seed() -> u32 {
+    let given = std::env::var("KILWA_KILL_SEED").ok();
+    let random = || u32::try_from(RandomState::new().hash_one(()) % 1_000_000).unwrap();
+    given.map_or_else(random, |text| text.parse().expect("KILWA_KILL_SEED is a number"))
+}
+
 #[test]
 fn the_program_killed_before_any_rename_leaves_a_sound_archive_and_goes_on() {
     let works = Command::new("strace").args(["-f", "-qq", "-o", "/dev/null", "true"]).status();
     if !works.is_ok_and(|status| status.success()) {
-        println!("skipped: strace is not here, or may not watch programs");
+        println!("skipped: kills of the program before renames: strace is not here, or may not watch programs");
         return;
     }
+    let seed = seed();
+    println!("some of the calls; again with KILWA_KILL_SEED={seed}");
     let bench = Bench::new();
     let object = bench.published(&other_pack(), LEAST, &[]);
     let (first, kept) = (bench.path("first"), bench.path("keep"));
@@ -115,9 +125,9 @@ fn the_program_killed_before_any_rename_leaves_a_sound_archive_and_goes_on() {
         // Drawing takes long, and is done before the last five.
         let soak = std::env::var_os("KILWA_SOAK").is_some();
         let first_call = if soak || *command == withdraw { 1 } else { calls(command, call, &bench.path("log")) - 4 };
-        // Of the many some: others with each run.
+        // Of the many some: others with each seed.
         let every = if soak || !["unlink", "mkdir"].contains(&call) { 1 } else { 3 };
-        for nth in (first_call + std::process::id() % every..).step_by(every as usize) {
+        for nth in (first_call + seed % every..).step_by(every as usize) {
             copy(&first, &site);
             drop(std::fs::remove_dir_all(&kept));
             if killed(command, call, nth).is_none() {

@@ -6,7 +6,7 @@
 mod extracts;
 
 use crate::bucket::Bucket;
-use crate::http::client::{Answer, Client};
+use crate::http::client::{self, Answer, Client};
 use crate::support::serving::{address, page};
 use crate::support::{Input, built_once, text};
 use kilwa_server::object::Manifest;

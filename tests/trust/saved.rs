@@ -58,6 +58,31 @@ fn measurements_saved_at_the_same_time_are_all_kept() {
 }
 
 #[test]
+fn saving_in_a_folder_that_is_locked_says_that_it_waits() {
+    use kilwa_server::object::lock::Lock;
+    use std::io::{BufRead as _, BufReader, Read as _};
+    let folder = tempfile::tempdir().unwrap();
+    let (file, p) = (folder.path().join("all.json"), phantom("cube", "origin"));
+    let held = Lock::take(folder.path()).unwrap();
+    let mut saving = std::process::Command::new(env!("CARGO_BIN_EXE_kilwa"))
+        .args(["measure", text(&p.pack), "area", "--save", text(&file)])
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let (mut said, mut line) = (BufReader::new(saving.stderr.take().unwrap()), String::new());
+    said.read_line(&mut line).unwrap();
+    assert!(
+        line.contains("another kilwa is publishing, withdrawing or saving in") && line.contains("10 minutes"),
+        "{line}"
+    );
+    assert!(line.contains(text(folder.path())) && !file.exists(), "{line}");
+    drop(held);
+    said.read_to_string(&mut line).unwrap();
+    assert!(saving.wait().unwrap().success() && file.exists(), "{line}");
+}
+
+#[test]
 fn every_tool_is_saved_and_measures_the_same_to_the_last_bit() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("all.json");

@@ -1,6 +1,6 @@
 //! What the tasks need beside cargo, checked before it is used and installed where that is possible without asking:
-//! the wasm target (rustup), Node and npm packages (npm ci from the lock files), Debian's Chromium and Mesa's software
-//! Vulkan (apt-get, only as root).
+//! the wasm target (rustup), Node and npm packages (npm ci from the lock files), Debian's Chromium, Mesa's software
+//! Vulkan and strace (apt-get, only as root).
 //!
 //! Invariants: each step says what it does before it does it; nothing is installed through sudo; where a step cannot be done the
 //! error is the command to type. A step that has nothing to do prints one line or none.
@@ -129,6 +129,22 @@ pub(crate) fn vulkan() -> Result<()> {
         &["mesa-vulkan-drivers", "libvulkan1"],
         "no Vulkan driver; headless rendering needs one (Mesa's llvmpipe will do)",
     )
+}
+
+/// The program that kills others before a system call of theirs, which tests of what a kill leaves use.
+///
+/// # Errors
+/// It is not there and cannot be installed; those tests say then that they were skipped.
+pub(crate) fn strace() -> Result<PathBuf> {
+    let names = ["strace"];
+    if let Some(found) = on_path(&names) {
+        return Ok(found);
+    }
+    if !cfg!(target_os = "linux") {
+        bail!("strace is for Linux");
+    }
+    apt(&names, "no strace on PATH; tests kill programs with it before their system calls")?;
+    on_path(&names).context("Debian's package strace was installed, yet there is no strace on PATH")
 }
 
 /// Python packages of a list with exact versions (relative to the root), from PyPI, in a folder of their own in the user's cache: what to

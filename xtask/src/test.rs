@@ -140,6 +140,11 @@ fn set_up() -> Result<Tally> {
     println!("second opinions: {}", setup::python_packages(trust::PACKAGES)?.display());
     println!("a store to test with: {}", setup::python_packages(STORE_PACKAGES)?.display());
     println!("browser: {}", setup::chromium()?.display());
+    match setup::strace() {
+        Ok(program) => println!("kills before system calls: {}", program.display()),
+        // Not every machine lets it be installed or used; the tests count as skipped by name.
+        Err(why) => println!("kills before system calls are skipped: {why:#}"),
+    }
     Ok(Tally::default())
 }
 

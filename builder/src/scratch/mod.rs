@@ -70,12 +70,16 @@ impl Scratch {
         Self::hold(path.to_owned(), None)
     }
 
-    /// A folder of its own among the system's temporary files, removed with the last clone.
+    /// A folder of its own among the system's temporary files, for nobody else to look into, removed with the last clone.
     ///
     /// # Errors
     /// [`ScratchError::Io`] where it cannot be made.
     pub fn temporary() -> Result<Self, ScratchError> {
-        let folder = tempfile::Builder::new().prefix("kilwa-").tempdir();
+        let mut builder = tempfile::Builder::new();
+        // Temporary files are private without this, folders are not.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
+        let folder = builder.prefix("kilwa-").tempdir();
         let folder = folder.map_err(|e| ScratchError::io(&std::env::temp_dir(), "create", e))?;
         Self::hold(folder.path().to_owned(), Some(folder))
     }

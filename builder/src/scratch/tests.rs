@@ -141,3 +141,11 @@ fn a_folder_in_use_is_refused_and_free_afterwards() {
     second.discard(|name| name == "ours").unwrap();
     assert!(folder.join("theirs").is_file() && !folder.join("ours").exists());
 }
+
+#[cfg(unix)]
+#[test]
+fn no_other_user_can_look_into_a_temporary_folder() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let scratch = Scratch::temporary().unwrap();
+    assert_eq!(scratch.folder().metadata().unwrap().permissions().mode() & 0o777, 0o700);
+}

@@ -23,9 +23,33 @@ pub(crate) fn write(path: &Path, bytes: &[u8], steps: Steps<'_>) -> Result<(), D
     written.map_err(failed("write", path))
 }
 
-/// Make a folder.
+/// Make a folder, and those above it that are missing, and put their names on disk.
 pub(crate) fn create_dir(path: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
-    steps(&name(path)).and_then(|()| fs::create_dir_all(path)).map_err(failed("write", path))
+    steps(&name(path)).map_err(failed("write", path))?;
+    let mut missing: Vec<&Path> = path.ancestors().take_while(|at| !is_current(at) && !at.is_dir()).collect();
+    // What is there may have been made by a command that was cut off before the name was on disk.
+    let nearest = path.ancestors().nth(missing.len()).filter(|at| !is_current(at) && at.parent().is_some());
+    if let Some(nearest) = nearest {
+        sync(parent(nearest), steps)?;
+    }
+    while let Some(folder) = missing.pop() {
+        match fs::create_dir(folder) {
+            Err(_) if folder.is_dir() => {}
+            made => made.map_err(failed("write", folder))?,
+        }
+        sync(parent(folder), steps)?;
+    }
+    Ok(())
+}
+
+/// Whether a path is the empty one, which relative paths begin with.
+fn is_current(path: &Path) -> bool {
+    path.as_os_str().is_empty()
+}
+
+/// The folder that a file or folder lies in.
+fn parent(path: &Path) -> &Path {
+    path.parent().filter(|folder| !is_current(folder)).unwrap_or(Path::new("."))
 }
 
 /// Give a file or folder another name, and put that on disk.
@@ -33,10 +57,15 @@ pub(crate) fn rename(from: &Path, to: &Path, steps: Steps<'_>) -> Result<(), Dra
     let what = format!("rename {}", name(to));
     steps(&what).and_then(|()| fs::rename(from, to)).map_err(failed("rename", to))?;
     for folder in [to.parent(), from.parent().filter(|folder| Some(*folder) != to.parent())].into_iter().flatten() {
-        steps("sync").map_err(failed("write", folder))?;
-        sync_folder(folder)?;
+        sync(folder, steps)?;
     }
     Ok(())
+}
+
+/// Put the names in a folder on disk.
+pub(crate) fn sync(folder: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    steps(&format!("sync {}", name(folder))).map_err(failed("write", folder))?;
+    sync_folder(folder)
 }
 
 /// Remove a file or a folder with everything in it; nothing where there is none.
@@ -92,12 +121,13 @@ pub(crate) fn sync_folders(folder: &Path) -> Result<(), DraftError> {
     sync_folder(folder)
 }
 
-/// The names in a folder, on disk. Systems that cannot open folders (Windows) do it themselves.
-pub(crate) fn sync_folder(folder: &Path) -> Result<(), DraftError> {
-    if let Ok(file) = File::open(folder) {
-        file.sync_all().map_err(failed("write", folder))?;
+/// The names in a folder, on disk. Systems that cannot open folders (Windows) or put them on disk (some network file systems) do it themselves.
+fn sync_folder(folder: &Path) -> Result<(), DraftError> {
+    let Ok(file) = File::open(folder) else { return Ok(()) };
+    match file.sync_all() {
+        Err(e) if matches!(e.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::Unsupported) => Ok(()),
+        synced => synced.map_err(failed("write", folder)),
     }
-    Ok(())
 }
 
 fn name(path: &Path) -> String {

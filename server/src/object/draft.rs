@@ -117,6 +117,12 @@ fn after_the_change(e: &DraftError) -> String {
 }
 
 impl DraftError {
+    /// The system does not permit it to this user.
+    pub(super) fn is_denied(&self) -> bool {
+        let (Self::Disk { reason, .. } | Self::Unlockable { reason, .. }) = self else { return false };
+        reason.kind() == io::ErrorKind::PermissionDenied
+    }
+
     /// The same error of what follows a change that is made already: it says what is `done`, and not that nothing was changed.
     #[must_use]
     pub fn after(self, done: &'static str) -> Self {
@@ -261,7 +267,7 @@ impl<'a> Draft<'a> {
         manifest: impl FnOnce(FileEntry, FileEntry) -> Manifest,
     ) -> Result<PathBuf, DraftError> {
         let object = lock.folder().join(self.slug.as_str());
-        free(&object, version)?;
+        let before = free(&object, version)?;
         let mut list = Checksums::default();
         for (path, _, sum) in &self.files {
             list.add(path.clone(), sum.clone());
@@ -271,36 +277,23 @@ impl<'a> Draft<'a> {
         let folder = version_folder(version);
         let entry = |url: String, bytes: &[u8]| FileEntry { url, bytes: bytes.len() as u64, sha256: sha256(bytes) };
         let manifest = manifest(entry(format!("{folder}/{CHECKSUMS}"), list.as_bytes()), entry(PAGE.to_owned(), page));
-        let (is_open, earlier) = (modes::is_for_everybody(&manifest.access), manifest.versions.clone());
-        let manifest = manifest.to_bytes()?;
+        let bytes = manifest.to_bytes()?;
         let whole = self.hidden.path().join("next");
         disk::create_dir(&whole, self.steps)?;
         disk::open_to_all(&self.folder(), self.steps)?;
         disk::rename(&self.folder(), &whole.join(&folder), self.steps)?;
-        modes::settle(&whole.join(&folder), is_open, lock.folder(), self.steps)?;
+        modes::settle(&whole.join(&folder), modes::is_for_everybody(&manifest.access), lock.folder(), self.steps)?;
         disk::write(&whole.join(PAGE), page, self.steps)?;
-        disk::write(&whole.join(MANIFEST), &manifest, self.steps)?;
+        disk::write(&whole.join(MANIFEST), &bytes, self.steps)?;
         disk::open_to_all(&whole, self.steps)?;
         (self.steps)("sync").map_err(failed("write", &whole))?;
         disk::sync_folders(&whole)?;
-        if version == 1 {
-            disk::rename(&whole, &object, self.steps).map_err(|e| {
+        match before {
+            Some(before) => add(lock, &object, &whole, (&before, &manifest), self.steps)?,
+            None => disk::rename(&whole, &object, self.steps).map_err(|e| {
                 // It has its name, and the disk does not say that this would outlive a power cut.
                 if whole.exists() { e } else { e.after(PUBLISHED) }
-            })?;
-        } else {
-            // Closed before the manifest says so, opened after it.
-            let settle_earlier = || {
-                let folders = earlier.iter().map(|v| object.join(&v.folder)).filter(|at| at.is_dir());
-                folders.into_iter().try_for_each(|at| modes::settle(&at, is_open, lock.folder(), self.steps))
-            };
-            if !is_open {
-                settle_earlier()?;
-            }
-            become_next(&object, &whole, Some(&folder), PUBLISHED, self.steps)?;
-            if is_open {
-                settle_earlier().map_err(|e| e.after(PUBLISHED))?;
-            }
+            })?,
         }
         // It is published, whether the empty folder goes now or with the next version.
         drop(self.hidden.close(self.steps));
@@ -308,18 +301,46 @@ impl<'a> Draft<'a> {
     }
 }
 
-/// Whether `version` is the next of the object, and nothing is where its folder will be.
-fn free(object: &Path, version: u32) -> Result<(), DraftError> {
+/// Give an object the version that was prepared in `whole`. Its earlier versions are closed before the manifest says so, and opened after it; an error
+/// before the manifest leaves them as they were.
+fn add(
+    lock: &Lock,
+    object: &Path,
+    whole: &Path,
+    (before, after): (&Manifest, &Manifest),
+    steps: Steps<'_>,
+) -> Result<(), DraftError> {
+    let is_open = modes::is_for_everybody(&after.access);
+    let settle_earlier = || modes::settle_object(object, before, is_open, lock.folder(), steps);
+    let added = (|| {
+        if !is_open {
+            settle_earlier()?;
+        }
+        become_next(object, whole, after.versions.last().map(|v| v.folder.as_str()), PUBLISHED, steps)
+    })();
+    if let Err(e) = added {
+        if !matches!(e, DraftError::Unfinished { .. }) {
+            let was_open = modes::is_for_everybody(&before.access);
+            // As far as the disk allows; whoever changes the object next does the rest.
+            drop(modes::settle_object(object, before, was_open, lock.folder(), &|_| Ok(())));
+        }
+        return Err(e);
+    }
+    if is_open { settle_earlier().map_err(|e| e.after(PUBLISHED)) } else { Ok(()) }
+}
+
+/// Whether `version` is the next of the object, and nothing is where its folder will be; the object's manifest, where it has one.
+fn free(object: &Path, version: u32) -> Result<Option<Manifest>, DraftError> {
     let folder = object.join(version_folder(version));
     if version == 1 {
-        return if object.exists() { Err(DraftError::There(object.to_owned())) } else { Ok(()) };
+        return if object.exists() { Err(DraftError::There(object.to_owned())) } else { Ok(None) };
     }
     let path = object.join(MANIFEST);
     let manifest = Manifest::parse(&read_small(&path, MANIFEST_MAX).map_err(failed("read", &path))?)?;
     if super::assemble::next_version(Some(&manifest)) != version {
         return Err(DraftError::There(folder));
     }
-    if fs::symlink_metadata(&folder).is_ok() { Err(DraftError::Unnamed(folder)) } else { Ok(()) }
+    if fs::symlink_metadata(&folder).is_ok() { Err(DraftError::Unnamed(folder)) } else { Ok(Some(manifest)) }
 }
 
 #[cfg(test)]

@@ -17,12 +17,17 @@ pub(crate) fn publish(shelf: &Path, version: u32, steps: Steps<'_>) -> Result<Pa
 }
 
 /// The same, for those who may see what is `state`.
-fn publish_as(shelf: &Path, version: u32, steps: Steps<'_>, state: AccessState) -> Result<PathBuf, DraftError> {
+pub(crate) fn publish_as(
+    shelf: &Path,
+    version: u32,
+    steps: Steps<'_>,
+    state: AccessState,
+) -> Result<PathBuf, DraftError> {
     let mut draft = Draft::begin(&Lock::wait(shelf, PATIENCE, &|| ())?, &slug(), steps)?;
     draft.write("a.txt", format!("a of {version}").as_bytes())?;
     draft.write("metadata/b.txt", format!("b of {version}").as_bytes())?;
     draft.write("viewer/style.css", b"css")?;
-    fs::write(draft.folder().join("by-others.part"), format!("pack {version}")).unwrap();
+    fs::write(draft.folder().join("by-others.part"), pack_of(version)).unwrap();
     let (bytes, sum) = draft.adopt_named("by-others.part", pack_name)?;
     let lock = Lock::wait(shelf, PATIENCE, &|| ())?;
     let before = settle(&lock, &slug(), steps)?;
@@ -55,6 +60,36 @@ pub(crate) fn tree(folder: &Path) -> BTreeMap<String, Vec<u8>> {
         }
     }
     all
+}
+
+/// The permissions of every file of a folder, hidden ones too.
+#[cfg(unix)]
+pub(crate) fn modes(folder: &Path) -> BTreeMap<String, u32> {
+    use std::os::unix::fs::PermissionsExt as _;
+    let mode = |name: &String| fs::symlink_metadata(folder.join(name)).unwrap().permissions().mode() & 0o777;
+    tree(folder).into_keys().map(|name| (name.clone(), mode(&name))).collect()
+}
+
+/// What other users of the computer can read in a folder that they can look into: contents of files.
+#[cfg(unix)]
+pub(crate) fn visible(folder: &Path) -> BTreeSet<Vec<u8>> {
+    use std::os::unix::fs::PermissionsExt as _;
+    let mut all = BTreeSet::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let mode = fs::symlink_metadata(&path).unwrap().permissions().mode();
+        if path.is_dir() && mode & 0o001 != 0 {
+            all.extend(visible(&path));
+        } else if path.is_file() && mode & 0o004 != 0 {
+            all.insert(fs::read(&path).unwrap());
+        }
+    }
+    all
+}
+
+/// What [`publish`] puts into the pack of a version.
+pub(crate) fn pack_of(version: u32) -> Vec<u8> {
+    format!("pack {version}").into_bytes()
 }
 
 /// Every folder in a folder, hidden and empty ones too.
@@ -181,6 +216,70 @@ fn what_another_program_is_making_is_left_alone() {
     }
 }
 
+/// States of the versions of an object, one after the other.
+#[cfg(unix)]
+const HISTORIES: [&[AccessState]; 4] = [
+    &[AccessState::Restricted],
+    &[AccessState::Embargo, AccessState::Embargo],
+    &[AccessState::Public, AccessState::Restricted],
+    &[AccessState::Public, AccessState::Restricted, AccessState::Public],
+];
+
+#[cfg(unix)]
+#[test]
+fn no_other_user_can_read_a_closed_model_while_it_is_published() {
+    for history in HISTORIES {
+        let shelf = tempfile::tempdir().unwrap();
+        let looks = Cell::new(0);
+        for (version, state) in (1..).zip(history) {
+            let look = |what: &str| {
+                looks.set(looks.get() + 1);
+                if *state != AccessState::Public {
+                    assert!(!visible(shelf.path()).contains(&pack_of(version)), "{history:?}: before {what}");
+                }
+                Ok(())
+            };
+            publish_as(shelf.path(), version, &look, *state).unwrap();
+            look("the end").unwrap();
+        }
+        assert!(looks.get() > 10);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_failure_at_any_step_leaves_the_permissions_that_the_manifest_asks_for() {
+    for history in HISTORIES.into_iter().filter(|history| history.len() > 1) {
+        let (last, (state, earlier)) = (history.len().try_into().unwrap(), history.split_last().unwrap());
+        let before = |shelf: &Path| {
+            for (version, state) in (1..).zip(earlier) {
+                publish_as(shelf, version, &|_| Ok(()), *state).unwrap();
+            }
+        };
+        let whole = tempfile::tempdir().unwrap();
+        before(whole.path());
+        let old = modes(whole.path());
+        publish_as(whole.path(), last, &|_| Ok(()), *state).unwrap();
+        for step in 0.. {
+            let shelf = tempfile::tempdir().unwrap();
+            before(shelf.path());
+            let count = Cell::new(0);
+            let failing = |_: &str| {
+                count.set(count.get() + 1);
+                if count.get() > step { Err(io::Error::from(io::ErrorKind::StorageFull)) } else { Ok(()) }
+            };
+            match publish_as(shelf.path(), last, &failing, *state) {
+                Ok(_) => break,
+                Err(DraftError::Unfinished { .. }) => {
+                    settle(&Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap(), &slug(), &|_| Ok(())).unwrap();
+                    assert_eq!(modes(shelf.path()), modes(whole.path()), "{history:?}: step {step}");
+                }
+                Err(_) => assert_eq!(modes(shelf.path()), old, "{history:?}: step {step}"),
+            }
+        }
+    }
+}
+
 /// Modes of the packs of an object, version by version.
 #[cfg(unix)]
 fn modes_of_packs(object: &Path) -> Vec<u32> {
@@ -204,4 +303,107 @@ fn geometry_that_is_not_public_is_not_for_other_users_of_the_computer() {
     }
     // Words and pictures are for everybody, whatever the model is.
     assert_eq!(fs::metadata(object.join("v3/a.txt")).unwrap().permissions().mode() & 0o777, 0o644);
+}
+
+#[cfg(unix)]
+const AS: &str = "KILWA_TEST_PUBLISH_AS";
+#[cfg(unix)]
+const NOBODY: u32 = 65_534;
+
+/// Run by the tests below as another user: publishes a version, public or not.
+#[cfg(unix)]
+#[test]
+fn publishes_as_another_user() {
+    let Ok(text) = std::env::var(AS) else { return };
+    let parts: Vec<&str> = text.splitn(3, ' ').collect();
+    let state = if parts[1] == "public" { AccessState::Public } else { AccessState::Restricted };
+    publish_as(Path::new(parts[2]), parts[0].parse().unwrap(), &|_| Ok(()), state).unwrap();
+}
+
+/// A folder of objects that belongs to another user and to a group; `None` where only that user could make it.
+#[cfg(unix)]
+fn shelf_of_another_user(group: u32) -> Option<tempfile::TempDir> {
+    use std::os::unix::fs::{PermissionsExt as _, chown};
+    let shelf = tempfile::tempdir().unwrap();
+    fs::set_permissions(shelf.path(), fs::Permissions::from_mode(0o775)).unwrap();
+    chown(shelf.path(), Some(NOBODY), Some(group)).ok().map(|()| shelf)
+}
+
+/// Publish as that user, who is in no group but their own; `None` where this program cannot become another user.
+#[cfg(unix)]
+fn publish_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<()> {
+    use std::os::unix::process::CommandExt as _;
+    let mut command = std::process::Command::new(std::env::current_exe().unwrap());
+    command.args(["--exact", "object::draft::tests::publishes_as_another_user", "--test-threads=1"]);
+    command.env(AS, format!("{version} {state} {}", shelf.display())).current_dir("/").uid(NOBODY).gid(NOBODY);
+    let output = command.output().ok()?;
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success() && said.contains("1 passed"), "{said}");
+    Some(())
+}
+
+#[cfg(unix)]
+#[test]
+fn what_another_user_has_left_keeps_nobody_from_publishing() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let published = (|| {
+        let shelf = shelf_of_another_user(NOBODY)?;
+        for version in [1, 2] {
+            let within = if version == 1 { shelf.path().to_owned() } else { shelf.path().join("fort") };
+            // Of an earlier program, and of this one, which others cannot look into.
+            for (name, mode) in [("aB3dEf", 0o755), ("cD4eFg", 0o700)] {
+                let left = within.join(format!(".kilwa-fort--{name}"));
+                fs::create_dir_all(left.join("version")).unwrap();
+                fs::write(left.join("version/pack"), "left").unwrap();
+                fs::set_permissions(&left, fs::Permissions::from_mode(mode)).unwrap();
+            }
+            publish_as_another_user(shelf.path(), version, "public")?;
+            assert_eq!(is_whole(&shelf.path().join("fort")), version);
+        }
+        let left = tree(shelf.path()).into_values().filter(|bytes| bytes == b"left").count();
+        assert_eq!(left, 4, "what cannot be removed stays");
+        // They themselves remove it.
+        Draft::begin(&Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap(), &slug(), &|_| Ok(())).unwrap();
+        assert!(!tree(shelf.path()).into_values().any(|bytes| bytes == b"left"));
+        Some(())
+    })();
+    if published.is_none() {
+        println!("skipped: what another user has left: this program cannot become another user");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn closed_files_are_for_their_owner_alone_if_the_group_of_the_folder_is_not_the_owners() {
+    use std::os::unix::fs::chown;
+    let published = (|| {
+        let theirs = 12_345;
+        let shelf = shelf_of_another_user(theirs)?;
+        let (object, unshared) = (shelf.path().join("fort"), |version: &str| {
+            super::modes::unshared_with(&shelf.path().join("fort").join(version), shelf.path()).unwrap()
+        });
+        publish_as_another_user(shelf.path(), 1, "restricted")?;
+        assert_eq!((modes_of_packs(&object), unshared("v1")), (vec![0o600], Some(theirs)));
+        // What was made so by an earlier program becomes so with the next version.
+        fs::set_permissions(find_pack(&object), std::os::unix::fs::PermissionsExt::from_mode(0o640)).unwrap();
+        publish_as_another_user(shelf.path(), 2, "restricted")?;
+        assert_eq!(modes_of_packs(&object), vec![0o600; 2]);
+        // As if the user had been added to the group.
+        chown(shelf.path(), None, Some(NOBODY)).unwrap();
+        publish_as_another_user(shelf.path(), 3, "restricted")?;
+        assert_eq!((modes_of_packs(&object), unshared("v3")), (vec![0o640; 3], None));
+        publish_as_another_user(shelf.path(), 4, "public")?;
+        assert_eq!(modes_of_packs(&object), vec![0o644; 4]);
+        Some(())
+    })();
+    if published.is_none() {
+        println!("skipped: groups that a publisher is not in: this program cannot become another user");
+    }
+}
+
+/// The pack of the first version.
+#[cfg(unix)]
+fn find_pack(object: &Path) -> PathBuf {
+    let manifest = Manifest::parse(&fs::read(object.join(MANIFEST)).unwrap()).unwrap();
+    object.join(&manifest.versions[0].pack.url)
 }

@@ -3,8 +3,9 @@
 
 use super::bag::{self, BagInfo};
 use super::checksums::sha256;
-use super::draft::tests::{folders, is_whole, publish, slug, tree};
+use super::draft::tests::{folders, is_whole, pack_of, publish_as, slug, tree};
 use super::draft::{Draft, DraftError, Steps};
+use super::keep::Folders;
 use super::layout::{MANIFEST, PAGE};
 use super::lock::{Lock, PATIENCE};
 use super::manifest::{AccessState, Manifest};
@@ -26,6 +27,10 @@ use tower::ServiceExt as _;
 enum What {
     /// A version of this number.
     Publish(u32),
+    /// A second version, which closes what was public.
+    Close,
+    /// A third version, which opens what was public and then closed.
+    Open,
     /// An object with two versions and a bag.
     Withdraw,
     /// Another bag of an object with two versions.
@@ -34,8 +39,28 @@ enum What {
     Site(bool),
 }
 
-const ALL: [What; 6] =
-    [What::Publish(1), What::Publish(2), What::Withdraw, What::Bag, What::Site(false), What::Site(true)];
+const ALL: [What; 8] = [
+    What::Publish(1),
+    What::Publish(2),
+    What::Close,
+    What::Open,
+    What::Withdraw,
+    What::Bag,
+    What::Site(false),
+    What::Site(true),
+];
+
+impl What {
+    /// The version that is added, and for whom the object is then.
+    fn added(self) -> Option<(u32, AccessState)> {
+        match self {
+            Self::Publish(version) => Some((version, AccessState::Public)),
+            Self::Close => Some((2, AccessState::Restricted)),
+            Self::Open => Some((3, AccessState::Public)),
+            Self::Withdraw | Self::Bag | Self::Site(_) => None,
+        }
+    }
+}
 
 /// A folder of objects, and one outside of it.
 struct Archive {
@@ -49,9 +74,10 @@ impl Archive {
         let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
         let archive = Self { folder: folder.unwrap() };
         fs::create_dir(archive.shelf()).unwrap();
-        let versions = if let What::Publish(version) = what { version - 1 } else { 2 };
-        for version in 1..=versions {
-            publish(&archive.shelf(), version, &|_| Ok(())).unwrap();
+        for version in 1..what.added().map_or(3, |(version, _)| version) {
+            let is_closed = what == What::Open && version == 2;
+            let state = if is_closed { AccessState::Restricted } else { AccessState::Public };
+            publish_as(&archive.shelf(), version, &|_| Ok(()), state).unwrap();
         }
         match what {
             What::Withdraw | What::Bag => wrap(&archive.shelf(), &|_| Ok(())).unwrap(),
@@ -90,23 +116,23 @@ fn pages(shelf: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
 /// The command, as often as it is given: what is done already is not done again.
 fn run(what: What, folder: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     let (shelf, keep) = (folder.join("shelf"), folder.join("keep"));
-    match what {
-        What::Publish(version) => {
+    match (what, what.added()) {
+        (_, Some((version, state))) => {
             let settled = settle(&locked(&shelf)?, &slug(), steps)?;
             if settled.is_none_or(|m| m.current < version) {
-                publish(&shelf, version, steps)?;
+                publish_as(&shelf, version, steps, state)?;
             } else {
                 // The program makes a version before it finds that it is there.
                 Draft::begin(&locked(&shelf)?, &slug(), steps)?;
             }
             Ok(())
         }
-        What::Withdraw => {
-            let said = Withdrawal { reason: "asked to", day: "2026-11-21", keep: &keep };
-            withdraw(&locked(&shelf)?, &slug(), &said, steps).map(drop)
+        (What::Bag, _) => wrap(&shelf, steps),
+        (What::Site(_), _) => pages(&shelf, steps),
+        _ => {
+            let said = Withdrawal { reason: "asked to", day: "2026-11-21" };
+            withdraw(&Folders::lock(&shelf, &keep, &slug(), &|_| (), steps)?, &slug(), &said, steps).map(drop)
         }
-        What::Bag => wrap(&shelf, steps),
-        What::Site(_) => pages(&shelf, steps),
     }
 }
 
@@ -146,18 +172,33 @@ fn is_old_or_new(what: What, folder: &Path) {
         return;
     }
     let current = is_whole(&object);
-    assert!(matches!(what, What::Publish(version) if current + 1 >= version && current <= version) || current == 2);
+    let added = what.added().map_or(2, |(version, _)| version);
+    assert!(current == added || (what.added().is_some() && current + 1 == added));
+    is_closed_to_others(what, folder, &manifest);
     assert!(object.join(needs.unwrap()).exists(), "a static host shows half of it");
     let (status, served) = get("/fort/");
     let served = String::from_utf8(served).unwrap();
     assert!(status == StatusCode::OK && served.contains(&format!("page of {current},")), "{served}");
     assert_eq!(sha256(&get("/fort/index.html").1), manifest.page.sha256);
+    let is_open = manifest.access.state == AccessState::Public;
     for version in &manifest.versions {
-        for file in [&version.pack.url, &version.checksums.url] {
-            assert_eq!(get(&format!("/fort/{file}")).0, StatusCode::OK, "{file}");
-        }
+        assert_eq!(get(&format!("/fort/{}", version.pack.url)).0.is_success(), is_open, "{}", version.pack.url);
+        assert_eq!(get(&format!("/fort/{}", version.checksums.url)).0, StatusCode::OK, "{}", version.checksums.url);
     }
 }
+
+/// No other user of the computer can read a model that is not public, nor a version that will not be.
+#[cfg(unix)]
+fn is_closed_to_others(what: What, folder: &Path, manifest: &Manifest) {
+    let visible = super::draft::tests::visible(folder);
+    let closed = manifest.versions.iter().filter(|_| manifest.access.state != AccessState::Public).map(|v| v.version);
+    for version in closed.chain((what == What::Close).then_some(2)) {
+        assert!(!visible.contains(&pack_of(version)), "{what:?}: others can read version {version}");
+    }
+}
+
+#[cfg(not(unix))]
+fn is_closed_to_others(_: What, _: &Path, _: &Manifest) {}
 
 /// The same, and that the same command goes on.
 fn is_gone_on_with(what: What, archive: &Archive, whole: &Archive, cut: &str) {
@@ -172,6 +213,13 @@ fn is_gone_on_with(what: What, archive: &Archive, whole: &Archive, cut: &str) {
     let names: Vec<&String> = there.keys().chain(wanted.keys()).filter(differ).collect();
     assert!(names.is_empty(), "{what:?}, {cut}: it does not come to the same: {names:?}");
     assert_eq!(folders(folder), folders(whole.folder.path()), "{what:?}, {cut}: folders are left");
+    #[cfg(unix)]
+    {
+        use super::draft::tests::modes;
+        let mut there = modes(folder);
+        there.retain(|name, _| !name.ends_with(".kilwa-lock"));
+        assert_eq!(there, modes(whole.folder.path()), "{what:?}, {cut}: the permissions differ");
+    }
 }
 
 fn whole(what: What) -> Archive {
@@ -238,7 +286,7 @@ fn a_kill_before_any_disk_change_leaves_the_old_or_new_object_and_a_rerun_finish
 }
 
 /// What changes a disk.
-const CALLS: &str = "rename,renameat,renameat2,unlink,unlinkat,rmdir,mkdir,mkdirat,link,linkat,write,pwrite64,writev,fsync,fdatasync,ftruncate,chmod,fchmod,fchmodat,copy_file_range,sendfile,flock";
+const CALLS: &str = "rename,renameat,renameat2,unlink,unlinkat,rmdir,mkdir,mkdirat,link,linkat,write,pwrite64,writev,fsync,fdatasync,ftruncate,chmod,fchmod,fchmodat,chown,lchown,fchown,fchownat,copy_file_range,sendfile,flock";
 
 /// How often each of these calls is made, in a run that comes to its end.
 fn calls(what: What) -> BTreeMap<String, u32> {
@@ -255,16 +303,26 @@ fn calls(what: What) -> BTreeMap<String, u32> {
     counts
 }
 
+/// Chooses what is killed: given, so that a failure can be repeated, or another one with each run.
+fn seed() -> u32 {
+    use std::hash::{BuildHasher as _, RandomState};
+    let given = std::env::var("KILWA_KILL_SEED").ok();
+    let random = || u32::try_from(RandomState::new().hash_one(()) % 1_000_000).unwrap();
+    given.map_or_else(random, |text| text.parse().expect("KILWA_KILL_SEED is a number"))
+}
+
 #[test]
 fn a_kill_before_any_system_call_leaves_the_old_or_new_object_and_a_rerun_finishes() {
     let works = Command::new("strace").args(["-f", "-qq", "-o", "/dev/null", "true"]).status();
     if !works.is_ok_and(|status| status.success()) {
-        println!("skipped: strace is not here, or may not watch programs");
+        println!("skipped: kills before system calls: strace is not here, or may not watch programs");
         return;
     }
-    // A run takes a twentieth of a second: usually some of the calls, others with each run.
+    // A run takes a twentieth of a second: usually some of the calls, others with each seed.
     let every = if std::env::var_os("KILWA_SOAK").is_some() { 1 } else { 7 };
-    let mut skipped = std::process::id() % every;
+    let seed = seed();
+    println!("every {every} of the system calls; again with KILWA_KILL_SEED={seed}");
+    let mut skipped = seed % every;
     for what in ALL {
         let (whole, mut killed, mut of) = (whole(what), 0, 0);
         for (call, count) in calls(what) {

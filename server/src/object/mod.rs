@@ -17,6 +17,7 @@ pub mod checksums;
 pub mod date;
 mod disk;
 pub mod draft;
+pub mod keep;
 #[cfg(test)]
 mod kill_tests;
 pub mod layout;
@@ -24,7 +25,7 @@ pub mod location;
 pub mod lock;
 pub mod manifest;
 pub mod metadata;
-mod modes;
+pub mod modes;
 pub mod next;
 pub mod notes;
 pub mod page;

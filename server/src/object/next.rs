@@ -10,7 +10,8 @@
 //! | between manifest and page | the new object; its page lies in [`NEXT`], the old page leads to the version before, which is there and whole | puts the page in its place |
 //!
 //! `kilwa serve` shows the page that the manifest names, also from [`NEXT`]; a static host shows `index.html`, whose version is there in either
-//! case. [`settle`] is called under the lock of the folder of objects by whatever changes an object, before it reads the manifest.
+//! case. [`settle`] is called under the lock of the folder of objects by whatever changes an object, before it reads the manifest. It also gives earlier
+//! versions the permissions that the manifest asks for: they are closed before the manifest is replaced, and opened after it.
 
 use super::assemble::existing;
 use super::checksums::sha256;
@@ -19,6 +20,7 @@ use super::draft::{DraftError, Steps};
 use super::layout::{CHECKSUMS, MANIFEST, PAGE, Slug};
 use super::lock::Lock;
 use super::manifest::{MANIFEST_MAX, Manifest, Version};
+use super::modes;
 use crate::holding::SMALL;
 use crate::store::read_small;
 use std::path::Path;
@@ -66,6 +68,19 @@ fn show_page(object: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
 /// # Errors
 /// [`DraftError`] where that fails, or what is there is no object.
 pub fn settle(lock: &Lock, slug: &Slug, steps: Steps<'_>) -> Result<Option<Manifest>, DraftError> {
+    let manifest = settle_contents(lock, slug, steps)?;
+    if let Some(manifest) = &manifest {
+        match modes::settle_published(lock, slug, manifest, steps) {
+            // Files of somebody else's keep nobody from adding a version; where their permissions matter to that version it is refused.
+            Err(e) if e.is_denied() => {}
+            settled => settled?,
+        }
+    }
+    Ok(manifest)
+}
+
+/// The same without the permissions, for a withdrawal, which takes the files away.
+pub(super) fn settle_contents(lock: &Lock, slug: &Slug, steps: Steps<'_>) -> Result<Option<Manifest>, DraftError> {
     let object = lock.folder().join(slug.as_str());
     let manifest = existing(&object).map_err(DraftError::Other)?;
     let (next, Some(manifest)) = (object.join(NEXT), manifest) else { return Ok(None) };

@@ -12,7 +12,8 @@ use std::fs;
 use std::path::Path;
 use tempfile::TempDir;
 
-/// A hidden folder, removed when it is dropped.
+/// A hidden folder, removed when it is dropped. Nobody but its owner can look into it: what is made there may be part of a closed model, and has the
+/// permissions of that only when it is complete.
 #[derive(Debug)]
 pub(crate) struct Scratch {
     // Removed before the lock goes.
@@ -24,7 +25,11 @@ impl Scratch {
     /// Make one in `parent`. The caller holds a lock under which others call [`sweep`] there.
     pub(crate) fn create(parent: &Path, prefix: &str, steps: Steps<'_>) -> Result<Self, DraftError> {
         steps("begin").map_err(disk::failed("write to", parent))?;
-        let made = tempfile::Builder::new().prefix(prefix).tempdir_in(parent);
+        let mut builder = tempfile::Builder::new();
+        // Temporary files are private without this, folders are not.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
+        let made = builder.prefix(prefix).tempdir_in(parent);
         let folder = made.map_err(disk::failed("write to", parent))?;
         let lock = Lock::take(folder.path())?;
         Ok(Self { folder, lock })
@@ -58,8 +63,23 @@ pub(crate) fn is_of(slug: &Slug, name: &str) -> bool {
 }
 
 /// Remove the hidden folders and files in `parent` that nobody works with any more and whose names are such. The caller holds the lock under which
-/// they are made.
+/// they are made. What another user has left, and only they can remove, stays: it keeps nobody from publishing.
 pub(crate) fn sweep(parent: &Path, is_such: &dyn Fn(&str) -> bool, steps: Steps<'_>) -> Result<(), DraftError> {
+    sweep_but(parent, is_such, &DraftError::is_denied, steps)
+}
+
+/// The same where nothing may be left that others can read.
+pub(crate) fn sweep_all(parent: &Path, is_such: &dyn Fn(&str) -> bool, steps: Steps<'_>) -> Result<(), DraftError> {
+    sweep_but(parent, is_such, &|_| false, steps)
+}
+
+/// The same, but for what cannot be removed for a reason that is no matter.
+fn sweep_but(
+    parent: &Path,
+    is_such: &dyn Fn(&str) -> bool,
+    is_no_matter: &dyn Fn(&DraftError) -> bool,
+    steps: Steps<'_>,
+) -> Result<(), DraftError> {
     for entry in fs::read_dir(parent).map_err(disk::failed("read", parent))? {
         let entry = entry.map_err(disk::failed("read", parent))?;
         if !is_such(&entry.file_name().to_string_lossy()) {
@@ -69,9 +89,14 @@ pub(crate) fn sweep(parent: &Path, is_such: &dyn Fn(&str) -> bool, steps: Steps<
         let is_folder = entry.file_type().map_err(disk::failed("read", &path))?.is_dir();
         let _held = match is_folder.then(|| Lock::take(&path)) {
             Some(Err(DraftError::Busy(_))) => continue,
+            // Another user's, who may be working in it, and closed to everybody else.
+            Some(Err(e)) if e.is_denied() => continue,
             held => held,
         };
-        disk::remove(&path, steps)?;
+        match disk::remove(&path, steps) {
+            Err(e) if is_no_matter(&e) => {}
+            removed => removed?,
+        }
     }
     Ok(())
 }

@@ -7,11 +7,11 @@
 
 use super::disk::{self, failed};
 use super::draft::{DraftError, HIDDEN, Steps};
+use super::keep::{Folders, is_own_folder};
 use super::layout::{CHECKSUMS, CITATIONS, LICENCE, MANIFEST, PAGE, README, Slug, VIEWER};
-use super::lock::{Lock, PATIENCE};
 use super::manifest::{AccessState, MANIFEST_MAX, Manifest};
 use super::modes;
-use super::next::{become_next, settle};
+use super::next::{become_next, settle_contents};
 use super::page::tombstone;
 use super::scratch::{self, Scratch};
 use super::site;
@@ -37,6 +37,13 @@ pub struct Outlook {
     pub is_withheld: bool,
 }
 
+impl Outlook {
+    /// Whether nothing is left to do.
+    pub fn is_done(&self) -> bool {
+        self.withdrawn.is_some() && self.going.0 == 0 && !self.bag
+    }
+}
+
 /// What withdrawing the object `slug` of the folder `shelf` would do; changes nothing.
 ///
 /// # Errors
@@ -46,7 +53,7 @@ pub fn outlook(shelf: &Path, slug: &Slug) -> Result<Outlook, DraftError> {
     let path = object.join(MANIFEST);
     let manifest = Manifest::parse(&read_small(&path, MANIFEST_MAX).map_err(failed("read", &path))?)?;
     let mut going = (0, 0);
-    for folder in folders(&object, &manifest) {
+    for folder in folders_of(&object, &manifest) {
         count(&folder, "", &mut going).map_err(failed("read", &folder))?;
     }
     let withdrawn = manifest.access.withdrawn.filter(|_| manifest.access.state == AccessState::Withdrawn);
@@ -61,7 +68,7 @@ pub fn outlook(shelf: &Path, slug: &Slug) -> Result<Outlook, DraftError> {
 }
 
 /// The version folders that are there: of what is withdrawn somebody may have removed one.
-fn folders(object: &Path, manifest: &Manifest) -> Vec<PathBuf> {
+fn folders_of(object: &Path, manifest: &Manifest) -> Vec<PathBuf> {
     manifest.versions.iter().map(|v| object.join(&v.folder)).filter(|folder| folder.is_dir()).collect()
 }
 
@@ -85,8 +92,6 @@ pub struct Withdrawal<'a> {
     pub reason: &'a str,
     /// The day of it.
     pub day: &'a str,
-    /// Where the files go.
-    pub keep: &'a Path,
 }
 
 /// How a withdrawal ended.
@@ -103,29 +108,37 @@ pub struct Withdrawn {
 }
 
 /// What is done when the manifest says that an object is withdrawn, and something is lacking.
-const WITHDRAWN: &str = "the object is withdrawn, but not all of its files have been moved";
+pub(super) const WITHDRAWN: &str = "the object is withdrawn, but not all of its files have been moved";
 
-/// Withdraw the object `slug` of the locked folder, or go on with it.
+/// Withdraw the object `slug` of the locked folders, or go on with it.
 ///
 /// # Errors
-/// [`DraftError`] when it has no manifest, there is something else of this name in `keep`, or the system refuses: the object is as it was, or
+/// [`DraftError`] when it has no manifest, there is something else of this name in the folder outside, or the system refuses: the object is as it was, or
 /// [`DraftError::Unfinished`], withdrawn and not all of it moved.
-pub fn withdraw(lock: &Lock, slug: &Slug, said: &Withdrawal<'_>, steps: Steps<'_>) -> Result<Withdrawn, DraftError> {
-    let (shelf, object) = (lock.folder(), lock.folder().join(slug.as_str()));
+pub fn withdraw(
+    folders: &Folders,
+    slug: &Slug,
+    said: &Withdrawal<'_>,
+    steps: Steps<'_>,
+) -> Result<Withdrawn, DraftError> {
+    let (shelf, object) = (folders.shelf.folder(), folders.shelf.folder().join(slug.as_str()));
     let changes = Cell::new(0_u32);
     let steps: Steps<'_> = &|what| {
         changes.set(changes.get().saturating_add(1));
         steps(what)
     };
     let none = || DraftError::Other(format!("there is no {slug} in {}", shelf.display()));
-    let manifest = settle(lock, slug, steps)?.ok_or_else(none)?;
+    let manifest = settle_contents(&folders.shelf, slug, steps)?.ok_or_else(none)?;
     let is_withdrawn = manifest.access.state == AccessState::Withdrawn;
     let left = outlook(shelf, slug)?;
     let before = is_withdrawn && left.going.0 == 0 && !left.bag;
     let kept = if before {
-        said.keep.join(slug.as_str())
+        folders.keep.join(slug.as_str())
     } else {
-        let begun = begin_keeping(&object, slug, &manifest, said.keep, steps);
+        // Files have come back since it was looked at whether that folder is needed.
+        let lacking = || DraftError::Busy(object.clone());
+        let keep = folders.kept.as_ref().ok_or_else(lacking);
+        let begun = keep.and_then(|keep| begin_keeping(&object, slug, &manifest, keep.folder(), steps));
         begun.map_err(|e| if is_withdrawn { e.after(WITHDRAWN) } else { e })?
     };
     if !is_withdrawn {
@@ -133,14 +146,14 @@ pub fn withdraw(lock: &Lock, slug: &Slug, said: &Withdrawal<'_>, steps: Steps<'_
     }
     let moved = || {
         if !before {
-            take_all(&object, &manifest, &kept, said.keep, steps)?;
+            take_all(&object, &manifest, &kept, &folders.keep, steps)?;
         }
         // A bag holds the same files again.
         disk::remove(&shelf.join(format!("{slug}.bag")), steps)?;
-        for folder in folders(&object, &manifest) {
+        for folder in folders_of(&object, &manifest) {
             strip(&folder, &copy_of(&folder, &kept), "", steps)?;
         }
-        sweep(lock, slug, said.keep, steps)
+        sweep(folders, slug, steps)
     };
     moved().map_err(|e| e.after(WITHDRAWN))?;
     let day = manifest.access.withdrawn.filter(|_| is_withdrawn).unwrap_or_else(|| said.day.to_owned());
@@ -154,25 +167,24 @@ fn copy_of(folder: &Path, kept: &Path) -> PathBuf {
 
 /// Link or copy all versions of an object to the folder outside, for nobody else to read.
 fn take_all(object: &Path, manifest: &Manifest, kept: &Path, keep: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
-    for folder in folders(object, manifest) {
+    for folder in folders_of(object, manifest) {
         let copy = copy_of(&folder, kept);
         take(&folder, &copy, steps)?;
         modes::settle(&copy, false, keep, steps)?;
     }
-    Ok(())
+    // What is removed next must not be all that a power cut leaves. An earlier command may have given these names, and been cut off before this.
+    disk::sync(kept, steps)?;
+    disk::sync(keep, steps)
 }
 
 /// Remove the hidden folders of commands that were cut off: a bag that was being made holds what was withdrawn.
-fn sweep(lock: &Lock, slug: &Slug, keep: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
-    let is_of = |name: &str| scratch::is_of(slug, name);
-    scratch::sweep(lock.folder(), &is_of, steps)?;
-    scratch::sweep(&lock.folder().join(slug.as_str()), &is_of, steps)?;
-    site::sweep(lock, steps)?;
-    if keep.is_dir() {
-        let _lock = Lock::wait(keep, PATIENCE, &|| ())?;
-        scratch::sweep(keep, &is_of, steps)?;
-    }
-    Ok(())
+fn sweep(folders: &Folders, slug: &Slug, steps: Steps<'_>) -> Result<(), DraftError> {
+    let (shelf, is_of) = (folders.shelf.folder(), |name: &str| scratch::is_of(slug, name));
+    scratch::sweep_all(shelf, &is_of, steps)?;
+    scratch::sweep_all(&shelf.join(slug.as_str()), &is_of, steps)?;
+    site::sweep(&folders.shelf, steps)?;
+    let keep = folders.kept.as_ref();
+    keep.map_or(Ok(()), |keep| scratch::sweep_all(keep.folder(), &is_of, steps))
 }
 
 /// Page and manifest as they are go to the folder outside, unless an earlier attempt has put them there.
@@ -183,10 +195,11 @@ fn begin_keeping(
     keep: &Path,
     steps: Steps<'_>,
 ) -> Result<PathBuf, DraftError> {
-    disk::create_dir(keep, steps)?;
-    let _lock = Lock::wait(keep, PATIENCE, &|| ())?;
     let kept = keep.join(slug.as_str());
-    if kept.exists() {
+    if let Ok(is_own) = is_own_folder(&kept) {
+        if !is_own {
+            return Err(DraftError::There(kept));
+        }
         let there = read_small(&kept.join(MANIFEST), MANIFEST_MAX).ok().and_then(|b| Manifest::parse(&b).ok());
         let there = there.map(|there| there.versions).filter(|there| manifest.versions.starts_with(there));
         match there {
@@ -232,7 +245,7 @@ fn close_object(
     disk::create_dir(&whole, steps)?;
     disk::write(&whole.join(PAGE), page.as_bytes(), steps)?;
     disk::write(&whole.join(MANIFEST), &manifest.to_bytes()?, steps)?;
-    disk::sync_folder(&whole)?;
+    disk::sync(&whole, steps)?;
     become_next(object, &whole, None, WITHDRAWN, steps)?;
     drop(hidden.close(steps));
     Ok(())
@@ -269,6 +282,9 @@ fn strip(folder: &Path, kept: &Path, prefix: &str, steps: Steps<'_>) -> Result<(
 /// Link or copy what is not there yet.
 fn take(from: &Path, to: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     disk::create_dir(to, steps)?;
+    if !is_own_folder(to).map_err(failed("read", to))? {
+        return Err(failed("write", to)(io::Error::other("it is a link, and what is kept must not lie elsewhere")));
+    }
     // Copies that were cut off.
     scratch::sweep(to, &|name| name.starts_with(HIDDEN), steps)?;
     for entry in fs::read_dir(from).map_err(failed("read", from))? {
@@ -285,8 +301,7 @@ fn take(from: &Path, to: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
             }
         }
     }
-    steps("sync").map_err(failed("write", to))?;
-    disk::sync_folder(to)
+    disk::sync(to, steps)
 }
 
 fn copied(from: &Path, to: &Path) -> io::Result<()> {

@@ -1,16 +1,27 @@
 use super::*;
 use crate::object::draft::tests::{folders as folders_in, publish, slug, tree};
+use crate::object::lock::{Lock, PATIENCE};
+use std::cell::RefCell;
 
-fn said(keep: &Path) -> Withdrawal<'_> {
-    Withdrawal { reason: "asked to", day: "2026-11-21", keep }
-}
+const SAID: Withdrawal<'_> = Withdrawal { reason: "asked to", day: "2026-11-21" };
 
 fn withdrawn(shelf: &Path, keep: &Path) -> Result<PathBuf, DraftError> {
     ended(shelf, keep, &|_| Ok(())).map(|done| done.kept)
 }
 
 fn ended(shelf: &Path, keep: &Path, steps: Steps<'_>) -> Result<Withdrawn, DraftError> {
-    withdraw(&Lock::wait(shelf, PATIENCE, &|| ()).unwrap(), &slug(), &said(keep), steps)
+    withdraw(&Folders::lock(shelf, keep, &slug(), &|_| (), steps)?, &slug(), &SAID, steps)
+}
+
+/// A folder `shelf` with an object of two versions, in memory: thousands of files are put on disk.
+fn with_two_versions() -> tempfile::TempDir {
+    let memory = Path::new("/dev/shm");
+    let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() }.unwrap();
+    fs::create_dir(folder.path().join("shelf")).unwrap();
+    for version in [1, 2] {
+        publish(&folder.path().join("shelf"), version, &|_| Ok(())).unwrap();
+    }
+    folder
 }
 
 #[test]
@@ -67,9 +78,7 @@ fn a_resumed_withdrawal_includes_versions_published_since() {
         begun.set(begun.get() + u32::from(what == "manifest.json"));
         if begun.get() > 1 { cut(what) } else { Ok(()) }
     };
-    let lock = Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap();
-    withdraw(&lock, &slug(), &said(keep.path()), &second).unwrap_err();
-    drop(lock);
+    ended(shelf.path(), keep.path(), &second).unwrap_err();
     publish(shelf.path(), 2, &|_| Ok(())).unwrap();
     let before = tree(&shelf.path().join("fort"));
     let kept = withdrawn(shelf.path(), keep.path()).unwrap();
@@ -78,16 +87,6 @@ fn a_resumed_withdrawal_includes_versions_published_since() {
 
 #[test]
 fn nothing_was_changed_is_printed_only_if_true_and_a_rerun_finishes() {
-    let with_two_versions = || {
-        // Thousands of files are put on disk: in memory that takes no time.
-        let memory = Path::new("/dev/shm");
-        let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() }.unwrap();
-        fs::create_dir(folder.path().join("shelf")).unwrap();
-        for version in [1, 2] {
-            publish(&folder.path().join("shelf"), version, &|_| Ok(())).unwrap();
-        }
-        folder
-    };
     let run = |folder: &Path, steps: Steps<'_>| ended(&folder.join("shelf"), &folder.join("keep"), steps);
     let whole = with_two_versions();
     let done = run(whole.path(), &|_| Ok(())).unwrap();
@@ -152,4 +151,164 @@ fn the_next_command_removes_leftovers_even_if_everything_is_withdrawn() {
     assert!(swept.before && swept.changed);
     fs::remove_dir(&other).expect("what is of another object stays");
     assert!(everything() == before);
+}
+
+#[cfg(unix)]
+#[test]
+fn no_file_goes_to_where_a_web_server_would_go_on_serving_it() {
+    use std::os::unix::fs::symlink;
+    let folder = with_two_versions();
+    let at = |path: &str| folder.path().join(path);
+    fs::create_dir_all(at("www/deep")).unwrap();
+    for (name, to) in [("link", "shelf"), ("within", "shelf/fort"), ("www/up", "shelf"), ("other", "www")] {
+        symlink(at(to), at(name)).unwrap();
+    }
+    let before = (tree(folder.path()), folders_in(folder.path()));
+    let inside = [
+        "shelf",
+        "shelf/kept",
+        "shelf/fort/v1",
+        "link",
+        "link/kept/deeper",
+        "within",
+        "within/kept",
+        "www/../shelf/kept",
+        "www/deep/../../shelf",
+        "other/up/kept",
+        "www/up",
+    ];
+    for keep in inside {
+        for shelf in ["shelf", "link", "www/../shelf"] {
+            let refused = withdrawn(&at(shelf), &at(keep)).unwrap_err().to_string();
+            assert!(refused.contains("give a folder outside with --keep"), "{shelf}, {keep}: {refused}");
+        }
+    }
+    // What is not there leads wherever somebody puts it.
+    let refused = withdrawn(&at("shelf"), &at("none/../shelf/kept")).unwrap_err().to_string();
+    assert!(refused.contains("give a path without it"), "{refused}");
+    assert!((tree(folder.path()), folders_in(folder.path())) == before, "nothing was changed or made");
+    // A folder outside may be reached through a link.
+    assert!(withdrawn(&at("link"), &at("other/kept")).unwrap().ends_with("fort"));
+    assert!(at("www/kept/fort/v2/a.txt").exists() && !at("shelf/fort/v2/a.txt").exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_in_the_folder_outside_costs_no_file() {
+    use std::os::unix::fs::symlink;
+    let whole = with_two_versions();
+    withdrawn(&whole.path().join("shelf"), &whole.path().join("keep")).unwrap();
+    // In place of what is kept, and of a version of it, as far as an interrupted command has come.
+    for (link, to) in [("keep/fort", "shelf/fort"), ("keep/fort/v1", "shelf/fort/v1"), ("keep/fort/v2", "elsewhere")] {
+        let folder = with_two_versions();
+        let at = |path: &str| folder.path().join(path);
+        fs::create_dir_all(at("elsewhere")).unwrap();
+        if link == "keep/fort" {
+            fs::create_dir(at("keep")).unwrap();
+        } else {
+            fs::create_dir_all(at("keep/fort")).unwrap();
+            for name in [PAGE, MANIFEST] {
+                fs::copy(at("shelf/fort").join(name), at("keep/fort").join(name)).unwrap();
+            }
+        }
+        symlink(at(to), at(link)).unwrap();
+        let packs = |path: &str| tree(&at(path)).into_keys().filter(|name| name.ends_with(".kilwa")).count();
+        withdrawn(&at("shelf"), &at("keep")).unwrap_err();
+        assert_eq!(packs("shelf"), 2, "{link}: a file is gone");
+        // Without it the same command goes on.
+        fs::remove_file(at(link)).unwrap();
+        fs::remove_dir(at("elsewhere")).unwrap();
+        withdrawn(&at("shelf"), &at("keep")).unwrap();
+        assert!(tree(&at("keep")) == tree(&whole.path().join("keep")), "{link}");
+    }
+}
+
+#[test]
+fn withdrawals_with_crossed_folders_do_not_wait_for_each_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let (a, b) = (folder.path().join("a"), folder.path().join("b"));
+    for shelf in [&a, &b] {
+        fs::create_dir(shelf).unwrap();
+        publish(shelf, 1, &|_| Ok(())).unwrap();
+    }
+    let first = Lock::wait(&a, PATIENCE, &|| ()).unwrap();
+    let (waits, waited) = std::sync::mpsc::channel();
+    std::thread::scope(|scope| {
+        let lock = |shelf: &'static str, keep: &'static str| {
+            let (shelf, keep, waits) = (folder.path().join(shelf), folder.path().join(keep), waits.clone());
+            scope.spawn(move || {
+                let waits = |at: &Path| waits.send(at.to_owned()).unwrap();
+                Folders::lock(&shelf, &keep, &slug(), &waits, &|_| Ok(())).map(drop)
+            })
+        };
+        let both = [lock("a", "b"), lock("b", "a")];
+        // Both wait for the same folder, and hold nothing meanwhile.
+        assert_eq!([waited.recv().unwrap(), waited.recv().unwrap()], [a.clone(), a.clone()]);
+        drop(Lock::wait(&b, PATIENCE, &|| panic!("it is held by one that waits")).unwrap());
+        drop(first);
+        both.into_iter().for_each(|one| one.join().unwrap().unwrap());
+    });
+}
+
+#[test]
+fn nothing_is_removed_before_the_names_of_what_is_kept_are_on_disk() {
+    // Wherever a first attempt is cut off, and whatever a second one finds done.
+    let mut removals = 0;
+    for step in 0.. {
+        let folder = with_two_versions();
+        let (shelf, keep) = (folder.path().join("shelf"), folder.path().join("deep/keep"));
+        let log = RefCell::new(Vec::new());
+        let cut = |what: &str| {
+            let is_cut = log.borrow().len() == step;
+            log.borrow_mut().push(what.to_owned());
+            if is_cut { Err(io::Error::other("cut off")) } else { Ok(()) }
+        };
+        let ends = ended(&shelf, &keep, &cut);
+        let mut runs = vec![log.take()];
+        if ends.is_err() {
+            ended(&shelf, &keep, &|what| {
+                log.borrow_mut().push(what.to_owned());
+                Ok(())
+            })
+            .unwrap();
+            runs.push(log.take());
+        }
+        for run in &runs {
+            let Some(removed) = run.iter().position(|what| what == "remove a.txt") else { continue };
+            removals += 1;
+            // Of the folder itself, of the object in it, and of the versions in that.
+            for name in ["sync deep", "sync keep", "sync fort"] {
+                let synced = run.iter().take(removed).rposition(|what| what == name);
+                let made = run.iter().take(removed).rposition(|what| what == "v2" || what == "rename fort");
+                let is_last = name == "sync deep" || synced > made;
+                assert!(synced.is_some() && is_last, "cut at step {step}: {name} is lacking in {run:?}");
+            }
+        }
+        if ends.is_ok() {
+            break;
+        }
+    }
+    assert!(removals > 20, "{removals}");
+}
+
+#[cfg(unix)]
+#[test]
+fn withdrawn_geometry_is_not_for_other_users_of_the_computer() {
+    use crate::object::draft::tests::{modes, pack_of, publish_as, visible};
+    for state in [AccessState::Public, AccessState::Restricted] {
+        let folder = tempfile::tempdir().unwrap();
+        let (shelf, keep) = (folder.path().join("shelf"), folder.path().join("keep"));
+        fs::create_dir(&shelf).unwrap();
+        for version in [1, 2] {
+            publish_as(&shelf, version, &|_| Ok(()), state).unwrap();
+        }
+        withdrawn(&shelf, &keep).unwrap();
+        let packs: Vec<u32> =
+            modes(&keep).into_iter().filter(|(name, _)| name.ends_with(".kilwa")).map(|(_, mode)| mode).collect();
+        assert_eq!(packs, [0o640; 2], "{state:?}");
+        let visible = visible(folder.path());
+        assert!(
+            !visible.contains(&pack_of(1)) && !visible.contains(&pack_of(2)) && visible.contains(&b"a of 1".to_vec())
+        );
+    }
 }

@@ -6,6 +6,7 @@ use super::{PATIENCE, noise, object};
 use crate::common::{page, public};
 use kilwa_server::object::checksums::{Checksums, sha256};
 use kilwa_server::object::draft::{Draft, DraftError};
+use kilwa_server::object::keep::Folders;
 use kilwa_server::object::layout::Slug;
 use kilwa_server::object::lock::Lock;
 use kilwa_server::object::next::settle;
@@ -246,9 +247,8 @@ async fn a_concurrent_upload_publication_and_withdrawal_lose_nothing() {
                     pause(what);
                     Ok(())
                 };
-                let said = Withdrawal { reason: "asked to", day: "2026-11-21", keep: &to };
-                let lock = Lock::wait(&at, PATIENCE, &|| ())?;
-                withdraw(&lock, &Slug::new("fort").unwrap(), &said, &steps)
+                let (slug, said) = (Slug::new("fort").unwrap(), Withdrawal { reason: "asked to", day: "2026-11-21" });
+                withdraw(&Folders::lock(&at, &to, &slug, &|_| (), &steps)?, &slug, &said, &steps)
             })
         });
         server.finish().await;
