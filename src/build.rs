@@ -13,7 +13,7 @@ use anyhow::Context;
 use kilwa_builder::options::{COLOR_BITS, NORMAL_BITS};
 use kilwa_builder::scratch::Scratch;
 use kilwa_builder::work::Stop;
-use kilwa_builder::{BuildError, BuildOptions, BuildReport, Run, StageTime, build, journal, machine};
+use kilwa_builder::{BuildError, BuildOptions, BuildReport, Run, StageTime, build, machine};
 use need::Need;
 use output::{Output, beside, folder_of};
 use report::{Report, Spent};
@@ -129,10 +129,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             first.display()
         );
     }
-    let same = |input: &Path| matches!((input.canonicalize(), args.output.canonicalize()), (Ok(a), Ok(b)) if a == b);
-    if let Some(input) = inputs.files.iter().find(|input| same(&input.path)) {
-        anyhow::bail!("{} is an input; give another name for the pack", input.path.display());
-    }
+    inputs.refuse_as_output(&args.output)?;
     let options = BuildOptions {
         title: args.title.clone().unwrap_or_else(|| inputs.files.first().map_or_else(String::new, |f| stem(&f.path))),
         threads: args.threads,
@@ -211,6 +208,9 @@ fn refuse(args: &Args) -> anyhow::Result<()> {
     if args.output.file_name().is_none() {
         anyhow::bail!("{} is no name of a file", args.output.display());
     }
+    if args.output.is_symlink() && !args.output.exists() {
+        anyhow::bail!("{} is a link that leads nowhere; remove it, or give another name", args.output.display());
+    }
     if args.output.exists() && !args.force {
         anyhow::bail!("{} exists; give --force to replace it, or another name", args.output.display());
     }
@@ -225,11 +225,6 @@ fn open_scratch(args: &Args) -> anyhow::Result<Scratch> {
     let mut folder = beside(&args.output, ".scratch");
     if let (Some(given), Some(name)) = (&args.scratch, folder.file_name()) {
         folder = given.join(name);
-    }
-    let ours = |f: &Path| f.join(journal::JOURNAL).exists() || f.join("lock").exists();
-    let is_empty = std::fs::read_dir(&folder).map_or(true, |mut entries| entries.next().is_none());
-    if !is_empty && !ours(&folder) {
-        anyhow::bail!("{} is there and holds no scratch files of a build; remove it or rename it", folder.display());
     }
     Ok(Scratch::open(&folder)?)
 }

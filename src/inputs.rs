@@ -11,7 +11,7 @@ use anyhow::{Context, bail};
 use kilwa_builder::ingest::Spool;
 use kilwa_builder::journal::PlannedInput;
 use kilwa_builder::read::texture::detail::Detail;
-use kilwa_builder::read::{self, Placed, Placement, ReadError, ReadOptions};
+use kilwa_builder::read::{self, Placed, Placement, ReadError, ReadOptions, Replaced};
 use kilwa_builder::work::Work;
 use kilwa_builder::{BuildError, Interruptible, Progress, Units, Up};
 use kilwa_pack::metadata::SourceFile;
@@ -72,6 +72,8 @@ pub(crate) struct InputFile {
 pub(crate) struct Inputs {
     /// How they are read.
     options: ReadOptions,
+    /// Files with matrices.
+    matrices: Vec<PathBuf>,
     /// Sorted by path; at least one.
     pub(crate) files: Vec<InputFile>,
     /// Files in given folders that are no meshes that can be read.
@@ -123,14 +125,16 @@ impl Inputs {
             Some(file) if file.as_os_str() != "auto" => matrix(file)?,
             _ => Placement::IDENTITY,
         };
+        let is_auto = args.transform.as_ref().is_some_and(|file| file.as_os_str() == "auto");
+        let matrices = match &args.transform {
+            Some(_) if is_auto => named.iter().map(|path| path.with_extension("xf")).collect(),
+            file => file.iter().cloned().collect(),
+        };
         let mut files = Vec::with_capacity(named.len());
         for path in named {
             let format = read::recognise(&path)?;
             let up = args.up.unwrap_or(format.up);
-            let own = match &args.transform {
-                Some(file) if file.as_os_str() == "auto" => own_matrix(&path, args.allow_outside)?,
-                _ => common,
-            };
+            let own = if is_auto { own_matrix(&path, args.allow_outside)? } else { common };
             let placement = own
                 .then(&Placement::translation(args.origin.unwrap_or_default()))
                 .then(&Placement::to_metres(args.units, up));
@@ -139,7 +143,20 @@ impl Inputs {
         passed_over.sort();
         let detail = args.texture_detail.map(|texels| Arc::new(Detail::new(texels)));
         let options = ReadOptions { detail, allow_outside: args.allow_outside, ..ReadOptions::default() };
-        Ok(Self { options, files, passed_over })
+        Ok(Self { options, matrices, files, passed_over })
+    }
+
+    /// Refuse an output that would replace what is read. What the meshes name is known only when they are read: that is refused
+    /// then, before anything is replaced.
+    pub(crate) fn refuse_as_output(&mut self, output: &Path) -> anyhow::Result<()> {
+        let Ok(real) = output.canonicalize() else { return Ok(()) };
+        let mut read = self.files.iter().map(|file| &file.path).chain(&self.matrices);
+        if let Some(file) = read.find(|file| file.canonicalize().is_ok_and(|file| file == real)) {
+            bail!("{} is an input; give another name for the pack", file.display());
+        }
+        let cannot = || format!("cannot look at {}", output.display());
+        self.options.replaced = Some(Arc::new(Replaced::new(real.metadata().with_context(cannot)?)));
+        Ok(())
     }
 
     /// The axis that points up, as the metadata has it: that of most inputs where they differ.
@@ -221,7 +238,11 @@ impl kilwa_builder::Inputs for Inputs {
             };
             let mut sink = Interruptible::new(spool, work.stop, &file.path);
             let mut placed = Placed::new(&mut sink, file.placement);
-            read::read_into_with(&file.path, &self.options, &mut placed, progress)?;
+            let done = read::read_into_with(&file.path, &self.options, &mut placed, progress);
+            if self.options.replaced.as_ref().is_some_and(|output| output.is_met()) {
+                return Err(ReadError::Replaced { file: file.path.clone() }.into());
+            }
+            done?;
             before += of_file;
         }
         self.sources(work.progress)

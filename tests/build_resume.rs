@@ -260,6 +260,61 @@ fn a_link_under_the_temporary_name_is_refused_and_what_it_leads_to_stays() {
     }
 }
 
+/// All files in a scratch folder are removed at the end, and somebody else may have put a link where it will be.
+#[cfg(unix)]
+#[test]
+fn a_link_in_place_of_the_scratch_folder_is_refused_and_what_it_leads_to_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let made = kilwa(folder.path(), &["synth", "wall", "--triangles", "2000", "-o", "wall.ply"]).output().unwrap();
+    assert!(made.status.success(), "{}", stderr(&made));
+    let archive = folder.path().join("archive");
+    std::fs::create_dir_all(archive.join("journal")).unwrap();
+    std::fs::create_dir(folder.path().join("disk")).unwrap();
+    for name in ["lock", "a.tif", "journal/b.tif"] {
+        std::fs::write(archive.join(name), "").unwrap();
+    }
+    let hows: [(&str, &[&str]); 4] = [
+        (".a.kilwa.scratch", &[]),
+        (".a.kilwa.scratch", &["--resume"]),
+        (".a.kilwa.scratch", &["--force"]),
+        ("disk/.a.kilwa.scratch", &["--scratch", "disk"]),
+    ];
+    for (link, args) in hows {
+        std::os::unix::fs::symlink(&archive, folder.path().join(link)).unwrap();
+        let all = [&["build", "wall.ply", "-o", "a.kilwa"], args].concat();
+        let refused = kilwa(folder.path(), &all).output().unwrap();
+        assert_eq!(refused.status.code(), Some(1), "{args:?}: {}", stderr(&refused));
+        assert!(stderr(&refused).contains("is a link"), "{args:?}: {}", stderr(&refused));
+        for name in ["lock", "a.tif", "journal/b.tif"] {
+            assert!(archive.join(name).is_file(), "{args:?}: {name}");
+        }
+        std::fs::remove_file(folder.path().join(link)).unwrap();
+    }
+}
+
+/// What can be known beforehand is refused beforehand; what was written is not reported as not written.
+#[cfg(unix)]
+#[test]
+fn an_output_that_is_a_broken_link_is_refused_and_a_folder_that_cannot_be_listed_is_no_failure() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let folder = tempfile::tempdir().unwrap();
+    let run = |args: &[&str]| kilwa(folder.path(), args).output().unwrap();
+    assert!(run(&["synth", "wall", "--triangles", "2000", "-o", "wall.ply"]).status.success());
+    symlink("nowhere", folder.path().join("l.kilwa")).unwrap();
+    let refused = run(&["build", "wall.ply", "-o", "l.kilwa"]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(stderr(&refused).contains("leads nowhere"), "{}", stderr(&refused));
+    assert!(!folder.path().join(".l.kilwa.scratch").exists());
+    // Root may list it all the same, and then this only shows that nothing else is wrong.
+    let blind = folder.path().join("blind");
+    std::fs::create_dir(&blind).unwrap();
+    std::fs::set_permissions(&blind, std::fs::Permissions::from_mode(0o333)).unwrap();
+    let built = run(&["build", "wall.ply", "-o", "blind/a.kilwa"]);
+    std::fs::set_permissions(&blind, std::fs::Permissions::from_mode(0o755)).unwrap();
+    assert!(built.status.success(), "{}", stderr(&built));
+    assert!(!blind.join(".a.kilwa.scratch").exists());
+}
+
 #[test]
 fn two_builds_of_one_pack_at_once_and_foreign_folders_are_refused() {
     let site = Site::new();

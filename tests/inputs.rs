@@ -159,3 +159,35 @@ fn an_origin_is_added_in_the_units_of_the_file() {
     let usage = kilwa(&["build", text(&obj), "-o", text(&pack), "--origin", "1,2"]);
     assert_eq!(usage.status.code(), Some(2));
 }
+
+/// The mesh, its matrix, its materials and its picture are all read by the build whose pack would replace them.
+#[test]
+fn a_pack_replaces_nothing_that_the_build_reads() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let triangle = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n";
+    std::fs::write(at("a.obj"), triangle).unwrap();
+    std::fs::write(at("m.mtl"), "newmtl a\nKd 1 0 0\nmap_Kd p.png\n").unwrap();
+    std::fs::write(at("a.xf"), "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1").unwrap();
+    std::fs::write(at("p.png"), "a picture that nobody can decode").unwrap();
+    for name in ["a.obj", "m.mtl", "a.xf", "p.png"] {
+        let before = std::fs::read(at(name)).unwrap();
+        let (mesh, output) = (at("a.obj"), at(name));
+        let refused = kilwa(&["build", text(&mesh), "--transform", "auto", "-o", text(&output), "--force"]);
+        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(1), "{name}: {said}");
+        assert!(said.contains("give another name"), "{name}: {said}");
+        assert!(std::fs::read(at(name)).unwrap() == before, "{name} was replaced");
+    }
+    let (mesh, pack) = (at("a.obj"), at("a.kilwa"));
+    for _ in 0..2 {
+        succeeds(&["build", text(&mesh), "--transform", "auto", "-o", text(&pack), "--force"]);
+    }
+    let document = at("doc.json");
+    let measure = |args: &[&str]| kilwa(&[&["measure", text(&pack), "--save", text(&document)], args].concat());
+    assert!(measure(&["coordinate", "0", "0", "0", "--name", "precious"]).status.success());
+    let before = std::fs::read(&document).unwrap();
+    let refused = measure(&["section", "--x", "0.2", "--force", "-o", text(&document)]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(std::fs::read(&document).unwrap() == before, "{}", String::from_utf8_lossy(&refused.stderr));
+}

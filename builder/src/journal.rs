@@ -1,16 +1,17 @@
 //! The journal of a build: which stages are complete, and what files each left, so that a build that was killed goes on
 //! where it was.
 //!
-//! `journal` in the scratch folder is text, one JSON object per line. The first line says what is being built: version,
+//! `journal` in the scratch folder is text, one JSON object per line, each followed by the CRC-32 of the object. The first line says what is being built: version,
 //! options, inputs. Every other line is a complete stage: its name, the files that the build needs from then on with
 //! their lengths, and what else the next stage must know. A line is written, and made durable, after all its files
-//! are. A line that is not whole is no line. Files that no line needs are removed; those of the last line but one stay
+//! are. A line that is not whole, or
+//! whose checksum does not fit, is no line. Files that no line needs are removed; those of the last line but one stay
 //! too, so that one damaged file costs one stage.
 
 use crate::build::INGEST;
 use crate::ingest::is_file_of_ingest;
 use crate::options::BuildError;
-use crate::scratch::{Scratch, ScratchError, ScratchFile};
+use crate::scratch::{Scratch, ScratchError, ScratchFile, seal, unseal};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -122,13 +123,13 @@ impl Journal {
         // The last line is whole only where its end is.
         let whole = text.rfind('\n').map_or("", |end| &text[..end]);
         let mut lines = whole.lines();
-        let Some(before) = lines.next().and_then(|l| serde_json::from_str::<Plan>(l).ok()) else {
+        let Some(before) = lines.next().and_then(|l| serde_json::from_str::<Plan>(unseal(l)?).ok()) else {
             return Ok(Self::begin(scratch, plan)?);
         };
         if let Some(why) = plan.differs_from(&before) {
             return Err(BuildError::Resume { folder: scratch.folder().to_owned(), why });
         }
-        let stages: Vec<Stage> = lines.map_while(|l| serde_json::from_str(l).ok()).collect();
+        let stages: Vec<Stage> = lines.map_while(|l| serde_json::from_str(unseal(l)?).ok()).collect();
         let mut journal = Self { scratch: scratch.clone(), file: scratch.existing(JOURNAL)?, plan, stages };
         journal.go_back(&BTreeSet::new())?;
         Ok(journal)
@@ -203,9 +204,7 @@ impl Journal {
 
 fn line_of(line: &impl Serialize) -> Vec<u8> {
     // Maps with text as keys and plain numbers: this cannot fail, and an empty line would be no line.
-    let mut bytes = serde_json::to_vec(line).unwrap_or_default();
-    bytes.push(b'\n');
-    bytes
+    seal(&serde_json::to_vec(line).unwrap_or_default())
 }
 
 #[cfg(test)]
@@ -278,6 +277,26 @@ mod tests {
             assert_eq!(journal.stages.len(), lines.saturating_sub(1), "cut at {cut}");
             let text = std::fs::read(scratch.path(JOURNAL)).unwrap();
             assert!(text.ends_with(b"\n"), "cut at {cut}");
+        }
+    }
+
+    #[test]
+    fn a_changed_byte_in_a_line_costs_this_line_and_those_after_it() {
+        let scratch = Scratch::temporary().unwrap();
+        drop(with_stages(&scratch, 3));
+        let whole = std::fs::read(scratch.path(JOURNAL)).unwrap();
+        for at in 0..whole.len() {
+            for name in ["file-1", "file-2"] {
+                std::fs::write(scratch.path(name), vec![7; 102]).unwrap();
+            }
+            let mut text = whole.clone();
+            text[at] ^= 1;
+            std::fs::write(scratch.path(JOURNAL), &text).unwrap();
+            let line = whole[..at].iter().filter(|b| **b == b'\n').count();
+            let journal = Journal::resume(&scratch, plan()).unwrap();
+            // Only the last two stages have files left.
+            let kept = if line == 3 { 2 } else { 0 };
+            assert_eq!(journal.stages.len(), kept, "byte {at}, line {line}");
         }
     }
 

@@ -134,3 +134,73 @@ fn a_full_output_is_an_error_that_keeps_nothing_wrong_and_the_scratch_files_are_
     assert!(scratch.peak_bytes() > counted && scratch.peak_bytes() < 160 * raw.triangles.len() as u64);
     assert!(Path::new(scratch.folder()).join("journal").exists());
 }
+
+/// So little memory that there are several regions.
+fn settings(scratch: &Scratch, resume: bool) -> Settings<'_> {
+    Settings { threads: 1, memory: 1 << 19, scratch, resume }
+}
+
+/// Asks to stop in the middle of a stage.
+struct StopIn<'a> {
+    stop: &'a Stop,
+    stage: &'static str,
+}
+
+impl Progress for StopIn<'_> {
+    fn update(&self, stage: &'static str, _done: u64, _total: u64) {
+        if stage == self.stage {
+            self.stop.ask();
+        }
+    }
+}
+
+/// A digit of text is another one, of numbers two bits are, or what stands in a file stands elsewhere in it.
+fn damaged(bytes: &[u8], is_text: bool, is_moved: bool) -> Vec<u8> {
+    let mut damaged = bytes.to_vec();
+    let middle = bytes.len() / 2;
+    if is_moved {
+        damaged.rotate_left(middle / 4 * 4);
+    } else if is_text {
+        let at = middle + bytes[middle..].iter().position(u8::is_ascii_digit).unwrap();
+        damaged[at] ^= 1;
+    } else {
+        damaged[middle] ^= 5;
+    }
+    assert!(damaged != bytes);
+    damaged
+}
+
+#[test]
+fn a_damaged_file_is_noticed_before_a_stage_goes_on_from_it_and_is_made_anew() {
+    let raw = wall(4000);
+    let expected = undisturbed(&raw, 1, 1 << 32);
+    let stages: [(&str, &[&str]); 4] = [
+        ("finding corners", &["positions", "triangles", "spool.json"]),
+        ("sorting into regions", &["corners", "resolve.json"]),
+        ("joining triangles", &["buckets", "halo", "scatter.json"]),
+        ("filling leaves", &["welded", "replies", "topology.json"]),
+    ];
+    for (stage, files) in stages {
+        let folder = tempfile::tempdir().unwrap();
+        let (stopped, again) = (folder.path().join("stopped"), folder.path().join("again"));
+        let (scratch, stop) = (Scratch::open(&stopped).unwrap(), Stop::default());
+        let result = built(&raw, &settings(&scratch, false), &stop, &StopIn { stop: &stop, stage });
+        assert!(matches!(result, Err(BuildError::Stopped)), "{stage}");
+        drop(scratch);
+        for (file, is_moved) in files.iter().flat_map(|file| [(file, false), (file, true)]) {
+            std::fs::create_dir(&again).unwrap();
+            for entry in std::fs::read_dir(&stopped).unwrap() {
+                let entry = entry.unwrap();
+                std::fs::copy(entry.path(), again.join(entry.file_name())).unwrap();
+            }
+            let whole = std::fs::read(stopped.join(file)).unwrap();
+            std::fs::write(again.join(file), damaged(&whole, file.ends_with(".json"), is_moved)).unwrap();
+            let scratch = Scratch::open(&again).unwrap();
+            let (bytes, report) = built(&raw, &settings(&scratch, true), &Stop::default(), &Silent)
+                .unwrap_or_else(|e| panic!("{stage}, {file}, moved {is_moved}: {e}"));
+            assert!(bytes == expected, "{stage}, {file}, moved {is_moved}: other bytes");
+            assert_eq!(report.redone, [file.to_string()], "{stage}, moved {is_moved}");
+            scratch.discard(|_| true).unwrap();
+        }
+    }
+}

@@ -16,6 +16,7 @@ enum Other {
     Special,
     Link,
     BehindLink,
+    LinkInstead,
 }
 
 impl fmt::Display for Other {
@@ -24,6 +25,7 @@ impl fmt::Display for Other {
             Self::Folder => "it is a folder, not a file",
             Self::Special => "it is a pipe, a socket or a device, not a regular file; nothing was read from it",
             Self::Link => "it is a link; links are not followed inside an archive, put the file itself there",
+            Self::LinkInstead => "it is a link, and no link is followed here; nothing was read or written",
             Self::BehindLink => {
                 "a folder on the way to it is a link; links are not followed inside an archive, put the folder itself there"
             }
@@ -63,13 +65,32 @@ pub fn open(path: &Path) -> io::Result<File> {
 /// The system's, or that it is a link, lies behind one, is not a regular file, or was replaced meanwhile.
 pub fn open_inside(root: &Path, path: &Path) -> io::Result<File> {
     metadata_inside(root, path)?;
-    open_between(path, || metadata_inside(root, path))
+    open_between(path, &options(), || metadata_inside(root, path))
+}
+
+/// Open a file of our own for reading and writing, where somebody else may have put something in its place: a regular file, and no
+/// link. Folders on the way to it may be links.
+///
+/// # Errors
+/// The system's, or that it is a link, is not a regular file, or was replaced meanwhile.
+pub fn open_own(path: &Path) -> io::Result<File> {
+    metadata_own(path)?;
+    open_between(path, options().write(true), || metadata_own(path))
+}
+
+/// What [`open_own`] would open.
+fn metadata_own(path: &Path) -> io::Result<Metadata> {
+    let metadata = fs::symlink_metadata(path)?;
+    if metadata.is_symlink() {
+        return Err(Other::LinkInstead.error());
+    }
+    kind_of(&metadata).map(|()| metadata)
 }
 
 /// Open `path`; the file that is open must be the one that `look` finds there afterwards. Without this comparison a link that stands there only
 /// for the moment of opening would be followed.
-fn open_between(path: &Path, look: impl FnOnce() -> io::Result<Metadata>) -> io::Result<File> {
-    let file = options().open(path)?;
+fn open_between(path: &Path, options: &OpenOptions, look: impl FnOnce() -> io::Result<Metadata>) -> io::Result<File> {
+    let file = options.open(path)?;
     let opened = file.metadata()?;
     kind_of(&opened)?;
     if is_same_file(&opened, &look()?) { Ok(file) } else { Err(replaced()) }
@@ -203,12 +224,26 @@ mod tests {
     }
 
     #[test]
+    fn a_file_of_our_own_is_neither_a_link_nor_a_pipe() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("file"), "x").unwrap();
+        symlink(at("file"), at("link")).unwrap();
+        assert!(Command::new("mkfifo").arg(at("pipe")).status().unwrap().success());
+        io::Write::write_all(&mut open_own(&at("file")).unwrap(), b"y").unwrap();
+        assert_eq!(fs::read(at("file")).unwrap(), b"y");
+        for name in ["link", "pipe", "."] {
+            assert!(is_other(&open_own(&at(name)).unwrap_err()), "{name}");
+        }
+    }
+
+    #[test]
     fn a_link_that_is_there_only_while_the_file_is_opened_is_not_followed() {
         let folder = tempfile::tempdir().unwrap();
         let (file, secret) = (folder.path().join("file"), folder.path().join("secret"));
         fs::write(&secret, "secret").unwrap();
         symlink(&secret, &file).unwrap();
-        let looked = open_between(&file, || {
+        let looked = open_between(&file, &options(), || {
             fs::remove_file(&file)?;
             fs::write(&file, "x")?;
             metadata_direct(&file)

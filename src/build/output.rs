@@ -122,7 +122,11 @@ impl Output {
         kept.map_err(|e| e.error).with_context(cannot)?;
         if cfg!(unix) {
             // The name, too, outlives a crash of the machine.
-            File::open(folder_of(&self.name)).and_then(|folder| folder.sync_all()).with_context(cannot)?;
+            match File::open(folder_of(&self.name)) {
+                // A folder may be written to and yet not be opened; the pack is there, whole.
+                Err(e) if e.kind() == std::io::ErrorKind::PermissionDenied => {}
+                folder => folder.and_then(|folder| folder.sync_all()).with_context(cannot)?,
+            }
         }
         Ok(())
     }

@@ -175,6 +175,16 @@ enum Tool {
     },
 }
 
+impl Tool {
+    /// Where its drawing goes, of the tools that have one.
+    fn output(&self) -> Option<&output::OutputArgs> {
+        match self {
+            Self::Section { output, .. } | Self::Profile { output, .. } | Self::Contours { output, .. } => Some(output),
+            _ => None,
+        }
+    }
+}
+
 fn unit(symbol: &str) -> Result<LengthUnit, String> {
     let all: Vec<&str> = LengthUnit::ALL.iter().map(|(_, s)| *s).collect();
     LengthUnit::from_symbol(symbol).ok_or_else(|| format!("one of {} is wanted", all.join(", ")))
@@ -216,6 +226,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         let all_same = saved::again(&subject, again, args)?;
         anyhow::ensure!(all_same, "not everything measures the same as when it was saved");
         return Ok(());
+    }
+    if let (Some(to), Some(output)) = (&args.save, args.tool.output()) {
+        output.refuse_document(to)?;
     }
     let outcome = measure(&subject, &args.tool)?;
     if let Some(to) = &args.save {

@@ -40,6 +40,18 @@ impl OutputArgs {
         Ok(())
     }
 
+    /// Refuse the document that the measurement is added to.
+    pub(super) fn refuse_document(&self, document: &Path) -> anyhow::Result<()> {
+        let Some(path) = &self.output else { return Ok(()) };
+        let real = |path: &Path| {
+            let whole = || Some(folder(path).canonicalize().ok()?.join(path.file_name()?));
+            path.canonicalize().ok().or_else(whole)
+        };
+        let is_same = real(path).is_some_and(|path| real(document) == Some(path));
+        anyhow::ensure!(!is_same, "{} is the document of --save; give another name with -o", path.display());
+        Ok(())
+    }
+
     /// Write the lines, where a file was asked for; `output` of the details says where.
     pub(super) fn write(&self, s: &Subject, outcome: &mut Outcome) -> anyhow::Result<()> {
         let (Some(path), Some(lines)) = (&self.output, &outcome.lines) else { return Ok(()) };

@@ -4,12 +4,16 @@
 //! the run is done. A line that a power cut tore off is passed over. A new run writes the file anew with the last line of each unit.
 
 use anyhow::{Context, bail};
+use kilwa_files::plain_file;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{self, File, OpenOptions};
+use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
+
+/// More is no state: a run begins it anew with one line for each unit.
+const MAX_BYTES: u64 = 1 << 30;
 
 /// One line. Times are seconds since 1970, UTC.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -169,7 +173,7 @@ struct Known {
 
 impl Known {
     fn read(path: &Path, target: &str) -> anyhow::Result<Self> {
-        let text = match fs::read(path) {
+        let text = match plain_file::read_at(path, MAX_BYTES) {
             Err(e) if e.kind() == ErrorKind::NotFound => return Ok(Self::default()),
             other => other.with_context(|| format!("cannot read the state {}", path.display()))?,
         };
@@ -209,6 +213,7 @@ impl Known {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     fn unit(name: &str, at: u64, problems: u64) -> Unit {
         Unit { name: name.to_owned(), at, problems, manifest: "m".to_owned(), versions: vec![(1, "s".to_owned())] }
@@ -246,6 +251,19 @@ mod tests {
         state.finish().unwrap();
         let state = State::open(&path, "here", false, Some(7)).unwrap();
         assert!(state.is_done("new", "m") && !state.is_done("old", "m"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn pipes_and_devices_are_refused_and_nothing_waits() {
+        let folder = tempfile::tempdir().unwrap();
+        let (pipe, device) = (folder.path().join("pipe"), folder.path().join("device"));
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        std::os::unix::fs::symlink("/dev/zero", &device).unwrap();
+        for path in [pipe, device] {
+            let refused = State::open(&path, "here", true, None).err().map(|e| format!("{e:#}"));
+            assert!(refused.as_ref().is_some_and(|why| why.contains("not a regular file")), "{refused:?}");
+        }
     }
 
     #[test]

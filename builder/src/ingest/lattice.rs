@@ -235,6 +235,10 @@ fn given_step(step: f64, extent: f64, coarsest: i32) -> Result<i32, BuildError> 
         let why = format!("it must be a power of two of a metre; the next smaller one is {}", 2f64.powf(log.floor()));
         return Err(BuildError::Step { step, why });
     }
+    if step > 4.0 * extent {
+        let why = format!("the whole model is only {extent:e} m wide; give a much smaller one, or check --units");
+        return Err(BuildError::Step { step, why });
+    }
     if (log as i32) < coarsest {
         let why = format!(
             "the model is {extent:e} m wide and a lattice has 2^30 steps; use {} m or more",
@@ -256,6 +260,20 @@ mod tests {
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
         (z >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    #[test]
+    fn a_step_wider_than_the_model_is_refused() {
+        let measured = Measured { bounds: [[0.0; 3], [1.0; 3]], first: 0.1, median: 0.5 };
+        for log2 in [3, 32, 40, 63, 64, 100, 1023] {
+            let refused = choose(&measured, Some(libm::scalbn(1.0, log2)));
+            assert!(matches!(refused, Err(BuildError::Step { .. })), "2^{log2}: {refused:?}");
+        }
+        for log2 in [-20, -3, 0, 2] {
+            let given = Some(libm::scalbn(1.0, log2));
+            let (lattice, _) = choose(&measured, given).expect("lattice");
+            Rounding::between(&Provisional::of(&measured.bounds, given), &lattice);
+        }
     }
 
     #[test]

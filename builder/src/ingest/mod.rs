@@ -37,13 +37,13 @@ mod words;
 
 use crate::options::BuildError;
 use crate::precision::Precision;
-use crate::scratch::{PatchFile, Records, Scratch, ScratchError};
+use crate::scratch::{PatchFile, Records, Scratch, ScratchError, Sum, seal, unseal};
 use crate::surface::{Finding, Ingested, LEAVES, SHARED, Surface};
 use crate::work::Work;
 use kilwa_pack::chunk::MAX_SCALARS;
 use kilwa_pack::metadata::{ScalarChannel, SourceFile};
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 pub use spool::{Spool, Spooled};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -87,9 +87,11 @@ pub fn ingest(
     options: &IngestOptions,
     sources: Vec<SourceFile>,
 ) -> Result<Ingested, BuildError> {
-    let known = Known::find(work, spooled, options)?;
+    let mut stages = Stages { work, unchecked: BTreeMap::new() };
+    let known = Known::find(&mut stages, spooled, options)?;
     let mut tree = leaves::tree_of(known.resolved.cube_log2, &known.topology);
-    let leaves = Stages { scratch: work.scratch }.run("leaves", &[topology::WELDED, topology::REPLIES], || {
+    // The files that it leaves have checksums of their own.
+    let leaves = stages.run("leaves", &[topology::WELDED, topology::REPLIES], &[""; 0], || {
         leaves::leaves(work, known.resolved.layout, &known.scattered, &known.topology, &tree)
     })?;
     leaves.count(&mut tree, options.leaf_triangles);
@@ -102,7 +104,8 @@ pub fn ingest(
 /// # Errors
 /// As [`ingest`].
 pub fn survey(work: &Work<'_>, spooled: Spooled, options: &IngestOptions) -> Result<Surface, BuildError> {
-    Ok(Known::find(work, Some(spooled), options)?.surface(Vec::new()))
+    let mut stages = Stages { work, unchecked: BTreeMap::new() };
+    Ok(Known::find(&mut stages, Some(spooled), options)?.surface(Vec::new()))
 }
 
 /// What all stages but the last know.
@@ -114,13 +117,13 @@ struct Known {
 }
 
 impl Known {
-    fn find(work: &Work<'_>, spooled: Option<Spooled>, options: &IngestOptions) -> Result<Self, BuildError> {
-        let stage = Stages { scratch: work.scratch };
+    fn find(stages: &mut Stages<'_>, spooled: Option<Spooled>, options: &IngestOptions) -> Result<Self, BuildError> {
+        let work = stages.work;
         if spooled.is_some() {
-            let path = work.scratch.path(SESSION);
-            std::fs::write(&path, session()).map_err(|e| ScratchError::write(&path, 0, 0, e))?;
+            work.scratch.create(SESSION)?.append(session().as_bytes())?;
         }
-        let spooled = stage.run("spool", &[""; 0], || match spooled {
+        let files: Vec<String> = spooled.iter().flat_map(Spooled::files).map(str::to_owned).collect();
+        let spooled = stages.run("spool", &[""; 0], &files, || match spooled {
             Some(spooled) => Ok(spooled),
             None => Err(ScratchError::damaged(&work.scratch.path("spool.json"), "it is not there").into()),
         })?;
@@ -131,17 +134,20 @@ impl Known {
             return Err(BuildError::TooLarge { why });
         }
         let inputs = spooled.files();
-        let resolved = stage.run("resolve", &inputs, || resolve::resolve(work, &spooled, options))?;
-        let layout = resolved.layout;
-        let mut scattered = stage.run("scatter", &[resolve::CORNERS], || scatter::scatter(work, &resolved, options))?;
+        let resolved =
+            stages.run("resolve", &inputs, &[resolve::CORNERS], || resolve::resolve(work, &spooled, options))?;
+        let (layout, files) = (resolved.layout, [scatter::BUCKETS, scatter::HALO]);
+        let mut scattered =
+            stages.run("scatter", &[resolve::CORNERS], &files, || scatter::scatter(work, &resolved, options))?;
         if let Some(below) = options.drop_islands_below {
-            scattered = stage.run("islands", &[scatter::BUCKETS, scatter::HALO], || {
+            scattered = stages.run("islands", &files, &[islands::KEPT_BUCKETS, islands::KEPT_HALO], || {
                 islands::drop_islands(work, layout, &scattered, below)
             })?;
         }
-        let topology = stage.run("topology", &[scattered.own_file.as_str(), &scattered.halo_file], || {
-            topology::topology(work, layout, &scattered, options)
-        })?;
+        let (files, left) =
+            ([scattered.own_file.as_str(), &scattered.halo_file], [topology::WELDED, topology::REPLIES]);
+        let topology =
+            stages.run("topology", &files, &left, || topology::topology(work, layout, &scattered, options))?;
         Ok(Self { spooled, resolved, scattered, topology })
     }
 
@@ -187,8 +193,8 @@ const WELDED_VERTICES: &str = "vertices welded because they are equal on the lat
 /// Whether the stages that were done in `scratch` can be gone on with: the mesh was read to the end, and the machine has
 /// not been started anew since then, which may lose what was written last.
 pub fn can_resume(scratch: &Scratch) -> bool {
-    let kept = std::fs::read_to_string(scratch.path(SESSION)).ok();
-    scratch.length("spool.json").is_some() && kept.is_some_and(|kept| kept == session())
+    let kept = scratch.existing(SESSION).and_then(|file| file.read(0, file.len().min(1024))).ok();
+    scratch.length("spool.json").is_some() && kept.is_some_and(|kept| kept == session().as_bytes())
 }
 
 /// Tells one run of the machine from another, where the system does (Linux).
@@ -201,39 +207,78 @@ const SESSION: &str = "session";
 
 /// Stages that were done are not done again.
 struct Stages<'a> {
-    scratch: &'a Scratch,
+    work: &'a Work<'a>,
+    /// Files that stages of an earlier process left: they are checked before they are used.
+    unchecked: BTreeMap<String, Sum>,
+}
+
+/// What a stage leaves: what it knows, and checksums of its files.
+#[derive(Serialize, Deserialize)]
+struct Done<T> {
+    state: T,
+    files: BTreeMap<String, Sum>,
 }
 
 impl Stages<'_> {
-    /// What stage `name` knows: from its JSON, or by doing it. Its input files are removed once it is done.
+    /// What stage `name` knows: from its JSON, or by doing it, which leaves the files `outputs`. Its input files are removed once
+    /// it is done.
     fn run<T: Serialize + DeserializeOwned>(
-        &self,
+        &mut self,
         name: &str,
         inputs: &[impl AsRef<str>],
+        outputs: &[impl AsRef<str>],
         stage: impl FnOnce() -> Result<T, BuildError>,
     ) -> Result<T, BuildError> {
-        let (file, path) = (format!("{name}.json"), self.scratch.path(&format!("{name}.json")));
-        let state = if self.scratch.length(&file).is_some() {
-            let bytes = std::fs::read(&path).map_err(|e| ScratchError::io(&path, "read", e))?;
-            serde_json::from_slice(&bytes).map_err(|e| ScratchError::damaged(&path, e.to_string()))?
+        let scratch = self.work.scratch;
+        let file = format!("{name}.json");
+        let state = if scratch.length(&file).is_some() {
+            let done: Done<T> = read_line(scratch, &file)?;
+            self.unchecked.extend(done.files);
+            done.state
         } else {
+            for input in inputs {
+                if let Some(sum) = self.unchecked.get(input.as_ref()) {
+                    sum.check(scratch, input.as_ref(), self.work.stop)?;
+                }
+            }
             let state = stage()?;
-            let bytes = serde_json::to_vec(&state).map_err(|e| ScratchError::damaged(&path, e.to_string()))?;
-            // Under its name only when it is whole.
-            let write = || -> std::io::Result<()> {
-                let mut temporary = tempfile::NamedTempFile::new_in(self.scratch.folder())?;
-                temporary.write_all(&bytes)?;
-                temporary.persist(&path)?;
-                Ok(())
-            };
-            write().map_err(|e| ScratchError::write(&path, bytes.len() as u64, 0, e))?;
-            state
+            let mut files = BTreeMap::new();
+            for output in outputs {
+                if let Some(sum) = Sum::of(scratch, output.as_ref(), self.work.stop)? {
+                    files.insert(output.as_ref().to_owned(), sum);
+                }
+            }
+            let done = Done { state, files };
+            write_line(scratch, &file, &done)?;
+            done.state
         };
         for input in inputs {
-            self.scratch.remove(input.as_ref())?;
+            scratch.remove(input.as_ref())?;
         }
         Ok(state)
     }
+}
+
+/// What a file of one line holds.
+fn read_line<T: DeserializeOwned>(scratch: &Scratch, name: &str) -> Result<T, ScratchError> {
+    let file = scratch.existing(name)?;
+    let damaged = |why: String| ScratchError::damaged(&scratch.path(name), why);
+    let text = String::from_utf8(file.read(0, file.len())?).map_err(|e| damaged(e.to_string()))?;
+    let json = text.strip_suffix('\n').and_then(unseal).ok_or_else(|| damaged("its checksum differs".to_owned()))?;
+    serde_json::from_str(json).map_err(|e| damaged(e.to_string()))
+}
+
+fn write_line(scratch: &Scratch, name: &str, what: &impl Serialize) -> Result<(), ScratchError> {
+    let path = scratch.path(name);
+    let line = seal(&serde_json::to_vec(what).map_err(|e| ScratchError::damaged(&path, e.to_string()))?);
+    // Under its name only when it is whole.
+    let write = || -> std::io::Result<()> {
+        let mut temporary = tempfile::NamedTempFile::new_in(scratch.folder())?;
+        temporary.write_all(&line)?;
+        temporary.persist(&path)?;
+        Ok(())
+    };
+    write().map_err(|e| ScratchError::write(&path, line.len() as u64, 0, e))
 }
 
 /// Whether a file of the scratch folder belongs to the ingest.

@@ -14,9 +14,11 @@ use kilwa_files::plain_file;
 use kilwa_pack::visible::visible;
 use std::cell::RefCell;
 use std::collections::HashMap;
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io;
 use std::path::{Component, Path, PathBuf, Prefix};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Names whose place is remembered.
 const REMEMBERED: usize = 1 << 16;
@@ -34,9 +36,37 @@ pub(super) struct Companions {
     /// The same, links resolved; `None` where it cannot be.
     real: Option<PathBuf>,
     allow_outside: bool,
+    replaced: Option<Arc<Replaced>>,
     /// Where names lead, by the folder that they are seen from.
     found: RefCell<HashMap<(PathBuf, String), Found>>,
     listed: RefCell<HashMap<PathBuf, Entries>>,
+}
+
+/// The file that the result is going to replace, and whether a mesh has named it.
+#[derive(Debug)]
+pub struct Replaced {
+    file: Metadata,
+    is_met: AtomicBool,
+}
+
+impl Replaced {
+    /// The file that has this entry.
+    pub fn new(file: Metadata) -> Self {
+        Self { file, is_met: AtomicBool::new(false) }
+    }
+
+    /// Whether a mesh has named it.
+    pub fn is_met(&self) -> bool {
+        self.is_met.load(Ordering::Relaxed)
+    }
+
+    fn refuse(&self, file: &File) -> io::Result<()> {
+        if plain_file::is_same_file(&file.metadata()?, &self.file) {
+            self.is_met.store(true, Ordering::Relaxed);
+            return Err(io::Error::new(io::ErrorKind::PermissionDenied, "the output would replace it"));
+        }
+        Ok(())
+    }
 }
 
 /// Where a name leads.
@@ -75,7 +105,8 @@ impl Companions {
             Some(real) if given.as_ref() != Some(&real) => (real.clone(), Some(real), Some(folder)),
             _ => (folder, given, None),
         };
-        Self { folder, link, real, allow_outside, found: RefCell::default(), listed: RefCell::default() }
+        let (replaced, found) = (options.replaced.clone(), RefCell::default());
+        Self { folder, link, real, allow_outside, replaced, found, listed: RefCell::default() }
     }
 
     /// The folder of the mesh file.
@@ -203,6 +234,9 @@ impl Companions {
             return Err(plain_file::replaced());
         }
         let (file, bytes) = open_regular(&real)?;
+        if let Some(replaced) = &self.replaced {
+            replaced.refuse(&file)?;
+        }
         if self.allow_outside {
             return Ok((file, bytes));
         }

@@ -57,6 +57,12 @@ pub enum ReadError {
         /// The folder of the mesh, links resolved.
         folder: PathBuf,
     },
+    /// The file names the one that the result is going to replace.
+    #[error("{} reads the file that the output would replace; give another name for the output", file.display())]
+    Replaced {
+        /// The mesh file.
+        file: PathBuf,
+    },
     /// The system failed to deliver bytes; the cause is the source of this error.
     #[error("{} cannot be read at byte {offset}", file.display())]
     Io {

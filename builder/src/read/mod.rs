@@ -25,7 +25,7 @@ pub mod stl;
 pub mod texture;
 mod triangulate;
 
-pub use companions::open_regular;
+pub use companions::{Replaced, open_regular};
 pub use error::{Place, ReadError};
 pub use memory::MemorySink;
 pub use place::{Placed, Placement};
@@ -85,6 +85,8 @@ pub struct ReadOptions {
     /// How far triangles are split for their pictures, where they are. Each input must have gone through
     /// [`note_detail`] before the first is read.
     pub detail: Option<Arc<Detail>>,
+    /// The file that the result is going to replace: where a mesh names it, it is not read.
+    pub replaced: Option<Arc<Replaced>>,
 }
 
 /// Where nothing else is said.
@@ -100,6 +102,7 @@ impl Default for ReadOptions {
             document: MEMORY,
             allow_outside: false,
             detail: None,
+            replaced: None,
         }
     }
 }

@@ -38,6 +38,14 @@ pub enum ScratchError {
         /// What was found.
         why: String,
     },
+    /// What stands where the scratch folder belongs was not made by a build.
+    #[error("{} is there and {what}; remove it or rename it, or give another --scratch", path.display())]
+    Foreign {
+        /// The folder.
+        path: PathBuf,
+        /// What it is.
+        what: &'static str,
+    },
     /// Another build is using the folder.
     #[error("the scratch folder {} is in use by another build; wait for it, or give another --scratch", path.display())]
     Busy {

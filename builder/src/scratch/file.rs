@@ -1,6 +1,7 @@
 //! One plain file: any thread appends to it and reads from it by position.
 
 use super::{ScratchError, Space};
+use kilwa_files::plain_file;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,7 +22,12 @@ pub struct ScratchFile {
 impl ScratchFile {
     pub(super) fn new(path: PathBuf, create: bool, space: Arc<Space>) -> Result<Self, ScratchError> {
         let doing = if create { "create" } else { "open" };
-        let opened = File::options().read(true).write(true).create(create).truncate(create).open(&path);
+        // Never through a link that somebody put there.
+        let opened = if create {
+            File::options().read(true).write(true).create_new(true).open(&path)
+        } else {
+            plain_file::open_own(&path)
+        };
         let file = opened.map_err(|e| ScratchError::io(&path, doing, e))?;
         let end = file.metadata().map_err(|e| ScratchError::io(&path, doing, e))?.len();
         Ok(Self { file, path, end: AtomicU64::new(end), space })

@@ -4,26 +4,29 @@
 //! reads by position; [`PatchFile`] keeps patches by tetrahedron, [`Records`] 16-byte records that are sorted outside
 //! of memory. How many bytes stand in the folder, now and at most, is counted as they are written and removed.
 //!
+//! The folder is ours only where the file `lock` in it says so; no link is followed, neither for the folder nor in it.
+//!
 //! Numbers are stored little-endian. Every block that matters carries a checksum (CRC-32) or a length that is checked
 //! when it is read. Failures: [`ScratchError`], which names the file, what was being done, why, and what to do.
 
 mod error;
 mod file;
+mod folder;
 mod patch_file;
 mod records;
+mod sum;
 
 pub use error::ScratchError;
 pub use file::{Appender, ScratchFile};
 pub use patch_file::PatchFile;
 pub use records::{Records, point_of, record, tetrahedron_of};
+pub(crate) use sum::{Sum, seal, unseal};
 
+use folder::LOCK;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-/// Name of the file whose lock says that a build is using the folder.
-const LOCK: &str = "lock";
 
 /// Bytes in a scratch folder, now and at most.
 #[derive(Debug, Default)]
@@ -61,12 +64,13 @@ struct Held {
 }
 
 impl Scratch {
-    /// Use the folder at `path`, made where it is not there; what lies in it stays.
+    /// Use the folder at `path`, made where it is not there; what lies in it stays. A link in its place is not followed.
     ///
     /// # Errors
-    /// [`ScratchError::Busy`] where another build uses it, [`ScratchError::Io`] where it cannot be made.
+    /// [`ScratchError::Busy`] where another build uses it, [`ScratchError::Foreign`] where it is a link or was not made by a
+    /// build, [`ScratchError::Io`] where it cannot be made.
     pub fn open(path: &Path) -> Result<Self, ScratchError> {
-        std::fs::create_dir_all(path).map_err(|e| ScratchError::io(path, "create", e))?;
+        folder::make(path)?;
         Self::hold(path.to_owned(), None)
     }
 
@@ -85,14 +89,7 @@ impl Scratch {
     }
 
     fn hold(folder: PathBuf, temporary: Option<tempfile::TempDir>) -> Result<Self, ScratchError> {
-        let path = folder.join(LOCK);
-        let open = File::options().create(true).truncate(false).write(true).open(&path);
-        let lock = open.map_err(|e| ScratchError::io(&path, "create", e))?;
-        match fs4::FileExt::try_lock(&lock) {
-            Ok(()) => {}
-            Err(fs4::TryLockError::WouldBlock) => return Err(ScratchError::Busy { path: folder }),
-            Err(fs4::TryLockError::Error(e)) => return Err(ScratchError::io(&path, "lock", e)),
-        }
+        let lock = folder::take(&folder)?;
         let space = Arc::new(Space { fleeting: temporary.is_some(), ..Space::default() });
         let scratch = Self { held: Arc::new(Held { folder, _lock: lock, _temporary: temporary }), space };
         scratch.recount()?;
@@ -102,6 +99,18 @@ impl Scratch {
     /// The folder.
     pub fn folder(&self) -> &Path {
         &self.held.folder
+    }
+
+    /// Where the file `name` of the folder is, and that it is in the folder: names also come from files that lie there.
+    fn place(&self, name: &str) -> Result<PathBuf, ScratchError> {
+        let path = self.path(name);
+        if Path::new(name).file_name().is_some_and(|own| own == name) {
+            return Ok(path);
+        }
+        Err(ScratchError::damaged(
+            &self.path(crate::journal::JOURNAL),
+            format!("{name:?} is no name of a scratch file"),
+        ))
     }
 
     /// Where the file `name` of the folder is.
@@ -115,7 +124,7 @@ impl Scratch {
     /// [`ScratchError`] where it cannot be made.
     pub fn create(&self, name: &str) -> Result<ScratchFile, ScratchError> {
         self.remove(name)?;
-        ScratchFile::new(self.path(name), true, Arc::clone(&self.space))
+        ScratchFile::new(self.place(name)?, true, Arc::clone(&self.space))
     }
 
     /// A file that is there.
@@ -123,7 +132,7 @@ impl Scratch {
     /// # Errors
     /// [`ScratchError`] where it cannot be opened.
     pub fn existing(&self, name: &str) -> Result<ScratchFile, ScratchError> {
-        ScratchFile::new(self.path(name), false, Arc::clone(&self.space))
+        ScratchFile::new(self.place(name)?, false, Arc::clone(&self.space))
     }
 
     /// Count what really stands in the folder: small files come into it by other means than [`Scratch::create`].
@@ -139,18 +148,17 @@ impl Scratch {
 
     /// Length of a file in bytes, `None` where there is none.
     pub fn length(&self, name: &str) -> Option<u64> {
-        std::fs::metadata(self.path(name)).ok().filter(std::fs::Metadata::is_file).map(|m| m.len())
+        std::fs::symlink_metadata(self.path(name)).ok().filter(std::fs::Metadata::is_file).map(|m| m.len())
     }
 
-    /// Remove a file, or a folder with all that is in it; one that is not there is no error.
+    /// Remove a file, or a link instead of one, never what it leads to; one that is not there is no error. Folders stay: no build makes any.
     ///
     /// # Errors
     /// [`ScratchError::Io`] where the system refuses.
     pub fn remove(&self, name: &str) -> Result<(), ScratchError> {
-        let path = self.path(name);
+        let path = self.place(name)?;
         let bytes = self.length(name).unwrap_or(0);
-        let removed = if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
-        match removed {
+        match std::fs::remove_file(&path) {
             Ok(()) => self.space.take(bytes),
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
             Err(e) => return Err(ScratchError::io(&path, "remove", e)),
@@ -168,8 +176,10 @@ impl Scratch {
         for entry in std::fs::read_dir(&self.held.folder).map_err(cannot)? {
             let entry = entry.map_err(cannot)?;
             let name = entry.file_name().to_string_lossy().into_owned();
-            if name != LOCK {
-                files.push((name, entry.metadata().map_err(cannot)?.len()));
+            // Of the entry itself, not of what a link leads to.
+            let about = entry.metadata().map_err(cannot)?;
+            if name != LOCK && !about.is_dir() {
+                files.push((name, about.len()));
             }
         }
         files.sort_unstable();

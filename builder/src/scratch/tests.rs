@@ -149,3 +149,65 @@ fn no_other_user_can_look_into_a_temporary_folder() {
     let scratch = Scratch::temporary().unwrap();
     assert_eq!(scratch.folder().metadata().unwrap().permissions().mode() & 0o777, 0o700);
 }
+
+/// Whoever gives away a folder of meshes, or writes to a shared one, may put anything where the scratch folder will be.
+#[cfg(unix)]
+#[test]
+fn what_was_not_made_by_a_build_is_refused_and_nothing_in_it_changes() {
+    let listed = |folder: &std::path::Path| {
+        let names = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+        names.collect::<std::collections::BTreeSet<_>>()
+    };
+    let makes: [&dyn Fn(&std::path::Path); 6] = [
+        &|_| {},
+        &|f| std::fs::write(f.join("lock"), "").unwrap(),
+        &|f| std::fs::write(f.join("journal"), "my diary").unwrap(),
+        &|f| std::fs::create_dir(f.join("journal")).unwrap(),
+        &|f| std::fs::create_dir(f.join("lock")).unwrap(),
+        &|f| assert!(std::process::Command::new("mkfifo").arg(f.join("lock")).status().unwrap().success()),
+    ];
+    for (i, make) in makes.iter().enumerate() {
+        for is_link in [false, true] {
+            let outer = tempfile::tempdir().unwrap();
+            let (archive, folder) = (outer.path().join("archive"), outer.path().join("scratch"));
+            std::fs::create_dir(&archive).unwrap();
+            std::fs::write(archive.join("a.tif"), "precious").unwrap();
+            make(&archive);
+            let before = listed(&archive);
+            if is_link {
+                std::os::unix::fs::symlink(&archive, &folder).unwrap();
+            } else {
+                std::fs::rename(&archive, &folder).unwrap();
+            }
+            let refused = Scratch::open(&folder);
+            assert!(matches!(refused, Err(ScratchError::Foreign { .. })), "{i}, link {is_link}: {refused:?}");
+            assert_eq!(listed(&folder), before, "{i}, link {is_link}");
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn links_and_folders_inside_are_never_followed_nor_emptied() {
+    let outer = tempfile::tempdir().unwrap();
+    let (folder, archive) = (outer.path().join("scratch"), outer.path().join("archive"));
+    std::fs::create_dir(&archive).unwrap();
+    std::fs::write(archive.join("a.tif"), "precious").unwrap();
+    let scratch = Scratch::open(&folder).unwrap();
+    std::os::unix::fs::symlink(archive.join("a.tif"), folder.join("positions")).unwrap();
+    std::os::unix::fs::symlink(&archive, folder.join("corners")).unwrap();
+    std::fs::create_dir(folder.join("deep")).unwrap();
+    std::fs::write(folder.join("deep/b.tif"), "precious").unwrap();
+    for name in ["positions", "corners", "deep", "../archive/a.tif", "..", "deep/b.tif"] {
+        assert!(scratch.existing(name).is_err(), "{name}");
+        assert_eq!(scratch.length(name).filter(|_| !name.contains('/')), None, "{name}");
+    }
+    for name in ["deep", "../archive/a.tif", "..", "deep/b.tif"] {
+        assert!(scratch.remove(name).is_err() && scratch.create(name).is_err(), "{name}");
+    }
+    scratch.create("positions").unwrap().append(b"x").unwrap();
+    scratch.discard(|_| true).unwrap();
+    assert_eq!(std::fs::read(archive.join("a.tif")).unwrap(), b"precious");
+    assert_eq!(std::fs::read(folder.join("deep/b.tif")).unwrap(), b"precious");
+    assert!(!folder.join("corners").is_symlink() && !folder.join("positions").exists());
+}

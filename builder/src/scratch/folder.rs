@@ -1,0 +1,90 @@
+//! Making and locking the scratch folder: it must be a folder of a build, and nobody else's.
+//!
+//! Somebody else may have put anything under its name, because meshes come in folders from others and temporary folders are shared. All files in a
+//! scratch folder are removed at the end, so a link is not followed, and a folder is ours only if it is empty or its file
+//! `lock` holds [`MARKER`]. Failures: [`ScratchError::Foreign`], [`ScratchError::Busy`], [`ScratchError::Io`].
+
+use super::ScratchError;
+use kilwa_files::plain_file;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::Path;
+
+/// Name of the file whose lock says that a build is using the folder.
+pub(super) const LOCK: &str = "lock";
+
+/// What that file holds.
+const MARKER: &[u8] = b"Kilwa keeps the scratch files of a build in this folder, and removes all files in it.\n";
+
+const NO_SCRATCH: &str = "holds no scratch files of a build";
+
+/// Make the folder where it is not there.
+pub(super) fn make(path: &Path) -> Result<(), ScratchError> {
+    let cannot = |e| ScratchError::io(path, "create", e);
+    if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
+        std::fs::create_dir_all(parent).map_err(cannot)?;
+    }
+    match std::fs::create_dir(path) {
+        Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => Ok(()),
+        made => made.map_err(cannot),
+    }
+}
+
+/// Lock the folder, and make sure that it is ours.
+pub(super) fn take(folder: &Path) -> Result<File, ScratchError> {
+    let foreign = |what| ScratchError::Foreign { path: folder.to_owned(), what };
+    let path = folder.join(LOCK);
+    refuse_links(folder)?;
+    let there = std::fs::symlink_metadata(&path).ok();
+    // Before anything is made in it.
+    if there.as_ref().is_some_and(|there| !there.is_file()) || (there.is_none() && holds_more(folder)?) {
+        return Err(foreign(NO_SCRATCH));
+    }
+    let cannot = |doing| move |e| ScratchError::io(&folder.join(LOCK), doing, e);
+    let mut lock = match File::options().read(true).write(true).create_new(true).open(&path) {
+        Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => plain_file::open_own(&path),
+        made => made,
+    }
+    .map_err(cannot("create"))?;
+    match fs4::FileExt::try_lock(&lock) {
+        Ok(()) => {}
+        Err(fs4::TryLockError::WouldBlock) => return Err(ScratchError::Busy { path: folder.to_owned() }),
+        Err(fs4::TryLockError::Error(e)) => return Err(cannot("lock")(e)),
+    }
+    let mut text = Vec::new();
+    (&mut lock).take(MARKER.len() as u64 + 1).read_to_end(&mut text).map_err(cannot("read"))?;
+    if text != MARKER {
+        // A build that was killed at once may have left a part of it, and nothing else.
+        if !MARKER.starts_with(&text) || holds_more(folder)? {
+            return Err(foreign(NO_SCRATCH));
+        }
+        let written = lock.seek(SeekFrom::Start(0)).and_then(|_| lock.write_all(MARKER)).and_then(|()| lock.sync_all());
+        written.map_err(|e| ScratchError::write(&path, MARKER.len() as u64, 0, e))?;
+    }
+    // What was locked must still be what stands there.
+    refuse_links(folder)?;
+    let there = std::fs::symlink_metadata(&path).map_err(cannot("lock"))?;
+    let locked = lock.metadata().map_err(cannot("lock"))?;
+    if plain_file::is_same_file(&locked, &there) { Ok(lock) } else { Err(cannot("lock")(plain_file::replaced())) }
+}
+
+fn refuse_links(folder: &Path) -> Result<(), ScratchError> {
+    let kind = std::fs::symlink_metadata(folder).map_err(|e| ScratchError::io(folder, "open", e))?;
+    if kind.is_dir() {
+        return Ok(());
+    }
+    let what =
+        if kind.is_symlink() { "is a link; scratch files are not written through links" } else { "is not a folder" };
+    Err(ScratchError::Foreign { path: folder.to_owned(), what })
+}
+
+/// Whether anything beside the lock is in a folder.
+fn holds_more(folder: &Path) -> Result<bool, ScratchError> {
+    let cannot = |e| ScratchError::io(folder, "list", e);
+    for entry in std::fs::read_dir(folder).map_err(cannot)? {
+        if entry.map_err(cannot)?.file_name() != LOCK {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
