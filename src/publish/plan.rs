@@ -8,6 +8,7 @@ use kilwa_builder::machine;
 use kilwa_server::Page;
 use kilwa_server::object::assemble::{Facts, Following, agree, existing, further, has_metadata};
 use kilwa_server::object::location::Location;
+use kilwa_server::object::metadata::plain_accuracy;
 use kilwa_server::object::metadata::plausible;
 use kilwa_server::object::record::europeana_lacks;
 use kilwa_server::object::rights::Rights;
@@ -98,6 +99,9 @@ impl Given {
         }
         let of_pack = redact::published_metadata(&self.of_pack, place, &self.metadata.title, &self.keep_channels);
         let value = serde_json::to_value(&of_pack).context("cannot read the pack's metadata")?;
+        if let Some(Err(what)) = of_pack.capture_accuracy.map(plain_accuracy) {
+            bail!("{}: capture_accuracy {what} when you build the pack again", self.pack.display());
+        }
         if let Some((field, finding)) = location.find_in_json(&value, &|at| at == "crs") {
             bail!("{}: {field}: {finding}; build the pack again", self.pack.display());
         }

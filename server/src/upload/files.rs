@@ -4,6 +4,7 @@
 //! cannot become a page. A preview must be glTF 2.0 that is whole in itself. Nothing here decodes pixels. Notes must be byte for byte what
 //! `kilwa publish` writes of them: nothing stands in them that was not looked at.
 
+use super::wire::PreviewSaid;
 use crate::object::Notes;
 use crate::object::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
 use crate::object::location::Location;
@@ -76,6 +77,31 @@ pub(super) fn check(path: &str, at: &Path) -> io::Result<()> {
         Some("jpg") if is_jpeg => Ok(()),
         _ => wrong("no picture of the kind that its name says"),
     }
+}
+
+/// Check that a preview has as many triangles, and is as far from the finest surface, as was announced: pages and records repeat it.
+///
+/// # Errors
+/// As [`check`].
+pub(super) fn check_announced(at: &Path, announced: PreviewSaid) -> io::Result<()> {
+    let wrong = |what: String| io::Error::new(io::ErrorKind::InvalidData, format!("{PREVIEW} {what}"));
+    let mut bytes = Vec::new();
+    File::open(at)?.take(PREVIEW_MAX + 1).read_to_end(&mut bytes)?;
+    let value = glb_json(&bytes).map_err(|why| wrong(format!("cannot be read: {why}")))?;
+    let index = value.pointer("/meshes/0/primitives/0/indices").and_then(Value::as_u64);
+    let corners = index.and_then(|i| value.pointer(&format!("/accessors/{i}/count"))?.as_u64());
+    let error = value.pointer("/extras/certified_error_m").and_then(Value::as_f64);
+    if corners.is_some() && corners == announced.triangles.checked_mul(3) && error == Some(announced.error) {
+        return Ok(());
+    }
+    let written = |n: Option<f64>| n.map_or("nothing".to_owned(), |n| n.to_string());
+    Err(wrong(format!(
+        "holds {} triangles with an error of {} m, and {} with {} m were announced; use the same version of kilwa on both sides",
+        corners.unwrap_or_default() / 3,
+        written(error),
+        announced.triangles,
+        announced.error
+    )))
 }
 
 /// What notes belong to.

@@ -9,7 +9,7 @@ use crate::object::assemble::{
 use crate::object::checksums::sha256_of;
 use crate::object::date::day_of;
 use crate::object::draft::{Draft, DraftError};
-use crate::object::layout::ANNOTATIONS;
+use crate::object::layout::{ANNOTATIONS, PREVIEW};
 use crate::object::lock::{Lock, PATIENCE};
 use crate::object::manifest::Manifest;
 use crate::object::sound;
@@ -134,6 +134,9 @@ fn checked(staging: &Staging, intent: &Intent, meant: &Meant, job: &Job) -> Resu
             return Err(altered(staging, file));
         }
         files::check(&file.path, &at).map_err(|e| refused_file(&e))?;
+        if let Some(announced) = intent.preview.filter(|_| file.path == PREVIEW) {
+            files::check_announced(&at, announced).map_err(|e| refused_file(&e))?;
+        }
         if intent.location_redacted {
             withheld::check_file(&file.path, &at, &of_pack.0).map_err(|e| refused_file(&e))?;
         }

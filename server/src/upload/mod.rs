@@ -28,6 +28,7 @@ mod staging;
 mod there;
 pub mod wire;
 mod withheld;
+mod written;
 
 use crate::page::Page;
 use crate::store::S3;

@@ -2,12 +2,13 @@
 //!
 //! A pack that `kilwa publish --redact-location` writes stands with its middle at zero, or in the middle of the cell that was announced, on height
 //! zero, and names neither reference system nor source files. Channels must be announced and hold no coordinates. No text states
-//! coordinates. Pictures, preview and world file are what `kilwa publish` writes ([`plain`]), and stand where the pack does.
+//! coordinates. The pack is byte for byte what this program writes of it, with numbers that are plausible ([`written`]). Pictures, preview and world file are what `kilwa publish` writes ([`plain`]), and stand where the pack does.
 
-use super::plain;
 use super::wire::Intent;
+use super::{plain, written};
 use crate::object::layout::PREVIEW;
 use crate::object::location::{Location, channels};
+use crate::object::metadata::plain_accuracy;
 use kilwa_pack::{Metadata, Reader, Source};
 use std::io;
 use std::path::Path;
@@ -40,6 +41,9 @@ pub(super) fn check_intent(intent: &Intent) -> Result<(), String> {
     }
     let texts = [("the note of the version", &intent.note)].into_iter();
     let names = intent.kept_channels.iter().map(|name| ("the name of a channel", name));
+    if let Some(Err(what)) = intent.metadata.capture.as_ref().and_then(|c| c.accuracy).map(plain_accuracy) {
+        return Err(format!("metadata: capture.accuracy {what}"));
+    }
     match texts.chain(names).find_map(|(what, text)| Some((what, unknown.find(text)?))) {
         Some((what, finding)) => Err(format!("{what}: {finding}")),
         None => Ok(()),
@@ -75,6 +79,7 @@ pub(super) fn check_pack<S: Source + Sync>(intent: &Intent, reader: &Reader<S>) 
             other.name
         )));
     }
+    written::check(reader).map_err(|what| claimed(&what))?;
     let surveyed = channels::survey(reader).map_err(|e| format!("the pack: {e}"))?;
     let told = surveyed.iter().find_map(|c| Some((&c.name, c.gives_away(&Location::unknown())?)));
     match told {

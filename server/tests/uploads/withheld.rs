@@ -4,6 +4,7 @@ use super::Museum;
 use crate::common::pack_at;
 use crate::common::version::Version;
 use axum::http::StatusCode;
+use kilwa_pack::{DirectoryEntry, HEADER_BYTES, Metadata, PAGE_BYTES, PackWriter, Reader, SliceSource};
 use kilwa_server::upload::wire::State;
 use serde_json::{Value, json};
 use std::io::Write as _;
@@ -179,6 +180,109 @@ async fn a_withheld_location_is_searched_for_in_pack_and_texts() {
         (with(|v| v.intent.location_cell = Some(-1.0)), "not a valid cell size"),
     ])
     .await;
+}
+
+/// The test's pack with other numbers, written as a builder would.
+fn stating(change: impl FnOnce(&mut Metadata, &mut DirectoryEntry)) -> Version {
+    let bytes = pack(MIDDLE, &[]);
+    let reader = Reader::open(SliceSource(&bytes)).unwrap();
+    let (mut metadata, mut entry) = (reader.metadata().clone(), reader.entries()[0].clone());
+    let chunk = &bytes[entry.offset as usize..][..entry.encoded_bytes as usize];
+    change(&mut metadata, &mut entry);
+    let mut writer = PackWriter::begin(Vec::new(), reader.header().clone(), &metadata, vec![entry]).unwrap();
+    writer.chunk(chunk).unwrap();
+    withheld(writer.finish().unwrap())
+}
+
+/// The test's pack with other bytes, and all checksums as they must be.
+fn tampered(change: impl FnOnce(&mut [u8], std::ops::Range<usize>, usize)) -> Version {
+    let mut bytes = pack_at(&format!("Fort{}", " ".repeat(60)), None, MIDDLE, &[]);
+    let header = Reader::open(SliceSource(&bytes)).unwrap().header().clone();
+    let (at, page) = (header.metadata.0 as usize, header.first_page as usize);
+    let metadata = at..at + header.metadata.1 as usize;
+    change(&mut bytes, metadata.clone(), page);
+    let sum = kilwa_pack::checksum(&bytes[metadata]);
+    bytes[88..104].copy_from_slice(&sum);
+    bytes[page + 16..page + 32].fill(0);
+    let sum = kilwa_pack::checksum(&bytes[page..page + PAGE_BYTES]);
+    bytes[page + 16..page + 32].copy_from_slice(&sum);
+    let (head, directory) = (blake3::hash(&bytes[..224]), blake3::hash(&sum));
+    bytes[224..HEADER_BYTES].copy_from_slice(head.as_bytes());
+    let footer = bytes.len() - 80;
+    bytes[footer + 16..footer + 48].copy_from_slice(head.as_bytes());
+    bytes[footer + 48..].copy_from_slice(directory.as_bytes());
+    Reader::open(SliceSource(&bytes)).expect("a sound pack for every reader");
+    withheld(bytes)
+}
+
+/// Numbers, unknown members and reserved bytes carry a place as well as texts do.
+#[tokio::test]
+async fn a_withheld_location_is_searched_for_where_the_pack_has_no_text() {
+    let member = |text: &'static str| {
+        tampered(move |bytes, metadata, _| {
+            let json = String::from_utf8(bytes[metadata.clone()].to_vec()).unwrap();
+            let title = format!("\"Fort{}\"", " ".repeat(60));
+            let other = json.replace(&title, &format!("{:<width$}", format!("\"Fort\"{text}"), width = title.len()));
+            bytes[metadata].copy_from_slice(other.as_bytes());
+        })
+    };
+    let (doubles, here) = ([565_977.0f64, 9_009_946.0].map(f64::to_le_bytes).concat(), b"LAT -8.95611 LON 39.60027");
+    let (as_written, option) = ("is not, to the byte, what this version", "is none that kilwa build writes");
+    let named = |name: &str, value: &str| {
+        let (name, value) = (name.to_owned(), value.to_owned());
+        stating(|m, _| drop(m.options.insert(name, value)))
+    };
+    are_refused(vec![
+        (member(",\"wgs84\":[39.60027,-8.95611]"), as_written),
+        (member(",\"origin\":[565987,9009946]"), as_written),
+        (member(" "), as_written),
+        (tampered(|bytes, _, _| bytes[146..146 + here.len()].copy_from_slice(here)), as_written),
+        (tampered(|bytes, _, _| bytes[24..32].copy_from_slice(&doubles[..8])), as_written),
+        (tampered(|bytes, _, page| bytes[page + 32..page + 48].copy_from_slice(&doubles)), as_written),
+        (
+            tampered(|bytes, _, page| bytes[page + PAGE_BYTES - 16..page + PAGE_BYTES].copy_from_slice(&doubles)),
+            as_written,
+        ),
+        (named("lat", "-8.956"), option),
+        (named("step", "-8.956"), option),
+        (named("leaf-triangles", "9009946"), option),
+        (named("leaf-triangles", "08956"), option),
+        (stating(|m, _| drop(m.repairs.insert("x565987".to_owned(), 9_009_946))), "has a number in its name"),
+        (stating(|m, _| m.median_edge = 39.600_27), "median_edge of its pack is 39.60027 m"),
+        (stating(|m, _| m.capture_accuracy = Some(8.956_11)), "capture_accuracy of its pack is 8.95611"),
+        (stating(|m, _| m.vertices = 9_009_946), "has 9009946 vertices"),
+        (stating(|m, _| m.border_edges = 9_009_946), "has 9009946 edges of its border"),
+        (stating(|_, e| e.sphere.center = [565_987.0, 9_009_946.0, 0.0]), "the directory of its pack has spheres"),
+        (stating(|_, e| e.sphere.radius = 9_009_946.0), "the directory of its pack has spheres"),
+        (stating(|_, e| e.color_error = 565_987.0), "the directory of its pack has spheres"),
+    ])
+    .await;
+}
+
+/// What is announced of the preview is on pages and in records: it must be that of the file, also where nothing is withheld.
+#[tokio::test]
+async fn numbers_of_an_announcement_are_compared_with_the_files() {
+    let accuracy = |metres: f64| {
+        with(|v| v.intent.metadata.capture = Some(serde_json::from_value(json!({ "accuracy": metres })).unwrap()))
+    };
+    let announced = |mut version: Version, triangles: u64, error: f64| {
+        version.intent.preview = Some(kilwa_server::upload::wire::PreviewSaid { triangles, error });
+        version
+    };
+    let open = || Version::new("fort", 1, pack(true_place(), &[]));
+    let what = "preview.glb holds 1 triangles with an error of 0 m";
+    are_refused(vec![
+        (announced(withheld(pack(MIDDLE, &[])), 1, 39.600_27), what),
+        (announced(withheld(pack(MIDDLE, &[])), 9_009_946, 0.0), what),
+        (announced(open(), 1, 39.600_27), what),
+        (announced(open(), 9_009_946, 565_987.0), what),
+        (announced(open(), u64::MAX, 0.0), what),
+        (accuracy(8.956_11), "metadata: capture.accuracy is 8.95611"),
+        (with(|v| v.intent.metadata.description = Some("At -0.79440 36.90123".to_owned())), "metadata: description"),
+    ])
+    .await;
+    let m = Museum::new();
+    assert_eq!(m.publish(&accuracy(0.0035)).await.0, StatusCode::OK);
 }
 
 #[tokio::test]

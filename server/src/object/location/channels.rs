@@ -2,9 +2,11 @@
 //! wherever the model is moved to.
 //!
 //! Names say nothing reliable, so values are looked at: a channel that is a linear function of the position is a coordinate or a height, in
-//! whatever unit and however turned; a large offset with a small range is a coordinate, too. Where the true location is known, ranges are also
-//! compared with it. Every vertex of every level is read; memory is one chunk per thread.
+//! whatever unit and however turned; a large offset with a small range is a coordinate, too. Where the true location is known, ranges and single
+//! values are also compared with it. All of this is asked of the whole channel and of groups of its values ([`samples`]), because missing values
+//! and outliers would hide the rest. Every vertex of every level is read for the whole; groups come from a sample of them.
 
+use super::samples::{Group, KEPT, Sample, groups, is_mark};
 use super::{AROUND_DEGREES, Location, MAP};
 use kilwa_pack::{PackError, Reader, Source};
 use rayon::prelude::*;
@@ -22,15 +24,32 @@ const UNITS: [f64; 8] = [1.0, 0.1, 0.01, 0.001, 1000.0, 0.3048, 1200.0 / 3937.0,
 /// Units of angles, in degrees: degree, radian, gon.
 const ANGLES: [f64; 3] = [1.0, 180.0 / std::f64::consts::PI, 0.9];
 
+/// A value is that of its vertex if it is this near, as a share of the model's size along the axis.
+const OWN: f64 = 0.02;
+/// Share of the values that are near the coordinate of their vertex, or near the place, from which on a channel is refused; and of heights and degrees,
+/// near which other values come more often by chance.
+const SHARE: f64 = 0.05;
+const LARGE_SHARE: f64 = 0.4;
+/// How near a value is to a known latitude or longitude when it counts for a share, degrees.
+const NEAR_DEGREES: f64 = 0.01;
+
 /// What was found of a channel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
     /// Its name.
     pub name: String,
-    /// Smallest and largest finite value.
-    pub range: Option<[f64; 2]>,
-    /// Share of its variance that a linear function of the position explains, 0 to 1.
-    pub explained: f64,
+    /// All of its values, where any is finite.
+    whole: Option<Group>,
+    /// Its values in groups.
+    groups: Vec<Group>,
+    samples: Vec<Sample>,
+}
+
+/// What is read of a channel.
+#[derive(Debug, Clone, Default)]
+struct Read {
+    sums: Sums,
+    samples: Vec<Sample>,
 }
 
 /// Look at every value of every channel.
@@ -60,31 +79,37 @@ pub fn survey<S: Source + Sync>(reader: &Reader<S>) -> Result<Vec<Channel>, Pack
             if half.is_finite() && half > 0.0 { [f64::midpoint(low, high), half] } else { [0.0, 1.0] }
         })
         .collect();
-    let empty = || vec![Sums::default(); channels.len()];
+    let empty = || vec![Read::default(); channels.len()];
     let count = u32::try_from(reader.entries().len()).unwrap_or(u32::MAX);
-    let sums = (0..count)
+    let lattice = reader.header().lattice;
+    let stride = usize::try_from(reader.header().stored_vertices / KEPT).unwrap_or(usize::MAX).max(1);
+    let read = (0..count)
         .into_par_iter()
-        .try_fold(empty, |mut sums, index| {
+        .try_fold(empty, |mut read, index| {
             let chunk = reader.chunk(index)?;
-            for ((sum, values), scale) in sums.iter_mut().zip(&chunk.mesh.scalars).zip(&scales) {
-                for (p, value) in chunk.mesh.positions.iter().zip(values) {
-                    let at = [0, 1, 2].map(|k| (f64::from(p[k]) - middle[k]) / half);
-                    sum.add(at, f64::from(*value), scale);
-                }
+            // From another vertex on in each chunk, so that small chunks have their share.
+            let first = (index as usize).wrapping_mul(0x9e37_79b1) % stride;
+            for ((read, values), scale) in read.iter_mut().zip(&chunk.mesh.scalars).zip(&scales) {
+                let mut all = chunk.mesh.positions.iter().zip(values).map(|(p, v)| (p.map(f64::from), f64::from(*v)));
+                all.clone().for_each(|(p, v)| read.sums.add([0, 1, 2].map(|k| (p[k] - middle[k]) / half), v, scale));
+                let some = all.by_ref().skip(first).step_by(stride).filter(|(_, value)| value.is_finite());
+                read.samples.extend(some.map(|(p, value)| Sample { at: lattice.world_from_steps(p), value }));
             }
-            Ok(sums)
+            Ok(read)
         })
         .try_reduce(empty, |mut a, b| {
-            a.iter_mut().zip(&b).for_each(|(a, b)| a.merge(b));
+            a.iter_mut().zip(b).for_each(|(a, b)| {
+                a.sums.merge(&b.sums);
+                a.samples.extend(b.samples);
+            });
             Ok(a)
         })?;
-    let named = channels.iter().zip(sums);
-    Ok(named.map(|(c, s)| Channel { name: c.name.clone(), range: s.range, explained: s.explained() }).collect())
+    Ok(channels.iter().zip(read).map(|(c, read)| Channel::of(&c.name, read)).collect())
 }
 
 /// Sums of a least-squares fit of a channel by 1, x, y and z.
 #[derive(Debug, Clone, Default)]
-struct Sums {
+pub(super) struct Sums {
     range: Option<[f64; 2]>,
     count: f64,
     square: f64,
@@ -93,7 +118,7 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, [x, y, z]: [f64; 3], value: f64, [middle, half]: &[f64; 2]) {
+    pub(super) fn add(&mut self, [x, y, z]: [f64; 3], value: f64, [middle, half]: &[f64; 2]) {
         if !value.is_finite() {
             return;
         }
@@ -121,21 +146,25 @@ impl Sums {
         self.with_value.iter_mut().zip(other.with_value).for_each(|(a, b)| *a += b);
     }
 
-    fn explained(&self) -> f64 {
+    pub(super) fn explained(&self) -> f64 {
         let Some([low, high]) = self.range else { return 0.0 };
         let [mean, ..] = self.with_value;
         let total = self.square - mean * mean / self.count;
         if low == high || total <= 0.0 {
             return 0.0;
         }
+        let fitted: f64 = self.fit().iter().zip(self.with_value).map(|(c, b)| c * b).sum();
+        (1.0 - (self.square - fitted) / total).clamp(0.0, 1.0)
+    }
+
+    /// The weights of 1, x, y and z.
+    pub(super) fn fit(&self) -> [f64; 4] {
         let mut rows = self.products;
         // A flat model leaves an axis open; a little weight settles it.
         for (k, row) in rows.iter_mut().enumerate().skip(1) {
             row[k] += 1e-9 * self.count;
         }
-        let solution = solved(rows, self.with_value);
-        let fitted: f64 = solution.iter().zip(self.with_value).map(|(c, b)| c * b).sum();
-        (1.0 - (self.square - fitted) / total).clamp(0.0, 1.0)
+        solved(rows, self.with_value)
     }
 }
 
@@ -158,28 +187,77 @@ fn solved(mut rows: [[f64; 4]; 4], mut right: [f64; 4]) -> [f64; 4] {
 }
 
 impl Channel {
+    fn of(name: &str, Read { sums, samples }: Read) -> Self {
+        let whole = sums.range.map(|range| Group { range, explained: sums.explained(), is_apart: true });
+        Self { name: name.to_owned(), whole, groups: groups(&samples), samples }
+    }
+
     /// Why the channel gives the location away, as a sentence without a subject; nothing where it does not.
     pub fn gives_away(&self, location: &Location) -> Option<String> {
         if let Some(finding) = location.find(&self.name) {
             return Some(format!("has a name that gives the location away: {finding}"));
         }
-        let [low, high] = self.range?;
-        if self.explained > EXPLAINED {
-            return Some(format!(
-                "holds a coordinate or a height: its values, {low} to {high}, are a linear function of the position"
-            ));
-        }
-        if let Some(axis) = location.agreeing(low, high) {
-            return Some(format!("holds values from {low} to {high}, which agree with the {axis} of the model"));
-        }
-        let (middle, half) = (f64::midpoint(low, high).abs(), (high - low) / 2.0);
-        (middle >= MAP && middle > OFFSET * half).then(|| {
-            format!("holds values from {low} to {high}: a large offset with a small range, as map coordinates have")
+        let whole = self.whole.as_ref()?;
+        let of_groups = || self.groups.iter().filter(|g| !g.is_mark()).find_map(|g| holds(g, location));
+        holds(whole, location).or_else(of_groups).or_else(|| {
+            let axis = location.shared(&self.samples)?;
+            let [low, high] = whole.range;
+            Some(format!("holds values from {low} to {high}, many of which are the {axis} of the model"))
         })
     }
 }
 
+/// Why a group of values gives the location away.
+fn holds(group: &Group, location: &Location) -> Option<String> {
+    let [low, high] = group.range;
+    if group.explained > EXPLAINED {
+        return Some(format!(
+            "holds a coordinate or a height: its values, {low} to {high}, are a linear function of the position"
+        ));
+    }
+    if let Some(axis) = location.agreeing(low, high) {
+        return Some(format!("holds values from {low} to {high}, which agree with the {axis} of the model"));
+    }
+    let (middle, half) = (f64::midpoint(low, high).abs(), (high - low) / 2.0);
+    (group.is_apart && middle >= MAP && middle > OFFSET * half).then(|| {
+        format!("holds values from {low} to {high}: a large offset with a small range, as map coordinates have")
+    })
+}
+
 impl Location {
+    /// Which true coordinate many values are near.
+    fn shared(&self, samples: &[Sample]) -> Option<&'static str> {
+        let [min, max] = self.bounds?;
+        let size = [0, 1, 2].map(|k| max[k] - min[k]);
+        let is_more = |share: f64, is_near: &dyn Fn(&Sample) -> bool| {
+            let count = samples.iter().filter(|s| is_near(s)).count();
+            count > 0 && count as f64 > share * samples.len() as f64
+        };
+        let is_own = |axis: usize, unit: f64, s: &Sample| {
+            let own = s.at.get(axis).copied().unwrap_or(f64::NAN);
+            let is_map = own.abs() >= MAP && !is_mark(s.value);
+            let is_near = ((s.value * unit).abs() - own.abs()).abs() <= OWN * size.get(axis).copied().unwrap_or(0.0);
+            is_near && (is_map || axis == 2)
+        };
+        let is_place = |unit: f64, s: &Sample| !is_mark(s.value) && self.ranges.iter().any(|r| r.has(s.value * unit));
+        let is_any =
+            |share, test: &dyn Fn(f64, &Sample) -> bool| UNITS.iter().any(|u| is_more(share, &|s| test(*u, s)));
+        if is_any(SHARE, &|u, s| is_own(0, u, s))
+            || is_any(SHARE, &|u, s| is_own(1, u, s))
+            || is_any(2.0 * SHARE, &is_place)
+        {
+            return Some("easting or northing");
+        }
+        let is_degrees = |d: f64, unit: f64, s: &Sample| {
+            s.value.fract() != 0.0 && ((s.value * unit).abs() - d.abs()).abs() < NEAR_DEGREES
+        };
+        let near = |d: &f64| ANGLES.iter().any(|u| is_more(LARGE_SHARE, &|s| is_degrees(*d, *u, s)));
+        if self.degrees.iter().any(near) {
+            return Some("latitude or longitude");
+        }
+        (size[2] > 0.0 && is_any(LARGE_SHARE, &|u, s| is_own(2, u, s))).then_some("height")
+    }
+
     /// Which true coordinate a range of values agrees with.
     fn agreeing(&self, low: f64, high: f64) -> Option<&'static str> {
         let is_map = self.ranges.iter().any(|r| {
@@ -214,16 +292,25 @@ mod tests {
     use super::*;
 
     fn fitted(value: impl Fn(f64, f64, f64) -> f32) -> Channel {
-        let mut sums = Sums::default();
+        let (mut sums, mut samples) = (Sums::default(), Vec::new());
         // A rough dome of 20 m at map coordinates.
         for i in 0..60u32 {
             for j in 0..60u32 {
                 let (x, y) = (f64::from(i) / 30.0 - 1.0, f64::from(j) / 30.0 - 1.0);
                 let z = (1.5 - x * x - y * y) / 2.0 + f64::from((i * 7919 + j * 104_729) % 97) * 0.0005;
-                sums.add([x, y, z], f64::from(value(x * 10.0, y * 10.0, z * 10.0)), &[0.0, 1.0]);
+                let value = f64::from(value(x * 10.0, y * 10.0, z * 10.0));
+                sums.add([x, y, z], value, &[0.0, 1.0]);
+                if value.is_finite() {
+                    samples.push(Sample { at: [565_980.0 + x * 10.0, 9_009_950.0 + y * 10.0, 38.0 + z * 10.0], value });
+                }
             }
         }
-        Channel { name: "c".to_owned(), range: sums.range, explained: sums.explained() }
+        Channel::of("c", Read { sums, samples })
+    }
+
+    /// A number for each vertex by which one in so many is another one.
+    fn scattered(x: f64, y: f64, z: f64) -> f64 {
+        ((x * 12.9898 + y * 78.233 + z * 37.719).sin() * 43_758.545_3).rem_euclid(1.0)
     }
 
     fn location() -> Location {
@@ -254,6 +341,52 @@ mod tests {
         }
     }
 
+    /// As scanners and CloudCompare write missing values: 0, -1, -9999, the largest float; in one vertex of thousands, or in half of them.
+    #[test]
+    fn missing_values_and_outliers_hide_no_coordinate() {
+        type Value = fn(f64, f64, f64) -> f64;
+        let coordinates: [(&str, Value); 5] = [
+            ("X", |x, _, _| x + 565_980.0),
+            ("Y", |_, y, _| y + 9_009_950.0),
+            ("latitude", |_, y, _| -8.9562 + y / 111_000.0),
+            ("height", |_, _, z| z + 38.0),
+            ("turned", |x, y, _| 0.6 * x - 0.8 * y + 1234.0),
+        ];
+        for (name, coordinate) in coordinates {
+            for missing in [0.0, -1.0, -100.0, -9999.0, 1e30, f64::from(f32::MAX), f64::NAN, f64::INFINITY] {
+                for share in [0.0005, 0.001, 0.01, 0.1, 0.5] {
+                    let channel = fitted(|x, y, z| {
+                        let value = if scattered(x, y, z) < share { missing } else { coordinate(x, y, z) };
+                        value as f32
+                    });
+                    for location in [location(), Location::unknown()] {
+                        assert!(channel.gives_away(&location).is_some(), "{name}, {share} of {missing}");
+                    }
+                }
+            }
+            // Outliers that are all different, and a second coordinate.
+            let wild = fitted(|x, y, z| {
+                let chance = scattered(x, y, z);
+                (if chance < 0.1 { chance * 2e7 - 1e6 } else { coordinate(x, y, z) }) as f32
+            });
+            assert!(
+                wild.gives_away(&location()).is_some() && wild.gives_away(&Location::unknown()).is_some(),
+                "{name}"
+            );
+            let both = fitted(|x, y, z| {
+                let other = coordinates[1].1(x, y, z);
+                (if scattered(x, y, z) < 0.5 { other } else { coordinate(x, y, z) }) as f32
+            });
+            assert!(both.gives_away(&location()).is_some(), "{name} or Y");
+        }
+        // Every other value is anything as large as an easting.
+        let among = fitted(|x, y, z| {
+            let chance = scattered(x, y, z);
+            (if chance < 0.5 { chance * 2e6 } else { x + 565_980.0 }) as f32
+        });
+        assert!(among.gives_away(&location()).is_some());
+    }
+
     #[test]
     fn channels_of_the_surface_pass() {
         for (name, channel) in [
@@ -263,11 +396,44 @@ mod tests {
             ("class", fitted(|x, _, _| if x.sin() > 0.0 { 2.0 } else { 6.0 })),
             ("constant", fitted(|_, _, _| 1.0)),
             ("0 to 65535", fitted(|x, y, _| ((x * 3.0 + y * 5.0).sin().abs() * 65_535.0) as f32)),
+            ("scattered", fitted(|x, y, z| scattered(x, y, z) as f32)),
+            ("8 bits", fitted(|x, y, z| (scattered(x, y, z) * 256.0).floor() as f32)),
+            ("classes", fitted(|x, y, z| [0.0, 2.0, 9.0, 40.0][(scattered(x, y, z) * 4.0) as usize])),
+            ("saturated", fitted(|x, y, z| (scattered(x, y, z) * 90_000.0).min(65_535.0) as f32)),
+            (
+                "saturated far off",
+                fitted(|x, y, z| {
+                    let v = scattered(x, y, z);
+                    if v < 0.2 { 65_535.0 } else { (v * 4000.0) as f32 }
+                }),
+            ),
+            (
+                "missing",
+                fitted(|x, y, z| {
+                    let v = scattered(x, y, z);
+                    if v < 0.05 { -32_768.0 } else { (v * 200.0) as f32 }
+                }),
+            ),
+            (
+                "missing 1e30",
+                fitted(|x, y, z| {
+                    let v = scattered(x, y, z);
+                    if v < 0.05 { 1e30 } else { (v - 0.5) as f32 }
+                }),
+            ),
+            (
+                "heavy tails",
+                fitted(|x, y, z| {
+                    let v = scattered(x, y, z);
+                    (0.01 / (v - 0.500_01)) as f32
+                }),
+            ),
+            ("distance to the scanner", fitted(|x, y, _| (x - 3.0).hypot(y + 4.0) as f32)),
         ] {
             assert_eq!(channel.gives_away(&location()), None, "{name}");
             assert_eq!(channel.gives_away(&Location::unknown()), None, "{name}");
         }
-        let named = Channel { name: "dist_565977".to_owned(), range: None, explained: 0.0 };
+        let named = Channel::of("dist_565977", Read::default());
         assert!(named.gives_away(&location()).unwrap().contains("name"));
     }
 }

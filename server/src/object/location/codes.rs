@@ -111,8 +111,11 @@ pub(super) fn near(text: &[char], sites: &[[f64; 2]], squares: &[Square]) -> Opt
             return Some((from, to));
         }
     }
-    for p in plus_codes(text).filter(|p| p.before.len() == 8) {
-        if plus(&p.before, &p.after).is_some_and(|(middle, half)| is_near(middle, half)) {
+    for p in plus_codes(text) {
+        let mut known = sites
+            .iter()
+            .filter_map(|site| if p.before.len() == 8 { plus(&p.before, &p.after) } else { recovered(&p, *site) });
+        if known.any(|(middle, half)| is_near(middle, half)) {
             return Some((p.from, p.to));
         }
     }
@@ -232,7 +235,10 @@ fn plus_codes(text: &[char]) -> impl Iterator<Item = PlusCode> + '_ {
             return None;
         }
         let all = text.get(from..to)?;
-        let has_letter = all.iter().any(char::is_ascii_alphabetic) && all.iter().any(char::is_ascii_digit);
+        // Letters in small could be words around a plus sign.
+        let is_of_capitals = all.iter().all(|c| !c.is_ascii_lowercase());
+        let has_letter =
+            all.iter().any(char::is_ascii_alphabetic) && (is_of_capitals || all.iter().any(char::is_ascii_digit));
         Some(PlusCode { from, to, before: before.into_iter().rev().collect(), after, has_letter })
     })
 }
@@ -253,6 +259,24 @@ fn plus(before: &[usize], after: &[usize]) -> Option<Area> {
     }
     let half = size.map(|s| s / 2.0);
     Some(([lat + half[0], lon + half[1]], half))
+}
+
+/// The area of a short Plus Code, which names the one of its places that is nearest to a known one.
+fn recovered(code: &PlusCode, [lat, lon]: [f64; 2]) -> Option<Area> {
+    let lacking = 8usize.checked_sub(code.before.len()).filter(|n| matches!(n, 2 | 4))?;
+    let (mut rest, mut size, mut digits) =
+        ([lat.clamp(-90.0, 89.999) + 90.0, (lon + 180.0).rem_euclid(360.0)], 400.0, Vec::new());
+    for _ in 0..lacking / 2 {
+        size /= 20.0;
+        for axis in &mut rest {
+            digits.push((*axis / size).floor() as usize);
+            *axis = axis.rem_euclid(size);
+        }
+    }
+    digits.extend(&code.before);
+    let (middle, half) = plus(&digits, &code.after)?;
+    let nearest = |found: f64, known: f64| found + ((known - found) / size).round() * size;
+    Some(([nearest(middle[0], lat), nearest(middle[1], lon)], half))
 }
 
 impl Square {

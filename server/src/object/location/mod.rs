@@ -12,6 +12,7 @@
 mod angles;
 pub mod channels;
 mod codes;
+mod samples;
 mod text;
 mod unseen;
 mod whichever;
@@ -142,6 +143,7 @@ impl Location {
         let mut all = Self { bounds: Some(bounds), ..Self::default() };
         let [min, max] = bounds;
         all.add_map([min[0], min[1]], [max[0], max[1]]);
+        all.add_last_five([min[0], min[1]], [max[0], max[1]]);
         all.epsg = crs.and_then(|c| c.strip_prefix("EPSG:")).map(str::to_owned);
         let said = place.map(|p| [p.latitude, p.longitude]).unwrap_or_default();
         all.degrees.extend(said.iter().flatten());
@@ -168,6 +170,25 @@ impl Location {
         }
     }
 
+    /// The last five digits of easting and northing side by side, as grid references are written.
+    fn add_last_five(&mut self, min: [f64; 2], max: [f64; 2]) {
+        let is_map = |k: usize| min[k].abs().max(max[k].abs()) >= MAP;
+        if !(is_map(0) && is_map(1) && min.iter().chain(&max).all(|v| v.is_finite())) {
+            return;
+        }
+        // What is across the border of a square has the digits of the next one.
+        let all = [0, 1].map(|k| {
+            let middle = f64::midpoint(min[k], max[k]).abs().rem_euclid(1e5);
+            let half = (max[k] - min[k]).abs() / 2.0;
+            let ranges = [-1e5, 0.0, 1e5].map(|by| Range::around(middle - half + by, middle + half + by, AROUND));
+            ranges.into_iter().filter(|r| r.high >= 0.0 && r.low < 1e5)
+        });
+        let [east, north] = all;
+        for e in east {
+            self.together.extend(north.clone().map(|n| Together { ranges: [e, n], digits: 5 }));
+        }
+    }
+
     /// A place in degrees, and half of the model's size in metres.
     fn add_site(&mut self, [lat, lon]: [f64; 2], half: [f64; 2]) {
         if !(lat.abs() <= 90.0 && lon.abs() <= 180.0) {
@@ -190,11 +211,11 @@ impl Location {
                     self.together.push(Together { ranges: [range(0, e), range(1, n)], digits: 4 });
                 }
             }
-            let last = [range(0, east.rem_euclid(1e5)), range(1, north.rem_euclid(1e5))];
-            self.together.push(Together { ranges: last, digits: 5 });
+            self.add_last_five([east - half[0], north - half[1]], [east + half[0], north + half[1]]);
         }
         if let Some([x, y]) = projected(3857, [lat, lon]) {
             self.add_map([x - half[0], y - half[1]], [x + half[0], y + half[1]]);
+            self.add_last_five([x - half[0], y - half[1]], [x + half[0], y + half[1]]);
             // Tiles of maps in the web.
             for zoom in 12..=22 {
                 let size = 40_075_016.685_578_49 / f64::from(1u32 << zoom);
@@ -389,6 +410,21 @@ fn is_degree(text: &[char], n: &Number) -> bool {
     text.get(at) == Some(&'°') || begins(text, at, "deg")
 }
 
+/// Whether a number can be a latitude or longitude of any place. One below 1, with a unit of length behind it or behind the list that it is in, is a
+/// residual or a size.
+fn may_be_degrees(text: &[char], n: &Number) -> bool {
+    const UNITS: [&str; 8] = ["mm", "cm", "dm", "m", "km", "µm", "px", "ft"];
+    if n.value >= 1.0 {
+        return n.value <= 180.0;
+    }
+    let behind: String = text.iter().skip(n.to).take(48).collect();
+    let mut words = behind.split(|c: char| " ,;/()".contains(c)).filter(|w| !w.is_empty());
+    let is_in_list =
+        |w: &&str| w.chars().all(|c| c.is_ascii_digit() || ".+-".contains(c)) || ["and", "or", "to", "by"].contains(w);
+    let unit = words.find(|w| !is_in_list(w)).map(|w| w.trim_end_matches(['.', ':']));
+    !unit.is_some_and(|w| UNITS.contains(&w))
+}
+
 /// Whether this word stands there, after spaces.
 fn begins(text: &[char], at: usize, word: &str) -> bool {
     let rest = text.get(at..).unwrap_or_default().iter().skip_while(|c| **c == ' ');
@@ -415,7 +451,7 @@ fn stated(text: &[char], numbers: &[Number], angles: &[Angle]) -> Option<(usize,
     let by_letters = beside(&lat.iter().collect::<Vec<_>>(), &lon.iter().collect::<Vec<_>>());
     by_letters.or_else(|| {
         let fine: Vec<&Number> =
-            numbers.iter().filter(|n| n.decimals >= ANYWHERE_DECIMALS && n.value >= 1.0 && n.value <= 180.0).collect();
+            numbers.iter().filter(|n| n.decimals >= ANYWHERE_DECIMALS && may_be_degrees(text, n)).collect();
         fine.windows(2).find_map(|two| {
             let [a, b] = two else { return None };
             let between = text.get(a.to..b.from)?;

@@ -119,6 +119,13 @@ const PLANTED: &[&str] = &[
     "\\u{39}\\u{30}09946",
     "\\x39\\x30\\x30\\x39946",
     "%26%2357;009946",
+    "&amp;#57;&amp;#48;&amp;#48;&amp;#57;&amp;#57;&amp;#52;&amp;#54;",
+    "&amp;amp;#57;009946",
+    "\\u0026#57;009946",
+    "&&num;57;009946",
+    "\\ud835\\udfd7\\ud835\\udfce\\uD835\\uDFCE9946",
+    "9\\udb40\\udd000\\udb40\\udd000\\udb40\\udd009946",
+    "\u{7396}\u{96f6}\u{96f6}\u{7396}\u{7396}\u{8086}\u{9678}",
 ];
 
 #[test]
@@ -130,6 +137,62 @@ fn the_location_is_found_in_every_form() {
     for text in PLANTED {
         let among = format!("The fort was built in 1505 of coral rag; {text} (see p. 12)");
         assert!(fort.find(&among).is_some(), "{among}");
+    }
+}
+
+/// As grid references are written without their letters, in the system of the pack, whichever it is, and outside of the zone that the system is for.
+#[test]
+fn the_last_five_digits_of_easting_and_northing_are_found_in_every_system() {
+    for (code, east, north) in [
+        (27700, 412_345.0, 142_345.0),
+        (2154, 652_345.0, 6_862_345.0),
+        (28992, 155_123.0, 463_456.0),
+        (2193, 1_756_123.0, 5_916_456.0),
+        (2056, 2_634_123.0, 1_234_456.0),
+        (3857, 4_408_123.0, -1_000_987.0),
+        (32737, 565_982.0, 9_009_946.0),
+        (32701, 930_123.0, 8_123_456.0),
+        (32737, 599_995.0, 9_000_002.0),
+    ] {
+        let bounds = [[east - 20.0, north - 20.0, 0.0], [east + 20.0, north + 20.0, 9.0]];
+        let location = Location::of(bounds, Some(&format!("EPSG:{code}")), None);
+        let last = |v: f64| format!("{:05}", (v.abs() as u64) % 100_000);
+        for (e, n) in [(east, north), (east + 12.0, north - 15.0)].map(|(e, n)| (last(e), last(n))) {
+            for text in [format!("{e} {n}"), format!("{n}/{e}"), format!("Find spot {e}, {n}."), format!("E{e} N{n}")] {
+                assert!(location.find(&text).is_some(), "EPSG:{code}: {text}");
+            }
+        }
+        let far = format!("{} {}", last(east + 30_000.0), last(north + 40_000.0));
+        assert!(location.find(&far).is_none(), "EPSG:{code}: {far} is elsewhere");
+    }
+}
+
+/// Short Plus Codes without a digit among them, and of digits alone, name the nearest place of their kind.
+#[test]
+fn a_short_plus_code_of_letters_or_of_digits_is_found() {
+    let peru = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(-13.1812, -72.5511)));
+    let digit = |v: f64| "23456789CFGHJMPQRVWX".chars().nth(v as usize).unwrap();
+    for (lat, lon) in
+        [(-13.1812, -72.5511), (0.52211, 36.0713), (51.4779, -0.0015), (-17.7134, 179.9993), (78.2232, 15.6267)]
+    {
+        let location = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(lat, lon)));
+        let (mut size, mut rest, mut code) = (20.0, [lat + 90.0, lon + 180.0], String::new());
+        for _ in 0..5 {
+            for axis in &mut rest {
+                code.push(digit((*axis / size).floor()));
+                *axis %= size;
+            }
+            size /= 20.0;
+        }
+        code.insert(8, '+');
+        for text in [&code[..], &code[2..], &code[4..]] {
+            for text in [text.to_owned(), text.to_lowercase(), format!("near {text}, Cusco")] {
+                assert!(location.find(&text).is_some(), "{text} of {lat} {lon}");
+            }
+        }
+    }
+    for anywhere in ["RCMX+HF", "near FVMH+CR, Cusco", "CCRCMX+HF"] {
+        assert!(peru.find(anywhere).is_some() && Location::unknown().find(anywhere).is_some(), "{anywhere}");
     }
 }
 
@@ -172,6 +235,9 @@ const ORDINARY: &[&str] = &[
     "Leica ScanStation P40, serial 1840123",
     "Focal length 24.1234 mm, pixel size 0.00391 mm",
     "Residuals of 0.0031, 0.0042 and 0.0028 m at three targets.",
+    "Residuals of 0.01312, 0.00421 and 0.00283 m",
+    "Pixels of 0.00391 x 0.00391 mm",
+    "A lattice of 0.00390625 m",
     "Registered with CloudCompare 2.13.1 and kilwa 0.1.0",
     "RMS 0.0031 m over 57 targets",
     "Grant AH/V001234/1",
@@ -320,6 +386,15 @@ fn without_the_location_the_form_alone_tells() {
         "lat 8.956",
         "geohash kvu8c2b",
         "8\u{fe0f}.\u{fe0f}9561094",
+        "-0.79440, 36.90123",
+        "-0.79440",
+        "lat -0.79440 lon 0.10234",
+        "-0.794, 36.901",
+        "0.522; 136.590",
+        "lat 0.522",
+        "0.79440 S",
+        "-0.02361 0.10123",
+        "51.4779, -0.0015",
         "Looters came to 8.956109, 39.600225 (EPSG:32737 565977 9009946)",
     ] {
         let among = format!("The fort was built in 1505 of coral rag; {text} (see p. 12)");

@@ -3,9 +3,9 @@
 use super::unseen;
 
 /// Times that encodings are taken off: links are put into links.
-const DECODINGS: usize = 3;
+const DECODINGS: usize = 5;
 /// What stands for signs in HTML, and the sign.
-const ENTITIES: [(&str, char); 14] = [
+const ENTITIES: [(&str, char); 18] = [
     ("&deg;", '°'),
     ("&#176;", '°'),
     ("&#xb0;", '°'),
@@ -20,6 +20,10 @@ const ENTITIES: [(&str, char); 14] = [
     ("&comma;", ','),
     ("&period;", '.'),
     ("&amp;", '&'),
+    ("&num;", '#'),
+    ("&semi;", ';'),
+    ("&bsol;", '\\'),
+    ("&percnt;", '%'),
 ];
 
 /// A text in the forms in which it is searched: as it is, and with the encodings of addresses, HTML and programs taken off, where it has any.
@@ -125,6 +129,12 @@ fn without_escapes(text: &str) -> String {
 
 /// The character that a text begins with in an escaped form, and the bytes of that form.
 fn escape(text: &str) -> Option<(char, usize)> {
+    if let Some((entity, sign)) = ENTITIES.iter().find(|(entity, _)| text.starts_with(entity)) {
+        return Some((*sign, entity.len()));
+    }
+    if let Some(pair) = surrogates(text) {
+        return Some((pair, 12));
+    }
     const FORMS: [(&str, &str, u32, usize); 9] = [
         ("&#x", ";", 16, 8),
         ("&#X", ";", 16, 8),
@@ -144,6 +154,15 @@ fn escape(text: &str) -> Option<(char, usize)> {
         // HTML is shown without the semicolon, too.
         Some((c, length + if text.get(length..)?.starts_with(end) { end.len() } else { 0 }))
     })
+}
+
+/// A character beyond U+FFFF as JSON writes it: `\ud835\udfd3`.
+fn surrogates(text: &str) -> Option<char> {
+    let unit = |at: usize| {
+        let digits = text.get(at..at + 6)?.strip_prefix("\\u")?;
+        digits.bytes().all(|b| b.is_ascii_hexdigit()).then(|| u16::from_str_radix(digits, 16).ok())?
+    };
+    char::decode_utf16([unit(0)?, unit(6)?]).next()?.ok().filter(|c| u32::from(*c) > 0xffff)
 }
 
 /// A number as a text can be read; one place of the text may be read as several.

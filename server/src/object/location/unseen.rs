@@ -41,6 +41,9 @@ const DIGITS: [(u32, u32, u32); 208] = [
     (0x1f10c, 0, 1), (0x1fbf0, 0, 10),
 ];
 
+/// Formal digits of Chinese and Japanese, as on contracts, from 0 on.
+const FORMAL: [&str; 10] = ["零〇", "壹壱弌", "貳贰弐貮", "參叁叄参弎", "肆", "伍", "陸陆", "柒漆", "捌", "玖"];
+
 /// First and last of the characters that leave no mark of their own: format characters (Cf), marks on others (Mn, Me), fillers and blank patterns.
 #[rustfmt::skip]
 const UNSEEN: [(u32, u32); 363] = [
@@ -111,6 +114,10 @@ const UNSEEN: [(u32, u32); 363] = [
 
 /// The value of a digit that is none of ASCII.
 pub(super) fn digit(c: char) -> Option<char> {
+    let formal = FORMAL.iter().zip('0'..='9').find(|(signs, _)| signs.contains(c));
+    if let Some((_, digit)) = formal {
+        return Some(digit);
+    }
     let c = u32::from(c);
     let (first, value, count) = *DIGITS.get(DIGITS.partition_point(|(first, ..)| *first <= c).checked_sub(1)?)?;
     let digit = (c - first < count).then_some(value + c - first)?;

@@ -6,7 +6,7 @@
 use super::angles::{Angle, Axis, axis_of};
 use super::codes::grid_reference;
 use super::text::Number;
-use super::{BESIDE, Kind, is_degree};
+use super::{BESIDE, Kind, is_degree, may_be_degrees};
 
 /// Reference systems of the whole earth (EPSG), which tell no place.
 const WORLDWIDE: [&str; 9] = ["4326", "4978", "4979", "4936", "3857", "3395", "3785", "9707", "900913"];
@@ -89,7 +89,7 @@ fn epsg(text: &[char]) -> Option<(usize, usize)> {
 }
 
 fn degrees(text: &[char], numbers: &[Number], angles: &[Angle]) -> Option<(usize, usize)> {
-    let is_degrees = |n: &&Number| (1.0..=180.0).contains(&n.value);
+    let is_degrees = |n: &&Number| may_be_degrees(text, n);
     let alone = numbers.iter().filter(is_degrees).find(|n| {
         let has_axis = || is_degree(text, n) || axis_of(text, n.from, n.to).is_some();
         n.decimals >= ALONE_DECIMALS || n.decimals >= PAIR_DECIMALS && has_axis()

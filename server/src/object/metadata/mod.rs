@@ -14,6 +14,7 @@ pub mod template;
 mod withheld;
 
 pub use problem::{Problem, Problems};
+pub use withheld::plain_accuracy;
 
 use serde::{Deserialize, Serialize};
 

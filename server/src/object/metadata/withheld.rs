@@ -36,6 +36,23 @@ impl Metadata {
     }
 }
 
+/// Digits of an accuracy, beyond which it could be a coordinate.
+const ACCURACY_DIGITS: usize = 3;
+
+/// Whether an accuracy, in metres, is so short that no coordinate can be hidden in it.
+///
+/// # Errors
+/// Why not, and what to do, as a piece of a sentence.
+pub fn plain_accuracy(metres: f64) -> Result<(), String> {
+    let written = format!("{:.*e}", ACCURACY_DIGITS - 1, metres);
+    if written.parse() == Ok(metres) {
+        return Ok(());
+    }
+    Err(format!(
+        "is {metres}, which has more than {ACCURACY_DIGITS} digits, and the location is to be withheld; round it"
+    ))
+}
+
 struct Search<'a> {
     text: &'a str,
     file: &'a File<'a>,
@@ -62,6 +79,12 @@ impl Search<'_> {
             }
             DeValue::Array(list) => list.iter().for_each(|v| self.value(field, v)),
             DeValue::Table(table) => self.table(field, table),
+            DeValue::Float(number) if field == "capture.accuracy" => {
+                let metres = number.as_str().replace('_', "").parse::<f64>();
+                if let Some(Err(what)) = metres.ok().map(plain_accuracy) {
+                    self.file.problem(value.span().start, field, what);
+                }
+            }
             _ => {}
         }
     }
@@ -120,6 +143,23 @@ mod tests {
         );
         let metadata = Metadata::parse(FILE).unwrap().without_location();
         assert_eq!(metadata.giving_away(&location()).unwrap().0, "capture.description");
+    }
+
+    #[test]
+    fn an_accuracy_that_could_be_a_coordinate_is_named_with_its_line() {
+        let file = |accuracy: &str| {
+            format!(
+                "title = \"Fort\"\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n[capture]\naccuracy = {accuracy}\n"
+            )
+        };
+        for bad in ["8.95611", "0.039601", "5_659.7"].map(file) {
+            let found = Metadata::check_withheld(&bad, &location());
+            let line = found.err().map(|p| p.0[0].line);
+            assert_eq!(line, Some(7), "{bad}");
+        }
+        for good in ["0.002", "0.0035", "0.00123", "2", "12.5", "1e-3"].map(file) {
+            assert_eq!(Metadata::check_withheld(&good, &location()), Ok(()), "{good}");
+        }
     }
 
     #[test]

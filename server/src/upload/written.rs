@@ -1,0 +1,144 @@
+//! Whether a pack that claims to be without its location is what `kilwa publish --redact-location` writes: the same bytes when it is written again
+//! from what was read of it, so that unknown members, reserved bytes and spare digits of numbers hold nothing; and numbers that fit the model.
+
+use crate::object::metadata::plain_accuracy;
+use kilwa_pack::{Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, Reader, Source, relocate};
+use std::io::{self, Write};
+
+/// Options that shape a pack.
+const OPTIONS: [&str; 7] = [
+    "step",
+    "color-bits",
+    "normal-bits",
+    "coarse-color-bits",
+    "coarse-normal-bits",
+    "coarse-positions",
+    "leaf-triangles",
+];
+/// Largest whole number of an option: triangles of a leaf.
+const OPTION_MAX: u32 = 1 << 20;
+/// The median edge may be so many times larger than that of the triangles that are looked at.
+const EDGE: f64 = 3.0;
+/// Chunks that are looked at for it.
+const CHUNKS: usize = 256;
+/// Colours differ by this at most.
+const COLOR: f32 = 256.0;
+/// How far a bounding sphere may reach, in diagonals of the model.
+const SPHERE: f64 = 4.0;
+
+/// Check header, metadata and directory.
+///
+/// # Errors
+/// What is not as it would be written, as a piece of a sentence.
+pub(super) fn check<S: Source + Sync>(reader: &Reader<S>) -> Result<(), String> {
+    check_numbers(reader.metadata(), reader.header())?;
+    check_directory(reader.entries())?;
+    check_edge(reader)?;
+    let again = Again { source: reader.source(), at: 0 };
+    let end = relocate(reader, again, reader.header().lattice.origin, |_| {});
+    let length = reader.source().len().map_err(|e| format!("its pack cannot be read: {e}"))?;
+    match end {
+        Ok(again) if again.at == length => Ok(()),
+        _ => Err("its pack is not, to the byte, what this version of kilwa publish writes".to_owned()),
+    }
+}
+
+/// Compares what is written with what is there.
+struct Again<'a, S> {
+    source: &'a S,
+    at: u64,
+}
+
+impl<S: Source> Write for Again<'_, S> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.source.read_at(self.at, bytes.len())? != bytes {
+            return Err(io::ErrorKind::InvalidData.into());
+        }
+        self.at += bytes.len() as u64;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+fn check_numbers(m: &Metadata, header: &Header) -> Result<(), String> {
+    for (name, value) in &m.options {
+        let number = value.parse::<u32>().ok().filter(|n| *n <= OPTION_MAX && n.to_string() == *value);
+        if !OPTIONS.contains(&name.as_str()) || number.is_none() && has_digit(value) {
+            return Err(format!("the option {name:?} of its pack is none that kilwa build writes"));
+        }
+    }
+    if let Some(kind) = m.repairs.keys().find(|kind| has_digit(kind)) {
+        return Err(format!("the repair {kind:?} of its pack has a number in its name"));
+    }
+    if m.vertices > header.stored_vertices || m.vertices > m.triangles.saturating_mul(3) {
+        return Err(format!("its pack says that it has {} vertices, which its triangles cannot have", m.vertices));
+    }
+    if m.border_edges > m.triangles.saturating_mul(3) {
+        return Err(format!("its pack says that it has {} edges of its border, more than all", m.border_edges));
+    }
+    m.capture_accuracy.map_or(Ok(()), plain_accuracy).map_err(|what| format!("capture_accuracy of its pack {what}"))
+}
+
+fn has_digit(text: &str) -> bool {
+    text.chars().any(char::is_numeric)
+}
+
+fn check_directory(entries: &[DirectoryEntry]) -> Result<(), String> {
+    let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for bounds in entries.iter().map(|e| &e.bounds).filter(|b| !b.is_empty()) {
+        for k in 0..3 {
+            min[k] = min[k].min(f64::from(bounds.min[k]));
+            max[k] = max[k].max(f64::from(bounds.max[k]));
+        }
+    }
+    let diagonal = (0..3).map(|k| (max[k] - min[k]).powi(2)).sum::<f64>().sqrt().max(1.0);
+    let reach = diagonal * SPHERE;
+    let is_around = |e: &DirectoryEntry| {
+        let centre = e.sphere.center;
+        e.sphere.radius <= reach && (0..3).all(|k| centre[k] >= min[k] - reach && centre[k] <= max[k] + reach)
+    };
+    if entries.iter().all(|e| is_around(e) && (e.color_error <= COLOR || e.color_error.is_infinite())) {
+        return Ok(());
+    }
+    Err("the directory of its pack has spheres or differences of colours that its triangles cannot have".to_owned())
+}
+
+/// The median edge is about that of some of the finest triangles.
+fn check_edge<S: Source + Sync>(reader: &Reader<S>) -> Result<(), String> {
+    let stated = reader.metadata().median_edge;
+    let stride = reader.entries().len().div_ceil(CHUNKS).max(1);
+    let mut edges = Vec::new();
+    for index in (0u32..).take(reader.entries().len()).step_by(stride) {
+        let chunk = reader.chunk(index).map_err(|e| format!("its pack cannot be read: {e}"))?;
+        finest_edges(&chunk, &mut edges);
+    }
+    edges.sort_by(f64::total_cmp);
+    let step = reader.header().lattice.step();
+    // Where no chunk had one of the finest, the box bounds the edge.
+    let size = reader.metadata();
+    let largest = (0..3).map(|k| (size.bounds_max[k] - size.bounds_min[k]).powi(2)).sum::<f64>().sqrt();
+    let median = edges.get(edges.len() / 2).map_or(largest, |edge| edge * step);
+    if (0.0..=EDGE * median.max(step)).contains(&stated) {
+        Ok(())
+    } else {
+        Err(format!("median_edge of its pack is {stated} m, and that of its triangles {median:.3} m"))
+    }
+}
+
+/// Lengths of the edges of a chunk's triangles that nothing refines, in steps.
+fn finest_edges(chunk: &Chunk, edges: &mut Vec<f64>) {
+    for patch in chunk.patches.iter().filter(|p| p.diamond == NO_DIAMOND) {
+        let triangles = chunk.mesh.triangles.iter().skip(patch.first as usize).take(patch.count as usize);
+        for &[a, b, c] in triangles {
+            for (from, to) in [(a, b), (b, c), (c, a)] {
+                let at = |v: u32| chunk.mesh.positions.get(v as usize).map(|p| p.map(f64::from));
+                if let (Some(p), Some(q)) = (at(from), at(to)) {
+                    edges.push((0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>().sqrt());
+                }
+            }
+        }
+    }
+}
