@@ -1,11 +1,14 @@
 //! What uploads may take of the disk, and how many may be begun.
 
-use super::{Museum, NOW, tree};
-use crate::common::version::{Version, fort_pack, status};
+use super::{Museum, NOW};
+use crate::common::get;
+use crate::common::version::{Version, fort_pack};
 use axum::http::{Method, StatusCode};
+use kilwa_server::access::{Accounts, Purpose};
 use kilwa_server::upload::UploadLimits;
 use kilwa_server::upload::wire::State;
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 #[tokio::test]
 async fn a_disk_that_is_full_at_any_step_publishes_nothing_keeps_what_came_and_goes_on_when_there_is_room() {

@@ -1,10 +1,11 @@
 //! Versions that are published from elsewhere: whole, verified, by whoever may, or not at all; and nothing that a browser runs comes from them.
 
 mod limits;
+mod unfinished;
 mod withheld;
 
 use crate::common::version::{METADATA, Version, fort_pack, status};
-use crate::common::{Answer, ask, get, pack_at, pack_in, page};
+use crate::common::{Answer, ask, get, pack_in, page};
 use axum::Router;
 use axum::body::Body;
 use axum::http::{Method, Request, StatusCode};
@@ -14,8 +15,7 @@ use kilwa_server::object::{Manifest, Metadata};
 use kilwa_server::upload::wire::{Intent, State, Status};
 use kilwa_server::upload::{UploadLimits, Uploads};
 use kilwa_server::{Catalogue, Clock, Site, app};
-use serde_json::{Value, json};
-use std::io::{self, Write as _};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
