@@ -346,13 +346,9 @@ fn service_folder(variable: &str, name: &str) -> Option<PathBuf> {
 /// The accounts, which must not lie where they are served.
 fn door(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Arc<Door>>> {
     let Some(file) = &args.access else { return Ok(None) };
-    let kept = |folder: &PathBuf| {
-        Sessions::in_folder(folder).with_context(|| format!("cannot keep sessions in {}", folder.display()))
-    };
-    let sessions = args.sessions.as_ref().map(kept).transpose()?;
-    let real = |path: &std::path::Path| path.canonicalize().ok();
+    // Before any of them is made.
     for secret in [Some(file), args.audit.as_ref(), args.sessions.as_ref()].into_iter().flatten() {
-        if let (Some(secret_at), Some(served_at)) = (real(secret), real(served)) {
+        if let (Ok(secret_at), Ok(served_at)) = (where_it_will_be(secret), served.canonicalize()) {
             anyhow::ensure!(
                 !secret_at.starts_with(&served_at),
                 "{} lies in the folder that is served; move it elsewhere, for example to /etc/kilwa",
@@ -360,12 +356,31 @@ fn door(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Ar
             );
         }
     }
+    let kept = |folder: &PathBuf| {
+        Sessions::in_folder(folder).with_context(|| format!("cannot keep sessions in {}", folder.display()))
+    };
+    let sessions = args.sessions.as_ref().map(kept).transpose()?;
     let door = Door::open(file, args.audit.as_deref())?.with_sessions(sessions.unwrap_or_default());
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs());
     if let Some(doubt) = door.doubt_of_clock(now) {
         tracing::error!("{doubt}");
     }
     Ok(Some(Arc::new(door)))
+}
+
+/// The real path of a file or folder, also of one that is still to be made.
+fn where_it_will_be(path: &std::path::Path) -> std::io::Result<PathBuf> {
+    let mut at = PathBuf::new();
+    for part in std::path::absolute(path)?.components() {
+        if part == std::path::Component::ParentDir {
+            at.pop();
+        } else {
+            at.push(part);
+        }
+        // Whatever is there may be a link; whatever is not has no more than its name.
+        at = at.canonicalize().unwrap_or(at);
+    }
+    Ok(at)
 }
 
 /// An address that others can be told.

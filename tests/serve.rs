@@ -63,3 +63,28 @@ fn what_cannot_be_served_is_said() {
     let usage = kilwa(&[folder, "--listen", "nonsense"], dir.path()).output().unwrap();
     assert_eq!(usage.status.code(), Some(2));
 }
+
+#[test]
+fn what_is_secret_is_not_put_where_it_is_served_and_nothing_is_made_there() {
+    let dir = tempfile::tempdir().unwrap();
+    page(dir.path());
+    let (models, elsewhere) = (dir.path().join("models"), dir.path().join("elsewhere"));
+    std::fs::create_dir(&models).unwrap();
+    std::fs::create_dir(&elsewhere).unwrap();
+    std::os::unix::fs::symlink(&models, elsewhere.join("link")).unwrap();
+    let accounts = dir.path().join("access.json");
+    kilwa_server::access::Accounts::new().unwrap().create(&accounts).unwrap();
+    let folder = models.to_str().unwrap();
+    for option in ["--sessions", "--audit"] {
+        for place in
+            ["models/s", "models/deeper/s", "elsewhere/link/s", "elsewhere/new/../../models/s", "models/../models/s"]
+        {
+            let at = dir.path().join(place);
+            let args = [folder, "--listen", "127.0.0.1:0", "--access", accounts.to_str().unwrap()];
+            let said = refused(&[&args[..], &[option, at.to_str().unwrap()]].concat(), dir.path());
+            assert!(said.contains("in the folder that is served"), "{option} {place}: {said}");
+            assert_eq!(std::fs::read_dir(&models).unwrap().count(), 0, "{option} {place}");
+            assert_eq!(std::fs::read_dir(&elsewhere).unwrap().count(), 1, "{option} {place}");
+        }
+    }
+}

@@ -3,6 +3,7 @@
 //!
 //! What goes wrong behind the first piece ends the connection before the answer's end, which no client takes for the whole.
 
+use crate::gate::Turns;
 use axum::body::{Body, Bytes};
 use futures_util::stream::try_unfold;
 use std::io;
@@ -10,15 +11,26 @@ use std::io;
 /// Makes the next piece; `None` behind the last.
 pub(crate) type Next<S> = fn(&mut S) -> io::Result<Option<String>>;
 
-/// A body of `first` and what `next` makes of `state`, on a thread for blocking work.
-pub(crate) fn body<S: Send + 'static>(first: String, state: S, next: Next<S>) -> Body {
-    let pieces = try_unfold((Some(first), state), move |(first, mut state)| async move {
+/// A body of `first` and what `next` makes of `state`, on a thread for blocking work; with `turns` each piece waits for a place, which is given back
+/// when it is made.
+pub(crate) fn body<S: Send + 'static>(first: String, state: S, next: Next<S>, turns: Option<Turns>) -> Body {
+    let pieces = try_unfold((Some(first), state, turns), move |(first, mut state, turns)| async move {
         if let Some(first) = first {
-            return Ok::<_, io::Error>(Some((Bytes::from(first), (None, state))));
+            return Ok::<_, io::Error>(Some((Bytes::from(first), (None, state, turns))));
         }
-        let made = tokio::task::spawn_blocking(move || next(&mut state).map(|piece| (piece, state))).await;
+        let place = match &turns {
+            Some(turns) => Some(turns.next().await.ok_or_else(|| io::Error::other("the server ends"))?),
+            None => None,
+        };
+        let work = move || {
+            let made = next(&mut state);
+            // With the work, not with a reader who hangs up meanwhile.
+            drop(place);
+            made.map(|piece| (piece, state))
+        };
+        let made = tokio::task::spawn_blocking(work).await;
         let (piece, state) = made.map_err(io::Error::other)??;
-        Ok(piece.map(|piece| (Bytes::from(piece), (None, state))))
+        Ok(piece.map(|piece| (Bytes::from(piece), (None, state, turns))))
     });
     Body::from_stream(pieces)
 }
@@ -26,7 +38,8 @@ pub(crate) fn body<S: Send + 'static>(first: String, state: S, next: Next<S>) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use futures_util::StreamExt as _;
+    use crate::gate::Gate;
+    use futures_util::{FutureExt as _, StreamExt as _};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -42,15 +55,36 @@ mod tests {
     #[tokio::test]
     async fn a_piece_is_made_when_it_is_wanted_and_a_failure_is_no_end() {
         let made = Arc::new(AtomicUsize::new(0));
-        let mut pieces = body("0".to_owned(), (Arc::clone(&made), 0), count).into_data_stream();
+        let mut pieces = body("0".to_owned(), (Arc::clone(&made), 0), count, None).into_data_stream();
         assert_eq!(pieces.next().await.unwrap().unwrap(), "0");
         assert_eq!(made.load(Ordering::SeqCst), 0, "nobody wanted the next");
         assert_eq!(pieces.next().await.unwrap().unwrap(), "1");
         assert_eq!(made.load(Ordering::SeqCst), 1);
         let rest: Vec<_> = pieces.map(Result::unwrap).collect().await;
         assert_eq!(rest, ["2", "3", "4"]);
-        let cut = body(String::new(), (Arc::default(), 3), count).into_data_stream();
+        let cut = body(String::new(), (Arc::default(), 3), count, None).into_data_stream();
         let pieces: Vec<_> = cut.collect().await;
         assert!(pieces.len() == 4 && pieces[3].is_err());
+    }
+    #[tokio::test]
+    async fn each_further_piece_waits_for_a_place_and_none_is_held_between_pieces() {
+        let (gate, made) = (Arc::<Gate>::default(), Arc::new(AtomicUsize::new(0)));
+        let turns = Some(Turns::new(&gate, "a"));
+        let mut pieces = body("0".to_owned(), (Arc::clone(&made), 0), count, turns).into_data_stream();
+        let held = [gate.enter("a").await, gate.enter("a").await];
+        assert_eq!(pieces.next().await.unwrap().unwrap(), "0");
+        assert!(pieces.next().now_or_never().is_none(), "its network has its share");
+        // Whatever was begun has been done then.
+        for _ in 0..100 {
+            tokio::task::spawn_blocking(|| ()).await.unwrap();
+        }
+        assert_eq!(made.load(Ordering::SeqCst), 0);
+        drop(held);
+        for number in 1..5 {
+            assert_eq!(pieces.next().await.unwrap().unwrap(), number.to_string());
+            let all = [gate.enter("a").now_or_never(), gate.enter("a").now_or_never()];
+            assert!(all.iter().all(Option::is_some), "no place is held while the reader takes piece {number}");
+        }
+        assert!(pieces.next().await.is_none());
     }
 }

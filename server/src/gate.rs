@@ -2,13 +2,14 @@
 //!
 //! A question may read thousands of entries (OAI-PMH, the map), on one of the threads that also read files for everybody. With the gate, a network that asks
 //! hundreds at once waits for itself, and what is being made takes little memory at any moment. Invariants: whoever waits holds no thread; a place is
-//! given back when the work has ended, not when the client hangs up; what a client still sends is read before it has a place.
+//! given back when the work has ended, not when the client hangs up; what a client still sends is read before it has a place; an answer that is made
+//! piece by piece ([`crate::flow`]) has a place while a piece is made, and none while its reader takes it.
 
 use crate::content::plain;
 use crate::observe::client_of;
 use axum::body::{Body, to_bytes};
 use axum::extract::{Request, State};
-use axum::http::{Method, StatusCode};
+use axum::http::StatusCode;
 use axum::middleware::Next;
 use axum::response::Response;
 use std::collections::HashMap;
@@ -38,7 +39,7 @@ impl Default for Gate {
 
 impl Gate {
     /// A place for a question of a network; `None` only while the program ends.
-    async fn enter(&self, network: &str) -> Option<[OwnedSemaphorePermit; 2]> {
+    pub(crate) async fn enter(&self, network: &str) -> Option<Place> {
         let own = {
             let mut networks = self.networks.lock().unwrap_or_else(PoisonError::into_inner);
             // A line in which nobody is or waits is held by nobody else.
@@ -48,6 +49,27 @@ impl Gate {
         // First its own line: in that of all, no network has more than its share.
         let own = own.acquire_owned().await.ok()?;
         Some([own, Arc::clone(&self.all).acquire_owned().await.ok()?])
+    }
+}
+
+/// A place of a network and one of all, given back when it is dropped.
+pub(crate) type Place = [OwnedSemaphorePermit; 2];
+
+/// For an answer that is made piece by piece: each further piece needs a place of its own, as the first one's is given back with the answer's head.
+#[derive(Debug, Clone)]
+pub(crate) struct Turns {
+    gate: Arc<Gate>,
+    network: String,
+}
+
+impl Turns {
+    pub(crate) fn new(gate: &Arc<Gate>, network: &str) -> Self {
+        Self { gate: Arc::clone(gate), network: network.to_owned() }
+    }
+
+    /// As [`Gate::enter`].
+    pub(crate) async fn next(&self) -> Option<Place> {
+        self.gate.enter(&self.network).await
     }
 }
 
@@ -62,16 +84,15 @@ pub(crate) struct Passing {
 /// Answer a question when it is its turn.
 pub(crate) async fn pass(State(passing): State<Passing>, request: Request, next: Next) -> Response {
     let (_, network) = client_of(&request, passing.behind_proxy);
-    let request = if request.method() == Method::POST {
-        let (parts, body) = request.into_parts();
-        match tokio::time::timeout(FORM, to_bytes(body, FORM_BYTES)).await {
-            Ok(Ok(form)) => Request::from_parts(parts, Body::from(form)),
-            Ok(Err(_)) => return plain(StatusCode::PAYLOAD_TOO_LARGE),
-            Err(_) => return plain(StatusCode::REQUEST_TIMEOUT),
-        }
-    } else {
-        request
+    // Of every method: a request for a page may announce a body too.
+    let (mut parts, body) = request.into_parts();
+    let form = match tokio::time::timeout(FORM, to_bytes(body, FORM_BYTES)).await {
+        Ok(Ok(form)) => form,
+        Ok(Err(_)) => return plain(StatusCode::PAYLOAD_TOO_LARGE),
+        Err(_) => return plain(StatusCode::REQUEST_TIMEOUT),
     };
+    parts.extensions.insert(Turns::new(&passing.gate, &network));
+    let request = Request::from_parts(parts, Body::from(form));
     let Some(place) = passing.gate.enter(&network).await else { return plain(StatusCode::SERVICE_UNAVAILABLE) };
     let work = async move {
         let response = next.run(request).await;

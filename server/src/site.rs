@@ -269,7 +269,7 @@ async fn list_json(State(site): State<Site>) -> Response {
     match begun.await {
         Ok(Ok((first, list))) => {
             let headers = [(CONTENT_TYPE, "application/json"), (ACCESS_CONTROL_ALLOW_ORIGIN, "*")];
-            lean((headers, flow::body(first, list, models_json)).into_response())
+            lean((headers, flow::body(first, list, models_json, None)).into_response())
         }
         Ok(Err(_)) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
         Err(status) => status.into_response(),

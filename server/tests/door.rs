@@ -446,3 +446,55 @@ async fn where_a_session_cannot_be_kept_or_ended_the_reader_is_told() {
     assert!(signed.text().contains("cannot sign anybody in"), "{}", signed.text());
     assert_eq!(post(&app, "/cave/open", &session, "").await.status, StatusCode::UNAUTHORIZED);
 }
+
+#[tokio::test]
+async fn signing_out_is_done_or_says_that_it_is_not() {
+    let m = Museum::new();
+    let before = std::fs::read(m.accounts()).unwrap();
+    let keep = |bytes: &[u8]| {
+        std::fs::write(m.accounts(), bytes).unwrap();
+        // The file is looked at once a second.
+        std::thread::sleep(std::time::Duration::from_millis(1100));
+    };
+    let opens = async |session: &str| m.post("/cave/open", &[("cookie", session)], "").await.status;
+    let (session, _) = begin(&m.app).await;
+    keep(b"{");
+    for form in ["", "everywhere=1"] {
+        let out = m.post("/sign-out", &[("cookie", &session)], form).await;
+        assert_eq!((out.status, out.header("set-cookie")), (StatusCode::SERVICE_UNAVAILABLE, ""), "{form}");
+        assert!(out.text().contains("still signed in"), "{}", out.text());
+    }
+    // Without a session there is none to end.
+    assert_eq!(m.post("/sign-out", &[], "").await.status, StatusCode::SEE_OTHER);
+    keep(&before);
+    assert_eq!(opens(&session).await, StatusCode::NO_CONTENT, "it goes on, as was said");
+    assert_eq!(m.post("/sign-out", &[("cookie", &session)], "").await.status, StatusCode::SEE_OTHER);
+    assert_eq!(opens(&session).await, StatusCode::UNAUTHORIZED);
+    // A clock that is wrong for an hour hides a session, and ends none.
+    for (clock, form) in [(NOW + 13 * 3600, ""), (NOW - 3600, ""), (NOW + 13 * 3600, "everywhere=1")] {
+        let [(session, _), (other, _)] = [begin(&m.app).await, begin(&m.app).await];
+        m.clock.store(clock, Ordering::Relaxed);
+        assert_eq!(m.post("/sign-out", &[("cookie", &session)], form).await.status, StatusCode::SEE_OTHER);
+        m.clock.store(NOW, Ordering::Relaxed);
+        assert_eq!(opens(&session).await, StatusCode::UNAUTHORIZED, "{clock}: it was ended");
+        let goes_on = if form.is_empty() { StatusCode::NO_CONTENT } else { StatusCode::UNAUTHORIZED };
+        assert_eq!(opens(&other).await, goes_on, "{clock} {form}");
+    }
+}
+
+#[tokio::test]
+async fn a_list_of_sessions_that_cannot_be_read_ends_none_and_says_so() {
+    let m = Museum::new();
+    let (folder, moved) = (m.folder.path().join("sessions"), m.folder.path().join("moved"));
+    let app = another(&m, Sessions::in_folder(&folder).unwrap());
+    let (session, _) = begin(&app).await;
+    std::fs::rename(&folder, &moved).unwrap();
+    std::fs::write(&folder, "no folder").unwrap();
+    let out = post(&app, "/sign-out", &session, "").await;
+    assert_eq!((out.status, out.header("set-cookie")), (StatusCode::SERVICE_UNAVAILABLE, ""));
+    std::fs::remove_file(&folder).unwrap();
+    std::fs::rename(&moved, &folder).unwrap();
+    assert_eq!(post(&app, "/cave/open", &session, "").await.status, StatusCode::NO_CONTENT);
+    assert_eq!(post(&app, "/sign-out", &session, "").await.status, StatusCode::SEE_OTHER);
+    assert_eq!(post(&app, "/cave/open", &session, "").await.status, StatusCode::UNAUTHORIZED);
+}

@@ -1,12 +1,19 @@
 //! The portal: what people search and other systems read, over objects as publishing writes them.
 
 use crate::common::{Answer, ask, get, object, pack, page, public};
+use axum::body::{Body, Bytes};
+use axum::http::{Request, StatusCode};
+use http_body::{Frame, SizeHint};
 use kilwa_server::index::{Facet, Index};
 use kilwa_server::object::manifest::{Access, AccessState, Manifest};
 use kilwa_server::{COLLECTIONS_FILE, Catalogue, Clock, Collections, Site, app};
 use std::path::Path;
+use std::pin::Pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::task::{Context, Poll};
 use std::time::Duration;
+use tower::ServiceExt as _;
 
 fn portal(folder: &Path) -> axum::Router {
     let mut site = Site::new(Catalogue::open(folder).unwrap(), page());
@@ -523,4 +530,72 @@ fn published_again(folder: &Path, slug: &str, list: &str) {
     let checksums = &mut manifest.versions[0].checksums;
     (checksums.bytes, checksums.sha256) = (list.len() as u64, kilwa_server::object::checksums::sha256(list.as_bytes()));
     std::fs::write(file, manifest.to_bytes().unwrap()).unwrap();
+}
+
+/// A body that was announced and of which nothing comes; counts those that are waited for.
+struct Stuck {
+    waited_for: Arc<AtomicUsize>,
+    is_counted: bool,
+}
+
+impl http_body::Body for Stuck {
+    type Data = Bytes;
+    type Error = std::io::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        _: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Self::Data>, Self::Error>>> {
+        if !std::mem::replace(&mut self.is_counted, true) {
+            self.waited_for.fetch_add(1, Ordering::SeqCst);
+        }
+        Poll::Pending
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        SizeHint::with_exact(100)
+    }
+}
+
+/// More than are answered at once, from networks enough: by GET, where nobody expects a body, as by POST.
+#[tokio::test]
+async fn whoever_sends_a_body_slowly_keeps_nobody_from_asking() {
+    let dir = archive();
+    let mut site = Site::new(Catalogue::open(dir.path()).unwrap(), page());
+    let index = Index::open(dir.path(), None).unwrap();
+    index.refresh().unwrap();
+    site.index = Some(Arc::new(index));
+    site.behind_proxy = true;
+    let app = app(site);
+    for (method, address, asked) in [
+        ("GET", "/oai", "/oai?verb=Identify"),
+        ("HEAD", "/oai", "/oai?verb=Identify"),
+        ("POST", "/oai", "/oai?verb=Identify"),
+    ] {
+        let waited_for = Arc::new(AtomicUsize::new(0));
+        let slow: Vec<_> = (0..8)
+            .map(|n| {
+                let body = Body::new(Stuck { waited_for: Arc::clone(&waited_for), is_counted: false });
+                let request = Request::builder()
+                    .method(method)
+                    .uri(address)
+                    .header("x-forwarded-for", format!("10.0.0.{}", n / 2));
+                tokio::spawn(app.clone().oneshot(request.body(body).unwrap()))
+            })
+            .collect();
+        while waited_for.load(Ordering::SeqCst) < slow.len() {
+            tokio::task::yield_now().await;
+        }
+        let answer = ask(&app, "GET", asked, &[("x-forwarded-for", "10.0.0.9")]).await;
+        assert_eq!(answer.status, StatusCode::OK, "{method} {address}");
+        assert!(slow.iter().all(|s| !s.is_finished()), "{method} {address}: it was answered after they were given up");
+        slow.iter().for_each(tokio::task::JoinHandle::abort);
+    }
+    // A form counts where there is one.
+    let request = Request::get("/oai").body(Body::from("verb=Identify")).unwrap();
+    let answer = Answer::of(app.clone().oneshot(request).await.unwrap()).await;
+    assert!(answer.text().contains("badVerb"), "{}", answer.text());
+    let request = Request::post("/oai").body(Body::from("verb=Identify")).unwrap();
+    let answer = Answer::of(app.clone().oneshot(request).await.unwrap()).await;
+    assert!(answer.text().contains("<Identify>"), "{}", answer.text());
 }

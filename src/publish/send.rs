@@ -158,6 +158,16 @@ impl Sender {
                 200..=299 | 404 => {
                     Err(Failure::Final(format!("{} takes no uploads; is it a kilwa of this version?", self.base)))
                 }
+                _ if speaks_tus => {
+                    let (parts, content) = response.into_parts();
+                    let bytes = body(Response::from_parts(parts.clone(), content))?;
+                    // The last upload may have ended with any status; a server that refuses to answer names no upload.
+                    let last = kilwa_pack::json::from_slice::<Status>(&bytes).ok();
+                    if last.is_some_and(|last| last.state == State::Refused) {
+                        return Ok(());
+                    }
+                    Err(self.refused(Response::from_parts(parts, Body::builder().data(bytes))))
+                }
                 _ => Err(self.refused(response)),
             }
         })

@@ -7,6 +7,8 @@ use crate::support::succeeds;
 use kilwa_server::object::Manifest;
 use kilwa_server::object::checksums::{Checksums, sha256};
 use kilwa_server::upload::wire::{FileSaid, Intent};
+use std::io::{Read as _, Write as _};
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -179,4 +181,33 @@ fn a_line_that_breaks_again_and_again_is_waited_for_in_one_run() {
     let published = sender.publish(&intent, &at(&site, &intent), &told).unwrap();
     assert_eq!((published.version, published.already), (1, false));
     assert!(waits.get() >= 2, "{} waits", waits.get());
+}
+
+/// However the last upload ended, by a status that else is passing too, it can be repeated.
+#[test]
+fn a_refusal_of_the_last_upload_is_no_obstacle_and_one_of_the_server_is() {
+    let answer = |said: &'static str| {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = format!("http://{}", listener.local_addr().unwrap());
+        let server = std::thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            let (mut asked, mut buffer) = (Vec::new(), [0; 1024]);
+            while !asked.ends_with(b"\r\n\r\n") {
+                let length = stream.read(&mut buffer).unwrap();
+                asked.extend_from_slice(&buffer[..length]);
+            }
+            let length = said.len();
+            write!(
+                stream,
+                "HTTP/1.1 503 Service Unavailable\r\nTus-Resumable: 1.0.0\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n{said}"
+            )
+            .unwrap();
+        });
+        let greeted = Sender::new(&address, "kilwa-0".to_owned(), once()).greet("fort");
+        server.join().unwrap();
+        greeted
+    };
+    answer("{\"state\":\"refused\",\"version\":2,\"error\":\"the disk failed\"}").unwrap();
+    let refused = answer("{\"error\":\"the server cannot tell who asks\"}").unwrap_err();
+    assert!(refused.contains("cannot tell who asks"), "{refused}");
 }

@@ -66,6 +66,28 @@ fn killed_while_it_sends_the_same_command_ends_it_with_the_bytes_of_publishing_h
     assert!(!said(&output).contains(&server.token[6..]));
 }
 
+/// As a server leaves it that is killed between manifest and page.
+#[test]
+fn what_a_killed_server_left_to_do_is_done_by_the_same_command() {
+    let (server, site) = (Server::start(), local());
+    let (_folder, metadata, www) = bench(&METADATA.replace("First.", "Better."));
+    for (path, bytes) in tree(&site.join("fort"), true) {
+        let to = server.folder().join("fort").join(path);
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::write(to, bytes).unwrap();
+    }
+    let (page, next) = (server.folder().join("fort/index.html"), server.folder().join("fort/.kilwa-next"));
+    let new = std::fs::read(&page).unwrap();
+    std::fs::create_dir(&next).unwrap();
+    std::fs::rename(&page, next.join("index.html")).unwrap();
+    std::fs::write(&page, "the page of the version before").unwrap();
+    let to = format!("http://{}/", server.address);
+    let output = command(&to, &metadata, &www, &server.token, &["--no-notes", "--json"]).output().unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&report["already"], &report["version"]), (&true.into(), &2.into()), "{}", said(&output));
+    assert!(std::fs::read(&page).unwrap() == new && !next.exists());
+}
+
 #[test]
 fn an_upload_without_its_location_is_accepted_and_one_with_it_in_a_text_is_not_sent() {
     let server = Server::start();

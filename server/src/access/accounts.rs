@@ -387,11 +387,24 @@ impl Accounts {
 /// Open and lock the file that `path` names when the lock is held: whoever had the lock before has put another file in its place.
 fn lock(path: &Path) -> io::Result<File> {
     loop {
-        let file = plain_file::open(path)?;
+        let file = open_to_lock(path)?;
         file.lock()?;
         if is_same_file(&file.metadata()?, &fs::metadata(path)?) {
             return Ok(file);
         }
+    }
+}
+
+/// For writing where that is allowed, though nothing is written: NFS grants an exclusive lock over no other descriptor. Local disks grant it over any.
+fn open_to_lock(path: &Path) -> io::Result<File> {
+    // It looks before it opens, and waits for no pipe.
+    let plain = plain_file::open(path)?;
+    match fs::OpenOptions::new().read(true).write(true).open(path) {
+        Ok(file) if is_same_file(&file.metadata()?, &plain.metadata()?) => Ok(file),
+        // Replaced in between: the caller compares it with what is there now.
+        Ok(_) => Ok(plain),
+        Err(e) if matches!(e.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem) => Ok(plain),
+        Err(e) => Err(e),
     }
 }
 
@@ -485,6 +498,21 @@ mod tests {
             use std::os::unix::fs::PermissionsExt;
             assert_eq!(std::fs::metadata(&path).expect("there").permissions().mode() & 0o077, 0);
         }
+    }
+
+    /// NFS grants an exclusive lock only over a descriptor that is open for writing.
+    #[cfg(unix)]
+    #[test]
+    fn what_is_locked_is_open_for_writing_so_that_nfs_locks_it_too() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("access.json");
+        some().create(&path).expect("writes");
+        let before = std::fs::read(&path).expect("reads");
+        let locked = lock(&path).expect("locks");
+        // Nothing is written; the system says whether it could be.
+        (&locked).write(&[]).expect("open for writing");
+        assert!(plain_file::open(&path).expect("opens").try_lock().is_err(), "locked");
+        assert_eq!(std::fs::read(&path).expect("reads"), before);
     }
 
     #[test]

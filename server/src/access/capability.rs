@@ -87,6 +87,12 @@ impl Capabilities {
         self.check("session", session, &stamp, now, SESSION)
     }
 
+    /// Who signed in with a session that was given here, also where by this clock it has ended: to end it for good, whatever the clock says later.
+    pub fn signed_in(&self, session: &str, stamp_of: impl Fn(&str) -> Option<String>) -> Option<Holder> {
+        let stamp = parts(session).and_then(|parts| stamp_of(parts.who))?;
+        self.signed("session", session, &stamp).map(|(holder, _)| holder)
+    }
+
     fn make(&self, purpose: &str, subject: &str, holder: &Holder, until: u64) -> String {
         let Holder { who, session } = holder;
         let signature = self.key.sign(purpose, &message(subject, who, session, until));
@@ -94,16 +100,17 @@ impl Capabilities {
     }
 
     fn check(&self, purpose: &str, given: &str, subject: &str, now: u64, life: u64) -> Result<Holder, Refusal> {
-        let Parts { until, who, session, signature } = parts(given).ok_or(Refusal::Wrong)?;
-        // Equality of `blake3::Hash` takes the same time wherever they differ.
-        if self.key.sign(purpose, &message(subject, who, session, until)) != signature {
-            return Err(Refusal::Wrong);
-        }
+        let (holder, until) = self.signed(purpose, given, subject).ok_or(Refusal::Wrong)?;
         // A clock that was set back does not make old ones live longer than they were given.
-        if now >= until || until - now > life {
-            return Err(Refusal::Ended);
-        }
-        Ok(Holder { who: who.to_owned(), session: session.to_owned() })
+        if now >= until || until - now > life { Err(Refusal::Ended) } else { Ok(holder) }
+    }
+
+    /// To whom it was given, and until when.
+    fn signed(&self, purpose: &str, given: &str, subject: &str) -> Option<(Holder, u64)> {
+        let Parts { until, who, session, signature } = parts(given)?;
+        // Equality of `blake3::Hash` takes the same time wherever they differ.
+        let is_ours = self.key.sign(purpose, &message(subject, who, session, until)) == signature;
+        is_ours.then(|| (Holder { who: who.to_owned(), session: session.to_owned() }, until))
     }
 }
 

@@ -12,7 +12,7 @@ use super::secret::Key;
 use kilwa_files::plain_file;
 use std::collections::HashMap;
 use std::fs;
-use std::io;
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -23,6 +23,8 @@ const USER_DIGITS: usize = 32;
 const SESSION_DIGITS: usize = 64;
 /// Longest file of a session, bytes: a number.
 const UNTIL_MAX: u64 = 32;
+/// How the name of a file begins that is being written; then follow when the session ends, and its name.
+const BEGUN: &str = ".begun-";
 /// Digits of an identifier: 128 bits, which nobody guesses.
 const ID_DIGITS: usize = 32;
 
@@ -74,7 +76,7 @@ impl Sessions {
         }
         let until = now.saturating_add(SESSION);
         match &self.folder {
-            Some(folder) => write(&folder.join(name_of(&holder)), until)?,
+            Some(folder) => write(folder, &name_of(&holder), until)?,
             None => drop(kept.insert(name_of(&holder), until)),
         }
         Ok(holder)
@@ -82,10 +84,18 @@ impl Sessions {
 
     /// Whether a session was begun and has not been ended. Its time is signed in its cookie.
     pub fn lives(&self, holder: &Holder) -> bool {
+        self.has(holder).unwrap_or(false)
+    }
+
+    /// The same, where it matters that it cannot be told.
+    ///
+    /// # Errors
+    /// When the folder cannot be read.
+    pub fn has(&self, holder: &Holder) -> io::Result<bool> {
         let name = name_of(holder);
         match &self.folder {
-            Some(folder) => until_of(folder, &name).is_some(),
-            None => self.lock().contains_key(&name),
+            Some(folder) => Ok(until_of(folder, &name)?.is_some()),
+            None => Ok(self.lock().contains_key(&name)),
         }
     }
 
@@ -119,12 +129,14 @@ impl Sessions {
         let mut all = Vec::new();
         for entry in fs::read_dir(folder)? {
             let entry = entry?;
-            let Some(name) = entry.file_name().to_str().filter(|name| is_name(name)).map(str::to_owned) else {
-                continue;
-            };
-            // One that a crash left empty, that another server has just ended, or that is no plain file, is over.
-            let until = until_of(folder, &name);
-            all.push((name, until.unwrap_or(0)));
+            let Some(name) = entry.file_name().to_str().map(str::to_owned) else { continue };
+            if is_name(&name) {
+                // One that another server has just ended, or that is no plain file, is over.
+                let until = until_of(folder, &name).ok().flatten();
+                all.push((name, until.unwrap_or(0)));
+            } else if let Some(until) = begun_until(&name) {
+                all.push((name, until));
+            }
         }
         Ok(all)
     }
@@ -150,20 +162,34 @@ impl Sessions {
 }
 
 /// When a session of a folder ends, as its file says; `None` where there is no such plain file.
-fn until_of(folder: &Path, name: &str) -> Option<u64> {
-    let file = plain_file::open_inside(folder, &folder.join(name)).ok()?;
-    let text = plain_file::read(file, UNTIL_MAX).ok()?;
-    std::str::from_utf8(&text).ok()?.trim().parse().ok()
+fn until_of(folder: &Path, name: &str) -> io::Result<Option<u64>> {
+    let file = match plain_file::open_inside(folder, &folder.join(name)) {
+        Err(e) if e.kind() == io::ErrorKind::NotFound || plain_file::is_other(&e) => return Ok(None),
+        file => file?,
+    };
+    let mut text = String::new();
+    match file.take(UNTIL_MAX + 1).read_to_string(&mut text) {
+        Err(e) if e.kind() == io::ErrorKind::InvalidData => Ok(None),
+        read => read.map(|length| text.trim().parse().ok().filter(|_| length as u64 <= UNTIL_MAX)),
+    }
 }
 
-fn write(path: &Path, until: u64) -> io::Result<()> {
+/// Whole, under another name first: whoever sees a session's name sees until when it lives.
+fn write(folder: &Path, name: &str, until: u64) -> io::Result<()> {
+    let begun = folder.join(format!("{BEGUN}{until}-{name}"));
     let mut options = fs::OpenOptions::new();
     options.write(true).create_new(true);
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
     let written =
-        options.open(path).and_then(|mut file| io::Write::write_all(&mut file, format!("{until}\n").as_bytes()));
-    written.inspect_err(|_| drop(fs::remove_file(path)))
+        options.open(&begun).and_then(|mut file| io::Write::write_all(&mut file, format!("{until}\n").as_bytes()));
+    written.and_then(|()| fs::rename(&begun, folder.join(name))).inspect_err(|_| drop(fs::remove_file(&begun)))
+}
+
+/// When the session ends whose file has this name until it is written whole. What a crash left is removed then, so that no other server's is before.
+fn begun_until(name: &str) -> Option<u64> {
+    let (until, name) = name.strip_prefix(BEGUN)?.split_once('-')?;
+    until.parse().ok().filter(|_| is_name(name))
 }
 
 fn name_of_user(who: &str) -> String {
@@ -259,6 +285,40 @@ mod tests {
             let other = sessions.begin("amina", NOW).expect("another one begins all the same");
             assert!(!sessions.lives(&holder) && sessions.lives(&other));
         }
+    }
+
+    #[test]
+    fn what_a_crash_left_of_a_beginning_is_no_session_and_goes_with_its_time() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let sessions = Sessions::in_folder(folder.path()).expect("uses it");
+        let holder = sessions.begin("amina", NOW).expect("begins");
+        let (name, until) = (name_of(&holder), NOW + SESSION);
+        let begun = folder.path().join(format!("{BEGUN}{until}-{name}"));
+        fs::rename(folder.path().join(&name), &begun).expect("renames");
+        assert!(!sessions.lives(&holder));
+        sessions.begin("amina", until - 1).expect("begins");
+        sessions.end_all("amina").expect("ends");
+        assert!(begun.exists(), "another server may be about to begin it");
+        sessions.begin("omar", until).expect("begins");
+        assert!(!begun.exists());
+    }
+
+    #[test]
+    fn a_session_that_begins_is_not_swept_by_another_server() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let open = || Sessions::in_folder(folder.path()).expect("opens");
+        let is_over = std::sync::atomic::AtomicBool::new(false);
+        let (one, other) = (open(), open());
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !is_over.load(std::sync::atomic::Ordering::Relaxed) {
+                    other.begin("omar", NOW).expect("begins");
+                }
+            });
+            let lost = (0..2000).filter(|_| !one.lives(&one.begin("amina", NOW).expect("begins"))).count();
+            is_over.store(true, std::sync::atomic::Ordering::Relaxed);
+            assert_eq!(lost, 0, "of 2000");
+        });
     }
 
     #[cfg(unix)]

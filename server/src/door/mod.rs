@@ -132,9 +132,15 @@ impl Door {
     /// End the session of a request, or with `everywhere` all sessions of its user. Whose it was; `None` where there was none.
     ///
     /// # Errors
-    /// When it could not be ended.
-    fn sign_out(&self, headers: &HeaderMap, everywhere: bool, now: u64) -> std::io::Result<Option<String>> {
-        let Some(holder) = self.visitor(headers, now) else { return Ok(None) };
+    /// When it could not be ended, or it cannot be told whether there is one: who is told that it is done must not find it alive later.
+    fn sign_out(&self, headers: &HeaderMap, everywhere: bool) -> std::io::Result<Option<String>> {
+        let Some(session) = cookie(headers, SESSION_COOKIE) else { return Ok(None) };
+        let accounts = self.accounts().ok_or_else(|| std::io::Error::other("the accounts cannot be read"))?;
+        let holder = accounts.capabilities().signed_in(session, |name| accounts.user(name).map(User::stamp));
+        let Some(holder) = holder else { return Ok(None) };
+        if !self.sessions.has(&holder)? {
+            return Ok(None);
+        }
         if everywhere {
             self.sessions.end_all(&holder.who)?;
         }

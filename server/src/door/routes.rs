@@ -153,7 +153,7 @@ pub(crate) async fn sign_out(State(site): State<Site>, request: Request) -> Resp
     if let Some(door) = site.door.clone() {
         let (now, asked) = (site.clock.seconds(), headers.clone());
         let ended = blocking(move || {
-            let who = door.sign_out(&asked, everywhere, now)?;
+            let who = door.sign_out(&asked, everywhere)?;
             if let Some(who) = who {
                 door.record(Action::SignOut, Some(&who), &address, None, now);
             }

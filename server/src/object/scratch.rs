@@ -1,7 +1,7 @@
 //! Hidden folders in which something is made before it gets its name, and the removal of those that were left behind.
 //!
 //! Each is locked for as long as its owner lives, so that nobody removes what another program is working in: what can be locked was left by a program
-//! that was killed. It is made, and others are looked for, while the lock of the folder that it lies in is held; so none is seen before it is
+//! that was killed. It is made, and others are looked for, while one and the same lock is held; so none is seen before it is
 //! locked.
 
 use super::disk;

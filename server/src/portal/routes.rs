@@ -12,14 +12,16 @@ use crate::budget::lean;
 use crate::catalogue::Model;
 use crate::content::{plain, text};
 use crate::flow;
+use crate::gate::Turns;
 use crate::index::{Entry, Index, IndexError, Query, Sort};
 use crate::object::layout::DUBLIN_CORE;
 use crate::packs::blocking;
 use crate::site::{Site, lost, page};
+use axum::Extension;
 use axum::body::Body;
 use axum::extract::{Path, RawQuery, State};
 use axum::http::header::{ACCEPT_LANGUAGE, ACCESS_CONTROL_ALLOW_ORIGIN, CONTENT_TYPE, RETRY_AFTER, VARY};
-use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -33,8 +35,6 @@ const PATIENCE: Duration = Duration::from_millis(50);
 const OTHERS: usize = 48;
 /// Members of a collection on one page.
 const MEMBERS: usize = 100;
-/// A form must be there within this.
-const FORM: Duration = Duration::from_secs(10);
 
 const XML: &str = "application/xml; charset=utf-8";
 const ATOM: &str = "application/atom+xml; charset=utf-8";
@@ -280,7 +280,11 @@ pub(crate) async fn feed(State(site): State<Site>, headers: HeaderMap) -> Respon
 }
 
 /// `/sitemap.xml`
-pub(crate) async fn sitemap(State(site): State<Site>, headers: HeaderMap) -> Response {
+pub(crate) async fn sitemap(
+    State(site): State<Site>,
+    Extension(turns): Extension<Turns>,
+    headers: HeaderMap,
+) -> Response {
     let Some(index) = &site.index else { return plain(StatusCode::NOT_FOUND) };
     let (base, collections) = (site_base(&site, &headers), collections(&site).await);
     let sitemap = Sitemap::new(&base, collections);
@@ -293,7 +297,7 @@ pub(crate) async fn sitemap(State(site): State<Site>, headers: HeaderMap) -> Res
     match begun.await {
         Ok(Ok((first, state))) => {
             let headers = [(CONTENT_TYPE, XML), (ACCESS_CONTROL_ALLOW_ORIGIN, "*")];
-            lean((headers, flow::body(first, state, sitemap_piece)).into_response())
+            lean((headers, flow::body(first, state, sitemap_piece, Some(turns))).into_response())
         }
         Ok(Err(e)) => {
             tracing::error!("{e}");
@@ -366,22 +370,22 @@ impl oai::Source for Archive {
     }
 }
 
-/// `/oai`, by GET or as a form by POST.
+/// `/oai`, by GET or as a form by POST, which the gate has read.
 pub(crate) async fn harvest(
     State(site): State<Site>,
     RawQuery(query): RawQuery,
+    method: Method,
     headers: HeaderMap,
     body: Body,
 ) -> Response {
     let Some(index) = site.index.clone() else { return plain(StatusCode::NOT_FOUND) };
-    let query = if let Some(query) = query {
-        query
-    } else {
-        match tokio::time::timeout(FORM, axum::body::to_bytes(body, QUERY_MAX)).await {
-            Ok(Ok(form)) => String::from_utf8_lossy(&form).into_owned(),
-            Ok(Err(_)) => return plain(StatusCode::PAYLOAD_TOO_LARGE),
-            Err(_) => return plain(StatusCode::REQUEST_TIMEOUT),
-        }
+    let query = match query {
+        Some(query) => query,
+        None if method == Method::POST => match axum::body::to_bytes(body, QUERY_MAX).await {
+            Ok(form) => String::from_utf8_lossy(&form).into_owned(),
+            Err(_) => return plain(StatusCode::PAYLOAD_TOO_LARGE),
+        },
+        None => String::new(),
     };
     let base = site_base(&site, &headers);
     let now = site.clock.instant();

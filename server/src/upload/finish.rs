@@ -311,20 +311,77 @@ fn put(staging: &Staging, said: &FileSaid, folder: &Path) -> Result<bool, Refusa
     linked.map_err(|e| Refusal::disk("write the version", &e))
 }
 
+/// What went wrong with a version, for the client: without the names of the server's folders, which are in the log.
 pub(super) fn refused(e: &DraftError) -> Refusal {
+    tracing::error!("an upload: {e}");
+    let passing = |why: String| Refusal { retry_after: Some(60), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, why) };
     match e {
-        DraftError::Disk { reason, what, path } => {
-            let refusal = Refusal::disk(&format!("{what} the version"), reason);
-            tracing::error!("{}: {e}", path.display());
-            refusal
-        }
-        DraftError::There(_) | DraftError::Foreign(_) | DraftError::Unnamed(_) | DraftError::Other(_) => {
-            Refusal::conflict(e.to_string())
-        }
-        DraftError::Busy(_) | DraftError::Unlockable { .. } | DraftError::Unfinished { .. } => {
-            tracing::error!("an upload: {e}");
-            Refusal { retry_after: Some(60), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, e.to_string()) }
-        }
+        DraftError::Disk { reason, what, .. } => Refusal::disk(&format!("{what} the version"), reason),
+        DraftError::Busy(_) => passing(
+            "another publication or withdrawal is in progress on the server; nothing was published. Run the same command again when it is done".to_owned(),
+        ),
+        DraftError::Unlockable { .. } => passing(format!(
+            "the server cannot lock its folder, without which two changes at once could lose one of them; nothing was published. {ASK}, then run the same command again"
+        )),
+        DraftError::Unfinished { done, .. } => passing(format!(
+            "{done}: the disk of the server failed. Run the same command again to finish; if that fails too, {ask}",
+            ask = ASK.to_lowercase()
+        )),
+        DraftError::There(_) => Refusal::conflict(
+            "this version is there already; look at what is published, then run the same command again".to_owned(),
+        ),
+        DraftError::Unnamed(_) => Refusal::conflict(format!(
+            "the server has a folder of this version that manifest.json does not name: somebody may be copying that version there, or an earlier kilwa was interrupted. {ASK}, then run the same command again"
+        )),
+        DraftError::Foreign(_) => Refusal::conflict(format!(
+            "a file that is not from kilwa is in the way on the server. {ASK}, then run the same command again"
+        )),
+        DraftError::Other(_) => Refusal::conflict(format!(
+            "what the server has under this name is no object of kilwa, or is damaged. {ASK}, or give another name with slug = \"…\" in the metadata, then run the same command again"
+        )),
         DraftError::Manifest(_) => Refusal::content(e.to_string()),
+    }
+}
+
+/// What to do about what only the server's own log may name.
+const ASK: &str = "Ask whoever keeps the server, whose log says where";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::PathBuf;
+
+    #[test]
+    fn no_refusal_has_a_path_of_the_server() {
+        let path = || PathBuf::from("/srv/secret/fort");
+        let other = |text: &str| io::Error::other(text.to_owned());
+        let disk = || DraftError::Disk { what: "write", path: path(), reason: other("at /srv/secret") };
+        let all = [
+            disk(),
+            DraftError::Disk { what: "write", path: path(), reason: io::ErrorKind::StorageFull.into() },
+            DraftError::Disk {
+                what: "write",
+                path: path(),
+                reason: io::Error::new(io::ErrorKind::QuotaExceeded, "at /srv/secret"),
+            },
+            DraftError::Busy(path()),
+            DraftError::Unlockable { path: path(), reason: other("at /srv/secret") },
+            DraftError::There(path()),
+            DraftError::Unnamed(path()),
+            DraftError::Foreign(path()),
+            DraftError::Other("/srv/secret/fort is there and is no object".to_owned()),
+            disk().after("the version is published, but not all of its files are in place"),
+        ];
+        for e in all {
+            let Refusal { status, why, retry_after, .. } = refused(&e);
+            assert!(!why.contains("/srv") && !why.contains("secret"), "{why}");
+            assert!(why.contains("run the same command again") || why.contains("Run the same command again"), "{why}");
+            let is_passing = status == StatusCode::SERVICE_UNAVAILABLE;
+            assert_eq!(is_passing, retry_after.is_some(), "{status}: {why}");
+        }
+        let foreign = io::Error::other("cannot open /srv/secret/fort: gone");
+        assert!(!Refusal::disk("read the pack", &foreign).why.contains("/srv"));
+        let missing = Refusal::disk("read the pack", &io::ErrorKind::PermissionDenied.into()).why;
+        assert!(missing.contains("permission denied"), "{missing}");
     }
 }

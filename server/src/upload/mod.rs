@@ -221,12 +221,14 @@ impl Refusal {
     /// What the disk says.
     fn disk(what: &str, e: &io::Error) -> Self {
         use io::ErrorKind::{QuotaExceeded, StorageFull};
-        if matches!(e.kind(), StorageFull | QuotaExceeded) {
-            return Self::full(format!("cannot {what}: {e}"));
-        }
         tracing::error!("an upload: cannot {what}: {e}");
-        let status = StatusCode::SERVICE_UNAVAILABLE;
-        Self { retry_after: Some(5), ..Self::new(status, format!("the server cannot {what}: {e}")) }
+        // Its own text may have the names of the server's folders; its kind has none.
+        let kind = e.kind();
+        if matches!(kind, StorageFull | QuotaExceeded) {
+            return Self::full(format!("cannot {what}: {kind}"));
+        }
+        let said = format!("the server cannot {what}: {kind}; its log says where. Run the same command again");
+        Self { retry_after: Some(5), ..Self::new(StatusCode::SERVICE_UNAVAILABLE, said) }
     }
 
     fn full(what: impl std::fmt::Display) -> Self {

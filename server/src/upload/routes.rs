@@ -142,6 +142,7 @@ async fn begun(
         if let Some(job) = uploads.job(&intent.slug).filter(|j| j.is_running()) {
             return if job.who == who { Ok(job.status()) } else { Err(Refusal::busy()) };
         }
+        uploads.tidy(&meant.slug)?;
         let there = uploads.there(&meant.slug)?;
         let (object, before) = (there.shelf.join(meant.slug.as_str()), &there.before);
         if let Some(m) =
@@ -173,11 +174,18 @@ async fn status(State(site): State<Site>, Path(slug): Path<String>, request: Req
     let headers = request.into_parts().0.headers;
     let found = async {
         let Allowed { uploads, who, now, .. } = allowed(&site, client, &headers, Some(&slug)).await?;
-        if let Some(job) = uploads.job(&slug).filter(|j| j.who == who) {
-            return Ok(job.status());
+        let last = uploads.job(&slug).filter(|j| j.who == who).map(|j| j.status());
+        if let Some(under_way) = last.as_ref().filter(|(_, last)| last.state != At::Refused) {
+            return Ok(under_way.clone());
         }
-        let look =
-            move || Ok((StatusCode::OK, of_staging(&uploads, &uploads.staging(&slug, &who)?.ok_or_else(none)?, now)));
+        let look = move || {
+            // A client that finds its version published asks for nothing else.
+            uploads.tidy(&Slug::new(&slug).map_err(|_| none())?)?;
+            if let Some(refused) = last {
+                return Ok(refused);
+            }
+            Ok((StatusCode::OK, of_staging(&uploads, &uploads.staging(&slug, &who)?.ok_or_else(none)?, now)))
+        };
         blocking(look).await.map_err(|status| Refusal::new(status, "the server could not look"))?
     };
     answer(found.await)

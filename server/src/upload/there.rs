@@ -12,7 +12,7 @@ use crate::object::draft::DraftError;
 use crate::object::layout::{MANIFEST, Slug};
 use crate::object::lock::Lock;
 use crate::object::manifest::Manifest;
-use crate::object::next::settle;
+use crate::object::next::{NEXT, settle};
 use crate::object::scratch::{Scratch, sweep};
 use crate::store::{Against, S3, is_away, is_refused};
 use axum::http::StatusCode;
@@ -23,11 +23,14 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// How the folders begin that versions for a store are made in.
+/// How the folders begin that versions for a store are made in, and the folder whose lock is held while one is made.
 const WORK: &str = ".kilwa-work-";
+const MAKING: &str = ".kilwa-making";
 /// A store that does not answer is waited for so long; what was sent to the server is kept then.
 const PATIENCE: Duration = Duration::from_secs(3600);
 const LOOK: Duration = Duration::from_millis(250);
+/// Whoever makes a work folder, or changes the object that is asked for, is done sooner.
+const MOMENTS: Duration = Duration::from_secs(10);
 
 /// An object as it is now.
 pub(super) struct There {
@@ -42,7 +45,7 @@ impl Uploads {
     /// The object `slug`; of a store that does not answer, an error at once.
     pub(super) fn there(&self, slug: &Slug) -> Result<There, Refusal> {
         let Some(store) = &self.store else {
-            let before = existing(&self.shelf.join(slug.as_str())).map_err(Refusal::conflict)?;
+            let before = existing(&self.shelf.join(slug.as_str())).map_err(no_object)?;
             return Ok(There { shelf: self.shelf.clone(), before, stored: None });
         };
         let work = self.work()?;
@@ -64,7 +67,23 @@ impl Uploads {
     }
 
     fn work(&self) -> Result<Scratch, Refusal> {
-        Scratch::create(&self.shelf, WORK, &|_| Ok(())).map_err(|e| super::finish::refused(&e))
+        let made = making(&self.shelf).and_then(|_making| Scratch::create(&self.shelf, WORK, &|_| Ok(())));
+        made.map_err(|e| super::finish::refused(&e))
+    }
+
+    /// Finish, or take back, what an interrupted change has left of an object, before anybody is told that it is published. A store has nothing of the kind:
+    /// its objects change with their manifest.
+    ///
+    /// # Errors
+    /// Where something is left, and the disk fails or somebody else changes the folder for long.
+    pub(super) fn tidy(&self, slug: &Slug) -> Result<(), Refusal> {
+        let left = self.shelf.join(slug.as_str()).join(NEXT);
+        if self.store.is_some() || fs::symlink_metadata(left).is_err() {
+            return Ok(());
+        }
+        let steps = |what: &str| (self.steps)(what);
+        let tidied = Lock::wait(&self.shelf, MOMENTS, &|| ()).and_then(|locked| settle(&locked, slug, &steps));
+        tidied.map(drop).map_err(|e| super::finish::refused(&e))
     }
 
     /// Send a version that lies complete in `there`, where it is for a store; else it is where it belongs already.
@@ -86,8 +105,13 @@ impl Uploads {
     }
 }
 
+/// What is under the name is no object; why has the names of the server's folders.
+fn no_object(why: String) -> Refusal {
+    super::finish::refused(&DraftError::Other(why))
+}
+
 fn found(slug: &Slug, work: Scratch, against: Against) -> Result<There, Refusal> {
-    let before = existing(&work.path().join(slug.as_str())).map_err(Refusal::conflict)?;
+    let before = existing(&work.path().join(slug.as_str())).map_err(no_object)?;
     Ok(There { shelf: work.path().to_owned(), before, stored: Some((against, work)) })
 }
 
@@ -152,15 +176,65 @@ impl Job {
 
 /// Make the folder for uploads where it is missing, and take away what a crash left in it.
 pub(super) fn prepare(folder: &Path) -> io::Result<()> {
+    private(folder)?;
+    let _making = making(folder).map_err(io::Error::other)?;
+    sweep(folder, &|name| name.starts_with(WORK), &|_| Ok(())).map_err(io::Error::other)
+}
+
+/// Held while a folder is made in `folder` to work in, or while those that were left behind are looked for. The lock of `folder` itself is held while a
+/// version is sent to a store, which may take hours.
+fn making(folder: &Path) -> Result<Lock, DraftError> {
+    let own = folder.join(MAKING);
+    private(&own).map_err(|reason| DraftError::Disk { what: "write to", path: own.clone(), reason })?;
+    Lock::wait(&own, MOMENTS, &|| ())
+}
+
+/// Make a folder that its owner alone can look into, where it is missing.
+fn private(folder: &Path) -> io::Result<()> {
     let mut builder = fs::DirBuilder::new();
     builder.recursive(true);
     #[cfg(unix)]
     std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
-    builder.create(folder)?;
-    // Another server that uses it publishes at this moment: it tidies up itself.
-    let locked = match Lock::take(folder) {
-        Err(DraftError::Busy(_)) => return Ok(()),
-        locked => locked.map_err(io::Error::other)?,
-    };
-    sweep(locked.folder(), &|name| name.starts_with(WORK), &|_| Ok(())).map_err(io::Error::other)
+    builder.create(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::page::Page;
+    use crate::upload::UploadLimits;
+
+    #[test]
+    fn a_server_that_starts_leaves_the_work_folders_of_another_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        prepare(folder.path()).unwrap();
+        std::fs::create_dir(folder.path().join(format!("{WORK}left"))).unwrap();
+        let page = Page::from_files(std::collections::BTreeMap::new());
+        let uploads = Uploads::new(folder.path().to_owned(), page, UploadLimits::default());
+        let is_over = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !is_over.load(Ordering::Relaxed) {
+                    prepare(folder.path()).unwrap();
+                }
+            });
+            let is_whole = |_: &u32| uploads.work().is_ok_and(|work| fs::write(work.path().join("x"), "x").is_ok());
+            let lost = (0..2000).filter(|n| !is_whole(n)).count();
+            is_over.store(true, Ordering::Relaxed);
+            assert_eq!(lost, 0, "of 2000");
+        });
+        let left = fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+        assert_eq!(left.filter(|name| name.starts_with(WORK)).count(), 0);
+    }
+
+    #[test]
+    fn a_work_folder_does_not_wait_for_a_publication() {
+        let folder = tempfile::tempdir().unwrap();
+        prepare(folder.path()).unwrap();
+        let page = Page::from_files(std::collections::BTreeMap::new());
+        let uploads = Uploads::new(folder.path().to_owned(), page, UploadLimits::default());
+        // Sending a version to a store may take hours.
+        let _publishes = Lock::take(folder.path()).unwrap();
+        assert!(uploads.work().is_ok());
+    }
 }

@@ -1,6 +1,7 @@
 //! Versions that are published from elsewhere: whole, verified, by whoever may, or not at all; and nothing that a browser runs comes from them.
 
 mod limits;
+mod unfinished;
 mod withheld;
 
 use crate::common::version::{METADATA, Version, fort_pack, status};

@@ -407,6 +407,25 @@ fn without_the_location_the_form_alone_tells() {
     assert!(told.find("EPSG:32737, UTM zone 37S").is_none() && told.find("565977 9009946").is_some());
 }
 
+/// Where time grew with the square of the length, some of these would take ten minutes and more.
+#[test]
+fn time_grows_with_the_length_of_a_text_of_whatever_shape() {
+    const LENGTH: usize = 1_200_000;
+    for piece in [
+        "1", "0", "7 ", "1.", "1,", "12:", "123 ", "123'", "1e", "+", "+2", "2+", "e", "epsg", "epsg ", "utm",
+        "1 utm ", "zone 1 ", "geo:", "///", "///a.b.", "geohash", "geohash1", "N ", "N1", "1N", "1°", "1°1'", "1° ",
+        "lat ", "lat 1 ", "ab", "a1", "1a ", ",", "'", "\"", "°", "-", " -", "&", "&#", "&#1", "%", "%4", "%25", "\\",
+        "\\u", "[", "(", "\u{300}", "٣",
+    ] {
+        let text = piece.repeat(LENGTH.div_ceil(piece.len()));
+        // Whatever is found is no matter.
+        drop(Location::unknown().find(&text));
+        if matches!(piece, "1" | "7 " | "1." | "12:") {
+            drop(fort().find(&text));
+        }
+    }
+}
+
 #[test]
 fn the_way_to_a_text_in_json_is_named() {
     let value = serde_json::json!({ "a": [{ "b": "fine" }, { "b": "at 565977", "c": 565_977 }], "passed": "565977" });

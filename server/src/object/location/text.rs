@@ -226,7 +226,8 @@ fn readings(text: &[char], runs: &[Run], signs: &[char], all: &mut Vec<Number>) 
         let is_date = is_date(runs, signs, i) || i.checked_sub(1).is_some_and(|i| is_date(runs, signs, i));
         // A group of a map coordinate has three digits; seven of them are the most that is looked at.
         let mut whole = run.digits.clone();
-        for (sign, next) in signs.iter().zip(runs.iter().skip(1)).skip(i).take(7) {
+        let (signs, following) = (signs.get(i..).unwrap_or_default(), runs.get(i + 1..).unwrap_or_default());
+        for (sign, next) in signs.iter().zip(following).take(7) {
             let is_doi = run.digits == "10" && next.digits.len() >= 4 && text.get(next.to) == Some(&'/');
             if ".,".contains(*sign) && !is_date && !is_doi {
                 add(&format!("{whole}.{}", next.digits), next.digits.len(), run.from, next.to);

@@ -80,10 +80,13 @@ fn only_words(text: &str, words: &[&str]) -> bool {
 fn epsg(text: &[char]) -> Option<(usize, usize)> {
     let lower: Vec<char> = text.iter().map(char::to_ascii_lowercase).collect();
     (0..lower.len()).find_map(|at| {
-        let is_name = lower.get(at..at + 4)? == ['e', 'p', 's', 'g'];
+        if lower.get(at..at + 4)? != ['e', 'p', 's', 'g'] {
+            return None;
+        }
         let from = (at + 4..lower.len().min(at + 20)).find(|i| lower.get(*i).is_some_and(char::is_ascii_digit))?;
-        let code: String = lower.iter().skip(from).take_while(|c| c.is_ascii_digit()).collect();
-        let is_regional = is_name && (4..=6).contains(&code.len()) && !WORLDWIDE.contains(&code.as_str());
+        // Longer ones are no codes, however long.
+        let code: String = lower.iter().skip(from).take(7).take_while(|c| c.is_ascii_digit()).collect();
+        let is_regional = (4..=6).contains(&code.len()) && !WORLDWIDE.contains(&code.as_str());
         is_regional.then_some((at, from + code.len()))
     })
 }
