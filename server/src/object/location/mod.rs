@@ -281,10 +281,12 @@ impl Location {
                 || n.value >= 10.0 * MAP && UNITS.iter().any(|u| is_map(n.value * u))
                 || is_kilometres && is_map(n.value * 1000.0)
         });
+        // Digits before the point: small lengths are near the zero of a square.
+        let whole = |n: &Number| n.to - n.from - if n.decimals > 0 { n.decimals + 1 } else { 0 };
         let both = || {
             self.together.iter().find_map(|t| {
                 let of = |range: Range| -> Vec<&Number> {
-                    numbers.iter().filter(|n| n.to - n.from >= t.digits && range.has(n.value)).collect()
+                    numbers.iter().filter(|n| whole(n) >= t.digits && range.has(n.value)).collect()
                 };
                 beside(&of(t.ranges[0]), &of(t.ranges[1]))
             })
