@@ -258,8 +258,14 @@ async fn a_withheld_location_is_searched_for_where_the_pack_has_no_text() {
         (stating(|m, _| m.median_edge = 39.600_27), "median_edge of its pack is 39.60027 m"),
         (stating(|m, _| m.capture_accuracy = Some(8.956_11)), "capture_accuracy of its pack is 8.95611"),
         (stating(|m, _| m.vertices = 9_009_946), "has 9009946 vertices"),
-        (stating(|m, _| m.border_edges = 9_009_946), "has 9009946 edges of its border"),
-        (stating(|_, e| e.sphere.center = [565_987.0, 9_009_946.0, 0.0]), "the directory of its pack has spheres"),
+        (
+            stating(|m, _| m.border_edges = 9_009_946),
+            "3 border edges of the finest level are there, 9009946 are announced",
+        ),
+        (
+            stating(|_, e| (e.sphere.center, e.sphere.radius) = ([565_987.0, 9_009_946.0, 0.0], 1e8)),
+            "the directory of its pack has spheres",
+        ),
         (stating(|_, e| e.sphere.radius = 9_009_946.0), "the directory of its pack has spheres"),
         (stating(|_, e| e.color_error = 565_987.0), "the directory of its pack has spheres"),
     ])
