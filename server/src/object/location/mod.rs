@@ -215,7 +215,6 @@ impl Location {
         }
         if let Some([x, y]) = projected(3857, [lat, lon]) {
             self.add_map([x - half[0], y - half[1]], [x + half[0], y + half[1]]);
-            self.add_last_five([x - half[0], y - half[1]], [x + half[0], y + half[1]]);
             // Tiles of maps in the web.
             for zoom in 12..=22 {
                 let size = 40_075_016.685_578_49 / f64::from(1u32 << zoom);
@@ -281,10 +280,18 @@ impl Location {
                 || n.value >= 10.0 * MAP && UNITS.iter().any(|u| is_map(n.value * u))
                 || is_kilometres && is_map(n.value * 1000.0)
         });
+        // Digits before the point, and none of those behind one: sizes are near the zero of a square.
+        let whole = |n: &Number| {
+            let is = |at: Option<usize>, what: &dyn Fn(&char) -> bool| at.and_then(|i| text.get(i)).is_some_and(what);
+            let is_fraction =
+                is(n.from.checked_sub(1), &|c| ".,".contains(*c)) && is(n.from.checked_sub(2), &char::is_ascii_digit);
+            let digits = text.get(n.from..n.to).unwrap_or_default().iter().filter(|c| c.is_ascii_digit()).count();
+            if is_fraction { 0 } else { digits.saturating_sub(n.decimals) }
+        };
         let both = || {
             self.together.iter().find_map(|t| {
                 let of = |range: Range| -> Vec<&Number> {
-                    numbers.iter().filter(|n| n.to - n.from >= t.digits && range.has(n.value)).collect()
+                    numbers.iter().filter(|n| whole(n) >= t.digits && range.has(n.value)).collect()
                 };
                 beside(&of(t.ranges[0]), &of(t.ranges[1]))
             })
