@@ -6,7 +6,7 @@
 mod extracts;
 
 use crate::bucket::Bucket;
-use crate::http::client::{self, Answer, Client};
+use crate::http::client::{Answer, Client, loopback};
 use crate::support::serving::{address, page};
 use crate::support::{Input, built_once, text};
 use kilwa_server::object::Manifest;
@@ -167,8 +167,7 @@ async fn slow_readers_of_a_pack_in_a_store_cost_little_memory() {
     };
     let mut held = Vec::new();
     for number in 0..100 {
-        let mut client =
-            Client::connect_from(crate::http::client::loopback(number), server.address, Some(4096)).await.unwrap();
+        let mut client = Client::connect_from(loopback(number), server.address, Some(4096)).await.unwrap();
         client.stream.write_all(format!("GET {url} HTTP/1.1\r\nHost: x\r\n\r\n").as_bytes()).await.unwrap();
         held.push(client);
     }
