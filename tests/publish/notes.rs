@@ -138,7 +138,7 @@ fn notes_that_cannot_be_are_refused_with_the_note_and_what_to_do() {
         change(&mut notes["items"][1]);
         notes.to_string()
     };
-    assert!(refused("{", &[]).contains("no JSON"));
+    assert!(refused("{", &[]).contains("not usable JSON"));
     assert!(refused("{\"type\":\"FeatureCollection\"}", &[]).contains("no Web Annotations"));
     assert!(refused(&" ".repeat(16_000_001), &[]).contains("longer than 16000000 bytes"));
     let outside = changed(&|n| n["target"]["selector"]["x"] = 12.0.into());

@@ -311,6 +311,11 @@ fn put(staging: &Staging, said: &FileSaid, folder: &Path) -> Result<bool, Refusa
     linked.map_err(|e| Refusal::disk("write the version", &e))
 }
 
+fn is_full(e: &DraftError) -> bool {
+    let kinds = [io::ErrorKind::StorageFull, io::ErrorKind::QuotaExceeded];
+    matches!(e, DraftError::Disk { reason, .. } if kinds.contains(&reason.kind()))
+}
+
 /// What went wrong with a version, for the client: without the names of the server's folders, which are in the log.
 pub(super) fn refused(e: &DraftError) -> Refusal {
     tracing::error!("an upload: {e}");
@@ -323,6 +328,12 @@ pub(super) fn refused(e: &DraftError) -> Refusal {
         DraftError::Unlockable { .. } => passing(format!(
             "the server cannot lock its folder, without which two changes at once could lose one of them; nothing was published. {ASK}, then run the same command again"
         )),
+        DraftError::Unfinished { done, why } if is_full(why) => Refusal::new(
+            StatusCode::INSUFFICIENT_STORAGE,
+            format!(
+                "{done}: the disk of the server has no room. Ask whoever keeps it to make room, then run the same command again to finish"
+            ),
+        ),
         DraftError::Unfinished { done, .. } => passing(format!(
             "{done}: the disk of the server failed. Run the same command again to finish; if that fails too, {ask}",
             ask = ASK.to_lowercase()

@@ -138,7 +138,8 @@ impl Museum {
         let uploads = self.folder.path().join("uploads");
         names(&uploads)
             .into_iter()
-            .filter(|n| n != ".kilwa-uploads")
+            // The other is an empty folder for a lock.
+            .filter(|n| n != ".kilwa-uploads" && n != ".kilwa-making")
             .chain(names(&uploads.join(".kilwa-uploads")))
             .collect()
     }

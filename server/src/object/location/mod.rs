@@ -426,8 +426,9 @@ fn may_be_degrees(text: &[char], n: &Number) -> bool {
     }
     let behind: String = text.iter().skip(n.to).take(48).collect();
     let mut words = behind.split(|c: char| " ,;/()".contains(c)).filter(|w| !w.is_empty());
-    let is_in_list =
-        |w: &&str| w.chars().all(|c| c.is_ascii_digit() || ".+-".contains(c)) || ["and", "or", "to", "by"].contains(w);
+    let is_in_list = |w: &&str| {
+        w.chars().all(|c| c.is_ascii_digit() || ".+-".contains(c)) || ["and", "or", "to", "by", "x", "×"].contains(w)
+    };
     let unit = words.find(|w| !is_in_list(w)).map(|w| w.trim_end_matches(['.', ':']));
     !unit.is_some_and(|w| UNITS.contains(&w))
 }
