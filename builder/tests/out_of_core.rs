@@ -194,7 +194,11 @@ fn a_damaged_file_is_noticed_before_a_stage_goes_on_from_it_and_is_made_anew() {
                 std::fs::copy(entry.path(), again.join(entry.file_name())).unwrap();
             }
             let whole = std::fs::read(stopped.join(file)).unwrap();
-            std::fs::write(again.join(file), damaged(&whole, file.ends_with(".json"), is_moved)).unwrap();
+            std::fs::write(
+                again.join(file),
+                damaged(&whole, Path::new(file).extension().is_some_and(|e| e == "json"), is_moved),
+            )
+            .unwrap();
             let scratch = Scratch::open(&again).unwrap();
             let (bytes, report) = built(&raw, &settings(&scratch, true), &Stop::default(), &Silent)
                 .unwrap_or_else(|e| panic!("{stage}, {file}, moved {is_moved}: {e}"));

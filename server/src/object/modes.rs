@@ -67,7 +67,7 @@ pub fn unshared_with(folder: &Path, shelf: &Path) -> Result<Option<u32>, DraftEr
     use std::os::unix::fs::MetadataExt as _;
     let (group, mut unshared) = (group_of(shelf)?, false);
     each_file(folder, &mut |_, metadata| {
-        unshared |= metadata.gid() != group && metadata.mode() & 0o077 == 0;
+        unshared |= metadata.gid() != group && metadata.mode().trailing_zeros() >= 6;
         Ok(())
     })?;
     Ok(unshared.then_some(group))
@@ -131,7 +131,10 @@ fn settle_file(
         steps("permissions").map_err(failed("write", path))?;
         match fs::set_permissions(path, fs::Permissions::from_mode(mode)) {
             // Somebody else's, who has closed it: no one but them can do more.
-            Err(e) if group.is_some() && before & 0o007 == 0 && e.kind() == std::io::ErrorKind::PermissionDenied => {}
+            Err(e)
+                if group.is_some()
+                    && before.trailing_zeros() >= 3
+                    && e.kind() == std::io::ErrorKind::PermissionDenied => {}
             set => {
                 set.map_err(failed("change the permissions of", path))?;
                 is_changed = true;

@@ -103,7 +103,9 @@ fn middle(sorted: &[Sample]) -> Option<&[Sample]> {
 /// The value that stands most often, as bits.
 fn most_frequent(part: &[Sample]) -> u64 {
     let mut counts: HashMap<u64, usize> = HashMap::new();
-    part.iter().for_each(|s| *counts.entry(s.value.to_bits()).or_default() += 1);
+    for sample in part {
+        *counts.entry(sample.value.to_bits()).or_default() += 1;
+    }
     counts.into_iter().max_by_key(|(bits, count)| (*count, *bits)).map_or(0, |(bits, _)| bits)
 }
 
@@ -126,7 +128,9 @@ fn group(part: &[Sample], is_apart: bool) -> Option<Group> {
             kept.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], s| [a.min(s.value), b.max(s.value)]);
         let scale = [f64::midpoint(low, high), (high / 2.0 - low / 2.0).max(f64::MIN_POSITIVE)];
         let mut sums = Sums::default();
-        kept.iter().for_each(|s| sums.add(local(s), s.value, &scale));
+        for s in &kept {
+            sums.add(local(s), s.value, &scale);
+        }
         explained = explained.max(sums.explained());
         let fit = sums.fit();
         let residual = |s: &Sample| {

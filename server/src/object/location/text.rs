@@ -127,6 +127,19 @@ fn without_escapes(text: &str) -> String {
     out + rest
 }
 
+/// How escapes of a character by its number begin and end, the base of the number and its digits at most.
+const FORMS: [(&str, &str, u32, usize); 9] = [
+    ("&#x", ";", 16, 8),
+    ("&#X", ";", 16, 8),
+    ("&#", ";", 10, 8),
+    ("\\u{", "}", 16, 6),
+    ("\\x{", "}", 16, 6),
+    ("\\u", "", 16, 4),
+    ("\\U", "", 16, 8),
+    ("\\x", "", 16, 2),
+    ("\\", "", 8, 3),
+];
+
 /// The character that a text begins with in an escaped form, and the bytes of that form.
 fn escape(text: &str) -> Option<(char, usize)> {
     if let Some((entity, sign)) = ENTITIES.iter().find(|(entity, _)| text.starts_with(entity)) {
@@ -135,17 +148,6 @@ fn escape(text: &str) -> Option<(char, usize)> {
     if let Some(pair) = surrogates(text) {
         return Some((pair, 12));
     }
-    const FORMS: [(&str, &str, u32, usize); 9] = [
-        ("&#x", ";", 16, 8),
-        ("&#X", ";", 16, 8),
-        ("&#", ";", 10, 8),
-        ("\\u{", "}", 16, 6),
-        ("\\x{", "}", 16, 6),
-        ("\\u", "", 16, 4),
-        ("\\U", "", 16, 8),
-        ("\\x", "", 16, 2),
-        ("\\", "", 8, 3),
-    ];
     FORMS.iter().find_map(|(begin, end, radix, most)| {
         let rest = text.strip_prefix(begin)?;
         let digits = rest.bytes().take(*most).take_while(|b| char::from(*b).is_digit(*radix)).count();
