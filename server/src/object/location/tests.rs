@@ -407,20 +407,18 @@ fn without_the_location_the_form_alone_tells() {
     assert!(told.find("EPSG:32737, UTM zone 37S").is_none() && told.find("565977 9009946").is_some());
 }
 
-/// Where time grew with the square of the length, some of these would take ten minutes and more.
+/// Where time grew with the square of the length, the first of these would take ten minutes and more, and nextest ends it.
 #[test]
 fn time_grows_with_the_length_of_a_text_of_whatever_shape() {
     const LENGTH: usize = 1_200_000;
     for piece in [
-        "1", "0", "7 ", "1.", "1,", "12:", "123 ", "123'", "1e", "+", "+2", "2+", "e", "epsg", "epsg ", "utm",
-        "1 utm ", "zone 1 ", "geo:", "///", "///a.b.", "geohash", "geohash1", "N ", "N1", "1N", "1°", "1°1'", "1° ",
-        "lat ", "lat 1 ", "ab", "a1", "1a ", ",", "'", "\"", "°", "-", " -", "&", "&#", "&#1", "%", "%4", "%25", "\\",
-        "\\u", "[", "(", "\u{300}", "٣",
+        "1", "7 ", "1.", "123'", "1e", "+2", "epsg ", "1 utm ", "///a.b.", "geohash1", "N1", "1°1'", "lat 1 ", "a1",
+        "&#", "%25", "\\u", ",",
     ] {
         let text = piece.repeat(LENGTH.div_ceil(piece.len()));
         // Whatever is found is no matter.
         drop(Location::unknown().find(&text));
-        if matches!(piece, "1" | "7 " | "1." | "12:") {
+        if matches!(piece, "1" | "7 ") {
             drop(fort().find(&text));
         }
     }
