@@ -89,15 +89,20 @@ export class EditList {
       input.setAttribute("aria-label", t("name"));
       input.dataset.id = item.id;
       input.dataset.act = "name";
+      let known = name;
       const rename = () => {
         const given = input.value.trim();
-        if (given && given !== this.on.name(item)) this.on.rename(item, given);
+        if (!given || given === known) return;
+        // Before the list is shown anew: taking the field out of the page while it has the focus can tell of the change a second time.
+        known = given;
+        this.on.rename(item, given);
       };
       input.addEventListener("change", rename);
       input.addEventListener("keydown", (event) => {
         if (event.key !== "Enter" && event.key !== "Escape") return;
         event.preventDefault();
         if (event.key === "Enter") rename();
+        else known = input.value.trim();
         this.open = null;
         this.show(this.items);
         this.element.querySelector(`.go[data-id="${CSS.escape(item.id)}"]`)?.focus();
