@@ -389,7 +389,7 @@ fn lock(path: &Path) -> io::Result<File> {
     loop {
         let file = open_to_lock(path)?;
         file.lock()?;
-        if is_same_file(&file.metadata()?, &fs::metadata(path)?) {
+        if plain_file::is_same_file(&file.metadata()?, &fs::metadata(path)?) {
             return Ok(file);
         }
     }
@@ -400,24 +400,12 @@ fn open_to_lock(path: &Path) -> io::Result<File> {
     // It looks before it opens, and waits for no pipe.
     let plain = plain_file::open(path)?;
     match fs::OpenOptions::new().read(true).write(true).open(path) {
-        Ok(file) if is_same_file(&file.metadata()?, &plain.metadata()?) => Ok(file),
+        Ok(file) if plain_file::is_same_file(&file.metadata()?, &plain.metadata()?) => Ok(file),
         // Replaced in between: the caller compares it with what is there now.
         Ok(_) => Ok(plain),
         Err(e) if matches!(e.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem) => Ok(plain),
         Err(e) => Err(e),
     }
-}
-
-#[cfg(unix)]
-fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    (a.dev(), a.ino()) == (b.dev(), b.ino())
-}
-
-/// Without inode numbers: each change writes another file, made at another time.
-#[cfg(not(unix))]
-fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
-    (a.created().ok(), a.modified().ok(), a.len()) == (b.created().ok(), b.modified().ok(), b.len())
 }
 
 /// The server reads the file as a user of its own: what the operator set must survive a change by root.
