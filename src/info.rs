@@ -7,7 +7,7 @@ mod patches;
 use crate::build::report::spread;
 use crate::inputs::InputArgs;
 use crate::source::open_pack;
-use kilwa_builder::{Units, Up};
+use kilwa_formats::{Units, Up};
 use kilwa_pack::visible::visible;
 use kilwa_pack::{DirectoryEntry, Header, Metadata};
 use patches::Patches;
@@ -70,7 +70,7 @@ struct Info<'a> {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    if kilwa_builder::read::recognise(&args.file).is_ok() {
+    if kilwa_formats::read::recognise(&args.file).is_ok() {
         let input = InputArgs {
             inputs: vec![args.file.clone()],
             units: args.units,

@@ -8,12 +8,13 @@
 //! fits, a folder without meshes, a folder in which a file is named as a mesh and is none, a matrix that cannot place a mesh.
 
 use anyhow::{Context, bail};
+use kilwa_builder::build::journal::PlannedInput;
+use kilwa_builder::build::work::Work;
 use kilwa_builder::ingest::Spool;
-use kilwa_builder::journal::PlannedInput;
-use kilwa_builder::read::texture::detail::Detail;
-use kilwa_builder::read::{self, Placed, Placement, ReadError, ReadOptions, Replaced};
-use kilwa_builder::work::Work;
-use kilwa_builder::{BuildError, Interruptible, Progress, Units, Up};
+use kilwa_builder::{BuildError, Interruptible, Progress};
+use kilwa_formats::read::texture::detail::Detail;
+use kilwa_formats::read::{self, Placed, Placement, ReadError, ReadOptions, Replaced};
+use kilwa_formats::{Units, Up};
 use kilwa_pack::metadata::SourceFile;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;

@@ -193,7 +193,8 @@ fn origin<S: Source>(reader: &Reader<S>, place: Place) -> anyhow::Result<[f64; 3
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kilwa_builder::{BuildOptions, RawMesh, build_pack};
+    use kilwa_builder::{BuildOptions, build_pack};
+    use kilwa_formats::RawMesh;
 
     fn far_pack(folder: &Path) -> std::path::PathBuf {
         let corners = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 2.0]];

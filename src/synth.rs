@@ -3,7 +3,7 @@
 use anyhow::Result;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
-use kilwa_builder::synth::{self, Phantom, Shape, SynthOptions, UTM_CRS};
+use kilwa_synth::{self as synth, Phantom, Shape, SynthOptions, UTM_CRS};
 use std::io::Write as _;
 use std::path::PathBuf;
 

@@ -2,8 +2,8 @@
 //! keeps its promise, and nothing is overwritten.
 
 use crate::support::{Input, Ply, built_once, fails, json, kilwa, succeeds, text};
-use kilwa_builder::RawMesh;
-use kilwa_builder::read::read_mesh;
+use kilwa_formats::RawMesh;
+use kilwa_formats::read::read_mesh;
 use kilwa_geometry::Lattice;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

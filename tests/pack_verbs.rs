@@ -130,7 +130,7 @@ fn comes_back_whole(input: &Path) -> bool {
     succeeds(&["verify", text(&pack)]);
     succeeds(&["extract", text(&pack), "-o", text(&out)]);
     let lattice = lattice(&pack);
-    let raw = kilwa_builder::read::read_mesh(input, &mut |_, _| {}).unwrap();
+    let raw = kilwa_formats::read::read_mesh(input, &mut |_, _| {}).unwrap();
     let corner = |v: u32| (lattice.snap(raw.positions[v as usize]).unwrap(), raw.colors.get(v as usize).copied());
     let wanted = multiset(raw.triangles.iter().map(|t| t.map(corner)));
     let back = Ply::read(&out);

@@ -3,7 +3,7 @@
 //! and the reason, and nothing left under the final name or beside it.
 
 use crate::support::{Ply, fails, json, plys, succeeds, text};
-use kilwa_builder::read::read_mesh;
+use kilwa_formats::read::read_mesh;
 use kilwa_geometry::Lattice;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

@@ -4,7 +4,8 @@
 //! fine surface (all in metres), and the root mean square colour difference (of 255, over three channels) between the fine
 //! vertices and the coarse surface at its nearest point, its colours interpolated linearly.
 
-use kilwa_builder::{RawMesh, read};
+use kilwa_formats::RawMesh;
+use kilwa_formats::read;
 use kilwa_geometry::bvh::Bvh;
 use kilwa_geometry::distance::{Vec3, closest_on_triangle, cross, dot, sub};
 use rayon::prelude::*;

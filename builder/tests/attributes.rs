@@ -2,7 +2,7 @@
 //! average.
 
 use crate::support::{Opened, Random, build, fort, open};
-use kilwa_builder::RawMesh;
+use kilwa_formats::RawMesh;
 use kilwa_geometry::LatticePoint;
 use kilwa_pack::cut::Cut;
 use std::collections::{BTreeMap, BTreeSet};

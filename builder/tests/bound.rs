@@ -99,7 +99,7 @@ fn drawn_by_diamond(pack: &Opened, cut: &Cut) -> HashMap<u32, Vec<Triangle>> {
     out
 }
 
-fn the_bound_holds_at_every_level(name: &str, raw: kilwa_builder::RawMesh) {
+fn the_bound_holds_at_every_level(name: &str, raw: kilwa_formats::RawMesh) {
     let pack = open(&build(raw, 0));
     let finest: Vec<Triangle> = drawn_by_diamond(&pack, &Cut::finest(&pack.entries)).into_values().flatten().collect();
     let reference = Grid::new(finest);
@@ -194,7 +194,7 @@ fn the_bound_holds_on_a_scan(name: &str) {
         println!("skipped: {} is not here", path.display());
         return;
     }
-    let raw = kilwa_builder::read::read_mesh(&path, &mut |_, _| {}).expect("reads");
+    let raw = kilwa_formats::read::read_mesh(&path, &mut |_, _| {}).expect("reads");
     the_bound_holds_at_every_level(name, raw);
 }
 

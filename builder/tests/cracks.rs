@@ -102,7 +102,7 @@ fn check(pack: &Opened, numbered: &Numbered, cut: &Cut) -> Result<(usize, usize,
     }
 }
 
-fn no_crack_in_any_cut(name: &str, raw: kilwa_builder::RawMesh, is_closed: bool) {
+fn no_crack_in_any_cut(name: &str, raw: kilwa_formats::RawMesh, is_closed: bool) {
     let pack = open(&build(raw, 0));
     let numbered = number(&pack);
     let results: Vec<(usize, usize, usize)> = (0..CUTS)

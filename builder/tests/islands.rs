@@ -3,7 +3,8 @@
 //! whole extent.
 
 use crate::support::{Opened, Random, drawn, open};
-use kilwa_builder::{BuildOptions, RawMesh, Silent, build_pack};
+use kilwa_builder::{BuildOptions, Silent, build_pack};
+use kilwa_formats::RawMesh;
 use kilwa_geometry::{Lattice, LatticePoint};
 use kilwa_pack::chunk::Declared;
 use kilwa_pack::cut::Cut;

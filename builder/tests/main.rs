@@ -6,7 +6,5 @@ mod cracks;
 mod ingest;
 mod islands;
 mod out_of_core;
-mod read_shared_data;
-mod read_stl_and_gltf;
 mod same_bytes;
 mod support;

@@ -2,11 +2,12 @@
 //! going on with other threads and other memory.
 
 use crate::support::{Random, fort, non_manifold, wall};
+use kilwa_builder::build::journal::PlannedInput;
+use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::Spool;
-use kilwa_builder::journal::PlannedInput;
 use kilwa_builder::scratch::Scratch;
-use kilwa_builder::work::{Stop, Work};
-use kilwa_builder::{BuildError, BuildOptions, BuildReport, Inputs, Progress, RawMesh, Run, Silent, build};
+use kilwa_builder::{BuildError, BuildOptions, BuildReport, Inputs, Progress, Run, Silent, build};
+use kilwa_formats::RawMesh;
 use kilwa_pack::metadata::SourceFile;
 use std::io::Cursor;
 use std::path::Path;

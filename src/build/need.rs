@@ -4,7 +4,9 @@
 //! otherwise; an estimate to the safe side. What is needed is compared with what is free, and refused with both numbers.
 
 use super::size::human;
-use kilwa_builder::{ingest, machine, read};
+use kilwa_builder::build::machine;
+use kilwa_builder::ingest;
+use kilwa_formats::read;
 use std::io::Read;
 use std::path::Path;
 

@@ -5,7 +5,7 @@ use crate::progress::Bar;
 use crate::source::open_pack;
 use anyhow::Context;
 use kilwa_builder::Progress;
-use kilwa_builder::work::Stop;
+use kilwa_builder::build::work::Stop;
 use kilwa_files::plain_file;
 use kilwa_pack::verify::{self, Totals};
 use rayon::prelude::*;

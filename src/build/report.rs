@@ -3,7 +3,8 @@
 use super::need::Need;
 use super::size::human;
 use crate::info::metres;
-use kilwa_builder::{BuildReport, Spread, StageTime, machine};
+use kilwa_builder::build::machine;
+use kilwa_builder::{BuildReport, Spread, StageTime};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;

@@ -78,7 +78,8 @@ fn write(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kilwa_builder::{BuildOptions, RawMesh, Silent, build_pack};
+    use kilwa_builder::{BuildOptions, Silent, build_pack};
+    use kilwa_formats::RawMesh;
     use std::sync::Mutex;
 
     #[test]

@@ -60,7 +60,8 @@ pub(crate) fn write(pack: &Path, to: &Path, most_bytes: u64) -> anyhow::Result<P
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kilwa_builder::{BuildOptions, RawMesh, Silent, build_pack};
+    use kilwa_builder::{BuildOptions, Silent, build_pack};
+    use kilwa_formats::RawMesh;
 
     /// A rough square of 80,000 triangles at map coordinates.
     fn square(folder: &Path) -> std::path::PathBuf {

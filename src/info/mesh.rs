@@ -5,11 +5,12 @@ use super::metres;
 use crate::inputs::{InputArgs, Inputs};
 use crate::progress::Bar;
 use kilwa_builder::Precision;
+use kilwa_builder::build::machine;
+use kilwa_builder::build::work::{Stop, Work};
+use kilwa_builder::ingest::surface::Surface;
 use kilwa_builder::ingest::{self, IngestOptions, Spool};
 use kilwa_builder::scratch::Scratch;
-use kilwa_builder::surface::Surface;
-use kilwa_builder::work::{Stop, Work};
-use kilwa_builder::{BuildOptions, Inputs as _, machine};
+use kilwa_builder::{BuildOptions, Inputs as _};
 use std::io::Write;
 use std::path::Path;
 

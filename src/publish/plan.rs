@@ -4,7 +4,7 @@ use super::{Args, notes};
 use crate::redact::{self, Place};
 use crate::source::{open_pack, read_named};
 use anyhow::{Context, bail, ensure};
-use kilwa_builder::machine;
+use kilwa_builder::build::machine;
 use kilwa_server::Page;
 use kilwa_server::object::assemble::{Facts, Following, agree, existing, further, has_metadata};
 use kilwa_server::object::location::Location;

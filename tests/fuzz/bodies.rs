@@ -4,9 +4,9 @@
 //! Each body takes any bytes, must return, and panics where a promise is broken. What it returns tells inputs apart that
 //! took different ways: the kind of result, without its numbers.
 
-use kilwa_builder::Findings;
-use kilwa_builder::RawMesh;
-use kilwa_builder::read::{
+use kilwa_formats::Findings;
+use kilwa_formats::RawMesh;
+use kilwa_formats::read::{
     Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, gltf, obj, read_mesh_from, stl,
 };
 use kilwa_pack::chunk::{Declared, decode, encode};

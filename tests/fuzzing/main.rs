@@ -68,7 +68,7 @@ impl Current {
         let Ok(kind) = result else { panic!("this input broke a promise and is kept: {path}") };
         // What holds much memory has taken some time to do so.
         if begun.elapsed() > Duration::from_millis(2) {
-            let held = kilwa_builder::machine::peak_memory().unwrap_or(0);
+            let held = kilwa_builder::build::machine::peak_memory().unwrap_or(0);
             assert!(
                 held < LARGEST,
                 "this input of {} bytes took {held} bytes of memory and is kept: {path}",

@@ -2,7 +2,8 @@
 
 use crate::bodies::CHUNK_HEAD;
 use crate::mutate::MAX_BYTES;
-use kilwa_builder::{BuildOptions, RawMesh, Silent, build_pack};
+use kilwa_builder::{BuildOptions, Silent, build_pack};
+use kilwa_formats::RawMesh;
 use kilwa_pack::Reader;
 use kilwa_pack::reader::SliceSource;
 use std::path::Path;

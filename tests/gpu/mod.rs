@@ -7,11 +7,12 @@ mod display;
 mod raycast;
 mod section;
 
-use kilwa_builder::synth::{Phantom, Shape, SynthOptions, mesh};
-use kilwa_builder::{BuildOptions, RawMesh, Silent, build_pack};
+use kilwa_builder::{BuildOptions, Silent, build_pack};
+use kilwa_formats::RawMesh;
 use kilwa_geometry::{Mesh, normal};
 use kilwa_pack::{Chunk, Cut, GpuChunk, NO_DIAMOND, PatchRange, Reader, SliceSource, interleave};
 use kilwa_stream::{Budgets, DrawPatch, View};
+use kilwa_synth::{Phantom, Shape, SynthOptions, mesh};
 use kilwa_viewer::clip::distance_from_depth;
 use kilwa_viewer::options::Scale;
 use kilwa_viewer::shell::native::Session;

@@ -1,8 +1,8 @@
 //! A sink that refuses further blocks once a stop was asked for.
 
-use crate::raw::Findings;
-use crate::read::{MeshSink, ReadError, VertexBlock};
-use crate::work::Stop;
+use crate::build::work::Stop;
+use kilwa_formats::Findings;
+use kilwa_formats::read::{MeshSink, ReadError, VertexBlock};
 use std::path::Path;
 
 /// Hands on to another sink until a stop is asked for.

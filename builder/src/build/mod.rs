@@ -8,23 +8,30 @@
 //! The bytes of the pack depend on the inputs and on [`BuildOptions`] (threads excepted), on nothing else.
 
 mod interrupt;
+pub mod journal;
+pub mod machine;
+pub mod options;
+pub mod precision;
+pub mod progress;
 mod report;
+pub mod work;
 
 pub use interrupt::Interruptible;
 pub use report::{BuildReport, StageTime};
 
 use crate::assemble::assemble;
+use crate::build::journal::{Journal, Plan, PlannedInput};
+use crate::build::machine;
+use crate::build::options::{BuildError, BuildOptions};
+use crate::build::progress::{Progress, Whole};
+use crate::build::work::{Stop, Work};
+use crate::ingest::surface::{LEAVES, SHARED, Surface};
 use crate::ingest::{IngestOptions, Spool, Spooled, can_resume, ingest, is_file_of_ingest};
-use crate::journal::{Journal, Plan, PlannedInput};
 use crate::levels::{CHUNKS, Hierarchy};
-use crate::machine;
-use crate::options::{BuildError, BuildOptions, Up};
-use crate::progress::{Progress, Whole};
-use crate::raw::RawMesh;
+use crate::partition::tree_file::{self, TREE};
 use crate::scratch::{Scratch, ScratchError};
-use crate::surface::{LEAVES, SHARED, Surface};
-use crate::tree_file::{self, TREE};
-use crate::work::{Stop, Work};
+use kilwa_formats::RawMesh;
+use kilwa_formats::Up;
 use kilwa_pack::metadata::SourceFile;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -243,7 +250,7 @@ impl Building<'_> {
     /// The hierarchy as far as it was built before, or with nothing but its leaves.
     fn hierarchy(&mut self) -> Result<Hierarchy, BuildError> {
         let (scratch, damaged) = (self.work.scratch, ScratchError::damaged);
-        let journal = self.work.scratch.path(crate::journal::JOURNAL);
+        let journal = self.work.scratch.path(crate::build::journal::JOURNAL);
         if let Some(stage) = self.journal.stage(INGEST) {
             let surface: Surface =
                 serde_json::from_value(stage.data.clone()).map_err(|e| damaged(&journal, e.to_string()))?;

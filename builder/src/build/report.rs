@@ -1,9 +1,10 @@
 //! What a build says of itself: the report for people and machines, the metadata and the header of the pack.
 
 use crate::assemble::PackSummary;
+use crate::build::options::BuildOptions;
+use crate::ingest::surface::{Finding, Surface};
 use crate::levels::Levels;
-use crate::options::{BuildOptions, Up};
-use crate::surface::{Finding, Surface};
+use kilwa_formats::Up;
 use kilwa_pack::{Header, Metadata};
 use std::collections::BTreeMap;
 

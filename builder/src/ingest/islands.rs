@@ -9,8 +9,8 @@ use super::scatter::{BUCKETS, HALO, HALO_HEAD, Scattered, bytes_per_triangle};
 use super::spill::Spill;
 use super::topology::Local;
 use super::words::{Layout, append_words, read_words};
-use crate::options::BuildError;
-use crate::work::Work;
+use crate::build::options::BuildError;
+use crate::build::work::Work;
 
 pub(super) const KEPT_BUCKETS: &str = "buckets-kept";
 pub(super) const KEPT_HALO: &str = "halo-kept";

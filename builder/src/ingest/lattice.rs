@@ -6,7 +6,7 @@
 //! `floor` drops is below one step and cannot carry. All of it is exact in f64 and in integers, because steps are powers
 //! of two and positions are divided by the step before the origin is subtracted.
 
-use crate::options::BuildError;
+use crate::build::options::BuildError;
 use kilwa_geometry::Lattice;
 use kilwa_geometry::lattice::MAX_COORDINATE;
 

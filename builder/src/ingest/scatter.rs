@@ -13,9 +13,9 @@ use super::resolve::{CORNERS, PIECE, Resolved, block, read_corners};
 use super::spill::{Extents, Spill};
 use super::tally::Tally;
 use super::words::Layout;
-use crate::options::BuildError;
+use crate::build::options::BuildError;
+use crate::build::work::Work;
 use crate::scratch::ScratchError;
-use crate::work::Work;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

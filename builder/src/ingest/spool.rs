@@ -11,10 +11,10 @@
 
 use super::column::Column;
 use super::tally::Tally;
-use crate::raw::{Findings, RawMesh};
-use crate::read::ReadError;
-use crate::read::sink::{MeshSink, NO_POSITION, TWICE, VertexBlock};
 use crate::scratch::{Scratch, ScratchError};
+use kilwa_formats::ReadError;
+use kilwa_formats::read::sink::{MeshSink, NO_POSITION, TWICE, VertexBlock};
+use kilwa_formats::{Findings, RawMesh};
 use kilwa_geometry::normal;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -223,7 +223,7 @@ impl Spool {
     /// Complete the files.
     ///
     /// # Errors
-    /// As [`Spool::input`]; [`ReadError::Spool`].
+    /// As [`Spool::input`]; [`ReadError::Sink`].
     pub fn finish(mut self) -> Result<Spooled, ReadError> {
         self.end_input()?;
         let (vertices, triangles) = (self.positions.rows(), self.triangles.rows());
@@ -264,7 +264,7 @@ impl Spool {
     /// Deliver a mesh that is in memory as the current input.
     ///
     /// # Errors
-    /// [`ReadError::Spool`], [`ReadError::TooLarge`].
+    /// [`ReadError::Sink`], [`ReadError::TooLarge`].
     pub fn add(&mut self, mesh: &RawMesh) -> Result<(), ReadError> {
         let names: Vec<String> = mesh.scalars.iter().map(|(name, _)| name.clone()).collect();
         self.channels(&names)?;

@@ -1,6 +1,6 @@
 //! Counted findings that can be written down between stages.
 
-use crate::raw::Findings;
+use kilwa_formats::Findings;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

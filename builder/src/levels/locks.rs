@@ -5,10 +5,10 @@
 //! (diamonds of this level, or leaves outside all of them) is locked. The locked points are then sorted by diamond into
 //! a file of their own, from which each diamond reads its share.
 
-use crate::options::BuildError;
+use crate::build::options::BuildError;
+use crate::build::work::Work;
 use crate::partition::{BISECTIONS, Partition};
 use crate::scratch::{Records, ScratchError, point_of, tetrahedron_of};
-use crate::work::Work;
 use kilwa_geometry::LatticePoint;
 
 /// Locked points by diamond, in no order.

@@ -11,20 +11,24 @@
 //! their input alone, so the results are the same for any number of threads and any memory. Only the order of patches,
 //! records and chunks inside their files differs, and nothing depends on that.
 
-mod chunk;
+pub mod certify;
+mod encode;
+pub mod fragment;
 mod locks;
 mod results;
+pub mod simplify;
+mod weld;
 
 pub use results::Refined;
 
-use crate::fragment::{Patch, REDUCTION, coarsen};
-use crate::options::BuildError;
+use crate::build::options::BuildError;
+use crate::build::precision::Precision;
+use crate::build::work::Work;
+use crate::ingest::surface::{Ingested, LEAVES, SHARED, Surface};
+use crate::levels::fragment::{Patch, REDUCTION, coarsen};
 use crate::partition::{Partition, tree_level};
-use crate::precision::Precision;
 use crate::scratch::{PatchFile, Records, ScratchFile, record};
-use crate::surface::{Ingested, LEAVES, SHARED, Surface};
-use crate::work::Work;
-pub(crate) use chunk::{encode_chunk, too_large};
+pub(crate) use encode::{encode_chunk, too_large};
 use kilwa_pack::Attributes;
 use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
 use locks::Locks;

@@ -54,6 +54,13 @@ pub enum ScratchError {
     },
 }
 
+/// The builder keeps what readers deliver in scratch files.
+impl From<ScratchError> for kilwa_formats::ReadError {
+    fn from(error: ScratchError) -> Self {
+        Self::Sink(Box::new(error))
+    }
+}
+
 impl ScratchError {
     /// A failed read, removal …
     pub(crate) fn io(path: &Path, doing: &'static str, reason: std::io::Error) -> Self {

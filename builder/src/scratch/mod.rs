@@ -19,7 +19,7 @@ mod sum;
 pub use error::ScratchError;
 pub use file::{Appender, ScratchFile};
 pub use patch_file::PatchFile;
-pub use records::{Records, point_of, record, tetrahedron_of};
+pub use records::{Records, point_key, point_of, record, tetrahedron_of};
 pub(crate) use sum::{Sum, seal, unseal};
 
 use folder::LOCK;
@@ -108,7 +108,7 @@ impl Scratch {
             return Ok(path);
         }
         Err(ScratchError::damaged(
-            &self.path(crate::journal::JOURNAL),
+            &self.path(crate::build::journal::JOURNAL),
             format!("{name:?} is no name of a scratch file"),
         ))
     }

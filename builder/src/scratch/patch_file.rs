@@ -5,8 +5,8 @@
 //! there, or all zero, take no room. A leaf of a coloured scan takes about 17 bytes a triangle.
 
 use super::{Scratch, ScratchError, ScratchFile};
-use crate::certify::Bound;
-use crate::fragment::Patch;
+use crate::levels::certify::Bound;
+use crate::levels::fragment::Patch;
 use kilwa_geometry::Mesh;
 use rustc_hash::FxHashMap;
 use std::sync::RwLock;

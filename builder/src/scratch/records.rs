@@ -18,9 +18,14 @@ const BLOCK: usize = 1 << 11;
 /// Fewest records sorted in memory at a time, whatever the budget.
 const SMALLEST_RUN: usize = 1 << 12;
 
+/// A lattice point as one integer: 30 bits an axis, sorted by x, then y, then z.
+pub fn point_key(p: LatticePoint) -> u128 {
+    (u128::from(p[0] as u32) << 64) | (u128::from(p[1] as u32) << 32) | u128::from(p[2] as u32)
+}
+
 /// A point and the tetrahedron that uses it; sorts by point, then by tetrahedron.
 pub fn record(point: LatticePoint, tetra: u32) -> u128 {
-    crate::prepare::point_key(point) << 32 | u128::from(tetra)
+    point_key(point) << 32 | u128::from(tetra)
 }
 
 /// The point of a record.

@@ -4,8 +4,8 @@
 //! [`ScratchError::Damaged`] where a file is missing, has another length or other bytes.
 
 use super::{Scratch, ScratchError};
-use crate::options::BuildError;
-use crate::work::Stop;
+use crate::build::options::BuildError;
+use crate::build::work::Stop;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

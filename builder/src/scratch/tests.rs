@@ -1,6 +1,6 @@
 use super::*;
-use crate::certify::Bound;
-use crate::fragment::Patch;
+use crate::levels::certify::Bound;
+use crate::levels::fragment::Patch;
 use kilwa_geometry::Mesh;
 
 fn patch(vertices: u32, colored: bool, channels: usize, bounded: bool) -> Patch {

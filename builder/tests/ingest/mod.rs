@@ -4,11 +4,12 @@
 mod plain;
 
 use crate::support::{Random, closed, fort, non_manifold, wall, with_holes};
+use kilwa_builder::build::work::{Stop, Work};
+use kilwa_builder::ingest::surface::{Ingested, Surface};
 use kilwa_builder::ingest::{IngestOptions, Spool, ingest};
 use kilwa_builder::scratch::Scratch;
-use kilwa_builder::surface::{Ingested, Surface};
-use kilwa_builder::work::{Stop, Work};
-use kilwa_builder::{BuildError, Precision, RawMesh, Silent};
+use kilwa_builder::{BuildError, Precision, Silent};
+use kilwa_formats::RawMesh;
 use kilwa_geometry::{Mesh, Tetra};
 use plain::{partition, plain};
 use std::collections::BTreeMap;

@@ -1,12 +1,13 @@
 //! Meshes and an independent reading of packs, shared by the property tests of the hierarchy.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
-use kilwa_builder::synth::{self, Phantom, Shape, SynthOptions};
-use kilwa_builder::{BuildOptions, RawMesh, Silent, build_pack};
+use kilwa_builder::{BuildOptions, Silent, build_pack};
+use kilwa_formats::RawMesh;
 use kilwa_geometry::LatticePoint;
 use kilwa_pack::cut::Cut;
 use kilwa_pack::reader::SliceSource;
 use kilwa_pack::{Chunk, DirectoryEntry, Reader};
+use kilwa_synth::{self as synth, Phantom, Shape, SynthOptions};
 use std::collections::HashMap;
 
 /// A small, fast, seeded generator (SplitMix64).

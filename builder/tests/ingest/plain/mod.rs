@@ -1,7 +1,7 @@
 //! The finest surface and the tree by a plain construction in memory, to compare the out-of-core ingest with: every
 //! edge length sorted, vertices welded in hash maps, tetrahedra split one after the other. Step derived, metres, z up.
 
-use kilwa_builder::RawMesh;
+use kilwa_formats::RawMesh;
 use kilwa_geometry::lattice::MAX_COORDINATE;
 use kilwa_geometry::mesh::corner_sum;
 use kilwa_geometry::{DiamondKey, Lattice, LatticePoint, Mesh, Tetra, normal, tetra};

@@ -1,0 +1,87 @@
+//! What is known of the finest surface once it lies in scratch files: everything that later stages need beside the files
+//! themselves. Kept in the journal, so that a resumed build need not read its inputs again.
+
+use crate::partition::Partition;
+use crate::scratch::{PatchFile, Records};
+use kilwa_formats::Findings;
+use kilwa_geometry::Lattice;
+use kilwa_pack::metadata::{ScalarChannel, SourceFile};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Name of the file of leaf patches.
+pub const LEAVES: &str = "leaves.patches";
+/// Name of the file of records (point, tetrahedron) of the leaves.
+pub const SHARED: &str = "leaves.shared";
+
+/// The finest surface.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Surface {
+    /// The lattice of all positions.
+    pub lattice: Lattice,
+    /// The root cube is `0..=2^cube_log2`.
+    pub cube_log2: u32,
+    /// Smallest and largest lattice coordinates of used vertices.
+    pub bounds: [[i32; 3]; 2],
+    /// Whether vertices have colours.
+    pub colors: bool,
+    /// Scalar channels with their ranges.
+    pub scalars: Vec<ScalarChannel>,
+    /// Triangles.
+    pub triangles: u64,
+    /// Distinct lattice positions.
+    pub points: u64,
+    /// Edges used by exactly one triangle.
+    pub border_edges: u64,
+    /// Edges used by more than two triangles.
+    pub non_manifold_edges: u64,
+    /// Edges of two triangles that run along it the same way: neighbours that face apart.
+    pub inconsistent_edges: u64,
+    /// Triangles that stand a second time, whichever way they face.
+    pub duplicate_triangles: u64,
+    /// Connected components, triangles joined by points.
+    pub components: u64,
+    /// Triangles of the largest component.
+    pub largest_component: u64,
+    /// Median edge length in metres.
+    pub median_edge: f64,
+    /// The length that one edge in a hundred is shorter than, metres.
+    pub short_edge: f64,
+    /// Estimated standard deviation of the noise along the normal, metres: from the distances of sampled points to the
+    /// plane through the mean of their neighbours at right angles to their normal. Curvature and relief of the size of
+    /// an edge count as noise, so it is an upper estimate on rough stone.
+    pub noise: f64,
+    /// The files that it came from.
+    pub sources: Vec<SourceFile>,
+    /// What reading and preparing found: kind, count and first places.
+    pub findings: BTreeMap<String, Finding>,
+}
+
+/// One kind of finding.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Finding {
+    /// How often.
+    pub count: u64,
+    /// The first few places.
+    pub places: Vec<String>,
+}
+
+/// Findings as they are reported and kept.
+pub fn findings_of(findings: &Findings) -> BTreeMap<String, Finding> {
+    let entry =
+        |(kind, count, places): (&str, u64, &[String])| (kind.to_owned(), Finding { count, places: places.to_vec() });
+    findings.iter().map(entry).collect()
+}
+
+/// The finest surface in scratch files: what ingest hands to the levels.
+pub struct Ingested {
+    /// What is known of it.
+    pub surface: Surface,
+    /// The tree; ranges of its tetrahedra are not used from here on.
+    pub tree: Partition,
+    /// [`LEAVES`], finished: the patch of every leaf that is not empty, triangles and vertices in canonical order.
+    pub leaves: PatchFile,
+    /// [`SHARED`], finished: a record for every point that more than one leaf uses, once for each of these leaves. More
+    /// records than these, and repeated ones, do no harm.
+    pub shared: Records,
+}

@@ -1,0 +1,77 @@
+//! A diamond's patches as one encoded chunk, all but the numbers of diamonds: those follow from which diamonds of all
+//! levels have geometry, and a coarser diamond may still turn out to have none. Until then a patch names the diamond by
+//! its index in the tree.
+
+use crate::build::options::BuildError;
+use crate::levels::fragment::Patch;
+use crate::levels::weld::Welder;
+use crate::partition::Partition;
+use kilwa_geometry::Aabb;
+use kilwa_pack::chunk::{self, Chunk, MAX_CHUNK_TRIANGLES, PatchRange};
+use kilwa_pack::{Attributes, NO_DIAMOND};
+
+/// Patches of overfull leaves are cut into runs of this many triangles.
+const LARGEST_PATCH: usize = 16_384;
+
+/// A chunk without its patch table.
+pub(crate) struct Encoded {
+    /// What [`chunk::encode_body`] gives.
+    pub(crate) body: Vec<u8>,
+    /// The table; diamonds by their index in the tree.
+    pub(crate) patches: Vec<PatchRange>,
+    pub(crate) vertices: u32,
+    pub(crate) bounds: Aabb,
+}
+
+/// Weld and encode.
+///
+/// # Errors
+/// [`BuildError::Pack`] when the format cannot hold it.
+pub(crate) fn encode_chunk(
+    patches: &[(u32, Patch)],
+    tree: &Partition,
+    attributes: Attributes,
+) -> Result<Encoded, BuildError> {
+    let chunk = weld(patches, tree, attributes);
+    let body = chunk::encode_body(&chunk, attributes)?;
+    if u32::try_from(body.len()).is_err() {
+        return Err(BuildError::TooLarge { why: "a chunk of more than 4 GiB".into() });
+    }
+    let (vertices, bounds) = (chunk.mesh.vertex_count() as u32, chunk.mesh.bounds());
+    Ok(Encoded { body, patches: chunk.patches, vertices, bounds })
+}
+
+/// More triangles in one diamond than a chunk holds.
+pub(crate) fn too_large(triangles: u64, near: [f64; 3]) -> BuildError {
+    let why = format!(
+        "{triangles} triangles near {near:?} m can neither be divided nor simplified (loose triangles, or all at one \
+         place); a chunk holds {MAX_CHUNK_TRIANGLES}: remove small components, or weld the mesh first"
+    );
+    BuildError::TooLarge { why }
+}
+
+/// One vertex array for all patches of a chunk; a patch's `diamond` is the index of the diamond that splits its
+/// tetrahedron, where it is split.
+fn weld(patches: &[(u32, Patch)], tree: &Partition, attributes: Attributes) -> Chunk {
+    let vertices = patches.iter().map(|(_, p)| p.mesh.vertex_count()).sum();
+    let mut welder = Welder::new(vertices, usize::from(attributes.scalars));
+    let mut ranges = Vec::new();
+    let mut number = Vec::new();
+    for (t, Patch { mesh, .. }) in patches {
+        let node = &tree.tetrahedra[*t as usize];
+        let diamond = node.children.map_or(NO_DIAMOND, |_| node.diamond);
+        let mut first = welder.mesh.triangles.len() as u32;
+        number.clear();
+        number.extend((0..mesh.vertex_count()).map(|v| welder.vertex(mesh, v)));
+        welder.mesh.triangles.extend(mesh.triangles.iter().map(|t| t.map(|v| number[v as usize])));
+        welder.mesh.borders.extend(&mesh.borders);
+        let mut left = mesh.triangle_count();
+        while left > 0 {
+            let count = if left > LARGEST_PATCH * 3 / 2 { LARGEST_PATCH } else { left };
+            ranges.push(PatchRange { first, count: count as u32, diamond });
+            first += count as u32;
+            left -= count;
+        }
+    }
+    Chunk { mesh: welder.mesh, patches: ranges }
+}

@@ -1,0 +1,95 @@
+//! Attributes of the vertices that are being merged. Colours are averaged in linear light, normals and scalars summed,
+//! each fine vertex with weight 1, and rounded ([`Precision::coarse`]). A vertex that nothing was merged into keeps its attributes bit for bit.
+
+use super::color::{linear, srgb};
+use crate::build::precision::Precision;
+use kilwa_geometry::{Mesh, normal};
+
+/// Sums of what a vertex stands for.
+#[derive(Clone, Copy)]
+struct Sum {
+    /// Linear light.
+    color: [f32; 3],
+    weight: f32,
+    normal: [f32; 3],
+    changed: bool,
+}
+
+/// One sum per vertex of the fine mesh.
+pub(super) struct Wedges<'a> {
+    source: &'a Mesh,
+    sums: Vec<Sum>,
+    scalars: Vec<Vec<f32>>,
+}
+
+impl<'a> Wedges<'a> {
+    pub(super) fn new(source: &'a Mesh) -> Self {
+        let sums = (0..source.vertex_count())
+            .map(|v| Sum {
+                color: source.colors.get(v).map_or([0.0; 3], |c| c.map(linear)),
+                weight: 1.0,
+                normal: [0.0; 3],
+                changed: false,
+            })
+            .collect();
+        Self { source, sums, scalars: source.scalars.clone() }
+    }
+
+    /// Squared difference of two colours in linear light.
+    pub(super) fn color_distance(&self, a: u32, b: u32) -> f64 {
+        let (a, b) = (&self.sums[a as usize], &self.sums[b as usize]);
+        (0..3).map(|i| f64::from(a.color[i] / a.weight - b.color[i] / b.weight).powi(2)).sum()
+    }
+
+    fn normal_sum(&self, w: usize) -> [f32; 3] {
+        if self.sums[w].changed {
+            self.sums[w].normal
+        } else {
+            normal::decode(self.source.normals[w]).map(|x| x as f32)
+        }
+    }
+
+    /// Add what one vertex stands for to another.
+    pub(super) fn merge(&mut self, from: u32, to: u32) {
+        let (from, to) = (from as usize, to as usize);
+        let (added, mut normal) = (self.normal_sum(from), self.normal_sum(to));
+        let Sum { color, weight, .. } = self.sums[from];
+        let own = self.sums[to].weight;
+        for channel in &mut self.scalars {
+            // Sums, like the colours; an unchanged wedge holds its value with weight 1. A value that is not there (NaN)
+            // takes no part: the mean stays that of the others.
+            let (f, t) = (channel[from], channel[to]);
+            channel[to] = match (f.is_nan(), t.is_nan()) {
+                (true, false) => t * ((own + weight) / own),
+                (false, true) => f * ((own + weight) / weight),
+                _ => f + t,
+            };
+        }
+        let sum = &mut self.sums[to];
+        sum.weight += weight;
+        sum.changed = true;
+        for i in 0..3 {
+            sum.color[i] += color[i];
+            normal[i] += added[i];
+        }
+        sum.normal = normal;
+    }
+
+    /// Append the attributes of a vertex to a mesh.
+    pub(super) fn emit(&self, w: usize, precision: Precision, out: &mut Mesh) {
+        let sum = &self.sums[w];
+        if let Some(c) = self.source.colors.get(w) {
+            let mean = sum.color.map(|x| srgb(x / sum.weight));
+            // Equal colours stay equal.
+            out.colors.push(if !sum.changed || mean == *c { *c } else { precision.coarse().color(mean) });
+        }
+        out.normals.push(if sum.changed {
+            precision.coarse().normal_within(normal::encode(sum.normal.map(f64::from)), precision)
+        } else {
+            self.source.normals[w]
+        });
+        for (to, from) in out.scalars.iter_mut().zip(&self.scalars) {
+            to.push(if sum.changed { from[w] / sum.weight } else { from[w] });
+        }
+    }
+}

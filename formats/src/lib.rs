@@ -1,0 +1,15 @@
+//! Mesh files, read and written.
+//!
+//! [`read`] delivers the mesh in a file of any format it knows, in blocks, to a [`read::MeshSink`]; [`read::read_mesh`]
+//! keeps a small one in memory as a [`RawMesh`]. What was dropped or repaired is counted in [`Findings`]; why a file was
+//! refused is a [`ReadError`].
+
+mod findings;
+mod mesh;
+pub mod read;
+mod units;
+
+pub use findings::Findings;
+pub use mesh::{RawMesh, UNCOLOURED};
+pub use read::ReadError;
+pub use units::{Units, Up};

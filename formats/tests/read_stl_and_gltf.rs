@@ -1,0 +1,200 @@
+//! Every STL and glTF of `../shared/data`, where that folder is present: read with the number of triangles that the
+//! reference parser finds, or refused with a message that a person understands.
+
+use kilwa_formats::RawMesh;
+use kilwa_formats::read::{ReadError, read_mesh};
+use std::path::{Path, PathBuf};
+
+fn data() -> Option<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+    if folder.join("README.md").is_file() {
+        return Some(folder);
+    }
+    eprintln!("skipped: {} is not there", folder.display());
+    None
+}
+
+fn files(folder: &Path, extension: &str, found: &mut Vec<PathBuf>) {
+    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    entries.sort();
+    for path in entries {
+        if path.is_dir() {
+            files(&path, extension, found);
+        } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension)) {
+            found.push(path);
+        }
+    }
+}
+
+/// Triangles that the reference parser found in a file, as the folder's README says.
+fn reference(folder: &Path, path: &Path) -> Option<usize> {
+    let readme = std::fs::read_to_string(folder.join("README.md")).unwrap();
+    let name = path.strip_prefix(folder).unwrap().to_string_lossy().into_owned();
+    let row = readme.lines().find(|l| l.starts_with(&format!("| {name} |")))?;
+    row.split('|').nth(6)?.trim().parse().ok()
+}
+
+/// What a mesh promises, whatever the file.
+fn check_invariants(mesh: &RawMesh, name: &str) {
+    let n = mesh.positions.len();
+    assert!(mesh.positions.iter().flatten().all(|v| v.is_finite()), "{name}: positions are finite");
+    assert!(mesh.triangles.iter().flatten().all(|&i| (i as usize) < n), "{name}: indices are in range");
+    assert!(mesh.triangles.iter().all(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]), "{name}");
+    assert!(mesh.colors.is_empty() || mesh.colors.len() == n, "{name}: a colour per vertex");
+    assert!(mesh.normals.is_empty() || mesh.normals.len() == n, "{name}: a normal per vertex");
+    assert!(!mesh.triangles.is_empty(), "{name}");
+}
+
+fn report(path: &Path, mesh: &RawMesh) {
+    println!("read    {}: {} triangles", path.display(), mesh.triangles.len());
+    for (kind, n, places) in mesh.findings.iter() {
+        println!("          {n} {kind}: {}", places.join("; "));
+    }
+}
+
+#[test]
+fn every_stl_has_the_triangles_that_the_reference_finds() {
+    let Some(folder) = data() else { return };
+    let mut all = Vec::new();
+    files(&folder, "stl", &mut all);
+    for path in &all {
+        let name = path.display().to_string();
+        let mesh = read_mesh(path, &mut |_, _| {}).unwrap_or_else(|e| panic!("{e}"));
+        report(path, &mesh);
+        check_invariants(&mesh, &name);
+        if let Some(triangles) = reference(&folder, path) {
+            assert_eq!(mesh.triangles.len(), triangles, "{name}");
+        }
+    }
+    assert!(all.len() >= 20, "{}", all.len());
+}
+
+#[test]
+fn every_gltf_is_read_or_refused_with_a_message_for_people() {
+    let Some(folder) = data() else { return };
+    let mut all = Vec::new();
+    files(&folder, "gltf", &mut all);
+    files(&folder, "glb", &mut all);
+    let (mut read, mut refused) = (0, 0);
+    for path in &all {
+        let name = path.strip_prefix(&folder).unwrap().display().to_string();
+        match read_mesh(path, &mut |_, _| {}) {
+            Ok(mesh) => {
+                read += 1;
+                report(Path::new(&name), &mesh);
+                check_invariants(&mesh, &name);
+            }
+            Err(e) => {
+                refused += 1;
+                println!("refused {e}");
+                let text = e.to_string();
+                assert!(text.contains(path.file_name().unwrap().to_str().unwrap()), "names the file: {text}");
+                match e {
+                    ReadError::Part { part, expected, .. } => {
+                        assert!(!part.is_empty() && !expected.is_empty(), "names the part: {text}");
+                    }
+                    ReadError::Malformed { .. } => assert!(text.contains(", byte "), "names the place: {text}"),
+                    ReadError::Needs { .. } | ReadError::Format { .. } => {
+                        assert!(text.contains("xport") || text.contains("Give"), "says what to do: {text}");
+                    }
+                    ReadError::NoTriangles { .. } => {}
+                    other => panic!("{name}: {other}"),
+                }
+            }
+        }
+    }
+    println!("{read} read, {refused} refused");
+    assert!(read >= 85 && read + refused >= 300, "{read} {refused}");
+}
+
+/// A mesh and its Draco form, made by the same program, have the same triangles within the quantisation.
+#[test]
+fn a_draco_file_has_the_surface_of_its_plain_form() {
+    let Some(folder) = data() else { return };
+    let read = |name: &str| read_mesh(&folder.join("IIIF+3d/assets/whale").join(name), &mut |_, _| {}).unwrap();
+    let (plain, packed) = (read("whale_cranium.glb"), read("whale_cranium_draco.glb"));
+    assert_eq!((plain.triangles.len(), plain.positions.len()), (packed.triangles.len(), packed.positions.len()));
+    let area = |mesh: &RawMesh| -> f64 {
+        let corner = |v: u32| mesh.positions[v as usize];
+        let areas = mesh.triangles.iter().map(|t| {
+            let [a, b, c] = t.map(corner);
+            let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
+            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            n.iter().map(|x| x * x).sum::<f64>().sqrt() / 2.0
+        });
+        areas.sum()
+    };
+    let (a, b) = (area(&plain), area(&packed));
+    assert!((a / b - 1.0).abs() < 0.01, "{a} {b}");
+}
+
+/// What is said of each damaged file of `tests/malformed`: of a refused one in the message, of a repaired one in the
+/// findings (empty: it needs no repair, though it looks as if).
+const MALFORMED: &[(&str, &str)] = &[
+    ("accessor_beyond_view.gltf", "accessors[0]: found 5 elements"),
+    ("accessor_count_2_64.gltf", "accessors[0]"),
+    ("accessor_of_4_billion.gltf", "4000000000 elements without a buffer view"),
+    ("base64_damaged.gltf", "buffers[0]: found a data URI that is no base64"),
+    ("buffer_missing.gltf", "not here.bin"),
+    ("buffer_on_the_web.gltf", "download it"),
+    ("chunk_too_large.glb", "found a chunk of 972 bytes"),
+    ("comma.stl", "line 5: found \"1,5\""),
+    ("cut_in_a_number.stl", "found the end of the file"),
+    ("cut_in_binary.glb", "the file is cut"),
+    ("draco_of_noise.gltf", "meshes[0].primitives[0]: found a Draco stream in bufferViews[0]"),
+    ("gltf_1_0.gltf", "is glTF 1.0"),
+    ("index_out_of_range.gltf", "accessors[1]"),
+    ("meshopt_of_noise.gltf", "bufferViews[0]"),
+    ("negative_mesh.gltf", "nodes[0].mesh"),
+    ("no_binary_chunk.glb", "buffers[0]: found neither a uri nor a binary chunk"),
+    ("no_corners.stl", "has no triangles"),
+    ("no_facets.stl", "its header counts no facets"),
+    ("node_circle.gltf", "nodes[0]: found that it is reached twice"),
+    ("only_lines.gltf", "its meshes are points, lines or empty"),
+    ("other_word.stl", "line 7: found \"endlop\""),
+    ("repaired_bytes_behind.glb", "bytes behind the end"),
+    ("repaired_colours.stl", "triangles whose colour was given to their vertices"),
+    ("repaired_count_too_large.stl", "facets that the header counts and the file does not have"),
+    ("repaired_count_zero.stl", "headers that count no facets"),
+    ("repaired_cut_in_a_facet.stl", "facets that the header counts and the file does not have"),
+    ("repaired_index_left_over.gltf", "last indices make no triangle"),
+    ("repaired_mirrored.gltf", ""),
+    ("repaired_nan_corner.stl", "a corner has no finite position"),
+    ("repaired_no_default_scene.gltf", ""),
+    ("repaired_no_endfacet.stl", "facets without endfacet"),
+    ("repaired_no_scene.gltf", "because there is no scene"),
+    ("repaired_points_too.gltf", "points or lines left out"),
+    ("repaired_quad_facet.stl", "cut as fans"),
+    ("repaired_solid_binary.stl", ""),
+    ("repaired_trailing_bytes.stl", "bytes after the last facet"),
+    ("repaired_two_solids.stl", ""),
+    ("sparse_beyond.gltf", "accessors[0].sparse"),
+    ("stride_zero.gltf", "every 0 bytes"),
+    ("unknown_extension.gltf", "ACME_secret"),
+    ("view_beyond_buffer.gltf", "bufferViews[0]: found 4800 bytes"),
+];
+
+#[test]
+fn every_malformed_stl_and_gltf_is_refused_or_repaired_as_the_table_says() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/malformed");
+    let mut all = Vec::new();
+    for extension in ["stl", "gltf", "glb"] {
+        files(&folder, extension, &mut all);
+    }
+    assert_eq!(all.len(), MALFORMED.len(), "the table names every file");
+    for (name, words) in MALFORMED {
+        match read_mesh(&folder.join(name), &mut |_, _| {}) {
+            Ok(mesh) => {
+                assert!(name.starts_with("repaired_"), "{name} was read");
+                check_invariants(&mesh, name);
+                let said: Vec<&str> = mesh.findings.iter().map(|(kind, _, _)| kind).collect();
+                assert!(said.iter().any(|s| s.contains(words)) || words.is_empty(), "{name}: {words:?} in {said:?}");
+            }
+            Err(e) => {
+                let said = e.to_string();
+                assert!(!name.starts_with("repaired_") && said.contains(words), "{name}: expected {words:?} in {said}");
+                assert!(said.contains(name), "names the file: {said}");
+            }
+        }
+    }
+}

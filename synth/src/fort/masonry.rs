@@ -1,0 +1,96 @@
+//! Weathered masonry: the relief of coral rag in lime mortar, and what its surface is at a place.
+//!
+//! The stones are cells in space, not on a wall: courses by height, and in each course jittered cells in plan. So every
+//! face, corner and tower shows them without any unwrapping, and they run through the wall as real stones do.
+
+use super::Vec3;
+use super::plan::{GATE_X, HALF_X, HALF_Y};
+use crate::noise::{cell, derive, fractal3, hash3, lerp, noise3, smooth, unit};
+
+/// The relief never stands out further than this, in metres.
+pub(super) const MOST_OUT: f64 = 0.12;
+/// The relief never goes in deeper than this, in metres.
+pub(super) const MOST_IN: f64 = 0.34;
+
+/// The surface of masonry at a place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Face {
+    /// How far it stands out of the plan's surface, in metres.
+    pub(super) relief: f64,
+    /// Identity of the stone.
+    pub(super) stone: u64,
+    /// 1 in the middle of a mortar joint, 0 on the stone.
+    pub(super) joint: f64,
+    /// 1 where plaster holds, 0 where stone shows.
+    pub(super) plaster: f64,
+    /// How worn: 0 sound, 1 eaten away.
+    pub(super) worn: f64,
+    /// Whether this stone has fallen out.
+    pub(super) missing: bool,
+}
+
+const COURSE: f64 = 0.31;
+const LENGTH: f64 = 0.5;
+
+/// The masonry at a place of the fort's frame, as far as a sampling `step` metres apart can show it: edges are no
+/// sharper than the step, and the finest relief comes in only where it is sampled.
+pub(super) fn face(seed: u64, p: Vec3, step: f64) -> Face {
+    let decay = fractal3(derive(seed, 0x71), [p[0], p[1], p[2] * 1.3], 3.1, 3, 0.55);
+    // Salt eats the foot of the wall, rain its head.
+    let worn = smooth(0.05, 0.85, decay + 0.35 * smooth(0.9, 0.0, p[2]) + 0.12 * smooth(4.0, 6.5, p[2]));
+    let coat = fractal3(derive(seed, 0x72), p, 2.3, 3, 0.6) - 0.8 * worn + kept_plaster(p);
+    let plaster = smooth(0.08, 0.16 + step, coat);
+    let grain = smooth(0.16, 0.06, step) * fractal3(derive(seed, 0x73), p, 0.24, grain_octaves(step), 0.6);
+    let (stone, gap) = stone(seed, p);
+    let soft = lerp(0.018, 0.05, worn).max(0.75 * step);
+    let joint = 1.0 - smooth(0.3 * soft, soft, gap);
+    let pillow = smooth(0.0, 0.13_f64.max(1.2 * step), gap);
+    let lot = unit(stone, 0);
+    let missing = plaster < 0.5 && lot < 0.012 + 0.10 * worn;
+    let bare = lerp(-0.016, 0.016 + 0.045 * (unit(stone, 1) - 0.5), pillow) - 0.022 * joint - 0.06 * worn
+        + grain * lerp(0.010, 0.026, worn);
+    let fallen = if missing { -(0.10 + 0.09 * unit(stone, 2)) * smooth(0.0, (0.9 * step).max(0.05), gap) } else { 0.0 };
+    let coated = 0.034 + 0.004 * grain + 0.012 * decay;
+    let relief = lerp(bare + fallen, coated, plaster).clamp(-MOST_IN, MOST_OUT);
+    Face { relief, stone, joint, plaster, worn, missing }
+}
+
+/// How much better than elsewhere plaster has kept: well in the rooms and round the gate, badly on the weather sides.
+fn kept_plaster(p: Vec3) -> f64 {
+    let inside = smooth(0.3, -0.4, (p[0].abs() - HALF_X + 0.9).max(p[1].abs() - HALF_Y + 0.9));
+    let gate = smooth(2.7, 1.7, (p[0] - GATE_X).abs()) * smooth(-HALF_Y + 1.5, -HALF_Y, p[1]) * smooth(5.4, 4.6, p[2]);
+    -0.16 + 0.3 * inside * smooth(4.6, 3.6, p[2]) + 0.62 * gate * smooth(0.3, 1.2, p[2])
+}
+
+/// Octaves of the finest relief that a sampling can show.
+pub(super) fn grain_octaves(step: f64) -> u32 {
+    [0.04, 0.02, 0.01, 0.005].iter().fold(2, |n, limit| n + u32::from(step < *limit))
+}
+
+/// The stone at a place, and the distance to its nearest neighbour's.
+fn stone(seed: u64, p: Vec3) -> (u64, f64) {
+    let salt = derive(seed, 0x74);
+    let sway = 0.1 * noise3(derive(seed, 0x75), [p[0] * 0.7, p[1] * 0.7, p[2] * 0.9]);
+    let (course, v) = cell(p[2] + sway, COURSE);
+    let (ix, x) = cell(p[0] + 0.37 * course as f64, LENGTH);
+    let (iy, y) = cell(p[1] + 0.61 * course as f64, LENGTH);
+    let mut nearest = [(f64::MAX, 0.0, 0.0, 0_u64); 2];
+    for dx in -1..=1_i64 {
+        for dy in -1..=1_i64 {
+            let h = hash3(salt, ix + dx, iy + dy, course);
+            let (u, w) = (dx as f64 + 0.06 + 0.88 * unit(h, 0) - x, dy as f64 + 0.06 + 0.88 * unit(h, 1) - y);
+            let d = u * u + w * w;
+            if d < nearest[0].0 {
+                nearest[1] = nearest[0];
+                nearest[0] = (d, u, w, h);
+            } else if d < nearest[1].0 {
+                nearest[1] = (d, u, w, h);
+            }
+        }
+    }
+    let [a, b] = nearest;
+    let apart = ((a.1 - b.1) * (a.1 - b.1) + (a.2 - b.2) * (a.2 - b.2)).sqrt().max(1e-6);
+    let across = (b.0 - a.0) / (2.0 * apart) * LENGTH;
+    let bed = v.min(1.0 - v) * COURSE;
+    (a.3.rotate_left(17) ^ 0x5bd1, across.min(bed))
+}
