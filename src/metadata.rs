@@ -3,8 +3,8 @@
 use crate::new_file::NewFile;
 use crate::source::open_pack;
 use anyhow::{Context, bail};
-use kilwa_server::object::metadata::template::{self, Known};
-use kilwa_server::object::rights::{self, Rights};
+use kilwa_archive::metadata::template::{self, Known};
+use kilwa_archive::rights::{self, Rights};
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::PathBuf;
 
@@ -113,7 +113,7 @@ fn ask(known: &mut Known, input: &mut impl BufRead, out: &mut impl Write) -> any
     };
     question("Country (two letters)", &mut known.country, country, input, out)?;
     let date = |text: &str| {
-        let right = kilwa_server::object::date::is_date_or_span(text);
+        let right = kilwa_archive::date::is_date_or_span(text);
         if right { Ok(text.to_owned()) } else { Err("for example 2009, 2009-07 or 2009-07/2009-08".to_owned()) }
     };
     question("Captured (2009-07, or a span 2009-07/2009-08)", &mut known.captured, date, input, out)?;
@@ -224,8 +224,8 @@ fn question(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kilwa_server::object::Metadata;
-    use kilwa_server::object::metadata::AgentKind;
+    use kilwa_archive::Metadata;
+    use kilwa_archive::metadata::AgentKind;
 
     #[test]
     fn answers_fill_the_file_and_wrong_ones_are_asked_again() {

@@ -3,7 +3,7 @@
 use anyhow::Context;
 use kilwa_files::plain_file;
 use kilwa_pack::Reader;
-pub(crate) use kilwa_server::object::source::FileSource;
+pub(crate) use kilwa_archive::source::FileSource;
 use std::path::Path;
 
 /// All of a plain file that a person named, of at most `max` bytes.

@@ -15,8 +15,8 @@ mod web;
 use crate::source::FileSource;
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
-use kilwa_server::object::layout::{MANIFEST, PAGE, is_object};
-use kilwa_server::object::sound;
+use kilwa_archive::layout::{MANIFEST, PAGE, is_object};
+use kilwa_archive::sound;
 use object::Check;
 use place::{Folder, Place};
 use progress::Progress;
@@ -268,7 +268,7 @@ fn at_address(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
 fn expect(place: &dyn Place, item: &Item, progress: &Progress) {
     let of_manifest = || {
         let manifest = place.below(&item.path).read(MANIFEST, LIST_MAX).ok()??;
-        let manifest = kilwa_server::object::Manifest::parse(&manifest).ok()?;
+        let manifest = kilwa_archive::Manifest::parse(&manifest).ok()?;
         Some(manifest.versions.iter().map(|v| v.pack.bytes).sum())
     };
     let bytes = if let What::Pack = item.what {

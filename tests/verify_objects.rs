@@ -3,15 +3,15 @@
 
 use crate::support::{built_once, fails, kilwa, succeeds, text};
 use kilwa_pack::{Reader, SliceSource};
-use kilwa_server::object::Metadata;
-use kilwa_server::object::checksums::sha256;
-use kilwa_server::object::draft::Draft;
-use kilwa_server::object::layout::{self, Slug, pack_name, version_folder};
-use kilwa_server::object::lock::Lock;
-use kilwa_server::object::manifest::{Access, AccessState, FORM, Figures, Manifest, PackEntry, RightsEntry, Version};
-use kilwa_server::object::page::{Surroundings, landing};
-use kilwa_server::object::record::{Publication, records, ro_crate};
-use kilwa_server::object::rights::Rights;
+use kilwa_archive::Metadata;
+use kilwa_archive::checksums::sha256;
+use kilwa_archive::draft::Draft;
+use kilwa_archive::layout::{self, Slug, pack_name, version_folder};
+use kilwa_archive::lock::Lock;
+use kilwa_archive::manifest::{Access, AccessState, FORM, Figures, Manifest, PackEntry, RightsEntry, Version};
+use kilwa_archive::page::{Surroundings, landing};
+use kilwa_archive::record::{Publication, records, ro_crate};
+use kilwa_archive::rights::Rights;
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::{Read, Write};
@@ -233,7 +233,7 @@ fn records_that_do_not_agree_and_links_that_lead_nowhere_are_named() {
             fs::copy(path, target).unwrap();
         }
         change(&to);
-        let mut list = kilwa_server::object::Checksums::default();
+        let mut list = kilwa_archive::Checksums::default();
         for path in files(&to.join("v1")).iter().filter(|p| !p.ends_with("checksums.sha256")) {
             list.add(text(path.strip_prefix(to.join("v1")).unwrap()), sha256(&fs::read(path).unwrap()));
         }
@@ -315,7 +315,7 @@ fn a_folder_is_checked_unit_by_unit_and_a_night_goes_on_where_it_was_stopped() {
 fn a_bag_is_checked_by_its_lists_and_by_its_object() {
     let shelf = tempfile::tempdir().unwrap();
     publish(shelf.path(), "fort", 1);
-    let info = kilwa_server::object::bag::BagInfo {
+    let info = kilwa_archive::bag::BagInfo {
         organization: None,
         identifier: "x".to_owned(),
         description: "x".to_owned(),
@@ -323,7 +323,7 @@ fn a_bag_is_checked_by_its_lists_and_by_its_object() {
         tool: "kilwa".to_owned(),
     };
     let lock = Lock::take(shelf.path()).unwrap();
-    let bag = kilwa_server::object::bag::wrap(&lock, &Slug::new("fort").unwrap(), &info, &|_| Ok(())).unwrap();
+    let bag = kilwa_archive::bag::wrap(&lock, &Slug::new("fort").unwrap(), &info, &|_| Ok(())).unwrap();
     assert_eq!(report(&[text(&bag)], 0)["sound"], true);
     for name in ["bag-info.txt", "bagit.txt", "manifest-sha256.txt", "data/manifest.json"] {
         let path = bag.join(name);

@@ -5,12 +5,13 @@
 //! What cannot be read stays in the list with the reason, so that nothing vanishes silently.
 
 use crate::access::{Clock, Verdict, verdict};
-use crate::holding::{Holding, SMALL, Tables};
-use crate::object::Manifest;
-use crate::object::layout::{MANIFEST, RESERVED};
-use crate::object::manifest::{Access, AccessState};
+use crate::holding::{Holding, Tables};
 use crate::store::{self, Identity, Place, S3, Survey, is_away, is_refused, is_silent};
 use axum::http::StatusCode;
+use kilwa_archive::Manifest;
+use kilwa_archive::layout::SMALL_FILE_MAX;
+use kilwa_archive::layout::{MANIFEST, RESERVED};
+use kilwa_archive::manifest::{Access, AccessState};
 use kilwa_files::plain_file;
 use kilwa_pack::header::MAGIC;
 use kilwa_pack::{HEADER_BYTES, Header, Metadata};
@@ -503,7 +504,7 @@ fn object_of(
     let holding = Holding::new(place.clone(), Arc::clone(tables));
     let mut object = Object { holding, title: String::new(), rights: None, access: None, pack: None };
     let (mut bytes, mut summary, mut is_unsure) = (0, Err("it was withdrawn".to_owned()), false);
-    let read = place.join(MANIFEST).read_listed(identity, SMALL);
+    let read = place.join(MANIFEST).read_listed(identity, SMALL_FILE_MAX);
     match read.and_then(|bytes| Manifest::parse(&bytes).map_err(std::io::Error::other)) {
         Err(e) if is_away(&e) => return Err(e),
         Err(e) if is_refused(&e) => {

@@ -6,21 +6,19 @@
 //! there is not published. The list itself must have the hash that the manifest says. Links, hidden and temporary names and anything that is
 //! no plain file are left out. Failures: an object without a readable manifest is an error with a reason; the rest of the folder goes on.
 
-use crate::object::checksums::{sha256, sha256_of};
-use crate::object::layout::{CHECKSUMS, MANIFEST, PAGE, version_of};
-use crate::object::manifest::{AccessState, Version};
-use crate::object::{Checksums, Manifest};
 use crate::objects::NOTES;
 use crate::store::{Content, HELD_MAX, Identity, Place, is_away, is_refused, is_silent, warn_once};
 use axum::body::Bytes;
+use kilwa_archive::checksums::{sha256, sha256_of};
+use kilwa_archive::layout::{CHECKSUMS, MANIFEST, PAGE, version_of};
+use kilwa_archive::manifest::{AccessState, Version};
+use kilwa_archive::{Checksums, Manifest};
 use kilwa_files::plain_file;
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Instant;
 
-/// Files of the root, which are read whole for each request, are at most this long.
-pub(crate) const SMALL: u64 = 16 << 20;
 /// Files up to this length are compared with their checksum when they are first asked for. Only packs may be longer: each of their chunks has a
 /// checksum that every reader checks, and the server compares their length; `kilwa verify` compares all of it.
 const CHECKED: u64 = 64 << 20;
@@ -82,7 +80,7 @@ impl Entry {
 
     /// All of a small file, as it is now.
     pub(crate) fn read(&self) -> io::Result<Bytes> {
-        self.place.read_listed(&self.identity, SMALL)
+        self.place.read_listed(&self.identity, SMALL_FILE_MAX)
     }
 
     pub(crate) fn place(&self) -> &Place {
@@ -209,7 +207,7 @@ impl Holding {
         for (name, identity) in &root {
             let place = self.folder.join(name);
             match identity {
-                Some(identity) if identity.bytes() <= SMALL => {
+                Some(identity) if identity.bytes() <= SMALL_FILE_MAX => {
                     files.insert(name.clone(), Entry::new(place, identity.clone()));
                 }
                 Some(_) => tracing::warn!("{place}: too large for the root of an object, not served"),

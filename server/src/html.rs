@@ -4,9 +4,9 @@
 //! in [`crate::portal`].
 
 use crate::catalogue::{Kind, Model, Summary};
-use crate::object::layout::THUMBNAILS;
-use crate::object::record::xml::escape;
 use crate::portal::language::Language;
+use kilwa_archive::numbers::{length, size_in_space};
+use kilwa_archive::record::xml::escape;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -120,16 +120,6 @@ pub(crate) fn with_extracts(page: String, slug: Option<&str>) -> String {
     }
 }
 
-/// The poster of a version whose folder has this address, on a card of a list: as large as the card and the screen ask for.
-pub(crate) fn poster(folder: &str) -> String {
-    let [(wide, width), (small, small_width)] = THUMBNAILS;
-    format!(
-        "<img class=\"poster\" src=\"{folder}/{small}\" srcset=\"{folder}/{small} {small_width}w, {folder}/{wide} {width}w\" \
-         sizes=\"(max-width: 720px) 100vw, 360px\" alt=\"\" width=\"{width}\" height=\"{}\" loading=\"lazy\">",
-        width * 630 / 1200
-    )
-}
-
 /// What is left of something that was withdrawn and has no tombstone of its own.
 pub(crate) fn gone(title: &str, why: &str) -> String {
     let (title, why) = (escape(title), escape(why));
@@ -178,74 +168,12 @@ pub(crate) fn away(said: &str) -> String {
     )
 }
 
-/// 1234567 as `1 234 567`, with narrow no-break spaces.
-pub(crate) fn grouped(n: u64) -> String {
-    let digits = n.to_string();
-    let mut s = String::new();
-    for (i, c) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            s.push('\u{202f}');
-        }
-        s.push(c);
-    }
-    s
-}
-
-pub(crate) fn size(bytes: u64) -> String {
-    let b = bytes as f64;
-    match bytes {
-        0..1_000 => format!("{bytes} bytes"),
-        1_000..1_000_000 => format!("{:.0} kB", b / 1e3),
-        1_000_000..1_000_000_000 => format!("{:.1} MB", b / 1e6),
-        _ => format!("{:.2} GB", b / 1e9),
-    }
-}
-
-/// Factor, unit and decimals that leave two to four digits of a length.
-fn scale_of(metres: f64) -> (f64, &'static str, usize) {
-    match metres.abs() {
-        m if m < 1e-4 => (1e3, "mm", 3),
-        m if m < 1e-3 => (1e3, "mm", 2),
-        m if m < 0.1 => (1e3, "mm", 1),
-        m if m < 1.0 => (1e2, "cm", 1),
-        m if m < 10.0 => (1.0, "m", 2),
-        m if m < 1e3 => (1.0, "m", 1),
-        _ => (1e-3, "km", 2),
-    }
-}
-
-pub(crate) fn length(v: f64) -> String {
-    if !v.is_finite() {
-        return "unknown".to_owned();
-    }
-    let (factor, unit, digits) = scale_of(v);
-    format!("{:.digits$} {unit}", v * factor)
-}
-
-/// Width, depth and height in one unit.
-pub(crate) fn size_in_space(e: [f64; 3]) -> String {
-    if e.iter().any(|v| !v.is_finite()) {
-        return "unknown".to_owned();
-    }
-    let (factor, unit, digits) = scale_of(e.into_iter().fold(0.0, f64::max));
-    let [x, y, z] = e.map(|v| format!("{:.digits$}", v * factor));
-    format!("{x} × {y} × {z} {unit}")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_written_for_people() {
-        assert_eq!(grouped(1_234_567), "1\u{202f}234\u{202f}567");
-        assert_eq!(grouped(12), "12");
-        assert_eq!(size(999), "999 bytes");
-        assert_eq!(size(5_230_000), "5.2 MB");
-        assert_eq!(length(0.0021), "2.1 mm");
-        assert_eq!(length(0.221), "22.1 cm");
-        assert_eq!(size_in_space([52.43, 51.88, 0.5]), "52.4 × 51.9 × 0.5 m");
-        assert_eq!(size_in_space([2e-4, 1e-4, 3e-5]), "0.20 × 0.10 × 0.03 mm");
+    fn text_of_a_pack_is_no_markup() {
         assert_eq!(escape("<b a=\"1\">&'"), "&lt;b a=&quot;1&quot;&gt;&amp;&#39;");
     }
 }

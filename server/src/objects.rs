@@ -8,7 +8,7 @@
 //! | geometry under an embargo or restricted | 403 with the reason; where people can sign in, 401, and for those let in the file ([`crate::door`]) |
 //! | anything of what was withdrawn | 410, with the landing page as its tombstone |
 
-use crate::access::{Clock, Verdict, is_geometry, verdict};
+use crate::access::{Clock, Verdict, verdict};
 use crate::catalogue::Model;
 use crate::content::{
     ASK_AGAIN, FOR_EVER, Source, answer, condition, insert, offer_pieces, pieces, plain, share, share_ranges, text,
@@ -16,12 +16,7 @@ use crate::content::{
 use crate::door::Door;
 use crate::holding::{Entry, Holding, Table};
 use crate::html;
-use crate::object::Manifest;
-use crate::object::checksums::sha256;
-use crate::object::layout::{MANIFEST, PAGE, PREVIEW, VIEWER};
-use crate::object::manifest::Version;
 use crate::packs::blocking;
-use crate::page::content_type;
 use crate::range::{is_pack, split};
 use crate::recheck::rechecked;
 use crate::site::{Site, accepts};
@@ -31,6 +26,12 @@ use axum::http::header::{
     ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_TYPE, ETAG, VARY, WWW_AUTHENTICATE,
 };
 use axum::http::{HeaderMap, HeaderName, Method, Response, StatusCode};
+use kilwa_archive::Manifest;
+use kilwa_archive::checksums::sha256;
+use kilwa_archive::layout::is_geometry;
+use kilwa_archive::layout::{MANIFEST, PAGE, PREVIEW, VIEWER};
+use kilwa_archive::manifest::Version;
+use kilwa_archive::viewer::content_type;
 use std::fs::File;
 use std::io::{self, Read as _};
 use std::sync::Arc;

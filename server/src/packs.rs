@@ -7,12 +7,12 @@
 use crate::access::Clock;
 use crate::catalogue::{Catalogue, Kind, Model};
 use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, offer_pieces, pieces, plain, share_ranges};
-use crate::holding::SMALL;
 use crate::objects;
 use crate::range::split;
 use crate::store::{Content, Identity};
 use axum::body::Body;
 use axum::http::{HeaderMap, Method, Response, StatusCode};
+use kilwa_archive::layout::SMALL_FILE_MAX;
 use kilwa_files::plain_file;
 use std::sync::Arc;
 
@@ -153,7 +153,7 @@ async fn notes(
     };
     let opened = blocking(move || {
         let file = plain_file::open_direct(&path)?;
-        if file.metadata()?.len() > SMALL {
+        if file.metadata()?.len() > SMALL_FILE_MAX {
             return Err(std::io::Error::other("longer than notes are"));
         }
         objects::hashed(file)

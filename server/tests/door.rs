@@ -4,9 +4,9 @@ use crate::common::{Answer, ask, get, object, pack, page, public};
 use axum::Router;
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
+use kilwa_archive::manifest::{Access, AccessState};
 use kilwa_server::access::{Accounts, AccountsError, Grant, Purpose, Sessions};
 use kilwa_server::door::Door;
-use kilwa_server::object::manifest::{Access, AccessState};
 use kilwa_server::{Catalogue, Clock, Site, app};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -157,7 +157,7 @@ async fn nobody_else_gets_a_byte() {
     assert_eq!(m.post("/nothing/open", &[], "").await.status, StatusCode::NOT_FOUND);
     assert_eq!(m.post("/cave/index.html", &[], "").await.status, StatusCode::METHOD_NOT_ALLOWED);
     let capability = cookie(&m.post("/cave/open", &[("cookie", &session)], "").await).unwrap();
-    let tomb = kilwa_server::object::Manifest::parse(&get(&m.app, "/tomb/manifest.json").await.body).unwrap();
+    let tomb = kilwa_archive::Manifest::parse(&get(&m.app, "/tomb/manifest.json").await.body).unwrap();
     let tomb = format!("/tomb/{}", tomb.versions[0].pack.url);
     assert_eq!(m.fetch(&tomb, &capability).await.status, StatusCode::UNAUTHORIZED, "it is for another pack");
     for text in
@@ -179,7 +179,7 @@ async fn nobody_else_gets_a_byte() {
 #[tokio::test]
 async fn an_embargo_opens_to_everybody_with_its_first_second() {
     let m = Museum::new();
-    let tomb = kilwa_server::object::Manifest::parse(&get(&m.app, "/tomb/manifest.json").await.body).unwrap();
+    let tomb = kilwa_archive::Manifest::parse(&get(&m.app, "/tomb/manifest.json").await.body).unwrap();
     let tomb = format!("/tomb/{}", tomb.versions[0].pack.url);
     let new_year = 1_798_761_600;
     for (now, status) in
@@ -289,7 +289,7 @@ async fn without_accounts_there_is_no_door() {
 #[tokio::test]
 async fn a_clock_that_is_wrong_lets_nobody_in_that_it_should_not_and_the_server_says_so() {
     let m = Museum::new();
-    let tomb = kilwa_server::object::Manifest::parse(&get(&m.app, "/tomb/manifest.json").await.body).unwrap();
+    let tomb = kilwa_archive::Manifest::parse(&get(&m.app, "/tomb/manifest.json").await.body).unwrap();
     let tomb = format!("/tomb/{}", tomb.versions[0].pack.url);
     let session = m.sign_in("amina", "a long sentence").await.expect("signs in");
     let capability = cookie(&m.post("/cave/open", &[("cookie", &session)], "").await).unwrap();

@@ -1,8 +1,8 @@
 //! Archive objects over HTTP: exactly what was published, what is new at once, nothing of what is not public.
 
 use crate::common::{ask, get, noise, object, pack, page, public, site};
-use kilwa_server::object::checksums::sha256;
-use kilwa_server::object::manifest::{Access, AccessState};
+use kilwa_archive::checksums::sha256;
+use kilwa_archive::manifest::{Access, AccessState};
 use kilwa_server::{Catalogue, Clock, Policy, Site, app};
 use std::fs::write;
 use std::sync::Arc;
@@ -173,7 +173,7 @@ async fn no_link_and_no_special_file_is_followed_anywhere() {
     pipe(&root.join("fort/v1/metadata/dc.xml"));
 
     let app = site(root);
-    let pack_of = |m: &kilwa_server::object::Manifest| m.versions[0].pack.url.clone();
+    let pack_of = |m: &kilwa_archive::Manifest| m.versions[0].pack.url.clone();
     let addresses = [
         "/packs/linked.kilwa".to_owned(),
         "/packs/passwd.kilwa".to_owned(),

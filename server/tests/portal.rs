@@ -4,8 +4,8 @@ use crate::common::{Answer, ask, get, object, pack, page, public};
 use axum::body::{Body, Bytes};
 use axum::http::{Request, StatusCode};
 use http_body::{Frame, SizeHint};
+use kilwa_archive::manifest::{Access, AccessState, Manifest};
 use kilwa_server::index::{Facet, Index};
-use kilwa_server::object::manifest::{Access, AccessState, Manifest};
 use kilwa_server::{COLLECTIONS_FILE, Catalogue, Clock, Collections, Site, app};
 use std::path::Path;
 use std::pin::Pin;
@@ -90,7 +90,7 @@ async fn answers_vary_by_host_unless_the_address_of_the_site_is_given() {
             assert_eq!(varies.collect::<Vec<_>>().concat(), wanted, "{address}");
         }
         let pack = get(&app, "/fort/manifest.json").await;
-        let manifest = kilwa_server::object::Manifest::parse(&pack.body).unwrap();
+        let manifest = kilwa_archive::Manifest::parse(&pack.body).unwrap();
         let pack = get(&app, &format!("/fort/{}", manifest.versions[0].pack.url)).await;
         assert_eq!(pack.header("vary"), "", "the bytes of a pack are the same everywhere");
     }
@@ -500,8 +500,8 @@ async fn records_that_are_long_make_pages_of_the_harvest_short() {
         let list = dir.path().join(&slug).join("v1/checksums.sha256");
         let text = std::fs::read_to_string(&list).unwrap();
         let lines: Vec<&str> = text.split_inclusive('\n').filter(|l| !l.trim_end().ends_with("dc.xml")).collect();
-        let mut sums = kilwa_server::object::Checksums::parse(&lines.concat()).unwrap();
-        sums.add("metadata/dc.xml", kilwa_server::object::checksums::sha256(record.as_bytes()));
+        let mut sums = kilwa_archive::Checksums::parse(&lines.concat()).unwrap();
+        sums.add("metadata/dc.xml", kilwa_archive::checksums::sha256(record.as_bytes()));
         std::fs::write(dir.path().join(&slug).join("v1/metadata/dc.xml"), record).unwrap();
         std::fs::write(&list, sums.to_text()).unwrap();
         published_again(dir.path(), &slug, &sums.to_text());
@@ -528,7 +528,7 @@ fn published_again(folder: &Path, slug: &str, list: &str) {
     let file = folder.join(slug).join("manifest.json");
     let mut manifest = Manifest::parse(&std::fs::read(&file).unwrap()).unwrap();
     let checksums = &mut manifest.versions[0].checksums;
-    (checksums.bytes, checksums.sha256) = (list.len() as u64, kilwa_server::object::checksums::sha256(list.as_bytes()));
+    (checksums.bytes, checksums.sha256) = (list.len() as u64, kilwa_archive::checksums::sha256(list.as_bytes()));
     std::fs::write(file, manifest.to_bytes().unwrap()).unwrap();
 }
 

@@ -7,7 +7,7 @@ use crate::source::read_named;
 use anyhow::Context;
 use kilwa_measure::job::pack_name;
 use kilwa_measure::{Document, Leaves, Measurement, Outcome};
-use kilwa_server::object::lock::{Lock, PATIENCE};
+use kilwa_archive::lock::{Lock, PATIENCE};
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! `kilwa publish`: a pack and its metadata become an archive object.
 //!
 //! `plan` reads and checks everything and changes nothing; `pictures` draws; `write` puts the object on disk through
-//! `kilwa_server::object::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `notes` puts notes on the model into it; `withdraw` leaves a tombstone.
+//! `kilwa_archive::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `notes` puts notes on the model into it; `withdraw` leaves a tombstone.
 
 mod mapping;
 mod notes;
@@ -14,7 +14,7 @@ mod withdraw;
 mod write;
 
 use anyhow::{Context, ensure};
-use kilwa_server::object::date::{day_of, is_day};
+use kilwa_archive::date::{day_of, is_day};
 pub(crate) use plan::read_metadata;
 use serde::Serialize;
 use std::io::Write as _;
@@ -129,7 +129,7 @@ struct Report {
     owner_only: bool,
     files: usize,
     bytes: u64,
-    pack: kilwa_server::object::PackEntry,
+    pack: kilwa_archive::PackEntry,
     /// How many notes it has.
     notes: usize,
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -9,9 +9,9 @@ use super::plan::{Given, Plan};
 use crate::redact::{Place, TakenOut};
 use anyhow::{Context, bail, ensure};
 use kilwa_files::plain_file;
-use kilwa_server::object::layout::{ANNOTATIONS, pack_name};
-use kilwa_server::object::notes::{NOTES_MAX, same_pack};
-use kilwa_server::object::{Manifest, Notes, Version};
+use kilwa_archive::layout::{ANNOTATIONS, pack_name};
+use kilwa_archive::notes::{NOTES_MAX, same_pack};
+use kilwa_archive::{Manifest, Notes, Version};
 use std::io::Read as _;
 use std::path::Path;
 

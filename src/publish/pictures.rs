@@ -6,7 +6,7 @@ use anyhow::Context;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::{FilterType, resize};
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
-use kilwa_server::object::layout::{DRAWINGS, POSTER, THUMBNAILS};
+use kilwa_archive::layout::{DRAWINGS, POSTER, THUMBNAILS};
 use kilwa_stream::Budgets;
 use kilwa_viewer::shell::native::Session;
 use kilwa_viewer::{Bounds, Camera, Display, Gpu, Prefer, StandardView};

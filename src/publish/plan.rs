@@ -6,13 +6,13 @@ use crate::source::{open_pack, read_named};
 use anyhow::{Context, bail, ensure};
 use kilwa_builder::build::machine;
 use kilwa_server::Page;
-use kilwa_server::object::assemble::{Facts, Following, agree, existing, further, has_metadata};
-use kilwa_server::object::location::Location;
-use kilwa_server::object::metadata::plain_accuracy;
-use kilwa_server::object::metadata::plausible;
-use kilwa_server::object::record::europeana_lacks;
-use kilwa_server::object::rights::Rights;
-use kilwa_server::object::{Manifest, Metadata, Notes, Slug};
+use kilwa_archive::assemble::{Facts, Following, agree, existing, further, has_metadata};
+use kilwa_archive::location::Location;
+use kilwa_archive::metadata::plain_accuracy;
+use kilwa_archive::metadata::plausible;
+use kilwa_archive::record::europeana_lacks;
+use kilwa_archive::rights::Rights;
+use kilwa_archive::{Manifest, Metadata, Notes, Slug};
 use std::path::{Path, PathBuf};
 
 /// Largest metadata file that is read, bytes; its reader names the limit.
@@ -176,7 +176,7 @@ impl Plan {
         plan.published_elsewhere = plan.same_model_in(&args.to);
         plan.check_disk(&args.to)?;
         if args.site {
-            kilwa_server::object::site::check(&args.to)?;
+            kilwa_archive::site::check(&args.to)?;
         }
         Ok(plan)
     }
@@ -186,7 +186,7 @@ impl Plan {
     fn same_model_in(&self, shelf: &Path) -> Option<String> {
         self.given.place?;
         let pack = &self.given.of_pack;
-        let is_same = |v: &kilwa_server::object::Version| {
+        let is_same = |v: &kilwa_archive::Version| {
             let f = &v.figures;
             let counts = (f.triangles, f.vertices, f.spacing) == (pack.triangles, pack.vertices, pack.median_edge);
             !v.location_redacted && (v.pack.identity == self.given.identity || counts)
@@ -244,7 +244,7 @@ impl Plan {
     /// What is hardly meant.
     pub(super) fn warnings(&self) -> Vec<String> {
         let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
-        let today = kilwa_server::object::date::day_of(now.as_secs());
+        let today = kilwa_archive::date::day_of(now.as_secs());
         let mut all = plausible::warnings(&self.facts.metadata, &self.given.of_pack, &today);
         all.extend(notes::warnings(self));
         all.extend(self.published_elsewhere.iter().cloned());
@@ -382,7 +382,7 @@ fn check_cell(place: Place, pack: &kilwa_pack::Metadata) -> anyhow::Result<()> {
 /// A folder inside of an object, where no object can be.
 fn is_in_object(folder: &Path) -> bool {
     let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-    absolute.ancestors().any(kilwa_server::object::layout::is_object)
+    absolute.ancestors().any(kilwa_archive::layout::is_object)
 }
 
 /// Day of publication: asked for, in the metadata (first version), SOURCE_DATE_EPOCH, today.
@@ -394,7 +394,7 @@ fn day(args: &Args, metadata: &Metadata, before: Option<&Manifest>) -> anyhow::R
     };
     // A day to come would stand in citations, and keep every later version waiting for it.
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
-    let today = kilwa_server::object::date::day_of(now.as_secs());
+    let today = kilwa_archive::date::day_of(now.as_secs());
     ensure!(
         day <= today || args.date.is_some(),
         "published: {day} is in the future (today is {today}, UTC); correct it in the metadata. An embargo is said with [access]"

@@ -5,9 +5,9 @@
 use super::super::withdraw;
 use super::*;
 use clap::Parser as _;
-use kilwa_server::object::checksums::Checksums;
-use kilwa_server::object::layout::{MANIFEST, PAGE, POSTER, THUMBNAILS};
-use kilwa_server::object::{AccessState, Version};
+use kilwa_archive::checksums::Checksums;
+use kilwa_archive::layout::{MANIFEST, PAGE, POSTER, THUMBNAILS};
+use kilwa_archive::{AccessState, Version};
 use std::path::PathBuf;
 
 #[path = "../../tests/support/serving.rs"]

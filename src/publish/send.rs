@@ -6,7 +6,7 @@
 //!
 //! Stands by itself (with `distrust`), so that tests can drive it without a command line.
 
-use kilwa_server::object::checksums::sha256_of;
+use kilwa_archive::checksums::sha256_of;
 use kilwa_server::upload::wire::{FileSaid, Intent, Lacking, State, Status};
 use std::cell::Cell;
 use std::fs::File;

@@ -3,11 +3,11 @@
 use super::Args;
 use super::write::{spinner, waits};
 use anyhow::{Context, anyhow, bail};
-use kilwa_server::object::Slug;
-use kilwa_server::object::keep::{Folders, check_outside};
-use kilwa_server::object::location::Location;
-use kilwa_server::object::site;
-use kilwa_server::object::withdraw::{Outlook, Withdrawal, Withdrawn, outlook, withdraw};
+use kilwa_archive::Slug;
+use kilwa_archive::keep::{Folders, check_outside};
+use kilwa_archive::location::Location;
+use kilwa_archive::site;
+use kilwa_archive::withdraw::{Outlook, Withdrawal, Withdrawn, outlook, withdraw};
 use std::io::Write as _;
 use std::path::Path;
 

@@ -9,17 +9,17 @@ use super::place::{Bytes, Place};
 use super::progress::Progress;
 use super::report::{Kind, Report};
 use super::state::{State, Unit, now};
-use kilwa_server::object::checksums::{Checksums, sha256};
-use kilwa_server::object::draft::HIDDEN;
-use kilwa_server::object::layout::{
+use kilwa_archive::checksums::{Checksums, sha256};
+use kilwa_archive::draft::HIDDEN;
+use kilwa_archive::layout::{
     ANNOTATIONS, CHECKSUMS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, LICENCE, LINKSET, MANIFEST, METADATA,
     PAGE, PARADATA, POSTER, README, version_of,
 };
-use kilwa_server::object::manifest::{FileEntry, MANIFEST_MAX, Seal, seal_of};
-use kilwa_server::object::next::NEXT;
-use kilwa_server::object::notes::NOTES_MAX;
-use kilwa_server::object::sound;
-use kilwa_server::object::{AccessState, Manifest, Metadata, Notes, Version};
+use kilwa_archive::manifest::{FileEntry, MANIFEST_MAX, Seal, seal_of};
+use kilwa_archive::next::NEXT;
+use kilwa_archive::notes::NOTES_MAX;
+use kilwa_archive::sound;
+use kilwa_archive::{AccessState, Manifest, Metadata, Notes, Version};
 use std::collections::BTreeSet;
 
 /// Longest list of checksums, landing page or record that is read into memory.

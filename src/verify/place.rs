@@ -3,7 +3,7 @@
 use crate::source::FileSource;
 use kilwa_files::plain_file;
 use kilwa_pack::Source;
-use kilwa_server::object::draft::HIDDEN;
+use kilwa_archive::draft::HIDDEN;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};

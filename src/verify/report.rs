@@ -1,6 +1,6 @@
 //! What was checked and what is wrong: for people as lines, for programs as JSON.
 
-use kilwa_server::object::sound::Checked;
+use kilwa_archive::sound::Checked;
 use serde::Serialize;
 use std::fmt::Write as _;
 

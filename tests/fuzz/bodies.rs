@@ -14,10 +14,10 @@ use kilwa_pack::reader::SliceSource;
 use kilwa_pack::{
     Attributes, ENTRIES_PER_PAGE, HEADER_BYTES, PAGE_BYTES, Reader, directory::ENTRY_BYTES, parse_head, verify,
 };
-use kilwa_server::object::layout::safe;
-use kilwa_server::object::notes::Body as NoteBody;
-use kilwa_server::object::rights::Rights;
-use kilwa_server::object::{Checksums, Manifest, Metadata, Notes};
+use kilwa_archive::layout::safe;
+use kilwa_archive::notes::Body as NoteBody;
+use kilwa_archive::rights::Rights;
+use kilwa_archive::{Checksums, Manifest, Metadata, Notes};
 use std::fmt::Display;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -344,7 +344,7 @@ pub(crate) fn notes(bytes: &[u8]) -> String {
         assert_eq!(again.to_bytes(pack, identity).expect("is written again"), written);
     }
     let _ = notes.within([0.0; 3], [10.0; 3]);
-    let location = kilwa_server::object::location::Location::of([[1e5; 3], [2e5; 3]], Some("EPSG:32737"), None);
+    let location = kilwa_archive::location::Location::of([[1e5; 3], [2e5; 3]], Some("EPSG:32737"), None);
     let _ = notes.check_words(&location);
     format!(
         "{} notes {} left {} links {} views",

@@ -51,7 +51,7 @@ fn objs() -> Vec<Vec<u8>> {
 
 /// What `kilwa metadata init` writes, all its examples, and files with mistakes.
 fn metadata() -> Vec<Vec<u8>> {
-    use kilwa_server::object::metadata::template::{Known, write};
+    use kilwa_archive::metadata::template::{Known, write};
     let text = |t: &str| Some(t.to_owned());
     let known = Known { title: text("Fort"), rights: text("CC0"), units: text("m"), ..Known::default() };
     let is_example = |l: &str| {

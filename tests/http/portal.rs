@@ -4,7 +4,7 @@ use super::client::Client;
 use super::crowd::{Crowd, Reader};
 use super::process::Server;
 use super::{full, noise, quantile};
-use kilwa_server::object::checksums::sha256;
+use kilwa_archive::checksums::sha256;
 use serde_json::json;
 use std::path::Path;
 use std::time::{Duration, Instant};

@@ -3,7 +3,7 @@
 use super::traces::Traces;
 use super::{Bench, FULL, LEAST, json_of, notes, other_pack, pack, run, tree};
 use crate::support::{built_once, json, text};
-use kilwa_server::object::checksums::sha256;
+use kilwa_archive::checksums::sha256;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 

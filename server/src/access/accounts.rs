@@ -10,8 +10,8 @@
 
 use super::capability::Capabilities;
 use super::secret::{Key, hash_password, is_password, token_hash};
-use crate::object::date::{day_of, is_day};
-use crate::object::layout::Slug;
+use kilwa_archive::date::{day_of, is_day};
+use kilwa_archive::layout::Slug;
 use kilwa_files::plain_file;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File, Metadata};

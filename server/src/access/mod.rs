@@ -19,5 +19,5 @@ pub use attempts::Attempts;
 pub use audit::Audit;
 pub use capability::{Capabilities, Holder, Refusal};
 pub use rule::Clock;
-pub(crate) use rule::{Verdict, is_geometry, verdict};
+pub(crate) use rule::{Verdict, verdict};
 pub use sessions::Sessions;

@@ -9,10 +9,8 @@
 //!
 //! Invariant: whatever is not certainly allowed is refused; a clock that was set back only keeps an embargo longer.
 
-use crate::object::date::day_of;
-use crate::object::layout::ANNOTATIONS;
-use crate::object::manifest::{Access, AccessState};
-use crate::objects::NOTES;
+use kilwa_archive::date::day_of;
+use kilwa_archive::manifest::{Access, AccessState};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -75,19 +73,10 @@ pub(crate) fn verdict(access: &Access, clock: &Clock) -> Verdict {
     }
 }
 
-/// Whether a file has the shape of the model in it: packs, and models in other forms.
-pub(crate) fn is_geometry(name: &str) -> bool {
-    // Notes are places on the model.
-    if name == NOTES || name.rsplit('/').next() == Some(ANNOTATIONS) {
-        return true;
-    }
-    let end = name.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
-    ["kilwa", "glb", "gltf", "bin", "ply", "obj", "stl"].contains(&end.as_str())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use kilwa_archive::layout::is_geometry;
 
     fn access(state: AccessState, until: Option<&str>) -> Access {
         Access {

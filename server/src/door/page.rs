@@ -1,8 +1,8 @@
 //! The form for signing in: plain HTML in the catalogue's languages, works without scripts.
 
 use crate::html::HEAD;
-use crate::object::record::xml::escape;
 use crate::portal::language::Language;
+use kilwa_archive::record::xml::escape;
 use std::fmt::Write as _;
 
 /// What the form says above its fields.

@@ -1,7 +1,7 @@
 //! Where the pack lies that a mesh is taken out of, and how it is read: a file of this computer, or one of a store, of which what is needed is fetched.
 
-use crate::object::source::FileSource;
 use crate::store::{BLOCK, Blocks, Identity, Place, is_silent};
+use kilwa_archive::source::FileSource;
 use kilwa_files::plain_file;
 use kilwa_pack::Source;
 use std::fmt;

@@ -3,8 +3,8 @@
 use super::order::{Detail, Format, Order};
 use super::pace::Wait;
 use super::{Failure, Refusal, SHARE, STARTS};
-use crate::object::record::xml::escape;
 use crate::portal::frame::{FOOT, Reader, head};
+use kilwa_archive::record::xml::escape;
 use std::fmt::Write as _;
 
 /// Seconds until the page that waits looks again.

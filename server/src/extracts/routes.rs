@@ -12,7 +12,6 @@ use crate::door::routes::{capability, from_here};
 use crate::objects;
 use crate::observe::client_of;
 use crate::packs::blocking;
-use crate::page::content_type;
 use crate::portal::frame::Reader;
 use crate::portal::language::Language;
 use crate::portal::{encoded, pairs, routes};
@@ -24,6 +23,7 @@ use axum::http::header::{
 };
 use axum::http::{HeaderMap, Method, StatusCode};
 use axum::response::{IntoResponse as _, Response};
+use kilwa_archive::viewer::content_type;
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,9 +1,9 @@
 //! What the catalogue knows of an object: from its manifest and the metadata of the version that is shown.
 
 use super::search::Facet;
-use crate::object::manifest::{Access, RightsEntry};
-use crate::object::metadata::Place;
-use crate::object::{AccessState, Manifest, Metadata};
+use kilwa_archive::manifest::{Access, RightsEntry};
+use kilwa_archive::metadata::Place;
+use kilwa_archive::{AccessState, Manifest, Metadata};
 use serde::{Deserialize, Serialize};
 
 /// How large a model is.
@@ -89,7 +89,7 @@ pub struct Entry {
 impl Entry {
     /// From an object's manifest and, where it could be read, the metadata of its current version.
     pub(super) fn of(manifest: &Manifest, metadata: Option<Metadata>) -> Self {
-        let day = |v: Option<&crate::object::Version>| v.map(|v| v.published.clone()).unwrap_or_default();
+        let day = |v: Option<&kilwa_archive::Version>| v.map(|v| v.published.clone()).unwrap_or_default();
         let current = manifest.current();
         let (place, object) = metadata.map(|m| (m.place, m.object)).unwrap_or_default();
         let object = object.unwrap_or_default();

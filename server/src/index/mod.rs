@@ -18,13 +18,12 @@ mod schema;
 mod search;
 
 pub use entry::{Entry, SizeClass};
-pub use location::{degrees_of_box, projected};
 pub use refresh::{Changes, Refused};
 pub use search::{Count, Facet, FacetCounts, Found, Located, PER_PAGE_MAX, Query, Sort};
 
-use crate::object::layout::MANIFEST;
 use crate::store::{Place, S3};
 use axum::body::Bytes;
+use kilwa_archive::layout::MANIFEST;
 use readers::Readers;
 use rusqlite::Connection;
 use std::path::{Path, PathBuf};

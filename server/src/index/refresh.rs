@@ -9,11 +9,11 @@
 
 use super::entry::Entry;
 use super::{IndexError, search};
-use crate::object::layout::{MANIFEST, METADATA, Slug};
-use crate::object::manifest::MANIFEST_MAX;
-use crate::object::{Manifest, Metadata};
 use crate::store::{self, Identity, Place, Survey, is_away, is_refused};
 use axum::body::Bytes;
+use kilwa_archive::layout::{MANIFEST, METADATA, Slug};
+use kilwa_archive::manifest::MANIFEST_MAX;
+use kilwa_archive::{Manifest, Metadata};
 use rusqlite::{Connection, OptionalExtension as _, Transaction, params};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;

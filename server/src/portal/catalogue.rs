@@ -7,10 +7,10 @@ use super::encoded;
 use super::frame::{FOOT, Reader, feed_link, head};
 use super::language::Language;
 use super::limit::{QUERY_MAX, TooMuch, VALUES_MAX};
-use crate::html::poster;
 use crate::index::{Entry, Facet, Found, Query, Sort};
-use crate::object::AccessState;
-use crate::object::record::xml::escape;
+use kilwa_archive::AccessState;
+use kilwa_archive::record::xml::escape;
+use kilwa_archive::site::poster;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 

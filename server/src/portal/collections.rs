@@ -19,9 +19,9 @@
 use super::catalogue::{Part, card, pager};
 use super::frame::{FOOT, Reader, feed_link, head};
 use crate::index::Entry;
-use crate::object::layout::Slug;
-use crate::object::record::xml::escape;
 use crate::store::{Identity, Place, is_away, is_silent};
+use kilwa_archive::layout::Slug;
+use kilwa_archive::record::xml::escape;
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;

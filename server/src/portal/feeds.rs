@@ -2,8 +2,8 @@
 
 use super::collections::Collection;
 use crate::index::Entry;
-use crate::object::AccessState;
-use crate::object::record::xml::Xml;
+use kilwa_archive::AccessState;
+use kilwa_archive::record::xml::Xml;
 use std::sync::Arc;
 
 /// Entries of the feed.

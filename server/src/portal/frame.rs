@@ -2,7 +2,7 @@
 
 use super::encoded;
 use super::language::Language;
-use crate::object::record::xml::escape;
+use kilwa_archive::record::xml::escape;
 use std::fmt::Write as _;
 
 /// For whom a page is written.

@@ -66,7 +66,7 @@ impl Language {
             "pt" => '.',
             _ => ',',
         };
-        crate::html::grouped(n).replace('\u{202f}', &between.to_string())
+        kilwa_archive::numbers::grouped(n).replace('\u{202f}', &between.to_string())
     }
 
     /// A length of a file.

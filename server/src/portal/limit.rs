@@ -8,13 +8,13 @@ use super::frame::{FOOT, Reader, head};
 use super::language::Language;
 use crate::content::text;
 use crate::index::{Facet, Query};
-use crate::object::record::xml::escape;
 use crate::site::page;
 use axum::extract::Request;
 use axum::http::header::{ACCEPT_LANGUAGE, VARY};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::middleware::Next;
 use axum::response::Response;
+use kilwa_archive::record::xml::escape;
 use std::fmt::Write as _;
 
 /// Bytes of a query.

@@ -8,7 +8,7 @@ use super::catalogue::{address, chosen, search_form};
 use super::frame::{FOOT, Reader, head};
 use super::land;
 use crate::index::{Located, Query};
-use crate::object::record::xml::escape;
+use kilwa_archive::record::xml::escape;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 

@@ -7,9 +7,9 @@
 use super::collections::Collection;
 use super::pairs;
 use crate::index::Entry;
-use crate::object::AccessState;
-use crate::object::date::is_day;
-use crate::object::record::xml::escape;
+use kilwa_archive::AccessState;
+use kilwa_archive::date::is_day;
+use kilwa_archive::record::xml::escape;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 

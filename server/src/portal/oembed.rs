@@ -4,9 +4,9 @@
 
 use super::{encoded, pairs};
 use crate::index::Entry;
-use crate::object::AccessState;
-use crate::object::layout::POSTER;
-use crate::object::record::xml::{Xml, escape};
+use kilwa_archive::AccessState;
+use kilwa_archive::layout::POSTER;
+use kilwa_archive::record::xml::{Xml, escape};
 use serde_json::{Value, json};
 
 /// Size of the frame where nothing is asked for, CSS pixels.

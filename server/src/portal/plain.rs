@@ -5,7 +5,7 @@ use super::frame::{FOOT, Reader, head};
 use crate::access::{Clock, Verdict};
 use crate::catalogue::Model;
 use crate::html::{extent, facts};
-use crate::object::record::xml::escape;
+use kilwa_archive::record::xml::escape;
 use std::fmt::Write as _;
 use std::sync::Arc;
 

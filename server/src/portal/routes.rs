@@ -14,7 +14,6 @@ use crate::content::{plain, text};
 use crate::flow;
 use crate::gate::Turns;
 use crate::index::{Entry, Index, IndexError, Query, Sort};
-use crate::object::layout::DUBLIN_CORE;
 use crate::packs::blocking;
 use crate::site::{Site, lost, page};
 use axum::Extension;
@@ -23,6 +22,7 @@ use axum::extract::{Path, RawQuery, State};
 use axum::http::header::{ACCEPT_LANGUAGE, ACCESS_CONTROL_ALLOW_ORIGIN, CONTENT_TYPE, RETRY_AFTER, VARY};
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
 use axum::response::{IntoResponse as _, Response};
+use kilwa_archive::layout::DUBLIN_CORE;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 

@@ -1,7 +1,7 @@
 //! `Link` headers of a landing page: FAIR Signposting, level 1, with the object's linkset for the rest (level 2).
 
-use crate::object::layout::{CITATIONS, DATACITE, DUBLIN_CORE, LINKSET};
-use crate::object::{AccessState, Manifest};
+use kilwa_archive::layout::{CITATIONS, DATACITE, DUBLIN_CORE, LINKSET};
+use kilwa_archive::{AccessState, Manifest};
 
 /// The value of `Link`; addresses are absolute. `has` tells which files the current version holds.
 pub(crate) fn links(base: &str, manifest: &Manifest, has: impl Fn(&str) -> bool) -> String {

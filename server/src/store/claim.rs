@@ -8,11 +8,11 @@
 
 use super::s3::is_changed;
 use super::{S3, read_small};
-use crate::holding::SMALL;
-use crate::object::Manifest;
-use crate::object::checksums::{hex, sha256};
-use crate::object::layout::{MANIFEST, METADATA, Slug, version_folder};
 use axum::body::Bytes;
+use kilwa_archive::Manifest;
+use kilwa_archive::checksums::{hex, sha256};
+use kilwa_archive::layout::SMALL_FILE_MAX;
+use kilwa_archive::layout::{MANIFEST, METADATA, Slug, version_folder};
 use object_store::{Attributes, ObjectStoreExt as _, PutMode, UpdateVersion};
 use std::io;
 use std::path::Path;
@@ -36,10 +36,10 @@ pub(super) struct Claim<'a> {
 
 /// What a claim is for, from the object as it lies in a folder: what is published, without the day and the pictures, which another run may make anew.
 pub(super) fn purpose(object: &Path, version: u32) -> io::Result<String> {
-    let manifest = Manifest::parse(&read_small(&object.join(MANIFEST), SMALL)?).map_err(io::Error::other)?;
+    let manifest = Manifest::parse(&read_small(&object.join(MANIFEST), SMALL_FILE_MAX)?).map_err(io::Error::other)?;
     let entry = manifest.versions.iter().find(|v| v.version == version);
     let entry = entry.ok_or_else(|| io::Error::other(format!("the manifest has no version {version}")))?;
-    let metadata = match read_small(&object.join(version_folder(version)).join(METADATA), SMALL) {
+    let metadata = match read_small(&object.join(version_folder(version)).join(METADATA), SMALL_FILE_MAX) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => Vec::new(),
         metadata => metadata?,
     };
@@ -96,7 +96,7 @@ impl<'a> Claim<'a> {
     }
 
     fn is_in_the_store(&self) -> io::Result<bool> {
-        match self.store.read(&self.key, SMALL) {
+        match self.store.read(&self.key, SMALL_FILE_MAX) {
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(false),
             content => Ok(content? == self.content),
         }
@@ -115,7 +115,7 @@ fn taken_over(store: &Arc<S3>, key: &str, purpose: &str) -> io::Result<Option<St
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
         found => found?,
     };
-    let content = match store.read(key, SMALL) {
+    let content = match store.read(key, SMALL_FILE_MAX) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
         content => content?,
     };

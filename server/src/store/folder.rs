@@ -1,7 +1,7 @@
 //! A folder of this computer.
 
 use super::{DEPTH, MOST_FILES};
-use crate::object::layout::MANIFEST;
+use kilwa_archive::layout::MANIFEST;
 use kilwa_files::plain_file;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{DirEntry, FileType, Metadata};

@@ -27,11 +27,11 @@ pub(crate) use refused::{hint, is_refused};
 pub(crate) use s3::{HELD_MAX, is_changed};
 pub(crate) use survey::Survey;
 
-use crate::holding::SMALL;
-use crate::object::checksums::sha256;
-use crate::object::layout::PAGE;
-use crate::object::next::NEXT;
 use axum::body::Bytes;
+use kilwa_archive::checksums::sha256;
+use kilwa_archive::layout::PAGE;
+use kilwa_archive::layout::SMALL_FILE_MAX;
+use kilwa_archive::next::NEXT;
 use kilwa_files::plain_file;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -180,7 +180,7 @@ impl Place {
     /// was published there; in folders, while it is on its way to its place.
     pub(crate) fn kept_page(&self, sum: &str) -> io::Result<Option<Bytes>> {
         match self {
-            Self::Path(path) => match read_small(&path.join(NEXT).join(PAGE), SMALL) {
+            Self::Path(path) => match read_small(&path.join(NEXT).join(PAGE), SMALL_FILE_MAX) {
                 Ok(page) => Ok((sha256(&page) == sum).then(|| page.into())),
                 Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
                 Err(e) => Err(e),

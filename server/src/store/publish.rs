@@ -15,12 +15,12 @@ use super::folder::walk;
 use super::s3::lock;
 use super::{S3, is_refused, read_small};
 use crate::content::{ASK_AGAIN, FOR_EVER};
-use crate::holding::SMALL;
-use crate::object::Manifest;
-use crate::object::checksums::{sha256, sha256_of};
-use crate::object::layout::{MANIFEST, METADATA, PAGE, Slug, version_folder};
-use crate::page::content_type;
 use axum::body::Bytes;
+use kilwa_archive::Manifest;
+use kilwa_archive::checksums::{sha256, sha256_of};
+use kilwa_archive::layout::SMALL_FILE_MAX;
+use kilwa_archive::layout::{MANIFEST, METADATA, PAGE, Slug, version_folder};
+use kilwa_archive::viewer::content_type;
 use object_store::{
     Attribute, AttributeValue, Attributes, Error, GetOptions, MultipartUpload, ObjectMeta, ObjectStore as _,
     ObjectStoreExt as _, PutMode, PutMultipartOptions, PutOptions, PutPayload, UpdateVersion,
@@ -65,14 +65,14 @@ impl S3 {
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Against(None)),
             identity => identity?,
         };
-        let bytes = self.read_listed(&key(MANIFEST), &identity, SMALL)?;
+        let bytes = self.read_listed(&key(MANIFEST), &identity, SMALL_FILE_MAX)?;
         let manifest = Manifest::parse(&bytes).map_err(io::Error::other)?;
         let object = shelf.join(slug.as_str());
         std::fs::create_dir_all(&object)?;
         let mut names = vec![PAGE.to_owned()];
         names.extend(manifest.versions.last().map(|v| format!("{}/{METADATA}", v.folder)));
         for name in names {
-            match self.read(&key(&name), SMALL) {
+            match self.read(&key(&name), SMALL_FILE_MAX) {
                 Ok(bytes) => {
                     let to = object.join(&name);
                     to.parent().map_or(Ok(()), std::fs::create_dir_all)?;
@@ -129,10 +129,10 @@ impl S3 {
         if !tags.iter().all(is_ours) {
             return Err(others());
         }
-        self.keep_page(slug, read_small(&object.join(PAGE), SMALL)?)?;
+        self.keep_page(slug, read_small(&object.join(PAGE), SMALL_FILE_MAX)?)?;
         for name in [PAGE, MANIFEST] {
             told(&format!("{slug}/{name}"));
-            let bytes = read_small(&object.join(name), SMALL)?;
+            let bytes = read_small(&object.join(name), SMALL_FILE_MAX)?;
             // The page is not under the manifest's condition: nothing is replaced once somebody else has published.
             if name == PAGE {
                 self.still(slug, against)?;
@@ -169,7 +169,7 @@ impl S3 {
 
     /// The landing page with this SHA-256 of the object whose folder is `folder`; `None` where it was not kept (published otherwise).
     pub(super) fn kept_page(self: &Arc<Self>, folder: &str, sum: &str) -> io::Result<Option<Bytes>> {
-        match self.read(&format!("{folder}/{}", kept(sum)), SMALL) {
+        match self.read(&format!("{folder}/{}", kept(sum)), SMALL_FILE_MAX) {
             Ok(page) => Ok((sha256(&page) == sum).then(|| page.into())),
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(e) => Err(e),
@@ -178,7 +178,7 @@ impl S3 {
 
     /// The manifest of an object, as it is now.
     pub(crate) fn manifest(self: &Arc<Self>, slug: &Slug) -> io::Result<Vec<u8>> {
-        self.read(&format!("{slug}/{MANIFEST}"), SMALL)
+        self.read(&format!("{slug}/{MANIFEST}"), SMALL_FILE_MAX)
     }
 
     /// List the objects anew when they are next asked for.

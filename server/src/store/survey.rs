@@ -6,8 +6,8 @@
 
 use super::s3::lock;
 use super::{AT_ONCE, Identity, Place, S3};
-use crate::object::layout::{MANIFEST, METADATA, version_of};
 use futures_util::stream::{self, StreamExt as _, TryStreamExt as _};
+use kilwa_archive::layout::{MANIFEST, METADATA, version_of};
 use object_store::path::Path;
 use object_store::{Error, ObjectMeta, ObjectStore as _};
 use std::collections::{BTreeMap, BTreeSet, HashMap};

@@ -5,10 +5,10 @@
 //! `kilwa publish` writes of them: nothing stands in them that was not looked at.
 
 use super::wire::PreviewSaid;
-use crate::object::Notes;
-use crate::object::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
-use crate::object::location::Location;
-use crate::object::notes::NOTES_MAX;
+use kilwa_archive::Notes;
+use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
+use kilwa_archive::location::Location;
+use kilwa_archive::notes::NOTES_MAX;
 use serde_json::Value;
 use std::fs::File;
 use std::io::{self, Read};

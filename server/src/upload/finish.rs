@@ -3,18 +3,18 @@
 use super::staging::Staging;
 use super::wire::{FileSaid, Intent, Meant, State, Status};
 use super::{Refusal, Uploads, files, lock, withheld};
-use crate::object::assemble::{
+use axum::http::StatusCode;
+use kilwa_archive::assemble::{
     Facts, Following, Landing, agree, complete, further, is_published, next_version, write_viewer,
 };
-use crate::object::checksums::sha256_of;
-use crate::object::date::day_of;
-use crate::object::draft::{Draft, DraftError};
-use crate::object::layout::{ANNOTATIONS, PREVIEW};
-use crate::object::lock::{Lock, PATIENCE};
-use crate::object::manifest::Manifest;
-use crate::object::sound;
-use crate::object::source::FileSource;
-use axum::http::StatusCode;
+use kilwa_archive::checksums::sha256_of;
+use kilwa_archive::date::day_of;
+use kilwa_archive::draft::{Draft, DraftError};
+use kilwa_archive::layout::{ANNOTATIONS, PREVIEW};
+use kilwa_archive::lock::{Lock, PATIENCE};
+use kilwa_archive::manifest::Manifest;
+use kilwa_archive::sound;
+use kilwa_archive::source::FileSource;
 use kilwa_pack::Reader;
 use std::collections::BTreeMap;
 use std::fs;

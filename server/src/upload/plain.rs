@@ -4,8 +4,8 @@
 //! pixels that fill its size. A preview has the JSON that is written of its numbers. What somebody paints into the pixels is not seen.
 
 use super::files::glb_json;
-use crate::object::layout::{POSTER, THUMBNAILS};
 use flate2::{Crc, Decompress, FlushDecompress, Status};
+use kilwa_archive::layout::{POSTER, THUMBNAILS};
 use kilwa_pack::Metadata;
 use serde_json::{Value, json};
 

@@ -6,9 +6,9 @@
 
 use super::wire::{FileSaid, Intent, Lacking};
 use super::{BODY_MAX, Refusal, Uploads, lock};
-use crate::object::checksums::{is_sha256, sha256_of};
-use crate::object::date::day_of;
 use axum::http::StatusCode;
+use kilwa_archive::checksums::{is_sha256, sha256_of};
+use kilwa_archive::date::day_of;
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
 use std::fs::{self, File, OpenOptions};
@@ -407,7 +407,7 @@ fn is_at(file: &File, path: &Path) -> bool {
 }
 
 fn record(folder: &Path) -> Option<Record> {
-    let bytes = crate::store::read_small(&folder.join(RECORD), crate::holding::SMALL).ok()?;
+    let bytes = crate::store::read_small(&folder.join(RECORD), kilwa_archive::layout::SMALL_FILE_MAX).ok()?;
     let record: Record = kilwa_pack::json::from_slice(&bytes).ok()?;
     record.intent.files.iter().all(|f| is_sha256(&f.sha256)).then_some(record)
 }

@@ -7,15 +7,15 @@
 
 use super::finish::Job;
 use super::{Refusal, Uploads, lock};
-use crate::object::assemble::existing;
-use crate::object::draft::DraftError;
-use crate::object::layout::{MANIFEST, Slug};
-use crate::object::lock::Lock;
-use crate::object::manifest::Manifest;
-use crate::object::next::{NEXT, settle};
-use crate::object::scratch::{Scratch, sweep};
 use crate::store::{Against, S3, is_away, is_refused};
 use axum::http::StatusCode;
+use kilwa_archive::assemble::existing;
+use kilwa_archive::draft::DraftError;
+use kilwa_archive::layout::{MANIFEST, Slug};
+use kilwa_archive::lock::Lock;
+use kilwa_archive::manifest::Manifest;
+use kilwa_archive::next::{NEXT, settle};
+use kilwa_archive::scratch::{Scratch, sweep};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -201,8 +201,8 @@ fn private(folder: &Path) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::page::Page;
     use crate::upload::UploadLimits;
+    use kilwa_archive::viewer::Page;
 
     #[test]
     fn a_server_that_starts_leaves_the_work_folders_of_another_alone() {

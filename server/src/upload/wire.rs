@@ -1,12 +1,12 @@
 //! What client and server say to each other, as JSON, and what of it can be at all.
 
 use super::{Refusal, UploadLimits};
-use crate::object::checksums::is_sha256;
-use crate::object::date::{day_of, is_day};
-use crate::object::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, Slug, THUMBNAILS, pack_name};
-use crate::object::metadata::Metadata;
-use crate::object::record::Preview;
-use crate::object::rights::Rights;
+use kilwa_archive::checksums::is_sha256;
+use kilwa_archive::date::{day_of, is_day};
+use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, Slug, THUMBNAILS, pack_name};
+use kilwa_archive::metadata::Metadata;
+use kilwa_archive::record::Preview;
+use kilwa_archive::rights::Rights;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 

@@ -6,9 +6,9 @@
 
 use super::wire::Intent;
 use super::{plain, written};
-use crate::object::layout::PREVIEW;
-use crate::object::location::{Location, channels};
-use crate::object::metadata::plain_accuracy;
+use kilwa_archive::layout::PREVIEW;
+use kilwa_archive::location::{Location, channels};
+use kilwa_archive::metadata::plain_accuracy;
 use kilwa_pack::{Metadata, Reader, Source};
 use std::io;
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! Whether a pack that claims to be without its location is what `kilwa publish --redact-location` writes: the same bytes when it is written again
 //! from what was read of it, so that unknown members, reserved bytes and spare digits of numbers hold nothing; and numbers that fit the model.
 
-use crate::object::metadata::plain_accuracy;
+use kilwa_archive::metadata::plain_accuracy;
 use kilwa_pack::{Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, Reader, Source, relocate};
 use std::io::{self, Write};
 

@@ -7,13 +7,13 @@ pub(crate) mod version;
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::http::{HeaderMap, Request, StatusCode};
+use kilwa_archive::checksums::{Checksums, sha256};
+use kilwa_archive::manifest::{
+    Access, AccessState, FORM, Figures, FileEntry, Manifest, PackEntry, RightsEntry, Version,
+};
 use kilwa_geometry::{Aabb, Lattice, Sphere};
 use kilwa_pack::chunk::encode;
 use kilwa_pack::{Attributes, Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, PackWriter, PatchRange};
-use kilwa_server::object::checksums::{Checksums, sha256};
-use kilwa_server::object::manifest::{
-    Access, AccessState, FORM, Figures, FileEntry, Manifest, PackEntry, RightsEntry, Version,
-};
 use kilwa_server::{Catalogue, Page, Site, app};
 use std::path::Path;
 use tower::ServiceExt as _;

@@ -1,8 +1,8 @@
 //! Versions as `kilwa publish` sends them, and what the server says of them.
 
 use super::{Answer, pack_in};
-use kilwa_server::object::Metadata;
-use kilwa_server::object::checksums::sha256;
+use kilwa_archive::Metadata;
+use kilwa_archive::checksums::sha256;
 use kilwa_server::upload::wire::{Drawing, FORM, FileSaid, Intent, PreviewSaid, Status};
 
 /// What an answer says; a refusal without a state counts as refused.

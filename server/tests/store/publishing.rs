@@ -3,9 +3,9 @@
 use super::bucket::Bucket;
 use super::{PATIENCE, SHORT};
 use crate::common::{get, noise, object, page, public};
-use kilwa_server::object::checksums::sha256;
-use kilwa_server::object::layout::Slug;
-use kilwa_server::object::manifest::Manifest;
+use kilwa_archive::checksums::sha256;
+use kilwa_archive::layout::Slug;
+use kilwa_archive::manifest::Manifest;
 use kilwa_server::store::Sent;
 use kilwa_server::{Catalogue, Site, app};
 use std::path::Path;

@@ -9,9 +9,9 @@ use crate::common::{Answer, ask, get, pack_in, page};
 use axum::Router;
 use axum::body::Body;
 use axum::http::{Method, Request, StatusCode};
+use kilwa_archive::{Manifest, Metadata};
 use kilwa_server::access::{Accounts, Grant, Purpose};
 use kilwa_server::door::Door;
-use kilwa_server::object::{Manifest, Metadata};
 use kilwa_server::upload::wire::{Intent, State, Status};
 use kilwa_server::upload::{UploadLimits, Uploads};
 use kilwa_server::{Catalogue, Clock, Site, app};
@@ -522,7 +522,7 @@ async fn what_has_a_name_in_a_version_too_is_not_appended_to() {
 #[tokio::test]
 async fn what_was_sent_is_checked_to_its_last_byte_while_somebody_else_publishes_to_the_folder() {
     let m = Museum::new();
-    let other = kilwa_server::object::lock::Lock::take(&m.models()).unwrap();
+    let other = kilwa_archive::lock::Lock::take(&m.models()).unwrap();
     let mut bytes = fort_pack();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;

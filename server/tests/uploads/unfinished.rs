@@ -3,8 +3,8 @@
 use super::Museum;
 use crate::common::version::{Version, fort_pack};
 use axum::http::{Method, StatusCode};
-use kilwa_server::object::Manifest;
-use kilwa_server::object::checksums::sha256;
+use kilwa_archive::Manifest;
+use kilwa_archive::checksums::sha256;
 use kilwa_server::upload::UploadLimits;
 use kilwa_server::upload::wire::State;
 use std::path::Path;

@@ -1,0 +1,123 @@
+//! A metadata file as lines, for mistakes that a reader of TOML cannot name: what stands below a block that is a comment, quotation marks of
+//! word processors, dates without any.
+
+use super::problem::Problem;
+use crate::date::iso;
+
+/// The blocks of the template, with their fields.
+const BLOCKS: [(&str, &[&str]); 10] = [
+    ("rights", &["uri", "holder", "statement"]),
+    ("model", &["units", "crs"]),
+    ("creators", &["name", "kind", "orcid", "ror", "affiliation", "role"]),
+    ("contributors", &["name", "kind", "orcid", "ror", "affiliation", "role"]),
+    ("place", &["name", "country", "latitude", "longitude", "uri"]),
+    ("object", &["kind", "date", "period", "materials", "identifiers", "uri"]),
+    ("capture", &["date", "method", "instruments", "software", "accuracy", "description"]),
+    ("capture.steps", &["what", "tool", "by", "date"]),
+    ("access", &["state", "until", "reason", "contact"]),
+    ("related", &["relation", "uri", "title"]),
+];
+const FUNDING: (&str, &[&str]) = ("funding", &["funder", "award", "uri"]);
+
+/// Fields whose block is still a comment above them, so that they belong to the block before it.
+pub(super) fn strays(text: &str) -> Vec<Problem> {
+    let (mut all, mut block, mut comment, mut in_text) = (Vec::new(), String::from("the top of the file"), None, false);
+    for (line, written) in (1..).zip(text.lines()) {
+        let was_in_text = in_text;
+        in_text ^= (written.matches("\"\"\"").count() + written.matches("'''").count()) % 2 == 1;
+        let written = written.trim();
+        if was_in_text || written.is_empty() {
+            continue;
+        }
+        if let Some(rest) = written.strip_prefix('#') {
+            if let Some(name) = header(rest.trim()).filter(|name| fields(name).is_some()) {
+                comment = Some((line, name, rest.trim().to_owned()));
+            }
+            continue;
+        }
+        if header(written).is_some() {
+            (block, comment) = (written.to_owned(), None);
+            continue;
+        }
+        let key = written.split('=').next().unwrap_or_default().trim();
+        if let Some((at, name, shown)) = &comment
+            && fields(name).is_some_and(|f| f.contains(&key))
+        {
+            let message = format!(
+                "it stands below `# {shown}` (line {at}), which is a comment, so that it would belong to {block}; take the # of line {at} away too"
+            );
+            all.push(Problem { line, field: format!("{name}.{key}"), message });
+        }
+    }
+    all
+}
+
+fn header(line: &str) -> Option<String> {
+    let inner = line.strip_prefix("[[").and_then(|l| l.strip_suffix("]]"));
+    let inner = inner.or_else(|| line.strip_prefix('[').and_then(|l| l.strip_suffix(']')))?;
+    let is_name = !inner.is_empty() && inner.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c));
+    is_name.then(|| inner.to_owned())
+}
+
+fn fields(block: &str) -> Option<&'static [&'static str]> {
+    BLOCKS.iter().chain([&FUNDING]).find(|(name, _)| *name == block).map(|(_, fields)| *fields)
+}
+
+/// What TOML's reader says, and what it mostly is.
+pub(super) fn syntax(message: &str, text: &str, line: usize) -> String {
+    let written = text.lines().nth(line.saturating_sub(1)).unwrap_or_default();
+    let value = written.split_once('=').map(|(_, value)| value.trim());
+    let hint = match value {
+        _ if written.contains(['“', '”', '„', '‟', '«', '»', '‘', '’']) && !written.contains(['"', '\'']) => {
+            ". These are the quotation marks of a word processor; write straight ones, \"like these\", or use a plain text editor".to_owned()
+        }
+        Some(value) if !value.starts_with(['"', '\'', '[', '{']) => match iso(value) {
+            Some(meant) => format!(". Dates are written with the year first: {meant}"),
+            None => ". Texts stand in quotation marks: name = \"text\"".to_owned(),
+        },
+        None if written.contains(':') => ". A field is written name = \"text\", with an equals sign".to_owned(),
+        _ => String::new(),
+    };
+    format!("{}{hint}", message.trim().replace('\n', ", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::Metadata;
+
+    const LEAST: &str = "title = \"Fort\"\n[rights]\nuri = \"CC BY 4.0\"\n[model]\nunits = \"m\"\n";
+
+    fn said(more: &str) -> String {
+        Metadata::parse(&format!("{LEAST}{more}")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_field_whose_block_is_a_comment_is_told_with_both_lines() {
+        // Unknown in the block before it, known there, and there for the second time.
+        for (more, field) in [
+            ("# [place]\nlatitude = -8.9\n", "place.latitude"),
+            ("[object]\nkind = \"Fort\"\n# [capture]\ndate = 2009\n", "capture.date"),
+            ("[[creators]]\nname = \"A\"\n# [[contributors]]\n# a word\nname = \"B\"\n", "contributors.name"),
+        ] {
+            let said = said(more);
+            assert!(said.contains(field) && said.contains("which is a comment") && said.contains("away too"), "{said}");
+            assert_eq!(said.matches("line ").count(), 3, "told once: {said}");
+        }
+        let other = "# [place]\n# latitude = 1\n# holder = \"x\"\ncrs = \"EPSG:32737\"\n";
+        assert!(Metadata::parse(&format!("{LEAST}{other}")).is_ok(), "a field of the block that it stands in");
+        let text = "[capture]\ndescription = \"\"\"\n# [place]\nname = x\n\"\"\"\n";
+        assert!(Metadata::parse(&format!("{LEAST}{text}")).is_ok(), "within a text");
+    }
+
+    #[test]
+    fn quotation_marks_of_word_processors_and_bare_dates_are_named() {
+        let curly = Metadata::parse("title = “Fort”\n").unwrap_err().to_string();
+        assert!(curly.contains("line 1") && curly.contains("word processor"), "{curly}");
+        for (text, meant) in [("21.11.2026", "2026-11-21"), ("21/11/2026", "2026-11-21")] {
+            let bare = said(&format!("[capture]\ndate = {text}\n"));
+            assert!(bare.contains("line 7") && bare.contains(meant), "{bare}");
+            let quoted = said(&format!("[capture]\ndate = \"{text}\"\n"));
+            assert!(quoted.contains("line 7: capture.date") && quoted.contains(meant), "{quoted}");
+        }
+    }
+}

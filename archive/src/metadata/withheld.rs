@@ -1,0 +1,172 @@
+//! Whether metadata give a withheld location away: every text of every field, with its line in the file.
+
+use super::problem::Problems;
+use super::reader::File;
+use super::{Metadata, fields};
+use crate::location::{Finding, Location};
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// Fields that [`Metadata::without_location`] leaves out.
+const LEFT_OUT: [&str; 5] = ["place.latitude", "place.longitude", "place.uri", "object.uri", "model.crs"];
+
+impl Metadata {
+    /// Whether no text of a metadata file that would be published gives `location` away. Comments are not published; neither are the fields that
+    /// [`Metadata::without_location`] leaves out. A file that is no TOML has other problems, and none here.
+    ///
+    /// # Errors
+    /// Each text that does, with line, field, what was found and what to do.
+    pub fn check_withheld(text: &str, location: &Location) -> Result<(), Problems> {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        if text.len() > fields::FILE_MAX {
+            return Ok(());
+        }
+        let Ok(root) = DeTable::parse(text) else { return Ok(()) };
+        let file = File::new(text);
+        let search = Search { text, file: &file, location };
+        search.table("", root.get_ref());
+        let problems = file.into_problems();
+        if problems.is_empty() { Ok(()) } else { Err(Problems(problems)) }
+    }
+
+    /// The first text of the metadata, as they are published, that gives `location` away: its field, and what was found.
+    pub fn giving_away(&self, location: &Location) -> Option<(String, Finding)> {
+        let value = serde_json::to_value(self).ok()?;
+        location.find_in_json(&value, &|at| LEFT_OUT.contains(&at))
+    }
+}
+
+/// Digits of an accuracy, beyond which it could be a coordinate.
+const ACCURACY_DIGITS: usize = 3;
+
+/// Whether an accuracy, in metres, is so short that no coordinate can be hidden in it.
+///
+/// # Errors
+/// Why not, and what to do, as a piece of a sentence.
+pub fn plain_accuracy(metres: f64) -> Result<(), String> {
+    let written = format!("{:.*e}", ACCURACY_DIGITS - 1, metres);
+    if written.parse() == Ok(metres) {
+        return Ok(());
+    }
+    Err(format!(
+        "is {metres}, which has more than {ACCURACY_DIGITS} digits, and the location is to be withheld; round it"
+    ))
+}
+
+struct Search<'a> {
+    text: &'a str,
+    file: &'a File<'a>,
+    location: &'a Location,
+}
+
+impl Search<'_> {
+    fn table(&self, name: &str, table: &DeTable<'_>) {
+        for (key, value) in table {
+            let key = key.get_ref();
+            let field = if name.is_empty() { key.to_string() } else { format!("{name}.{key}") };
+            if !LEFT_OUT.contains(&field.as_str()) {
+                self.value(&field, value);
+            }
+        }
+    }
+
+    fn value(&self, field: &str, value: &Spanned<DeValue<'_>>) {
+        match value.get_ref() {
+            DeValue::String(text) => {
+                if let Some(finding) = self.location.find(text) {
+                    self.file.problem(self.start(value), field, finding.to_string());
+                }
+            }
+            DeValue::Array(list) => list.iter().for_each(|v| self.value(field, v)),
+            DeValue::Table(table) => self.table(field, table),
+            DeValue::Float(number) if field == "capture.accuracy" => {
+                let metres = number.as_str().replace('_', "").parse::<f64>();
+                if let Some(Err(what)) = metres.ok().map(plain_accuracy) {
+                    self.file.problem(value.span().start, field, what);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Where in the file the finding is: of a text of several lines, the first line that has one by itself.
+    fn start(&self, value: &Spanned<DeValue<'_>>) -> usize {
+        let span = value.span();
+        let mut at = span.start;
+        for line in self.text.get(span.clone()).unwrap_or_default().split_inclusive('\n') {
+            if self.location.find(line).is_some() {
+                return at;
+            }
+            at += line.len();
+        }
+        span.start
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FILE: &str = "title = \"Fort\"\ndescription = \"\"\"\nFirst.\nAt 565977 east.\n\"\"\"\n# 565977 in a comment\nsubjects = [\"fort\",\n  \"37L EL 65977 09946\"]\n\
+        [rights]\nuri = \"CC0\"\nholder = \"Office, 8.9577 S\"\n[model]\nunits = \"m\"\ncrs = \"EPSG:32737\"\n[place]\nname = \"Kilwa\"\n\
+        latitude = -8.9577\nlongitude = 39.5228\nuri = \"https://www.geonames.org/157107\"\n[object]\nidentifiers = [\"N 9009946\"]\n\
+        [capture]\ndescription = \"EPSG:32737\"\n[[capture.steps]]\nwhat = \"Registered\"\ntool = \"565 977\"\n\
+        [[related]]\nrelation = \"IsDescribedBy\"\nuri = \"https://www.openstreetmap.org/?mlat=-8.95\"\n";
+
+    fn location() -> Location {
+        let bounds = [[565_950.0, 9_009_900.0, 2.0], [566_000.0, 9_009_990.0, 20.0]];
+        let place = Metadata::parse(FILE).unwrap().place;
+        Location::of(bounds, Some("EPSG:32737"), place.as_ref())
+    }
+
+    #[test]
+    fn every_text_is_named_with_its_line_and_field() {
+        let problems = Metadata::check_withheld(FILE, &location()).unwrap_err();
+        let found: Vec<(usize, &str)> = problems.0.iter().map(|p| (p.line, p.field.as_str())).collect();
+        assert_eq!(
+            found,
+            [
+                (4, "description"),
+                (8, "subjects"),
+                (11, "rights.holder"),
+                (21, "object.identifiers"),
+                (23, "capture.description"),
+                (26, "capture.steps.tool"),
+                (29, "related.uri")
+            ],
+            "{problems}"
+        );
+        let message = problems.to_string();
+        assert!(
+            message.contains("line 11: rights.holder: \"8.9577\" is a latitude or longitude of the model"),
+            "{message}"
+        );
+        let metadata = Metadata::parse(FILE).unwrap().without_location();
+        assert_eq!(metadata.giving_away(&location()).unwrap().0, "capture.description");
+    }
+
+    #[test]
+    fn an_accuracy_that_could_be_a_coordinate_is_named_with_its_line() {
+        let file = |accuracy: &str| {
+            format!(
+                "title = \"Fort\"\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n[capture]\naccuracy = {accuracy}\n"
+            )
+        };
+        for bad in ["8.95611", "0.039601", "5_659.7"].map(file) {
+            let found = Metadata::check_withheld(&bad, &location());
+            let line = found.err().map(|p| p.0[0].line);
+            assert_eq!(line, Some(7), "{bad}");
+        }
+        for good in ["0.002", "0.0035", "0.00123", "2", "12.5", "1e-3"].map(file) {
+            assert_eq!(Metadata::check_withheld(&good, &location()), Ok(()), "{good}");
+        }
+    }
+
+    #[test]
+    fn the_template_and_what_is_left_out_pass() {
+        let plain = "title = \"Fort\"\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\ncrs = \"EPSG:32737\"\n[place]\nlatitude = -8.9577\nlongitude = 39.5228\n";
+        assert_eq!(Metadata::check_withheld(plain, &location()), Ok(()));
+        let metadata = Metadata::parse(plain).unwrap().without_location();
+        assert_eq!(metadata.giving_away(&location()), None);
+    }
+}

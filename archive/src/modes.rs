@@ -1,0 +1,149 @@
+//! Who can read the files of an object on its disk. What is public is for everybody; the geometry of a model that is not public (packs, previews, notes)
+//! is for its owner and the group of the folder of objects alone, so that other users of the computer do not get what the server withholds from
+//! everybody else. The server has to run as that owner or in that group (docs/hosting.md). Where the owner is not in that group, and so cannot give it
+//! the files, they are for the owner alone: the owner's own group may be everybody's.
+
+use super::disk::failed;
+use super::draft::{DraftError, Steps};
+use super::layout::Slug;
+use super::lock::Lock;
+use super::manifest::{Access, AccessState, Manifest};
+use std::path::Path;
+
+/// Whether everybody may have the geometry of an object, now and for good. An embargo ends without anybody touching the disk, so that under one the
+/// files stay closed and the server alone opens them.
+pub(super) fn is_for_everybody(access: &Access) -> bool {
+    access.state == AccessState::Public
+}
+
+/// Give the files of the object `slug` of the locked folder the permissions that its manifest asks for: whoever closed or opened it may have been cut off.
+///
+/// # Errors
+/// [`DraftError::Disk`], for example where a file belongs to somebody else.
+pub fn settle_published(lock: &Lock, slug: &Slug, manifest: &Manifest, steps: Steps<'_>) -> Result<(), DraftError> {
+    let object = lock.folder().join(slug.as_str());
+    settle_object(&object, manifest, is_for_everybody(&manifest.access), lock.folder(), steps)
+}
+
+/// The same for the versions that a manifest names, and their copies in the object's bag, which are files of their own where there are no hard links.
+pub(super) fn settle_object(
+    object: &Path,
+    manifest: &Manifest,
+    for_everybody: bool,
+    shelf: &Path,
+    steps: Steps<'_>,
+) -> Result<(), DraftError> {
+    let name = object.file_name().unwrap_or_default().to_string_lossy();
+    for within in [object.to_owned(), shelf.join(format!("{name}.bag/data"))] {
+        for folder in manifest.versions.iter().map(|v| within.join(&v.folder)).filter(|folder| folder.is_dir()) {
+            settle(&folder, for_everybody, shelf, steps)?;
+        }
+    }
+    Ok(())
+}
+
+/// Open the geometry in a version folder to everybody, or to owner and group of the folder `shelf` alone. Files that are so already are not touched.
+///
+/// # Errors
+/// [`DraftError::Disk`], for example where they belong to somebody else.
+#[cfg(unix)]
+pub(super) fn settle(folder: &Path, for_everybody: bool, shelf: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    let wanted = (!for_everybody).then(|| group_of(shelf)).transpose()?;
+    each_file(folder, &mut |path, metadata| settle_file(path, metadata, wanted, steps))
+}
+
+/// Systems without such permissions leave it to the folder.
+#[cfg(not(unix))]
+pub(super) fn settle(_: &Path, _: bool, _: &Path, _: Steps<'_>) -> Result<(), DraftError> {
+    Ok(())
+}
+
+/// The group of the folder `shelf` where the closed files in a version folder could not be given it, so that nobody but their owner can read them.
+///
+/// # Errors
+/// [`DraftError::Disk`].
+#[cfg(unix)]
+pub fn unshared_with(folder: &Path, shelf: &Path) -> Result<Option<u32>, DraftError> {
+    use std::os::unix::fs::MetadataExt as _;
+    let (group, mut unshared) = (group_of(shelf)?, false);
+    each_file(folder, &mut |_, metadata| {
+        unshared |= metadata.gid() != group && metadata.mode().trailing_zeros() >= 6;
+        Ok(())
+    })?;
+    Ok(unshared.then_some(group))
+}
+
+/// Systems without such permissions leave it to the folder.
+///
+/// # Errors
+/// None.
+#[cfg(not(unix))]
+pub fn unshared_with(_: &Path, _: &Path) -> Result<Option<u32>, DraftError> {
+    Ok(None)
+}
+
+#[cfg(unix)]
+fn group_of(shelf: &Path) -> Result<u32, DraftError> {
+    use std::os::unix::fs::MetadataExt as _;
+    Ok(std::fs::metadata(shelf).map_err(failed("read", shelf))?.gid())
+}
+
+#[cfg(unix)]
+type Look<'a> = &'a mut dyn FnMut(&Path, &std::fs::Metadata) -> Result<(), DraftError>;
+
+/// Look at every file with geometry in a folder and its folders.
+#[cfg(unix)]
+fn each_file(folder: &Path, look: Look<'_>) -> Result<(), DraftError> {
+    for entry in std::fs::read_dir(folder).map_err(failed("read", folder))? {
+        let entry = entry.map_err(failed("read", folder))?;
+        let (path, metadata) = (entry.path(), entry.metadata().map_err(failed("read", folder))?);
+        if metadata.is_dir() {
+            each_file(&path, look)?;
+        } else if metadata.is_file() && crate::layout::is_geometry(&entry.file_name().to_string_lossy()) {
+            look(&path, &metadata)?;
+        }
+    }
+    Ok(())
+}
+
+/// Close a file to all but its owner and a group, or open it to everybody where there is none.
+#[cfg(unix)]
+fn settle_file(
+    path: &Path,
+    metadata: &std::fs::Metadata,
+    group: Option<u32>,
+    steps: Steps<'_>,
+) -> Result<(), DraftError> {
+    use std::fs::{self, File};
+    use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, chown};
+    let (before, mut is_changed) = (metadata.mode() & 0o777, false);
+    let mode = match group {
+        None => 0o644,
+        Some(group) if metadata.gid() == group => 0o640,
+        Some(group) => {
+            steps("group of a closed file").map_err(failed("write", path))?;
+            // Refused to whoever is not in that group.
+            is_changed = chown(path, None, Some(group)).is_ok();
+            if is_changed { 0o640 } else { 0o600 }
+        }
+    };
+    if before != mode {
+        steps("permissions").map_err(failed("write", path))?;
+        match fs::set_permissions(path, fs::Permissions::from_mode(mode)) {
+            // Somebody else's, who has closed it: no one but them can do more.
+            Err(e)
+                if group.is_some()
+                    && before.trailing_zeros() >= 3
+                    && e.kind() == std::io::ErrorKind::PermissionDenied => {}
+            set => {
+                set.map_err(failed("change the permissions of", path))?;
+                is_changed = true;
+            }
+        }
+    }
+    if is_changed {
+        steps("sync a closed or opened file").map_err(failed("write", path))?;
+        File::open(path).and_then(|file| file.sync_all()).map_err(failed("write", path))?;
+    }
+    Ok(())
+}

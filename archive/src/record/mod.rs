@@ -1,0 +1,234 @@
+//! The records of a version: one file per standard, all from the same [`Publication`].
+//!
+//! Deterministic: the same publication gives the same bytes; no clock, no random numbers, lists in the order of the metadata. Addresses are
+//! absolute where the metadata says where the object will be (`url`), relative to the file else.
+
+mod citation;
+mod datacite;
+mod dublin_core;
+mod edm;
+mod iiif;
+mod links;
+mod paradata;
+mod ro_crate;
+mod schema_org;
+mod text;
+pub mod xml;
+
+pub use citation::citation;
+pub use edm::europeana_lacks;
+pub use ro_crate::ro_crate;
+pub use schema_org::schema_org;
+
+use super::checksums::{Checksum, sha256};
+use super::layout::{
+    ANNOTATIONS, CITATIONS, DATACITE, DUBLIN_CORE, EDM, IIIF, IIIF_ANNOTATIONS, LICENCE, LINKSET, METADATA, OEMBED,
+    PARADATA, PREVIEW, PREVIEW_MAX, README, Slug, version_folder,
+};
+use super::manifest::{Figures, PackEntry};
+use super::metadata::{Agent, AgentKind, Metadata};
+use super::notes::{NOTES_MAX, Notes};
+use super::rights::Rights;
+use serde_json::Value;
+use std::io;
+use std::path::Path;
+
+/// One version about to be published: all that its records say.
+#[derive(Debug, Clone)]
+pub struct Publication {
+    /// What a person wrote, without its place where that is not to be published.
+    pub metadata: Metadata,
+    /// Its statement of rights.
+    pub rights: Rights,
+    /// Name in the address.
+    pub slug: Slug,
+    /// Number of the version, from 1.
+    pub version: u32,
+    /// Day of publication.
+    pub published: String,
+    /// Day of the first version.
+    pub first_published: String,
+    /// What is new in it.
+    pub note: String,
+    /// The pack.
+    pub pack: PackEntry,
+    /// Its numbers.
+    pub figures: Figures,
+    /// What the pack says of itself.
+    pub of_pack: kilwa_pack::Metadata,
+    /// Whether reference system and place were taken away or made coarse.
+    pub location_redacted: bool,
+    /// Largest distance of `preview.glb` from the finest surface in metres, and its triangles; where there is one.
+    pub preview: Option<Preview>,
+    /// What people wrote about places on it, where anybody did.
+    pub notes: Option<PublishedNotes>,
+    /// Program and version that publishes.
+    pub tool: String,
+}
+
+/// What is known of `preview.glb`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Preview {
+    /// Length of the file.
+    pub bytes: u64,
+    /// Its triangles.
+    pub triangles: u64,
+    /// Certified distance from the finest surface, metres.
+    pub error: f64,
+}
+
+/// The notes of a version, as its file has them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PublishedNotes {
+    /// What stands in it.
+    pub notes: Notes,
+    /// Its length.
+    pub bytes: u64,
+    /// Its SHA-256.
+    pub sha256: Checksum,
+    /// Which place of the pack is zero in `preview.glb`, metres.
+    pub origin: [f64; 3],
+}
+
+/// Which place of the pack is zero in a preview that `kilwa publish` made.
+fn origin_of(glb: &[u8]) -> Option<[f64; 3]> {
+    let word = |at: usize| Some(u32::from_le_bytes(glb.get(at..at + 4)?.try_into().ok()?));
+    let json = glb.get(20..20usize.checked_add(word(12)? as usize)?)?;
+    let value: Value = kilwa_pack::json::from_slice(json).ok()?;
+    let place: [f64; 3] = serde_json::from_value(value.pointer("/extras/world_from_local_m")?.clone()).ok()?;
+    place.iter().all(|v| v.is_finite()).then_some(place)
+}
+
+impl Publication {
+    /// With the notes that lie in the version's folder, where any do. They were checked before.
+    ///
+    /// # Errors
+    /// When they or the preview cannot be read.
+    pub fn with_notes(mut self, folder: &Path) -> io::Result<Self> {
+        let bytes = match plain_file::read_at(&folder.join(ANNOTATIONS), NOTES_MAX) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(self),
+            bytes => bytes?,
+        };
+        let notes = Notes::parse(&bytes).map_err(|e| io::Error::new(io::ErrorKind::InvalidData, e))?;
+        let origin = match self.preview {
+            Some(_) => origin_of(&plain_file::read_at(&folder.join(PREVIEW), PREVIEW_MAX)?),
+            None => None,
+        };
+        let [min, max] = self.figures.bounds;
+        let origin = origin.unwrap_or_else(|| [0, 1, 2].map(|k| f64::midpoint(min[k], max[k])));
+        self.notes = Some(PublishedNotes { notes, bytes: bytes.len() as u64, sha256: sha256(&bytes), origin });
+        Ok(self)
+    }
+
+    /// Absolute address of the object, ending with `/`.
+    pub fn url(&self) -> Option<&str> {
+        self.metadata.url.as_deref()
+    }
+
+    /// Address of a file of this version, for a record that lies `depth` folders below the version's.
+    fn file(&self, path: &str, depth: usize) -> String {
+        match self.url() {
+            Some(url) => format!("{url}{}/{path}", version_folder(self.version)),
+            None => format!("{}{path}", "../".repeat(depth)),
+        }
+    }
+
+    /// Address of the object, for a record that lies `depth` folders below the version's.
+    fn page(&self, depth: usize) -> String {
+        self.url().map_or_else(|| "../".repeat(depth + 1), str::to_owned)
+    }
+
+    /// The identifier that lasts longest: DOI and the like, else the address, else the pack's identity.
+    fn identifier(&self) -> String {
+        let m = &self.metadata;
+        let known = m.identifier.clone().or_else(|| m.url.clone());
+        known.unwrap_or_else(|| format!("urn:kilwa:{}", self.pack.identity))
+    }
+
+    /// Year of publication.
+    fn year(&self) -> &str {
+        self.published.get(..4).unwrap_or_default()
+    }
+
+    /// File name of the pack.
+    fn pack_file(&self) -> &str {
+        self.pack.url.rsplit('/').next().unwrap_or_default()
+    }
+
+    /// Name and country of the place.
+    pub fn place(&self) -> Option<String> {
+        let place = self.metadata.place.as_ref()?;
+        let parts: Vec<&str> = [place.name.as_deref(), place.country.as_deref()].into_iter().flatten().collect();
+        (!parts.is_empty()).then(|| parts.join(", "))
+    }
+
+    /// Width, depth and height, metres.
+    pub fn size(&self) -> [f64; 3] {
+        let [min, max] = self.figures.bounds;
+        [0, 1, 2].map(|k| max[k] - min[k])
+    }
+}
+
+impl Agent {
+    /// Family name and given names of a person written `Family, Given`.
+    pub fn parts(&self) -> Option<(&str, &str)> {
+        if self.kind != AgentKind::Person {
+            return None;
+        }
+        self.name.split_once(',').map(|(family, given)| (family.trim(), given.trim()))
+    }
+}
+
+/// All records but RO-Crate (which lists every file) and the list of checksums: path in the version folder, content.
+pub fn records(p: &Publication) -> Vec<(&'static str, Vec<u8>)> {
+    let mut all = vec![
+        (DUBLIN_CORE, dublin_core::dublin_core(p).into_bytes()),
+        (DATACITE, json(&datacite::datacite(p))),
+        (EDM, edm::edm(p).into_bytes()),
+        (PARADATA, json(&paradata::paradata(p))),
+        (METADATA, json(&serde_json::to_value(&p.metadata).unwrap_or_default())),
+        (IIIF, json(&iiif::iiif(p))),
+        (LINKSET, json(&links::linkset(p))),
+        (CITATIONS[0], format!("{}\n", citation(p)).into_bytes()),
+        (CITATIONS[1], citation::bibtex(p).into_bytes()),
+        (CITATIONS[2], citation::ris(p).into_bytes()),
+        (LICENCE, text::licence(p).into_bytes()),
+        (README, text::readme(p).into_bytes()),
+    ];
+    all.extend(links::oembed(p).map(|value| (OEMBED, json(&value))));
+    all.extend(iiif::annotations(p).map(|value| (IIIF_ANNOTATIONS, json(&value))));
+    all
+}
+
+/// Indented, with a line break at the end; keys sorted.
+fn json(value: &Value) -> Vec<u8> {
+    let mut text = format!("{value:#}");
+    text.push('\n');
+    text.into_bytes()
+}
+
+/// Media type of a file, by its name.
+pub fn media_type(path: &str) -> &'static str {
+    match path.rsplit_once('.').map_or("", |(_, ending)| ending) {
+        "kilwa" => "application/octet-stream",
+        "glb" => "model/gltf-binary",
+        "jpg" => "image/jpeg",
+        "png" => "image/png",
+        "json" if path.ends_with(IIIF) || path.ends_with(ANNOTATIONS) => "application/ld+json",
+        "json" if path.ends_with(LINKSET) => "application/linkset+json",
+        "json" => "application/json",
+        "xml" => "application/xml",
+        "bib" => "application/x-bibtex",
+        "ris" => "application/x-research-info-systems",
+        "html" => "text/html",
+        "svg" => "image/svg+xml",
+        "css" => "text/css",
+        "js" => "text/javascript",
+        "wasm" => "application/wasm",
+        _ => "text/plain",
+    }
+}
+
+#[cfg(test)]
+#[path = "tests.rs"]
+mod tests;

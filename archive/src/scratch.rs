@@ -1,0 +1,128 @@
+//! Hidden folders in which something is made before it gets its name, and the removal of those that were left behind.
+//!
+//! Each is locked for as long as its owner lives, so that nobody removes what another program is working in: what can be locked was left by a program
+//! that was killed. It is made, and others are looked for, while one and the same lock is held; so none is seen before it is
+//! locked.
+
+use super::disk;
+use super::draft::{DraftError, HIDDEN, Steps};
+use super::layout::Slug;
+use super::lock::Lock;
+use std::fs;
+use std::path::Path;
+use tempfile::TempDir;
+
+/// A hidden folder, removed when it is dropped. Nobody but its owner can look into it: what is made there may be part of a closed model, and has the
+/// permissions of that only when it is complete.
+#[derive(Debug)]
+pub struct Scratch {
+    // Removed before the lock goes.
+    folder: TempDir,
+    lock: Lock,
+}
+
+impl Scratch {
+    /// Make one in `parent`. The caller holds a lock under which others call [`sweep`] there.
+    pub fn create(parent: &Path, prefix: &str, steps: Steps<'_>) -> Result<Self, DraftError> {
+        steps("begin").map_err(disk::failed("write to", parent))?;
+        let mut builder = tempfile::Builder::new();
+        // Temporary files are private without this, folders are not.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
+        let made = builder.prefix(prefix).tempdir_in(parent);
+        let folder = made.map_err(disk::failed("write to", parent))?;
+        let lock = Lock::take(folder.path())?;
+        Ok(Self { folder, lock })
+    }
+
+    pub fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Its lock, for whatever is made in it as in a folder of objects.
+    pub fn lock(&self) -> &Lock {
+        &self.lock
+    }
+
+    /// Remove it; told like every other change.
+    pub fn close(self, steps: Steps<'_>) -> Result<(), DraftError> {
+        disk::remove(self.folder.path(), steps)
+    }
+}
+
+/// How the hidden folders of one object begin in the folder of objects. No other object's begin so: a slug has no two hyphens in a row.
+pub fn prefix(slug: &Slug) -> String {
+    format!("{HIDDEN}{slug}--")
+}
+
+/// Whether this is the name of a hidden folder of that object. Earlier programs put one hyphen and six characters behind the slug.
+pub fn is_of(slug: &Slug, name: &str) -> bool {
+    let rest = name.strip_prefix(HIDDEN).and_then(|rest| rest.strip_prefix(slug.as_str()));
+    let Some(rest) = rest.and_then(|rest| rest.strip_prefix('-')) else { return false };
+    rest.starts_with('-') || (rest.len() == 6 && rest.bytes().all(|b| b.is_ascii_alphanumeric()))
+}
+
+/// Remove the hidden folders and files in `parent` that nobody works with any more and whose names are such. The caller holds the lock under which
+/// they are made. What another user has left, and only they can remove, stays: it keeps nobody from publishing.
+pub fn sweep(parent: &Path, is_such: &dyn Fn(&str) -> bool, steps: Steps<'_>) -> Result<(), DraftError> {
+    sweep_but(parent, is_such, &DraftError::is_denied, steps)
+}
+
+/// The same where nothing may be left that others can read.
+pub fn sweep_all(parent: &Path, is_such: &dyn Fn(&str) -> bool, steps: Steps<'_>) -> Result<(), DraftError> {
+    sweep_but(parent, is_such, &|_| false, steps)
+}
+
+/// The same, but for what cannot be removed for a reason that is no matter.
+fn sweep_but(
+    parent: &Path,
+    is_such: &dyn Fn(&str) -> bool,
+    is_no_matter: &dyn Fn(&DraftError) -> bool,
+    steps: Steps<'_>,
+) -> Result<(), DraftError> {
+    for entry in fs::read_dir(parent).map_err(disk::failed("read", parent))? {
+        let entry = entry.map_err(disk::failed("read", parent))?;
+        if !is_such(&entry.file_name().to_string_lossy()) {
+            continue;
+        }
+        let path = entry.path();
+        let is_folder = entry.file_type().map_err(disk::failed("read", &path))?.is_dir();
+        let _held = match is_folder.then(|| Lock::take(&path)) {
+            Some(Err(DraftError::Busy(_))) => continue,
+            // Another user's, who may be working in it, and closed to everybody else.
+            Some(Err(e)) if e.is_denied() => continue,
+            held => held,
+        };
+        match disk::remove(&path, steps) {
+            Err(e) if is_no_matter(&e) => {}
+            removed => removed?,
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hidden_folders_belong_to_one_object_and_stay_while_somebody_works_in_them() {
+        let of = |slug: &str, name: &str| is_of(&Slug::new(slug).unwrap(), name);
+        assert!(of("fort", ".kilwa-fort--aB3dEf") && of("fort", ".kilwa-fort-aB3dEf"));
+        for other in [".kilwa-fort-2--aB3dEf", ".kilwa-fort-2-aB3dEf", ".kilwa-fortress--aB3dEf", ".kilwa-lock", "fort"]
+        {
+            assert!(!of("fort", other), "{other}");
+        }
+        assert!(!of("lock", ".kilwa-lock"));
+        let parent = tempfile::tempdir().unwrap();
+        let all = |name: &str| name.starts_with(HIDDEN);
+        let working = Scratch::create(parent.path(), ".kilwa-fort--", &|_| Ok(())).unwrap();
+        fs::create_dir(parent.path().join(".kilwa-fort--left")).unwrap();
+        fs::write(parent.path().join(".kilwa-left"), "").unwrap();
+        sweep(parent.path(), &all, &|_| Ok(())).unwrap();
+        let names = || fs::read_dir(parent.path()).unwrap().count();
+        assert!(names() == 1 && working.path().is_dir());
+        drop(working);
+        assert_eq!(names(), 0);
+    }
+}

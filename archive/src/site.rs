@@ -1,0 +1,386 @@
+//! `--site`: the pages of a whole folder of objects for any static host: catalogue, Atom feed, list for programs, sitemap.
+//!
+//! Written from the manifests that are there, sorted by title, while the folder is locked, each file replaced in one rename: `index.html`, `feed.xml`, `models.json`, `assets/`,
+//! and `sitemap.xml` where the objects say at which address they are. An object whose manifest cannot be read is named as such on the page.
+//! What an embargo or a restriction keeps from the public keeps a server from it, not a static host: the page says so.
+
+use super::disk;
+use super::draft::{DraftError, Steps};
+use super::layout::{MANIFEST, Slug, is_object, version_folder};
+use super::lock::Lock;
+use super::manifest::{AccessState, MANIFEST_MAX, Manifest};
+use super::record::xml::{Xml, escape};
+use super::scratch::{self, Scratch};
+use crate::layout::SMALL_FILE_MAX;
+use crate::layout::THUMBNAILS;
+use crate::numbers::{grouped, size, size_in_space};
+use crate::viewer::Page;
+use kilwa_files::plain_file;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+/// Folder of what the catalogue's page needs.
+const ASSETS: &str = "assets";
+
+/// One object of the folder, or why it cannot be shown.
+struct Entry {
+    slug: String,
+    manifest: Result<Manifest, String>,
+}
+
+/// How the hidden folder begins in which the pages are made: no slug has two hyphens.
+const MAKING: &str = ".kilwa--site-";
+/// There while the pages are written for the first time: what stands there then without our own page is ours all the same.
+const BEGUN: &str = ".kilwa-site";
+
+/// Write the pages of the locked folder.
+///
+/// # Errors
+/// [`DraftError::Disk`] with the file; [`DraftError::Foreign`] where a page of somebody else's would be replaced.
+pub fn write(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftError> {
+    check(lock.folder())?;
+    let written = put_all(lock, page, steps);
+    if written.is_err() {
+        // Where none of the pages is there, nothing says that they were begun. Otherwise whoever comes next goes on with them.
+        drop(sweep(lock, &|_| Ok(())));
+    }
+    written
+}
+
+fn put_all(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftError> {
+    let shelf = lock.folder();
+    let entries = entries(shelf)?;
+    let base = base(&entries);
+    scratch::sweep(shelf, &is_making, steps)?;
+    let making = Scratch::create(shelf, MAKING, steps)?;
+    if !shelf.join(INDEX).exists() && !shelf.join(BEGUN).exists() {
+        disk::write(&shelf.join(BEGUN), b"kilwa publish --site\n", steps)?;
+    }
+    disk::create_dir(&shelf.join(ASSETS), steps)?;
+    let put = |path: &str, name: &str, bytes: &[u8]| {
+        disk::write(&making.path().join(name), bytes, steps)?;
+        disk::rename(&making.path().join(name), &shelf.join(path).join(name), steps)
+    };
+    for (name, bytes) in page.files() {
+        if let Some(short) =
+            [("style.css", "style.css"), ("icons/kilwa.svg", "kilwa.svg")].iter().find(|(n, _)| name == *n)
+        {
+            put(ASSETS, short.1, bytes)?;
+        }
+    }
+    put("", "models.json", format!("{:#}\n", list(&entries)).as_bytes())?;
+    put("", "feed.xml", feed(&entries, base.as_deref()).as_bytes())?;
+    if let Some(base) = &base {
+        put("", "sitemap.xml", sitemap(&entries, base).as_bytes())?;
+    }
+    put("", INDEX, catalogue(&entries).as_bytes())?;
+    disk::remove(&shelf.join(BEGUN), steps)?;
+    making.close(steps)
+}
+
+fn is_making(name: &str) -> bool {
+    name.starts_with(MAKING)
+}
+
+/// Remove what somebody has left who was cut off while the pages were written. The mark of pages that are written for the first time stays while some
+/// of them are there: without it nobody could tell that they are ours.
+///
+/// # Errors
+/// [`DraftError::Disk`].
+pub(super) fn sweep(lock: &Lock, steps: Steps<'_>) -> Result<(), DraftError> {
+    let shelf = lock.folder();
+    scratch::sweep(shelf, &is_making, steps)?;
+    let begun = shelf.join(BEGUN);
+    if !begun.exists() {
+        return Ok(());
+    }
+    if !is_ours(&shelf.join(INDEX)) {
+        // Refused where something is in it.
+        drop(fs::remove_dir(shelf.join(ASSETS)));
+        if PAGES.into_iter().any(|name| shelf.join(name).exists()) {
+            return Ok(());
+        }
+    }
+    disk::remove(&begun, steps)
+}
+
+/// The page that says that the pages are ours, put in its place last.
+const INDEX: &str = "index.html";
+/// All that is written.
+const PAGES: [&str; 5] = [INDEX, "feed.xml", "models.json", "sitemap.xml", ASSETS];
+
+fn is_ours(index: &Path) -> bool {
+    plain_file::read_at(index, SMALL_FILE_MAX).is_ok_and(|html| String::from_utf8_lossy(&html).contains(OURS))
+}
+
+/// What our own page begins with, and nobody else's.
+const OURS: &str = "<meta name=\"generator\" content=\"Kilwa\">";
+
+/// Whether the pages can be written without replacing somebody's own.
+///
+/// # Errors
+/// [`DraftError::Foreign`] with the file that is not ours.
+pub fn check(shelf: &Path) -> Result<(), DraftError> {
+    let index = shelf.join(INDEX);
+    if is_ours(&index) {
+        return Ok(());
+    }
+    if shelf.join(BEGUN).exists() {
+        return if index.exists() { Err(DraftError::Foreign(index)) } else { Ok(()) };
+    }
+    match PAGES.map(|name| shelf.join(name)).into_iter().find(|path| path.exists()) {
+        Some(there) => Err(DraftError::Foreign(there)),
+        None => Ok(()),
+    }
+}
+
+fn entries(shelf: &Path) -> Result<Vec<Entry>, DraftError> {
+    let mut all = Vec::new();
+    for entry in fs::read_dir(shelf).map_err(disk::failed("read", shelf))? {
+        let folder = entry.map_err(disk::failed("read", shelf))?.path();
+        let Some(slug) = folder.file_name().and_then(|n| n.to_str()).filter(|n| Slug::new(n).is_ok()) else { continue };
+        if is_object(&folder) {
+            all.push(Entry { slug: slug.to_owned(), manifest: read(&folder.join(MANIFEST)) });
+        }
+    }
+    let title = |e: &Entry| e.manifest.as_ref().map_or_else(|_| e.slug.clone(), |m| m.title.to_lowercase());
+    all.sort_by_key(|e| (title(e), e.slug.clone()));
+    Ok(all)
+}
+
+fn read(path: &Path) -> Result<Manifest, String> {
+    let bytes = plain_file::read_at(path, MANIFEST_MAX).map_err(|e| e.to_string())?;
+    Manifest::parse(&bytes).map_err(|e| e.to_string())
+}
+
+/// The address of the folder, where all objects that have one say the same.
+fn base(entries: &[Entry]) -> Option<String> {
+    let of = |e: &Entry| {
+        let m = e.manifest.as_ref().ok()?;
+        Some(m.url.as_ref()?.strip_suffix(&format!("{}/", m.slug))?.to_owned())
+    };
+    let mut all = entries.iter().filter_map(of);
+    let first = all.next()?;
+    all.all(|b| b == first).then_some(first)
+}
+
+fn list(entries: &[Entry]) -> Value {
+    let one = |e: &Entry| match &e.manifest {
+        Ok(m) => {
+            // Of what was withdrawn there is a page, and no pack.
+            let v = m.current().filter(|_| m.access.state != AccessState::Withdrawn);
+            json!({
+                "slug": m.slug, "title": m.title, "page": format!("{}/", e.slug), "manifest": format!("{}/{MANIFEST}", e.slug),
+                "rights": m.rights.uri, "access": m.access.state, "place": m.place, "version": m.current,
+                "published": m.current().map(|v| &v.published), "pack": v.map(|v| format!("{}/{}", e.slug, v.pack.url)),
+                "bytes": v.map(|v| v.pack.bytes), "triangles": v.map(|v| v.figures.triangles),
+            })
+        }
+        Err(why) => json!({ "slug": e.slug, "error": why }),
+    };
+    json!({ "models": entries.iter().map(one).collect::<Vec<_>>() })
+}
+
+/// Atom: one entry for each object, the newest version first.
+fn feed(entries: &[Entry], base: Option<&str>) -> String {
+    let mut x = Xml::new("feed", &[("xmlns", "http://www.w3.org/2005/Atom")]);
+    let mut all: Vec<&Manifest> = entries
+        .iter()
+        .filter_map(|e| e.manifest.as_ref().ok())
+        .filter(|m| m.access.state != AccessState::Withdrawn)
+        .collect();
+    all.sort_by_key(|m| std::cmp::Reverse((m.current().map(|v| v.published.clone()), m.slug.clone())));
+    let day = |m: &Manifest| format!("{}T00:00:00Z", m.current().map_or("1970-01-01", |v| v.published.as_str()));
+    let base_or = base.unwrap_or_default();
+    x.text("title", &[], "Models");
+    x.text("id", &[], base.unwrap_or("urn:kilwa:models"));
+    x.text("updated", &[], &all.first().map_or_else(|| "1970-01-01T00:00:00Z".to_owned(), |m| day(m)));
+    x.empty("link", &[("rel", "self"), ("href", &format!("{base_or}feed.xml"))]);
+    x.empty("link", &[("rel", "alternate"), ("type", "text/html"), ("href", base.unwrap_or("./"))]);
+    for m in all {
+        let Some(v) = m.current() else { continue };
+        x.begin("entry", &[]);
+        x.text("title", &[], &m.title);
+        x.text("id", &[], &format!("urn:kilwa:{}", v.pack.identity));
+        x.text("updated", &[], &day(m));
+        let names = if m.creators.is_empty() { vec!["unknown".to_owned()] } else { m.creators.clone() };
+        for name in &names {
+            x.begin("author", &[]);
+            x.text("name", &[], name);
+            x.end();
+        }
+        x.empty("link", &[("rel", "alternate"), ("type", "text/html"), ("href", &format!("{base_or}{}/", m.slug))]);
+        x.empty("link", &[("rel", "license"), ("href", &m.rights.uri)]);
+        x.text("summary", &[], m.description.as_deref().unwrap_or(&m.citation));
+        x.text("rights", &[], &m.rights.label);
+        x.end();
+    }
+    x.finish()
+}
+
+fn sitemap(entries: &[Entry], base: &str) -> String {
+    let mut x = Xml::new("urlset", &[("xmlns", "http://www.sitemaps.org/schemas/sitemap/0.9")]);
+    x.begin("url", &[]);
+    x.text("loc", &[], base);
+    x.end();
+    for m in
+        entries.iter().filter_map(|e| e.manifest.as_ref().ok()).filter(|m| m.access.state != AccessState::Withdrawn)
+    {
+        x.begin("url", &[]);
+        x.text("loc", &[], &format!("{base}{}/", m.slug));
+        x.maybe("lastmod", &[], m.current().map(|v| v.published.as_str()));
+        x.end();
+    }
+    x.finish()
+}
+
+fn catalogue(entries: &[Entry]) -> String {
+    let mut s = format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <meta name=\"color-scheme\" content=\"light dark\">\n{OURS}\n<title>Models</title>\n<link rel=\"icon\" href=\"{ASSETS}/kilwa.svg\" type=\"image/svg+xml\">\n\
+         <link rel=\"stylesheet\" href=\"{ASSETS}/style.css\">\n<link rel=\"alternate\" type=\"application/atom+xml\" href=\"feed.xml\" title=\"New models\">\n\
+         <link rel=\"alternate\" type=\"application/json\" href=\"models.json\">\n</head>\n<body class=\"list\">\n\
+         <header class=\"site\"><a class=\"brand\" href=\"./\"><img src=\"{ASSETS}/kilwa.svg\" alt=\"\" width=\"28\" height=\"28\"> Kilwa</a></header>\n<main>\n<h1>Models</h1>\n"
+    );
+    let shown: Vec<&Manifest> = entries
+        .iter()
+        .filter_map(|e| e.manifest.as_ref().ok())
+        .filter(|m| m.access.state != AccessState::Withdrawn)
+        .collect();
+    let triangles: u64 = shown.iter().filter_map(|m| m.current()).map(|v| v.figures.triangles).sum();
+    let n = shown.len();
+    let _ = writeln!(
+        s,
+        "<p class=\"lead\">{n} {}, {} triangles. <a href=\"feed.xml\">Feed</a></p>\n<ul class=\"cards\">",
+        if n == 1 { "model" } else { "models" },
+        grouped(triangles)
+    );
+    for m in &shown {
+        card(&mut s, m);
+    }
+    s.push_str("</ul>\n");
+    let gone: Vec<&Manifest> = entries
+        .iter()
+        .filter_map(|e| e.manifest.as_ref().ok())
+        .filter(|m| m.access.state == AccessState::Withdrawn)
+        .collect();
+    if !gone.is_empty() {
+        s.push_str("<h2>Withdrawn</h2>\n<ul>\n");
+        for m in gone {
+            let _ = writeln!(s, "<li><a href=\"{}/\">{}</a></li>", m.slug, escape(&m.title));
+        }
+        s.push_str("</ul>\n");
+    }
+    for e in entries {
+        if let Err(why) = &e.manifest {
+            let _ = writeln!(
+                s,
+                "<p class=\"card broken\"><strong>{} cannot be shown.</strong> {}</p>",
+                escape(&e.slug),
+                escape(why)
+            );
+        }
+    }
+    s.push_str("</main>\n</body>\n</html>\n");
+    s
+}
+
+fn card(s: &mut String, m: &Manifest) {
+    let Some(v) = m.current() else { return };
+    let [min, max] = v.figures.bounds;
+    let extent = size_in_space([0, 1, 2].map(|k| max[k] - min[k]));
+    let line: Vec<&str> = [m.place.as_deref(), m.captured.as_deref()].into_iter().flatten().collect();
+    let _ = write!(
+        s,
+        "<li class=\"card\">\n{}\n<h2><a href=\"{}/\">{}</a></h2>\n<p class=\"quiet\">{}</p>\n<dl class=\"facts\">\n",
+        poster(&format!("{}/{}", m.slug, version_folder(v.version))),
+        m.slug,
+        escape(&m.title),
+        escape(&line.join(" · "))
+    );
+    let mut row = |name: &str, value: &str| {
+        let _ = writeln!(s, "<div><dt>{name}</dt><dd>{}</dd></div>", escape(value));
+    };
+    row("Triangles", &grouped(v.figures.triangles));
+    row("Extent", &extent);
+    row("Licence", &m.rights.short);
+    if let (AccessState::Embargo, Some(until)) = (m.access.state, &m.access.until) {
+        row("Public from", until);
+    }
+    let _ = writeln!(
+        s,
+        "</dl>\n<p class=\"actions\"><a href=\"{}/{}\" download>Download pack<span class=\"hidden\"> of {}</span></a> <span>{}</span></p>\n</li>",
+        m.slug,
+        escape(&v.pack.url),
+        escape(&m.title),
+        size(v.pack.bytes)
+    );
+}
+
+/// The poster of a version whose folder has this address, on a card of a list: as large as the card and the screen ask for.
+pub fn poster(folder: &str) -> String {
+    let [(wide, width), (small, small_width)] = THUMBNAILS;
+    format!(
+        "<img class=\"poster\" src=\"{folder}/{small}\" srcset=\"{folder}/{small} {small_width}w, {folder}/{wide} {width}w\" \
+         sizes=\"(max-width: 720px) 100vw, 360px\" alt=\"\" width=\"{width}\" height=\"{}\" loading=\"lazy\">",
+        width * 630 / 1200
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::manifest::tests::sample;
+
+    #[test]
+    fn a_page_of_somebody_elses_is_left_as_it_is() {
+        let shelf = tempfile::tempdir().unwrap();
+        assert!(check(shelf.path()).is_ok());
+        for name in ["feed.xml", "index.html"] {
+            fs::write(shelf.path().join(name), "<h1>My museum</h1>").unwrap();
+            let said = check(shelf.path()).unwrap_err().to_string();
+            assert!(said.contains("is not from kilwa") && said.contains("--site"), "{said}");
+        }
+        fs::write(shelf.path().join("index.html"), catalogue(&[])).unwrap();
+        assert!(check(shelf.path()).is_ok(), "ours is written anew");
+    }
+
+    #[test]
+    fn a_folder_becomes_a_catalogue_a_feed_a_list_and_a_sitemap() {
+        let shelf = tempfile::tempdir().unwrap();
+        let put = |slug: &str, change: &dyn Fn(&mut Manifest)| {
+            let mut m = sample();
+            slug.clone_into(&mut m.slug);
+            m.url = Some(format!("https://a.org/x/{slug}/"));
+            change(&mut m);
+            fs::create_dir_all(shelf.path().join(slug)).unwrap();
+            fs::write(shelf.path().join(slug).join(MANIFEST), m.to_bytes().unwrap()).unwrap();
+        };
+        put("fort", &|m| m.title = "Fort <1>".to_owned());
+        put("gone", &|m| m.access.state = AccessState::Withdrawn);
+        fs::create_dir_all(shelf.path().join("broken")).unwrap();
+        fs::write(shelf.path().join("broken").join(MANIFEST), "{").unwrap();
+        fs::create_dir_all(shelf.path().join("fort.bag")).unwrap();
+        let page = Page::from_files([("style.css".to_owned(), b"css".to_vec())].into());
+        write(&Lock::take(shelf.path()).unwrap(), &page, &|_| Ok(())).unwrap();
+        let text = |name: &str| fs::read_to_string(shelf.path().join(name)).unwrap();
+        let html = text("index.html");
+        assert!(
+            html.contains("Fort &lt;1&gt;")
+                && html.contains("fort/v2/poster-600.jpg")
+                && html.contains("broken cannot be shown"),
+            "{html}"
+        );
+        assert!(html.contains("1 model,") && html.contains("Withdrawn"));
+        assert!(text("feed.xml").contains("https://a.org/x/fort/") && !text("feed.xml").contains("gone/"));
+        assert!(text("sitemap.xml").contains("<loc>https://a.org/x/fort/</loc>"));
+        let list: Value = serde_json::from_str(&text("models.json")).unwrap();
+        let models = list["models"].as_array().unwrap();
+        assert_eq!(models.len(), 3);
+        let gone = models.iter().find(|m| m["slug"] == "gone").unwrap();
+        assert!(gone["access"] == "withdrawn" && gone["pack"].is_null() && gone["bytes"].is_null(), "{gone}");
+        assert_eq!(text("assets/style.css"), "css");
+    }
+}

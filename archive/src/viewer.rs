@@ -1,0 +1,219 @@
+//! The built viewer page: every file of `www/dist` in memory, by its name relative to that folder.
+//!
+//! Files `NAME.br` and `NAME.gz` beside `NAME` are its compressed forms, sent where the client accepts brotli or gzip. Nothing else
+//! of the disk can be reached through it.
+
+use bytes::Bytes;
+use include_dir::{Dir, include_dir};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use thiserror::Error;
+
+static EMBEDDED: Dir<'_> = include_dir!("$KILWA_PAGE");
+/// A page folder with more than this in it is not one of ours.
+const PAGE_LIMIT: u64 = 256 << 20;
+
+/// Why there is no page.
+#[derive(Debug, Error)]
+pub enum PageError {
+    /// Neither embedded nor given.
+    #[error("the viewer page is not built into this program: run `cargo xtask web` and build again, or give --www DIR")]
+    NotBuilt,
+    /// The folder given holds no page.
+    #[error("{folder} holds no built viewer page ({missing} is missing): run `cargo xtask web`, which writes www/dist")]
+    Incomplete {
+        /// The folder.
+        folder: PathBuf,
+        /// The first file that is missing.
+        missing: &'static str,
+    },
+    /// The folder given cannot be read.
+    #[error("cannot read {path}: {source}")]
+    Unreadable {
+        /// File or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The folder is something else.
+    #[error("{folder} holds more than {PAGE_LIMIT} bytes, so it is not the built viewer page; give www/dist")]
+    TooLarge {
+        /// The folder.
+        folder: PathBuf,
+    },
+}
+
+/// One file, ready to be sent.
+#[derive(Debug, Clone)]
+pub struct Asset {
+    /// Content.
+    pub bytes: Bytes,
+    /// The same, compressed by brotli.
+    pub brotli: Option<Bytes>,
+    /// The same, compressed by gzip.
+    pub gzip: Option<Bytes>,
+    /// Media type.
+    pub content_type: &'static str,
+    /// Entity tag, with its quotes.
+    pub etag: String,
+}
+
+/// The page's files.
+#[derive(Debug, Clone)]
+pub struct Page {
+    files: Arc<BTreeMap<String, Asset>>,
+}
+
+impl Page {
+    /// The page that was built into the program, or the one in `folder`.
+    ///
+    /// # Errors
+    /// [`PageError`] when there is none, saying how to build it.
+    pub fn load(folder: Option<&Path>) -> Result<Self, PageError> {
+        let mut raw = BTreeMap::new();
+        match folder {
+            Some(folder) => read_folder(folder, folder, &mut 0, &mut raw)?,
+            None => collect(&EMBEDDED, &mut raw),
+        }
+        let page = Self::from_files(raw);
+        match (page.missing(), folder) {
+            (None, _) => Ok(page),
+            (Some(_), None) => Err(PageError::NotBuilt),
+            (Some(missing), Some(folder)) => Err(PageError::Incomplete { folder: folder.to_owned(), missing }),
+        }
+    }
+
+    /// A page of the files given, by relative name.
+    pub fn from_files(raw: BTreeMap<String, Vec<u8>>) -> Self {
+        let (mut packed, plain): (BTreeMap<_, _>, BTreeMap<_, _>) =
+            raw.into_iter().partition(|(name, _)| Path::new(name).extension().is_some_and(|e| e == "gz" || e == "br"));
+        let files = plain.into_iter().map(|(name, bytes)| {
+            let mut form = |end: &str| packed.remove(&format!("{name}.{end}")).map(Bytes::from);
+            let (brotli, gzip) = (form("br"), form("gz"));
+            let asset = asset(&name, bytes, brotli, gzip);
+            (name, asset)
+        });
+        Self { files: Arc::new(files.collect()) }
+    }
+
+    /// The same page with something put into the head of its `index.html`, first thing.
+    #[must_use]
+    pub fn with_head(self, head: &str) -> Self {
+        if head.is_empty() {
+            return self;
+        }
+        let mut files = (*self.files).clone();
+        if let Some(index) = files.get_mut("index.html") {
+            let html =
+                String::from_utf8_lossy(&index.bytes).replacen("<head>", &format!("<head>\n{head}"), 1).into_bytes();
+            // Its packed forms are of the other text.
+            *index = asset("index.html", html, None, None);
+        }
+        Self { files: Arc::new(files) }
+    }
+
+    fn missing(&self) -> Option<&'static str> {
+        const NEEDED: [&str; 8] = [
+            "index.html",
+            "boot.js",
+            "viewer.js",
+            "viewer_bg.wasm",
+            "viewer-gl.js",
+            "viewer-gl_bg.wasm",
+            "decode.js",
+            "decode_bg.wasm",
+        ];
+        NEEDED.into_iter().find(|f| !self.files.contains_key(*f))
+    }
+
+    /// One file by its name.
+    pub fn file(&self, name: &str) -> Option<&Asset> {
+        self.files.get(name)
+    }
+
+    /// Every file by name, with its bytes; compressed forms under their own names (`NAME.gz`, `NAME.br`). Sorted.
+    pub fn files(&self) -> impl Iterator<Item = (String, &[u8])> {
+        self.files.iter().flat_map(|(name, asset)| {
+            let forms = [("", Some(&asset.bytes)), (".br", asset.brotli.as_ref()), (".gz", asset.gzip.as_ref())];
+            forms.into_iter().filter_map(move |(end, bytes)| bytes.map(|b| (format!("{name}{end}"), &b[..])))
+        })
+    }
+
+    /// Bytes of all of them.
+    pub fn bytes(&self) -> u64 {
+        self.files().map(|(_, bytes)| bytes.len() as u64).sum()
+    }
+
+    /// The HTML of the viewer, empty where there is none.
+    pub fn html(&self) -> &str {
+        self.file("index.html").and_then(|a| std::str::from_utf8(&a.bytes).ok()).unwrap_or_default()
+    }
+}
+
+fn asset(name: &str, bytes: Vec<u8>, brotli: Option<Bytes>, gzip: Option<Bytes>) -> Asset {
+    let etag = format!("\"{}\"", &blake3::hash(&bytes).to_hex().as_str()[..32]);
+    Asset { brotli, gzip, content_type: content_type(name), etag, bytes: bytes.into() }
+}
+
+fn collect(dir: &Dir<'_>, into: &mut BTreeMap<String, Vec<u8>>) {
+    for file in dir.files() {
+        if let Some(name) = file.path().to_str() {
+            into.insert(name.replace('\\', "/"), file.contents().to_vec());
+        }
+    }
+    for dir in dir.dirs() {
+        collect(dir, into);
+    }
+}
+
+fn read_folder(
+    root: &Path,
+    folder: &Path,
+    total: &mut u64,
+    into: &mut BTreeMap<String, Vec<u8>>,
+) -> Result<(), PageError> {
+    let unreadable = |path: &Path| {
+        let path = path.to_owned();
+        move |source| PageError::Unreadable { path, source }
+    };
+    for entry in std::fs::read_dir(folder).map_err(unreadable(folder))? {
+        let path = entry.map_err(unreadable(folder))?.path();
+        let metadata = std::fs::metadata(&path).map_err(unreadable(&path))?;
+        if metadata.is_dir() {
+            read_folder(root, &path, total, into)?;
+            continue;
+        }
+        *total += metadata.len();
+        if *total > PAGE_LIMIT {
+            return Err(PageError::TooLarge { folder: root.to_owned() });
+        }
+        if let Some(name) = path.strip_prefix(root).ok().and_then(Path::to_str) {
+            into.insert(name.replace('\\', "/"), std::fs::read(&path).map_err(unreadable(&path))?);
+        }
+    }
+    Ok(())
+}
+
+/// By the end of a name; what is not known is bytes.
+pub fn content_type(name: &str) -> &'static str {
+    match name.rsplit('.').next().unwrap_or_default() {
+        "html" => "text/html; charset=utf-8",
+        "js" | "mjs" => "text/javascript; charset=utf-8",
+        "css" => "text/css; charset=utf-8",
+        "json" => "application/json",
+        "wasm" => "application/wasm",
+        "svg" => "image/svg+xml",
+        "png" => "image/png",
+        "webp" => "image/webp",
+        "jpg" | "jpeg" => "image/jpeg",
+        "tif" | "tiff" => "image/tiff",
+        "pdf" => "application/pdf",
+        "glb" => "model/gltf-binary",
+        "xml" => "application/xml",
+        "bib" => "application/x-bibtex; charset=utf-8",
+        "ris" => "application/x-research-info-systems; charset=utf-8",
+        "txt" | "md" | "sha256" => "text/plain; charset=utf-8",
+        _ => "application/octet-stream",
+    }
+}

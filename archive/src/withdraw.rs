@@ -1,0 +1,324 @@
+//! Withdrawing an object: its files go to a folder outside of what is served, its metadata and a page that says why stay.
+//!
+//! In this order, so that wherever it is cut off nothing is lost and the same command goes on: page and manifest are copied to the other folder; they are
+//! replaced by those of a withdrawn object ([`super::next`]), so that it is public no longer; its files are linked or copied to the other folder; what was
+//! withdrawn is removed, each file only when it is in the other folder; what commands that were cut off have left is removed, also where nothing else is
+//! left to do.
+
+use super::disk::{self, failed};
+use super::draft::{DraftError, HIDDEN, Steps};
+use super::keep::{Folders, is_own_folder};
+use super::layout::{CHECKSUMS, CITATIONS, LICENCE, MANIFEST, PAGE, README, Slug, VIEWER};
+use super::manifest::{AccessState, MANIFEST_MAX, Manifest};
+use super::modes;
+use super::next::{become_next, settle_contents};
+use super::page::tombstone;
+use super::scratch::{self, Scratch};
+use super::site;
+use crate::layout::SMALL_FILE_MAX;
+use kilwa_files::plain_file;
+use std::cell::Cell;
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// What is to be withdrawn, or was.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Outlook {
+    /// Its title.
+    pub title: String,
+    /// The day on which it was withdrawn already.
+    pub withdrawn: Option<String>,
+    /// Files that go, in all versions, and their bytes.
+    pub going: (usize, u64),
+    /// The bag of it, which goes too.
+    pub bag: bool,
+    /// Whether a version of it was published without its location.
+    pub is_withheld: bool,
+}
+
+impl Outlook {
+    /// Whether nothing is left to do.
+    pub fn is_done(&self) -> bool {
+        self.withdrawn.is_some() && self.going.0 == 0 && !self.bag
+    }
+}
+
+/// What withdrawing the object `slug` of the folder `shelf` would do; changes nothing.
+///
+/// # Errors
+/// [`DraftError`] when it has no manifest that can be read.
+pub fn outlook(shelf: &Path, slug: &Slug) -> Result<Outlook, DraftError> {
+    let object = shelf.join(slug.as_str());
+    let path = object.join(MANIFEST);
+    let manifest = Manifest::parse(&plain_file::read_at(&path, MANIFEST_MAX).map_err(failed("read", &path))?)?;
+    let mut going = (0, 0);
+    for folder in folders_of(&object, &manifest) {
+        count(&folder, "", &mut going).map_err(failed("read", &folder))?;
+    }
+    let withdrawn = manifest.access.withdrawn.filter(|_| manifest.access.state == AccessState::Withdrawn);
+    let is_withheld = manifest.versions.iter().any(|v| v.location_redacted);
+    Ok(Outlook {
+        title: manifest.title,
+        withdrawn,
+        going,
+        bag: shelf.join(format!("{slug}.bag")).is_dir(),
+        is_withheld,
+    })
+}
+
+/// The version folders that are there: of what is withdrawn somebody may have removed one.
+fn folders_of(object: &Path, manifest: &Manifest) -> Vec<PathBuf> {
+    manifest.versions.iter().map(|v| object.join(&v.folder)).filter(|folder| folder.is_dir()).collect()
+}
+
+fn count(folder: &Path, prefix: &str, going: &mut (usize, u64)) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let path = format!("{prefix}{}", entry.file_name().to_string_lossy());
+        if entry.file_type()?.is_dir() {
+            count(&entry.path(), &format!("{path}/"), going)?;
+        } else if !stays(&path) {
+            *going = (going.0 + 1, going.1 + entry.metadata()?.len());
+        }
+    }
+    Ok(())
+}
+
+/// What is stated about a withdrawal.
+#[derive(Debug, Clone, Copy)]
+pub struct Withdrawal<'a> {
+    /// Why, for everybody to read.
+    pub reason: &'a str,
+    /// The day of it.
+    pub day: &'a str,
+}
+
+/// How a withdrawal ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Withdrawn {
+    /// Where its files are now; where an earlier command has moved them all, where this one would have.
+    pub kept: PathBuf,
+    /// The day on which it was withdrawn.
+    pub day: String,
+    /// An earlier command has moved all of its files.
+    pub before: bool,
+    /// Something was changed now; with `before`, only leftovers of an interrupted command.
+    pub changed: bool,
+}
+
+/// What is done when the manifest says that an object is withdrawn, and something is lacking.
+pub(super) const WITHDRAWN: &str = "the object is withdrawn, but not all of its files have been moved";
+
+/// Withdraw the object `slug` of the locked folders, or go on with it.
+///
+/// # Errors
+/// [`DraftError`] when it has no manifest, there is something else of this name in the folder outside, or the system refuses: the object is as it was, or
+/// [`DraftError::Unfinished`], withdrawn and not all of it moved.
+pub fn withdraw(
+    folders: &Folders,
+    slug: &Slug,
+    said: &Withdrawal<'_>,
+    steps: Steps<'_>,
+) -> Result<Withdrawn, DraftError> {
+    let (shelf, object) = (folders.shelf.folder(), folders.shelf.folder().join(slug.as_str()));
+    let changes = Cell::new(0_u32);
+    let steps: Steps<'_> = &|what| {
+        changes.set(changes.get().saturating_add(1));
+        steps(what)
+    };
+    let none = || DraftError::Other(format!("there is no {slug} in {}", shelf.display()));
+    let manifest = settle_contents(&folders.shelf, slug, steps)?.ok_or_else(none)?;
+    let is_withdrawn = manifest.access.state == AccessState::Withdrawn;
+    let left = outlook(shelf, slug)?;
+    let before = is_withdrawn && left.going.0 == 0 && !left.bag;
+    let kept = if before {
+        folders.keep.join(slug.as_str())
+    } else {
+        // Files have come back since it was looked at whether that folder is needed.
+        let lacking = || DraftError::Busy(object.clone());
+        let keep = folders.kept.as_ref().ok_or_else(lacking);
+        let begun = keep.and_then(|keep| begin_keeping(&object, slug, &manifest, keep.folder(), steps));
+        begun.map_err(|e| if is_withdrawn { e.after(WITHDRAWN) } else { e })?
+    };
+    if !is_withdrawn {
+        close_object(&object, slug, manifest.clone(), said, steps)?;
+    }
+    let moved = || {
+        if !before {
+            take_all(&object, &manifest, &kept, &folders.keep, steps)?;
+        }
+        // A bag holds the same files again.
+        disk::remove(&shelf.join(format!("{slug}.bag")), steps)?;
+        for folder in folders_of(&object, &manifest) {
+            strip(&folder, &copy_of(&folder, &kept), "", steps)?;
+        }
+        sweep(folders, slug, steps)
+    };
+    moved().map_err(|e| e.after(WITHDRAWN))?;
+    let day = manifest.access.withdrawn.filter(|_| is_withdrawn).unwrap_or_else(|| said.day.to_owned());
+    Ok(Withdrawn { kept, day, before, changed: changes.get() > 0 })
+}
+
+/// Where the files of a version's folder go.
+fn copy_of(folder: &Path, kept: &Path) -> PathBuf {
+    kept.join(folder.file_name().unwrap_or_default())
+}
+
+/// Link or copy all versions of an object to the folder outside, for nobody else to read.
+fn take_all(object: &Path, manifest: &Manifest, kept: &Path, keep: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    for folder in folders_of(object, manifest) {
+        let copy = copy_of(&folder, kept);
+        take(&folder, &copy, steps)?;
+        modes::settle(&copy, false, keep, steps)?;
+    }
+    // What is removed next must not be all that a power cut leaves. An earlier command may have given these names, and been cut off before this.
+    disk::sync(kept, steps)?;
+    disk::sync(keep, steps)
+}
+
+/// Remove the hidden folders of commands that were cut off: a bag that was being made holds what was withdrawn.
+fn sweep(folders: &Folders, slug: &Slug, steps: Steps<'_>) -> Result<(), DraftError> {
+    let (shelf, is_of) = (folders.shelf.folder(), |name: &str| scratch::is_of(slug, name));
+    scratch::sweep_all(shelf, &is_of, steps)?;
+    scratch::sweep_all(&shelf.join(slug.as_str()), &is_of, steps)?;
+    site::sweep(&folders.shelf, steps)?;
+    let keep = folders.kept.as_ref();
+    keep.map_or(Ok(()), |keep| scratch::sweep_all(keep.folder(), &is_of, steps))
+}
+
+/// Page and manifest as they are go to the folder outside, unless an earlier attempt has put them there.
+fn begin_keeping(
+    object: &Path,
+    slug: &Slug,
+    manifest: &Manifest,
+    keep: &Path,
+    steps: Steps<'_>,
+) -> Result<PathBuf, DraftError> {
+    let kept = keep.join(slug.as_str());
+    if let Ok(is_own) = is_own_folder(&kept) {
+        if !is_own {
+            return Err(DraftError::There(kept));
+        }
+        let there = plain_file::read_at(&kept.join(MANIFEST), MANIFEST_MAX).ok().and_then(|b| Manifest::parse(&b).ok());
+        let there = there.map(|there| there.versions).filter(|there| manifest.versions.starts_with(there));
+        match there {
+            Some(there) if there.len() == manifest.versions.len() => return Ok(kept),
+            // Begun before the last version was published, and cut off before anything else was put there.
+            Some(_) if fs::read_dir(&kept).map_err(failed("read", &kept))?.count() == 2 => disk::remove(&kept, steps)?,
+            _ => return Err(DraftError::There(kept)),
+        }
+    }
+    scratch::sweep(keep, &|name| scratch::is_of(slug, name), steps)?;
+    let hidden = Scratch::create(keep, &scratch::prefix(slug), steps)?;
+    let whole = hidden.path().join("kept");
+    disk::create_dir(&whole, steps)?;
+    for name in [PAGE, MANIFEST] {
+        let from = object.join(name);
+        let bytes = plain_file::read_at(&from, SMALL_FILE_MAX).map_err(failed("read", &from))?;
+        disk::write(&whole.join(name), &bytes, steps)?;
+    }
+    disk::rename(&whole, &kept, steps)?;
+    hidden.close(steps)?;
+    Ok(kept)
+}
+
+/// From here on no page links to a file that will go, and a server serves none.
+fn close_object(
+    object: &Path,
+    slug: &Slug,
+    mut manifest: Manifest,
+    said: &Withdrawal<'_>,
+    steps: Steps<'_>,
+) -> Result<(), DraftError> {
+    manifest.access.state = AccessState::Withdrawn;
+    manifest.access.until = None;
+    manifest.access.reason = Some(said.reason.to_owned());
+    manifest.access.withdrawn = Some(said.day.to_owned());
+    let style = format!("{}/{VIEWER}/style.css", manifest.versions.last().map_or("v1", |v| v.folder.as_str()));
+    let page = tombstone(&manifest, &style);
+    manifest.page.bytes = page.len() as u64;
+    manifest.page.sha256 = super::checksums::sha256(page.as_bytes());
+    scratch::sweep(object, &|name| scratch::is_of(slug, name), steps)?;
+    let hidden = Scratch::create(object, &scratch::prefix(slug), steps)?;
+    let whole = hidden.path().join("next");
+    disk::create_dir(&whole, steps)?;
+    disk::write(&whole.join(PAGE), page.as_bytes(), steps)?;
+    disk::write(&whole.join(MANIFEST), &manifest.to_bytes()?, steps)?;
+    disk::sync(&whole, steps)?;
+    become_next(object, &whole, None, WITHDRAWN, steps)?;
+    drop(hidden.close(steps));
+    Ok(())
+}
+
+/// What stays of a version: its records in words, and the style of the page.
+fn stays(path: &str) -> bool {
+    let texts = [CHECKSUMS, LICENCE, README, CITATIONS[0], CITATIONS[1], CITATIONS[2]];
+    path.starts_with("metadata/") || texts.contains(&path) || path == format!("{VIEWER}/style.css")
+}
+
+/// Remove what was withdrawn from a version, each file only when the other folder has it.
+fn strip(folder: &Path, kept: &Path, prefix: &str, steps: Steps<'_>) -> Result<(), DraftError> {
+    for entry in fs::read_dir(folder).map_err(failed("read", folder))? {
+        let entry = entry.map_err(failed("read", folder))?;
+        let (at, copy) = (entry.path(), kept.join(entry.file_name()));
+        let path = format!("{prefix}{}", entry.file_name().to_string_lossy());
+        if is_folder(&entry)? {
+            strip(&at, &copy, &format!("{path}/"), steps)?;
+            if fs::read_dir(&at).map_err(failed("read", &at))?.next().is_none() {
+                disk::remove(&at, steps)?;
+            }
+        } else if !stays(&path) {
+            if !is_there(&at, &copy) {
+                let lacking = io::Error::other(format!("{} is not the same file", copy.display()));
+                return Err(failed("remove what was withdrawn,", &at)(lacking));
+            }
+            disk::remove(&at, steps)?;
+        }
+    }
+    Ok(())
+}
+
+/// Link or copy what is not there yet.
+fn take(from: &Path, to: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    disk::create_dir(to, steps)?;
+    if !is_own_folder(to).map_err(failed("read", to))? {
+        return Err(failed("write", to)(io::Error::other("it is a link, and what is kept must not lie elsewhere")));
+    }
+    // Copies that were cut off.
+    scratch::sweep(to, &|name| name.starts_with(HIDDEN), steps)?;
+    for entry in fs::read_dir(from).map_err(failed("read", from))? {
+        let entry = entry.map_err(failed("read", from))?;
+        let (at, copy) = (entry.path(), to.join(entry.file_name()));
+        if is_folder(&entry)? {
+            take(&at, &copy, steps)?;
+        } else if !is_there(&at, &copy) {
+            steps(&entry.file_name().to_string_lossy()).map_err(failed("write", &copy))?;
+            if fs::hard_link(&at, &copy).is_err() {
+                let part = to.join(format!("{HIDDEN}part"));
+                copied(&at, &part).map_err(failed("write", &copy))?;
+                disk::rename(&part, &copy, steps)?;
+            }
+        }
+    }
+    disk::sync(to, steps)
+}
+
+fn copied(from: &Path, to: &Path) -> io::Result<()> {
+    fs::copy(from, to)?;
+    File::open(to)?.sync_all()
+}
+
+/// Whether a file has a copy as long as it is; of a link, anything of its name.
+fn is_there(at: &Path, copy: &Path) -> bool {
+    let (Ok(at), Ok(copy)) = (fs::symlink_metadata(at), fs::symlink_metadata(copy)) else { return false };
+    !at.is_file() || (copy.is_file() && copy.len() == at.len())
+}
+
+fn is_folder(entry: &fs::DirEntry) -> Result<bool, DraftError> {
+    Ok(entry.file_type().map_err(failed("read", &entry.path()))?.is_dir())
+}
+
+#[cfg(test)]
+#[path = "withdraw_tests.rs"]
+mod tests;
