@@ -13,6 +13,7 @@ use kilwa_archive::checksums::{sha256, sha256_of};
 use kilwa_archive::layout::{CHECKSUMS, MANIFEST, PAGE, version_of};
 use kilwa_archive::manifest::{AccessState, Version};
 use kilwa_archive::{Checksums, Manifest};
+use kilwa_archive::layout::SMALL_FILE_MAX;
 use kilwa_files::plain_file;
 use std::collections::{BTreeMap, VecDeque};
 use std::io;

@@ -20,6 +20,7 @@ pub use edm::europeana_lacks;
 pub use ro_crate::ro_crate;
 pub use schema_org::schema_org;
 
+use kilwa_files::plain_file;
 use super::checksums::{Checksum, sha256};
 use super::layout::{
     ANNOTATIONS, CITATIONS, DATACITE, DUBLIN_CORE, EDM, IIIF, IIIF_ANNOTATIONS, LICENCE, LINKSET, METADATA, OEMBED,
