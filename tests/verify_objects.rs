@@ -512,7 +512,7 @@ fn links_and_special_files_are_named_and_never_followed() {
 
 #[cfg(unix)]
 #[test]
-fn what_another_user_is_publishing_is_a_note_though_nobody_else_can_look_into_it() {
+fn another_users_unfinished_publication_is_noted_even_if_it_cannot_be_read() {
     use std::os::unix::fs::PermissionsExt as _;
     use std::os::unix::process::CommandExt as _;
     let shelf = tempfile::tempdir().unwrap();

@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn a_changed_byte_in_a_line_costs_this_line_and_those_after_it() {
+    fn a_changed_byte_invalidates_its_line_and_all_later_ones() {
         let scratch = Scratch::temporary().unwrap();
         drop(with_stages(&scratch, 3));
         let whole = std::fs::read(scratch.path(JOURNAL)).unwrap();

@@ -171,7 +171,7 @@ fn damaged(bytes: &[u8], is_text: bool, is_moved: bool) -> Vec<u8> {
 }
 
 #[test]
-fn a_damaged_file_is_noticed_before_a_stage_goes_on_from_it_and_is_made_anew() {
+fn a_damaged_file_is_detected_before_a_stage_uses_it_and_is_made_again() {
     let raw = wall(4000);
     let expected = undisturbed(&raw, 1, 1 << 32);
     let stages: [(&str, &[&str]); 4] = [

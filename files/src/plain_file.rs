@@ -207,7 +207,7 @@ mod tests {
     use std::process::Command;
 
     #[test]
-    fn only_regular_files_are_opened_and_nothing_waits() {
+    fn only_regular_files_are_opened_and_nothing_blocks() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         fs::write(at("file"), "x").unwrap();
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn inside_an_archive_no_link_is_followed_at_any_depth() {
+    fn no_link_inside_an_archive_is_followed_at_any_depth() {
         let folder = tempfile::tempdir().unwrap();
         let (real, root) = (folder.path().join("real"), folder.path().join("root"));
         fs::create_dir_all(real.join("v1/deep")).unwrap();

@@ -67,7 +67,7 @@ mod tests {
         assert!(pieces.len() == 4 && pieces[3].is_err());
     }
     #[tokio::test]
-    async fn each_further_piece_waits_for_a_place_and_none_is_held_between_pieces() {
+    async fn each_further_piece_waits_for_a_slot_and_none_is_held_between_pieces() {
         let (gate, made) = (Arc::<Gate>::default(), Arc::new(AtomicUsize::new(0)));
         let turns = Some(Turns::new(&gate, "a"));
         let mut pieces = body("0".to_owned(), (Arc::clone(&made), 0), count, turns).into_data_stream();

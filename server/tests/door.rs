@@ -448,7 +448,7 @@ async fn where_a_session_cannot_be_kept_or_ended_the_reader_is_told() {
 }
 
 #[tokio::test]
-async fn signing_out_is_done_or_says_that_it_is_not() {
+async fn signing_out_works_or_reports_that_it_failed() {
     let m = Museum::new();
     let before = std::fs::read(m.accounts()).unwrap();
     let keep = |bytes: &[u8]| {
@@ -483,7 +483,7 @@ async fn signing_out_is_done_or_says_that_it_is_not() {
 }
 
 #[tokio::test]
-async fn a_list_of_sessions_that_cannot_be_read_ends_none_and_says_so() {
+async fn an_unreadable_list_of_sessions_is_reported_and_no_session_ends() {
     let m = Museum::new();
     let (folder, moved) = (m.folder.path().join("sessions"), m.folder.path().join("moved"));
     let app = another(&m, Sessions::in_folder(&folder).unwrap());

@@ -123,7 +123,7 @@ async fn a_form_leads_to_a_page_that_waits_and_to_the_file() {
 /// Of the cache only what was made is given out, under a tag that says so.
 #[cfg(unix)]
 #[tokio::test]
-async fn a_file_of_the_cache_that_somebody_changed_is_made_anew() {
+async fn a_changed_file_in_the_cache_is_made_again() {
     let a = archive();
     let (form, name) = ("format=stl&detail=whole", "/fort/extract/v2-whole.stl");
     let make = async || {

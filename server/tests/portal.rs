@@ -128,7 +128,7 @@ async fn the_catalogue_lists_searches_and_narrows_without_a_script() {
 
 /// Whatever an address says, in whichever field of whichever page, is text.
 #[tokio::test]
-async fn nothing_of_an_address_becomes_markup() {
+async fn no_part_of_an_address_becomes_markup() {
     let dir = archive();
     let app = portal(dir.path());
     let pages = ["/", "/map", "/collections/", "/collections/x/", "/gereza/", "/gereza/extract", "/sign-in", "/oai"];
@@ -559,7 +559,7 @@ impl http_body::Body for Stuck {
 
 /// More than are answered at once, from networks enough: by GET, where nobody expects a body, as by POST.
 #[tokio::test]
-async fn whoever_sends_a_body_slowly_keeps_nobody_from_asking() {
+async fn slow_request_bodies_do_not_block_other_queries() {
     let dir = archive();
     let mut site = Site::new(Catalogue::open(dir.path()).unwrap(), page());
     let index = Index::open(dir.path(), None).unwrap();

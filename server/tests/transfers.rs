@@ -101,7 +101,7 @@ async fn a_transfer_ends_when_access_does_and_others_go_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_file_that_is_written_over_during_a_transfer_is_never_sent_mixed() {
+async fn a_file_overwritten_during_a_transfer_is_never_sent_as_a_mixture() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("wall.kilwa");
     std::fs::write(&path, noise(LENGTH, 1)).unwrap();

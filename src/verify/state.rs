@@ -255,7 +255,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn pipes_and_devices_are_refused_and_nothing_waits() {
+    fn pipes_and_devices_are_refused_without_blocking() {
         let folder = tempfile::tempdir().unwrap();
         let (pipe, device) = (folder.path().join("pipe"), folder.path().join("device"));
         assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());

@@ -68,7 +68,7 @@ fn killed_while_it_sends_the_same_command_ends_it_with_the_bytes_of_publishing_h
 
 /// As a server leaves it that is killed between manifest and page.
 #[test]
-fn what_a_killed_server_left_to_do_is_done_by_the_same_command() {
+fn the_same_command_finishes_what_a_killed_server_left_undone() {
     let (server, site) = (Server::start(), local());
     let (_folder, metadata, www) = bench(&METADATA.replace("First.", "Better."));
     for (path, bytes) in tree(&site.join("fort"), true) {

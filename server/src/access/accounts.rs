@@ -491,7 +491,7 @@ mod tests {
     /// NFS grants an exclusive lock only over a descriptor that is open for writing.
     #[cfg(unix)]
     #[test]
-    fn what_is_locked_is_open_for_writing_so_that_nfs_locks_it_too() {
+    fn the_lock_is_taken_on_a_writable_descriptor_as_nfs_requires() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("access.json");
         some().create(&path).expect("writes");

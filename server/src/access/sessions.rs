@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_crash_left_of_a_beginning_is_no_session_and_goes_with_its_time() {
+    fn a_session_that_a_crash_left_unfinished_is_not_valid_and_is_removed_when_it_expires() {
         let folder = tempfile::tempdir().expect("a folder");
         let sessions = Sessions::in_folder(folder.path()).expect("uses it");
         let holder = sessions.begin("amina", NOW).expect("begins");
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn a_session_that_begins_is_not_swept_by_another_server() {
+    fn a_new_session_is_not_removed_by_another_server() {
         let folder = tempfile::tempdir().expect("a folder");
         let open = || Sessions::in_folder(folder.path()).expect("opens");
         let is_over = std::sync::atomic::AtomicBool::new(false);

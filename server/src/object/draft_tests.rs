@@ -344,7 +344,7 @@ fn publish_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<()
 
 #[cfg(unix)]
 #[test]
-fn what_another_user_has_left_keeps_nobody_from_publishing() {
+fn leftovers_of_another_user_do_not_prevent_publishing() {
     use std::os::unix::fs::PermissionsExt as _;
     let published = (|| {
         let shelf = shelf_of_another_user(NOBODY)?;
@@ -374,7 +374,7 @@ fn what_another_user_has_left_keeps_nobody_from_publishing() {
 
 #[cfg(unix)]
 #[test]
-fn closed_files_are_for_their_owner_alone_if_the_group_of_the_folder_is_not_the_owners() {
+fn closed_files_are_owner_only_if_the_owner_is_not_in_the_group_of_the_folder() {
     use std::os::unix::fs::chown;
     let published = (|| {
         let theirs = 12_345;

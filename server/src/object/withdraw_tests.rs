@@ -155,7 +155,7 @@ fn the_next_command_removes_leftovers_even_if_everything_is_withdrawn() {
 
 #[cfg(unix)]
 #[test]
-fn no_file_goes_to_where_a_web_server_would_go_on_serving_it() {
+fn no_file_is_moved_to_where_a_web_server_would_still_serve_it() {
     use std::os::unix::fs::symlink;
     let folder = with_two_versions();
     let at = |path: &str| folder.path().join(path);
@@ -194,7 +194,7 @@ fn no_file_goes_to_where_a_web_server_would_go_on_serving_it() {
 
 #[cfg(unix)]
 #[test]
-fn a_link_in_the_folder_outside_costs_no_file() {
+fn a_link_in_the_folder_outside_loses_no_file() {
     use std::os::unix::fs::symlink;
     let whole = with_two_versions();
     withdrawn(&whole.path().join("shelf"), &whole.path().join("keep")).unwrap();
@@ -224,7 +224,7 @@ fn a_link_in_the_folder_outside_costs_no_file() {
 }
 
 #[test]
-fn withdrawals_with_crossed_folders_do_not_wait_for_each_other() {
+fn withdrawals_with_crossed_folders_do_not_deadlock() {
     let folder = tempfile::tempdir().unwrap();
     let (a, b) = (folder.path().join("a"), folder.path().join("b"));
     for shelf in [&a, &b] {
@@ -253,7 +253,7 @@ fn withdrawals_with_crossed_folders_do_not_wait_for_each_other() {
 }
 
 #[test]
-fn nothing_is_removed_before_the_names_of_what_is_kept_are_on_disk() {
+fn no_file_is_removed_before_the_names_of_the_kept_files_are_on_disk() {
     // Wherever a first attempt is cut off, and whatever a second one finds done.
     let mut removals = 0;
     for step in 0.. {
@@ -295,7 +295,7 @@ fn nothing_is_removed_before_the_names_of_what_is_kept_are_on_disk() {
 
 #[cfg(unix)]
 #[test]
-fn withdrawn_geometry_is_not_for_other_users_of_the_computer() {
+fn other_users_of_the_computer_cannot_read_withdrawn_geometry() {
     use crate::object::draft::tests::{modes, pack_of, publish_as, visible};
     for state in [AccessState::Public, AccessState::Restricted] {
         let folder = tempfile::tempdir().unwrap();

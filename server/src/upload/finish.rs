@@ -363,7 +363,7 @@ mod tests {
     use std::path::PathBuf;
 
     #[test]
-    fn no_refusal_has_a_path_of_the_server() {
+    fn no_refusal_contains_a_path_of_the_server() {
         let path = || PathBuf::from("/srv/secret/fort");
         let other = |text: &str| io::Error::other(text.to_owned());
         let disk = || DraftError::Disk { what: "write", path: path(), reason: other("at /srv/secret") };

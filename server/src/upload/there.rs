@@ -205,7 +205,7 @@ mod tests {
     use crate::upload::UploadLimits;
 
     #[test]
-    fn a_server_that_starts_leaves_the_work_folders_of_another_alone() {
+    fn a_starting_server_does_not_remove_the_work_folders_of_another() {
         let folder = tempfile::tempdir().unwrap();
         prepare(folder.path()).unwrap();
         std::fs::create_dir(folder.path().join(format!("{WORK}left"))).unwrap();
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_work_folder_does_not_wait_for_a_publication() {
+    fn making_a_work_folder_does_not_wait_for_a_publication() {
         let folder = tempfile::tempdir().unwrap();
         prepare(folder.path()).unwrap();
         let page = Page::from_files(std::collections::BTreeMap::new());

@@ -25,7 +25,7 @@ fn is_finished(object: &Path) -> bool {
 
 /// The disk fails before each change in turn. Whether the client looks how far it is before it repeats itself is no matter.
 #[tokio::test]
-async fn a_version_that_was_cut_off_behind_its_manifest_is_finished_by_the_same_command() {
+async fn the_same_command_finishes_a_version_interrupted_after_its_manifest() {
     for looks in [true, false] {
         let m = Museum::with(UploadLimits { per_minute: u32::MAX, ..UploadLimits::default() });
         let object = m.models().join("fort");
@@ -63,7 +63,7 @@ async fn a_version_that_was_cut_off_behind_its_manifest_is_finished_by_the_same_
 }
 
 #[tokio::test]
-async fn what_is_in_the_way_is_refused_without_the_names_of_the_servers_folders() {
+async fn a_file_in_the_way_is_reported_without_the_paths_of_the_server() {
     let m = Museum::new();
     let inside = m.folder.path().to_str().unwrap();
     assert_eq!(m.publish(&numbered(1)).await.1.version, 1);

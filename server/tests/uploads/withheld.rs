@@ -217,7 +217,7 @@ fn tampered(change: impl FnOnce(&mut [u8], std::ops::Range<usize>, usize)) -> Ve
 
 /// Numbers, unknown members and reserved bytes carry a place as well as texts do.
 #[tokio::test]
-async fn a_withheld_location_is_searched_for_where_the_pack_has_no_text() {
+async fn a_withheld_location_is_searched_for_outside_the_texts_of_the_pack() {
     let member = |text: &'static str| {
         tampered(move |bytes, metadata, _| {
             let json = String::from_utf8(bytes[metadata.clone()].to_vec()).unwrap();
@@ -274,7 +274,7 @@ async fn a_withheld_location_is_searched_for_where_the_pack_has_no_text() {
 
 /// What is announced of the preview is on pages and in records: it must be that of the file, also where nothing is withheld.
 #[tokio::test]
-async fn numbers_of_an_announcement_are_compared_with_the_files() {
+async fn announced_numbers_are_compared_with_the_files() {
     let accuracy = |metres: f64| {
         with(|v| v.intent.metadata.capture = Some(serde_json::from_value(json!({ "accuracy": metres })).unwrap()))
     };

@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn an_accuracy_that_could_be_a_coordinate_is_named_with_its_line() {
+    fn an_accuracy_that_could_be_a_coordinate_is_reported_with_its_line() {
         let file = |accuracy: &str| {
             format!(
                 "title = \"Fort\"\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n[capture]\naccuracy = {accuracy}\n"
