@@ -95,7 +95,7 @@ fn change(file: &Path, how: impl FnOnce(&mut Accounts)) {
         Ok::<_, AccountsError>(())
     });
     changed.unwrap();
-    // The file is looked at once a second.
+    // The server checks the file once a second.
     std::thread::sleep(std::time::Duration::from_millis(1100));
 }
 
@@ -453,7 +453,7 @@ async fn signing_out_works_or_reports_that_it_failed() {
     let before = std::fs::read(m.accounts()).unwrap();
     let keep = |bytes: &[u8]| {
         std::fs::write(m.accounts(), bytes).unwrap();
-        // The file is looked at once a second.
+        // The server checks the file once a second.
         std::thread::sleep(std::time::Duration::from_millis(1100));
     };
     let opens = async |session: &str| m.post("/cave/open", &[("cookie", session)], "").await.status;
@@ -464,13 +464,13 @@ async fn signing_out_works_or_reports_that_it_failed() {
         assert_eq!((out.status, out.header("set-cookie")), (StatusCode::SERVICE_UNAVAILABLE, ""), "{form}");
         assert!(out.text().contains("still signed in"), "{}", out.text());
     }
-    // Without a session there is none to end.
+    // Without a session there is nothing to end.
     assert_eq!(m.post("/sign-out", &[], "").await.status, StatusCode::SEE_OTHER);
     keep(&before);
-    assert_eq!(opens(&session).await, StatusCode::NO_CONTENT, "it goes on, as was said");
+    assert_eq!(opens(&session).await, StatusCode::NO_CONTENT, "the session goes on, as the answer said");
     assert_eq!(m.post("/sign-out", &[("cookie", &session)], "").await.status, StatusCode::SEE_OTHER);
     assert_eq!(opens(&session).await, StatusCode::UNAUTHORIZED);
-    // A clock that is wrong for an hour hides a session, and ends none.
+    // A clock that is wrong for an hour hides a session, but does not end it.
     for (clock, form) in [(NOW + 13 * 3600, ""), (NOW - 3600, ""), (NOW + 13 * 3600, "everywhere=1")] {
         let [(session, _), (other, _)] = [begin(&m.app).await, begin(&m.app).await];
         m.clock.store(clock, Ordering::Relaxed);

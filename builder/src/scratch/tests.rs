@@ -150,7 +150,7 @@ fn no_other_user_can_look_into_a_temporary_folder() {
     assert_eq!(scratch.folder().metadata().unwrap().permissions().mode() & 0o777, 0o700);
 }
 
-/// Whoever gives away a folder of meshes, or writes to a shared one, may put anything where the scratch folder will be.
+/// A folder of meshes from somebody else, or a shared one, may contain anything where the scratch folder will be.
 #[cfg(unix)]
 #[test]
 fn a_folder_that_no_build_made_is_refused_and_left_unchanged() {

@@ -13,7 +13,7 @@ fn ended(shelf: &Path, keep: &Path, steps: Steps<'_>) -> Result<Withdrawn, Draft
     withdraw(&Folders::lock(shelf, keep, &slug(), &|_| (), steps)?, &slug(), &SAID, steps)
 }
 
-/// A folder `shelf` with an object of two versions, in memory: thousands of files are put on disk.
+/// A folder `shelf` with an object of two versions, in memory, because the tests sync thousands of files.
 fn with_two_versions() -> tempfile::TempDir {
     let memory = Path::new("/dev/shm");
     let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() }.unwrap();
@@ -180,12 +180,12 @@ fn no_file_is_moved_to_where_a_web_server_would_still_serve_it() {
     for keep in inside {
         for shelf in ["shelf", "link", "www/../shelf"] {
             let refused = withdrawn(&at(shelf), &at(keep)).unwrap_err().to_string();
-            assert!(refused.contains("give a folder outside with --keep"), "{shelf}, {keep}: {refused}");
+            assert!(refused.contains("give a folder outside it with --keep"), "{shelf}, {keep}: {refused}");
         }
     }
-    // What is not there leads wherever somebody puts it.
+    // A part that does not exist leads wherever somebody makes it lead.
     let refused = withdrawn(&at("shelf"), &at("none/../shelf/kept")).unwrap_err().to_string();
-    assert!(refused.contains("give a path without it"), "{refused}");
+    assert!(refused.contains("give a path without .."), "{refused}");
     assert!((tree(folder.path()), folders_in(folder.path())) == before, "nothing was changed or made");
     // A folder outside may be reached through a link.
     assert!(withdrawn(&at("link"), &at("other/kept")).unwrap().ends_with("fort"));
@@ -198,7 +198,7 @@ fn a_link_in_the_folder_outside_loses_no_file() {
     use std::os::unix::fs::symlink;
     let whole = with_two_versions();
     withdrawn(&whole.path().join("shelf"), &whole.path().join("keep")).unwrap();
-    // In place of what is kept, and of a version of it, as far as an interrupted command has come.
+    // A link in place of the kept object, or of one of its versions, as an interrupted command might find it.
     for (link, to) in [("keep/fort", "shelf/fort"), ("keep/fort/v1", "shelf/fort/v1"), ("keep/fort/v2", "elsewhere")] {
         let folder = with_two_versions();
         let at = |path: &str| folder.path().join(path);
@@ -215,7 +215,7 @@ fn a_link_in_the_folder_outside_loses_no_file() {
         let packs = |path: &str| tree(&at(path)).into_keys().filter(|name| name.contains("/pack.")).count();
         withdrawn(&at("shelf"), &at("keep")).unwrap_err();
         assert_eq!(packs("shelf"), 2, "{link}: a file is gone");
-        // Without it the same command goes on.
+        // Once the link is gone, the same command finishes.
         fs::remove_file(at(link)).unwrap();
         fs::remove_dir(at("elsewhere")).unwrap();
         withdrawn(&at("shelf"), &at("keep")).unwrap();
@@ -242,9 +242,9 @@ fn withdrawals_with_crossed_folders_do_not_deadlock() {
             })
         };
         let both = [lock("a", "b"), lock("b", "a")];
-        // Both wait for the same folder, and hold nothing meanwhile.
+        // Both wait for the same folder, and hold no lock meanwhile.
         assert_eq!([waited.recv().unwrap(), waited.recv().unwrap()], [a.clone(), a.clone()]);
-        drop(Lock::wait(&b, PATIENCE, &|| panic!("it is held by one that waits")).unwrap());
+        drop(Lock::wait(&b, PATIENCE, &|| panic!("a waiting withdrawal holds it")).unwrap());
         drop(first);
         for one in both {
             one.join().unwrap().unwrap();
@@ -254,7 +254,7 @@ fn withdrawals_with_crossed_folders_do_not_deadlock() {
 
 #[test]
 fn no_file_is_removed_before_the_names_of_the_kept_files_are_on_disk() {
-    // Wherever a first attempt is cut off, and whatever a second one finds done.
+    // Whatever step the first attempt is interrupted at, and whatever the second one finds done.
     let mut removals = 0;
     for step in 0.. {
         let folder = with_two_versions();
@@ -278,7 +278,7 @@ fn no_file_is_removed_before_the_names_of_the_kept_files_are_on_disk() {
         for run in &runs {
             let Some(removed) = run.iter().position(|what| what == "remove a.txt") else { continue };
             removals += 1;
-            // Of the folder itself, of the object in it, and of the versions in that.
+            // The names of the folder itself, of the object in it, and of the versions in the object.
             for name in ["sync deep", "sync keep", "sync fort"] {
                 let synced = run.iter().take(removed).rposition(|what| what == name);
                 let made = run.iter().take(removed).rposition(|what| what == "v2" || what == "rename fort");
