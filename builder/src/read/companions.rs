@@ -252,8 +252,8 @@ impl Companions {
     ///
     /// # Errors
     /// As [`Companions::open`]; where it has more.
-    pub(super) fn read(&self, path: &Path, most: u64) -> io::Result<Vec<u8>> {
-        plain_file::read(self.open(path)?.0, most)
+    pub(super) fn read(&self, path: &Path, max: u64) -> io::Result<Vec<u8>> {
+        plain_file::read(self.open(path)?.0, max)
     }
 }
 

@@ -3,14 +3,14 @@ use crate::object::draft::tests::{folders as folders_in, publish, slug, tree};
 use crate::object::lock::{Lock, PATIENCE};
 use std::cell::RefCell;
 
-const SAID: Withdrawal<'_> = Withdrawal { reason: "asked to", day: "2026-11-21" };
+const WITHDRAWAL: Withdrawal<'_> = Withdrawal { reason: "asked to", day: "2026-11-21" };
 
 fn withdrawn(shelf: &Path, keep: &Path) -> Result<PathBuf, DraftError> {
     ended(shelf, keep, &|_| Ok(())).map(|done| done.kept)
 }
 
 fn ended(shelf: &Path, keep: &Path, steps: Steps<'_>) -> Result<Withdrawn, DraftError> {
-    withdraw(&Folders::lock(shelf, keep, &slug(), &|_| (), steps)?, &slug(), &SAID, steps)
+    withdraw(&Folders::lock(shelf, keep, &slug(), &|_| (), steps)?, &slug(), &WITHDRAWAL, steps)
 }
 
 /// A folder `shelf` with an object of two versions, in memory, because the tests sync thousands of files.
