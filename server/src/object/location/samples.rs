@@ -7,7 +7,7 @@
 use super::channels::Sums;
 use std::collections::HashMap;
 
-/// Maximum number of values that are kept of a channel.
+/// Every n-th value of a channel is kept, with n chosen so that at least this many, and fewer than twice as many, are kept of a large channel.
 pub(super) const KEPT: u64 = 16_384;
 /// A gap of this share of the range separates groups.
 const GAP: f64 = 0.25;
