@@ -210,7 +210,10 @@ fn refuse(args: &Args) -> anyhow::Result<()> {
         anyhow::bail!("{} is no name of a file", args.output.display());
     }
     if args.output.is_symlink() && !args.output.exists() {
-        anyhow::bail!("{} is a link that leads nowhere; remove it, or give another name", args.output.display());
+        anyhow::bail!(
+            "{} is a link whose target does not exist; remove it, or give another name",
+            args.output.display()
+        );
     }
     if args.output.exists() && !args.force {
         anyhow::bail!("{} exists; give --force to replace it, or another name", args.output.display());

@@ -73,7 +73,7 @@ pub(crate) struct InputFile {
 pub(crate) struct Inputs {
     /// How they are read.
     options: ReadOptions,
-    /// Files with matrices.
+    /// The matrix files.
     matrices: Vec<PathBuf>,
     /// Sorted by path; at least one.
     pub(crate) files: Vec<InputFile>,
@@ -147,15 +147,15 @@ impl Inputs {
         Ok(Self { options, matrices, files, passed_over })
     }
 
-    /// Refuse an output that would replace what is read. What the meshes name is known only when they are read: that is refused
-    /// then, before anything is replaced.
+    /// Refuse an output that would replace an input. Files that the meshes refer to are known only when the meshes are read; they
+    /// are refused then, before anything is replaced.
     pub(crate) fn refuse_as_output(&mut self, output: &Path) -> anyhow::Result<()> {
         let Ok(real) = output.canonicalize() else { return Ok(()) };
         let mut read = self.files.iter().map(|file| &file.path).chain(&self.matrices);
         if let Some(file) = read.find(|file| file.canonicalize().is_ok_and(|file| file == real)) {
             bail!("{} is an input; give another name for the pack", file.display());
         }
-        let cannot = || format!("cannot look at {}", output.display());
+        let cannot = || format!("cannot read the metadata of {}", output.display());
         self.options.replaced = Some(Arc::new(Replaced::new(real.metadata().with_context(cannot)?)));
         Ok(())
     }

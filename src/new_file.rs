@@ -4,13 +4,13 @@ use anyhow::Context;
 use std::fs::File;
 use std::path::Path;
 
-/// A folder among the system's temporary files, gone when it is dropped. Nobody but its owner can look into it: it may hold a closed model.
+/// A folder among the system's temporary files, removed when it is dropped. Only its owner can look into it, because it may contain a closed model.
 ///
 /// # Errors
-/// What the system says.
+/// The system's error.
 pub(crate) fn private_folder(prefix: &str) -> std::io::Result<tempfile::TempDir> {
     let mut builder = tempfile::Builder::new();
-    // Temporary files are private without this, folders are not.
+    // Temporary files are private by default; temporary folders are not.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
     builder.prefix(prefix).tempdir()

@@ -343,15 +343,15 @@ fn service_folder(variable: &str, name: &str) -> Option<PathBuf> {
     Some(folder.join(name))
 }
 
-/// The accounts, which must not lie where they are served.
+/// The accounts, which must not be in the served folder.
 fn door(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Arc<Door>>> {
     let Some(file) = &args.access else { return Ok(None) };
-    // Before any of them is made.
+    // Checked before any of them is created.
     for secret in [Some(file), args.audit.as_ref(), args.sessions.as_ref()].into_iter().flatten() {
         if let (Ok(secret_at), Ok(served_at)) = (where_it_will_be(secret), served.canonicalize()) {
             anyhow::ensure!(
                 !secret_at.starts_with(&served_at),
-                "{} lies in the folder that is served; move it elsewhere, for example to /etc/kilwa",
+                "{} is in the folder that is served; move it elsewhere, for example to /etc/kilwa",
                 secret.display()
             );
         }
@@ -368,7 +368,7 @@ fn door(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Ar
     Ok(Some(Arc::new(door)))
 }
 
-/// The real path of a file or folder, also of one that is still to be made.
+/// The real path of a file or folder, which need not exist yet.
 fn where_it_will_be(path: &std::path::Path) -> std::io::Result<PathBuf> {
     let mut at = PathBuf::new();
     for part in std::path::absolute(path)?.components() {
@@ -377,7 +377,7 @@ fn where_it_will_be(path: &std::path::Path) -> std::io::Result<PathBuf> {
         } else {
             at.push(part);
         }
-        // Whatever is there may be a link; whatever is not has no more than its name.
+        // A part that exists may be a link; one that does not exist is kept as it is.
         at = at.canonicalize().unwrap_or(at);
     }
     Ok(at)

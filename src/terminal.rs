@@ -48,7 +48,7 @@ pub(crate) fn json_text(value: &impl Serialize) -> serde_json::Result<String> {
     Ok(out)
 }
 
-/// A value as JSON in one line, escaped in the same way.
+/// A value as JSON on one line, escaped in the same way.
 ///
 /// # Errors
 /// If it cannot be written as JSON.

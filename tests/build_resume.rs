@@ -260,10 +260,10 @@ fn a_link_under_the_temporary_name_is_refused_and_what_it_leads_to_stays() {
     }
 }
 
-/// All files in a scratch folder are removed at the end, and somebody else may have put a link where it will be.
+/// All files in a scratch folder are removed at the end, and somebody else may have put a link in its place.
 #[cfg(unix)]
 #[test]
-fn a_link_in_place_of_the_scratch_folder_is_refused_and_what_it_leads_to_stays() {
+fn a_link_in_place_of_the_scratch_folder_is_refused_and_its_target_is_kept() {
     let folder = tempfile::tempdir().unwrap();
     let made = kilwa(folder.path(), &["synth", "wall", "--triangles", "2000", "-o", "wall.ply"]).output().unwrap();
     assert!(made.status.success(), "{}", stderr(&made));
@@ -292,10 +292,10 @@ fn a_link_in_place_of_the_scratch_folder_is_refused_and_what_it_leads_to_stays()
     }
 }
 
-/// What can be known beforehand is refused beforehand; what was written is not reported as not written.
+/// A bad output is refused before the build starts, and a pack that was written is not reported as missing.
 #[cfg(unix)]
 #[test]
-fn an_output_that_is_a_broken_link_is_refused_and_a_folder_that_cannot_be_listed_is_no_failure() {
+fn a_broken_link_is_refused_as_output_and_an_unlistable_folder_is_no_failure() {
     use std::os::unix::fs::{PermissionsExt, symlink};
     let folder = tempfile::tempdir().unwrap();
     let run = |args: &[&str]| kilwa(folder.path(), args).output().unwrap();
@@ -303,9 +303,9 @@ fn an_output_that_is_a_broken_link_is_refused_and_a_folder_that_cannot_be_listed
     symlink("nowhere", folder.path().join("l.kilwa")).unwrap();
     let refused = run(&["build", "wall.ply", "-o", "l.kilwa"]);
     assert_eq!(refused.status.code(), Some(1));
-    assert!(stderr(&refused).contains("leads nowhere"), "{}", stderr(&refused));
+    assert!(stderr(&refused).contains("whose target does not exist"), "{}", stderr(&refused));
     assert!(!folder.path().join(".l.kilwa.scratch").exists());
-    // Root may list it all the same, and then this only shows that nothing else is wrong.
+    // Root can list it all the same; then this only shows that nothing else is wrong.
     let blind = folder.path().join("blind");
     std::fs::create_dir(&blind).unwrap();
     std::fs::set_permissions(&blind, std::fs::Permissions::from_mode(0o333)).unwrap();

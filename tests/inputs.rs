@@ -160,9 +160,9 @@ fn an_origin_is_added_in_the_units_of_the_file() {
     assert_eq!(usage.status.code(), Some(2));
 }
 
-/// The mesh, its matrix, its materials and its picture are all read by the build whose pack would replace them.
+/// The build reads the mesh, its matrix, its materials and its picture, so its pack must not replace any of them.
 #[test]
-fn a_pack_replaces_nothing_that_the_build_reads() {
+fn a_pack_never_replaces_a_file_that_the_build_reads() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let triangle = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n";

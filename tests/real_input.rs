@@ -247,7 +247,7 @@ fn a_full_file_system_leaves_nothing_under_the_final_name() {
     assert!(Command::new("umount").arg(&small).status().unwrap().success());
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
-    // The scratch folder has its marker already.
+    // The marker of the scratch folder is already written.
     assert!(said.contains("small") && said.contains("12 KiB free") && said.contains("are needed"), "{said}");
     assert!(empty, "nothing is left");
 }

@@ -65,7 +65,7 @@ fn what_cannot_be_served_is_said() {
 }
 
 #[test]
-fn what_is_secret_is_not_put_where_it_is_served_and_nothing_is_made_there() {
+fn secret_files_in_the_served_folder_are_refused_and_nothing_is_created_there() {
     let dir = tempfile::tempdir().unwrap();
     page(dir.path());
     let (models, elsewhere) = (dir.path().join("models"), dir.path().join("elsewhere"));

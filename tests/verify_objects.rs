@@ -512,7 +512,7 @@ fn links_and_special_files_are_named_and_never_followed() {
 
 #[cfg(unix)]
 #[test]
-fn what_another_user_is_publishing_is_a_note_though_nobody_else_can_look_into_it() {
+fn another_users_unfinished_publication_is_noted_even_if_it_cannot_be_read() {
     use std::os::unix::fs::PermissionsExt as _;
     use std::os::unix::process::CommandExt as _;
     let shelf = tempfile::tempdir().unwrap();
@@ -524,11 +524,11 @@ fn what_another_user_is_publishing_is_a_note_though_nobody_else_can_look_into_it
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_kilwa"));
     command.args(["verify", text(&object)]).current_dir("/");
     if fs::read_dir(&closed).is_ok() {
-        // Nothing is closed to root.
+        // Root can read everything.
         command.uid(65_534).gid(65_534);
     }
     let Ok(output) = command.output() else {
-        println!("skipped: a folder of another user: the program cannot be run as one");
+        println!("skipped: a folder of another user: this test cannot run the program as another user");
         return;
     };
     let said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();

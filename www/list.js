@@ -93,7 +93,7 @@ export class EditList {
       const rename = () => {
         const given = input.value.trim();
         if (!given || given === known) return;
-        // Before the list is shown anew: taking the field out of the page while it has the focus can tell of the change a second time.
+        // Set before the list is redrawn: removing the field while it has the focus can fire a second change event.
         known = given;
         this.on.rename(item, given);
       };

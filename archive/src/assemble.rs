@@ -215,7 +215,7 @@ pub fn is_published(
     has_metadata(object, last, metadata)
 }
 
-/// Whether a version of an object in a folder was published with this metadata.
+/// Whether a version of the object in this folder was published with this metadata.
 pub fn has_metadata(object: &Path, version: &Version, metadata: &Metadata) -> bool {
     let written = plain_file::read_at(&object.join(&version.folder).join(METADATA), SMALL_FILE_MAX);
     written.is_ok_and(|bytes| is_metadata(&bytes, metadata))

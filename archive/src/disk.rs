@@ -23,11 +23,11 @@ pub(crate) fn write(path: &Path, bytes: &[u8], steps: Steps<'_>) -> Result<(), D
     written.map_err(failed("write", path))
 }
 
-/// Make a folder, and those above it that are missing, and put their names on disk.
+/// Create a folder and its missing parents, and sync their names to disk.
 pub(crate) fn create_dir(path: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     steps(&name(path)).map_err(failed("write", path))?;
     let mut missing: Vec<&Path> = path.ancestors().take_while(|at| !is_current(at) && !at.is_dir()).collect();
-    // What is there may have been made by a command that was cut off before the name was on disk.
+    // An interrupted command may have created the existing folder without syncing its name.
     let nearest = path.ancestors().nth(missing.len()).filter(|at| !is_current(at) && at.parent().is_some());
     if let Some(nearest) = nearest {
         sync(parent(nearest), steps)?;
@@ -42,12 +42,12 @@ pub(crate) fn create_dir(path: &Path, steps: Steps<'_>) -> Result<(), DraftError
     Ok(())
 }
 
-/// Whether a path is the empty one, which relative paths begin with.
+/// Whether a path is empty, as the last ancestor of a relative path is.
 fn is_current(path: &Path) -> bool {
     path.as_os_str().is_empty()
 }
 
-/// The folder that a file or folder lies in.
+/// The folder that contains a file or folder.
 fn parent(path: &Path) -> &Path {
     path.parent().filter(|folder| !is_current(folder)).unwrap_or(Path::new("."))
 }
@@ -62,7 +62,7 @@ pub(crate) fn rename(from: &Path, to: &Path, steps: Steps<'_>) -> Result<(), Dra
     Ok(())
 }
 
-/// Put the names in a folder on disk.
+/// Sync the names in a folder to disk.
 pub(crate) fn sync(folder: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     steps(&format!("sync {}", name(folder))).map_err(failed("write", folder))?;
     sync_folder(folder)
@@ -121,7 +121,7 @@ pub(crate) fn sync_folders(folder: &Path) -> Result<(), DraftError> {
     sync_folder(folder)
 }
 
-/// The names in a folder, on disk. Systems that cannot open folders (Windows) or put them on disk (some network file systems) do it themselves.
+/// Sync the names in a folder to disk. Systems that cannot open folders (Windows) or sync them (some network file systems) take care of this themselves.
 fn sync_folder(folder: &Path) -> Result<(), DraftError> {
     let Ok(file) = File::open(folder) else { return Ok(()) };
     match file.sync_all() {

@@ -117,7 +117,7 @@ fn after_the_change(e: &DraftError) -> String {
 }
 
 impl DraftError {
-    /// The system does not permit it to this user.
+    /// Whether the system denied permission to this user.
     pub(super) fn is_denied(&self) -> bool {
         let (Self::Disk { reason, .. } | Self::Unlockable { reason, .. }) = self else { return false };
         reason.kind() == io::ErrorKind::PermissionDenied
@@ -301,8 +301,8 @@ impl<'a> Draft<'a> {
     }
 }
 
-/// Give an object the version that was prepared in `whole`. Its earlier versions are closed before the manifest says so, and opened after it; an error
-/// before the manifest leaves them as they were.
+/// Add the version that was prepared in `whole` to an object. Earlier versions are closed before the manifest is replaced, or opened after it. An error
+/// before the manifest is replaced leaves them as they were.
 fn add(
     lock: &Lock,
     object: &Path,
@@ -321,7 +321,7 @@ fn add(
     if let Err(e) = added {
         if !matches!(e, DraftError::Unfinished { .. }) {
             let was_open = modes::is_for_everybody(&before.access);
-            // As far as the disk allows; whoever changes the object next does the rest.
+            // As far as the disk allows; the next change to the object does the rest.
             drop(modes::settle_object(object, before, was_open, lock.folder(), &|_| Ok(())));
         }
         return Err(e);
@@ -329,7 +329,7 @@ fn add(
     if is_open { settle_earlier().map_err(|e| e.after(PUBLISHED)) } else { Ok(()) }
 }
 
-/// Whether `version` is the next of the object, and nothing is where its folder will be; the object's manifest, where it has one.
+/// Check that `version` is the object's next one and that nothing is in the place of its folder. Returns the object's manifest, if it has one.
 fn free(object: &Path, version: u32) -> Result<Option<Manifest>, DraftError> {
     let folder = object.join(version_folder(version));
     if version == 1 {

@@ -70,7 +70,7 @@ pub(crate) fn modes(folder: &Path) -> BTreeMap<String, u32> {
     tree(folder).into_keys().map(|name| (name.clone(), mode(&name))).collect()
 }
 
-/// What other users of the computer can read in a folder that they can look into: contents of files.
+/// The contents of the files in a folder that other users of the computer can read.
 #[cfg(unix)]
 pub(crate) fn visible(folder: &Path) -> BTreeSet<Vec<u8>> {
     use std::os::unix::fs::PermissionsExt as _;
@@ -87,7 +87,7 @@ pub(crate) fn visible(folder: &Path) -> BTreeSet<Vec<u8>> {
     all
 }
 
-/// What [`publish`] puts into the pack of a version.
+/// The content of a version's pack as [`publish`] writes it.
 pub(crate) fn pack_of(version: u32) -> Vec<u8> {
     format!("pack {version}").into_bytes()
 }
@@ -216,7 +216,7 @@ fn what_another_program_is_making_is_left_alone() {
     }
 }
 
-/// States of the versions of an object, one after the other.
+/// The access states of an object's versions, in order.
 #[cfg(unix)]
 const HISTORIES: [&[AccessState]; 4] = [
     &[AccessState::Restricted],
@@ -310,7 +310,7 @@ const AS: &str = "KILWA_TEST_PUBLISH_AS";
 #[cfg(unix)]
 const NOBODY: u32 = 65_534;
 
-/// Run by the tests below as another user: publishes a version, public or not.
+/// Run as another user by the tests below: publishes a version, public or not.
 #[cfg(unix)]
 #[test]
 fn publishes_as_another_user() {
@@ -320,7 +320,7 @@ fn publishes_as_another_user() {
     publish_as(Path::new(parts[2]), parts[0].parse().unwrap(), &|_| Ok(()), state).unwrap();
 }
 
-/// A folder of objects that belongs to another user and to a group; `None` where only that user could make it.
+/// A folder of objects that belongs to another user and to `group`; `None` if this program may not create one.
 #[cfg(unix)]
 fn shelf_of_another_user(group: u32) -> Option<tempfile::TempDir> {
     use std::os::unix::fs::{PermissionsExt as _, chown};
@@ -329,7 +329,7 @@ fn shelf_of_another_user(group: u32) -> Option<tempfile::TempDir> {
     chown(shelf.path(), Some(NOBODY), Some(group)).ok().map(|()| shelf)
 }
 
-/// Publish as that user, who is in no group but their own; `None` where this program cannot become another user.
+/// Publish as that user, who is in no group but their own; `None` if this program cannot run as another user.
 #[cfg(unix)]
 fn publish_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<()> {
     use std::os::unix::process::CommandExt as _;
@@ -344,13 +344,13 @@ fn publish_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<()
 
 #[cfg(unix)]
 #[test]
-fn what_another_user_has_left_keeps_nobody_from_publishing() {
+fn leftovers_of_another_user_do_not_prevent_publishing() {
     use std::os::unix::fs::PermissionsExt as _;
     let published = (|| {
         let shelf = shelf_of_another_user(NOBODY)?;
         for version in [1, 2] {
             let within = if version == 1 { shelf.path().to_owned() } else { shelf.path().join("fort") };
-            // Of an earlier program, and of this one, which others cannot look into.
+            // One as earlier versions of the program made it, and one as this version makes it, which others cannot look into.
             for (name, mode) in [("aB3dEf", 0o755), ("cD4eFg", 0o700)] {
                 let left = within.join(format!(".kilwa-fort--{name}"));
                 fs::create_dir_all(left.join("version")).unwrap();
@@ -361,20 +361,20 @@ fn what_another_user_has_left_keeps_nobody_from_publishing() {
             assert_eq!(is_whole(&shelf.path().join("fort")), version);
         }
         let left = tree(shelf.path()).into_values().filter(|bytes| bytes == b"left").count();
-        assert_eq!(left, 4, "what cannot be removed stays");
-        // They themselves remove it.
+        assert_eq!(left, 4, "folders that cannot be removed stay");
+        // That user's next publication removes them.
         Draft::begin(&Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap(), &slug(), &|_| Ok(())).unwrap();
         assert!(!tree(shelf.path()).into_values().any(|bytes| bytes == b"left"));
         Some(())
     })();
     if published.is_none() {
-        println!("skipped: what another user has left: this program cannot become another user");
+        println!("skipped: leftovers of another user: this program cannot run as another user");
     }
 }
 
 #[cfg(unix)]
 #[test]
-fn closed_files_are_for_their_owner_alone_if_the_group_of_the_folder_is_not_the_owners() {
+fn closed_files_are_owner_only_if_the_owner_is_not_in_the_group_of_the_folder() {
     use std::os::unix::fs::chown;
     let published = (|| {
         let theirs = 12_345;
@@ -384,11 +384,11 @@ fn closed_files_are_for_their_owner_alone_if_the_group_of_the_folder_is_not_the_
         });
         publish_as_another_user(shelf.path(), 1, "restricted")?;
         assert_eq!((modes_of_packs(&object), unshared("v1")), (vec![0o600], Some(theirs)));
-        // What was made so by an earlier program becomes so with the next version.
+        // Permissions that an earlier version of the program set are corrected with the next version.
         fs::set_permissions(find_pack(&object), std::os::unix::fs::PermissionsExt::from_mode(0o640)).unwrap();
         publish_as_another_user(shelf.path(), 2, "restricted")?;
         assert_eq!(modes_of_packs(&object), vec![0o600; 2]);
-        // As if the user had been added to the group.
+        // As though the user had been added to the group.
         chown(shelf.path(), None, Some(NOBODY)).unwrap();
         publish_as_another_user(shelf.path(), 3, "restricted")?;
         assert_eq!((modes_of_packs(&object), unshared("v3")), (vec![0o640; 3], None));
@@ -397,7 +397,7 @@ fn closed_files_are_for_their_owner_alone_if_the_group_of_the_folder_is_not_the_
         Some(())
     })();
     if published.is_none() {
-        println!("skipped: groups that a publisher is not in: this program cannot become another user");
+        println!("skipped: groups that a publisher is not in: this program cannot run as another user");
     }
 }
 

@@ -1,4 +1,4 @@
-//! The folder outside of what is served that withdrawn files go to: where it may be, and its lock beside that of the folder of objects.
+//! The folder outside the served one to which withdrawn files are moved: where it may be, and its lock along with that of the folder of objects.
 
 use super::disk::{self, failed};
 use super::draft::{DraftError, Steps};
@@ -13,18 +13,18 @@ use std::path::{Component, Path, PathBuf};
 pub struct Folders {
     pub(super) shelf: Lock,
     pub(super) keep: PathBuf,
-    /// Whether that folder is there, and locked.
+    /// The lock of that folder, if it exists.
     pub(super) kept: Option<Lock>,
 }
 
 impl Folders {
-    /// Lock the folder of objects and the one outside, which is made where it is missing and the object `slug` still has files. `waits` is told which
-    /// folder somebody else is changing.
+    /// Lock the folder of objects and the one outside, which is created if it is missing and the object `slug` still has files. If somebody else is changing
+    /// one of them, `waits` is called with it.
     ///
-    /// Always in the same order, so that no two withdrawals wait for each other, whatever folders they are given.
+    /// The folders are always locked in the same order, so that no two withdrawals wait for each other, whatever folders they are given.
     ///
     /// # Errors
-    /// [`DraftError::Other`] where `keep` is in the folder of objects; else as of [`Lock::wait`], and when the folder cannot be made.
+    /// [`DraftError::Other`] if `keep` is in the folder of objects; otherwise as for [`Lock::wait`], or if the folder cannot be created.
     pub fn lock(
         shelf: &Path,
         keep: &Path,
@@ -48,7 +48,7 @@ impl Folders {
             let shelf = wait(shelf)?;
             (shelf, Some(wait(keep)?))
         };
-        // Somebody may have put a link in its place while it was waited for.
+        // Somebody may have put a link in its place while this command waited.
         check_outside(shelf.folder(), keep)?;
         Ok(Self { shelf, keep: keep.to_owned(), kept })
     }
@@ -59,24 +59,24 @@ impl Folders {
     }
 }
 
-/// Whether the folder `keep`, which need not be there, is outside of the folder of objects, whatever links lead to either.
+/// Check that the folder `keep`, which need not exist, is outside the folder of objects, with links followed.
 ///
 /// # Errors
-/// [`DraftError`] where it is in it, or that cannot be told.
+/// [`DraftError`] if it is inside, or if this cannot be determined.
 pub fn check_outside(shelf: &Path, keep: &Path) -> Result<(), DraftError> {
     let absolute = std::path::absolute(keep).map_err(failed("read", keep))?;
-    // The nearest that is there: of what is not, nothing is a link.
+    // The nearest existing ancestor. Parts that do not exist cannot be links.
     let nearest = absolute.ancestors().find(|at| at.symlink_metadata().is_ok()).unwrap_or(&absolute);
     let missing = absolute.strip_prefix(nearest).unwrap_or(Path::new(""));
     if missing.components().any(|part| part == Component::ParentDir) {
         return Err(DraftError::Other(format!(
-            "{} has .. after a folder that is not there; give a path without it",
+            "{} has .. after a folder that does not exist; give a path without ..",
             keep.display()
         )));
     }
     if real(nearest)?.starts_with(real(shelf)?) {
         return Err(DraftError::Other(format!(
-            "{} is in {}, from where a web server would go on serving the files; give a folder outside with --keep",
+            "{} is in {}, so a web server would still serve the files; give a folder outside it with --keep",
             keep.display(),
             shelf.display()
         )));
@@ -84,12 +84,12 @@ pub fn check_outside(shelf: &Path, keep: &Path) -> Result<(), DraftError> {
     Ok(())
 }
 
-/// The path without links.
+/// The path with links resolved.
 fn real(path: &Path) -> Result<PathBuf, DraftError> {
     path.canonicalize().map_err(failed("find", path))
 }
 
-/// Whether something is a folder itself, and no link to one: what is linked or copied into it must not go elsewhere.
+/// Whether something is itself a folder and not a link to one, so that files linked or copied into it do not end up elsewhere.
 pub(super) fn is_own_folder(path: &Path) -> io::Result<bool> {
     Ok(path.symlink_metadata()?.is_dir())
 }

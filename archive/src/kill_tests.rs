@@ -1,4 +1,4 @@
-//! Whatever changes an archive is killed before every change on disk, and, where `strace` is there, before every system call that makes one: each leaves
+//! Every command that changes an archive is killed before every change on disk, and, if `strace` is installed, before the system calls that make one: each leaves
 //! the old object or the new one, served whole, and the same command goes on to what it would have come to.
 
 use super::bag::{self, BagInfo};
@@ -52,7 +52,7 @@ const ALL: [What; 8] = [
 ];
 
 impl What {
-    /// The version that is added, and for whom the object is then.
+    /// The version that is added, and the access state of the object afterwards.
     fn added(self) -> Option<(u32, AccessState)> {
         match self {
             Self::Publish(version) => Some((version, AccessState::Public)),
@@ -188,7 +188,7 @@ fn is_old_or_new(what: What, folder: &Path) {
     }
 }
 
-/// No other user of the computer can read a model that is not public, nor a version that will not be.
+/// No other user of the computer can read a model that is not public, or a version that will not be public.
 #[cfg(unix)]
 fn is_closed_to_others(what: What, folder: &Path, manifest: &Manifest) {
     let visible = super::draft::tests::visible(folder);
@@ -304,7 +304,7 @@ fn calls(what: What) -> BTreeMap<String, u32> {
     counts
 }
 
-/// Chooses what is killed: given, so that a failure can be repeated, or another one with each run.
+/// The seed that chooses where the program is killed: random, or from `KILWA_KILL_SEED` to repeat a failure.
 fn seed() -> u32 {
     use std::hash::{BuildHasher as _, RandomState};
     let given = std::env::var("KILWA_KILL_SEED").ok();
@@ -316,13 +316,15 @@ fn seed() -> u32 {
 fn a_kill_before_any_system_call_leaves_the_old_or_new_object_and_a_rerun_finishes() {
     let works = Command::new("strace").args(["-f", "-qq", "-o", "/dev/null", "true"]).status();
     if !works.is_ok_and(|status| status.success()) {
-        println!("skipped: kills before system calls: strace is not here, or may not watch programs");
+        println!(
+            "skipped: killing the program before system calls: strace is not installed, or may not trace programs"
+        );
         return;
     }
-    // A run takes a twentieth of a second: usually some of the calls, others with each seed.
+    // A run takes a twentieth of a second, so usually only some of the calls are tried; each seed chooses others.
     let every = if std::env::var_os("KILWA_SOAK").is_some() { 1 } else { 7 };
     let seed = seed();
-    println!("every {every} of the system calls; again with KILWA_KILL_SEED={seed}");
+    println!("killed at one in {every} system calls; repeat with KILWA_KILL_SEED={seed}");
     let mut skipped = seed % every;
     for what in ALL {
         let (whole, mut killed, mut of) = (whole(what), 0, 0);

@@ -1,7 +1,7 @@
 //! Who can read the files of an object on its disk. What is public is for everybody; the geometry of a model that is not public (packs, previews, notes)
 //! is for its owner and the group of the folder of objects alone, so that other users of the computer do not get what the server withholds from
-//! everybody else. The server has to run as that owner or in that group (docs/hosting.md). Where the owner is not in that group, and so cannot give it
-//! the files, they are for the owner alone: the owner's own group may be everybody's.
+//! everybody else. The server has to run as that owner or in that group (docs/hosting.md). If the owner is not in that group, and so cannot give it
+//! the files, only the owner can read them, because the owner's own group may include everybody.
 
 use super::disk::failed;
 use super::draft::{DraftError, Steps};
@@ -16,16 +16,17 @@ pub(super) fn is_for_everybody(access: &Access) -> bool {
     access.state == AccessState::Public
 }
 
-/// Give the files of the object `slug` of the locked folder the permissions that its manifest asks for: whoever closed or opened it may have been cut off.
+/// Give the files of the object `slug` in the locked folder the permissions that its manifest requires: the command that closed or opened it may have been
+/// interrupted.
 ///
 /// # Errors
-/// [`DraftError::Disk`], for example where a file belongs to somebody else.
+/// [`DraftError::Disk`], for example if a file belongs to somebody else.
 pub fn settle_published(lock: &Lock, slug: &Slug, manifest: &Manifest, steps: Steps<'_>) -> Result<(), DraftError> {
     let object = lock.folder().join(slug.as_str());
     settle_object(&object, manifest, is_for_everybody(&manifest.access), lock.folder(), steps)
 }
 
-/// The same for the versions that a manifest names, and their copies in the object's bag, which are files of their own where there are no hard links.
+/// As [`settle_published`], for the versions that a manifest names and their copies in the object's bag, which are separate files on disks without hard links.
 pub(super) fn settle_object(
     object: &Path,
     manifest: &Manifest,
@@ -58,7 +59,7 @@ pub(super) fn settle(_: &Path, _: bool, _: &Path, _: Steps<'_>) -> Result<(), Dr
     Ok(())
 }
 
-/// The group of the folder `shelf` where the closed files in a version folder could not be given it, so that nobody but their owner can read them.
+/// The group of the folder `shelf`, if the closed files in a version folder could not be given to it, so that only their owner can read them.
 ///
 /// # Errors
 /// [`DraftError::Disk`].
@@ -91,7 +92,7 @@ fn group_of(shelf: &Path) -> Result<u32, DraftError> {
 #[cfg(unix)]
 type Look<'a> = &'a mut dyn FnMut(&Path, &std::fs::Metadata) -> Result<(), DraftError>;
 
-/// Look at every file with geometry in a folder and its folders.
+/// Call `look` with every file with geometry in a folder and its subfolders.
 #[cfg(unix)]
 fn each_file(folder: &Path, look: Look<'_>) -> Result<(), DraftError> {
     for entry in std::fs::read_dir(folder).map_err(failed("read", folder))? {
@@ -106,7 +107,7 @@ fn each_file(folder: &Path, look: Look<'_>) -> Result<(), DraftError> {
     Ok(())
 }
 
-/// Close a file to all but its owner and a group, or open it to everybody where there is none.
+/// Close a file to all but its owner and a group, or open it to everybody if no group is given.
 #[cfg(unix)]
 fn settle_file(
     path: &Path,
@@ -122,7 +123,7 @@ fn settle_file(
         Some(group) if metadata.gid() == group => 0o640,
         Some(group) => {
             steps("group of a closed file").map_err(failed("write", path))?;
-            // Refused to whoever is not in that group.
+            // The system refuses this to users who are not in that group.
             is_changed = chown(path, None, Some(group)).is_ok();
             if is_changed { 0o640 } else { 0o600 }
         }
@@ -130,7 +131,7 @@ fn settle_file(
     if before != mode {
         steps("permissions").map_err(failed("write", path))?;
         match fs::set_permissions(path, fs::Permissions::from_mode(mode)) {
-            // Somebody else's, who has closed it: no one but them can do more.
+            // The file belongs to somebody else and is closed already; only its owner can do more.
             Err(e)
                 if group.is_some()
                     && before.trailing_zeros() >= 3

@@ -11,7 +11,7 @@
 //!
 //! `kilwa serve` shows the page that the manifest names, also from [`NEXT`]; a static host shows `index.html`, whose version is there in either
 //! case. [`settle`] is called under the lock of the folder of objects by whatever changes an object, before it reads the manifest. It also gives earlier
-//! versions the permissions that the manifest asks for: they are closed before the manifest is replaced, and opened after it.
+//! versions the permissions that the manifest requires: they are closed before the manifest is replaced, and opened after it.
 
 use super::assemble::existing;
 use super::checksums::sha256;
@@ -71,7 +71,7 @@ pub fn settle(lock: &Lock, slug: &Slug, steps: Steps<'_>) -> Result<Option<Manif
     let manifest = settle_contents(lock, slug, steps)?;
     if let Some(manifest) = &manifest {
         match modes::settle_published(lock, slug, manifest, steps) {
-            // Files of somebody else's keep nobody from adding a version; where their permissions matter to that version it is refused.
+            // Files of another user must not prevent a new version. If their permissions matter to that version, it is refused later.
             Err(e) if e.is_denied() => {}
             settled => settled?,
         }
@@ -79,7 +79,7 @@ pub fn settle(lock: &Lock, slug: &Slug, steps: Steps<'_>) -> Result<Option<Manif
     Ok(manifest)
 }
 
-/// The same without the permissions, for a withdrawal, which takes the files away.
+/// As [`settle`], but without setting permissions: for a withdrawal, which moves the files away.
 pub(super) fn settle_contents(lock: &Lock, slug: &Slug, steps: Steps<'_>) -> Result<Option<Manifest>, DraftError> {
     let object = lock.folder().join(slug.as_str());
     let manifest = existing(&object).map_err(DraftError::Other)?;

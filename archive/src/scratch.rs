@@ -1,8 +1,7 @@
 //! Hidden folders in which something is made before it gets its name, and the removal of those that were left behind.
 //!
 //! Each is locked for as long as its owner lives, so that nobody removes what another program is working in: what can be locked was left by a program
-//! that was killed. It is made, and others are looked for, while one and the same lock is held; so none is seen before it is
-//! locked.
+//! that was killed. Folders are made and searched for under one lock, so none is seen before it is locked.
 
 use super::disk;
 use super::draft::{DraftError, HIDDEN, Steps};
@@ -12,8 +11,8 @@ use std::fs;
 use std::path::Path;
 use tempfile::TempDir;
 
-/// A hidden folder, removed when it is dropped. Nobody but its owner can look into it: what is made there may be part of a closed model, and has the
-/// permissions of that only when it is complete.
+/// A hidden folder, removed when it is dropped. Only its owner can look into it: the files in it may be part of a closed model, and get the permissions of
+/// one only when they are complete.
 #[derive(Debug)]
 pub struct Scratch {
     // Removed before the lock goes.
@@ -26,7 +25,7 @@ impl Scratch {
     pub fn create(parent: &Path, prefix: &str, steps: Steps<'_>) -> Result<Self, DraftError> {
         steps("begin").map_err(disk::failed("write to", parent))?;
         let mut builder = tempfile::Builder::new();
-        // Temporary files are private without this, folders are not.
+        // Temporary files are private by default; temporary folders are not.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
         let made = builder.prefix(prefix).tempdir_in(parent);
@@ -35,6 +34,7 @@ impl Scratch {
         Ok(Self { folder, lock })
     }
 
+    /// The folder.
     pub fn path(&self) -> &Path {
         self.folder.path()
     }
@@ -63,17 +63,17 @@ pub fn is_of(slug: &Slug, name: &str) -> bool {
 }
 
 /// Remove the hidden folders and files in `parent` that nobody works with any more and whose names are such. The caller holds the lock under which
-/// they are made. What another user has left, and only they can remove, stays: it keeps nobody from publishing.
+/// they are made. Leftovers of another user, which only that user can remove, stay; they do not prevent publishing.
 pub fn sweep(parent: &Path, is_such: &dyn Fn(&str) -> bool, steps: Steps<'_>) -> Result<(), DraftError> {
     sweep_but(parent, is_such, &DraftError::is_denied, steps)
 }
 
-/// The same where nothing may be left that others can read.
+/// As [`sweep`], but anything that cannot be removed is an error, because nothing may be left that others can read.
 pub fn sweep_all(parent: &Path, is_such: &dyn Fn(&str) -> bool, steps: Steps<'_>) -> Result<(), DraftError> {
     sweep_but(parent, is_such, &|_| false, steps)
 }
 
-/// The same, but for what cannot be removed for a reason that is no matter.
+/// As [`sweep`], with a test for the errors that may be ignored.
 fn sweep_but(
     parent: &Path,
     is_such: &dyn Fn(&str) -> bool,
@@ -89,7 +89,7 @@ fn sweep_but(
         let is_folder = entry.file_type().map_err(disk::failed("read", &path))?.is_dir();
         let _held = match is_folder.then(|| Lock::take(&path)) {
             Some(Err(DraftError::Busy(_))) => continue,
-            // Another user's, who may be working in it, and closed to everybody else.
+            // The private folder of another user, who may be working in it.
             Some(Err(e)) if e.is_denied() => continue,
             held => held,
         };

@@ -2,7 +2,7 @@
 //!
 //! In this order, so that wherever it is cut off nothing is lost and the same command goes on: page and manifest are copied to the other folder; they are
 //! replaced by those of a withdrawn object ([`super::next`]), so that it is public no longer; its files are linked or copied to the other folder; what was
-//! withdrawn is removed, each file only when it is in the other folder; what commands that were cut off have left is removed, also where nothing else is
+//! withdrawn is removed, each file only when it is in the other folder; leftovers of interrupted commands are removed, even if nothing else is
 //! left to do.
 
 use super::disk::{self, failed};
@@ -110,11 +110,11 @@ pub struct Withdrawn {
 /// What is done when the manifest says that an object is withdrawn, and something is lacking.
 pub(super) const WITHDRAWN: &str = "the object is withdrawn, but not all of its files have been moved";
 
-/// Withdraw the object `slug` of the locked folders, or go on with it.
+/// Withdraw the object `slug` of the locked folders, or finish an interrupted withdrawal.
 ///
 /// # Errors
-/// [`DraftError`] when it has no manifest, there is something else of this name in the folder outside, or the system refuses: the object is as it was, or
-/// [`DraftError::Unfinished`], withdrawn and not all of it moved.
+/// [`DraftError`] if it has no manifest, the folder outside has something else under this name, or the system refuses; then the object is as it was.
+/// [`DraftError::Unfinished`] if it is withdrawn, but not all of it has been moved.
 pub fn withdraw(
     folders: &Folders,
     slug: &Slug,
@@ -135,7 +135,7 @@ pub fn withdraw(
     let kept = if before {
         folders.keep.join(slug.as_str())
     } else {
-        // Files have come back since it was looked at whether that folder is needed.
+        // Files have reappeared since the check whether that folder is needed.
         let lacking = || DraftError::Busy(object.clone());
         let keep = folders.kept.as_ref().ok_or_else(lacking);
         let begun = keep.and_then(|keep| begin_keeping(&object, slug, &manifest, keep.folder(), steps));
@@ -172,7 +172,7 @@ fn take_all(object: &Path, manifest: &Manifest, kept: &Path, keep: &Path, steps:
         take(&folder, &copy, steps)?;
         modes::settle(&copy, false, keep, steps)?;
     }
-    // What is removed next must not be all that a power cut leaves. An earlier command may have given these names, and been cut off before this.
+    // The originals are removed next, so the names of the copies must be on disk first. An interrupted command may have created names without syncing them.
     disk::sync(kept, steps)?;
     disk::sync(keep, steps)
 }
@@ -283,7 +283,9 @@ fn strip(folder: &Path, kept: &Path, prefix: &str, steps: Steps<'_>) -> Result<(
 fn take(from: &Path, to: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     disk::create_dir(to, steps)?;
     if !is_own_folder(to).map_err(failed("read", to))? {
-        return Err(failed("write", to)(io::Error::other("it is a link, and what is kept must not lie elsewhere")));
+        return Err(failed("write", to)(io::Error::other(
+            "it is a link; the withdrawn files must be kept in the folder itself",
+        )));
     }
     // Copies that were cut off.
     scratch::sweep(to, &|name| name.starts_with(HIDDEN), steps)?;

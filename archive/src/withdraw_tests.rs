@@ -3,17 +3,17 @@ use crate::draft::tests::{folders as folders_in, publish, slug, tree};
 use crate::lock::{Lock, PATIENCE};
 use std::cell::RefCell;
 
-const SAID: Withdrawal<'_> = Withdrawal { reason: "asked to", day: "2026-11-21" };
+const WITHDRAWAL: Withdrawal<'_> = Withdrawal { reason: "asked to", day: "2026-11-21" };
 
 fn withdrawn(shelf: &Path, keep: &Path) -> Result<PathBuf, DraftError> {
     ended(shelf, keep, &|_| Ok(())).map(|done| done.kept)
 }
 
 fn ended(shelf: &Path, keep: &Path, steps: Steps<'_>) -> Result<Withdrawn, DraftError> {
-    withdraw(&Folders::lock(shelf, keep, &slug(), &|_| (), steps)?, &slug(), &SAID, steps)
+    withdraw(&Folders::lock(shelf, keep, &slug(), &|_| (), steps)?, &slug(), &WITHDRAWAL, steps)
 }
 
-/// A folder `shelf` with an object of two versions, in memory: thousands of files are put on disk.
+/// A folder `shelf` with an object of two versions, in memory, because the tests sync thousands of files.
 fn with_two_versions() -> tempfile::TempDir {
     let memory = Path::new("/dev/shm");
     let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() }.unwrap();
@@ -155,7 +155,7 @@ fn the_next_command_removes_leftovers_even_if_everything_is_withdrawn() {
 
 #[cfg(unix)]
 #[test]
-fn no_file_goes_to_where_a_web_server_would_go_on_serving_it() {
+fn no_file_is_moved_to_where_a_web_server_would_still_serve_it() {
     use std::os::unix::fs::symlink;
     let folder = with_two_versions();
     let at = |path: &str| folder.path().join(path);
@@ -180,12 +180,12 @@ fn no_file_goes_to_where_a_web_server_would_go_on_serving_it() {
     for keep in inside {
         for shelf in ["shelf", "link", "www/../shelf"] {
             let refused = withdrawn(&at(shelf), &at(keep)).unwrap_err().to_string();
-            assert!(refused.contains("give a folder outside with --keep"), "{shelf}, {keep}: {refused}");
+            assert!(refused.contains("give a folder outside it with --keep"), "{shelf}, {keep}: {refused}");
         }
     }
-    // What is not there leads wherever somebody puts it.
+    // A part that does not exist leads wherever somebody makes it lead.
     let refused = withdrawn(&at("shelf"), &at("none/../shelf/kept")).unwrap_err().to_string();
-    assert!(refused.contains("give a path without it"), "{refused}");
+    assert!(refused.contains("give a path without .."), "{refused}");
     assert!((tree(folder.path()), folders_in(folder.path())) == before, "nothing was changed or made");
     // A folder outside may be reached through a link.
     assert!(withdrawn(&at("link"), &at("other/kept")).unwrap().ends_with("fort"));
@@ -194,11 +194,11 @@ fn no_file_goes_to_where_a_web_server_would_go_on_serving_it() {
 
 #[cfg(unix)]
 #[test]
-fn a_link_in_the_folder_outside_costs_no_file() {
+fn a_link_in_the_folder_outside_loses_no_file() {
     use std::os::unix::fs::symlink;
     let whole = with_two_versions();
     withdrawn(&whole.path().join("shelf"), &whole.path().join("keep")).unwrap();
-    // In place of what is kept, and of a version of it, as far as an interrupted command has come.
+    // A link in place of the kept object, or of one of its versions, as an interrupted command might find it.
     for (link, to) in [("keep/fort", "shelf/fort"), ("keep/fort/v1", "shelf/fort/v1"), ("keep/fort/v2", "elsewhere")] {
         let folder = with_two_versions();
         let at = |path: &str| folder.path().join(path);
@@ -215,7 +215,7 @@ fn a_link_in_the_folder_outside_costs_no_file() {
         let packs = |path: &str| tree(&at(path)).into_keys().filter(|name| name.contains("/pack.")).count();
         withdrawn(&at("shelf"), &at("keep")).unwrap_err();
         assert_eq!(packs("shelf"), 2, "{link}: a file is gone");
-        // Without it the same command goes on.
+        // Once the link is gone, the same command finishes.
         fs::remove_file(at(link)).unwrap();
         fs::remove_dir(at("elsewhere")).unwrap();
         withdrawn(&at("shelf"), &at("keep")).unwrap();
@@ -224,7 +224,7 @@ fn a_link_in_the_folder_outside_costs_no_file() {
 }
 
 #[test]
-fn withdrawals_with_crossed_folders_do_not_wait_for_each_other() {
+fn withdrawals_with_crossed_folders_do_not_deadlock() {
     let folder = tempfile::tempdir().unwrap();
     let (a, b) = (folder.path().join("a"), folder.path().join("b"));
     for shelf in [&a, &b] {
@@ -242,9 +242,9 @@ fn withdrawals_with_crossed_folders_do_not_wait_for_each_other() {
             })
         };
         let both = [lock("a", "b"), lock("b", "a")];
-        // Both wait for the same folder, and hold nothing meanwhile.
+        // Both wait for the same folder, and hold no lock meanwhile.
         assert_eq!([waited.recv().unwrap(), waited.recv().unwrap()], [a.clone(), a.clone()]);
-        drop(Lock::wait(&b, PATIENCE, &|| panic!("it is held by one that waits")).unwrap());
+        drop(Lock::wait(&b, PATIENCE, &|| panic!("a waiting withdrawal holds it")).unwrap());
         drop(first);
         for one in both {
             one.join().unwrap().unwrap();
@@ -253,8 +253,8 @@ fn withdrawals_with_crossed_folders_do_not_wait_for_each_other() {
 }
 
 #[test]
-fn nothing_is_removed_before_the_names_of_what_is_kept_are_on_disk() {
-    // Wherever a first attempt is cut off, and whatever a second one finds done.
+fn no_file_is_removed_before_the_names_of_the_kept_files_are_on_disk() {
+    // Whatever step the first attempt is interrupted at, and whatever the second one finds done.
     let mut removals = 0;
     for step in 0.. {
         let folder = with_two_versions();
@@ -278,7 +278,7 @@ fn nothing_is_removed_before_the_names_of_what_is_kept_are_on_disk() {
         for run in &runs {
             let Some(removed) = run.iter().position(|what| what == "remove a.txt") else { continue };
             removals += 1;
-            // Of the folder itself, of the object in it, and of the versions in that.
+            // The names of the folder itself, of the object in it, and of the versions in the object.
             for name in ["sync deep", "sync keep", "sync fort"] {
                 let synced = run.iter().take(removed).rposition(|what| what == name);
                 let made = run.iter().take(removed).rposition(|what| what == "v2" || what == "rename fort");
@@ -295,7 +295,7 @@ fn nothing_is_removed_before_the_names_of_what_is_kept_are_on_disk() {
 
 #[cfg(unix)]
 #[test]
-fn withdrawn_geometry_is_not_for_other_users_of_the_computer() {
+fn other_users_of_the_computer_cannot_read_withdrawn_geometry() {
     use crate::draft::tests::{modes, pack_of, publish_as, visible};
     for state in [AccessState::Public, AccessState::Restricted] {
         let folder = tempfile::tempdir().unwrap();

@@ -136,12 +136,12 @@ fn a_full_output_is_an_error_that_keeps_nothing_wrong_and_the_scratch_files_are_
     assert!(Path::new(scratch.folder()).join("journal").exists());
 }
 
-/// So little memory that there are several regions.
+/// Little enough memory for several regions.
 fn settings(scratch: &Scratch, resume: bool) -> Settings<'_> {
     Settings { threads: 1, memory: 1 << 19, scratch, resume }
 }
 
-/// Asks to stop in the middle of a stage.
+/// Asks the build to stop in the middle of a stage.
 struct StopIn<'a> {
     stop: &'a Stop,
     stage: &'static str,
@@ -155,7 +155,7 @@ impl Progress for StopIn<'_> {
     }
 }
 
-/// A digit of text is another one, of numbers two bits are, or what stands in a file stands elsewhere in it.
+/// Damages a file: changes a digit of text or two bits of a number, or moves bytes to another place in the file.
 fn damaged(bytes: &[u8], is_text: bool, is_moved: bool) -> Vec<u8> {
     let mut damaged = bytes.to_vec();
     let middle = bytes.len() / 2;
@@ -172,7 +172,7 @@ fn damaged(bytes: &[u8], is_text: bool, is_moved: bool) -> Vec<u8> {
 }
 
 #[test]
-fn a_damaged_file_is_noticed_before_a_stage_goes_on_from_it_and_is_made_anew() {
+fn a_damaged_file_is_detected_before_a_stage_uses_it_and_is_made_again() {
     let raw = wall(4000);
     let expected = undisturbed(&raw, 1, 1 << 32);
     let stages: [(&str, &[&str]); 4] = [

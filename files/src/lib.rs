@@ -1,5 +1,5 @@
-//! Files on disk that others may have put there, or may be changing at this moment.
+//! Safe opening of files that somebody else may have put on disk, or may be changing at this moment.
 //!
-//! Everything that opens a file named by a person, by another file or by an entry of a folder goes through here.
+//! Code that opens a file named by a user, by another file or by a folder entry uses this crate.
 
 pub mod plain_file;

@@ -1,15 +1,15 @@
-//! Opening files that somebody else put there: regular files only, and, inside an archive, no links.
+//! Opening files that somebody else may have put there: regular files only, and, inside an archive, no links.
 //!
 //! A link in a served folder may lead to any file that the server can read, and opening a pipe with no writer blocks for ever.
-//! So a file is opened without waiting, and checked again once it is open.
-//! Failures: [`io::Error`] with a sentence that says what it is instead; [`is_other`] recognises it.
+//! So a file is opened without blocking, and checked again once it is open.
+//! Failures: an [`io::Error`] that says what was found instead; [`is_other`] recognises it.
 
 use std::fmt;
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Read};
 use std::path::Path;
 
-/// What was found where a regular file belongs.
+/// What was found instead of a regular file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Other {
     Folder,
@@ -24,10 +24,10 @@ impl fmt::Display for Other {
         f.write_str(match self {
             Self::Folder => "it is a folder, not a file",
             Self::Special => "it is a pipe, a socket or a device, not a regular file; nothing was read from it",
-            Self::Link => "it is a link; links are not followed inside an archive, put the file itself there",
-            Self::LinkInstead => "it is a link, and no link is followed here; nothing was read or written",
+            Self::Link => "it is a link; links are not followed inside an archive; put the file itself there",
+            Self::LinkInstead => "it is a link, and links are not followed here; nothing was read or written",
             Self::BehindLink => {
-                "a folder on the way to it is a link; links are not followed inside an archive, put the folder itself there"
+                "a folder above it is a link; links are not followed inside an archive; put the folder itself there"
             }
         })
     }
@@ -47,38 +47,38 @@ pub fn is_other(e: &io::Error) -> bool {
     e.get_ref().is_some_and(<dyn std::error::Error + Send + Sync>::is::<Other>)
 }
 
-/// Open a regular file that a person named; links are followed.
+/// Open a regular file that a user named; links are followed.
 ///
 /// # Errors
-/// The system's, or that it is not a regular file.
+/// The system's error, or one that says that it is not a regular file.
 pub fn open(path: &Path) -> io::Result<File> {
-    // Before it is opened: opening alone can wind a tape.
+    // Checked before it is opened, because merely opening some devices has an effect: a tape rewinds.
     kind_of(&fs::metadata(path)?)?;
     let file = options().open(path)?;
     kind_of(&file.metadata()?)?;
     Ok(file)
 }
 
-/// Open a regular file inside an archive whose folder is `root`, which may itself be a link: no link below it is followed.
+/// Open a regular file inside the archive folder `root`. `root` itself may be a link; no link below it is followed.
 ///
 /// # Errors
-/// The system's, or that it is a link, lies behind one, is not a regular file, or was replaced meanwhile.
+/// The system's error, or one that says that it is a link, is below one, is not a regular file, or was replaced meanwhile.
 pub fn open_inside(root: &Path, path: &Path) -> io::Result<File> {
     metadata_inside(root, path)?;
     open_between(path, &options(), || metadata_inside(root, path))
 }
 
-/// Open a file of our own for reading and writing, where somebody else may have put something in its place: a regular file, and no
-/// link. Folders on the way to it may be links.
+/// Open a file of our own for reading and writing, in a place where somebody else may have put something else. It must be a regular
+/// file and not a link; folders above it may be links.
 ///
 /// # Errors
-/// The system's, or that it is a link, is not a regular file, or was replaced meanwhile.
+/// The system's error, or one that says that it is a link, is not a regular file, or was replaced meanwhile.
 pub fn open_own(path: &Path) -> io::Result<File> {
     metadata_own(path)?;
     open_between(path, options().write(true), || metadata_own(path))
 }
 
-/// What [`open_own`] would open.
+/// The metadata of the file that [`open_own`] would open.
 fn metadata_own(path: &Path) -> io::Result<Metadata> {
     let metadata = fs::symlink_metadata(path)?;
     if metadata.is_symlink() {
@@ -87,8 +87,8 @@ fn metadata_own(path: &Path) -> io::Result<Metadata> {
     kind_of(&metadata).map(|()| metadata)
 }
 
-/// Open `path`; the file that is open must be the one that `look` finds there afterwards. Without this comparison a link that stands there only
-/// for the moment of opening would be followed.
+/// Open `path`. The open file must be the one that `look` finds there afterwards: without this comparison, a link that is in its place
+/// only at the moment of opening would be followed.
 fn open_between(path: &Path, options: &OpenOptions, look: impl FnOnce() -> io::Result<Metadata>) -> io::Result<File> {
     let file = options.open(path)?;
     let opened = file.metadata()?;
@@ -101,20 +101,20 @@ pub fn replaced() -> io::Error {
     io::Error::new(io::ErrorKind::PermissionDenied, "the file was replaced while it was being opened")
 }
 
-/// Whether two entries are the same file.
+/// Whether two sets of metadata belong to the same file.
 #[cfg(unix)]
 pub fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
     use std::os::unix::fs::MetadataExt;
     (a.dev(), a.ino()) == (b.dev(), b.ino())
 }
 
-/// Whether two entries are the same file, as far as can be known without inode numbers.
+/// Whether two sets of metadata belong to the same file, as far as this can be known without inode numbers.
 #[cfg(not(unix))]
 pub fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
     (a.created().ok(), a.modified().ok(), a.len()) == (b.created().ok(), b.modified().ok(), b.len())
 }
 
-/// Open a regular file whose path has no link anywhere, as the paths below a canonical one should be.
+/// Open a regular file whose path contains no link at all, as a path below a canonical one should.
 ///
 /// # Errors
 /// As for [`open_inside`].
@@ -122,7 +122,7 @@ pub fn open_direct(path: &Path) -> io::Result<File> {
     open_inside(Path::new(""), path)
 }
 
-/// What [`open_direct`] would open.
+/// The metadata of the file that [`open_direct`] would open.
 ///
 /// # Errors
 /// As for [`open_inside`].
@@ -130,10 +130,10 @@ pub fn metadata_direct(path: &Path) -> io::Result<Metadata> {
     metadata_inside(Path::new(""), path)
 }
 
-/// What [`open_inside`] would open.
+/// The metadata of the file that [`open_inside`] would open.
 ///
 /// # Errors
-/// As there.
+/// As for [`open_inside`].
 pub fn metadata_inside(root: &Path, path: &Path) -> io::Result<Metadata> {
     let metadata = fs::symlink_metadata(path)?;
     if metadata.is_symlink() {
@@ -143,7 +143,7 @@ pub fn metadata_inside(root: &Path, path: &Path) -> io::Result<Metadata> {
     if is_behind_link(root, path)? { Err(Other::BehindLink.error()) } else { Ok(metadata) }
 }
 
-/// Whether there is a folder at `path` inside the archive at `root`, and no link on the way; `root` itself may be one.
+/// Whether `path` is a folder inside the archive folder `root` and no part below `root` is a link.
 pub fn is_folder_inside(root: &Path, path: &Path) -> bool {
     if path == root {
         return path.is_dir();
@@ -163,7 +163,7 @@ fn is_behind_link(root: &Path, path: &Path) -> io::Result<bool> {
 /// All of an open file of at most `max` bytes.
 ///
 /// # Errors
-/// The system's, or that it is longer ([`io::ErrorKind::FileTooLarge`]).
+/// The system's error, or [`io::ErrorKind::FileTooLarge`] if it is longer.
 pub fn read(file: File, max: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     file.take(max.saturating_add(1)).read_to_end(&mut bytes)?;
@@ -173,7 +173,7 @@ pub fn read(file: File, max: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// All of a regular file that a person or a folder named, of at most `max` bytes.
+/// All of a regular file of at most `max` bytes; links are followed.
 ///
 /// # Errors
 /// As for [`open`] and [`read`].
@@ -194,7 +194,7 @@ fn options() -> OpenOptions {
     #[cfg(unix)]
     {
         use std::os::unix::fs::OpenOptionsExt;
-        // A pipe is opened at once, with or without a writer, and a terminal does not become ours; regular files do not know the difference.
+        // Opening a pipe does not wait for a writer, and a terminal does not become our controlling terminal. Regular files are not affected.
         options.custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY);
     }
     options
@@ -207,7 +207,7 @@ mod tests {
     use std::process::Command;
 
     #[test]
-    fn only_regular_files_are_opened_and_nothing_waits() {
+    fn only_regular_files_are_opened_and_nothing_blocks() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         fs::write(at("file"), "x").unwrap();
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn inside_an_archive_no_link_is_followed_at_any_depth() {
+    fn no_link_inside_an_archive_is_followed_at_any_depth() {
         let folder = tempfile::tempdir().unwrap();
         let (real, root) = (folder.path().join("real"), folder.path().join("root"));
         fs::create_dir_all(real.join("v1/deep")).unwrap();

@@ -239,7 +239,7 @@ pub(crate) fn plain(status: StatusCode) -> Response<Body> {
 
 /// Stretches of a file as a response body, read a buffer at a time, and only when the one before has gone.
 struct Part {
-    /// And what it was when its tag was found out.
+    /// The file, and its identity when its tag was computed.
     file: Arc<(File, Identity)>,
     /// What is to be read, start and length, none empty.
     stretches: VecDeque<(u64, u64)>,
@@ -337,7 +337,7 @@ impl http_body::Body for Flow {
     }
 }
 
-/// Parts of a file, one behind the other, of which none was written over before it was read.
+/// Parts of a file, one after the other. Fails if the file was changed before they were read.
 fn read((file, identity): &(File, Identity), parts: &[(u64, usize)]) -> io::Result<Bytes> {
     let mut buffer = vec![0; parts.iter().map(|p| p.1).sum()];
     let mut left = buffer.as_mut_slice();

@@ -11,20 +11,20 @@ use std::io;
 /// Makes the next piece; `None` behind the last.
 pub(crate) type Next<S> = fn(&mut S) -> io::Result<Option<String>>;
 
-/// A body of `first` and what `next` makes of `state`, on a thread for blocking work; with `turns` each piece waits for a place, which is given back
-/// when it is made.
+/// A body of `first` and the pieces that `next` makes of `state` on a thread for blocking work. With `turns`, each piece waits for a slot, which is released
+/// when the piece is made.
 pub(crate) fn body<S: Send + 'static>(first: String, state: S, next: Next<S>, turns: Option<Turns>) -> Body {
     let pieces = try_unfold((Some(first), state, turns), move |(first, mut state, turns)| async move {
         if let Some(first) = first {
             return Ok::<_, io::Error>(Some((Bytes::from(first), (None, state, turns))));
         }
         let place = match &turns {
-            Some(turns) => Some(turns.next().await.ok_or_else(|| io::Error::other("the server ends"))?),
+            Some(turns) => Some(turns.next().await.ok_or_else(|| io::Error::other("the server is stopping"))?),
             None => None,
         };
         let work = move || {
             let made = next(&mut state);
-            // With the work, not with a reader who hangs up meanwhile.
+            // Released when the work ends, not when a reader hangs up meanwhile.
             drop(place);
             made.map(|piece| (piece, state))
         };
@@ -67,14 +67,14 @@ mod tests {
         assert!(pieces.len() == 4 && pieces[3].is_err());
     }
     #[tokio::test]
-    async fn each_further_piece_waits_for_a_place_and_none_is_held_between_pieces() {
+    async fn each_further_piece_waits_for_a_slot_and_none_is_held_between_pieces() {
         let (gate, made) = (Arc::<Gate>::default(), Arc::new(AtomicUsize::new(0)));
         let turns = Some(Turns::new(&gate, "a"));
         let mut pieces = body("0".to_owned(), (Arc::clone(&made), 0), count, turns).into_data_stream();
         let held = [gate.enter("a").await, gate.enter("a").await];
         assert_eq!(pieces.next().await.unwrap().unwrap(), "0");
         assert!(pieces.next().now_or_never().is_none(), "its network has its share");
-        // Whatever was begun has been done then.
+        // By the end of this loop, any piece that was begun would be finished.
         for _ in 0..100 {
             tokio::task::spawn_blocking(|| ()).await.unwrap();
         }
@@ -83,7 +83,7 @@ mod tests {
         for number in 1..5 {
             assert_eq!(pieces.next().await.unwrap().unwrap(), number.to_string());
             let all = [gate.enter("a").now_or_never(), gate.enter("a").now_or_never()];
-            assert!(all.iter().all(Option::is_some), "no place is held while the reader takes piece {number}");
+            assert!(all.iter().all(Option::is_some), "no slot is held while the reader takes piece {number}");
         }
         assert!(pieces.next().await.is_none());
     }

@@ -2,8 +2,8 @@
 //!
 //! A question may read thousands of entries (OAI-PMH, the map), on one of the threads that also read files for everybody. With the gate, a network that asks
 //! hundreds at once waits for itself, and what is being made takes little memory at any moment. Invariants: whoever waits holds no thread; a place is
-//! given back when the work has ended, not when the client hangs up; what a client still sends is read before it has a place; an answer that is made
-//! piece by piece ([`crate::flow`]) has a place while a piece is made, and none while its reader takes it.
+//! given back when the work has ended, not when the client hangs up; a request's body is read before the request gets a place; an answer that is made
+//! piece by piece ([`crate::flow`]) holds a place while a piece is made, and none while the reader takes it.
 
 use crate::content::plain;
 use crate::observe::client_of;
@@ -52,10 +52,11 @@ impl Gate {
     }
 }
 
-/// A place of a network and one of all, given back when it is dropped.
+/// One of the places of a network and one of all places, given back when dropped.
 pub(crate) type Place = [OwnedSemaphorePermit; 2];
 
-/// For an answer that is made piece by piece: each further piece needs a place of its own, as the first one's is given back with the answer's head.
+/// Access to the gate for an answer that is made piece by piece: each further piece needs a place of its own, because the first one is given back when the
+/// answer begins.
 #[derive(Debug, Clone)]
 pub(crate) struct Turns {
     gate: Arc<Gate>,
@@ -84,7 +85,7 @@ pub(crate) struct Passing {
 /// Answer a question when it is its turn.
 pub(crate) async fn pass(State(passing): State<Passing>, request: Request, next: Next) -> Response {
     let (_, network) = client_of(&request, passing.behind_proxy);
-    // Of every method: a request for a page may announce a body too.
+    // For every method: a GET request can announce a body too.
     let (mut parts, body) = request.into_parts();
     let form = match tokio::time::timeout(FORM, to_bytes(body, FORM_BYTES)).await {
         Ok(Ok(form)) => form,

@@ -100,8 +100,8 @@ pub(crate) struct Table {
     files: BTreeMap<String, Entry>,
     root: BTreeMap<String, Option<Identity>>,
     pub(crate) manifest: Manifest,
-    /// Not if the store refused a version's list, or a file of a version is missing or damaged: it is looked for again, as it may be put back
-    /// without any change of the folder above it.
+    /// False if the store refused a version's list, or if a file of a version is missing or damaged. Then the files are listed again next time, because
+    /// a file may be put back without any change to the folder above it.
     is_whole: bool,
 }
 
@@ -231,7 +231,7 @@ impl Holding {
                     warn_once(format!("{place}: {e}; nothing of it is served; run kilwa verify on the object"));
                     is_whole = false;
                 }
-                // What is withdrawn has no geometry.
+                // A withdrawn object has no geometry left.
                 Ok(all) => is_whole &= all || manifest.access.state == AccessState::Withdrawn,
             }
         }
@@ -252,7 +252,7 @@ fn root_of(folder: &Place) -> io::Result<BTreeMap<String, Option<Identity>>> {
     Ok(root)
 }
 
-/// Every file of a version folder that its list names, under `v1/name`; whether all of them are there.
+/// Add every file of a version folder that its list names, under `v1/name`. Returns whether all of them are there.
 fn version_files(version: &Version, folder: &Place, files: &mut BTreeMap<String, Entry>) -> io::Result<bool> {
     let mut found = folder.files()?;
     let list = found.remove(CHECKSUMS).map(|identity| Entry::new(folder.join(CHECKSUMS), identity));
@@ -271,19 +271,19 @@ fn version_files(version: &Version, folder: &Place, files: &mut BTreeMap<String,
         let mut entry = Entry::new(folder.join(name), identity);
         let is_pack = version.pack.url.strip_suffix(name).is_some_and(|rest| rest.ends_with('/'));
         let why = if is_pack && entry.identity.bytes() != version.pack.bytes {
-            "has another length than the manifest says"
+            "does not have the length that the manifest states"
         } else if !is_pack && entry.identity.bytes() > CHECKED {
-            "is too long for a file that is not a pack"
+            "is too large for a file that is not a pack"
         } else {
             entry.sha256 = Some(sum.into());
             files.insert(format!("{}/{name}", version.folder), entry);
             continue;
         };
-        warn_once(format!("{folder}: {name} {why}, not served"));
+        warn_once(format!("{folder}: {name} {why}; it is not served"));
         is_whole = false;
     }
     for name in found.keys() {
-        warn_once(format!("{folder}: {name} is not in {CHECKSUMS}, not served"));
+        warn_once(format!("{folder}: {name} is not in {CHECKSUMS}; it is not served"));
     }
     files.insert(format!("{}/{CHECKSUMS}", version.folder), list);
     Ok(is_whole)

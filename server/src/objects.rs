@@ -87,7 +87,7 @@ pub(crate) async fn respond(
     response
 }
 
-/// The same, ended when whoever asked may not have it any more.
+/// The same response, but it ends when the client is no longer allowed to have it.
 pub(crate) fn while_allowed(
     response: Response<Body>,
     model: &Model,
@@ -106,7 +106,7 @@ pub(crate) fn while_allowed(
             Verdict::WithoutGeometry(_) => {
                 let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
                 let now = clock.seconds();
-                // Who was let in by this very answer has its capability in the next request only.
+                // A visitor who got the capability with this very answer sends it only with the next request.
                 let is_visitor = |door: &Door| door.visitor(&headers, now).is_some_and(|v| door.sees(&v.who, &slug));
                 door.as_ref().is_some_and(|door| door.lets_out(&headers, &slug, content, now) || is_visitor(door))
             }

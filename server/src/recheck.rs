@@ -1,7 +1,7 @@
-//! Transfers that began while they were allowed and last longer than that: after revocation, signing out or a withdrawal they end.
+//! Ending transfers when access ends: by revocation, signing out or a withdrawal.
 //!
-//! A body asks again every [`EVERY`] whether it may go on. If not, it ends in an error, so that the connection is closed before `Content-Length` is
-//! reached. What the client has received by then cannot be taken back.
+//! A body checks every [`EVERY`] whether it may go on. If not, it ends in an error, so that the connection is closed before `Content-Length` is
+//! reached. Bytes that the client has received by then cannot be taken back.
 
 use axum::body::{Body, Bytes, HttpBody as _};
 use http_body::{Frame, SizeHint};
@@ -12,7 +12,7 @@ use std::task::{Context, Poll, ready};
 use std::time::{Duration, Instant};
 use tokio::task::JoinHandle;
 
-/// As often as the accounts are looked at.
+/// Time between checks; the accounts are re-read equally often.
 const EVERY: Duration = Duration::from_secs(1);
 
 /// Whether the transfer may go on. May block.
@@ -25,7 +25,7 @@ struct Rechecked {
     checking: Option<JoinHandle<bool>>,
 }
 
-/// A body that was allowed at this moment, and ends when that is over.
+/// A body that is allowed now, and ends in an error when it no longer is.
 pub(crate) fn rechecked(body: Body, may_go_on: Check) -> Body {
     if body.is_end_stream() {
         return body;

@@ -95,7 +95,7 @@ fn change(file: &Path, how: impl FnOnce(&mut Accounts)) {
         Ok::<_, AccountsError>(())
     });
     changed.unwrap();
-    // The file is looked at once a second.
+    // The server checks the file once a second.
     std::thread::sleep(std::time::Duration::from_millis(1100));
 }
 
@@ -448,12 +448,12 @@ async fn where_a_session_cannot_be_kept_or_ended_the_reader_is_told() {
 }
 
 #[tokio::test]
-async fn signing_out_is_done_or_says_that_it_is_not() {
+async fn signing_out_works_or_reports_that_it_failed() {
     let m = Museum::new();
     let before = std::fs::read(m.accounts()).unwrap();
     let keep = |bytes: &[u8]| {
         std::fs::write(m.accounts(), bytes).unwrap();
-        // The file is looked at once a second.
+        // The server checks the file once a second.
         std::thread::sleep(std::time::Duration::from_millis(1100));
     };
     let opens = async |session: &str| m.post("/cave/open", &[("cookie", session)], "").await.status;
@@ -464,13 +464,13 @@ async fn signing_out_is_done_or_says_that_it_is_not() {
         assert_eq!((out.status, out.header("set-cookie")), (StatusCode::SERVICE_UNAVAILABLE, ""), "{form}");
         assert!(out.text().contains("still signed in"), "{}", out.text());
     }
-    // Without a session there is none to end.
+    // Without a session there is nothing to end.
     assert_eq!(m.post("/sign-out", &[], "").await.status, StatusCode::SEE_OTHER);
     keep(&before);
-    assert_eq!(opens(&session).await, StatusCode::NO_CONTENT, "it goes on, as was said");
+    assert_eq!(opens(&session).await, StatusCode::NO_CONTENT, "the session goes on, as the answer said");
     assert_eq!(m.post("/sign-out", &[("cookie", &session)], "").await.status, StatusCode::SEE_OTHER);
     assert_eq!(opens(&session).await, StatusCode::UNAUTHORIZED);
-    // A clock that is wrong for an hour hides a session, and ends none.
+    // A clock that is wrong for an hour hides a session, but does not end it.
     for (clock, form) in [(NOW + 13 * 3600, ""), (NOW - 3600, ""), (NOW + 13 * 3600, "everywhere=1")] {
         let [(session, _), (other, _)] = [begin(&m.app).await, begin(&m.app).await];
         m.clock.store(clock, Ordering::Relaxed);
@@ -483,7 +483,7 @@ async fn signing_out_is_done_or_says_that_it_is_not() {
 }
 
 #[tokio::test]
-async fn a_list_of_sessions_that_cannot_be_read_ends_none_and_says_so() {
+async fn an_unreadable_list_of_sessions_is_reported_and_no_session_ends() {
     let m = Museum::new();
     let (folder, moved) = (m.folder.path().join("sessions"), m.folder.path().join("moved"));
     let app = another(&m, Sessions::in_folder(&folder).unwrap());

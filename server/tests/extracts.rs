@@ -120,10 +120,10 @@ async fn a_form_leads_to_a_page_that_waits_and_to_the_file() {
     assert_ne!(get(&a.app, "/fort/extract/v2-whole.stl").await.header("etag"), etag);
 }
 
-/// Of the cache only what was made is given out, under a tag that says so.
+/// The server sends a file of the cache only if it is the one that it made.
 #[cfg(unix)]
 #[tokio::test]
-async fn a_file_of_the_cache_that_somebody_changed_is_made_anew() {
+async fn a_changed_file_in_the_cache_is_made_again() {
     let a = archive();
     let (form, name) = ("format=stl&detail=whole", "/fort/extract/v2-whole.stl");
     let make = async || {
@@ -136,7 +136,7 @@ async fn a_file_of_the_cache_that_somebody_changed_is_made_anew() {
     let cache = a.folder.path().join("cache");
     let file = std::fs::read_dir(&cache).unwrap().map(|e| e.unwrap().path()).find(|p| p.is_file()).unwrap();
     let mode = std::os::unix::fs::PermissionsExt::mode(&file.metadata().unwrap().permissions());
-    assert_eq!(mode & 0o777, 0o600, "not for other users of the computer, also if the folder is");
+    assert_eq!(mode & 0o777, 0o600, "not readable by other users of the computer, even if the folder is");
     std::fs::write(a.folder.path().join("secret"), "secret").unwrap();
     let changes: [&dyn Fn(); 4] = [
         &|| std::fs::write(&file, &good[..10]).unwrap(),

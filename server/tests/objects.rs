@@ -329,7 +329,7 @@ async fn a_damaged_object_is_named_with_its_reason_and_the_others_go_on() {
     assert_eq!(get(&app, "/good/v1/poster.jpg").await.status, 200);
 }
 
-/// An operator who finds damage and puts a copy in its place needs no restart.
+/// An operator who replaces a damaged file with a sound copy need not restart the server.
 #[tokio::test]
 async fn a_file_that_was_damaged_or_lost_and_is_put_back_is_served_again() {
     let dir = tempfile::tempdir().unwrap();

@@ -126,9 +126,9 @@ async fn the_catalogue_lists_searches_and_narrows_without_a_script() {
     }
 }
 
-/// Whatever an address says, in whichever field of whichever page, is text.
+/// Text from an address is shown as text, in every field of every page.
 #[tokio::test]
-async fn nothing_of_an_address_becomes_markup() {
+async fn no_part_of_an_address_becomes_markup() {
     let dir = archive();
     let app = portal(dir.path());
     let pages = ["/", "/map", "/collections/", "/collections/x/", "/gereza/", "/gereza/extract", "/sign-in", "/oai"];
@@ -532,7 +532,7 @@ fn published_again(folder: &Path, slug: &str, list: &str) {
     std::fs::write(file, manifest.to_bytes().unwrap()).unwrap();
 }
 
-/// A body that was announced and of which nothing comes; counts those that are waited for.
+/// A body that is announced and never sent. Counts how many of them the server waits for.
 struct Stuck {
     waited_for: Arc<AtomicUsize>,
     is_counted: bool,
@@ -557,9 +557,9 @@ impl http_body::Body for Stuck {
     }
 }
 
-/// More than are answered at once, from networks enough: by GET, where nobody expects a body, as by POST.
+/// More slow requests than are answered at once, from many networks: by POST, and by GET, where nobody expects a body.
 #[tokio::test]
-async fn whoever_sends_a_body_slowly_keeps_nobody_from_asking() {
+async fn slow_request_bodies_do_not_block_other_queries() {
     let dir = archive();
     let mut site = Site::new(Catalogue::open(dir.path()).unwrap(), page());
     let index = Index::open(dir.path(), None).unwrap();
@@ -588,10 +588,13 @@ async fn whoever_sends_a_body_slowly_keeps_nobody_from_asking() {
         }
         let answer = ask(&app, "GET", asked, &[("x-forwarded-for", "10.0.0.9")]).await;
         assert_eq!(answer.status, StatusCode::OK, "{method} {address}");
-        assert!(slow.iter().all(|s| !s.is_finished()), "{method} {address}: it was answered after they were given up");
+        assert!(
+            slow.iter().all(|s| !s.is_finished()),
+            "{method} {address}: it was answered only after the slow requests timed out"
+        );
         slow.iter().for_each(tokio::task::JoinHandle::abort);
     }
-    // A form counts where there is one.
+    // A form is read if there is one.
     let request = Request::get("/oai").body(Body::from("verb=Identify")).unwrap();
     let answer = Answer::of(app.clone().oneshot(request).await.unwrap()).await;
     assert!(answer.text().contains("badVerb"), "{}", answer.text());

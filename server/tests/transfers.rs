@@ -1,4 +1,4 @@
-//! What happens to a transfer that has begun when the file, or who may have it, changes.
+//! What happens to a running transfer when the file changes, or access to it.
 
 use crate::common::{noise, object, page, public};
 use axum::Router;
@@ -17,10 +17,10 @@ use std::time::{Duration, SystemTime};
 use tower::ServiceExt as _;
 
 const NOW: u64 = 1_795_262_400;
-/// So many that a slow reader needs several seconds for them.
+/// Enough bytes to take a slow reader several seconds.
 const LENGTH: usize = 16 << 20;
 
-/// A transfer of which something has come.
+/// A transfer whose first bytes have arrived.
 async fn begun(app: &Router, address: &str, token: &str) -> BodyDataStream {
     let request = Request::get(address).header("authorization", format!("Bearer {token}"));
     let response = app.clone().oneshot(request.body(Body::empty()).unwrap()).await.unwrap();
@@ -30,7 +30,7 @@ async fn begun(app: &Router, address: &str, token: &str) -> BodyDataStream {
     body
 }
 
-/// How many bytes more come to a slow reader, and whether it ends in an error.
+/// How many more bytes a slow reader receives, and whether the transfer ends in an error.
 async fn rest(mut body: BodyDataStream) -> (usize, bool) {
     let mut bytes = 0;
     while let Some(part) = body.next().await {
@@ -101,11 +101,11 @@ async fn a_transfer_ends_when_access_does_and_others_go_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_file_that_is_written_over_during_a_transfer_is_never_sent_mixed() {
+async fn a_file_overwritten_during_a_transfer_is_never_sent_as_a_mixture() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("wall.kilwa");
     std::fs::write(&path, noise(LENGTH, 1)).unwrap();
-    // As if it had lain there for an hour: some clocks of file systems go in steps.
+    // As though the file had been there for an hour, because the clocks of some file systems are coarse.
     File::options()
         .write(true)
         .open(&path)

@@ -31,7 +31,7 @@ pub(super) fn folder_of(output: &Path) -> &Path {
     }
 }
 
-/// Under the temporary name of an output there may be what an interrupted build left, and nothing else: a link would lead the pack into another file.
+/// Check the temporary name of an output: only the file of an interrupted build may be there. Through a link the pack would be written into another file.
 fn refuse_others_file(part: &Path) -> anyhow::Result<Option<Metadata>> {
     let what = match std::fs::symlink_metadata(part) {
         Ok(m) if m.is_symlink() => "a link",
@@ -76,7 +76,7 @@ impl Output {
         if let Err(fs4::TryLockError::WouldBlock) = fs4::FileExt::try_lock(&file) {
             anyhow::bail!("{} is being written by another build; wait for it", name.display());
         }
-        // The file that is open must be the one that was checked: nothing of somebody else's is written over.
+        // The open file must be the one that was checked, so that nobody else's file is overwritten.
         let (opened, there) = (file.metadata().with_context(cannot)?, refuse_others_file(&part)?);
         if !there.is_some_and(|there| plain_file::is_same_file(&opened, &there)) {
             return Err(plain_file::replaced()).with_context(cannot);
@@ -123,7 +123,7 @@ impl Output {
         if cfg!(unix) {
             // The name, too, outlives a crash of the machine.
             match File::open(folder_of(&self.name)) {
-                // A folder may be written to and yet not be opened; the pack is there, whole.
+                // A folder may be writable but not readable. The pack is complete all the same.
                 Err(e) if e.kind() == std::io::ErrorKind::PermissionDenied => {}
                 folder => folder.and_then(|folder| folder.sync_all()).with_context(cannot)?,
             }

@@ -176,7 +176,7 @@ enum Tool {
 }
 
 impl Tool {
-    /// Where its drawing goes, of the tools that have one.
+    /// The output options of a tool that makes a drawing.
     fn output(&self) -> Option<&output::OutputArgs> {
         match self {
             Self::Section { output, .. } | Self::Profile { output, .. } | Self::Contours { output, .. } => Some(output),

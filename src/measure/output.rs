@@ -40,7 +40,7 @@ impl OutputArgs {
         Ok(())
     }
 
-    /// Refuse the document that the measurement is added to.
+    /// Refuse to write over the document to which the measurement is saved.
     pub(super) fn refuse_document(&self, document: &Path) -> anyhow::Result<()> {
         let Some(path) = &self.output else { return Ok(()) };
         let real = |path: &Path| {
@@ -48,7 +48,7 @@ impl OutputArgs {
             path.canonicalize().ok().or_else(whole)
         };
         let is_same = real(path).is_some_and(|path| real(document) == Some(path));
-        anyhow::ensure!(!is_same, "{} is the document of --save; give another name with -o", path.display());
+        anyhow::ensure!(!is_same, "-o and --save both name {}; give another file with -o", path.display());
         Ok(())
     }
 

@@ -62,8 +62,8 @@ pub(super) fn citation(s: &Subject, measurement: &Measurement) -> String {
     measurement.citation(&pack_name(s.leaves.index()), PROGRAM, s.unit)
 }
 
-/// Add a measurement to a document, which is made where it is not there. The folder is locked meanwhile: of two that are saved at once neither is lost.
-/// If it is a folder of objects, a publication may hold that lock for minutes; who has to wait is told so.
+/// Add a measurement to a document, which is created if it does not exist. The folder is locked meanwhile, so that two measurements saved at once are both
+/// kept. In a folder of objects, a publication may hold that lock for minutes; then a message says that the command is waiting.
 pub(super) fn save(s: &Subject, outcome: &Outcome, to: &Path, args: &Args) -> anyhow::Result<()> {
     let pack = pack_name(s.leaves.index());
     let waits = || {

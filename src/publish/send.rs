@@ -161,7 +161,7 @@ impl Sender {
                 _ if speaks_tus => {
                     let (parts, content) = response.into_parts();
                     let bytes = body(Response::from_parts(parts.clone(), content))?;
-                    // The last upload may have ended with any status; a server that refuses to answer names no upload.
+                    // The answer has the status with which the last upload ended. A server that refuses the request itself reports no upload.
                     let last = kilwa_pack::json::from_slice::<Status>(&bytes).ok();
                     if last.is_some_and(|last| last.state == State::Refused) {
                         return Ok(());

@@ -30,7 +30,7 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
     }
     let page = args.site.then(|| kilwa_server::Page::load(args.www.as_deref())).transpose()?;
     let check_site = || if args.site { site::check(&args.to) } else { Ok(()) };
-    // Before anything is made, and again when nobody else can change it.
+    // Checked before anything is created, and again under the lock, when nobody else can change it.
     check_site()?;
     let folders = Folders::lock(&args.to, keep, &slug, &waits(&spinner()), &|_| Ok(()))?;
     check_site()?;

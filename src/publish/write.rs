@@ -115,19 +115,19 @@ fn closed_files(plan: &Plan) -> bool {
     cfg!(unix) && plan.facts.metadata.access() != AccessState::Public
 }
 
-/// Whether the closed files could not be given to the group of the folder, which is warned of.
+/// Whether only the owner can read the closed files because they could not be given to the group of the folder. Adds a warning if so.
 fn is_for_owner_only(args: &Args, object: &Path, version: u32, warnings: &mut Vec<String>) -> anyhow::Result<bool> {
     let Some(group) = unshared_with(&object.join(version_folder(version)), &args.to)? else { return Ok(false) };
     warnings.push(format!(
-        "you are not in {}, the group of {}: only you can read pack, preview and notes, and a server that runs as another user cannot. \
-         Have yourself added to that group, sign in again, and run the same command again",
+        "you are not in {}, the group of {}: only you can read the pack, preview and notes; a server that runs as another user cannot. \
+         Ask an administrator to add you to that group, log in again, and run the same command again",
         group_name(group),
         args.to.display()
     ));
     Ok(true)
 }
 
-/// A group as the computer's own list calls it, else by its number.
+/// The name of a group from `/etc/group`, or its number if it is not listed there.
 fn group_name(group: u32) -> String {
     let list = std::fs::read_to_string("/etc/group").unwrap_or_default();
     let mut lines = list.lines().map(|line| line.split(':').collect::<Vec<_>>());
@@ -135,12 +135,12 @@ fn group_name(group: u32) -> String {
     line.map_or_else(|| format!("group {group}"), |line| line[0].to_owned())
 }
 
-/// The lock of the folder of objects. Who has to wait for it is told so.
+/// Lock the folder of objects. Prints a message if it has to wait.
 fn locked(shelf: &Path, bar: &ProgressBar) -> anyhow::Result<Lock> {
     Ok(Lock::wait(shelf, PATIENCE, &|| waits(bar)(shelf))?)
 }
 
-/// Says that a folder is locked.
+/// Prints that the command waits for the lock of a folder.
 pub(super) fn waits(bar: &ProgressBar) -> impl Fn(&Path) {
     |folder| {
         let line = format!(
@@ -194,7 +194,7 @@ fn already(
 ) -> anyhow::Result<Report> {
     let last = before.versions.last().context("a manifest has versions")?;
     let settled = settle_published(lock, &plan.facts.slug, before, steps);
-    settled.map_err(|e| e.after("the version is published, but its files do not have their permissions"))?;
+    settled.map_err(|e| e.after("the version is published, but the permissions of its files are not set"))?;
     let bag = around(args, plan, lock, (&last.published, &last.pack.identity), steps)?;
     Ok(Report {
         object: plan.at.clone(),

@@ -97,7 +97,7 @@ fn walk(folder: &Path, prefix: &str, into: &mut Vec<(String, u64)>) -> io::Resul
         let kind = entry.file_type()?;
         if kind.is_dir() {
             match walk(&entry.path(), &path, into) {
-                // What another user is making there: it is closed to everybody else, and named like its files would be.
+                // A hidden folder in which another user is publishing: nobody else can read it, so it is listed itself instead of its files.
                 Err(e) if e.kind() == io::ErrorKind::PermissionDenied && is_hidden => into.push((path, 0)),
                 walked => walked?,
             }

@@ -12,7 +12,7 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// More is no state: a run begins it anew with one line for each unit.
+/// A larger file is not a state file: each run starts the file again with one line per unit.
 const MAX_BYTES: u64 = 1 << 30;
 
 /// One line. Times are seconds since 1970, UTC.
@@ -255,7 +255,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn pipes_and_devices_are_refused_and_nothing_waits() {
+    fn pipes_and_devices_are_refused_without_blocking() {
         let folder = tempfile::tempdir().unwrap();
         let (pipe, device) = (folder.path().join("pipe"), folder.path().join("device"));
         assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());

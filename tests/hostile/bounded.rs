@@ -81,7 +81,7 @@ fn cost(folder: &Path, kind: &str, n: u32) -> f64 {
     report["run"]["cpu_seconds"].as_f64().unwrap()
 }
 
-/// Before, 200,000 took more than a minute. Four times as many triangles take about four times as long; with quadratic time it would be sixteen.
+/// Four times as many triangles must take about four times as long; in quadratic time they would take sixteen times as long.
 #[test]
 fn coincident_triangles_and_hubs_take_time_in_proportion_to_their_number() {
     let folder = tempfile::tempdir().unwrap();
@@ -89,7 +89,7 @@ fn coincident_triangles_and_hubs_take_time_in_proportion_to_their_number() {
     for kind in SHAPES {
         let mut few = few;
         let mut a = cost(folder.path(), kind, few);
-        // What takes less is mostly the start of the program, and its ratio shows nothing.
+        // A shorter run is mostly the start of the program, so its ratio would mean nothing.
         while a < 0.25 {
             few *= 2;
             a = cost(folder.path(), kind, few);

@@ -83,7 +83,7 @@ fn calls(args: &[&str], call: &str, log: &Path) -> u32 {
     std::fs::read_to_string(log).unwrap().matches(&format!("{call}(")).count().try_into().unwrap()
 }
 
-/// Chooses what is killed: given, so that a failure can be repeated, or another one with each run.
+/// The seed that chooses where the program is killed: random, or from `KILWA_KILL_SEED` to repeat a failure.
 fn seed() -> u32 {
     let given = std::env::var("KILWA_KILL_SEED").ok();
     let random = || u32::try_from(RandomState::new().hash_one(()) % 1_000_000).unwrap();
@@ -94,11 +94,11 @@ fn seed() -> u32 {
 fn the_program_killed_before_any_rename_leaves_a_sound_archive_and_goes_on() {
     let works = Command::new("strace").args(["-f", "-qq", "-o", "/dev/null", "true"]).status();
     if !works.is_ok_and(|status| status.success()) {
-        println!("skipped: kills of the program before renames: strace is not here, or may not watch programs");
+        println!("skipped: killing the program before renames: strace is not installed, or may not trace programs");
         return;
     }
     let seed = seed();
-    println!("some of the calls; again with KILWA_KILL_SEED={seed}");
+    println!("killed at some of the calls; repeat with KILWA_KILL_SEED={seed}");
     let bench = Bench::new();
     let object = bench.published(&other_pack(), LEAST, &[]);
     let (first, kept) = (bench.path("first"), bench.path("keep"));
@@ -125,7 +125,7 @@ fn the_program_killed_before_any_rename_leaves_a_sound_archive_and_goes_on() {
         // Drawing takes long, and is done before the last five.
         let soak = std::env::var_os("KILWA_SOAK").is_some();
         let first_call = if soak || *command == withdraw { 1 } else { calls(command, call, &bench.path("log")) - 4 };
-        // Of the many some: others with each seed.
+        // Only some of the many calls; each seed chooses others.
         let every = if soak || !["unlink", "mkdir"].contains(&call) { 1 } else { 3 };
         for nth in (first_call + seed % every..).step_by(every as usize) {
             copy(&first, &site);

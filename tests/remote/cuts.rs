@@ -183,9 +183,9 @@ fn a_line_that_breaks_again_and_again_is_waited_for_in_one_run() {
     assert!(waits.get() >= 2, "{} waits", waits.get());
 }
 
-/// However the last upload ended, by a status that else is passing too, it can be repeated.
+/// Whatever status the last upload ended with, it can be repeated, even if that status otherwise means "try again later".
 #[test]
-fn a_refusal_of_the_last_upload_is_no_obstacle_and_one_of_the_server_is() {
+fn a_failed_upload_can_be_repeated_unless_the_server_refuses_to_answer() {
     let answer = |said: &'static str| {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = format!("http://{}", listener.local_addr().unwrap());

@@ -115,7 +115,7 @@ fn cut_off_at_random_the_store_has_the_old_object_or_the_new_one_and_at_the_end_
     assert!(server.audit().matches("\"published\"").count() <= 2, "each version was published once");
     server.kill();
     let left = std::fs::read_dir(server.path("uploads")).unwrap().map(|e| e.unwrap().file_name());
-    // The other is an empty folder for a lock.
+    // `.kilwa-making` is an empty folder that serves as a lock.
     let left: Vec<_> = left.filter(|name| name != ".kilwa-uploads" && name != ".kilwa-making").collect();
     assert!(left.is_empty(), "what a kill left behind was taken away: {left:?}");
 }

@@ -66,9 +66,9 @@ fn killed_while_it_sends_the_same_command_ends_it_with_the_bytes_of_publishing_h
     assert!(!said(&output).contains(&server.token[6..]));
 }
 
-/// As a server leaves it that is killed between manifest and page.
+/// The state of an object whose server was killed after it replaced the manifest and before it replaced the page.
 #[test]
-fn what_a_killed_server_left_to_do_is_done_by_the_same_command() {
+fn the_same_command_finishes_what_a_killed_server_left_undone() {
     let (server, site) = (Server::start(), local());
     let (_folder, metadata, www) = bench(&METADATA.replace("First.", "Better."));
     for (path, bytes) in tree(&site.join("fort"), true) {

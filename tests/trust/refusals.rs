@@ -29,7 +29,7 @@ fn what_means_nothing_is_refused_with_a_sentence() {
     assert!(say(&["contours", "--interval", "1e-9"]).contains("not possible"));
     assert!(say(&["coordinate", "--rays", "9", "9", "9", "1", "0", "0"]).contains("the ray meets no surface"));
     assert!(say(&["coordinate", "NaN", "0", "0"]).contains("finite"));
-    // A result that overflows is not saved either: a document cannot hold it.
+    // A result that overflows is not saved, because a document cannot contain it.
     let document = tempfile::tempdir().unwrap();
     let document = document.path().join("all.json");
     for overflow in

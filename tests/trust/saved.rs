@@ -58,7 +58,7 @@ fn measurements_saved_at_the_same_time_are_all_kept() {
 }
 
 #[test]
-fn saving_in_a_folder_that_is_locked_says_that_it_waits() {
+fn saving_in_a_locked_folder_prints_that_it_waits() {
     use kilwa_archive::lock::Lock;
     use std::io::{BufRead as _, BufReader, Read as _};
     let folder = tempfile::tempdir().unwrap();

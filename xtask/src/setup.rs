@@ -131,20 +131,20 @@ pub(crate) fn vulkan() -> Result<()> {
     )
 }
 
-/// The program that kills others before a system call of theirs, which tests of what a kill leaves use.
+/// strace, with which tests kill a program just before one of its system calls.
 ///
 /// # Errors
-/// It is not there and cannot be installed; those tests say then that they were skipped.
+/// If it is not on PATH and cannot be installed. Those tests then print that they were skipped.
 pub(crate) fn strace() -> Result<PathBuf> {
     let names = ["strace"];
     if let Some(found) = on_path(&names) {
         return Ok(found);
     }
     if !cfg!(target_os = "linux") {
-        bail!("strace is for Linux");
+        bail!("strace runs only on Linux");
     }
-    apt(&names, "no strace on PATH; tests kill programs with it before their system calls")?;
-    on_path(&names).context("Debian's package strace was installed, yet there is no strace on PATH")
+    apt(&names, "no strace on PATH; tests use it to kill programs before system calls")?;
+    on_path(&names).context("Debian's package strace was installed, but there is still no strace on PATH")
 }
 
 /// Python packages of a list with exact versions (relative to the root), from PyPI, in a folder of their own in the user's cache: what to

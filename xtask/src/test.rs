@@ -141,9 +141,9 @@ fn set_up() -> Result<Tally> {
     println!("a store to test with: {}", setup::python_packages(STORE_PACKAGES)?.display());
     println!("browser: {}", setup::chromium()?.display());
     match setup::strace() {
-        Ok(program) => println!("kills before system calls: {}", program.display()),
-        // Not every machine lets it be installed or used; the tests count as skipped by name.
-        Err(why) => println!("kills before system calls are skipped: {why:#}"),
+        Ok(program) => println!("tests that kill programs before system calls use {}", program.display()),
+        // Not every machine allows it to be installed or used; each such test prints that it was skipped.
+        Err(why) => println!("tests that kill programs before system calls are skipped: {why:#}"),
     }
     Ok(Tally::default())
 }

@@ -3,8 +3,8 @@
 //!
 //! Names say nothing reliable, so values are looked at: a channel that is a linear function of the position is a coordinate or a height, in
 //! whatever unit and however turned; a large offset with a small range is a coordinate, too. Where the true location is known, ranges and single
-//! values are also compared with it. All of this is asked of the whole channel and of groups of its values ([`samples`]), because missing values
-//! and outliers would hide the rest. Every vertex of every level is read for the whole; groups come from a sample of them.
+//! values are also compared with it. All of this is checked for the whole channel and for groups of its values ([`samples`]), because missing values
+//! and outliers would hide the rest. Every vertex of every level is read for the whole channel; groups come from a sample of the vertices.
 
 use super::samples::{Group, KEPT, Sample, groups, is_mark};
 use super::{AROUND_DEGREES, Location, MAP};
@@ -24,13 +24,13 @@ const UNITS: [f64; 8] = [1.0, 0.1, 0.01, 0.001, 1000.0, 0.3048, 1200.0 / 3937.0,
 /// Units of angles, in degrees: degree, radian, gon.
 const ANGLES: [f64; 3] = [1.0, 180.0 / std::f64::consts::PI, 0.9];
 
-/// A value is that of its vertex if it is this near, as a share of the model's size along the axis.
+/// A value counts as the coordinate of its vertex if it is this near to it, as a share of the model's size along the axis.
 const OWN: f64 = 0.02;
-/// Share of the values that are near the coordinate of their vertex, or near the place, from which on a channel is refused; and of heights and degrees,
-/// near which other values come more often by chance.
+/// A channel is refused if more than this share of its values is near the coordinate of their vertex, or near the place. The second share is for heights
+/// and degrees, which other values match more often by chance.
 const SHARE: f64 = 0.05;
 const LARGE_SHARE: f64 = 0.4;
-/// How near a value is to a known latitude or longitude when it counts for a share, degrees.
+/// A value counts as near a known latitude or longitude if it is this near, degrees.
 const NEAR_DEGREES: f64 = 0.01;
 
 /// What was found of a channel.
@@ -38,14 +38,14 @@ const NEAR_DEGREES: f64 = 0.01;
 pub struct Channel {
     /// Its name.
     pub name: String,
-    /// All of its values, where any is finite.
+    /// All of its values as one group, if any is finite.
     whole: Option<Group>,
     /// Its values in groups.
     groups: Vec<Group>,
     samples: Vec<Sample>,
 }
 
-/// What is read of a channel.
+/// What is read from a channel.
 #[derive(Debug, Clone, Default)]
 struct Read {
     sums: Sums,
@@ -87,7 +87,7 @@ pub fn survey<S: Source + Sync>(reader: &Reader<S>) -> Result<Vec<Channel>, Pack
         .into_par_iter()
         .try_fold(empty, |mut read, index| {
             let chunk = reader.chunk(index)?;
-            // From another vertex on in each chunk, so that small chunks have their share.
+            // The first vertex differs from chunk to chunk, so that small chunks are sampled too.
             let first = (index as usize).wrapping_mul(0x9e37_79b1) % stride;
             for ((read, values), scale) in read.iter_mut().zip(&chunk.mesh.scalars).zip(&scales) {
                 let mut all = chunk.mesh.positions.iter().zip(values).map(|(p, v)| (p.map(f64::from), f64::from(*v)));
@@ -225,7 +225,7 @@ fn holds(group: &Group, location: &Location) -> Option<String> {
 }
 
 impl Location {
-    /// Which true coordinate many values are near.
+    /// The true coordinate that many of the values are near.
     fn shared(&self, samples: &[Sample]) -> Option<&'static str> {
         let [min, max] = self.bounds?;
         let size = [0, 1, 2].map(|k| max[k] - min[k]);
@@ -308,7 +308,7 @@ mod tests {
         Channel::of("c", Read { sums, samples })
     }
 
-    /// A number for each vertex by which one in so many is another one.
+    /// A pseudo-random number from 0 to 1 for each vertex.
     fn scattered(x: f64, y: f64, z: f64) -> f64 {
         ((x * 12.9898 + y * 78.233 + z * 37.719).sin() * 43_758.545_3).rem_euclid(1.0)
     }
@@ -341,7 +341,7 @@ mod tests {
         }
     }
 
-    /// As scanners and CloudCompare write missing values: 0, -1, -9999, the largest float; in one vertex of thousands, or in half of them.
+    /// Missing values as scanners and CloudCompare write them (0, -1, -9999, the largest float), at one vertex in thousands or at half of them.
     #[test]
     fn missing_values_and_outliers_hide_no_coordinate() {
         type Value = fn(f64, f64, f64) -> f64;
@@ -379,7 +379,7 @@ mod tests {
             });
             assert!(both.gives_away(&location()).is_some(), "{name} or Y");
         }
-        // Every other value is anything as large as an easting.
+        // Every other value is a random number as large as an easting.
         let among = fitted(|x, y, z| {
             let chance = scattered(x, y, z);
             (if chance < 0.5 { chance * 2e6 } else { x + 565_980.0 }) as f32

@@ -235,7 +235,7 @@ fn plus_codes(text: &[char]) -> impl Iterator<Item = PlusCode> + '_ {
             return None;
         }
         let all = text.get(from..to)?;
-        // Letters in small could be words around a plus sign.
+        // Lower-case letters could be words around a plus sign.
         let is_of_capitals = all.iter().all(|c| !c.is_ascii_lowercase());
         let has_letter =
             all.iter().any(char::is_ascii_alphabetic) && (is_of_capitals || all.iter().any(char::is_ascii_digit));
@@ -261,7 +261,7 @@ fn plus(before: &[usize], after: &[usize]) -> Option<Area> {
     Some(([lat + half[0], lon + half[1]], half))
 }
 
-/// The area of a short Plus Code, which names the one of its places that is nearest to a known one.
+/// The area of a short Plus Code. Such a code stands for many places; it means the one nearest to a known place.
 fn recovered(code: &PlusCode, [lat, lon]: [f64; 2]) -> Option<Area> {
     let lacking = 8usize.checked_sub(code.before.len()).filter(|n| matches!(n, 2 | 4))?;
     let (mut rest, mut size, mut digits) =

@@ -177,7 +177,7 @@ impl Location {
         if !(is_map(0) && is_map(1) && min.iter().chain(&max).all(|v| v.is_finite())) {
             return;
         }
-        // What is across the border of a square has the digits of the next one.
+        // A part of the model beyond the edge of a 100 km square has the digits of the next square.
         let all = [0, 1].map(|k| {
             let middle = f64::midpoint(min[k], max[k]).abs().rem_euclid(1e5);
             let half = (max[k] - min[k]).abs() / 2.0;
@@ -281,7 +281,7 @@ impl Location {
                 || n.value >= 10.0 * MAP && UNITS.iter().any(|u| is_map(n.value * u))
                 || is_kilometres && is_map(n.value * 1000.0)
         });
-        // Digits before the point, and none of those behind one: sizes are near the zero of a square.
+        // Count only digits before the decimal point: small lengths would otherwise look like the corner of a square.
         let whole = |n: &Number| {
             let is = |at: Option<usize>, what: &dyn Fn(&char) -> bool| at.and_then(|i| text.get(i)).is_some_and(what);
             let is_fraction =
@@ -418,7 +418,7 @@ fn is_degree(text: &[char], n: &Number) -> bool {
     text.get(at) == Some(&'°') || begins(text, at, "deg")
 }
 
-/// Whether a number can be a latitude or longitude of any place. One below 1, with a unit of length behind it or behind the list that it is in, is a
+/// Whether a number can be a latitude or longitude of any place. A number below 1 with a unit of length after it, or after the list that it is in, is a
 /// residual or a size.
 fn may_be_degrees(text: &[char], n: &Number) -> bool {
     const UNITS: [&str; 8] = ["mm", "cm", "dm", "m", "km", "µm", "px", "ft"];

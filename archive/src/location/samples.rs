@@ -1,20 +1,20 @@
-//! Values of a scalar channel with the vertices they belong to, and the groups of them that are looked at separately: one missing value among
-//! millions of eastings (0, -9999, 1e30) must not hide the others.
+//! Sampled values of a scalar channel, with the positions of their vertices, and groups of values that are checked separately: one missing value
+//! (0, -9999, 1e30) among millions of eastings must not hide the others.
 //!
-//! Groups are what is left between wide gaps, and the middle of all values; each as it is and without the value that is most frequent. Within
-//! a group, what is far from the fit is left out.
+//! The groups are the values between wide gaps, and the middle of all values; each is checked as it is, and again without its most frequent value.
+//! Values far from the linear fit of a group are left out.
 
 use super::channels::Sums;
 use std::collections::HashMap;
 
-/// Values that are kept of a channel at most.
+/// Every n-th value of a channel is kept, with n chosen so that at least this many, and fewer than twice as many, are kept of a large channel.
 pub(super) const KEPT: u64 = 16_384;
 /// A gap of this share of the range separates groups.
 const GAP: f64 = 0.25;
-/// Share of the values that makes a group, and the fewest of them.
+/// Minimum share of the values, and minimum number of values, in a group.
 const SHARE: f64 = 0.005;
 const FEWEST: usize = 24;
-/// Residuals so many times larger than the median are left out, as long as this share of the group is left; and how often.
+/// Values whose residual is this many times the median residual are left out, as long as this share of the group remains, and at most this many times.
 const FAR: f64 = 6.0;
 const LEFT: f64 = 0.5;
 const ROUNDS: usize = 6;
@@ -29,23 +29,23 @@ pub(super) struct Sample {
 /// Values that belong together.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Group {
-    /// Smallest and largest of them.
+    /// Smallest and largest value.
     pub(super) range: [f64; 2],
-    /// Share of their variance that a linear function of the position explains.
+    /// Share of the variance that a linear function of the position explains.
     pub(super) explained: f64,
-    /// It is a part that stands apart from all others.
+    /// Whether wide gaps separate the group from all other values.
     pub(super) is_apart: bool,
 }
 
 impl Group {
-    /// A class, a count or a mark, which are whole and small, and no coordinate.
+    /// Whether the group is a single class, count or mark: a small whole number, which is no coordinate.
     pub(super) fn is_mark(&self) -> bool {
         let [low, high] = self.range;
         low == high && is_mark(low)
     }
 }
 
-/// A whole number below those of map coordinates.
+/// Whether a value is a whole number smaller than map coordinates.
 pub(super) fn is_mark(value: f64) -> bool {
     value.fract() == 0.0 && value.abs() < super::MAP
 }
@@ -71,12 +71,12 @@ pub(super) fn groups(samples: &[Sample]) -> Vec<Group> {
     groups
 }
 
-/// What is left where wide gaps are cut, again and again, without what is too little.
+/// The parts that remain when the values are split at wide gaps again and again. Parts with too few values are dropped.
 fn separated(sorted: &[Sample], fewest: usize) -> Vec<&[Sample]> {
     let (mut open, mut done) = (vec![sorted], Vec::new());
     while let Some(part) = open.pop().filter(|p| !p.is_empty()) {
         let [Some(first), Some(last)] = [part.first(), part.last()] else { continue };
-        // Halves, so that the range of the largest numbers is one.
+        // Halved, so that the range of the largest numbers does not overflow.
         let range = last.value / 2.0 - first.value / 2.0;
         let gaps = part.iter().zip(part.iter().skip(1)).map(|(a, b)| b.value / 2.0 - a.value / 2.0).enumerate();
         let widest = gaps.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, gap)| range > 0.0 && *gap >= GAP * range);
@@ -88,7 +88,7 @@ fn separated(sorted: &[Sample], fewest: usize) -> Vec<&[Sample]> {
     done
 }
 
-/// The shortest stretch that holds half of the values, and what lies around it.
+/// The shortest range that contains half of the values, and the values near it.
 fn middle(sorted: &[Sample]) -> Option<&[Sample]> {
     let half = sorted.len() / 2;
     let stretches = sorted.iter().zip(sorted.get(half..)?);
@@ -100,7 +100,7 @@ fn middle(sorted: &[Sample]) -> Option<&[Sample]> {
     sorted.get(from..to).filter(|part| part.len() < sorted.len())
 }
 
-/// The value that stands most often, as bits.
+/// The most frequent value, as bits.
 fn most_frequent(part: &[Sample]) -> u64 {
     let mut counts: HashMap<u64, usize> = HashMap::new();
     for sample in part {
@@ -109,7 +109,7 @@ fn most_frequent(part: &[Sample]) -> u64 {
     counts.into_iter().max_by_key(|(bits, count)| (*count, *bits)).map_or(0, |(bits, _)| bits)
 }
 
-/// A group as it is fitted best, without what is far from the fit.
+/// A group with the best linear fit of its values, found by leaving out values far from the fit.
 fn group(part: &[Sample], is_apart: bool) -> Option<Group> {
     let range =
         part.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], s| [low.min(s.value), high.max(s.value)]);
@@ -146,7 +146,7 @@ fn group(part: &[Sample], is_apart: bool) -> Option<Group> {
         }
         kept = near;
     }
-    // A part that is a single value is what marks missing or saturated ones.
+    // A part with a single value is a mark for missing or saturated values.
     let is_apart = is_apart && range[0] < range[1];
     Some(Group { range, explained, is_apart })
 }

@@ -140,7 +140,7 @@ fn the_location_is_found_in_every_form() {
     }
 }
 
-/// As grid references are written without their letters, in the system of the pack, whichever it is, and outside of the zone that the system is for.
+/// As grid references are written without their letters: in whatever system the pack has, and outside the zone that the system is meant for.
 #[test]
 fn the_last_five_digits_of_easting_and_northing_are_found_in_every_system() {
     for (code, east, north) in [
@@ -167,7 +167,7 @@ fn the_last_five_digits_of_easting_and_northing_are_found_in_every_system() {
     }
 }
 
-/// Short Plus Codes without a digit among them, and of digits alone, name the nearest place of their kind.
+/// Short Plus Codes that consist of letters or of digits alone are found too.
 #[test]
 fn a_short_plus_code_of_letters_or_of_digits_is_found() {
     let peru = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(-13.1812, -72.5511)));
@@ -407,16 +407,16 @@ fn without_the_location_the_form_alone_tells() {
     assert!(told.find("EPSG:32737, UTM zone 37S").is_none() && told.find("565977 9009946").is_some());
 }
 
-/// Where time grew with the square of the length, the first of these would take ten minutes and more, and nextest ends it.
+/// If time grew with the square of the length, the first of these texts would take more than ten minutes, and nextest would end the test.
 #[test]
-fn time_grows_with_the_length_of_a_text_of_whatever_shape() {
+fn time_grows_linearly_with_the_length_of_a_text_of_any_shape() {
     const LENGTH: usize = 1_200_000;
     for piece in [
         "1", "7 ", "1.", "123'", "1e", "+2", "epsg ", "1 utm ", "///a.b.", "geohash1", "N1", "1°1'", "lat 1 ", "a1",
         "&#", "%25", "\\u", ",",
     ] {
         let text = piece.repeat(LENGTH.div_ceil(piece.len()));
-        // Whatever is found is no matter.
+        // What is found does not matter here, only how long it takes.
         drop(Location::unknown().find(&text));
         if matches!(piece, "1" | "7 ") {
             drop(fort().find(&text));

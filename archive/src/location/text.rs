@@ -127,7 +127,7 @@ fn without_escapes(text: &str) -> String {
     out + rest
 }
 
-/// How escapes of a character by its number begin and end, the base of the number and its digits at most.
+/// Numeric escapes of a character: how they begin and end, the base of the number, and its maximum number of digits.
 const FORMS: [(&str, &str, u32, usize); 9] = [
     ("&#x", ";", 16, 8),
     ("&#X", ";", 16, 8),
@@ -158,7 +158,7 @@ fn escape(text: &str) -> Option<(char, usize)> {
     })
 }
 
-/// A character beyond U+FFFF as JSON writes it: `\ud835\udfd3`.
+/// A character beyond U+FFFF as JSON escapes it: `\ud835\udfd3`.
 fn surrogates(text: &str) -> Option<char> {
     let unit = |at: usize| {
         let digits = text.get(at..at + 6)?.strip_prefix("\\u")?;

@@ -41,7 +41,7 @@ const DIGITS: [(u32, u32, u32); 208] = [
     (0x1f10c, 0, 1), (0x1fbf0, 0, 10),
 ];
 
-/// Formal digits of Chinese and Japanese, as on contracts, from 0 on.
+/// Formal digits of Chinese and Japanese, as used on contracts, starting with 0.
 const FORMAL: [&str; 10] = ["零〇", "壹壱弌", "貳贰弐貮", "參叁叄参弎", "肆", "伍", "陸陆", "柒漆", "捌", "玖"];
 
 /// First and last of the characters that leave no mark of their own: format characters (Cf), marks on others (Mn, Me), fillers and blank patterns.

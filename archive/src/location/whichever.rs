@@ -84,7 +84,7 @@ fn epsg(text: &[char]) -> Option<(usize, usize)> {
             return None;
         }
         let from = (at + 4..lower.len().min(at + 20)).find(|i| lower.get(*i).is_some_and(char::is_ascii_digit))?;
-        // Longer ones are no codes, however long.
+        // A longer number is not an EPSG code.
         let code: String = lower.iter().skip(from).take(7).take_while(|c| c.is_ascii_digit()).collect();
         let is_regional = (4..=6).contains(&code.len()) && !WORLDWIDE.contains(&code.as_str());
         is_regional.then_some((at, from + code.len()))

@@ -36,13 +36,13 @@ impl Metadata {
     }
 }
 
-/// Digits of an accuracy, beyond which it could be a coordinate.
+/// Maximum number of significant digits of an accuracy. With more, it could be a coordinate.
 const ACCURACY_DIGITS: usize = 3;
 
-/// Whether an accuracy, in metres, is so short that no coordinate can be hidden in it.
+/// Check that an accuracy, in metres, has so few digits that no coordinate can be hidden in it.
 ///
 /// # Errors
-/// Why not, and what to do, as a piece of a sentence.
+/// The rest of a sentence that says why not and what to do.
 pub fn plain_accuracy(metres: f64) -> Result<(), String> {
     let written = format!("{:.*e}", ACCURACY_DIGITS - 1, metres);
     if written.parse() == Ok(metres) {
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn an_accuracy_that_could_be_a_coordinate_is_named_with_its_line() {
+    fn an_accuracy_that_could_be_a_coordinate_is_reported_with_its_line() {
         let file = |accuracy: &str| {
             format!(
                 "title = \"Fort\"\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n[capture]\naccuracy = {accuracy}\n"

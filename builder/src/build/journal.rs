@@ -1,12 +1,11 @@
 //! The journal of a build: which stages are complete, and what files each left, so that a build that was killed goes on
 //! where it was.
 //!
-//! `journal` in the scratch folder is text, one JSON object per line, each followed by the CRC-32 of the object. The first line says what is being built: version,
-//! options, inputs. Every other line is a complete stage: its name, the files that the build needs from then on with
+//! `journal` in the scratch folder is text: one JSON object per line, followed by its CRC-32. The first line describes the build:
+//! version, options, inputs. Every other line is a complete stage: its name, the files that the build needs from then on with
 //! their lengths, and what else the next stage must know. A line is written, and made durable, after all its files
-//! are. A line that is not whole, or
-//! whose checksum does not fit, is no line. Files that no line needs are removed; those of the last line but one stay
-//! too, so that one damaged file costs one stage.
+//! are. A line that is incomplete, or whose checksum does not match, is ignored. Files that no line needs are removed; those of
+//! the last line but one are kept too, so that one damaged file costs one stage.
 
 use crate::build::INGEST;
 use crate::build::options::BuildError;
@@ -281,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn a_changed_byte_in_a_line_costs_this_line_and_those_after_it() {
+    fn a_changed_byte_invalidates_its_line_and_all_later_ones() {
         let scratch = Scratch::temporary().unwrap();
         drop(with_stages(&scratch, 3));
         let whole = std::fs::read(scratch.path(JOURNAL)).unwrap();
@@ -294,7 +293,7 @@ mod tests {
             std::fs::write(scratch.path(JOURNAL), &text).unwrap();
             let line = whole[..at].split(|b| *b == b'\n').count() - 1;
             let journal = Journal::resume(&scratch, plan()).unwrap();
-            // Only the last two stages have files left.
+            // Only the last two stages still have their files.
             let kept = if line == 3 { 2 } else { 0 };
             assert_eq!(journal.stages.len(), kept, "byte {at}, line {line}");
         }

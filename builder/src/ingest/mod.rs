@@ -91,7 +91,7 @@ pub fn ingest(
     let mut stages = Stages { work, unchecked: BTreeMap::new() };
     let known = Known::find(&mut stages, spooled, options)?;
     let mut tree = leaves::tree_of(known.resolved.cube_log2, &known.topology);
-    // The files that it leaves have checksums of their own.
+    // The files that this stage writes carry their own checksums.
     let leaves = stages.run("leaves", &[topology::WELDED, topology::REPLIES], &[""; 0], || {
         leaves::leaves(work, known.resolved.layout, &known.scattered, &known.topology, &tree)
     })?;
@@ -209,11 +209,11 @@ const SESSION: &str = "session";
 /// Stages that were done are not done again.
 struct Stages<'a> {
     work: &'a Work<'a>,
-    /// Files that stages of an earlier process left: they are checked before they are used.
+    /// Files written by stages of an earlier process. They are checked before they are used.
     unchecked: BTreeMap<String, Sum>,
 }
 
-/// What a stage leaves: what it knows, and checksums of its files.
+/// The result of a finished stage: its state, and the checksums of its files.
 #[derive(Serialize, Deserialize)]
 struct Done<T> {
     state: T,
@@ -221,8 +221,8 @@ struct Done<T> {
 }
 
 impl Stages<'_> {
-    /// What stage `name` knows: from its JSON, or by doing it, which leaves the files `outputs`. Its input files are removed once
-    /// it is done.
+    /// The state of stage `name`: read from its JSON, or computed by running it, which writes the files `outputs`. Its input files
+    /// are removed afterwards.
     fn run<T: Serialize + DeserializeOwned>(
         &mut self,
         name: &str,
@@ -260,7 +260,7 @@ impl Stages<'_> {
     }
 }
 
-/// What a file of one line holds.
+/// Read a file of one checksummed line of JSON.
 fn read_line<T: DeserializeOwned>(scratch: &Scratch, name: &str) -> Result<T, ScratchError> {
     let file = scratch.existing(name)?;
     let damaged = |why: String| ScratchError::damaged(&scratch.path(name), why);
@@ -272,7 +272,7 @@ fn read_line<T: DeserializeOwned>(scratch: &Scratch, name: &str) -> Result<T, Sc
 fn write_line(scratch: &Scratch, name: &str, what: &impl Serialize) -> Result<(), ScratchError> {
     let path = scratch.path(name);
     let line = seal(&serde_json::to_vec(what).map_err(|e| ScratchError::damaged(&path, e.to_string()))?);
-    // Under its name only when it is whole.
+    // The file gets its name only when it is complete.
     let write = || -> std::io::Result<()> {
         let mut temporary = tempfile::NamedTempFile::new_in(scratch.folder())?;
         temporary.write_all(&line)?;

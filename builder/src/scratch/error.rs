@@ -38,12 +38,12 @@ pub enum ScratchError {
         /// What was found.
         why: String,
     },
-    /// What stands where the scratch folder belongs was not made by a build.
-    #[error("{} is there and {what}; remove it or rename it, or give another --scratch", path.display())]
+    /// Something that no build made is in the place of the scratch folder.
+    #[error("the scratch folder {} already exists and {what}; remove it or rename it, or give another --scratch", path.display())]
     Foreign {
         /// The folder.
         path: PathBuf,
-        /// What it is.
+        /// What is wrong with it.
         what: &'static str,
     },
     /// Another build is using the folder.

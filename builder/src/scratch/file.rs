@@ -22,7 +22,7 @@ pub struct ScratchFile {
 impl ScratchFile {
     pub(super) fn new(path: PathBuf, create: bool, space: Arc<Space>) -> Result<Self, ScratchError> {
         let doing = if create { "create" } else { "open" };
-        // Never through a link that somebody put there.
+        // Never follow a link that somebody put there.
         let opened = if create {
             File::options().read(true).write(true).create_new(true).open(&path)
         } else {

@@ -1,8 +1,8 @@
-//! Making and locking the scratch folder: it must be a folder of a build, and nobody else's.
+//! Creating and locking the scratch folder, which must be one that a build made.
 //!
-//! Somebody else may have put anything under its name, because meshes come in folders from others and temporary folders are shared. All files in a
-//! scratch folder are removed at the end, so a link is not followed, and a folder is ours only if it is empty or its file
-//! `lock` holds [`MARKER`]. Failures: [`ScratchError::Foreign`], [`ScratchError::Busy`], [`ScratchError::Io`].
+//! Somebody else may have put anything in its place: meshes come in folders from other people, and temporary folders are shared.
+//! All files in a scratch folder are removed at the end. So links are not followed, and a folder is ours only if it is empty or
+//! its file `lock` contains [`MARKER`]. Failures: [`ScratchError::Foreign`], [`ScratchError::Busy`], [`ScratchError::Io`].
 
 use super::ScratchError;
 use kilwa_files::plain_file;
@@ -10,15 +10,15 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Name of the file whose lock says that a build is using the folder.
+/// Name of the file that a build locks while it uses the folder.
 pub(super) const LOCK: &str = "lock";
 
-/// What that file holds.
+/// Content of that file.
 const MARKER: &[u8] = b"Kilwa keeps the scratch files of a build in this folder, and removes all files in it.\n";
 
 const NO_SCRATCH: &str = "holds no scratch files of a build";
 
-/// Make the folder where it is not there.
+/// Create the folder if it does not exist.
 pub(super) fn make(path: &Path) -> Result<(), ScratchError> {
     let cannot = |e| ScratchError::io(path, "create", e);
     if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
@@ -36,7 +36,7 @@ pub(super) fn take(folder: &Path) -> Result<File, ScratchError> {
     let path = folder.join(LOCK);
     refuse_links(folder)?;
     let there = std::fs::symlink_metadata(&path).ok();
-    // Before anything is made in it.
+    // Checked before anything is created in the folder.
     if there.as_ref().is_some_and(|there| !there.is_file()) || (there.is_none() && holds_more(folder)?) {
         return Err(foreign(NO_SCRATCH));
     }
@@ -54,14 +54,14 @@ pub(super) fn take(folder: &Path) -> Result<File, ScratchError> {
     let mut text = Vec::new();
     (&mut lock).take(MARKER.len() as u64 + 1).read_to_end(&mut text).map_err(cannot("read"))?;
     if text != MARKER {
-        // A build that was killed at once may have left a part of it, and nothing else.
+        // A build that was killed as it started may have left part of the marker, and nothing else.
         if !MARKER.starts_with(&text) || holds_more(folder)? {
             return Err(foreign(NO_SCRATCH));
         }
         let written = lock.seek(SeekFrom::Start(0)).and_then(|_| lock.write_all(MARKER)).and_then(|()| lock.sync_all());
         written.map_err(|e| ScratchError::write(&path, MARKER.len() as u64, 0, e))?;
     }
-    // What was locked must still be what stands there.
+    // The locked file must still be the one in the folder.
     refuse_links(folder)?;
     let there = std::fs::symlink_metadata(&path).map_err(cannot("lock"))?;
     let locked = lock.metadata().map_err(cannot("lock"))?;
@@ -78,7 +78,7 @@ fn refuse_links(folder: &Path) -> Result<(), ScratchError> {
     Err(ScratchError::Foreign { path: folder.to_owned(), what })
 }
 
-/// Whether anything beside the lock is in a folder.
+/// Whether a folder contains anything besides the lock.
 fn holds_more(folder: &Path) -> Result<bool, ScratchError> {
     let cannot = |e| ScratchError::io(folder, "list", e);
     for entry in std::fs::read_dir(folder).map_err(cannot)? {

@@ -4,7 +4,7 @@
 //! reads by position; [`PatchFile`] keeps patches by tetrahedron, [`Records`] 16-byte records that are sorted outside
 //! of memory. How many bytes stand in the folder, now and at most, is counted as they are written and removed.
 //!
-//! The folder is ours only where the file `lock` in it says so; no link is followed, neither for the folder nor in it.
+//! The folder is ours only if the file `lock` in it says so. Links are never followed, neither to the folder nor inside it.
 //!
 //! Numbers are stored little-endian. Every block that matters carries a checksum (CRC-32) or a length that is checked
 //! when it is read. Failures: [`ScratchError`], which names the file, what was being done, why, and what to do.
@@ -64,23 +64,23 @@ struct Held {
 }
 
 impl Scratch {
-    /// Use the folder at `path`, made where it is not there; what lies in it stays. A link in its place is not followed.
+    /// Use the folder at `path`, which is created if it does not exist; files in it are kept. A link in its place is not followed.
     ///
     /// # Errors
-    /// [`ScratchError::Busy`] where another build uses it, [`ScratchError::Foreign`] where it is a link or was not made by a
-    /// build, [`ScratchError::Io`] where it cannot be made.
+    /// [`ScratchError::Busy`] if another build uses it, [`ScratchError::Foreign`] if it is a link or was not made by a build,
+    /// [`ScratchError::Io`] if it cannot be created.
     pub fn open(path: &Path) -> Result<Self, ScratchError> {
         folder::make(path)?;
         Self::hold(path.to_owned(), None)
     }
 
-    /// A folder of its own among the system's temporary files, for nobody else to look into, removed with the last clone.
+    /// A private folder among the system's temporary files, removed with the last clone.
     ///
     /// # Errors
     /// [`ScratchError::Io`] where it cannot be made.
     pub fn temporary() -> Result<Self, ScratchError> {
         let mut builder = tempfile::Builder::new();
-        // Temporary files are private without this, folders are not.
+        // Temporary files are private by default; temporary folders are not.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
         let folder = builder.prefix("kilwa-").tempdir();
@@ -101,7 +101,7 @@ impl Scratch {
         &self.held.folder
     }
 
-    /// Where the file `name` of the folder is, and that it is in the folder: names also come from files that lie there.
+    /// Where the file `name` of the folder is. Names that lead out of the folder are refused, because names are also read from its files.
     fn place(&self, name: &str) -> Result<PathBuf, ScratchError> {
         let path = self.path(name);
         if Path::new(name).file_name().is_some_and(|own| own == name) {
@@ -109,7 +109,7 @@ impl Scratch {
         }
         Err(ScratchError::damaged(
             &self.path(crate::build::journal::JOURNAL),
-            format!("{name:?} is no name of a scratch file"),
+            format!("{name:?} is not the name of a scratch file"),
         ))
     }
 
@@ -151,7 +151,8 @@ impl Scratch {
         std::fs::symlink_metadata(self.path(name)).ok().filter(std::fs::Metadata::is_file).map(|m| m.len())
     }
 
-    /// Remove a file, or a link instead of one, never what it leads to; one that is not there is no error. Folders stay: no build makes any.
+    /// Remove a file, or a link in its place but never the link's target. A missing file is not an error. Folders are left alone,
+    /// because no build creates any.
     ///
     /// # Errors
     /// [`ScratchError::Io`] where the system refuses.
@@ -176,7 +177,7 @@ impl Scratch {
         for entry in std::fs::read_dir(&self.held.folder).map_err(cannot)? {
             let entry = entry.map_err(cannot)?;
             let name = entry.file_name().to_string_lossy().into_owned();
-            // Of the entry itself, not of what a link leads to.
+            // The metadata of the entry itself, not of a link's target.
             let about = entry.metadata().map_err(cannot)?;
             if name != LOCK && !about.is_dir() {
                 files.push((name, about.len()));

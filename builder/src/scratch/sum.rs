@@ -1,7 +1,7 @@
-//! Lengths and checksums of whole files, and of lines of text: what an earlier process left is checked before it is used.
+//! Lengths and checksums of whole files and of lines of text, so that files of an earlier process are checked before they are used.
 //!
-//! A file is read in blocks, by all threads; its checksum is the CRC-32 of those of its blocks. Failures:
-//! [`ScratchError::Damaged`] where a file is missing, has another length or other bytes.
+//! All threads read a file in blocks; its checksum is the CRC-32 of the CRC-32s of its blocks. Failures:
+//! [`ScratchError::Damaged`] if a file is missing, or its length or content differs.
 
 use super::{Scratch, ScratchError};
 use crate::build::options::BuildError;
@@ -20,10 +20,10 @@ pub(crate) struct Sum {
 }
 
 impl Sum {
-    /// Of the file `name`. `None` where there is none, or where the folder goes away with the process.
+    /// The length and checksum of the file `name`. `None` if there is no such file, or if the folder is removed when the process ends.
     ///
     /// # Errors
-    /// [`BuildError::Stopped`]; [`ScratchError`] where it cannot be read.
+    /// [`BuildError::Stopped`]; [`ScratchError`] if it cannot be read.
     pub(crate) fn of(scratch: &Scratch, name: &str, stop: &Stop) -> Result<Option<Self>, BuildError> {
         if scratch.space.fleeting || scratch.length(name).is_none() {
             return Ok(None);
@@ -31,14 +31,14 @@ impl Sum {
         Self::read(scratch, name, stop).map(Some)
     }
 
-    /// Whether the file `name` is still the same.
+    /// Check that the file `name` still has this length and checksum.
     ///
     /// # Errors
-    /// [`ScratchError::Damaged`] where it is not; as [`Sum::of`].
+    /// [`ScratchError::Damaged`] if it does not; otherwise as [`Sum::of`].
     pub(crate) fn check(self, scratch: &Scratch, name: &str, stop: &Stop) -> Result<(), BuildError> {
         let damaged = |why: &str| ScratchError::damaged(&scratch.path(name), why);
         if scratch.length(name) != Some(self.bytes) {
-            return Err(damaged("it is missing or of another length").into());
+            return Err(damaged("it is missing or its length differs").into());
         }
         if Self::read(scratch, name, stop)? == self { Ok(()) } else { Err(damaged("its checksum differs").into()) }
     }
@@ -56,13 +56,13 @@ impl Sum {
     }
 }
 
-/// A line of text: what is given, which has no line break, and its checksum.
+/// A line of text: `text`, which must not contain a line break, and its checksum.
 pub(crate) fn seal(text: &[u8]) -> Vec<u8> {
     let end = format!(" {:08x}\n", crc32fast::hash(text));
     [text, end.as_bytes()].concat()
 }
 
-/// What a line holds, given without its end; `None` where the checksum does not fit.
+/// The text of a line, which is given without its line break; `None` if the checksum does not match.
 pub(crate) fn unseal(line: &str) -> Option<&str> {
     let (text, sum) = line.rsplit_once(' ')?;
     (sum == format!("{:08x}", crc32fast::hash(text.as_bytes()))).then_some(text)

@@ -150,10 +150,10 @@ fn no_other_user_can_look_into_a_temporary_folder() {
     assert_eq!(scratch.folder().metadata().unwrap().permissions().mode() & 0o777, 0o700);
 }
 
-/// Whoever gives away a folder of meshes, or writes to a shared one, may put anything where the scratch folder will be.
+/// A folder of meshes from somebody else, or a shared one, may contain anything where the scratch folder will be.
 #[cfg(unix)]
 #[test]
-fn what_was_not_made_by_a_build_is_refused_and_nothing_in_it_changes() {
+fn a_folder_that_no_build_made_is_refused_and_left_unchanged() {
     let listed = |folder: &std::path::Path| {
         let names = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
         names.collect::<std::collections::BTreeSet<_>>()
@@ -188,7 +188,7 @@ fn what_was_not_made_by_a_build_is_refused_and_nothing_in_it_changes() {
 
 #[cfg(unix)]
 #[test]
-fn links_and_folders_inside_are_never_followed_nor_emptied() {
+fn links_and_subfolders_are_never_followed_or_emptied() {
     let outer = tempfile::tempdir().unwrap();
     let (folder, archive) = (outer.path().join("scratch"), outer.path().join("archive"));
     std::fs::create_dir(&archive).unwrap();

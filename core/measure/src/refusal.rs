@@ -59,8 +59,8 @@ pub enum Refusal {
          set points on the way"
     )]
     Gap,
-    /// Not a number.
-    #[error("a coordinate, or the result, is not a finite number; give coordinates near the model")]
+    /// A coordinate or the result is not finite.
+    #[error("a coordinate or the result is not a finite number; give coordinates near the model")]
     NotFinite,
     /// Not a ray.
     #[error("a ray needs a finite origin and a direction that is not zero")]

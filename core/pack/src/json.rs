@@ -1,9 +1,9 @@
 //! JSON in which every object names each key once.
 //!
-//! Of an object with the same key twice one parser takes the first value and another the last (RFC 8259, section 4, leaves it open). A file that
-//! was checked by one program could mean something else to the next one. Manifests, metadata, notes, accounts, uploads, previews, the metadata of packs
-//! and saved measurements are read through this module, which refuses such text. Meshes (glTF), cameras and display settings are read by one program
-//! only, and are not.
+//! If an object has the same key twice, one parser takes the first value and another the last (RFC 8259, section 4, leaves it open). A file that one
+//! program has checked could then mean something else to the next. This module refuses such text. It reads manifests, metadata, notes, accounts,
+//! uploads, previews, the metadata of packs and saved measurements. Meshes (glTF), cameras and display settings are not read through it, because only
+//! one program reads them.
 
 use serde::de::DeserializeOwned;
 

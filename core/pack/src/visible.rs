@@ -6,7 +6,7 @@
 use std::borrow::Cow;
 
 /// Whether a character does something to a terminal other than showing a letter: controls (C0, delete, C1), line and
-/// paragraph separators, and those that embed, override, isolate or mark a direction of text.
+/// paragraph separators, and those that embed, override, isolate or mark a text direction.
 pub fn is_control(c: char) -> bool {
     c.is_control()
         || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')

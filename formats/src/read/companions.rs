@@ -42,7 +42,7 @@ pub(super) struct Companions {
     listed: RefCell<HashMap<PathBuf, Entries>>,
 }
 
-/// The file that the result is going to replace, and whether a mesh has named it.
+/// The file that the output will replace, and whether a mesh refers to it.
 #[derive(Debug)]
 pub struct Replaced {
     file: Metadata,
@@ -50,12 +50,12 @@ pub struct Replaced {
 }
 
 impl Replaced {
-    /// The file that has this entry.
+    /// The file with this metadata.
     pub fn new(file: Metadata) -> Self {
         Self { file, is_met: AtomicBool::new(false) }
     }
 
-    /// Whether a mesh has named it.
+    /// Whether a mesh refers to it.
     pub fn is_met(&self) -> bool {
         self.is_met.load(Ordering::Relaxed)
     }
@@ -252,15 +252,15 @@ impl Companions {
     ///
     /// # Errors
     /// As [`Companions::open`]; where it has more.
-    pub(super) fn read(&self, path: &Path, most: u64) -> io::Result<Vec<u8>> {
-        plain_file::read(self.open(path)?.0, most)
+    pub(super) fn read(&self, path: &Path, max: u64) -> io::Result<Vec<u8>> {
+        plain_file::read(self.open(path)?.0, max)
     }
 }
 
 /// Open a regular file, never a folder, a pipe or a device, and never wait for one; how many bytes it has.
 ///
 /// # Errors
-/// If it cannot be opened, or is something else.
+/// If it cannot be opened, or is not a regular file.
 pub fn open_regular(path: &Path) -> io::Result<(File, u64)> {
     let file = plain_file::open(path)?;
     let bytes = file.metadata()?.len();

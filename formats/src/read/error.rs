@@ -57,8 +57,8 @@ pub enum ReadError {
         /// The folder of the mesh, links resolved.
         folder: PathBuf,
     },
-    /// The file names the one that the result is going to replace.
-    #[error("{} reads the file that the output would replace; give another name for the output", file.display())]
+    /// The mesh refers to the file that the output would replace.
+    #[error("{} refers to the file that the output would replace; give another name for the output", file.display())]
     Replaced {
         /// The mesh file.
         file: PathBuf,

@@ -85,7 +85,7 @@ pub struct ReadOptions {
     /// How far triangles are split for their pictures, where they are. Each input must have gone through
     /// [`note_detail`] before the first is read.
     pub detail: Option<Arc<Detail>>,
-    /// The file that the result is going to replace: where a mesh names it, it is not read.
+    /// The file that the output will replace. If a mesh refers to it, it is not read.
     pub replaced: Option<Arc<Replaced>>,
 }
 

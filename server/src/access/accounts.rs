@@ -395,13 +395,14 @@ fn lock(path: &Path) -> io::Result<File> {
     }
 }
 
-/// For writing where that is allowed, though nothing is written: NFS grants an exclusive lock over no other descriptor. Local disks grant it over any.
+/// Open the file to lock it: for writing if that is allowed, although nothing is written, because NFS grants an exclusive lock only on a descriptor that is open
+/// for writing. Local file systems grant it on any.
 fn open_to_lock(path: &Path) -> io::Result<File> {
-    // It looks before it opens, and waits for no pipe.
+    // This checks that it is a regular file before opening it, and does not block on a pipe.
     let plain = plain_file::open(path)?;
     match fs::OpenOptions::new().read(true).write(true).open(path) {
         Ok(file) if plain_file::is_same_file(&file.metadata()?, &plain.metadata()?) => Ok(file),
-        // Replaced in between: the caller compares it with what is there now.
+        // Replaced in between: the caller compares it with the file that is there now.
         Ok(_) => Ok(plain),
         Err(e) if matches!(e.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem) => Ok(plain),
         Err(e) => Err(e),
@@ -488,16 +489,16 @@ mod tests {
         }
     }
 
-    /// NFS grants an exclusive lock only over a descriptor that is open for writing.
+    /// NFS grants an exclusive lock only on a descriptor that is open for writing.
     #[cfg(unix)]
     #[test]
-    fn what_is_locked_is_open_for_writing_so_that_nfs_locks_it_too() {
+    fn the_lock_is_taken_on_a_writable_descriptor_as_nfs_requires() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("access.json");
         some().create(&path).expect("writes");
         let before = std::fs::read(&path).expect("reads");
         let locked = lock(&path).expect("locks");
-        // Nothing is written; the system says whether it could be.
+        // This changes nothing, but fails unless the descriptor is open for writing.
         locked.set_len(locked.metadata().unwrap().len()).expect("open for writing");
         assert!(plain_file::open(&path).expect("opens").try_lock().is_err(), "locked");
         assert_eq!(std::fs::read(&path).expect("reads"), before);

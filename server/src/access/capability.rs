@@ -87,7 +87,7 @@ impl Capabilities {
         self.check("session", session, &stamp, now, SESSION)
     }
 
-    /// Who signed in with a session that was given here, also where by this clock it has ended: to end it for good, whatever the clock says later.
+    /// Who signed in with a session that was issued here, even if it has expired by this clock. Used to end it for good, whatever the clock says later.
     pub fn signed_in(&self, session: &str, stamp_of: impl Fn(&str) -> Option<String>) -> Option<Holder> {
         let stamp = parts(session).and_then(|parts| stamp_of(parts.who))?;
         self.signed("session", session, &stamp).map(|(holder, _)| holder)
@@ -105,7 +105,7 @@ impl Capabilities {
         if now >= until || until - now > life { Err(Refusal::Ended) } else { Ok(holder) }
     }
 
-    /// To whom it was given, and until when.
+    /// The holder of a validly signed value, and when it expires.
     fn signed(&self, purpose: &str, given: &str, subject: &str) -> Option<(Holder, u64)> {
         let Parts { until, who, session, signature } = parts(given)?;
         // Equality of `blake3::Hash` takes the same time wherever they differ.

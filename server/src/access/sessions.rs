@@ -23,7 +23,7 @@ const USER_DIGITS: usize = 32;
 const SESSION_DIGITS: usize = 64;
 /// Longest file of a session, bytes: a number.
 const UNTIL_MAX: u64 = 32;
-/// How the name of a file begins that is being written; then follow when the session ends, and its name.
+/// Prefix of the name of a session file that is still being written. After it come the time when the session ends, and the session's name.
 const BEGUN: &str = ".begun-";
 /// Digits of an identifier: 128 bits, which nobody guesses.
 const ID_DIGITS: usize = 32;
@@ -87,10 +87,10 @@ impl Sessions {
         self.has(holder).unwrap_or(false)
     }
 
-    /// The same, where it matters that it cannot be told.
+    /// As [`Self::lives`], for callers that must know when this cannot be determined.
     ///
     /// # Errors
-    /// When the folder cannot be read.
+    /// If the folder cannot be read.
     pub fn has(&self, holder: &Holder) -> io::Result<bool> {
         let name = name_of(holder);
         match &self.folder {
@@ -131,7 +131,7 @@ impl Sessions {
             let entry = entry?;
             let Some(name) = entry.file_name().to_str().map(str::to_owned) else { continue };
             if is_name(&name) {
-                // One that another server has just ended, or that is no plain file, is over.
+                // If another server has just ended it, or it is not a regular file, the session has ended.
                 let until = until_of(folder, &name).ok().flatten();
                 all.push((name, until.unwrap_or(0)));
             } else if let Some(until) = begun_until(&name) {
@@ -174,7 +174,7 @@ fn until_of(folder: &Path, name: &str) -> io::Result<Option<u64>> {
     }
 }
 
-/// Whole, under another name first: whoever sees a session's name sees until when it lives.
+/// Write a session's file under another name first, so that the file with the session's name is always complete.
 fn write(folder: &Path, name: &str, until: u64) -> io::Result<()> {
     let begun = folder.join(format!("{BEGUN}{until}-{name}"));
     let mut options = fs::OpenOptions::new();
@@ -186,7 +186,8 @@ fn write(folder: &Path, name: &str, until: u64) -> io::Result<()> {
     written.and_then(|()| fs::rename(&begun, folder.join(name))).inspect_err(|_| drop(fs::remove_file(&begun)))
 }
 
-/// When the session ends whose file has this name until it is written whole. What a crash left is removed then, so that no other server's is before.
+/// When the session ends whose unfinished file has this name. A file that a crash left is removed only then, so that the unfinished file of another
+/// server is not removed early.
 fn begun_until(name: &str) -> Option<u64> {
     let (until, name) = name.strip_prefix(BEGUN)?.split_once('-')?;
     until.parse().ok().filter(|_| is_name(name))
@@ -288,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_crash_left_of_a_beginning_is_no_session_and_goes_with_its_time() {
+    fn a_session_that_a_crash_left_unfinished_is_not_valid_and_is_removed_when_it_expires() {
         let folder = tempfile::tempdir().expect("a folder");
         let sessions = Sessions::in_folder(folder.path()).expect("uses it");
         let holder = sessions.begin("amina", NOW).expect("begins");
@@ -304,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn a_session_that_begins_is_not_swept_by_another_server() {
+    fn a_new_session_is_not_removed_by_another_server() {
         let folder = tempfile::tempdir().expect("a folder");
         let open = || Sessions::in_folder(folder.path()).expect("opens");
         let is_over = std::sync::atomic::AtomicBool::new(false);

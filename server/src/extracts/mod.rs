@@ -52,7 +52,7 @@ const NETWORKS: usize = 10_000;
 const TOLD: Duration = Duration::from_secs(600);
 /// Where something could not be made, the same is not tried again before this.
 const AGAIN: Duration = Duration::from_secs(10);
-/// What the names of folders begin with in which meshes are being made.
+/// Prefix of the names of folders in which meshes are being made.
 const UNFINISHED: &str = ".kilwa-";
 /// What a crash left half written is taken away after this.
 const STALE: Duration = Duration::from_secs(24 * 3600);
@@ -151,7 +151,7 @@ struct State {
     /// Of those that run.
     room: u64,
     starts: BTreeMap<String, VecDeque<Instant>>,
-    /// Files of the cache, as they were when they were made, or, if an earlier run made them, when they were first asked for.
+    /// The identities of the cached files when they were made, or, if an earlier run made them, when they were first requested.
     made: BTreeMap<String, Identity>,
 }
 
@@ -193,7 +193,7 @@ impl Extracts {
     /// With a cache in the folder `cache`, which is made where it is missing, of at most `most_bytes`.
     ///
     /// # Errors
-    /// When the folder cannot be made or listed.
+    /// If the folder cannot be created or listed.
     pub fn open(cache: PathBuf, most_bytes: u64, extractor: Arc<dyn Extract>) -> std::io::Result<Arc<Self>> {
         create(&cache)?;
         for entry in std::fs::read_dir(&cache)? {
@@ -241,7 +241,7 @@ impl Extracts {
         self.cache.join(key)
     }
 
-    /// A file of the cache, if it is there as it was made. What somebody else put in its place is removed, and made anew when it is asked for.
+    /// A file of the cache, if it is unchanged. A changed file, or something else in its place, is removed, and the mesh is made again when it is requested.
     /// Blocks.
     fn ready(&self, key: &str) -> Option<PathBuf> {
         let path = self.path(key);
@@ -267,7 +267,7 @@ impl Extracts {
     /// Open a file of the cache that is [`Standing::Ready`]. Blocks.
     ///
     /// # Errors
-    /// When it went for others in this moment, or is something else by now.
+    /// If it was removed at this moment to make space, or was replaced.
     pub(crate) fn open_ready(&self, path: &Path) -> std::io::Result<Content> {
         let file = plain_file::open_inside(&self.cache, path)?;
         let identity = Identity::of(&file.metadata()?);
@@ -397,9 +397,9 @@ impl Extracts {
             let why = format!("cannot write to {}: {e}", self.cache.display());
             if e.kind() == std::io::ErrorKind::StorageFull { Failure::Full } else { Failure::Other(why) }
         };
-        // Somebody may have emptied the disk.
+        // Somebody may have deleted the folder.
         create(&self.cache).map_err(failed)?;
-        // The cache may be a folder that other users can read: a mesh is made where they cannot, and is readable by the server alone.
+        // Other users may be able to read the cache folder. So a mesh is made in a private folder, and only the server can read it.
         let mut builder = tempfile::Builder::new();
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
@@ -425,7 +425,7 @@ impl Extracts {
         match made {
             Ok(()) => {
                 state.jobs.remove(key);
-                // Found anew: as it is now.
+                // Its new identity is recorded when it is next requested.
                 state.made.remove(key);
             }
             Err(failure) => {
@@ -467,11 +467,11 @@ impl Extracts {
     }
 }
 
-/// Make the folder of the cache, if it is missing.
+/// Create the cache folder if it does not exist.
 fn create(cache: &Path) -> std::io::Result<()> {
     let mut builder = std::fs::DirBuilder::new();
     builder.recursive(true);
-    // What is not public for the web is not public for other users of the machine.
+    // Models that are not public on the web must not be readable by other users of the computer.
     #[cfg(unix)]
     std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
     builder.create(cache)

@@ -333,7 +333,7 @@ async fn admit(
         None => None,
     };
     let verdict = manifest.as_ref().map(|manifest| verdict(&manifest.access, &site.clock));
-    // Before its files, which are gone too.
+    // Checked before its files, which are gone too and would give 404.
     if matches!(verdict, Some(Verdict::Gone(_))) {
         return Err(plain(StatusCode::GONE).into_response());
     }

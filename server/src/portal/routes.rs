@@ -370,7 +370,7 @@ impl oai::Source for Archive {
     }
 }
 
-/// `/oai`, by GET or as a form by POST, which the gate has read.
+/// `/oai`, by GET, or by POST with a form, which the gate has already read.
 pub(crate) async fn harvest(
     State(site): State<Site>,
     RawQuery(query): RawQuery,

@@ -85,7 +85,7 @@ impl<'a> Claim<'a> {
         let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         let mode = PutMode::Update(UpdateVersion { e_tag: held.0.clone(), version: None });
         let tag = match self.store.put(&self.key, self.content.clone(), mode, Attributes::new()) {
-            // Nobody else writes these bytes: it is our own renewal, sent twice because its response was lost.
+            // Nobody else writes these bytes, so this is our own renewal, which was sent twice because its response was lost.
             Err(e) if is_changed(&e) && self.is_in_the_store()? => {
                 self.store.changed(&self.key)?.0.tag().map(str::to_owned)
             }
@@ -102,7 +102,7 @@ impl<'a> Claim<'a> {
         }
     }
 
-    /// Nobody needs it any more: the version is published, or nothing of it was sent. If it cannot be removed it stays, hidden, and is in nobody's way.
+    /// Remove the claim when it is no longer needed: the version is published, or nothing of it was sent. If it cannot be removed, it stays hidden and does no harm.
     pub(super) fn release(self) {
         let Ok(path) = self.store.at(&self.key) else { return };
         drop(self.store.wait(&self.key, move |store| async move { store.client.delete(&path).await }));

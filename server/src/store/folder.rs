@@ -68,9 +68,9 @@ pub(crate) fn warn_of(path: &Path, e: &io::Error) {
     warn_once(format!("{}: not served: {e}", path.display()));
 }
 
-/// Log a warning once, as folders are listed again and again.
+/// Log a warning only once, because folders are listed again and again.
 pub(crate) fn warn_once(warning: String) {
-    /// What was logged; with more than so many nothing new is.
+    /// The warnings that were logged. When there are too many, no new ones are logged.
     static LOGGED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
     let mut logged = LOGGED.lock().unwrap_or_else(PoisonError::into_inner);
     if logged.len() < MOST_FILES && !logged.contains(&warning) {

@@ -63,7 +63,7 @@ pub enum Place {
 /// A file that is open, to be sent in parts.
 #[derive(Debug)]
 pub(crate) enum Content {
-    /// Of this computer, and what it was when it was looked at: what is sent must still be that.
+    /// A file of this computer, and its identity when it was checked. If it has changed since, it is not sent.
     File(File, Identity),
     /// All of it.
     Held(Bytes),

@@ -105,7 +105,7 @@ impl S3 {
         let (mut sent, mut tags) = (Sent { files: files.len(), there: 0 }, BTreeMap::new());
         let claim = Claim::take(self, slug, version, &claim::purpose(&object, version)?)?;
         if let Err(e) = self.still(slug, against) {
-            // Too late: a claim to a published version would stay for ever.
+            // Somebody else was faster. Without this, a claim to a published version would stay for ever.
             claim.release();
             return Err(e);
         }
@@ -137,7 +137,7 @@ impl S3 {
             if name == PAGE {
                 self.still(slug, against)?;
             }
-            // Whoever took the claim over may have replaced files since they were compared.
+            // A publisher who took over the claim may have replaced files since they were compared.
             claim.renew_now().map_err(or_others)?;
             let mode = match &against.0 {
                 _ if name == PAGE => PutMode::Overwrite,
@@ -228,7 +228,7 @@ impl S3 {
             {
                 return Ok((true, meta.e_tag.clone()));
             }
-            // After the look at the file: what others have put since has another tag, and what they put before, they put under a claim of theirs.
+            // Checked after the look at the file: a file that others put since then has another tag, and before that they would have needed a claim.
             self.still(slug, against)?;
             claim.renew_now().map_err(or_others)?;
             if length > PART {

@@ -79,7 +79,7 @@ pub(super) fn check(path: &str, at: &Path) -> io::Result<()> {
     }
 }
 
-/// Check that a preview has as many triangles, and is as far from the finest surface, as was announced: pages and records repeat it.
+/// Check that the triangles and the error of a preview are those that were announced, because pages and records repeat them.
 ///
 /// # Errors
 /// As [`check`].
@@ -96,7 +96,7 @@ pub(super) fn check_announced(at: &Path, announced: PreviewSaid) -> io::Result<(
     }
     let written = |n: Option<f64>| n.map_or("nothing".to_owned(), |n| n.to_string());
     Err(wrong(format!(
-        "holds {} triangles with an error of {} m, and {} with {} m were announced; use the same version of kilwa on both sides",
+        "has {} triangles with an error of {} m, but {} triangles with an error of {} m were announced; use the same version of kilwa on both sides",
         corners.unwrap_or_default() / 3,
         written(error),
         announced.triangles,

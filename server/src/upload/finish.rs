@@ -316,7 +316,7 @@ fn is_full(e: &DraftError) -> bool {
     matches!(e, DraftError::Disk { reason, .. } if kinds.contains(&reason.kind()))
 }
 
-/// What went wrong with a version, for the client: without the names of the server's folders, which are in the log.
+/// What went wrong with a version, for the client. Paths of the server are only in the log.
 pub(super) fn refused(e: &DraftError) -> Refusal {
     tracing::error!("an upload: {e}");
     let passing = |why: String| Refusal { retry_after: Some(60), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, why) };
@@ -326,7 +326,7 @@ pub(super) fn refused(e: &DraftError) -> Refusal {
             "another publication or withdrawal is in progress on the server; nothing was published. Run the same command again when it is done".to_owned(),
         ),
         DraftError::Unlockable { .. } => passing(format!(
-            "the server cannot lock its folder, without which two changes at once could lose one of them; nothing was published. {ASK}, then run the same command again"
+            "the server cannot lock its folder, and without a lock two changes at once could lose one of them; nothing was published. {ASK}, then run the same command again"
         )),
         DraftError::Unfinished { done, why } if is_full(why) => Refusal::new(
             StatusCode::INSUFFICIENT_STORAGE,
@@ -339,23 +339,23 @@ pub(super) fn refused(e: &DraftError) -> Refusal {
             ask = ASK.to_lowercase()
         )),
         DraftError::There(_) => Refusal::conflict(
-            "this version is there already; look at what is published, then run the same command again".to_owned(),
+            "this version already exists; check what is published, then run the same command again".to_owned(),
         ),
         DraftError::Unnamed(_) => Refusal::conflict(format!(
-            "the server has a folder of this version that manifest.json does not name: somebody may be copying that version there, or an earlier kilwa was interrupted. {ASK}, then run the same command again"
+            "the server has a folder for this version that manifest.json does not name: somebody may be copying the version there, or an earlier kilwa was interrupted. {ASK}, then run the same command again"
         )),
         DraftError::Foreign(_) => Refusal::conflict(format!(
-            "a file that is not from kilwa is in the way on the server. {ASK}, then run the same command again"
+            "on the server, a file that kilwa did not make is in the way. {ASK}, then run the same command again"
         )),
         DraftError::Other(_) => Refusal::conflict(format!(
-            "what the server has under this name is no object of kilwa, or is damaged. {ASK}, or give another name with slug = \"…\" in the metadata, then run the same command again"
+            "the server has something under this name that is not an object of kilwa, or is damaged. {ASK}, or give another name with slug = \"…\" in the metadata, then run the same command again"
         )),
         DraftError::Manifest(_) => Refusal::content(e.to_string()),
     }
 }
 
-/// What to do about what only the server's own log may name.
-const ASK: &str = "Ask whoever keeps the server, whose log says where";
+/// What to do if only the server's log may name the place.
+const ASK: &str = "Ask whoever keeps the server (its log says where)";
 
 #[cfg(test)]
 mod tests {
@@ -363,7 +363,7 @@ mod tests {
     use std::path::PathBuf;
 
     #[test]
-    fn no_refusal_has_a_path_of_the_server() {
+    fn no_refusal_contains_a_path_of_the_server() {
         let path = || PathBuf::from("/srv/secret/fort");
         let other = |text: &str| io::Error::other(text.to_owned());
         let disk = || DraftError::Disk { what: "write", path: path(), reason: other("at /srv/secret") };

@@ -222,7 +222,7 @@ impl Refusal {
     fn disk(what: &str, e: &io::Error) -> Self {
         use io::ErrorKind::{QuotaExceeded, StorageFull};
         tracing::error!("an upload: cannot {what}: {e}");
-        // Its own text may have the names of the server's folders; its kind has none.
+        // The text of the error may contain paths of the server; its kind does not.
         let kind = e.kind();
         if matches!(kind, StorageFull | QuotaExceeded) {
             return Self::full(format!("cannot {what}: {kind}"));

@@ -179,7 +179,7 @@ async fn status(State(site): State<Site>, Path(slug): Path<String>, request: Req
             return Ok(under_way.clone());
         }
         let look = move || {
-            // A client that finds its version published asks for nothing else.
+            // A client that finds its version published sends no further request, so interrupted work is finished now.
             uploads.tidy(&Slug::new(&slug).map_err(|_| none())?)?;
             if let Some(refused) = last {
                 return Ok(refused);

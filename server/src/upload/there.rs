@@ -23,13 +23,13 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// How the folders begin that versions for a store are made in, and the folder whose lock is held while one is made.
+/// Prefix of the folders in which versions for a store are made, and the folder whose lock is held while one of them is created.
 const WORK: &str = ".kilwa-work-";
 const MAKING: &str = ".kilwa-making";
 /// A store that does not answer is waited for so long; what was sent to the server is kept then.
 const PATIENCE: Duration = Duration::from_secs(3600);
 const LOOK: Duration = Duration::from_millis(250);
-/// Whoever makes a work folder, or changes the object that is asked for, is done sooner.
+/// Creating a work folder, or changing the requested object, takes less than this.
 const MOMENTS: Duration = Duration::from_secs(10);
 
 /// An object as it is now.
@@ -71,11 +71,11 @@ impl Uploads {
         made.map_err(|e| super::finish::refused(&e))
     }
 
-    /// Finish, or take back, what an interrupted change has left of an object, before anybody is told that it is published. A store has nothing of the kind:
-    /// its objects change with their manifest.
+    /// Finish or undo an interrupted change of an object before a client is told that it is published. Not needed for a store, whose objects change with their
+    /// manifest.
     ///
     /// # Errors
-    /// Where something is left, and the disk fails or somebody else changes the folder for long.
+    /// If a change was interrupted, and the disk fails or somebody else holds the lock of the folder for too long.
     pub(super) fn tidy(&self, slug: &Slug) -> Result<(), Refusal> {
         let left = self.shelf.join(slug.as_str()).join(NEXT);
         if self.store.is_some() || fs::symlink_metadata(left).is_err() {
@@ -105,7 +105,7 @@ impl Uploads {
     }
 }
 
-/// What is under the name is no object; why has the names of the server's folders.
+/// The refusal if something other than an object has the name. `why` contains paths of the server.
 fn no_object(why: String) -> Refusal {
     super::finish::refused(&DraftError::Other(why))
 }
@@ -181,15 +181,15 @@ pub(super) fn prepare(folder: &Path) -> io::Result<()> {
     sweep(folder, &|name| name.starts_with(WORK), &|_| Ok(())).map_err(io::Error::other)
 }
 
-/// Held while a folder is made in `folder` to work in, or while those that were left behind are looked for. The lock of `folder` itself is held while a
-/// version is sent to a store, which may take hours.
+/// The lock that is held while a work folder is created in `folder`, or while leftover ones are removed. The lock of `folder` itself will not do: it is held
+/// while a version is sent to a store, which may take hours.
 fn making(folder: &Path) -> Result<Lock, DraftError> {
     let own = folder.join(MAKING);
     private(&own).map_err(|reason| DraftError::Disk { what: "write to", path: own.clone(), reason })?;
     Lock::wait(&own, MOMENTS, &|| ())
 }
 
-/// Make a folder that its owner alone can look into, where it is missing.
+/// Create a folder that only its owner can look into, if it does not exist.
 fn private(folder: &Path) -> io::Result<()> {
     let mut builder = fs::DirBuilder::new();
     builder.recursive(true);
@@ -205,7 +205,7 @@ mod tests {
     use kilwa_archive::viewer::Page;
 
     #[test]
-    fn a_server_that_starts_leaves_the_work_folders_of_another_alone() {
+    fn a_starting_server_does_not_remove_the_work_folders_of_another() {
         let folder = tempfile::tempdir().unwrap();
         prepare(folder.path()).unwrap();
         std::fs::create_dir(folder.path().join(format!("{WORK}left"))).unwrap();
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_work_folder_does_not_wait_for_a_publication() {
+    fn making_a_work_folder_does_not_wait_for_a_publication() {
         let folder = tempfile::tempdir().unwrap();
         prepare(folder.path()).unwrap();
         let page = Page::from_files(std::collections::BTreeMap::new());

@@ -2,7 +2,8 @@
 //!
 //! A pack that `kilwa publish --redact-location` writes stands with its middle at zero, or in the middle of the cell that was announced, on height
 //! zero, and names neither reference system nor source files. Channels must be announced and hold no coordinates. No text states
-//! coordinates. The pack is byte for byte what this program writes of it, with numbers that are plausible ([`written`]). Pictures, preview and world file are what `kilwa publish` writes ([`plain`]), and stand where the pack does.
+//! coordinates. The pack is, byte for byte, what this program would write, and its numbers are plausible ([`written`]). Pictures,
+//! preview and world file are what `kilwa publish` writes ([`plain`]), and are placed where the pack is.
 
 use super::wire::Intent;
 use super::{plain, written};

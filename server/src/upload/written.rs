@@ -1,5 +1,5 @@
-//! Whether a pack that claims to be without its location is what `kilwa publish --redact-location` writes: the same bytes when it is written again
-//! from what was read of it, so that unknown members, reserved bytes and spare digits of numbers hold nothing; and numbers that fit the model.
+//! Whether a pack that claims to be without its location is what `kilwa publish --redact-location` writes. When it is read and written again, the bytes must
+//! be the same, so that nothing is hidden in unknown members, reserved bytes or spare digits of numbers; and its numbers must fit the model.
 
 use kilwa_archive::metadata::plain_accuracy;
 use kilwa_pack::{Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, Reader, Source, relocate};
@@ -15,21 +15,21 @@ const OPTIONS: [&str; 7] = [
     "coarse-positions",
     "leaf-triangles",
 ];
-/// Largest whole number of an option: triangles of a leaf.
+/// Largest whole number that an option can have: the triangles of a leaf.
 const OPTION_MAX: u32 = 1 << 20;
-/// The median edge may be so many times larger than that of the triangles that are looked at.
+/// The stated median edge may be at most this many times that of the sampled triangles.
 const EDGE: f64 = 3.0;
-/// Chunks that are looked at for it.
+/// Maximum number of chunks that are sampled for it.
 const CHUNKS: usize = 256;
-/// Colours differ by this at most.
+/// Maximum difference of colours.
 const COLOR: f32 = 256.0;
-/// How far a bounding sphere may reach, in diagonals of the model.
+/// Maximum reach of a bounding sphere, in diagonals of the model.
 const SPHERE: f64 = 4.0;
 
 /// Check header, metadata and directory.
 ///
 /// # Errors
-/// What is not as it would be written, as a piece of a sentence.
+/// A sentence that says what differs.
 pub(super) fn check<S: Source + Sync>(reader: &Reader<S>) -> Result<(), String> {
     check_numbers(reader.metadata(), reader.header())?;
     check_directory(reader.entries())?;
@@ -39,11 +39,11 @@ pub(super) fn check<S: Source + Sync>(reader: &Reader<S>) -> Result<(), String> 
     let length = reader.source().len().map_err(|e| format!("its pack cannot be read: {e}"))?;
     match end {
         Ok(again) if again.at == length => Ok(()),
-        _ => Err("its pack is not, to the byte, what this version of kilwa publish writes".to_owned()),
+        _ => Err("its pack is not, byte for byte, what this version of kilwa publish writes".to_owned()),
     }
 }
 
-/// Compares what is written with what is there.
+/// Compares what is written with the bytes of the source.
 struct Again<'a, S> {
     source: &'a S,
     at: u64,
@@ -67,17 +67,17 @@ fn check_numbers(m: &Metadata, header: &Header) -> Result<(), String> {
     for (name, value) in &m.options {
         let number = value.parse::<u32>().ok().filter(|n| *n <= OPTION_MAX && n.to_string() == *value);
         if !OPTIONS.contains(&name.as_str()) || number.is_none() && has_digit(value) {
-            return Err(format!("the option {name:?} of its pack is none that kilwa build writes"));
+            return Err(format!("the option {name:?} of its pack is not one that kilwa build writes"));
         }
     }
     if let Some(kind) = m.repairs.keys().find(|kind| has_digit(kind)) {
         return Err(format!("the repair {kind:?} of its pack has a number in its name"));
     }
     if m.vertices > header.stored_vertices || m.vertices > m.triangles.saturating_mul(3) {
-        return Err(format!("its pack says that it has {} vertices, which its triangles cannot have", m.vertices));
+        return Err(format!("its pack states {} vertices, more than its triangles can have", m.vertices));
     }
     if m.border_edges > m.triangles.saturating_mul(3) {
-        return Err(format!("its pack says that it has {} edges of its border, more than all", m.border_edges));
+        return Err(format!("its pack states {} border edges, more than its triangles have edges", m.border_edges));
     }
     m.capture_accuracy.map_or(Ok(()), plain_accuracy).map_err(|what| format!("capture_accuracy of its pack {what}"))
 }
@@ -103,10 +103,10 @@ fn check_directory(entries: &[DirectoryEntry]) -> Result<(), String> {
     if entries.iter().all(|e| is_around(e) && (e.color_error <= COLOR || e.color_error.is_infinite())) {
         return Ok(());
     }
-    Err("the directory of its pack has spheres or differences of colours that its triangles cannot have".to_owned())
+    Err("the directory of its pack has bounding spheres or color errors that do not fit its triangles".to_owned())
 }
 
-/// The median edge is about that of some of the finest triangles.
+/// Check that the median edge is about that of a sample of the finest triangles.
 fn check_edge<S: Source + Sync>(reader: &Reader<S>) -> Result<(), String> {
     let stated = reader.metadata().median_edge;
     let stride = reader.entries().len().div_ceil(CHUNKS).max(1);
@@ -117,18 +117,18 @@ fn check_edge<S: Source + Sync>(reader: &Reader<S>) -> Result<(), String> {
     }
     edges.sort_by(f64::total_cmp);
     let step = reader.header().lattice.step();
-    // Where no chunk had one of the finest, the box bounds the edge.
+    // If no sampled chunk has any of the finest triangles, the bounding box limits the edge.
     let size = reader.metadata();
     let largest = (0..3).map(|k| (size.bounds_max[k] - size.bounds_min[k]).powi(2)).sum::<f64>().sqrt();
     let median = edges.get(edges.len() / 2).map_or(largest, |edge| edge * step);
     if (0.0..=EDGE * median.max(step)).contains(&stated) {
         Ok(())
     } else {
-        Err(format!("median_edge of its pack is {stated} m, and that of its triangles {median:.3} m"))
+        Err(format!("median_edge of its pack is {stated} m, but that of its triangles is {median:.3} m"))
     }
 }
 
-/// Lengths of the edges of a chunk's triangles that nothing refines, in steps.
+/// Lengths, in lattice steps, of the edges of those triangles of a chunk that no other chunk refines.
 fn finest_edges(chunk: &Chunk, edges: &mut Vec<f64>) {
     for patch in chunk.patches.iter().filter(|p| p.diamond == NO_DIAMOND) {
         let triangles = chunk.mesh.triangles.iter().skip(patch.first as usize).take(patch.count as usize);

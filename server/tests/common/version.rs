@@ -34,7 +34,7 @@ impl Version {
         let mut metadata = Metadata::parse(METADATA).unwrap();
         metadata.slug = Some(slug.to_owned());
         let glb = {
-            // One triangle, at full detail.
+            // One triangle at full detail.
             let json = "{\"accessors\":[{\"count\":3}],\"asset\":{\"version\":\"2.0\"},\"extras\":{\"certified_error_m\":0.0},\
                         \"meshes\":[{\"primitives\":[{\"indices\":0}]}]}";
             let json = format!("{json:<width$}", width = json.len().next_multiple_of(4));

@@ -96,7 +96,7 @@ async fn concurrent_versions_are_never_mixed() {
 async fn a_command_started_again_while_it_still_runs_publishes_one_version_and_not_a_mixture() {
     let Some(bucket) = Bucket::start("a_command_started_again…") else { return };
     let options = options(&bucket, "twice", LEASE);
-    // The same pack with the same metadata, drawn twice.
+    // The same pack with the same metadata, with two different posters.
     let shelves = [&b"drawn first"[..], b"drawn again"].map(|poster| {
         let dir = tempfile::tempdir().unwrap();
         let mut manifest = object(dir.path(), "fort", &[noise(10_000, 1)], public());
@@ -123,7 +123,7 @@ async fn a_command_started_again_while_it_still_runs_publishes_one_version_and_n
             })
         });
         waiting.recv().unwrap();
-        // The second has sent and compared everything when the first goes on.
+        // The second command has sent and compared everything when the first one continues.
         let first = std::cell::RefCell::new(Some(first));
         let ended = std::cell::RefCell::new(None);
         let second = send(options, shelves[1].path(), 1, &|key| {

@@ -138,7 +138,7 @@ impl Museum {
         let uploads = self.folder.path().join("uploads");
         names(&uploads)
             .into_iter()
-            // The other is an empty folder for a lock.
+            // `.kilwa-making` is an empty folder that serves as a lock.
             .filter(|n| n != ".kilwa-uploads" && n != ".kilwa-making")
             .chain(names(&uploads.join(".kilwa-uploads")))
             .collect()

@@ -25,7 +25,7 @@ async fn a_disk_that_is_full_at_any_step_publishes_nothing_keeps_what_came_and_g
         assert_eq!(code, StatusCode::INSUFFICIENT_STORAGE, "step {allowed}: {said:?}");
         let why = said.error.unwrap_or_default();
         assert!(why.contains("no room") && why.contains("run the same command again"), "{why}");
-        // After the manifest only the page is missing, and the permissions: that is told.
+        // After the manifest, only the page and the permissions are missing, and the message says so.
         let is_published = why.contains("the version is published, but not all of its files are in place");
         let status = get(&m.app, "/fort/").await.status;
         assert!(is_published || m.has_nothing() && status == StatusCode::NOT_FOUND, "step {allowed}: {why}");

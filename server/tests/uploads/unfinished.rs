@@ -1,4 +1,4 @@
-//! Uploads that the server could not bring to their end, and what the same command makes of them.
+//! Uploads that the server could not finish, and what happens when the same command is run again.
 
 use super::Museum;
 use crate::common::version::{Version, fort_pack};
@@ -16,16 +16,16 @@ fn numbered(number: u32) -> Version {
     version
 }
 
-/// Whether nothing of a change is left in the object, and the page that is shown is the manifest's.
+/// Whether the object has no leftovers of a change, and its page is the one that the manifest names.
 fn is_finished(object: &Path) -> bool {
     let manifest = Manifest::parse(&std::fs::read(object.join("manifest.json")).unwrap()).unwrap();
     let page = std::fs::read(object.join("index.html")).unwrap();
     !object.join(".kilwa-next").exists() && sha256(&page) == manifest.page.sha256
 }
 
-/// The disk fails before each change in turn. Whether the client looks how far it is before it repeats itself is no matter.
+/// The disk fails before each change in turn. It makes no difference whether the client asks for the status before it repeats the upload.
 #[tokio::test]
-async fn a_version_that_was_cut_off_behind_its_manifest_is_finished_by_the_same_command() {
+async fn the_same_command_finishes_a_version_interrupted_after_its_manifest() {
     for looks in [true, false] {
         let m = Museum::with(UploadLimits { per_minute: u32::MAX, ..UploadLimits::default() });
         let object = m.models().join("fort");
@@ -63,7 +63,7 @@ async fn a_version_that_was_cut_off_behind_its_manifest_is_finished_by_the_same_
 }
 
 #[tokio::test]
-async fn what_is_in_the_way_is_refused_without_the_names_of_the_servers_folders() {
+async fn a_file_in_the_way_is_reported_without_the_paths_of_the_server() {
     let m = Museum::new();
     let inside = m.folder.path().to_str().unwrap();
     assert_eq!(m.publish(&numbered(1)).await.1.version, 1);

@@ -182,7 +182,7 @@ async fn a_withheld_location_is_searched_for_in_pack_and_texts() {
     .await;
 }
 
-/// The test's pack with other numbers, written as a builder would.
+/// The test's pack with other numbers, written as `kilwa build` would.
 fn stating(change: impl FnOnce(&mut Metadata, &mut DirectoryEntry)) -> Version {
     let bytes = pack(MIDDLE, &[]);
     let reader = Reader::open(SliceSource(&bytes)).unwrap();
@@ -194,7 +194,7 @@ fn stating(change: impl FnOnce(&mut Metadata, &mut DirectoryEntry)) -> Version {
     withheld(writer.finish().unwrap())
 }
 
-/// The test's pack with other bytes, and all checksums as they must be.
+/// The test's pack with other bytes and correct checksums.
 fn tampered(change: impl FnOnce(&mut [u8], std::ops::Range<usize>, usize)) -> Version {
     let mut bytes = pack_at(&format!("Fort{}", " ".repeat(60)), None, MIDDLE, &[]);
     let header = Reader::open(SliceSource(&bytes)).unwrap().header().clone();
@@ -215,9 +215,9 @@ fn tampered(change: impl FnOnce(&mut [u8], std::ops::Range<usize>, usize)) -> Ve
     withheld(bytes)
 }
 
-/// Numbers, unknown members and reserved bytes carry a place as well as texts do.
+/// Numbers, unknown members and reserved bytes can contain a location just as texts can.
 #[tokio::test]
-async fn a_withheld_location_is_searched_for_where_the_pack_has_no_text() {
+async fn a_withheld_location_is_searched_for_outside_the_texts_of_the_pack() {
     let member = |text: &'static str| {
         tampered(move |bytes, metadata, _| {
             let json = String::from_utf8(bytes[metadata.clone()].to_vec()).unwrap();
@@ -227,7 +227,7 @@ async fn a_withheld_location_is_searched_for_where_the_pack_has_no_text() {
         })
     };
     let (doubles, here) = ([565_977.0f64, 9_009_946.0].map(f64::to_le_bytes).concat(), b"LAT -8.95611 LON 39.60027");
-    let (as_written, option) = ("is not, to the byte, what this version", "is none that kilwa build writes");
+    let (as_written, option) = ("is not, byte for byte, what this version", "is not one that kilwa build writes");
     let named = |name: &str, value: &str| {
         let (name, value) = (name.to_owned(), value.to_owned());
         stating(|m, _| {
@@ -257,24 +257,24 @@ async fn a_withheld_location_is_searched_for_where_the_pack_has_no_text() {
         ),
         (stating(|m, _| m.median_edge = 39.600_27), "median_edge of its pack is 39.60027 m"),
         (stating(|m, _| m.capture_accuracy = Some(8.956_11)), "capture_accuracy of its pack is 8.95611"),
-        (stating(|m, _| m.vertices = 9_009_946), "has 9009946 vertices"),
+        (stating(|m, _| m.vertices = 9_009_946), "states 9009946 vertices"),
         (
             stating(|m, _| m.border_edges = 9_009_946),
             "3 border edges of the finest level are there, 9009946 are announced",
         ),
         (
             stating(|_, e| (e.sphere.center, e.sphere.radius) = ([565_987.0, 9_009_946.0, 0.0], 1e8)),
-            "the directory of its pack has spheres",
+            "the directory of its pack has bounding spheres",
         ),
-        (stating(|_, e| e.sphere.radius = 9_009_946.0), "the directory of its pack has spheres"),
-        (stating(|_, e| e.color_error = 565_987.0), "the directory of its pack has spheres"),
+        (stating(|_, e| e.sphere.radius = 9_009_946.0), "the directory of its pack has bounding spheres"),
+        (stating(|_, e| e.color_error = 565_987.0), "the directory of its pack has bounding spheres"),
     ])
     .await;
 }
 
-/// What is announced of the preview is on pages and in records: it must be that of the file, also where nothing is withheld.
+/// The announced numbers of the preview appear on pages and in records, so they must be those of the file, even if nothing is withheld.
 #[tokio::test]
-async fn numbers_of_an_announcement_are_compared_with_the_files() {
+async fn announced_numbers_are_compared_with_the_files() {
     let accuracy = |metres: f64| {
         with(|v| v.intent.metadata.capture = Some(serde_json::from_value(json!({ "accuracy": metres })).unwrap()))
     };
@@ -283,7 +283,7 @@ async fn numbers_of_an_announcement_are_compared_with_the_files() {
         version
     };
     let open = || Version::new("fort", 1, pack(true_place(), &[]));
-    let what = "preview.glb holds 1 triangles with an error of 0 m";
+    let what = "preview.glb has 1 triangles with an error of 0 m";
     are_refused(vec![
         (announced(withheld(pack(MIDDLE, &[])), 1, 39.600_27), what),
         (announced(withheld(pack(MIDDLE, &[])), 9_009_946, 0.0), what),

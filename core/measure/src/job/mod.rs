@@ -124,7 +124,7 @@ pub async fn measure<L: Leaves>(leaves: &L, task: &Task) -> Result<Outcome, Fail
     Ok(outcome)
 }
 
-/// What overflowed is no number, and could not be read again from a document.
+/// Refuse results that overflowed: JSON has no infinity and no NaN, so a document with one could not be read again.
 fn finite(readings: &[Reading]) -> Result<(), Refusal> {
     let is_finite = |r: &Reading| r.quantity.value.is_finite() && !r.quantity.uncertainty.is_nan();
     if readings.iter().all(is_finite) { Ok(()) } else { Err(Refusal::NotFinite) }
