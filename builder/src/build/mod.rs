@@ -21,7 +21,6 @@ pub use report::{BuildReport, StageTime};
 
 use crate::assemble::assemble;
 use crate::build::journal::{Journal, Plan, PlannedInput};
-use crate::build::machine;
 use crate::build::options::{BuildError, BuildOptions};
 use crate::build::progress::{Progress, Whole};
 use crate::build::work::{Stop, Work};
