@@ -23,6 +23,7 @@ mod kill_tests;
 pub mod layout;
 pub mod location;
 pub mod lock;
+pub mod made;
 pub mod manifest;
 pub mod metadata;
 pub mod modes;
