@@ -17,6 +17,7 @@ pub mod checksums;
 pub mod date;
 mod disk;
 pub mod draft;
+pub mod drawing;
 pub mod keep;
 #[cfg(test)]
 mod kill_tests;
