@@ -16,7 +16,9 @@ use crate::source::FileSource;
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use kilwa_archive::layout::{MANIFEST, PAGE, is_object};
-use kilwa_archive::sound;
+use kilwa_archive::manifest::MANIFEST_MAX;
+use kilwa_archive::{AccessState, Manifest, sound};
+use kilwa_files::plain_file;
 use object::Check;
 use place::{Folder, Place};
 use progress::Progress;
@@ -58,7 +60,10 @@ const LIST_MAX: u64 = 16 << 20;
 /// What is checked, in order.
 enum What {
     Object,
-    Bag,
+    Bag {
+        /// Whether a withdrawal of its object removes it.
+        is_going: bool,
+    },
     Pack,
 }
 
@@ -220,10 +225,21 @@ fn is_pack(name: &str) -> bool {
 
 /// What a folder is. One with version folders and no manifest was an object.
 fn kind_of(folder: &Path) -> Option<What> {
-    if folder.join("bagit.txt").is_file() {
-        return Some(What::Bag);
+    let is_going = is_of_withdrawn(folder);
+    if is_going || folder.join("bagit.txt").is_file() {
+        return Some(What::Bag { is_going });
     }
     (is_object(folder) || folder.join("v1").is_dir()).then_some(What::Object)
+}
+
+/// Whether a folder is the bag of an object that is withdrawn. The withdrawal removes it, and was interrupted where it is there still.
+fn is_of_withdrawn(folder: &Path) -> bool {
+    let Ok(folder) = folder.canonicalize() else { return false };
+    let name = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    let Some(slug) = name.strip_suffix(".bag") else { return false };
+    let manifest = plain_file::read_at(&folder.with_file_name(slug).join(MANIFEST), MANIFEST_MAX);
+    let manifest = manifest.ok().and_then(|bytes| Manifest::parse(&bytes).ok());
+    manifest.is_some_and(|manifest| manifest.access.state == AccessState::Withdrawn)
 }
 
 /// What there is at an address.
@@ -268,7 +284,7 @@ fn at_address(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
 fn expect(place: &dyn Place, item: &Item, progress: &Progress) {
     let of_manifest = || {
         let manifest = place.below(&item.path).read(MANIFEST, LIST_MAX).ok()??;
-        let manifest = kilwa_archive::Manifest::parse(&manifest).ok()?;
+        let manifest = Manifest::parse(&manifest).ok()?;
         Some(manifest.versions.iter().map(|v| v.pack.bytes).sum())
     };
     let bytes = if let What::Pack = item.what {
@@ -297,13 +313,18 @@ fn check(
             let place = below.as_deref().unwrap_or(place);
             return Check { place, name: &item.path, report, state, progress }.object();
         }
-        What::Bag => {
+        What::Bag { is_going } => {
             let below = if item.path.is_empty() { None } else { Some(place.below(&item.path)) };
             let place = below.as_deref().unwrap_or(place);
-            if state.is_done(&item.path, "") {
+            if !is_going && state.is_done(&item.path, "") {
                 return Ok(None);
             }
-            bag(&mut Check { place, name: &item.path, report, state, progress })?;
+            let mut check = Check { place, name: &item.path, report, state, progress };
+            check.report.lacking = is_going.then_some(0);
+            bag(&mut check)?;
+            if is_going {
+                check.say_withdrawal();
+            }
         }
         What::Pack => {
             if state.is_done(&item.path, "") {
@@ -326,7 +347,10 @@ fn bag(check: &mut Check<'_>) -> anyhow::Result<()> {
     let mut known = check.files_of(lists[1], "", false)?;
     known.extend(check.files_of(lists[0], "", false)?);
     known.insert(lists[1].to_owned());
-    check.unknown("", &known, lists[0]);
+    // Without its lists nobody knows what belongs to a bag that is being removed.
+    if check.report.lacking.is_none() || lists.iter().all(|list| matches!(check.place.open(list), Ok(Some(_)))) {
+        check.unknown("", &known, lists[0]);
+    }
     let payload = check.place.below("data");
     if !matches!(payload.open(MANIFEST), Ok(Some(_))) {
         check.add(&format!("data/{MANIFEST}"), Kind::Missing, "there is no object in this bag");

@@ -5,13 +5,16 @@ use crate::support::{built_once, fails, kilwa, succeeds, text};
 use kilwa_pack::{Reader, SliceSource};
 use kilwa_archive::Metadata;
 use kilwa_archive::checksums::sha256;
-use kilwa_archive::draft::Draft;
+use kilwa_archive::draft::{Draft, DraftError};
+use kilwa_archive::keep::{Folders, KEEPING};
 use kilwa_archive::layout::{self, Slug, pack_name, version_folder};
 use kilwa_archive::lock::Lock;
 use kilwa_archive::manifest::{Access, AccessState, FORM, Figures, Manifest, PackEntry, RightsEntry, Version};
 use kilwa_archive::page::{Surroundings, landing};
 use kilwa_archive::record::{Publication, records, ro_crate};
 use kilwa_archive::rights::Rights;
+use kilwa_archive::withdraw::{Withdrawal, withdraw};
+use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::{Read, Write};
@@ -311,10 +314,8 @@ fn a_folder_is_checked_unit_by_unit_and_a_night_goes_on_where_it_was_stopped() {
     succeeds(&["verify", &shelf_name]);
 }
 
-#[test]
-fn a_bag_is_checked_by_its_lists_and_by_its_object() {
-    let shelf = tempfile::tempdir().unwrap();
-    publish(shelf.path(), "fort", 1);
+/// Put the object `fort` of a shelf into a bag.
+fn wrap(shelf: &Path) -> PathBuf {
     let info = kilwa_archive::bag::BagInfo {
         organization: None,
         identifier: "x".to_owned(),
@@ -322,8 +323,80 @@ fn a_bag_is_checked_by_its_lists_and_by_its_object() {
         date: "2026-11-21".to_owned(),
         tool: "kilwa".to_owned(),
     };
-    let lock = Lock::take(shelf.path()).unwrap();
-    let bag = kilwa_archive::bag::wrap(&lock, &Slug::new("fort").unwrap(), &info, &|_| Ok(())).unwrap();
+    let lock = Lock::take(shelf).unwrap();
+    kilwa_archive::bag::wrap(&lock, &Slug::new("fort").unwrap(), &info, &|_| Ok(())).unwrap()
+}
+
+/// Withdraw the object `fort` of a shelf, with so many changes on disk to make before all others fail.
+fn withdraw_with(shelf: &Path, keep: &Path, changes: usize) -> Result<(), DraftError> {
+    let (slug, count) = (Slug::new("fort").unwrap(), Cell::new(0));
+    let steps = |_: &str| {
+        count.set(count.get() + 1);
+        if count.get() > changes { Err(std::io::Error::other("cut off")) } else { Ok(()) }
+    };
+    let said = Withdrawal { reason: "asked to", day: "2026-11-22" };
+    withdraw(&Folders::lock(shelf, keep, &slug, &|_| (), &steps)?, &slug, &said, &steps).map(drop)
+}
+
+/// Whether `kilwa verify` finds nothing wrong and explains that a withdrawal of `name` was interrupted.
+fn is_explained(target: &Path, name: &str) -> bool {
+    let said = report(&[text(target)], 0);
+    assert!(said["sound"] == true && problems(&said).is_empty(), "{said}");
+    let of_name = |note: &str| note.contains(name) && note.contains("a withdrawal is in progress or was interrupted");
+    said["notes"].as_array().unwrap().iter().filter_map(|note| note.as_str()).any(of_name)
+}
+
+#[test]
+fn an_interrupted_withdrawal_is_explained_and_damage_in_it_is_damage() {
+    let (mut bags, mut copies, mut damaged) = (0, 0, 0);
+    for changes in (0..).step_by(4) {
+        let folder = tempfile::tempdir().unwrap();
+        let (shelf, keep) = (folder.path().join("shelf"), folder.path().join("keep"));
+        fs::create_dir(&shelf).unwrap();
+        let object = publish(&shelf, "fort", 1);
+        let (bag, copy) = (wrap(&shelf), keep.join("fort"));
+        let ended = withdraw_with(&shelf, &keep, changes);
+        let manifest = Manifest::parse(&fs::read(object.join(layout::MANIFEST)).unwrap()).unwrap();
+        let is_withdrawn = manifest.access.state == AccessState::Withdrawn;
+        let is_bag_left = is_withdrawn && bag.exists();
+        assert_eq!(is_explained(&shelf, "fort.bag"), is_bag_left, "{changes}");
+        if is_bag_left {
+            assert!(is_explained(&bag, "fort.bag"), "{changes}");
+            bags += 1;
+        }
+        if copy.exists() {
+            let is_begun = copy.join(KEEPING).exists();
+            assert_eq!(is_explained(&copy, "fort"), is_begun, "{changes}");
+            copies += u32::from(is_begun);
+        }
+        let poster = bag.join("data/v1/poster.jpg");
+        if is_bag_left && poster.exists() && bag.join("manifest-sha256.txt").exists() {
+            // Linked files are those of the object.
+            fs::remove_file(&poster).unwrap();
+            fs::write(&poster, "another").unwrap();
+            let found = problems(&report(&[text(&bag)], 1));
+            assert!(found.contains(&("data/v1/poster.jpg".to_owned(), "damaged".to_owned())), "{found:?}");
+            damaged += 1;
+        }
+        if ended.is_ok() {
+            assert!(!bag.exists() && !copy.join(KEEPING).exists());
+            break;
+        }
+    }
+    assert!(bags > 5 && copies > 3 && damaged > 0, "{bags}, {copies}, {damaged}");
+    // Without a withdrawal what is lacking is missing.
+    let shelf = tempfile::tempdir().unwrap();
+    publish(shelf.path(), "fort", 1);
+    let bag = wrap(shelf.path());
+    fs::remove_file(bag.join("data/v1/poster.jpg")).unwrap();
+    assert!(problems(&report(&[text(&bag)], 1)).contains(&("data/v1/poster.jpg".to_owned(), "missing".to_owned())));
+}
+
+#[test]
+fn a_bag_is_checked_by_its_lists_and_by_its_object() {
+    let shelf = tempfile::tempdir().unwrap();
+    publish(shelf.path(), "fort", 1);
+    let bag = wrap(shelf.path());
     assert_eq!(report(&[text(&bag)], 0)["sound"], true);
     for name in ["bag-info.txt", "bagit.txt", "manifest-sha256.txt", "data/manifest.json"] {
         let path = bag.join(name);

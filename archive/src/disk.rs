@@ -3,7 +3,7 @@
 use super::draft::{DraftError, Steps};
 use std::fs::{self, File};
 use std::io::{self, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Makes an error that says what could not be done, and where.
 pub(crate) fn failed(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DraftError {
@@ -25,6 +25,11 @@ pub(crate) fn write(path: &Path, bytes: &[u8], steps: Steps<'_>) -> Result<(), D
 
 /// Create a folder and its missing parents, and sync their names to disk.
 pub(crate) fn create_dir(path: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
+    create_dirs(path, &mut Vec::new(), steps)
+}
+
+/// The same. Each folder that was not there before is added to `made`, the outermost first.
+pub(crate) fn create_dirs(path: &Path, made: &mut Vec<PathBuf>, steps: Steps<'_>) -> Result<(), DraftError> {
     steps(&name(path)).map_err(failed("write", path))?;
     let mut missing: Vec<&Path> = path.ancestors().take_while(|at| !is_current(at) && !at.is_dir()).collect();
     // An interrupted command may have created the existing folder without syncing its name.
@@ -34,8 +39,9 @@ pub(crate) fn create_dir(path: &Path, steps: Steps<'_>) -> Result<(), DraftError
     }
     while let Some(folder) = missing.pop() {
         match fs::create_dir(folder) {
+            Ok(()) => made.push(folder.to_owned()),
             Err(_) if folder.is_dir() => {}
-            made => made.map_err(failed("write", folder))?,
+            Err(e) => return Err(failed("write", folder)(e)),
         }
         sync(parent(folder), steps)?;
     }

@@ -73,6 +73,17 @@ pub enum DraftError {
         /// What stopped it.
         why: Box<DraftError>,
     },
+    /// Nothing was withdrawn, and not all of what was begun for it could be removed again.
+    #[error(
+        "{cause}. The object is as it was, but what this command began is left: {rest}. Remove it, or run the same command again",
+        cause = after_the_change(why), rest = after_the_change(left)
+    )]
+    Left {
+        /// What stopped the command.
+        why: Box<DraftError>,
+        /// What could not be removed, and why.
+        left: Box<DraftError>,
+    },
     /// What is there is no object, for people.
     #[error("{0}")]
     Other(String),

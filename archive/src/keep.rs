@@ -1,16 +1,25 @@
 //! The folder outside the served one to which withdrawn files are moved: where it may be, and its lock along with that of the folder of objects.
 
-use super::disk::{self, failed};
+use super::disk::failed;
 use super::draft::{DraftError, Steps};
 use super::layout::Slug;
 use super::lock::{Lock, PATIENCE};
+use super::made::Made;
 use super::withdraw::{WITHDRAWN, outlook};
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
-/// Both folders of a withdrawal, locked.
+/// Hidden file in what is kept of an object, until all of its files are there: so whoever verifies it knows that a withdrawal is in progress or was
+/// interrupted.
+pub const KEEPING: &str = ".kilwa-keeping";
+/// What is in that file.
+pub const KEEPING_TEXT: &str = "A withdrawal is in progress or was interrupted; the same command finishes it.\n";
+
+/// Both folders of a withdrawal, locked. The one outside is removed with this where it was made for it and nothing went there.
 #[derive(Debug)]
 pub struct Folders {
+    // Removed before the locks go.
+    _made: Made,
     pub(super) shelf: Lock,
     pub(super) keep: PathBuf,
     /// The lock of that folder, if it exists.
@@ -34,28 +43,45 @@ impl Folders {
     ) -> Result<Self, DraftError> {
         check_outside(shelf, keep)?;
         let there = outlook(shelf, slug).ok();
-        if let Some(there) = there.filter(|there| !there.is_done()) {
-            let made = disk::create_dir(keep, steps);
-            made.map_err(|e| if there.withdrawn.is_some() { e.after(WITHDRAWN) } else { e })?;
-        }
-        let wait = |folder: &Path| Lock::wait(folder, PATIENCE, &|| waits(folder));
-        let (shelf, kept) = if !keep.is_dir() {
-            (wait(shelf)?, None)
-        } else if real(keep)? < real(shelf)? {
-            let kept = wait(keep)?;
-            (wait(shelf)?, Some(kept))
-        } else {
-            let shelf = wait(shelf)?;
-            (shelf, Some(wait(keep)?))
+        let mut made = match there.filter(|there| !there.is_done()) {
+            Some(there) => {
+                let made = Made::create(keep, steps);
+                made.map_err(|e| if there.withdrawn.is_some() { e.after(WITHDRAWN) } else { e })?
+            }
+            None => Made::default(),
         };
+        let locked = lock_both(shelf, keep, waits);
+        if let Err(DraftError::Busy(_)) = &locked {
+            // Whoever holds the lock works there.
+            made.leave();
+        }
+        let (shelf, kept) = locked?;
+        if kept.is_some() {
+            made.lock();
+        }
+        let folders = Self { _made: made, shelf, keep: keep.to_owned(), kept };
         // Somebody may have put a link in its place while this command waited.
-        check_outside(shelf.folder(), keep)?;
-        Ok(Self { shelf, keep: keep.to_owned(), kept })
+        check_outside(folders.shelf.folder(), keep)?;
+        Ok(folders)
     }
 
     /// The folder of objects.
     pub fn shelf(&self) -> &Lock {
         &self.shelf
+    }
+}
+
+/// Lock the folder of objects and, if it exists, the one outside.
+fn lock_both(shelf: &Path, keep: &Path, waits: &dyn Fn(&Path)) -> Result<(Lock, Option<Lock>), DraftError> {
+    let wait = |folder: &Path| Lock::wait(folder, PATIENCE, &|| waits(folder));
+    if !keep.is_dir() {
+        Ok((wait(shelf)?, None))
+    } else if real(keep)? < real(shelf)? {
+        let kept = wait(keep)?;
+        Ok((wait(shelf)?, Some(kept)))
+    } else {
+        let shelf = wait(shelf)?;
+        Ok((shelf, Some(wait(keep)?)))
     }
 }
 

@@ -17,12 +17,14 @@ pub mod checksums;
 pub mod date;
 mod disk;
 pub mod draft;
+pub mod drawing;
 pub mod keep;
 #[cfg(test)]
 mod kill_tests;
 pub mod layout;
 pub mod location;
 pub mod lock;
+pub mod made;
 pub mod manifest;
 pub mod metadata;
 pub mod modes;

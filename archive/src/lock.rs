@@ -2,9 +2,15 @@
 //!
 //! The lock is taken on the folder itself, so that nothing is left behind. Where the system cannot lock a folder (network file systems, Windows)
 //! it is taken on a hidden file in it, [`LOCK_FILE`]. Where neither works the change is refused: two changes at once could lose one of them.
+//!
+//! [`LOCK_FILE`] is shared: whoever opened it may lock it a moment later, so a program that could not lock it must not remove it. It is therefore made only
+//! where a file without a name could be locked in the same folder. A folder in which nothing can be locked is left as it was.
+//!
+//! What was locked must still be what has the name: a folder or file that was removed meanwhile keeps nobody else out.
 
 use super::disk::failed;
 use super::draft::DraftError;
+use kilwa_files::plain_file;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -34,7 +40,7 @@ impl Lock {
             let opened = File::open(folder);
             let file = opened.map_err(failed("open", folder))?;
             match file.try_lock() {
-                Ok(()) => return Ok(Self { folder: folder.to_owned(), _file: file }),
+                Ok(()) => return Self::of(folder, file, folder),
                 Err(TryLockError::WouldBlock) => return Err(DraftError::Busy(folder.to_owned())),
                 Err(TryLockError::Error(_)) => {}
             }
@@ -44,13 +50,37 @@ impl Lock {
 
     /// The same, by the hidden file.
     fn of_file(folder: &Path) -> Result<Self, DraftError> {
+        Self::of_file_by(folder, &File::try_lock)
+    }
+
+    /// The same, by the system call `try_lock`.
+    fn of_file_by(folder: &Path, try_lock: &TryLock<'_>) -> Result<Self, DraftError> {
         let failed = |reason: io::Error| DraftError::Unlockable { path: folder.to_owned(), reason };
         let path = folder.join(LOCK_FILE);
-        let file = OpenOptions::new().create(true).read(true).write(true).truncate(false).open(path).map_err(failed)?;
-        match file.try_lock() {
-            Ok(()) => Ok(Self { folder: folder.to_owned(), _file: file }),
+        let open = |creates| OpenOptions::new().create(creates).read(true).write(true).truncate(false).open(&path);
+        let file = match open(false) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => {
+                check_lockable(folder, try_lock).and_then(|()| open(true)).map_err(failed)?
+            }
+            opened => opened.map_err(failed)?,
+        };
+        match try_lock(&file) {
+            Ok(()) => Self::of(folder, file, &path),
             Err(TryLockError::WouldBlock) => Err(DraftError::Busy(folder.to_owned())),
             Err(TryLockError::Error(e)) => Err(failed(e)),
+        }
+    }
+
+    /// The lock by a file or folder that was locked, unless `path` leads to another one by now.
+    fn of(folder: &Path, file: File, path: &Path) -> Result<Self, DraftError> {
+        let is_there = match (file.metadata(), std::fs::metadata(path)) {
+            (Ok(locked), Ok(there)) => plain_file::is_same_file(&locked, &there),
+            _ => false,
+        };
+        if is_there {
+            Ok(Self { folder: folder.to_owned(), _file: file })
+        } else {
+            Err(DraftError::Busy(folder.to_owned()))
         }
     }
 
@@ -76,6 +106,17 @@ impl Lock {
     /// The folder.
     pub fn folder(&self) -> &Path {
         &self.folder
+    }
+}
+
+/// Locks an open file, or says why not.
+type TryLock<'a> = dyn Fn(&File) -> Result<(), TryLockError> + 'a;
+
+/// Whether files in a folder can be locked, tried on one without a name, which nobody else can open and which is gone when it is closed.
+fn check_lockable(folder: &Path, try_lock: &TryLock<'_>) -> io::Result<()> {
+    match try_lock(&tempfile::tempfile_in(folder)?) {
+        Err(TryLockError::Error(e)) => Err(e),
+        _ => Ok(()),
     }
 }
 
@@ -108,6 +149,40 @@ mod tests {
             drop(held);
             assert!(other.join().unwrap());
         });
+    }
+
+    /// As on file systems without locks (ENOLCK, ENOTSUP).
+    fn no_lock(_: &File) -> Result<(), TryLockError> {
+        Err(TryLockError::Error(io::ErrorKind::Unsupported.into()))
+    }
+
+    #[test]
+    fn a_folder_in_which_nothing_can_be_locked_is_left_as_it_was() {
+        let folder = tempfile::tempdir().unwrap();
+        let names = || std::fs::read_dir(folder.path()).unwrap().count();
+        let refused = Lock::of_file_by(folder.path(), &no_lock).unwrap_err();
+        assert!(matches!(refused, DraftError::Unlockable { .. }), "{refused}");
+        assert_eq!(names(), 0, "a file is left");
+        // One that is there belongs to others, too.
+        drop(Lock::of_file(folder.path()).unwrap());
+        assert!(Lock::of_file_by(folder.path(), &no_lock).is_err());
+        assert_eq!(names(), 1, "a file of others is gone");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_lock_that_was_removed_meanwhile_keeps_nobody_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(LOCK_FILE);
+        drop(Lock::of_file(folder.path()).unwrap());
+        // Between opening and locking, another has removed the file.
+        let removing = |file: &File| {
+            drop(std::fs::remove_file(&path));
+            file.try_lock()
+        };
+        let late = Lock::of_file_by(folder.path(), &removing);
+        assert!(matches!(late, Err(DraftError::Busy(_))), "it holds a file that nobody else finds");
+        assert!(Lock::of_file(folder.path()).is_ok());
     }
 
     #[test]

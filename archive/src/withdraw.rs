@@ -1,13 +1,15 @@
 //! Withdrawing an object: its files go to a folder outside of what is served, its metadata and a page that says why stay.
 //!
-//! In this order, so that wherever it is cut off nothing is lost and the same command goes on: page and manifest are copied to the other folder; they are
+//! In this order, so that wherever it is cut off nothing is lost and the same command goes on: page and manifest are copied to the other folder, beside a
+//! hidden file that says that not all is there yet ([`KEEPING`]); they are
 //! replaced by those of a withdrawn object ([`super::next`]), so that it is public no longer; its files are linked or copied to the other folder; what was
 //! withdrawn is removed, each file only when it is in the other folder; leftovers of interrupted commands are removed, even if nothing else is
-//! left to do.
+//! left to do. If the command fails before
+//! the manifest is replaced, what it began in the other folder is removed again.
 
 use super::disk::{self, failed};
 use super::draft::{DraftError, HIDDEN, Steps};
-use super::keep::{Folders, is_own_folder};
+use super::keep::{Folders, KEEPING, KEEPING_TEXT, is_own_folder};
 use super::layout::{CHECKSUMS, CITATIONS, LICENCE, MANIFEST, PAGE, README, Slug, VIEWER};
 use super::manifest::{AccessState, MANIFEST_MAX, Manifest};
 use super::modes;
@@ -113,8 +115,9 @@ pub(super) const WITHDRAWN: &str = "the object is withdrawn, but not all of its 
 /// Withdraw the object `slug` of the locked folders, or finish an interrupted withdrawal.
 ///
 /// # Errors
-/// [`DraftError`] if it has no manifest, the folder outside has something else under this name, or the system refuses; then the object is as it was.
-/// [`DraftError::Unfinished`] if it is withdrawn, but not all of it has been moved.
+/// [`DraftError`] if it has no manifest, the folder outside has something else under this name, or the system refuses; then the object is as it was and
+/// nothing is left in the folder outside. [`DraftError::Left`] if that could not be removed. [`DraftError::Unfinished`] if it is withdrawn, but not all of
+/// it has been moved.
 pub fn withdraw(
     folders: &Folders,
     slug: &Slug,
@@ -132,17 +135,17 @@ pub fn withdraw(
     let is_withdrawn = manifest.access.state == AccessState::Withdrawn;
     let left = outlook(shelf, slug)?;
     let before = is_withdrawn && left.going.0 == 0 && !left.bag;
-    let kept = if before {
-        folders.keep.join(slug.as_str())
-    } else {
+    let (kept, mut is_new) = (folders.keep.join(slug.as_str()), false);
+    if !before {
         // Files have reappeared since the check whether that folder is needed.
         let lacking = || DraftError::Busy(object.clone());
         let keep = folders.kept.as_ref().ok_or_else(lacking);
         let begun = keep.and_then(|keep| begin_keeping(&object, slug, &manifest, keep.folder(), steps));
-        begun.map_err(|e| if is_withdrawn { e.after(WITHDRAWN) } else { e })?
-    };
+        is_new = begun.map_err(|e| if is_withdrawn { e.after(WITHDRAWN) } else { e })?;
+    }
     if !is_withdrawn {
-        close_object(&object, slug, manifest.clone(), said, steps)?;
+        let closed = close_object(&object, slug, manifest.clone(), said, steps);
+        closed.map_err(|e| if is_new { give_up(e, &kept, slug) } else { e })?;
     }
     let moved = || {
         if !before {
@@ -172,6 +175,7 @@ fn take_all(object: &Path, manifest: &Manifest, kept: &Path, keep: &Path, steps:
         take(&folder, &copy, steps)?;
         modes::settle(&copy, false, keep, steps)?;
     }
+    disk::remove(&kept.join(KEEPING), steps)?;
     // The originals are removed next, so the names of the copies must be on disk first. An interrupted command may have created names without syncing them.
     disk::sync(kept, steps)?;
     disk::sync(keep, steps)
@@ -187,40 +191,113 @@ fn sweep(folders: &Folders, slug: &Slug, steps: Steps<'_>) -> Result<(), DraftEr
     keep.map_or(Ok(()), |keep| scratch::sweep_all(keep.folder(), &is_of, steps))
 }
 
-/// Page and manifest as they are go to the folder outside, unless an earlier attempt has put them there.
+/// Page and manifest as they are go to the folder outside, unless an earlier attempt has put them there. Whether this one has.
 fn begin_keeping(
     object: &Path,
     slug: &Slug,
     manifest: &Manifest,
     keep: &Path,
     steps: Steps<'_>,
-) -> Result<PathBuf, DraftError> {
+) -> Result<bool, DraftError> {
     let kept = keep.join(slug.as_str());
-    if let Ok(is_own) = is_own_folder(&kept) {
-        if !is_own {
-            return Err(DraftError::There(kept));
-        }
-        let there = plain_file::read_at(&kept.join(MANIFEST), MANIFEST_MAX).ok().and_then(|b| Manifest::parse(&b).ok());
-        let there = there.map(|there| there.versions).filter(|there| manifest.versions.starts_with(there));
-        match there {
-            Some(there) if there.len() == manifest.versions.len() => return Ok(kept),
-            // Begun before the last version was published, and cut off before anything else was put there.
-            Some(_) if fs::read_dir(&kept).map_err(failed("read", &kept))?.count() == 2 => disk::remove(&kept, steps)?,
-            _ => return Err(DraftError::There(kept)),
-        }
+    if is_kept(&kept, slug, manifest, steps)? {
+        return Ok(false);
     }
     scratch::sweep(keep, &|name| scratch::is_of(slug, name), steps)?;
     let hidden = Scratch::create(keep, &scratch::prefix(slug), steps)?;
-    let whole = hidden.path().join("kept");
-    disk::create_dir(&whole, steps)?;
-    for name in [PAGE, MANIFEST] {
-        let from = object.join(name);
-        let bytes = plain_file::read_at(&from, SMALL_FILE_MAX).map_err(failed("read", &from))?;
-        disk::write(&whole.join(name), &bytes, steps)?;
+    let (at, whole) = (hidden.path().to_owned(), hidden.path().join("kept"));
+    let begun = (|| {
+        disk::create_dir(&whole, steps)?;
+        for name in [PAGE, MANIFEST] {
+            let from = object.join(name);
+            let bytes = plain_file::read_at(&from, SMALL_FILE_MAX).map_err(failed("read", &from))?;
+            disk::write(&whole.join(name), &bytes, steps)?;
+        }
+        disk::write(&whole.join(KEEPING), KEEPING_TEXT.as_bytes(), steps)?;
+        disk::rename(&whole, &kept, steps)
+    })();
+    // Where it failed, the hidden folder goes with its name.
+    let ended = match begun {
+        Ok(()) => hidden.close(steps),
+        Err(e) => {
+            drop(hidden);
+            Err(e)
+        }
+    };
+    match ended {
+        Ok(()) => Ok(true),
+        Err(e) => {
+            let why = give_up(e, &kept, slug);
+            Err(if at.exists() { still_there(why, &at) } else { why })
+        }
     }
-    disk::rename(&whole, &kept, steps)?;
-    hidden.close(steps)?;
-    Ok(kept)
+}
+
+/// Whether an earlier attempt has put page and manifest there.
+fn is_kept(kept: &Path, slug: &Slug, manifest: &Manifest, steps: Steps<'_>) -> Result<bool, DraftError> {
+    let Ok(is_own) = is_own_folder(kept) else { return Ok(false) };
+    if !is_own {
+        return Err(DraftError::There(kept.to_owned()));
+    }
+    let there = plain_file::read_at(&kept.join(MANIFEST), MANIFEST_MAX).ok().and_then(|b| Manifest::parse(&b).ok());
+    let there = there.map(|there| there.versions).filter(|there| manifest.versions.starts_with(there));
+    match there {
+        Some(there) if there.len() == manifest.versions.len() => Ok(true),
+        // Begun before the last version was published, and cut off before anything else was put there.
+        Some(_) if holds_only_begun(kept).map_err(failed("read", kept))? => {
+            remove_begun(kept, slug, steps).map(|()| false)
+        }
+        _ => Err(DraftError::There(kept.to_owned())),
+    }
+}
+
+/// Whether nothing is in a folder but what [`begin_keeping`] puts there.
+fn holds_only_begun(kept: &Path) -> io::Result<bool> {
+    for entry in fs::read_dir(kept)? {
+        let name = entry?.file_name();
+        if ![PAGE, MANIFEST, KEEPING].into_iter().any(|begun| name.to_str() == Some(begun)) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// The object is as it was: what this command began in the folder outside goes again.
+fn give_up(why: DraftError, kept: &Path, slug: &Slug) -> DraftError {
+    if matches!(why, DraftError::Unfinished { .. }) {
+        return why;
+    }
+    match remove_begun(kept, slug, &|_| Ok(())) {
+        Ok(()) => why,
+        Err(left) => DraftError::Left { why: Box::new(why), left: Box::new(left) },
+    }
+}
+
+/// The error of a command that could not remove a hidden folder of its own.
+fn still_there(why: DraftError, at: &Path) -> DraftError {
+    let left = failed("remove", at)(io::Error::other("the system refused"));
+    DraftError::Left { why: Box::new(why), left: Box::new(left) }
+}
+
+/// Remove what was begun in the folder outside, if nothing else is in it. It loses its name first: cut off, the same command finds all of it or nothing.
+fn remove_begun(kept: &Path, slug: &Slug, steps: Steps<'_>) -> Result<(), DraftError> {
+    if fs::symlink_metadata(kept).is_err() {
+        return Ok(());
+    }
+    if !holds_only_begun(kept).map_err(failed("remove", kept))? {
+        return Err(failed("remove", kept)(io::Error::other("something that is not from this command is in it")));
+    }
+    let aside = kept.with_file_name(format!("{}left", scratch::prefix(slug)));
+    let removed = disk::remove(&aside, steps)
+        .and_then(|()| disk::rename(kept, &aside, steps))
+        .and_then(|()| disk::remove(&aside, steps));
+    removed.map_err(|e| {
+        let at = if fs::symlink_metadata(kept).is_ok() { kept } else { aside.as_path() };
+        match e {
+            DraftError::Disk { reason, .. } => failed("remove", at)(reason),
+            other => other,
+        }
+    })
 }
 
 /// From here on no page links to a file that will go, and a server serves none.

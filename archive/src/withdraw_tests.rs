@@ -72,13 +72,13 @@ fn no_file_is_removed_that_is_not_kept() {
 fn a_resumed_withdrawal_includes_versions_published_since() {
     let (shelf, keep) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     publish(shelf.path(), 1, &|_| Ok(())).unwrap();
-    let cut = |what: &str| if what == "manifest.json" { Err(io::Error::other("cut off")) } else { Ok(()) };
-    let begun = std::cell::Cell::new(0);
-    let second = |what: &str| {
-        begun.set(begun.get() + u32::from(what == "manifest.json"));
-        if begun.get() > 1 { cut(what) } else { Ok(()) }
-    };
-    ended(shelf.path(), keep.path(), &second).unwrap_err();
+    // As a command leaves it that was killed before the manifest was replaced.
+    let begun = keep.path().join("fort");
+    fs::create_dir(&begun).unwrap();
+    for name in [PAGE, MANIFEST] {
+        fs::copy(shelf.path().join("fort").join(name), begun.join(name)).unwrap();
+    }
+    fs::write(begun.join(KEEPING), KEEPING_TEXT).unwrap();
     publish(shelf.path(), 2, &|_| Ok(())).unwrap();
     let before = tree(&shelf.path().join("fort"));
     let kept = withdrawn(shelf.path(), keep.path()).unwrap();
@@ -120,12 +120,66 @@ fn nothing_was_changed_is_printed_only_if_true_and_a_rerun_finishes() {
             }
             if !is_withdrawn {
                 assert!(tree(&folder.path().join("shelf")) == before, "step {step}");
+                assert!(!folder.path().join("keep").exists(), "step {step}: something is left in the folder outside");
             }
             run(folder.path(), &|_| Ok(())).unwrap();
             assert!(everything(folder.path()) == everything(whole.path()), "step {step}: it does not come to the same");
         }
         assert!(after > 5, "{after} failures after the manifest are too few");
     }
+}
+
+/// Fails when the manifest is to be replaced, after `then`.
+fn failing_at_the_manifest(then: &dyn Fn()) -> impl Fn(&str) -> io::Result<()> + '_ {
+    move |what: &str| {
+        if what != "rename manifest.json" {
+            return Ok(());
+        }
+        then();
+        Err(io::ErrorKind::PermissionDenied.into())
+    }
+}
+
+#[test]
+fn a_failed_withdrawal_removes_what_it_began_and_nothing_that_was_there() {
+    let folder = with_two_versions();
+    let (shelf, keep) = (folder.path().join("shelf"), folder.path().join("keep"));
+    fs::create_dir_all(keep.join("empty")).unwrap();
+    fs::write(keep.join("thesis.txt"), "years of work").unwrap();
+    let everything = || (tree(folder.path()), folders_in(folder.path()));
+    let before = everything();
+    let failed = ended(&shelf, &keep, &failing_at_the_manifest(&|| ())).unwrap_err().to_string();
+    assert!(failed.contains("nothing was changed"), "{failed}");
+    assert!(everything() == before, "{failed}");
+    // What an earlier command began, and was killed, is not of this one.
+    let begun = keep.join("fort");
+    fs::create_dir(&begun).unwrap();
+    for name in [PAGE, MANIFEST] {
+        fs::copy(shelf.join("fort").join(name), begun.join(name)).unwrap();
+    }
+    let before = everything();
+    ended(&shelf, &keep, &failing_at_the_manifest(&|| ())).unwrap_err();
+    assert!(everything() == before);
+    withdrawn(&shelf, &keep).unwrap();
+    assert!(keep.join("thesis.txt").exists() && !begun.join(KEEPING).exists());
+}
+
+#[test]
+fn what_a_failed_withdrawal_cannot_remove_is_named() {
+    let folder = with_two_versions();
+    let (shelf, keep) = (folder.path().join("shelf"), folder.path().join("keep"));
+    let before = tree(&shelf);
+    let theirs = keep.join("fort/thesis.txt");
+    // Somebody puts a file there meanwhile.
+    let meanwhile = || fs::write(&theirs, "years of work").unwrap();
+    let failed = ended(&shelf, &keep, &failing_at_the_manifest(&meanwhile)).unwrap_err().to_string();
+    assert!(!failed.contains("nothing was changed"), "{failed}");
+    let named = keep.join("fort").display().to_string();
+    assert!(failed.contains("what this command began is left") && failed.contains(&named), "{failed}");
+    assert!(tree(&shelf) == before && theirs.exists());
+    // The same command goes on.
+    withdrawn(&shelf, &keep).unwrap();
+    assert!(theirs.exists() && keep.join("fort/v2/a.txt").exists());
 }
 
 #[test]

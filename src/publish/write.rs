@@ -38,7 +38,8 @@ fn run_with(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Resul
     let (shelf, slug) = (&args.to, plan.facts.slug.clone());
     let bar = spinner();
     verify::sound(&plan.given.pack)?;
-    std::fs::create_dir_all(shelf).with_context(|| format!("cannot make the folder {}", shelf.display()))?;
+    // Removed again where nothing is published to it.
+    let _folders = kilwa_archive::made::Made::create(shelf, &|_| Ok(()))?;
     let say = |what: &str| {
         bar.set_message(visible(what).into_owned());
         Ok(())

@@ -7,10 +7,11 @@
 use super::links;
 use super::place::{Bytes, Place};
 use super::progress::Progress;
-use super::report::{Kind, Report};
+use super::report::{Kind, Report, many};
 use super::state::{State, Unit, now};
 use kilwa_archive::checksums::{Checksums, sha256};
 use kilwa_archive::draft::HIDDEN;
+use kilwa_archive::keep::{KEEPING, KEEPING_TEXT};
 use kilwa_archive::layout::{
     ANNOTATIONS, CHECKSUMS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, LICENCE, LINKSET, MANIFEST, METADATA,
     PAGE, PARADATA, POSTER, README, version_of,
@@ -69,8 +70,29 @@ impl Check<'_> {
     }
 
     pub(crate) fn add(&mut self, path: &str, kind: Kind, what: impl Into<String>) {
+        if let Some(lacking) = self.report.lacking.as_mut().filter(|_| kind == Kind::Missing) {
+            *lacking += 1;
+            return;
+        }
         let path = self.path(path);
         self.report.add(path, kind, what);
+    }
+
+    /// From here on nothing may be lacking again; until here a withdrawal was filling or removing this.
+    pub(crate) fn say_withdrawal(&mut self) {
+        let lacking = self.report.lacking.take().unwrap_or(0);
+        let (name, lacking) = (self.path(""), many(lacking, "file"));
+        let again = "run the same `kilwa publish --withdraw` again to finish";
+        self.report
+            .notes
+            .push(format!("{name}: a withdrawal is in progress or was interrupted ({lacking} not there); {again}"));
+    }
+
+    /// Whether a withdrawal has not yet put all files of the object here.
+    fn is_being_kept(&self) -> bool {
+        let Ok(Some(files)) = self.place.list("") else { return false };
+        files.iter().any(|(path, _)| path == KEEPING)
+            && self.place.read(KEEPING, LIST_MAX).is_ok_and(|mark| mark.as_deref() == Some(KEEPING_TEXT.as_bytes()))
     }
 
     /// A file that must be there.
@@ -235,7 +257,17 @@ impl Check<'_> {
             Ok(manifest) => {
                 unit.versions = manifest.versions.iter().map(|v| (v.version, v.checksums.sha256.clone())).collect();
                 self.history(&known, &unit.versions);
+                // A bag that goes says so itself.
+                let is_kept = self.report.lacking.is_none() && self.is_being_kept();
+                if is_kept {
+                    self.report.lacking = Some(0);
+                }
                 self.contents(&manifest)?;
+                if is_kept {
+                    self.say_withdrawal();
+                    // It is looked at again next time.
+                    unit.manifest.clear();
+                }
             }
             Err(e) => {
                 self.add(MANIFEST, Kind::Damaged, e.to_string());
@@ -295,6 +327,7 @@ impl Check<'_> {
     fn contents(&mut self, manifest: &Manifest) -> anyhow::Result<()> {
         let page = self.page(manifest);
         let mut there: BTreeSet<String> = [MANIFEST, PAGE].map(str::to_owned).into();
+        there.extend(self.report.lacking.map(|_| KEEPING.to_owned()));
         let mut complete = true;
         let mut records = Vec::new();
         for version in &manifest.versions {
@@ -341,7 +374,13 @@ impl Check<'_> {
     ) -> anyhow::Result<bool> {
         let folder = &version.folder;
         there.insert(version.checksums.url.clone());
-        let Some(text) = self.entry(&version.checksums) else { return Ok(false) };
+        let Some(text) = self.entry(&version.checksums) else {
+            // Its list may be among what is not there yet, or not any more.
+            if let (Some(_), Ok(Some(files))) = (self.report.lacking, self.place.list(folder)) {
+                there.extend(files.into_iter().map(|(path, _)| path));
+            }
+            return Ok(false);
+        };
         let list = match Checksums::parse(&String::from_utf8_lossy(&text)) {
             Ok(list) => list,
             Err(e) => {

@@ -60,6 +60,9 @@ pub(crate) struct Report {
     /// Figures of a single pack.
     #[serde(skip)]
     pub(crate) pack: Option<PackFigures>,
+    /// Of what a withdrawal fills or removes at the moment, or was interrupted in: files that are not there, which is no problem then.
+    #[serde(skip)]
+    pub(crate) lacking: Option<u64>,
     /// What is worth knowing and no problem.
     pub(crate) notes: Vec<String>,
     /// What is wrong.

@@ -136,6 +136,10 @@ fn the_program_killed_before_any_rename_leaves_a_sound_archive_and_goes_on() {
             deaths += 1;
             let (is_sound, said) = verified(&object);
             assert!(is_sound, "killed before {call} {nth}: {said}");
+            if kept.join("fort").is_dir() {
+                let (is_sound, said) = verified(&kept.join("fort"));
+                assert!(is_sound, "kept, killed before {call} {nth}: {said}");
+            }
             let again = run(command);
             assert!(again.status.success(), "{call} {nth}: {}", String::from_utf8_lossy(&again.stderr));
             let (is_sound, said) = verified(&object);

@@ -338,6 +338,8 @@ pub(super) fn refused(e: &DraftError) -> Refusal {
             "{done}: the disk of the server failed. Run the same command again to finish; if that fails too, {ask}",
             ask = ASK.to_lowercase()
         )),
+        // Of a withdrawal, which no upload is.
+        DraftError::Left { why, .. } => refused(why),
         DraftError::There(_) => Refusal::conflict(
             "this version already exists; check what is published, then run the same command again".to_owned(),
         ),

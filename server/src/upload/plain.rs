@@ -1,9 +1,12 @@
 //! Pictures and previews that hold nothing but what `kilwa publish` puts into them, for versions that are said to be without their location.
 //!
-//! A poster has the head that its encoder writes, to the byte, and as many coded blocks as its size needs. A drawing has the chunks of its encoder, and
-//! pixels that fill its size. A preview has the JSON that is written of its numbers. What somebody paints into the pixels is not seen.
+//! A poster has the head that its encoder writes, to the byte, and as many coded blocks as its size needs, each number in the only way in which the encoder
+//! codes it: JPEG loses digits, so that it cannot be decoded and encoded again. A drawing is to the byte what its encoder writes of its pixels. A preview has
+//! the JSON that is written of its numbers, and its triangles use every vertex. What somebody paints into the pixels is not seen.
 
 use super::files::glb_json;
+use kilwa_archive::drawing;
+use kilwa_archive::layout::{POSTER, THUMBNAILS};
 use flate2::{Crc, Decompress, FlushDecompress, Status};
 use kilwa_archive::layout::{POSTER, THUMBNAILS};
 use kilwa_pack::Metadata;
@@ -16,9 +19,11 @@ const SIZE_AT: std::ops::Range<usize> = 25..29;
 /// Width and height of the poster.
 const POSTER_SIZE: [u32; 2] = [1200, 630];
 /// Pixels for each metre of a drawing: 150 dpi.
+const PER_METRE: u32 = 0x1712;
+/// The same, as a PNG has it.
 const RESOLUTION: &[u8; 9] = b"\0\0\x17\x12\0\0\x17\x12\x01";
-/// Largest side of a drawing, pixels.
-const SIDE_MAX: u32 = 20_000;
+/// Largest side of a drawing, pixels: A4 has 1,754.
+const SIDE_MAX: u32 = 2_000;
 
 const FOREIGN: &str = "holds something beyond its pixels, or is damaged";
 
@@ -49,22 +54,26 @@ fn blocks(coded: &[u8], units: u32) -> Option<()> {
             let (dc, ac) = (tables.get(2 * component)?, tables.get(2 * component + 1)?);
             let size = dc.symbol(&mut bits)?;
             bits.take(u32::from(size))?;
-            let mut k = 1;
+            // Sixteen zeros are coded as such only where another number follows them.
+            let (mut k, mut has_open_zeros) = (1, false);
             while k < 64 {
                 let symbol = ac.symbol(&mut bits)?;
                 let (run, size) = (symbol >> 4, symbol & 15);
                 match (run, size) {
                     (0, 0) => break,
-                    (15, 0) => k += 16,
+                    (15, 0) => (k, has_open_zeros) = (k + 16, true),
                     (_, 0) => return None,
                     _ => {
-                        k += u32::from(run) + 1;
+                        (k, has_open_zeros) = (k + u32::from(run) + 1, false);
                         bits.take(u32::from(size))?;
                     }
                 }
                 if k > 64 {
                     return None;
                 }
+            }
+            if has_open_zeros {
+                return None;
             }
         }
     }
@@ -145,7 +154,8 @@ fn tables() -> Vec<Table<'static>> {
     all
 }
 
-/// A PNG as `kilwa publish` writes drawings: three bytes for each pixel, resolution, one stream of pixels, nothing else.
+/// A PNG as `kilwa publish` writes drawings: three bytes for each pixel, resolution, one stream of pixels, nothing else, and the same bytes when it is
+/// written again.
 pub(super) fn check_png(bytes: &[u8]) -> Result<(), String> {
     let foreign = |what: &str| format!("{FOREIGN}: {what}");
     let mut rest = bytes.get(8..).unwrap_or_default();
@@ -175,7 +185,14 @@ pub(super) fn check_png(bytes: &[u8]) -> Result<(), String> {
     if kinds.last() != Some(&b"IEND") {
         return Err(foreign("it has no end"));
     }
-    if fills(&stream, size) { Ok(()) } else { Err(foreign("its pixels do not fill its size")) }
+    if !fills(&stream, size) {
+        return Err(foreign("its pixels do not fill its size"));
+    }
+    if drawing::is_as_written(bytes, size, PER_METRE) {
+        Ok(())
+    } else {
+        Err(foreign("its pixels are not compressed as this version of kilwa publish compresses them"))
+    }
 }
 
 /// Kind and data of the chunk that bytes begin with, and what follows it.
@@ -332,7 +349,14 @@ impl Said {
                 (min[k], max[k]) = (min[k].min(v), max[k].max(v));
             }
         }
-        let is_vertex = |b: &[u8]| b.try_into().is_ok_and(|b| u64::from(u32::from_le_bytes(b)) < self.vertices);
-        (min, max) == (self.min, self.max) && corners.chunks_exact(4).all(is_vertex)
+        // Vertices are numbered as the triangles first use them: none is there for something else.
+        let mut used = 0;
+        let is_next = |b: &[u8]| {
+            let vertex = b.try_into().map_or(u64::MAX, |b| u64::from(u32::from_le_bytes(b)));
+            let is_known = vertex <= used;
+            used += u64::from(vertex == used);
+            is_known
+        };
+        (min, max) == (self.min, self.max) && corners.chunks_exact(4).all(is_next) && used == self.vertices
     }
 }

@@ -14,21 +14,37 @@ fn withheld(pack: Vec<u8>) -> Version {
     let mut version = Version::new("fort", 1, pack);
     version.intent.location_redacted = true;
     let posters = [("poster.jpg", [1200, 630]), ("poster-600.jpg", [600, 315]), ("poster-300.jpg", [300, 158])];
-    let png = png(&[(b"pHYs", RESOLUTION), (b"IDAT", &zipped(&[0; 14]))]);
-    let others = [("drawings/plan.png", png), ("preview.glb", preview(&json!({}), &[]))];
+    let others = [("drawings/plan.png", drawing(&[0; 12])), ("preview.glb", preview(&json!({}), &[]))];
     for (path, bytes) in posters.map(|(p, size)| (p, jpeg(size, &[]))).into_iter().chain(others) {
         replace(&mut version, path, bytes);
     }
     version
 }
 
+/// A drawing of 2 x 2 pixels as `kilwa publish` writes it.
+fn drawing(pixels: &[u8; 12]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut writer = kilwa_archive::drawing::begin(&mut bytes, [2, 2], 0x1712).unwrap();
+    let mut stream = writer.stream_writer().unwrap();
+    stream.write_all(pixels).unwrap();
+    stream.finish().unwrap();
+    drop(writer);
+    bytes
+}
+
 /// A grey poster as `kilwa publish` writes it, with something before its end.
-fn jpeg([width, height]: [u32; 2], more: &[u8]) -> Vec<u8> {
+fn jpeg(size: [u32; 2], more: &[u8]) -> Vec<u8> {
+    jpeg_with(size, &[], more)
+}
+
+/// The same with more bits in its first block.
+fn jpeg_with([width, height]: [u32; 2], first: &[u8], more: &[u8]) -> Vec<u8> {
     let mut bytes = include_bytes!("../../src/upload/poster-head.bin").to_vec();
     bytes[25..29].copy_from_slice(&(height << 16 | width).to_be_bytes());
     // Three blocks of nothing in 14 bits.
     let units = width.div_ceil(8) * height.div_ceil(8);
-    let bits: Vec<u8> = (0..units).flat_map(|_| [0, 0, 1, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0]).collect();
+    let mut bits: Vec<u8> = (0..units).flat_map(|_| [0, 0, 1, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0]).collect();
+    drop(bits.splice(2..2, first.iter().copied()));
     let whole = |byte: &[u8]| (0..8).fold(0, |sum, i| sum << 1 | byte.get(i).copied().unwrap_or(1));
     bytes.extend(bits.chunks(8).map(whole));
     [&bytes, more, b"\xff\xd9"].concat()
@@ -90,6 +106,22 @@ fn preview(other: &Value, more: &[u8]) -> Vec<u8> {
     [b"glTF", &word(2)[..], &all, &json, b"JSON", text.as_bytes(), &bin, b"BIN\0", &binary].concat()
 }
 
+/// The same with a vertex more, which no triangle uses, inside of the model.
+fn with_unused_vertices() -> Vec<u8> {
+    let other = json!({
+        "/accessors/0/count": 4,
+        "/accessors/1/count": 4,
+        "/bufferViews/0/byteLength": 96,
+        "/bufferViews/1/byteOffset": 96,
+        "/buffers/0/byteLength": 108
+    });
+    let mut bytes = preview(&other, &[0; 24]);
+    // Its position and normal are zero. They stand before the numbers of the corners.
+    let corners = bytes.len() - 36;
+    bytes[corners..].rotate_right(24);
+    bytes
+}
+
 fn replace(version: &mut Version, path: &str, bytes: Vec<u8>) {
     version.files.remove(version.intent.files.iter().position(|f| f.path == path).unwrap());
     version.intent.files.retain(|f| f.path != path);
@@ -136,6 +168,9 @@ fn file(path: &str, bytes: Vec<u8>) -> Version {
 fn previewed(key: &str, value: &Value) -> Version {
     file("preview.glb", preview(&json!({ key: value }), b""))
 }
+
+/// Sixteen numbers of a block that are zero, in bits of a JPEG.
+const ZEROS: [u8; 11] = [1, 1, 1, 1, 1, 1, 1, 1, 0, 0, 1];
 
 /// A segment of a JPEG that holds the true place.
 fn segment(marker: u8) -> Vec<u8> {
@@ -307,6 +342,7 @@ async fn a_withheld_location_is_searched_for_in_the_preview() {
         (previewed("/accessors/0/max", &larger), "preview.glb has coordinates larger than the model"),
         (previewed("/accessors/0/max", &json!([0.375, 0.25, 0.0])), "preview.glb has other vertices or triangles"),
         (file("preview.glb", preview(&json!({}), b"565977__")), "preview.glb has other vertices or triangles"),
+        (file("preview.glb", with_unused_vertices()), "preview.glb has other vertices or triangles"),
     ];
     for (key, value) in [
         ("/meshes/0/name", json!("E565977 N9009946")),
@@ -342,6 +378,9 @@ async fn a_withheld_location_is_searched_for_in_posters() {
         poster(&|b| b.extend(HERE)),
         (file("poster.jpg", jpeg([1200, 630], HERE)), PICTURE),
         (file("poster.jpg", jpeg([1200, 630], &restart)), PICTURE),
+        // Sixteen zeros, and again, before all that follow are zero.
+        (file("poster.jpg", jpeg_with([1200, 630], &ZEROS, b"")), "its coded pixels"),
+        (file("poster.jpg", jpeg_with([1200, 630], &[ZEROS; 3].concat(), b"")), "its coded pixels"),
         (file("poster-600.jpg", jpeg([1200, 630], b"")), "poster-600.jpg holds something beyond its pixels"),
     ])
     .await;
@@ -357,21 +396,50 @@ async fn a_withheld_location_is_searched_for_in_drawings() {
         (world("1\n0\n0\n-1\n565977\n9009946\n"), "drawings/plan.pgw is not in the form"),
         (world("1.0\n0.0\n0.0\n-1.0\n565977.0\n9009946.0\n"), "drawings/plan.pgw places the plan somewhere else"),
     ];
-    let drawing = |chunks: &[(&[u8; 4], &[u8])]| file("drawings/plan.png", png(chunks));
+    let with_chunks = |chunks: &[(&[u8; 4], &[u8])]| file("drawings/plan.png", png(chunks));
     let pixels = zipped(&[0; 14]);
     for kind in [b"tEXt", b"eXIf", b"pHYs", b"gAMA", b"tRNS", b"sBIT", b"PLTE", b"sRGB", b"cHRM", b"IDAT"] {
         for at in 0..=2 {
             let mut chunks = vec![(b"pHYs", RESOLUTION), (b"IDAT", &pixels)];
             chunks.insert(at, (kind, HERE));
-            table.push((drawing(&chunks), PICTURE));
+            table.push((with_chunks(&chunks), PICTURE));
         }
     }
     let more = zipped(&[&[0; 14], HERE].concat());
     for stream in [&more[..], &[&pixels[..], &zipped(HERE)].concat(), &zipped(&[0; 13]), &zipped(&[9; 14])] {
-        let chunks = drawing(&[(b"pHYs", RESOLUTION), (b"IDAT", stream)]);
+        let chunks = with_chunks(&[(b"pHYs", RESOLUTION), (b"IDAT", stream)]);
         table.push((chunks, "its pixels do not fill its size"));
     }
     are_refused(table).await;
+}
+
+/// The same pixels can be compressed in countless ways: one of them is that of `kilwa publish`, and which one of the others it is could be a message.
+#[tokio::test]
+async fn a_drawing_whose_pixels_are_compressed_in_another_way_is_refused_by_name() {
+    let in_parts = |stream: &[u8]| {
+        let (begin, end) = stream.split_at(5);
+        png(&[(b"pHYs", RESOLUTION), (b"IDAT", begin), (b"IDAT", b""), (b"IDAT", end)])
+    };
+    let level = |level: u32| {
+        let mut out = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::new(level));
+        out.write_all(&[0; 14]).unwrap();
+        out.finish().unwrap()
+    };
+    // Rows of zeros are the same with every filter.
+    let filtered = |filters: [u8; 2]| zipped(&[&[filters[0]][..], &[0; 6], &[filters[1]], &[0; 6]].concat());
+    let mut pictures = vec![in_parts(&zipped(&[0; 14]))];
+    for stream in [level(0), level(1), level(9)].into_iter().chain([[1, 2], [3, 4], [4, 1]].map(filtered)) {
+        pictures.push(png(&[(b"pHYs", RESOLUTION), (b"IDAT", &stream)]));
+    }
+    let what = "drawings/plan.png holds something beyond its pixels, or is damaged: its pixels are not compressed as";
+    let own = drawing(&[0; 12]);
+    pictures.retain(|picture| *picture != own);
+    assert!(pictures.len() > 4);
+    are_refused(pictures.into_iter().map(|picture| (file("drawings/plan.png", picture), what)).collect()).await;
+    // Whatever is in the pixels.
+    let m = Museum::new();
+    let (code, status) = m.publish(&file("drawings/plan.png", drawing(b"four colours"))).await;
+    assert_eq!(code, StatusCode::OK, "{:?}", status.error);
 }
 
 /// Without a place, with a channel of the surface, in a cell; and where nothing is announced as withheld, nothing is searched for.

@@ -1,0 +1,141 @@
+//! How drawings to scale are written: PNG of three bytes for each pixel, with their resolution. Whoever writes one and whoever checks that it holds nothing
+//! but its pixels use this encoder, so that the same pixels are the same bytes.
+
+use std::io::{self, Cursor, Write};
+
+/// Begin a picture of so many pixels, and so many of them for each metre of paper. The pixels go to its `stream_writer`.
+///
+/// # Errors
+/// When it cannot be written, or has no pixels.
+pub fn begin<W: Write>(out: W, size: [u32; 2], per_metre: u32) -> Result<png::Writer<W>, png::EncodingError> {
+    let mut encoder = png::Encoder::new(out, size[0], size[1]);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    let pixels = png::PixelDimensions { xppu: per_metre, yppu: per_metre, unit: png::Unit::Meter };
+    encoder.set_pixel_dims(Some(pixels));
+    encoder.write_header()
+}
+
+/// Whether a picture is to the byte what is written of its pixels, so that neither filters nor compression nor chunks hold anything else. It must have three
+/// bytes for each pixel and be no larger than the caller is ready to decode.
+pub fn is_as_written(bytes: &[u8], size: [u32; 2], per_metre: u32) -> bool {
+    let mut again = Again { bytes, at: 0 };
+    write_again(&mut again, size, per_metre).is_some() && again.at == bytes.len()
+}
+
+/// Decode and write it again, row by row. `None` at the first byte that differs.
+fn write_again(again: &mut Again<'_>, size: [u32; 2], per_metre: u32) -> Option<()> {
+    let mut reader = png::Decoder::new(Cursor::new(again.bytes)).read_info().ok()?;
+    let mut writer = begin(again, size, per_metre).ok()?;
+    let mut stream = writer.stream_writer().ok()?;
+    while let Some(row) = reader.next_row().ok()? {
+        stream.write_all(row.data()).ok()?;
+    }
+    stream.finish().ok()
+    // The end of the file is written when the writer is dropped.
+}
+
+/// Compares what is written with what is there.
+struct Again<'a> {
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl Write for Again<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let rest = self.bytes.get(self.at..).unwrap_or_default();
+        if !rest.starts_with(bytes) {
+            return Err(io::ErrorKind::InvalidData.into());
+        }
+        self.at += bytes.len();
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use png::{Compression, Filter};
+
+    const SIZE: [u32; 2] = [150, 90];
+    const PER_METRE: u32 = 5906;
+
+    /// Three bytes for each of the pixels: lines on a gradient, so that filters and compression have a choice.
+    fn pixels() -> Vec<u8> {
+        let at = |x: u32, y: u32| {
+            if (x + 2 * y).is_multiple_of(17) { [0; 3] } else { [x as u8, y as u8, (x * y / 9) as u8] }
+        };
+        (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).flat_map(move |x| at(x, y))).collect()
+    }
+
+    fn written() -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut writer = begin(&mut bytes, SIZE, PER_METRE).unwrap();
+        let mut stream = writer.stream_writer().unwrap();
+        // In parts that are no rows.
+        for part in pixels().chunks(1001) {
+            stream.write_all(part).unwrap();
+        }
+        stream.finish().unwrap();
+        drop(writer);
+        bytes
+    }
+
+    /// The same pixels, written in another way.
+    fn otherwise(compression: Compression, filter: Filter, chunk: usize) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, SIZE[0], SIZE[1]);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_pixel_dims(Some(png::PixelDimensions { xppu: PER_METRE, yppu: PER_METRE, unit: png::Unit::Meter }));
+        encoder.set_compression(compression);
+        encoder.set_filter(filter);
+        let mut writer = encoder.write_header().unwrap();
+        let mut stream = writer.stream_writer_with_size(chunk).unwrap();
+        stream.write_all(&pixels()).unwrap();
+        stream.finish().unwrap();
+        drop(writer);
+        bytes
+    }
+
+    fn decoded(bytes: &[u8]) -> Vec<u8> {
+        let mut reader = png::Decoder::new(Cursor::new(bytes)).read_info().unwrap();
+        let mut all = Vec::new();
+        while let Some(row) = reader.next_row().unwrap() {
+            all.extend_from_slice(row.data());
+        }
+        all
+    }
+
+    #[test]
+    fn the_same_pixels_in_other_bytes_are_not_as_written() {
+        let bytes = written();
+        assert!(is_as_written(&bytes, SIZE, PER_METRE));
+        let mut others = vec![otherwise(Compression::Balanced, Filter::Adaptive, 1000)];
+        for filter in [Filter::NoFilter, Filter::Sub, Filter::Up, Filter::Avg, Filter::Paeth] {
+            others.push(otherwise(Compression::Balanced, filter, 1 << 15));
+        }
+        for compression in [Compression::NoCompression, Compression::Fast, Compression::High] {
+            others.push(otherwise(compression, Filter::Adaptive, 1 << 15));
+        }
+        others.retain(|other| *other != bytes);
+        assert!(others.len() > 5, "{} other forms are too few", others.len());
+        for other in &others {
+            assert!(decoded(other) == pixels(), "another picture");
+            assert!(!is_as_written(other, SIZE, PER_METRE));
+        }
+        // Less, more, and something changed.
+        assert!(!is_as_written(&bytes[..bytes.len() - 12], SIZE, PER_METRE));
+        assert!(!is_as_written(&[&bytes[..], b"more"].concat(), SIZE, PER_METRE));
+        assert!(!is_as_written(&bytes, SIZE, PER_METRE + 1));
+        for at in (0..bytes.len()).step_by(101) {
+            let mut changed = bytes.clone();
+            changed[at] ^= 1;
+            assert!(!is_as_written(&changed, SIZE, PER_METRE), "byte {at}");
+        }
+    }
+}
