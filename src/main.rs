@@ -13,6 +13,7 @@ mod progress;
 mod publish;
 mod redact;
 mod render;
+mod secrets;
 mod serve;
 mod sheet;
 mod source;
@@ -100,15 +101,15 @@ fn without_wayland() {
 #[cfg(not(target_os = "linux"))]
 fn without_wayland() {}
 
-/// The arguments. A shell puts names of files among them: where one acts on a terminal, the answer is without colours of
-/// its own, and escaped.
+/// The arguments. A shell puts names of files among them: where one acts on a terminal, or an address holds a password, the answer is without
+/// colours of its own, and passes through `terminal`.
 fn parsed() -> Cli {
     let error = match Cli::try_parse() {
         Ok(cli) => return cli,
         Err(error) => error,
     };
     let acts = |arg: std::ffi::OsString| arg.to_str().is_none_or(|arg| arg.contains(kilwa_pack::visible::is_control));
-    if !error.use_stderr() || !std::env::args_os().any(acts) {
+    if !error.use_stderr() || !(secrets::are_known() || std::env::args_os().any(acts)) {
         error.exit();
     }
     terminal::say!("{}", error.render().to_string().trim_end());

@@ -17,6 +17,7 @@ mod http;
 mod info_mesh;
 mod inputs;
 mod pack_verbs;
+mod passwords;
 mod patch_sizes;
 mod publish;
 mod real_formats;

@@ -3,6 +3,7 @@
 //! A text file, one JSON object a line, only ever appended to: a run begins, a file was read, a unit (object, bag or single pack) is done,
 //! the run is done. A line that a power cut tore off is passed over. A new run writes the file anew with the last line of each unit.
 
+use crate::secrets::shown;
 use anyhow::{Context, bail};
 use kilwa_files::plain_file;
 use serde::{Deserialize, Serialize};
@@ -185,7 +186,8 @@ impl Known {
             understood = true;
             match line {
                 Line::Run { target, .. } => {
-                    (known.is_running, of) = (true, Some(target));
+                    // Earlier programs wrote the password of an address down.
+                    (known.is_running, of) = (true, Some(shown(&target).into_owned()));
                     known.files.clear();
                     known.done.clear();
                 }
