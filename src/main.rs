@@ -16,6 +16,7 @@ mod render;
 mod secrets;
 mod serve;
 mod sheet;
+mod signals;
 mod source;
 mod synth;
 mod terminal;
@@ -63,18 +64,22 @@ fn run(cli: Cli) -> anyhow::Result<()> {
     }
 }
 
-/// Exit 0 done, 1 the input or the world is wrong, 2 usage (clap's own), 130 stopped by Ctrl-C. A closed pipe is success.
+/// Exit 0 done, 1 the input or the world is wrong, 2 usage (clap's own), 128 and the number of the signal when stopped by one (130 by Ctrl-C). A
+/// closed pipe is success.
 fn main() -> ExitCode {
     let cli = parsed();
     if matches!(cli.verb, Verb::Publish(_) | Verb::Render(_)) {
         without_wayland();
+    }
+    if !matches!(cli.verb, Verb::Build(_) | Verb::Serve(_)) {
+        signals::end_at_once();
     }
     match run(cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) if broken_pipe(&e) => ExitCode::SUCCESS,
         Err(e) if e.is::<build::Interrupted>() => {
             crate::terminal::say!("kilwa: {e}");
-            ExitCode::from(130)
+            ExitCode::from(e.downcast_ref().map_or(130, build::Interrupted::code))
         }
         Err(e) => {
             crate::terminal::say!("kilwa: {e:#}");

@@ -16,6 +16,8 @@ mod hostile;
 mod http;
 mod info_mesh;
 mod inputs;
+#[cfg(unix)]
+mod interrupted;
 mod pack_verbs;
 mod passwords;
 mod patch_sizes;

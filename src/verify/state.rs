@@ -5,7 +5,7 @@
 
 use crate::secrets::shown;
 use anyhow::{Context, bail};
-use kilwa_files::plain_file;
+use kilwa_files::{plain_file, unfinished};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, OpenOptions};
@@ -93,7 +93,8 @@ impl State {
     /// The file of a new run, with what is known from earlier ones.
     fn begin(&self, path: &Path, target: &str, at: u64) -> anyhow::Result<()> {
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut file = tempfile::NamedTempFile::new_in(folder)?;
+        let make = || tempfile::NamedTempFile::new_in(folder);
+        let (mut file, _unfinished) = unfinished::make(make, tempfile::NamedTempFile::path)?;
         for unit in self.units.values() {
             writeln!(file, "{}", serde_json::to_string(&Line::Unit(unit.clone()))?)?;
         }
