@@ -1,5 +1,5 @@
-//! Being told to end by Ctrl-C, SIGTERM or SIGHUP: unfinished temporary files are removed, and the program ends with 128 and the number of
-//! the signal, as a shell shows it. `build` and `serve` come to an end of their own.
+//! Signals to end (Ctrl-C, SIGTERM, SIGHUP): unfinished temporary files are removed, and the program ends with 128 and the number of the
+//! signal, as a shell shows it. `build` and `serve` come to an end of their own.
 //!
 //! A signal that is ignored stays so (`nohup`).
 
@@ -20,12 +20,12 @@ pub(crate) fn end(signal: i32) {
     std::process::exit(128 + signal);
 }
 
-/// Call `told` with the number of each signal that comes, on a thread of its own.
+/// Call `act` with the number of each signal that comes, on a thread of its own.
 ///
 /// # Errors
 /// When the system does not allow it.
 #[cfg(unix)]
-pub(crate) fn listen(told: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
+pub(crate) fn listen(act: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
     use tokio::signal::unix::{SignalKind, signal};
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let mut signals = Vec::new();
@@ -39,14 +39,14 @@ pub(crate) fn listen(told: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
             }
         }
     }
-    let wait = move || runtime.block_on(hand_on(signals, told));
+    let wait = move || runtime.block_on(hand_on(signals, act));
     std::thread::Builder::new().name("signals".to_owned()).spawn(wait)?;
     Ok(())
 }
 
 /// Wait for signals, for ever.
 #[cfg(unix)]
-async fn hand_on(mut signals: Vec<(i32, tokio::signal::unix::Signal)>, mut told: impl FnMut(i32)) {
+async fn hand_on(mut signals: Vec<(i32, tokio::signal::unix::Signal)>, mut act: impl FnMut(i32)) {
     use std::task::Poll;
     loop {
         let next = std::future::poll_fn(|context| {
@@ -55,7 +55,7 @@ async fn hand_on(mut signals: Vec<(i32, tokio::signal::unix::Signal)>, mut told:
             };
             signals.iter_mut().find_map(came).map_or(Poll::Pending, Poll::Ready)
         });
-        told(next.await);
+        act(next.await);
     }
 }
 
@@ -64,8 +64,8 @@ async fn hand_on(mut signals: Vec<(i32, tokio::signal::unix::Signal)>, mut told:
 /// # Errors
 /// When the system does not allow it.
 #[cfg(not(unix))]
-pub(crate) fn listen(mut told: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
-    ctrlc::set_handler(move || told(INTERRUPT)).map_err(io::Error::other)
+pub(crate) fn listen(mut act: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
+    ctrlc::set_handler(move || act(INTERRUPT)).map_err(io::Error::other)
 }
 
 /// Signals that are ignored, where the system tells (Linux): bit n - 1 for number n.
