@@ -1,6 +1,6 @@
 //! `kilwa build`: read, build by way of scratch files, write under a temporary name, read back and check, rename.
 //!
-//! Ctrl-C stops cleanly and keeps the scratch files for `--resume`; an error removes them. Exit code 130 after Ctrl-C.
+//! Ctrl-C stops cleanly and keeps the scratch files for `--resume`; an error removes them. Exit code 130 after Ctrl-C, 143 after SIGTERM.
 
 mod need;
 mod output;
@@ -9,6 +9,7 @@ mod size;
 
 use crate::inputs::{InputArgs, Inputs};
 use crate::progress::Bar;
+use crate::signals;
 use anyhow::Context;
 use kilwa_builder::build::machine;
 use kilwa_builder::build::options::{COLOR_BITS, NORMAL_BITS};
@@ -22,6 +23,7 @@ use size::human;
 use std::io::Write;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicI32, Ordering};
 use std::time::Instant;
 
 /// Turn a mesh into a pack.
@@ -98,6 +100,13 @@ impl std::fmt::Display for Interrupted {
 
 impl std::error::Error for Interrupted {}
 
+impl Interrupted {
+    /// What the program ends with.
+    pub(crate) fn code(&self) -> u8 {
+        u8::try_from(128 + SIGNAL.load(Ordering::Relaxed)).unwrap_or(u8::MAX)
+    }
+}
+
 /// So many bits as an option allows.
 fn bits(range: RangeInclusive<u8>) -> clap::builder::RangedI64ValueParser<u8> {
     clap::value_parser!(u8).range(i64::from(*range.start())..=i64::from(*range.end()))
@@ -148,6 +157,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     };
     let memory = args.memory.unwrap_or_else(machine::default_budget);
     let bar = Bar::new();
+    let stop = stop_on_signals()?;
     // Before any input is read: a folder that cannot be written to is better known now than in an hour.
     let mut output = Output::create(&args.output)?;
     let scratch = open_scratch(args)?;
@@ -162,7 +172,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             human(need.pack_bytes)
         );
     }
-    let stop = stop_on_signals()?;
     let mut work = || -> anyhow::Result<BuildReport> {
         need.check(scratch.folder(), folder_of(&args.output), held)?;
         let run = Run { scratch: &scratch, memory, resume: args.resume, stop: &stop, progress: &bar };
@@ -249,14 +258,18 @@ fn discard_earlier(scratch: &Scratch) -> anyhow::Result<u64> {
     Ok(0)
 }
 
+/// The number of the signal that asked for a stop.
+static SIGNAL: AtomicI32 = AtomicI32::new(signals::INTERRUPT);
+
 /// The first signal asks for a clean stop, the second ends at once (scratch files stay good for `--resume`).
 fn stop_on_signals() -> anyhow::Result<Stop> {
     let stop = Stop::default();
     let asked = stop.clone();
-    ctrlc::set_handler(move || {
+    signals::listen(move |number| {
         if asked.asked() {
-            std::process::exit(130);
+            signals::end(number);
         }
+        SIGNAL.store(number, Ordering::Relaxed);
         asked.ask();
     })
     .context("cannot listen for Ctrl-C")?;

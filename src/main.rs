@@ -13,8 +13,10 @@ mod progress;
 mod publish;
 mod redact;
 mod render;
+mod secrets;
 mod serve;
 mod sheet;
+mod signals;
 mod source;
 mod synth;
 mod terminal;
@@ -62,18 +64,22 @@ fn run(cli: Cli) -> anyhow::Result<()> {
     }
 }
 
-/// Exit 0 done, 1 the input or the world is wrong, 2 usage (clap's own), 130 stopped by Ctrl-C. A closed pipe is success.
+/// Exit 0 done, 1 the input or the world is wrong, 2 usage (clap's own), 128 and the number of the signal when stopped by one (130 by Ctrl-C). A
+/// closed pipe is success.
 fn main() -> ExitCode {
     let cli = parsed();
     if matches!(cli.verb, Verb::Publish(_) | Verb::Render(_)) {
         without_wayland();
+    }
+    if !matches!(cli.verb, Verb::Build(_) | Verb::Serve(_)) {
+        signals::end_at_once();
     }
     match run(cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) if broken_pipe(&e) => ExitCode::SUCCESS,
         Err(e) if e.is::<build::Interrupted>() => {
             crate::terminal::say!("kilwa: {e}");
-            ExitCode::from(130)
+            ExitCode::from(e.downcast_ref().map_or(130, build::Interrupted::code))
         }
         Err(e) => {
             crate::terminal::say!("kilwa: {e:#}");
@@ -100,15 +106,15 @@ fn without_wayland() {
 #[cfg(not(target_os = "linux"))]
 fn without_wayland() {}
 
-/// The arguments. A shell puts names of files among them: where one acts on a terminal, the answer is without colours of
-/// its own, and escaped.
+/// The arguments. A shell puts names of files among them: where one acts on a terminal, or an address holds a password, the answer is without
+/// colours of its own, and passes through `terminal`.
 fn parsed() -> Cli {
     let error = match Cli::try_parse() {
         Ok(cli) => return cli,
         Err(error) => error,
     };
     let acts = |arg: std::ffi::OsString| arg.to_str().is_none_or(|arg| arg.contains(kilwa_pack::visible::is_control));
-    if !error.use_stderr() || !std::env::args_os().any(acts) {
+    if !error.use_stderr() || !(secrets::are_known() || std::env::args_os().any(acts)) {
         error.exit();
     }
     terminal::say!("{}", error.render().to_string().trim_end());

@@ -1,23 +1,42 @@
-//! Files that get their name only when they are complete: nobody reads half of one, and a failure leaves nothing behind.
+//! Files that get their name only when they are complete: nobody reads half of one, and neither a failure nor a signal leaves anything behind.
 
 use anyhow::Context;
+use kilwa_files::unfinished::{self, Unfinished};
 use std::fs::File;
 use std::path::Path;
 
-/// A folder among the system's temporary files, removed when it is dropped. Only its owner can look into it, because it may contain a closed model.
+/// A folder among the system's temporary files, removed when it is dropped or a signal ends the program. Only its owner can look into
+/// it, because it may contain a closed model.
+#[derive(Debug)]
+pub(crate) struct PrivateFolder {
+    folder: tempfile::TempDir,
+    _unfinished: Unfinished,
+}
+
+impl PrivateFolder {
+    pub(crate) fn path(&self) -> &Path {
+        self.folder.path()
+    }
+}
+
+/// Make one.
 ///
 /// # Errors
 /// The system's error.
-pub(crate) fn private_folder(prefix: &str) -> std::io::Result<tempfile::TempDir> {
+pub(crate) fn private_folder(prefix: &str) -> std::io::Result<PrivateFolder> {
     let mut builder = tempfile::Builder::new();
     // Temporary files are private by default; temporary folders are not.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
-    builder.prefix(prefix).tempdir()
+    let (folder, noted) = unfinished::make(|| builder.prefix(prefix).tempdir(), tempfile::TempDir::path)?;
+    Ok(PrivateFolder { folder, _unfinished: noted })
 }
 
-/// A file under a temporary name in the folder that it will be in; gone when it is dropped.
-pub(crate) struct NewFile(tempfile::NamedTempFile);
+/// A file under a temporary name in the folder that it will be in; gone when it is dropped or a signal ends the program.
+pub(crate) struct NewFile {
+    file: tempfile::NamedTempFile,
+    _unfinished: Unfinished,
+}
 
 impl NewFile {
     /// Begin the file that will be at `path`.
@@ -26,13 +45,15 @@ impl NewFile {
     /// When its folder is not there or cannot be written to.
     pub(crate) fn beside(path: &Path) -> anyhow::Result<Self> {
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let file = tempfile::Builder::new().prefix(".kilwa-").tempfile_in(folder);
-        Ok(Self(file.with_context(|| format!("cannot write {}", path.display()))?))
+        let make = || tempfile::Builder::new().prefix(".kilwa-").tempfile_in(folder);
+        let made = unfinished::make(make, tempfile::NamedTempFile::path);
+        let (file, noted) = made.with_context(|| format!("cannot write {}", path.display()))?;
+        Ok(Self { file, _unfinished: noted })
     }
 
     /// What is written to.
     pub(crate) fn file(&mut self) -> &mut File {
-        self.0.as_file_mut()
+        self.file.as_file_mut()
     }
 
     /// Give it its name, on disk and as readable as any other new file; `replace` what is there, or refuse.
@@ -41,14 +62,14 @@ impl NewFile {
     /// When it cannot be written, or is there and must not be replaced.
     pub(crate) fn name(self, path: &Path, replace: bool) -> anyhow::Result<()> {
         let failed = || format!("cannot write {}", path.display());
-        self.0.as_file().sync_all().with_context(failed)?;
+        self.file.as_file().sync_all().with_context(failed)?;
         #[cfg(unix)]
         {
             // Temporary files are private.
             use std::os::unix::fs::PermissionsExt;
-            self.0.as_file().set_permissions(std::fs::Permissions::from_mode(0o644)).with_context(failed)?;
+            self.file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644)).with_context(failed)?;
         }
-        let named = if replace { self.0.persist(path) } else { self.0.persist_noclobber(path) };
+        let named = if replace { self.file.persist(path) } else { self.file.persist_noclobber(path) };
         named.map_err(|e| e.error).with_context(failed)?;
         Ok(())
     }

@@ -1,5 +1,6 @@
 //! `kilwa serve`.
 
+use crate::new_file::PrivateFolder;
 use anyhow::Context;
 use kilwa_pack::visible::visible;
 use kilwa_server::access::Sessions;
@@ -299,7 +300,7 @@ fn uploads(args: &Args, site: &Site, page: Page) -> anyhow::Result<Option<Arc<Up
 }
 
 /// The cache of extracts, and the folder that goes with the program where there was no better place.
-fn extracts(args: &ExtractArgs) -> anyhow::Result<Option<(Option<tempfile::TempDir>, Arc<Extracts>)>> {
+fn extracts(args: &ExtractArgs) -> anyhow::Result<Option<(Option<PrivateFolder>, Arc<Extracts>)>> {
     if args.cache_size == 0 {
         return Ok(None);
     }

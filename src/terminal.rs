@@ -4,8 +4,10 @@
 //! move the cursor of a terminal, change its title, hide lines or turn text round. So everything that acts on a terminal
 //! is shown by its number ([`kilwa_pack::visible`]), whether or not there is a terminal: logs are looked at in one, too.
 //! Line ends and tabs stay, because the program writes them itself; where a name must not make lines of its own, it goes
-//! through [`visible`](kilwa_pack::visible::visible) first. JSON is escaped as JSON is.
+//! through [`visible`](kilwa_pack::visible::visible) first. JSON is escaped as JSON is. Passwords in addresses are replaced
+//! ([`crate::secrets`]).
 
+use crate::secrets::hide;
 use kilwa_pack::visible::is_control;
 use serde::Serialize;
 use std::fmt::{self, Write as _};
@@ -44,7 +46,7 @@ pub(crate) use say;
 pub(crate) fn json_text(value: &impl Serialize) -> serde_json::Result<String> {
     let text = serde_json::to_string_pretty(value)?;
     let mut out = String::with_capacity(text.len());
-    text.chars().for_each(|c| escape(c, Form::Json, &mut out));
+    hide(&text).chars().for_each(|c| escape(c, Form::Json, &mut out));
     Ok(out)
 }
 
@@ -55,7 +57,7 @@ pub(crate) fn json_text(value: &impl Serialize) -> serde_json::Result<String> {
 pub(crate) fn json_line(value: &impl Serialize) -> serde_json::Result<String> {
     let text = serde_json::to_string(value)?;
     let mut out = String::with_capacity(text.len());
-    text.chars().for_each(|c| escape(c, Form::Json, &mut out));
+    hide(&text).chars().for_each(|c| escape(c, Form::Json, &mut out));
     Ok(out)
 }
 
@@ -98,7 +100,7 @@ impl<W: Write> Write for Escaping<W> {
         all.extend_from_slice(bytes);
         let mut out = String::with_capacity(all.len());
         for chunk in all.utf8_chunks() {
-            chunk.valid().chars().for_each(|c| escape(c, self.form, &mut out));
+            hide(chunk.valid()).chars().for_each(|c| escape(c, self.form, &mut out));
             let invalid = chunk.invalid();
             let is_last = invalid.as_ptr_range().end == all.as_ptr_range().end;
             if is_last && is_begun(invalid) {

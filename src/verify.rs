@@ -12,6 +12,7 @@ mod report;
 mod state;
 mod web;
 
+use crate::secrets::shown;
 use crate::source::FileSource;
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -80,14 +81,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         None => State::default(),
     };
     let progress = Progress::new();
-    let mut report = Report { target: args.target.clone(), ..Report::default() };
+    let mut report = Report { target: shown(&args.target).into_owned(), ..Report::default() };
     // Only who looks wants to know how much is left.
     for item in items.iter().filter(|_| progress.is_shown()) {
         expect(place.as_ref(), item, &progress);
     }
     for item in &items {
         let before = report.count();
-        let name = if item.path.is_empty() { args.target.clone() } else { item.path.clone() };
+        let name = if item.path.is_empty() { report.target.clone() } else { item.path.clone() };
         progress.at(&name);
         let Some(unit) = check(place.as_ref(), item, &mut report, &mut state, &progress)? else {
             report.skipped += 1;
@@ -120,8 +121,8 @@ fn say(args: &Args, items: &[Item], report: &Report) -> anyhow::Result<()> {
             crate::terminal::say!("kilwa: {note}");
         }
         match &report.pack {
-            Some(pack) if single => writeln!(out, "{}: {}", args.target, pack.summary()),
-            _ if report.count() == 0 || items.len() > 1 => writeln!(out, "{}: {}", args.target, report.summary()),
+            Some(pack) if single => writeln!(out, "{}: {}", report.target, pack.summary()),
+            _ if report.count() == 0 || items.len() > 1 => writeln!(out, "{}: {}", report.target, report.summary()),
             _ => Ok(()),
         }
     };
@@ -131,7 +132,13 @@ fn say(args: &Args, items: &[Item], report: &Report) -> anyhow::Result<()> {
     // Damage is what counts, even where nobody listens to the report.
     if items.len() > 1 {
         let bad = report.objects - report.sound_objects;
-        bail!("{}: {} in {} of {}", args.target, many(report.count(), "problem"), bad, many(report.objects, "object"));
+        bail!(
+            "{}: {} in {} of {}",
+            report.target,
+            many(report.count(), "problem"),
+            bad,
+            many(report.objects, "object")
+        );
     }
     let line = |p: &report::Problem| if single { p.what.clone() } else { format!("{}: {}", p.file, p.what) };
     let mut message =
@@ -140,7 +147,7 @@ fn say(args: &Args, items: &[Item], report: &Report) -> anyhow::Result<()> {
     if left > 0 {
         let _ = write!(message, "\n  and {left} more damaged parts");
     }
-    Err(anyhow::anyhow!(message)).with_context(|| args.target.clone())
+    Err(anyhow::anyhow!(message)).with_context(|| report.target.clone())
 }
 
 /// Check a pack that something is going to be made of.
@@ -177,7 +184,7 @@ fn of_pack(report: &Report) -> serde_json::Value {
 /// What a target is called in a state file, from wherever it is checked.
 fn canonical(target: &str) -> String {
     if is_address(target) {
-        return target.to_owned();
+        return shown(target).into_owned();
     }
     Path::new(target).canonicalize().map_or_else(|_| target.to_owned(), |path| path.display().to_string())
 }

@@ -16,7 +16,10 @@ mod hostile;
 mod http;
 mod info_mesh;
 mod inputs;
+#[cfg(unix)]
+mod interrupted;
 mod pack_verbs;
+mod passwords;
 mod patch_sizes;
 mod publish;
 mod real_formats;

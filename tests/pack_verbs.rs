@@ -272,6 +272,68 @@ fn verify_names_the_damaged_part() {
     assert!(["chunk 1", "chunk 3", "chunk 5"].iter().all(|c| said.contains(c)), "every damaged chunk is named: {said}");
 }
 
+/// A pack in whose header or first directory page something was changed, with all hashes right again.
+fn forged(pack: &[u8], change: impl FnOnce(&mut [u8])) -> Vec<u8> {
+    let mut bytes = pack.to_vec();
+    change(&mut bytes);
+    let page = u64::from_le_bytes(bytes[104..112].try_into().unwrap()) as usize;
+    bytes[page + 16..page + 32].fill(0);
+    let sum = kilwa_pack::checksum(&bytes[page..page + 16_384]);
+    bytes[page + 16..page + 32].copy_from_slice(&sum);
+    let hash = blake3::hash(&bytes[..224]);
+    bytes[224..256].copy_from_slice(hash.as_bytes());
+    let end = bytes.len();
+    bytes[end - 64..end - 32].copy_from_slice(hash.as_bytes());
+    bytes[end - 32..].copy_from_slice(blake3::hash(&sum).as_bytes());
+    bytes
+}
+
+#[test]
+fn verify_finds_what_is_wrong_though_all_hashes_are_right() {
+    let folder = tempfile::tempdir().unwrap();
+    let good = std::fs::read(&torus().1).unwrap();
+    let reader = kilwa_pack::Reader::open(kilwa_pack::SliceSource(&good)).unwrap();
+    let header = reader.header();
+    assert_eq!(header.page_count(), 1, "hashes are made again for packs of one page");
+    let path = folder.path().join("forged.kilwa");
+    let write = |change: &dyn Fn(&mut [u8])| std::fs::write(&path, forged(&good, change)).unwrap();
+    let color_error = |entry: usize| header.first_page as usize + 128 * (1 + entry) + 24;
+    let set = |at: usize, error: f32| move |b: &mut [u8]| b[at..at + 4].copy_from_slice(&error.to_le_bytes());
+    // That of the root says nothing.
+    write(&set(color_error(0), f32::INFINITY));
+    succeeds(&["verify", text(&path)]);
+    write(&set(color_error(1), 255.0));
+    succeeds(&["verify", text(&path)]);
+    for error in [255.5, 1e30, f32::INFINITY] {
+        write(&set(color_error(1), error));
+        let said = fails(&["verify", text(&path)]);
+        assert!(said.contains("directory entry 1") && said.contains("at most 255"), "{error}: {said}");
+    }
+    // Between two parts, where no gap gives a wrong place of no pages away.
+    let places = [header.first_page + 16_384, reader.entries()[1].offset, header.file_bytes - 80];
+    let wrong: Vec<u64> = places.into_iter().filter(|at| *at != header.other_pages).collect();
+    assert!(wrong.len() >= 2);
+    for at in wrong {
+        write(&|b: &mut [u8]| b[112..120].copy_from_slice(&at.to_le_bytes()));
+        let said = fails(&["verify", text(&path)]);
+        assert!(said.contains("directory page 1 is at byte"), "{at}: {said}");
+    }
+}
+
+/// Whoever checks a folder may name a disk image by mistake. Reading it to its end would take hours.
+#[test]
+fn verify_does_not_read_a_file_that_is_no_pack() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("image.kilwa");
+    // A hole of a TiB takes no room, and would take hours to read.
+    std::fs::File::create(&path).unwrap().set_len(1 << 40).unwrap();
+    let said = fails(&["verify", text(&path)]);
+    assert!(said.contains("not a Kilwa pack") && said.contains("image.kilwa"), "{said}");
+    let output = kilwa(&["verify", text(&path), "--json"]);
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&report["sound"], output.status.code()), (&serde_json::Value::Bool(false), Some(1)));
+}
+
 /// `kilwa info x | head -1` is no failure, whoever reads first.
 #[test]
 #[cfg(unix)]

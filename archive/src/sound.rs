@@ -29,7 +29,7 @@ pub type Told<'a> = &'a dyn Fn(u64);
 pub struct Checked {
     /// Bytes of the file.
     pub bytes: u64,
-    /// Of all of it, where all could be read.
+    /// Of all of it, where all could be read; of a file that does not begin as a pack, nothing is read on.
     pub sha256: Option<String>,
     /// The counts, where it could be opened.
     pub totals: Option<Totals>,
@@ -89,6 +89,12 @@ pub fn check<S: Source + Sync + ?Sized>(source: &S, told: Told<'_>) -> io::Resul
             checked.identity = Some(reader.identity());
             checked.totals = Some(chunks(&reader, &mut pass, &mut checked));
         }
+        // What does not begin as a pack is not read on: it may be anything, of any length.
+        Err(e @ PackError::Magic) => {
+            checked.add(e.to_string());
+            told(checked.bytes);
+            return Ok(checked);
+        }
         Err(e) => checked.add(e.to_string()),
     }
     pass.skip_to(checked.bytes, &mut checked);
@@ -139,6 +145,9 @@ impl<S: Source + ?Sized> Pass<'_, S> {
 fn chunks<R: Source, S: Source + ?Sized>(reader: &Reader<R>, pass: &mut Pass<'_, S>, checked: &mut Checked) -> Totals {
     let entries = reader.entries();
     if let Err(e) = kilwa_pack::verify::directory(entries) {
+        checked.add(e.to_string());
+    }
+    if let Err(e) = kilwa_pack::verify::order(reader.header(), entries) {
         checked.add(e.to_string());
     }
     match gaps(reader) {
@@ -245,4 +254,32 @@ pub fn sha256<S: Source + ?Sized>(source: &S, told: Told<'_>) -> io::Result<(u64
         at += n;
     }
     Ok((length, hex(&hash.finalize())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    /// Zeros, and how many of them were read.
+    struct Zeros(AtomicU64);
+
+    impl Source for Zeros {
+        fn len(&self) -> io::Result<u64> {
+            Ok(64 << 20)
+        }
+
+        fn read_at(&self, _: u64, length: usize) -> io::Result<Vec<u8>> {
+            self.0.fetch_add(length as u64, Ordering::Relaxed);
+            Ok(vec![0; length])
+        }
+    }
+
+    #[test]
+    fn a_file_that_does_not_begin_as_a_pack_is_not_read_on() {
+        let zeros = Zeros(AtomicU64::new(0));
+        let checked = check(&zeros, &|_| {}).unwrap();
+        assert!(checked.damage().unwrap().contains("not a Kilwa pack"), "{checked:?}");
+        assert!(zeros.0.into_inner() <= 256, "no more than a header is read");
+    }
 }

@@ -7,6 +7,7 @@ use anyhow::Context;
 use kilwa_builder::Progress;
 use kilwa_builder::build::work::Stop;
 use kilwa_files::plain_file;
+use kilwa_files::unfinished::{Unfinished, note};
 use kilwa_pack::verify::{self, Totals};
 use rayon::prelude::*;
 use std::fs::{File, Metadata};
@@ -62,6 +63,8 @@ pub(super) struct Output {
     writer: BufWriter<File>,
     temporary: tempfile::TempPath,
     name: PathBuf,
+    // Dropped after the file.
+    _unfinished: Unfinished,
 }
 
 impl Output {
@@ -83,7 +86,8 @@ impl Output {
         }
         file.set_len(0).with_context(cannot)?;
         let temporary = tempfile::TempPath::try_from_path(&part).with_context(cannot)?;
-        Ok(Self { writer: BufWriter::with_capacity(BUFFER, file), temporary, name: name.to_owned() })
+        let writer = BufWriter::with_capacity(BUFFER, file);
+        Ok(Self { writer, temporary, name: name.to_owned(), _unfinished: note(&part) })
     }
 
     /// All `bytes` of the pack were written: cut off what an earlier attempt may have left, and wait for the disk.

@@ -1,6 +1,7 @@
 //! Writing a file so that its name never shows a half of it.
 
 use anyhow::Context;
+use kilwa_files::unfinished;
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -54,7 +55,7 @@ impl Output {
         Ok(Scratch { vertices: open()?, triangles: open()? })
     }
 
-    /// Write with `body` and return the number of bytes; on failure nothing is left.
+    /// Write with `body` and return the number of bytes; after a failure or a signal nothing is left.
     ///
     /// # Errors
     /// What the system says, naming the file.
@@ -68,7 +69,8 @@ impl Output {
         builder.prefix(".kilwa-").suffix(".part");
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let file = builder.tempfile_in(self.folder()).with_context(cannot)?;
+        let made = unfinished::make(|| builder.tempfile_in(self.folder()), tempfile::NamedTempFile::path);
+        let (file, _unfinished) = made.with_context(cannot)?;
         let bytes = fill(file.as_file(), body).with_context(cannot)?;
         file.as_file().sync_all().with_context(cannot)?;
         let renamed = if self.replace { file.persist(&self.path) } else { file.persist_noclobber(&self.path) };

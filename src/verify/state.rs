@@ -3,8 +3,9 @@
 //! A text file, one JSON object a line, only ever appended to: a run begins, a file was read, a unit (object, bag or single pack) is done,
 //! the run is done. A line that a power cut tore off is passed over. A new run writes the file anew with the last line of each unit.
 
+use crate::secrets::shown;
 use anyhow::{Context, bail};
-use kilwa_files::plain_file;
+use kilwa_files::{plain_file, unfinished};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, OpenOptions};
@@ -92,7 +93,8 @@ impl State {
     /// The file of a new run, with what is known from earlier ones.
     fn begin(&self, path: &Path, target: &str, at: u64) -> anyhow::Result<()> {
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut file = tempfile::NamedTempFile::new_in(folder)?;
+        let make = || tempfile::NamedTempFile::new_in(folder);
+        let (mut file, _unfinished) = unfinished::make(make, tempfile::NamedTempFile::path)?;
         for unit in self.units.values() {
             writeln!(file, "{}", serde_json::to_string(&Line::Unit(unit.clone()))?)?;
         }
@@ -185,7 +187,8 @@ impl Known {
             understood = true;
             match line {
                 Line::Run { target, .. } => {
-                    (known.is_running, of) = (true, Some(target));
+                    // Earlier programs wrote the password of an address down.
+                    (known.is_running, of) = (true, Some(shown(&target).into_owned()));
                     known.files.clear();
                     known.done.clear();
                 }

@@ -6,6 +6,7 @@
 
 use super::place::{Bytes, Place};
 use crate::distrust::is_distrusted;
+use crate::secrets::without_user;
 use crate::source::FileSource;
 use kilwa_pack::Source;
 use std::fmt::Write as _;
@@ -39,6 +40,8 @@ pub(crate) fn is_address(text: &str) -> bool {
 impl Web {
     /// The folder that an address names, and the rest of the address: the name of a file, or nothing.
     pub(crate) fn split(address: &str) -> (Self, String) {
+        // Nothing that the library says can hold a password then. It would not send one anyway.
+        let address = without_user(address);
         let plain = address.split(['?', '#']).next().unwrap_or_default();
         let host_end = plain.find("://").map_or(0, |at| at + 3);
         let (base, name) = match plain.get(host_end..).and_then(|path| path.rfind('/')) {
@@ -198,7 +201,8 @@ fn take_part(response: &mut Response<ureq::Body>, from: u64, last: u64) -> io::R
 
 fn take_whole(mut response: Response<ureq::Body>) -> io::Result<Outcome> {
     let announced: Option<u64> = header(&response, "content-length").and_then(|l| l.parse().ok());
-    let mut file = tempfile::NamedTempFile::new()?;
+    // Without a name: nothing is left of it, however the program ends.
+    let mut file = tempfile::tempfile()?;
     let mut body = response.body_mut().as_reader();
     let mut buffer = vec![0; 1 << 18];
     let mut came = 0;
@@ -218,25 +222,8 @@ fn take_whole(mut response: Response<ureq::Body>) -> io::Result<Outcome> {
     if announced.is_some_and(|announced| announced != came) {
         return Ok(Outcome::Passing(format!("{came} of {} bytes came", announced.unwrap_or(0)), None));
     }
-    file.as_file_mut().rewind()?;
-    let source = FileSource::open(file.path())?;
-    Ok(Outcome::Came(Some(Answer::Whole(Box::new(Kept { source, _file: file })))))
-}
-
-/// A temporary file, gone with its last reader.
-struct Kept {
-    source: FileSource,
-    _file: tempfile::NamedTempFile,
-}
-
-impl Source for Kept {
-    fn len(&self) -> io::Result<u64> {
-        self.source.len()
-    }
-
-    fn read_at(&self, offset: u64, length: usize) -> io::Result<Vec<u8>> {
-        self.source.read_at(offset, length)
-    }
+    file.rewind()?;
+    Ok(Outcome::Came(Some(Answer::Whole(Box::new(FileSource::of(file))))))
 }
 
 /// A file on a server that knows ranges.
@@ -295,6 +282,7 @@ mod tests {
             ("http://a.example/x", "http://a.example/x/", ""),
             ("http://a.example/x/manifest.json?v=1#p", "http://a.example/x/", "manifest.json"),
             ("http://a.example/x.kilwa", "http://a.example/", "x.kilwa"),
+            ("http://me:secret@a.example/x.kilwa", "http://a.example/", "x.kilwa"),
         ] {
             let (web, file) = Web::split(address);
             assert_eq!((web.base.as_str(), file.as_str()), (base, name), "{address}");

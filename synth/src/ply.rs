@@ -2,10 +2,11 @@
 //!
 //! PLY wants all vertices before the first face and both counts before everything. So vertices go to the file behind a
 //! header of fixed length, faces to a second temporary file that is appended at the end, and the header is written
-//! last. Both are temporary files in the folder of the target, removed on any failure; [`Finished::keep`] renames.
+//! last. Both are temporary files in the folder of the target, removed on any failure and by a signal; [`Finished::keep`] renames.
 
 use super::SynthError;
 use super::piece::Sink;
+use kilwa_files::unfinished::{self, Unfinished};
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -64,6 +65,8 @@ pub(super) struct Writer {
     header_bytes: usize,
     vertex_count: u64,
     face_count: u64,
+    // Dropped after the file.
+    unfinished: Unfinished,
 }
 
 impl Writer {
@@ -75,7 +78,8 @@ impl Writer {
         // A temporary file is its owner's alone; the finished one is to be like any other file.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let target = builder.tempfile_in(folder(path)).map_err(fail)?;
+        let make = || builder.tempfile_in(folder(path));
+        let (target, unfinished) = unfinished::make(make, NamedTempFile::path).map_err(fail)?;
         let faces = tempfile::tempfile_in(folder(path)).map_err(fail)?;
         let mut writer = Self {
             path: path.to_owned(),
@@ -86,6 +90,7 @@ impl Writer {
             header_bytes: 0,
             vertex_count: 0,
             face_count: 0,
+            unfinished,
         };
         writer.header_bytes = writer.header(u64::MAX, u64::MAX, 0).len() + 1;
         let room = vec![b' '; writer.header_bytes];
@@ -114,12 +119,12 @@ impl Writer {
     /// Append the faces, write the header, and hand over a complete file that still has a temporary name.
     pub(super) fn finish(mut self) -> Result<Finished, SynthError> {
         let bytes = self.join().map_err(|e| self.error(e))?;
-        let path = self.path;
+        let (path, unfinished) = (self.path, self.unfinished);
         let file =
             self.vertices.into_inner().map_err(|e| SynthError::Io { path: path.clone(), source: e.into_error() })?;
         // Closed here: a thousand blocks must not need a thousand open files.
         let file = file.into_temp_path();
-        Ok(Finished { path, file, vertices: self.vertex_count, triangles: self.face_count, bytes })
+        Ok(Finished { path, file, vertices: self.vertex_count, triangles: self.face_count, bytes, unfinished })
     }
 
     fn join(&mut self) -> io::Result<u64> {
@@ -178,12 +183,13 @@ pub(super) struct Finished {
     pub(super) vertices: u64,
     pub(super) triangles: u64,
     pub(super) bytes: u64,
+    unfinished: Unfinished,
 }
 
 impl Finished {
     /// Give it its final name; without `force` never over a file that has appeared meanwhile.
     pub(super) fn keep(self, force: bool) -> Result<(), SynthError> {
-        let Self { path, file, .. } = self;
+        let Self { path, file, unfinished: _unfinished, .. } = self;
         let kept = if force { file.persist(&path) } else { file.persist_noclobber(&path) };
         kept.map(drop).map_err(|e| SynthError::Io { path, source: e.error })
     }

@@ -73,6 +73,7 @@ def verify(pack):
             # The bound is rounded up to 32 bits.
             need(all(entries[k].error <= bound * (1 + 2**-23) + 2**-149 for k in children[i]), f"a child of entry {i} has a larger error")
         need(not entry.whole or all(d is not None or a == b for d, a, b in chunk.by_patch()), f"the children of entry {i} do not replace all of it")
+        need(i == 0 or entry.color_error <= 255, f"the colour error of entry {i} is not possible")
         need(i == 0 or entries[i - 1].level <= entry.level, f"entry {i} is not in the order of levels")
         for p in entry.parents:
             parent = entries[p]

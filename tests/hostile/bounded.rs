@@ -341,3 +341,40 @@ fn a_picture_that_decodes_to_more_than_the_memory_is_refused_with_what_to_do() {
     let (input, pack) = (folder.path().join("large.obj"), folder.path().join("out.kilwa"));
     succeeds(&["build", text(&input), "-o", text(&pack), "--memory", "512M"]);
 }
+
+/// A mesh of sixty triangles at so many places, shown by 40,000 nodes that all stand where the first stands.
+#[cfg(unix)]
+fn coincident_instances(folder: &Path, places: u16) -> String {
+    let mut buffer: Vec<u8> = Vec::new();
+    for i in 0..places {
+        // The last one is far away, so that all others are in one leaf.
+        let x = if i > 0 && i + 1 == places { 10.0 } else { f32::from(i) / 100.0 };
+        let corners = [[x, 0.0, 0.0], [x + 0.01, 0.0, 0.0], [x, 0.01, 0.0]];
+        buffer.extend(corners.as_flattened().iter().flat_map(|c: &f32| c.to_le_bytes()));
+    }
+    let positions = buffer.len();
+    for first in (0..60).map(|i| i % places * 3) {
+        buffer.extend([first, first + 1, first + 2].iter().flat_map(|index: &u16| index.to_le_bytes()));
+    }
+    std::fs::write(folder.join("a.bin"), &buffer).unwrap();
+    let (all, vertices, nodes) = (buffer.len(), 3 * places, vec![r#"{"mesh":0}"#; 40_000].join(","));
+    format!(
+        r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"uri":"a.bin","byteLength":{all}}}],
+        "bufferViews":[{{"buffer":0,"byteLength":{positions}}},{{"buffer":0,"byteOffset":{positions},"byteLength":360}}],
+        "accessors":[{{"bufferView":0,"componentType":5126,"count":{vertices},"type":"VEC3"}},
+        {{"bufferView":1,"componentType":5123,"count":180,"type":"SCALAR"}}],
+        "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":1}}]}}],"nodes":[{nodes}]}}"#
+    )
+}
+
+/// Before, 32 million such triangles took 769 MiB under `--memory 100M` before they were refused.
+#[cfg(unix)]
+#[test]
+fn coincident_instances_are_refused_within_the_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    for places in [1, 60] {
+        let document = coincident_instances(folder.path(), places);
+        stays_within_memory(folder.path(), &format!("instances at {places}.gltf"), document);
+        assert!(!folder.path().join("out.kilwa").exists(), "no chunk holds 2.4 million triangles");
+    }
+}

@@ -34,11 +34,10 @@ pub(super) struct Leaves {
 
 /// The tree that the wishes make. Those between two of its levels are dropped: what holds such a tetrahedron wants to be
 /// split as well, so a level above has the wish too.
-pub(super) fn tree_of(cube_log2: u32, topology: &Topology) -> Partition {
+pub(super) fn tree_of(cube_log2: u32, wishes: impl IntoIterator<Item = DiamondKey>) -> Partition {
     let is_level =
-        |(level, _): &&(u8, [i32; 3])| level.is_multiple_of(BISECTIONS) && level + BISECTIONS <= max_level(cube_log2);
-    let key = |(level, midpoint): &(u8, [i32; 3])| DiamondKey { level: *level, midpoint: *midpoint };
-    Partition::of_wishes(cube_log2, topology.wishes.iter().filter(is_level).map(key))
+        |key: &DiamondKey| key.level.is_multiple_of(BISECTIONS) && key.level + BISECTIONS <= max_level(cube_log2);
+    Partition::of_wishes(cube_log2, wishes.into_iter().filter(is_level))
 }
 
 impl Leaves {

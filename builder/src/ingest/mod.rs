@@ -22,6 +22,7 @@
 mod buckets;
 mod column;
 mod components;
+mod crowded;
 mod islands;
 mod lattice;
 mod leaves;
@@ -41,6 +42,9 @@ use crate::build::precision::Precision;
 use crate::build::work::Work;
 use crate::ingest::surface::{Finding, Ingested, LEAVES, SHARED, Surface};
 use crate::scratch::{PatchFile, Records, Scratch, ScratchError, Sum, seal, unseal};
+use buckets::Buckets;
+use crowded::Crowd;
+use kilwa_geometry::DiamondKey;
 use kilwa_pack::chunk::MAX_SCALARS;
 use kilwa_pack::metadata::{ScalarChannel, SourceFile};
 use serde::de::DeserializeOwned;
@@ -90,9 +94,12 @@ pub fn ingest(
 ) -> Result<Ingested, BuildError> {
     let mut stages = Stages { work, unchecked: BTreeMap::new() };
     let known = Known::find(&mut stages, spooled, options)?;
-    let mut tree = leaves::tree_of(known.resolved.cube_log2, &known.topology);
+    let key = |(level, midpoint): &(u8, [i32; 3])| DiamondKey { level: *level, midpoint: *midpoint };
+    let mut tree = leaves::tree_of(known.resolved.cube_log2, known.topology.wishes.iter().map(key));
     // The files that this stage writes carry their own checksums.
     let leaves = stages.run("leaves", &[topology::WELDED, topology::REPLIES], &[""; 0], || {
+        let buckets = Buckets::of_shape(known.scattered.cube_log2, known.scattered.shape.clone());
+        known.crowd(work, &buckets, options).refuse_leaves(&tree)?;
         leaves::leaves(work, known.resolved.layout, &known.scattered, &known.topology, &tree)
     })?;
     leaves.count(&mut tree, options.leaf_triangles);
@@ -148,8 +155,19 @@ impl Known {
         let (files, left) =
             ([scattered.own_file.as_str(), &scattered.halo_file], [topology::WELDED, topology::REPLIES]);
         let topology =
-            stages.run("topology", &files, &left, || topology::topology(work, layout, &scattered, options))?;
+            stages.run("topology", &files, &left, || topology::topology(work, &resolved, &scattered, options))?;
         Ok(Self { spooled, resolved, scattered, topology })
+    }
+
+    fn crowd<'a>(&'a self, work: &'a Work<'a>, buckets: &'a Buckets, options: &IngestOptions) -> Crowd<'a> {
+        Crowd {
+            work,
+            layout: self.resolved.layout,
+            lattice: &self.resolved.lattice,
+            scattered: &self.scattered,
+            buckets,
+            leaf_triangles: options.leaf_triangles,
+        }
     }
 
     fn surface(&self, sources: Vec<SourceFile>) -> Surface {

@@ -10,7 +10,9 @@
 use super::IngestOptions;
 use super::buckets::{Buckets, point_of_words};
 use super::components::{Components, Joining, LocalComponents, Part};
+use super::crowded::Crowd;
 use super::lattice::Lengths;
+use super::resolve::Resolved;
 use super::scatter::{HALO_HEAD, Scattered, bytes_per_triangle};
 use super::spill::{Extents, Spill};
 use super::weld::Weld;
@@ -137,10 +139,11 @@ impl Welded {
 /// The stage.
 pub(super) fn topology(
     work: &Work<'_>,
-    layout: Layout,
+    resolved: &Resolved,
     scattered: &Scattered,
     options: &IngestOptions,
 ) -> Result<Topology, BuildError> {
+    let layout = resolved.layout;
     let buckets = Buckets::of_shape(scattered.cube_log2, scattered.shape.clone());
     let files = (work.scratch.existing(&scattered.own_file)?, work.scratch.existing(&scattered.halo_file)?);
     let joining = Joining::create(work.scratch)?;
@@ -168,7 +171,21 @@ pub(super) fn topology(
         Ok(Finished { place, above, keys, counts, part, roughness, bounds })
     };
     let cost = |b: usize| scattered.triangles_in(layout, b) * bytes_per_triangle(layout);
-    let mut finished = work.run_jobs(buckets.len(), work.memory / 10 * 9, cost, one)?;
+    let room = work.memory / 10 * 9;
+    let run = |of: &[usize]| -> Result<Vec<(usize, Finished)>, BuildError> {
+        let done = work.run_jobs(of.len(), room, |i| cost(of[i]), |i| one(of[i]))?;
+        Ok(of.iter().copied().zip(done).collect())
+    };
+    let (large, small): (Vec<usize>, Vec<usize>) = (0..buckets.len()).partition(|b| cost(*b) > room);
+    let mut finished = run(&small)?;
+    let leaf_triangles = options.leaf_triangles;
+    let crowd = Crowd { work, layout, lattice: &resolved.lattice, scattered, buckets: &buckets, leaf_triangles };
+    let mut known = vec![Above::default(); buckets.len()];
+    finished.iter().for_each(|(b, f)| known[*b] = f.above.clone());
+    crowd.refuse(&files.0, known, finished.iter().flat_map(|(_, f)| &f.keys).copied().collect(), &large)?;
+    finished.extend(run(&large)?);
+    finished.sort_unstable_by_key(|(bucket, _)| *bucket);
+    let mut finished: Vec<Finished> = finished.into_iter().map(|(_, f)| f).collect();
     let known: Vec<Above> = finished.iter().map(|f| f.above.clone()).collect();
     let mut keys = wishes::above(&buckets, &known, scattered.cube_log2, options.leaf_triangles);
     let mut bounds = Aabb::EMPTY;
@@ -394,10 +411,9 @@ impl Local {
         let mut sums = Vec::with_capacity(self.own);
         let mut sizes = Vec::with_capacity(self.own);
         for vertices in &self.triangles[..self.own] {
-            let [a, b, c] = vertices.map(|v| self.weld.position(v));
-            sums.push(std::array::from_fn(|i| a[i] + b[i] + c[i]));
-            let side = |i: usize| a[i].max(b[i]).max(c[i]) - a[i].min(b[i]).min(c[i]);
-            sizes.push(side(0).max(side(1)).max(side(2)));
+            let corners = vertices.map(|v| self.weld.position(v));
+            sums.push(wishes::sum_of(corners));
+            sizes.push(wishes::size_of(corners));
         }
         let deepest = max_level(buckets.cube_log2());
         let mut wishes = Wishes { sums: &sums, sizes: &sizes, leaf_triangles, deepest, keys: Vec::new() };

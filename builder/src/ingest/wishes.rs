@@ -22,6 +22,40 @@ pub(super) struct Above {
     places: Vec<u64>,
 }
 
+/// Different places of centroids, as sums of corners, with the size of the smallest triangle at each.
+pub(super) type Places = FxHashMap<[u32; 3], u32>;
+
+fn add(places: &mut Places, sum: [u32; 3], size: u32) {
+    places.entry(sum).and_modify(|s| *s = (*s).min(size)).or_insert(size);
+}
+
+/// Add a triangle.
+pub(super) fn add_place(places: &mut Places, corners: [[u32; 3]; 3]) {
+    add(places, sum_of(corners), size_of(corners));
+}
+
+/// Three times the centroid of a triangle.
+pub(super) fn sum_of([a, b, c]: [[u32; 3]; 3]) -> [u32; 3] {
+    std::array::from_fn(|i| a[i] + b[i] + c[i])
+}
+
+/// The longest side of the box round a triangle.
+pub(super) fn size_of([a, b, c]: [[u32; 3]; 3]) -> u32 {
+    let side = |i: usize| a[i].max(b[i]).max(c[i]) - a[i].min(b[i]).min(c[i]);
+    side(0).max(side(1)).max(side(2))
+}
+
+impl Above {
+    /// Of a bucket with these places, in which nothing wants to be split.
+    pub(super) fn of_places(smallest: &Places) -> Self {
+        let mut places = vec![0; CLASSES];
+        for size in smallest.values() {
+            places[class(*size)] += 1;
+        }
+        Self { wants: false, places }
+    }
+}
+
 /// The triangles of a bucket.
 pub(super) struct Wishes<'a> {
     /// Sums of corners.
@@ -41,15 +75,11 @@ impl Wishes<'_> {
         if self.descend(tetra, &mut order) {
             return Above { wants: true, places: Vec::new() };
         }
-        let mut smallest: FxHashMap<[u32; 3], u32> = FxHashMap::default();
+        let mut places = Places::default();
         for (sum, size) in self.sums.iter().zip(self.sizes) {
-            smallest.entry(*sum).and_modify(|s| *s = (*s).min(*size)).or_insert(*size);
+            add(&mut places, *sum, *size);
         }
-        let mut places = vec![0; CLASSES];
-        for size in smallest.values() {
-            places[class(*size)] += 1;
-        }
-        Above { wants: false, places }
+        Above::of_places(&places)
     }
 
     fn descend(&mut self, tetra: &Tetra, triangles: &mut [u32]) -> bool {

@@ -23,6 +23,7 @@ pub use records::{Records, point_key, point_of, record, tetrahedron_of};
 pub(crate) use sum::{Sum, seal, unseal};
 
 use folder::LOCK;
+use kilwa_files::unfinished::{self, Unfinished};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -55,12 +56,15 @@ pub struct Scratch {
     space: Arc<Space>,
 }
 
+/// A folder, and that it is to be removed.
+type Temporary = (tempfile::TempDir, Unfinished);
+
 #[derive(Debug)]
 struct Held {
     folder: PathBuf,
     _lock: File,
-    /// A folder that goes away with its last user.
-    _temporary: Option<tempfile::TempDir>,
+    /// A folder that goes away with its last user, or when a signal ends the program.
+    _temporary: Option<Temporary>,
 }
 
 impl Scratch {
@@ -83,12 +87,12 @@ impl Scratch {
         // Temporary files are private by default; temporary folders are not.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
-        let folder = builder.prefix("kilwa-").tempdir();
+        let folder = unfinished::make(|| builder.prefix("kilwa-").tempdir(), tempfile::TempDir::path);
         let folder = folder.map_err(|e| ScratchError::io(&std::env::temp_dir(), "create", e))?;
-        Self::hold(folder.path().to_owned(), Some(folder))
+        Self::hold(folder.0.path().to_owned(), Some(folder))
     }
 
-    fn hold(folder: PathBuf, temporary: Option<tempfile::TempDir>) -> Result<Self, ScratchError> {
+    fn hold(folder: PathBuf, temporary: Option<Temporary>) -> Result<Self, ScratchError> {
         let lock = folder::take(&folder)?;
         let space = Arc::new(Space { fleeting: temporary.is_some(), ..Space::default() });
         let scratch = Self { held: Arc::new(Held { folder, _lock: lock, _temporary: temporary }), space };

@@ -506,3 +506,24 @@ fn an_ingest_that_was_stopped_in_any_stage_goes_on_and_gives_the_same() {
         same(&reference, &outcome(&found), stage);
     }
 }
+
+/// More triangles at a few places than a chunk holds: no later stage can divide them.
+#[test]
+fn a_leaf_that_no_chunk_holds_is_refused_whatever_the_memory() {
+    for places in [1u32, 60] {
+        let mut mesh = RawMesh::default();
+        // The last one is far away, so that all others are in one leaf.
+        for x in (0..places).map(|i| f64::from(i) / 100.0).chain([10.0]) {
+            mesh.positions.extend([[x, 0.0, 0.0], [x + 0.01, 0.0, 0.0], [x, 0.01, 0.0]]);
+        }
+        let triangle = |place: u32| [3 * place, 3 * place + 1, 3 * place + 2];
+        mesh.triangles = (0..(1 << 20) + 50_000).map(|t| triangle(t % places)).chain([triangle(places)]).collect();
+        // With little memory a single place is a bucket that is never read whole.
+        for memory in [LARGE, 1 << 24] {
+            let case = Case { memory, threads: 2, leaf_triangles: 300 };
+            let refused = try_run(&[&mesh], &case, &options(case.leaf_triangles)).err().expect("refused");
+            let BuildError::TooLarge { why } = &refused else { panic!("{places} places, {memory} bytes: {refused}") };
+            assert!(why.contains("1098576 triangles near"), "{why}");
+        }
+    }
+}

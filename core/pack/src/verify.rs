@@ -4,11 +4,13 @@
 
 use crate::directory::children_of;
 use crate::reader::check_spheres;
-use crate::{Children, Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, PackError};
+use crate::{Children, Chunk, DirectoryEntry, HEAD_BYTES, Header, Metadata, NO_DIAMOND, PAGE_BYTES, PackError};
 use kilwa_geometry::Aabb;
 
 /// Rounding that a sphere may be short of, relative to its radius and to the coordinates.
 const SLACK: f64 = 1e-9;
+/// Largest colour error: the root of the mean of squares that are 255 squared at most.
+const MAX_COLOR_ERROR: f32 = 255.0;
 
 /// Counts that grow chunk by chunk and are compared with header and metadata at the end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,11 +78,19 @@ impl Totals {
     }
 }
 
-/// The directory on its own: children that are told are those that name an entry as a parent; every sphere contains the spheres below it.
+/// The directory on its own: children that are told are those that name an entry as a parent; every sphere contains the spheres below it;
+/// differences of colours are possible.
 ///
 /// # Errors
 /// [`PackError::Invalid`] naming the entry.
 pub fn directory(entries: &[DirectoryEntry]) -> Result<(), PackError> {
+    // That of the root entry says nothing, and may be infinite.
+    for (index, entry) in entries.iter().enumerate().skip(1) {
+        if entry.color_error > MAX_COLOR_ERROR {
+            let why = format!("a colour error of {} is not possible; at most 255 is", entry.color_error);
+            return Err(PackError::invalid(format!("directory entry {index}"), why));
+        }
+    }
     for (index, (entry, found)) in entries.iter().zip(children_of(entries)).enumerate() {
         let told = entry.children.map(|c| Children { is_whole: false, ..c });
         if told.is_some() && told != found {
@@ -90,6 +100,26 @@ pub fn directory(entries: &[DirectoryEntry]) -> Result<(), PackError> {
         }
     }
     check_spheres(entries)
+}
+
+/// The order of the parts: directory page 1 stands behind the first chunks that end in the head, or would stand there if there were one.
+///
+/// # Errors
+/// [`PackError::Invalid`] with the offset that it must have.
+pub fn order(header: &Header, entries: &[DirectoryEntry]) -> Result<(), PackError> {
+    let mut at = header.first_page.saturating_add(PAGE_BYTES as u64);
+    for entry in entries {
+        let end = at.saturating_add(u64::from(entry.encoded_bytes));
+        if end > HEAD_BYTES {
+            break;
+        }
+        at = end;
+    }
+    if header.other_pages == at {
+        return Ok(());
+    }
+    let why = format!("it says that directory page 1 is at byte {}; its place is byte {at}", header.other_pages);
+    Err(PackError::invalid("header", why))
 }
 
 /// One decoded chunk against the directory: its box is exact, its geometry inside its sphere, and every patch's

@@ -14,6 +14,7 @@ const COLORED: Attributes = Attributes { colors: true, scalars: 0 };
 fn verify_all(bytes: &[u8]) -> Result<(), PackError> {
     let reader = Reader::open(SliceSource(bytes))?;
     verify::directory(reader.entries())?;
+    verify::order(reader.header(), reader.entries())?;
     let mut totals = Totals::default();
     for i in 0..reader.header().entry_count {
         totals = totals.plus(verify::chunk(i, &reader.chunk(i)?, reader.entries())?);

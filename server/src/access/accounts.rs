@@ -12,7 +12,7 @@ use super::capability::Capabilities;
 use super::secret::{Key, hash_password, is_password, token_hash};
 use kilwa_archive::date::{day_of, is_day};
 use kilwa_archive::layout::Slug;
-use kilwa_files::plain_file;
+use kilwa_files::{plain_file, unfinished};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File, Metadata};
 use std::io::{self, Read, Write};
@@ -240,7 +240,8 @@ impl Accounts {
         bytes.push(b'\n');
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         // Made readable by its owner only.
-        let mut file = tempfile::Builder::new().prefix(".kilwa-access-").tempfile_in(folder)?;
+        let make = || tempfile::Builder::new().prefix(".kilwa-access-").tempfile_in(folder);
+        let (mut file, _unfinished) = unfinished::make(make, tempfile::NamedTempFile::path)?;
         file.write_all(&bytes)?;
         if let Some(before) = before {
             keep_ownership(file.as_file(), before)?;

@@ -1,0 +1,101 @@
+//! Leaves that no chunk can hold, found before their triangles are read: many triangles at few places, which no tetrahedron separates.
+//!
+//! Input: `buckets`, and what is known of the buckets that fit in memory. A bucket that does not fit is read as a stream, with its places
+//! counted. If there are no more than a leaf may have, nothing inside wants to be split. Once that is known of every bucket, so are the tree
+//! and the number of triangles of each leaf.
+//!
+//! Fails with [`BuildError::TooLarge`] for a leaf with more triangles than a chunk holds: no later stage could divide it.
+
+use super::buckets::Buckets;
+use super::leaves::tree_of;
+use super::resolve::PIECE;
+use super::scatter::Scattered;
+use super::wishes::{self, Above, Places, add_place};
+use super::words::{Layout, read_words};
+use crate::levels::too_large;
+use crate::options::BuildError;
+use crate::partition::Partition;
+use crate::scratch::ScratchFile;
+use crate::work::Work;
+use kilwa_geometry::{DiamondKey, Lattice};
+use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
+
+/// What is looked at.
+pub(super) struct Crowd<'a> {
+    pub(super) work: &'a Work<'a>,
+    pub(super) layout: Layout,
+    pub(super) lattice: &'a Lattice,
+    pub(super) scattered: &'a Scattered,
+    pub(super) buckets: &'a Buckets,
+    pub(super) leaf_triangles: usize,
+}
+
+impl Crowd<'_> {
+    /// Refuse a leaf that no chunk can hold, as far as that is known before the buckets `large` are read. The others gave `known` (by
+    /// bucket; anything for those in `large`) and the wishes `keys`.
+    ///
+    /// # Errors
+    /// [`BuildError::TooLarge`]; where a scratch file cannot be read, or a stop was asked for.
+    pub(super) fn refuse(
+        &self,
+        own: &ScratchFile,
+        mut known: Vec<Above>,
+        mut keys: Vec<DiamondKey>,
+        large: &[usize],
+    ) -> Result<(), BuildError> {
+        if large.is_empty() || self.scattered.triangles <= u64::from(MAX_CHUNK_TRIANGLES) {
+            return Ok(());
+        }
+        for &bucket in large {
+            // It may be split inside, and only reading it whole would tell.
+            let Some(above) = self.survey(own, bucket)? else { return Ok(()) };
+            known[bucket] = above;
+        }
+        let cube_log2 = self.scattered.cube_log2;
+        keys.extend(wishes::above(self.buckets, &known, cube_log2, self.leaf_triangles));
+        self.refuse_leaves(&tree_of(cube_log2, keys))
+    }
+
+    /// Refuse a leaf of the tree that no chunk can hold.
+    ///
+    /// # Errors
+    /// [`BuildError::TooLarge`], with how many triangles are where.
+    pub(super) fn refuse_leaves(&self, tree: &Partition) -> Result<(), BuildError> {
+        for (node, run) in self.buckets.runs(tree) {
+            let tetrahedron = &tree.tetrahedra[node as usize];
+            if tetrahedron.children.is_some() {
+                continue;
+            }
+            let words: u64 = run.map(|bucket| self.scattered.own.words(bucket as usize) as u64).sum();
+            let triangles = words / self.layout.triangle() as u64;
+            if triangles > u64::from(MAX_CHUNK_TRIANGLES) {
+                let near = DiamondKey::of(&tetrahedron.tetra).midpoint;
+                return Err(too_large(triangles, self.lattice.world_from_lattice(near)));
+            }
+        }
+        Ok(())
+    }
+
+    /// What a bucket is for the tetrahedra above it, where it has no more places than a leaf may have.
+    fn survey(&self, own: &ScratchFile, bucket: usize) -> Result<Option<Above>, BuildError> {
+        let (width, triangle) = (self.layout.vertex(), self.layout.triangle());
+        let mut places = Places::default();
+        let mut words = Vec::new();
+        for &(byte, count) in &self.scattered.own.0[bucket] {
+            // Extents hold whole triangles.
+            for first in (0..count as usize).step_by(PIECE * triangle) {
+                self.work.stop.check()?;
+                words.resize((count as usize - first).min(PIECE * triangle), 0);
+                read_words(own, byte + 4 * first as u64, &mut words)?;
+                for corners in words.chunks_exact(triangle) {
+                    let corner = |k: usize| [corners[k * width], corners[k * width + 1], corners[k * width + 2]];
+                    add_place(&mut places, [corner(0), corner(1), corner(2)]);
+                    if places.len() > self.leaf_triangles {
+                        return Ok(None);
+                    }
+                }
+            }
+        }
+        Ok(Some(Above::of_places(&places)))
+    }
+}

@@ -1,0 +1,77 @@
+//! Signals to end (Ctrl-C, SIGTERM, SIGHUP): unfinished temporary files are removed, and the program ends with 128 and the number of the
+//! signal, as a shell shows it. `build` and `serve` come to an end of their own.
+//!
+//! A signal that is ignored stays so (`nohup`).
+
+use kilwa_files::unfinished;
+use std::io;
+
+/// The number of SIGINT.
+pub(crate) const INTERRUPT: i32 = 2;
+
+/// From here on a signal ends the program, and nothing unfinished is left. Where signals cannot be listened to, they act as before.
+pub(crate) fn end_at_once() {
+    drop(listen(end));
+}
+
+/// Remove what is unfinished, and end.
+pub(crate) fn end(signal: i32) {
+    unfinished::remove_all();
+    std::process::exit(128 + signal);
+}
+
+/// Call `act` with the number of each signal that comes, on a thread of its own.
+///
+/// # Errors
+/// When the system does not allow it.
+#[cfg(unix)]
+pub(crate) fn listen(act: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let mut signals = Vec::new();
+    {
+        let _inside = runtime.enter();
+        let ignored = ignored();
+        for kind in [SignalKind::hangup(), SignalKind::interrupt(), SignalKind::terminate()] {
+            let number = kind.as_raw_value();
+            if ignored >> (number - 1) & 1 == 0 {
+                signals.push((number, signal(kind)?));
+            }
+        }
+    }
+    let wait = move || runtime.block_on(hand_on(signals, act));
+    std::thread::Builder::new().name("signals".to_owned()).spawn(wait)?;
+    Ok(())
+}
+
+/// Wait for signals, for ever.
+#[cfg(unix)]
+async fn hand_on(mut signals: Vec<(i32, tokio::signal::unix::Signal)>, mut act: impl FnMut(i32)) {
+    use std::task::Poll;
+    loop {
+        let next = std::future::poll_fn(|context| {
+            let came = |(number, signal): &mut (i32, tokio::signal::unix::Signal)| {
+                signal.poll_recv(context).is_ready().then_some(*number)
+            };
+            signals.iter_mut().find_map(came).map_or(Poll::Pending, Poll::Ready)
+        });
+        act(next.await);
+    }
+}
+
+/// The same where there is no more than Ctrl-C.
+///
+/// # Errors
+/// When the system does not allow it.
+#[cfg(not(unix))]
+pub(crate) fn listen(mut act: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
+    ctrlc::set_handler(move || act(INTERRUPT)).map_err(io::Error::other)
+}
+
+/// Signals that are ignored, where the system tells (Linux): bit n - 1 for number n.
+#[cfg(unix)]
+fn ignored() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
+}

@@ -1,0 +1,100 @@
+//! A signal while a file is written under a temporary name: the program ends, and nothing is left of the file.
+
+use crate::support::{Input, built_once, text};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+/// Names of signals, and what the program ends with.
+const SIGNALS: [(&str, i32); 3] = [("-HUP", 129), ("-INT", 130), ("-TERM", 143)];
+
+fn names(folder: &Path) -> Vec<String> {
+    std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect()
+}
+
+/// Wait until a hidden file is in the folder, or the program has ended, and send a signal.
+fn signal_at_hidden_file(child: &mut Child, folder: &Path, signal: &str) {
+    while !names(folder).iter().any(|name| name.starts_with('.')) {
+        if child.try_wait().unwrap().is_some() {
+            return;
+        }
+        std::thread::yield_now();
+    }
+    Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status().unwrap();
+}
+
+fn begun(args: &[&str]) -> Child {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
+    command.args(args).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+/// Run a command that writes into the empty `folder`, with each of the signals; tried again where it was faster.
+fn leaves_nothing(folder: &Path, args: &[&str]) {
+    for (signal, code) in SIGNALS {
+        let caught = (0..50).any(|_| {
+            let mut child = begun(args);
+            signal_at_hidden_file(&mut child, folder, signal);
+            let output = child.wait_with_output().unwrap();
+            let left = names(folder);
+            assert!(!left.iter().any(|name| name.starts_with('.')), "{args:?}, {signal}: {left:?}");
+            if output.status.success() {
+                left.iter().for_each(|name| std::fs::remove_file(folder.join(name)).unwrap());
+                return false;
+            }
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert!(left.is_empty(), "{args:?}, {signal}: {left:?}: {said}");
+            assert_eq!(output.status.code(), Some(code), "{args:?}, {signal}: {said}");
+            true
+        });
+        assert!(caught, "{args:?} was always faster than {signal}");
+    }
+}
+
+#[test]
+fn nothing_is_left_of_a_synthetic_site_that_a_signal_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.ply");
+    leaves_nothing(folder.path(), &["synth", "wall", "--triangles", "20M", "-o", text(&out)]);
+}
+
+#[test]
+fn nothing_is_left_of_an_extract_that_a_signal_ends() {
+    let packs = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pack_verbs");
+    let pack = built_once(&packs, "large", |to| Input::torus(1280, 128, [0.0; 3]).write(to), &[]);
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.obj");
+    leaves_nothing(folder.path(), &["extract", text(&pack), "-o", text(&out)]);
+}
+
+#[test]
+fn nothing_is_left_of_a_report_on_a_mesh_that_a_signal_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mesh, temporary) = (folder.path().join("a.ply"), folder.path().join("temporary"));
+    crate::support::succeeds(&["synth", "wall", "--triangles", "1M", "-o", text(&mesh)]);
+    std::fs::create_dir(&temporary).unwrap();
+    for (signal, code) in SIGNALS {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
+        let mut child = command.args(["info", text(&mesh)]).env("TMPDIR", &temporary).spawn().unwrap();
+        while names(&temporary).is_empty() {
+            assert!(child.try_wait().unwrap().is_none(), "it reads the mesh by way of scratch files");
+            std::thread::yield_now();
+        }
+        Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(code), "{signal}");
+        assert!(names(&temporary).is_empty(), "{signal}: {:?}", names(&temporary));
+    }
+}
+
+/// Under `nohup`, and in the background of a script, signals are ignored; that stays so.
+#[cfg(target_os = "linux")]
+#[test]
+fn an_ignored_signal_stays_ignored() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.ply");
+    let mut command = Command::new("sh");
+    command.args(["-c", "trap '' HUP; exec \"$@\"", "sh", env!("CARGO_BIN_EXE_kilwa")]);
+    command.args(["synth", "wall", "--triangles", "1M", "-o", text(&out)]).stdout(Stdio::null());
+    let mut child = command.spawn().unwrap();
+    signal_at_hidden_file(&mut child, folder.path(), "-HUP");
+    assert!(child.wait().unwrap().success());
+    assert!(out.exists());
+}
