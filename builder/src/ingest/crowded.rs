@@ -13,10 +13,10 @@ use super::scatter::Scattered;
 use super::wishes::{self, Above, Places, add_place};
 use super::words::{Layout, read_words};
 use crate::levels::too_large;
-use crate::options::BuildError;
+use crate::build::options::BuildError;
 use crate::partition::Partition;
 use crate::scratch::ScratchFile;
-use crate::work::Work;
+use crate::build::work::Work;
 use kilwa_geometry::{DiamondKey, Lattice};
 use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
 

@@ -8,7 +8,6 @@ use super::files::glb_json;
 use kilwa_archive::drawing;
 use kilwa_archive::layout::{POSTER, THUMBNAILS};
 use flate2::{Crc, Decompress, FlushDecompress, Status};
-use kilwa_archive::layout::{POSTER, THUMBNAILS};
 use kilwa_pack::Metadata;
 use serde_json::{Value, json};
 

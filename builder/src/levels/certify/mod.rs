@@ -209,7 +209,7 @@ fn add_up(d: f64, carried: f32) -> f32 {
 mod tests {
     use super::*;
     use crate::build::precision::Precision;
-    use crate::simplify::simplify;
+    use crate::levels::simplify::simplify;
     use kilwa_geometry::LatticePoint;
     use kilwa_geometry::distance::Vec3;
     use proptest::prelude::*;

@@ -89,7 +89,7 @@ impl Simplifier<'_> {
 #[cfg(test)]
 mod tests {
     use crate::build::precision::Precision;
-    use crate::simplify::simplify;
+    use crate::levels::simplify::simplify;
     use kilwa_geometry::{LatticePoint, Mesh};
     use rustc_hash::FxHashSet;
     use std::collections::BTreeMap;
