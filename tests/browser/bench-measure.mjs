@@ -1,4 +1,4 @@
-// What measuring takes in the page on the links of design/peers.md: `node bench-measure.mjs PACK`. Prints Markdown on stdout. For each link an empty store: the time and the bytes
+// What measuring takes in the page on three simulated links: `node bench-measure.mjs PACK`. Prints Markdown on stdout. For each link an empty store: the time and the bytes
 // from choosing a tool to the first final pick (the program that measures, the directory, the leaves), those of a second pick elsewhere, and a full
 // section on the link without a limit. The viewer's own picture is at rest before.
 

@@ -1,4 +1,4 @@
-// What the page takes on the three links of design/peers.md: `node bench-view.mjs PACK [--soak MINUTES] [--quick]`, run by
+// What the page takes on three simulated links: `node bench-view.mjs PACK [--soak MINUTES] [--quick]`, run by
 // `cargo xtask bench view`. Prints Markdown on stdout, what it does on stderr.
 //
 // Chromium emulates the link on the page's requests (CDP). As for the peers there, draws are counted but not executed (`--draw`

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { after, before } from "node:test";
 import { hostile, launch, open, packFolder, picture, serve, stats, test, waitFor } from "./harness.mjs";
 
-/** All bytes over the wire before the first pixel, as the server packs them (issue 5): readers on slow links are the audience. */
+/** All bytes over the wire before the first pixel, as the server packs them: readers on slow links are the audience. */
 const FIRST_PIXEL_MAX = 380_000;
 let server;
 let proxy;

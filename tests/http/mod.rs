@@ -1,8 +1,8 @@
 //! `kilwa serve` as a process under everything that a public server meets: exact ranges, hostile addresses, slow and many clients, the
 //! order to stop, proxies in front of it.
 //!
-//! `cargo xtask test` runs the short form, without asserting times; `cargo xtask test soak` sets `KILWA_SOAK` and runs the full numbers of
-//! design/publishing.md, one test at a time, and prints each claim with its bound and what was measured (archived in docs/bench).
+//! `cargo xtask test` runs the short form, without asserting times; `cargo xtask test soak` sets `KILWA_SOAK` and runs the full numbers,
+//! one test at a time, and prints each claim with its bound and what was measured (archived in docs/bench).
 //! Traffic goes to this machine only, from several of its loopback addresses; loops are bounded.
 
 pub(crate) mod client;

@@ -1,4 +1,4 @@
-//! The trust suite (design/measuring.md): what `kilwa measure` promises, each claim with its bound and the error measured.
+//! The trust suite (docs/trust.md): what `kilwa measure` promises, each claim with its bound and the error measured.
 //!
 //! `cargo xtask test trust` runs it and prints the claims as one table, which `docs/trust.md` explains, so that other viewers can
 //! be held to the same. Packs are built from phantoms whose sizes are known, at the origin, at UTM coordinates and 10^7 m away; the

@@ -1,6 +1,6 @@
 //! Figures of streaming and drawing for `cargo xtask bench view`.
 //!
-//! `flight sim PACK…`: the views of design/peers.md (all of it, obliquely and from the front; a place one metre wide) over simulated
+//! `flight sim PACK…`: the views (all of it, obliquely and from the front; a place one metre wide) over simulated
 //! links: when the first picture and the target are there, what it cost, and that over the bytes of the chunks that are then shown. The pixel
 //! error is 1 or `ERR`; with `LOG` in the environment the requests over 10 Mbit/s are listed, too.
 //!

@@ -59,7 +59,7 @@ const WASM_OPT: [&str; 9] = [
     "--strip-producers",
 ];
 
-/// Budget of the viewer's wasm, gzipped bytes (design/viewer.md: readers on slow links are the audience).
+/// Budget of the viewer's wasm, gzipped bytes (readers on slow links are the audience).
 const VIEWER_GZ_MAX: u64 = 350_000;
 /// The same of the build with WebGL 2, which carries a shader compiler.
 const VIEWER_GL_GZ_MAX: u64 = 1_200_000;

@@ -1,5 +1,5 @@
 //! What happens to one diamond's fragment, independent of every other: merge the patches of its tetrahedra's children,
-//! simplify, certify, split among its own tetrahedra (design/hierarchy.md, construction step 4).
+//! simplify, certify, split among its own tetrahedra.
 //!
 //! Pure: the result depends on the patches and the locked points alone.
 

@@ -1,6 +1,6 @@
 //! From the leaves to the root, finest level first: merge the patches of the quarters of a diamond's
 //! tetrahedra, lock what others
-//! share, simplify, certify, split among the diamond's own tetrahedra (design/hierarchy.md, construction steps 4 to 7).
+//! share, simplify, certify, split among the diamond's own tetrahedra.
 //!
 //! A level is one stage over files. In: the patches of tetrahedra one level below (`level-NN.patches`) and of leaves, and
 //! the records of points that several tetrahedra use (`level-NN.shared`). Out: the patches of this level's

@@ -1,5 +1,5 @@
-//! The tree of tetrahedra, split diamond by diamond until no leaf holds more than a patch (design/hierarchy.md,
-//! construction steps 2 and 3). Which tetrahedra want to be split is found by the ingest.
+//! The tree of tetrahedra, split diamond by diamond until no leaf holds more than a patch. The ingest finds
+//! which tetrahedra have to be split.
 //!
 //! One level of the tree is two bisections: a split tetrahedron has four quarters, and diamonds are those of even
 //! levels of bisection. The faces of three levels in a row still lie inside of each other's diamonds (cubes, edges of

@@ -1,5 +1,5 @@
 //! Tetrahedra of the subdivision: a root cube split into six round its main diagonal, each bisected at the midpoint of
-//! its unique longest edge (design/hierarchy.md). Everything is exact in integers.
+//! its unique longest edge (Maubach 1995; Cignoni et al. 2004). Everything is exact in integers.
 //!
 //! Vertex order carries the structure: `v[0] - v[3]` is always the longest edge (the one that a bisection splits).
 //! With Maubach's rule the tag (level mod 3) selects which vertex goes where, so that this holds at every level.

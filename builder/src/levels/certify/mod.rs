@@ -2,7 +2,7 @@
 //!
 //! The distance from a point of a triangle T to *one* triangle T' is convex over T, so the largest of the distances of
 //! the corners of a convex piece of T to T' bounds it for the whole piece. T is covered with pieces (`overlay`), each
-//! certified against the triangle that it lies over (design/hierarchy.md, "The error is a promise").
+//! certified against the triangle that it lies over.
 //!
 //! Carried per triangle of a patch, in lattice steps, both against the *finest* surface:
 //! `out` – every point of this triangle is within `out` of the finest surface;

@@ -1,5 +1,5 @@
 //! Edge-collapse simplification of one diamond's fragment, on the lattice, with the guarantees that the hierarchy rests
-//! on (design/hierarchy.md, construction steps 4 to 6):
+//! on:
 //!
 //! * a locked point (one that another diamond also uses) neither moves nor changes its attributes, and every edge
 //!   between two locked points is used by as many triangles afterwards as before: the neighbours cannot tell;
