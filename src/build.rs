@@ -102,7 +102,7 @@ impl std::error::Error for Interrupted {}
 
 impl Interrupted {
     /// What the program ends with.
-    pub(crate) fn code(&self) -> u8 {
+    pub(crate) fn code() -> u8 {
         u8::try_from(128 + SIGNAL.load(Ordering::Relaxed)).unwrap_or(u8::MAX)
     }
 }

@@ -79,7 +79,7 @@ fn main() -> ExitCode {
         Err(e) if broken_pipe(&e) => ExitCode::SUCCESS,
         Err(e) if e.is::<build::Interrupted>() => {
             crate::terminal::say!("kilwa: {e}");
-            ExitCode::from(e.downcast_ref().map_or(130, build::Interrupted::code))
+            ExitCode::from(build::Interrupted::code())
         }
         Err(e) => {
             crate::terminal::say!("kilwa: {e:#}");

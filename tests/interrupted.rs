@@ -37,7 +37,9 @@ fn leaves_nothing(folder: &Path, args: &[&str]) {
             let left = names(folder);
             assert!(!left.iter().any(|name| name.starts_with('.')), "{args:?}, {signal}: {left:?}");
             if output.status.success() {
-                left.iter().for_each(|name| std::fs::remove_file(folder.join(name)).unwrap());
+                for name in &left {
+                    std::fs::remove_file(folder.join(name)).unwrap();
+                }
                 return false;
             }
             let said = String::from_utf8_lossy(&output.stderr);

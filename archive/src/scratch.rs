@@ -22,6 +22,9 @@ pub struct Scratch {
 
 impl Scratch {
     /// Make one in `parent`. The caller holds a lock under which others call [`sweep`] there.
+    ///
+    /// # Errors
+    /// [`DraftError`] if it cannot be made or locked.
     pub fn create(parent: &Path, prefix: &str, steps: Steps<'_>) -> Result<Self, DraftError> {
         steps("begin").map_err(disk::failed("write to", parent))?;
         let mut builder = tempfile::Builder::new();
@@ -44,7 +47,10 @@ impl Scratch {
         &self.lock
     }
 
-    /// Remove it; told like every other change.
+    /// Remove it; announced as a step like every other change.
+    ///
+    /// # Errors
+    /// [`DraftError`] if it cannot be removed.
     pub fn close(self, steps: Steps<'_>) -> Result<(), DraftError> {
         disk::remove(self.folder.path(), steps)
     }
@@ -64,11 +70,17 @@ pub fn is_of(slug: &Slug, name: &str) -> bool {
 
 /// Remove the hidden folders and files in `parent` that nobody works with any more and whose names are such. The caller holds the lock under which
 /// they are made. Leftovers of another user, which only that user can remove, stay; they do not prevent publishing.
+///
+/// # Errors
+/// [`DraftError`] if one of the others cannot be removed.
 pub fn sweep(parent: &Path, is_such: &dyn Fn(&str) -> bool, steps: Steps<'_>) -> Result<(), DraftError> {
     sweep_but(parent, is_such, &DraftError::is_denied, steps)
 }
 
 /// As [`sweep`], but anything that cannot be removed is an error, because nothing may be left that others can read.
+///
+/// # Errors
+/// [`DraftError`] naming it.
 pub fn sweep_all(parent: &Path, is_such: &dyn Fn(&str) -> bool, steps: Steps<'_>) -> Result<(), DraftError> {
     sweep_but(parent, is_such, &|_| false, steps)
 }

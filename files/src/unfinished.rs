@@ -90,7 +90,9 @@ mod tests {
         assert!(make(|| Err::<PathBuf, _>(io::ErrorKind::StorageFull.into()), PathBuf::as_path).is_err());
         let own: Vec<PathBuf> = all().iter().filter(|path| path.starts_with(folder.path())).cloned().collect();
         assert_eq!(own, [at("folder"), at("gone"), at("unfinished")]);
-        own.iter().for_each(|path| remove(path));
+        for path in &own {
+            remove(path);
+        }
         let left: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
         assert_eq!(left, ["finished"]);
         drop((unfinished, noted, gone));

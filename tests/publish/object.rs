@@ -234,7 +234,7 @@ fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
     };
     let refused = withdraw(&inside);
     assert!(
-        String::from_utf8_lossy(&refused.stderr).contains("outside with --keep") && object.join(&pack_file).exists()
+        String::from_utf8_lossy(&refused.stderr).contains("outside it with --keep") && object.join(&pack_file).exists()
     );
     let (index, theirs) = (site.join("index.html"), "a page of somebody else's");
     let ours = std::fs::read(&index).unwrap();

@@ -181,7 +181,9 @@ pub(super) fn topology(
     let leaf_triangles = options.leaf_triangles;
     let crowd = Crowd { work, layout, lattice: &resolved.lattice, scattered, buckets: &buckets, leaf_triangles };
     let mut known = vec![Above::default(); buckets.len()];
-    finished.iter().for_each(|(b, f)| known[*b] = f.above.clone());
+    for (b, f) in &finished {
+        known[*b] = f.above.clone();
+    }
     crowd.refuse(&files.0, known, finished.iter().flat_map(|(_, f)| &f.keys).copied().collect(), &large)?;
     finished.extend(run(&large)?);
     finished.sort_unstable_by_key(|(bucket, _)| *bucket);
