@@ -9,9 +9,9 @@
 
 use crate::source::open_pack;
 use anyhow::{Context, bail, ensure};
+use kilwa_archive::location::{Location, channels};
 use kilwa_geometry::Aabb;
 use kilwa_pack::{Metadata, Reader, Source, relocate_with_channels};
-use kilwa_archive::location::{Location, channels};
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;

@@ -1,9 +1,9 @@
 //! Opening packs that are files.
 
 use anyhow::Context;
+pub(crate) use kilwa_archive::source::FileSource;
 use kilwa_files::plain_file;
 use kilwa_pack::Reader;
-pub(crate) use kilwa_archive::source::FileSource;
 use std::path::Path;
 
 /// All of a plain file that a person named, of at most `max` bytes.

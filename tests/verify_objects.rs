@@ -2,7 +2,6 @@
 //! or too much; a nightly job goes on where it was stopped.
 
 use crate::support::{built_once, fails, kilwa, succeeds, text};
-use kilwa_pack::{Reader, SliceSource};
 use kilwa_archive::Metadata;
 use kilwa_archive::checksums::sha256;
 use kilwa_archive::draft::{Draft, DraftError};
@@ -14,6 +13,7 @@ use kilwa_archive::page::{Surroundings, landing};
 use kilwa_archive::record::{Publication, records, ro_crate};
 use kilwa_archive::rights::Rights;
 use kilwa_archive::withdraw::{Withdrawal, withdraw};
+use kilwa_pack::{Reader, SliceSource};
 use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::fs;

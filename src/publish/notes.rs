@@ -8,10 +8,10 @@ use super::Args;
 use super::plan::{Given, Plan};
 use crate::redact::{Place, TakenOut};
 use anyhow::{Context, bail, ensure};
-use kilwa_files::plain_file;
 use kilwa_archive::layout::{ANNOTATIONS, pack_name};
 use kilwa_archive::notes::{NOTES_MAX, same_pack};
 use kilwa_archive::{Manifest, Notes, Version};
+use kilwa_files::plain_file;
 use std::io::Read as _;
 use std::path::Path;
 

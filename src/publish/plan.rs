@@ -4,8 +4,6 @@ use super::{Args, notes};
 use crate::redact::{self, Place};
 use crate::source::{open_pack, read_named};
 use anyhow::{Context, bail, ensure};
-use kilwa_builder::build::machine;
-use kilwa_server::Page;
 use kilwa_archive::assemble::{Facts, Following, agree, existing, further, has_metadata};
 use kilwa_archive::location::Location;
 use kilwa_archive::metadata::plain_accuracy;
@@ -13,6 +11,8 @@ use kilwa_archive::metadata::plausible;
 use kilwa_archive::record::europeana_lacks;
 use kilwa_archive::rights::Rights;
 use kilwa_archive::{Manifest, Metadata, Notes, Slug};
+use kilwa_builder::build::machine;
+use kilwa_server::Page;
 use std::path::{Path, PathBuf};
 
 /// Largest metadata file that is read, bytes; its reader names the limit.

@@ -1,9 +1,9 @@
 //! Where an object lies: a folder, or an address ([`super::web`]). Paths are relative to it, with `/`.
 
 use crate::source::FileSource;
+use kilwa_archive::draft::HIDDEN;
 use kilwa_files::plain_file;
 use kilwa_pack::Source;
-use kilwa_archive::draft::HIDDEN;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};

@@ -4,6 +4,10 @@
 //! Each body takes any bytes, must return, and panics where a promise is broken. What it returns tells inputs apart that
 //! took different ways: the kind of result, without its numbers.
 
+use kilwa_archive::layout::safe;
+use kilwa_archive::notes::Body as NoteBody;
+use kilwa_archive::rights::Rights;
+use kilwa_archive::{Checksums, Manifest, Metadata, Notes};
 use kilwa_formats::Findings;
 use kilwa_formats::RawMesh;
 use kilwa_formats::read::{
@@ -14,10 +18,6 @@ use kilwa_pack::reader::SliceSource;
 use kilwa_pack::{
     Attributes, ENTRIES_PER_PAGE, HEADER_BYTES, PAGE_BYTES, Reader, directory::ENTRY_BYTES, parse_head, verify,
 };
-use kilwa_archive::layout::safe;
-use kilwa_archive::notes::Body as NoteBody;
-use kilwa_archive::rights::Rights;
-use kilwa_archive::{Checksums, Manifest, Metadata, Notes};
 use std::fmt::Display;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};

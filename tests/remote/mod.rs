@@ -13,9 +13,9 @@ mod stored;
 mod whole;
 
 use crate::support::{Input, built_once, serving, succeeds, text};
-use kilwa_server::access::{Accounts, Grant, Purpose};
 use kilwa_archive::checksums::sha256;
 use kilwa_archive::{Manifest, Metadata};
+use kilwa_server::access::{Accounts, Grant, Purpose};
 use kilwa_server::upload::wire::{Drawing, FORM, FileSaid, Intent, PreviewSaid};
 use std::collections::BTreeMap;
 use std::net::SocketAddr;

@@ -20,7 +20,6 @@ pub use edm::europeana_lacks;
 pub use ro_crate::ro_crate;
 pub use schema_org::schema_org;
 
-use kilwa_files::plain_file;
 use super::checksums::{Checksum, sha256};
 use super::layout::{
     ANNOTATIONS, CITATIONS, DATACITE, DUBLIN_CORE, EDM, IIIF, IIIF_ANNOTATIONS, LICENCE, LINKSET, METADATA, OEMBED,
@@ -30,6 +29,7 @@ use super::manifest::{Figures, PackEntry};
 use super::metadata::{Agent, AgentKind, Metadata};
 use super::notes::{NOTES_MAX, Notes};
 use super::rights::Rights;
+use kilwa_files::plain_file;
 use serde_json::Value;
 use std::io;
 use std::path::Path;

@@ -12,11 +12,11 @@ use super::resolve::PIECE;
 use super::scatter::Scattered;
 use super::wishes::{self, Above, Places, add_place};
 use super::words::{Layout, read_words};
-use crate::levels::too_large;
 use crate::build::options::BuildError;
+use crate::build::work::Work;
+use crate::levels::too_large;
 use crate::partition::Partition;
 use crate::scratch::ScratchFile;
-use crate::build::work::Work;
 use kilwa_geometry::{DiamondKey, Lattice};
 use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
 

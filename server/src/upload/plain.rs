@@ -5,9 +5,9 @@
 //! the JSON that is written of its numbers, and its triangles use every vertex. What somebody paints into the pixels is not seen.
 
 use super::files::glb_json;
+use flate2::{Crc, Decompress, FlushDecompress, Status};
 use kilwa_archive::drawing;
 use kilwa_archive::layout::{POSTER, THUMBNAILS};
-use flate2::{Crc, Decompress, FlushDecompress, Status};
 use kilwa_pack::Metadata;
 use serde_json::{Value, json};
 
