@@ -18,6 +18,7 @@ mod stl;
 mod stream;
 
 use crate::info::{grouped, metres};
+use crate::new_file::refuse_inputs;
 use crate::source::{FileSource, open_pack};
 use anyhow::Context;
 use choose::Chosen;
@@ -27,7 +28,7 @@ use output::Output;
 pub(crate) use portal::ForPortal;
 use region::Region;
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Give the mesh back from a pack, at full detail or coarser, as PLY, OBJ, STL or GLB, without cracks.
 #[derive(clap::Args)]
@@ -67,13 +68,13 @@ fn error_limit(text: &str) -> Result<f64, String> {
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     // What would stop the writing is said before the work is done.
     let format = Format::of(&args.output, args.ascii)?;
-    refuse_the_pack_itself(&args.pack, &args.output)?;
+    refuse_inputs(&args.output, [args.pack.as_path()])?;
     let output = Output::prepare(&args.output, args.force)?;
     let reader = open_pack(&args.pack)?;
     let of_pack = || args.pack.display().to_string();
     let region = args.region.as_ref().map(|region| region.on(&reader.header().lattice));
     let chosen = choose::choose(&reader, args.max_error, args.max_triangles, region.as_ref()).with_context(of_pack)?;
-    let target = Target::new(&reader, &chosen, region.as_ref());
+    let target = Target::new(&reader, &chosen, region.as_ref(), format).with_context(of_pack)?;
     let mut encoder = format.encoder(&target);
     let mut scratch = output.scratch()?;
     let counts = stream::stream(&reader, &chosen, region.as_ref(), &mut *encoder, &mut scratch, &|_| {})
@@ -85,17 +86,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let bytes = output.write(|out| encoder.assemble(out, &mut scratch, counts))?;
     let report = Report { args, format, target: &target, reader: &reader, chosen: &chosen, counts, bytes };
     if args.json { report.json() } else { report.text() }
-}
-
-/// Writing over the pack would destroy what is read.
-fn refuse_the_pack_itself(pack: &Path, output: &Path) -> anyhow::Result<()> {
-    let real = |path: &Path| std::fs::canonicalize(path).ok();
-    if let (Some(a), Some(b)) = (real(pack), real(output))
-        && a == b
-    {
-        anyhow::bail!("{} is the pack itself; give the output another name", output.display());
-    }
-    Ok(())
 }
 
 fn nothing_there(metadata: &Metadata, region: Option<&Region>) -> String {

@@ -150,11 +150,9 @@ impl Inputs {
     /// Refuse an output that would replace an input. Files that the meshes refer to are known only when the meshes are read; they
     /// are refused then, before anything is replaced.
     pub(crate) fn refuse_as_output(&mut self, output: &Path) -> anyhow::Result<()> {
+        let read = self.files.iter().map(|file| &file.path).chain(&self.matrices);
+        crate::new_file::refuse_inputs(output, read.map(PathBuf::as_path))?;
         let Ok(real) = output.canonicalize() else { return Ok(()) };
-        let mut read = self.files.iter().map(|file| &file.path).chain(&self.matrices);
-        if let Some(file) = read.find(|file| file.canonicalize().is_ok_and(|file| file == real)) {
-            bail!("{} is an input; give another name for the pack", file.display());
-        }
         let cannot = || format!("cannot read the metadata of {}", output.display());
         self.options.replaced = Some(Arc::new(Replaced::new(real.metadata().with_context(cannot)?)));
         Ok(())

@@ -1,6 +1,7 @@
 //! Files that get their name only when they are complete: nobody reads half of one, and neither a failure nor a signal leaves anything behind.
 
 use anyhow::Context;
+use kilwa_files::plain_file;
 use kilwa_files::unfinished::{self, Unfinished};
 use std::fs::File;
 use std::path::Path;
@@ -32,6 +33,55 @@ pub(crate) fn private_folder(prefix: &str) -> std::io::Result<PrivateFolder> {
     Ok(PrivateFolder { folder, _unfinished: noted })
 }
 
+/// Refuse an output that is the same file as an input of the command, whatever names and links lead to it: the input would be lost.
+///
+/// # Errors
+/// A message that names both.
+pub(crate) fn refuse_inputs<'a>(output: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
+    let Ok(there) = std::fs::metadata(output) else { return Ok(()) };
+    // Devices and pipes hold nothing that could be lost.
+    if !there.is_file() {
+        return Ok(());
+    }
+    for input in inputs {
+        if std::fs::metadata(input).is_ok_and(|about| plain_file::is_same_file(&there, &about)) {
+            let shown = output.display();
+            anyhow::ensure!(input != output, "{shown} is an input of this command; give another name for the output");
+            anyhow::bail!(
+                "{shown} is the same file as {}, an input of this command; give another name for the output",
+                input.display()
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Check an output before the work is done.
+///
+/// # Errors
+/// When it is an input of the command, is not a regular file, exists and must not be replaced, or lies in a missing folder.
+pub(crate) fn check_output<'a>(
+    path: &Path,
+    replace: bool,
+    inputs: impl IntoIterator<Item = &'a Path>,
+) -> anyhow::Result<()> {
+    refuse_inputs(path, inputs)?;
+    let shown = path.display();
+    if let Ok(there) = std::fs::metadata(path) {
+        // A rename would put a file in the place of a device.
+        anyhow::ensure!(there.is_file(), "{shown} is a folder, a pipe or a device; give the name of a file");
+        anyhow::ensure!(replace, "{shown} exists already; give --force to replace it");
+    }
+    let folder = folder_of(path);
+    anyhow::ensure!(folder.is_dir(), "{shown}: there is no folder {}; make it first", folder.display());
+    Ok(())
+}
+
+/// The folder that a file is in.
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
 /// A file under a temporary name in the folder that it will be in; gone when it is dropped or a signal ends the program.
 pub(crate) struct NewFile {
     file: tempfile::NamedTempFile,
@@ -44,7 +94,7 @@ impl NewFile {
     /// # Errors
     /// When its folder is not there or cannot be written to.
     pub(crate) fn beside(path: &Path) -> anyhow::Result<Self> {
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = folder_of(path);
         let make = || tempfile::Builder::new().prefix(".kilwa-").tempfile_in(folder);
         let made = unfinished::make(make, tempfile::NamedTempFile::path);
         let (file, noted) = made.with_context(|| format!("cannot write {}", path.display()))?;
@@ -77,7 +127,33 @@ impl NewFile {
 
 #[cfg(all(test, unix))]
 mod tests {
-    use std::os::unix::fs::PermissionsExt as _;
+    use super::*;
+    use std::os::unix::fs::{PermissionsExt as _, symlink};
+
+    #[test]
+    fn an_output_is_compared_with_inputs_through_links_and_other_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::write(at("in"), "x").unwrap();
+        std::fs::write(at("other"), "x").unwrap();
+        symlink(at("in"), at("link")).unwrap();
+        std::fs::hard_link(at("in"), at("hard")).unwrap();
+        symlink(folder.path(), at("folder")).unwrap();
+        let input = at("in");
+        let check = |name: &str| check_output(&at(name), true, [input.as_path()]);
+        for name in ["in", "link", "hard", "folder/in"] {
+            let said = check(name).unwrap_err().to_string();
+            assert!(said.contains(name) && said.contains("an input of this command"), "{said}");
+            assert!(said.contains(&*at("in").to_string_lossy()), "{said}");
+        }
+        assert!(check("other").is_ok() && check("new").is_ok());
+        assert!(check_output(&at("other"), false, []).unwrap_err().to_string().contains("--force"));
+        for (name, part) in [(".", "is a folder"), ("none/new", "there is no folder")] {
+            assert!(check(name).unwrap_err().to_string().contains(part), "{name}");
+        }
+        let device = check_output(Path::new("/dev/null"), true, []).unwrap_err().to_string();
+        assert!(device.contains("device"), "{device}");
+    }
 
     #[test]
     fn no_other_user_can_look_into_a_temporary_folder() {

@@ -1,6 +1,6 @@
 //! `kilwa render`: a picture of a pack without a window, through the same streamer and renderer as the page.
 
-use crate::new_file::NewFile;
+use crate::new_file::{NewFile, check_output};
 use crate::sheet::{self, SheetArgs};
 use crate::source::{FileSource, read_named_text};
 use anyhow::{Context, bail};
@@ -82,6 +82,9 @@ pub(crate) struct Args {
     /// Memory for chunks, in megabytes.
     #[arg(long, default_value_t = 2048, value_name = "MB", value_parser = clap::value_parser!(u64).range(16..=1_000_000))]
     memory: u64,
+    /// Replace an existing picture, and the world file beside a plan to scale.
+    #[arg(long)]
+    force: bool,
     /// Report as JSON.
     #[arg(long)]
     json: bool,
@@ -131,6 +134,7 @@ struct Report {
 const MAX_PIXELS: u64 = 1 << 30;
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    check_outputs(args)?;
     let display = display(args)?;
     let source = FileSource::open(&args.pack)?;
     let prefer = if args.software { Prefer::Software } else { Prefer::Hardware };
@@ -153,9 +157,25 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let view = session.view(&camera, args.size, args.pixel_error);
     let options = session.options(&display);
     let (image, stats) = session.render(&view, &options).with_context(in_pack)?;
-    write_png(&args.output, &image, options.background == Background::Transparent)?;
+    write_png(&args.output, &image, options.background == Background::Transparent, args.force)?;
     let legend = legend(&display, session.metadata(), &session.bounds());
     report(args, adapter, &camera, &stats, display, legend)
+}
+
+/// Whether `--display` is JSON itself and not a file with it.
+fn is_json(display: &str) -> bool {
+    display.trim_start().starts_with('{')
+}
+
+/// Check the files to write against those that are read, before anything is drawn.
+fn check_outputs(args: &Args) -> anyhow::Result<()> {
+    let display = args.display.as_deref().filter(|text| !is_json(text)).map(Path::new);
+    let inputs = || [Some(args.pack.as_path()), args.camera.as_deref(), display].into_iter().flatten();
+    check_output(&args.output, args.force, inputs())?;
+    match sheet::world_file_of(&args.output, args.view).filter(|_| args.sheet.is_wanted()) {
+        Some(world) => check_output(&world, args.force, inputs()),
+        None => Ok(()),
+    }
 }
 
 /// A drawing to scale: white paper unless told otherwise.
@@ -172,6 +192,7 @@ fn draw_sheet(args: &Args, mut session: Session<FileSource>) -> anyhow::Result<(
         options,
         pixel_error: args.pixel_error,
         output: &args.output,
+        replace: args.force,
         identity,
     };
     let report = sheet::run(&args.sheet, subject)?;
@@ -196,7 +217,7 @@ const SETTINGS_MAX: u64 = 1 << 20;
 /// What the options say of how the model is shown.
 fn display(args: &Args) -> anyhow::Result<Display> {
     let mut display = match &args.display {
-        Some(text) if text.trim_start().starts_with('{') => Display::from_json(text).context("--display")?,
+        Some(text) if is_json(text) => Display::from_json(text).context("--display")?,
         Some(path) => {
             let text = read_named_text(Path::new(path), SETTINGS_MAX)?;
             Display::from_json(&text).with_context(|| path.clone())?
@@ -330,7 +351,7 @@ fn read_camera(path: &Path) -> anyhow::Result<Camera> {
 }
 
 /// Write under a temporary name in the same folder, then rename: no half picture under the final name.
-fn write_png(path: &Path, image: &Image, alpha: bool) -> anyhow::Result<()> {
+fn write_png(path: &Path, image: &Image, alpha: bool, replace: bool) -> anyhow::Result<()> {
     let failed = || format!("cannot write {}", path.display());
     let mut file = NewFile::beside(path)?;
     let [width, height] = image.size;
@@ -342,7 +363,7 @@ fn write_png(path: &Path, image: &Image, alpha: bool) -> anyhow::Result<()> {
     };
     let encoder = image::codecs::png::PngEncoder::new(std::io::BufWriter::new(file.file()));
     image::ImageEncoder::write_image(encoder, &pixels, width, height, color).with_context(failed)?;
-    file.name(path, true)
+    file.name(path, replace)
 }
 
 fn parse_view(text: &str) -> Result<StandardView, String> {

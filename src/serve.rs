@@ -357,6 +357,9 @@ fn door(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Ar
             );
         }
     }
+    if let Some(audit) = &args.audit {
+        crate::new_file::refuse_inputs(audit, [file.as_path()])?;
+    }
     let kept = |folder: &PathBuf| {
         Sessions::in_folder(folder).with_context(|| format!("cannot keep sessions in {}", folder.display()))
     };

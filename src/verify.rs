@@ -12,6 +12,7 @@ mod report;
 mod state;
 mod web;
 
+use crate::new_file::refuse_inputs;
 use crate::secrets::shown;
 use crate::source::FileSource;
 use anyhow::{Context, bail};
@@ -76,6 +77,9 @@ struct Item {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let (place, items) = if is_address(&args.target) { at_address(&args.target)? } else { in_folder(&args.target)? };
+    if let Some(state) = args.state.as_deref().filter(|_| !is_address(&args.target)) {
+        refuse_inputs(state, [Path::new(&args.target)])?;
+    }
     let mut state = match &args.state {
         Some(path) => State::open(path, &canonical(&args.target), args.resume, args.older_than)?,
         None => State::default(),

@@ -5,6 +5,7 @@ use crate::support::{Input, Ply, built_once, fails, json, kilwa, succeeds, text}
 use kilwa_formats::RawMesh;
 use kilwa_formats::read::read_mesh;
 use kilwa_geometry::Lattice;
+use kilwa_pack::{PackWriter, Reader, SliceSource, Source};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -253,7 +254,7 @@ fn what_cannot_be_written_is_refused_by_name_before_anything_is_written() {
     let pack = work.path().join("pack.ply");
     std::fs::copy(torus(), &pack).unwrap();
     let said = fails(&["extract", text(&pack), "-o", text(&work.path().join("./pack.ply")), "--force"]);
-    assert!(said.contains("is the pack itself"), "{said}");
+    assert!(said.contains("is an input of this command"), "{said}");
     assert_eq!(std::fs::read(&pack).unwrap(), std::fs::read(torus()).unwrap());
 
     std::fs::write(&stl, "precious").unwrap();
@@ -278,4 +279,124 @@ fn the_ply_reader_of_the_tests_agrees_on_what_a_box_holds() {
         let inside = |k: usize| corners.iter().map(|c| c[k]).sum::<f64>() / 3.0 >= FAR[k] - 1e-6;
         assert!((0..3).all(inside), "a centroid lies outside: {corners:?}");
     }
+}
+
+/// A copy of a pack with another lattice: the same chunks, steps of another length, at another place.
+fn on_lattice(pack: &Path, lattice: Lattice, to: &Path) {
+    let reader = Reader::open(SliceSource(std::fs::read(pack).unwrap())).unwrap();
+    let from = reader.header().lattice;
+    let ratio = 2f64.powi(lattice.step_log2 - from.step_log2);
+    let (mut header, mut metadata) = (reader.header().clone(), reader.metadata().clone());
+    header.lattice = lattice;
+    metadata.lattice_step = lattice.step();
+    metadata.median_edge *= ratio;
+    for corner in [&mut metadata.bounds_min, &mut metadata.bounds_max] {
+        *corner = lattice.world_from_steps(from.steps_from_world(*corner).map(f64::round));
+    }
+    let mut entries = reader.entries().to_vec();
+    for entry in entries.iter_mut().filter(|entry| entry.error.is_finite()) {
+        entry.error = (f64::from(entry.error) * ratio).min(f64::from(f32::MAX)) as f32;
+    }
+    let mut writer = PackWriter::begin(Vec::new(), header, &metadata, entries).unwrap();
+    for entry in reader.entries() {
+        writer.chunk(&reader.source().read_at(entry.offset, entry.encoded_bytes as usize).unwrap()).unwrap();
+    }
+    std::fs::write(to, writer.finish().unwrap()).unwrap();
+}
+
+/// The positions in a file as its numbers are, without what has to be added to them.
+fn numbers(path: &Path) -> Vec<[f64; 3]> {
+    let bytes = std::fs::read(path).unwrap();
+    let float = |at: usize| f64::from(f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()));
+    let floats = |at: usize| [float(at), float(at + 4), float(at + 8)];
+    match path.extension().unwrap().to_str().unwrap() {
+        "ply" => Ply::read(path).vertices.iter().map(|v| [v[0], v[1], v[2]]).collect(),
+        "obj" => {
+            let text = String::from_utf8(bytes).unwrap();
+            let vertices = text.lines().filter_map(|line| line.strip_prefix("v "));
+            let three = |line: &str| {
+                let words: Vec<f64> = line.split(' ').map(|word| word.parse().unwrap()).collect();
+                [words[0], words[1], words[2]]
+            };
+            vertices.map(three).collect()
+        }
+        "stl" => (84..bytes.len()).step_by(50).flat_map(|at| [12, 24, 36].map(|corner| floats(at + corner))).collect(),
+        _ => {
+            let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+            let file: serde_json::Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+            let limits = ["min", "max"].map(|name| file["accessors"][0][name].as_array().unwrap());
+            assert!(limits.iter().all(|three| three.iter().all(serde_json::Value::is_number)), "{limits:?}");
+            let (count, stride) = (&file["accessors"][0]["count"], &file["bufferViews"][0]["byteStride"]);
+            let stride = stride.as_u64().unwrap() as usize;
+            (0..count.as_u64().unwrap() as usize).map(|v| floats(20 + length + 8 + v * stride)).collect()
+        }
+    }
+}
+
+/// FORMAT.md allows steps of 2^-1000 to 2^1000 m, and any origin.
+#[test]
+fn coordinates_that_a_format_cannot_hold_are_refused_and_others_stay_apart() {
+    let work = tempfile::tempdir().unwrap();
+    let base = built_once(&folder(), "small", |to| Input::torus(32, 16, [0.0; 3]).write(to), &[]);
+    let different = |path: &Path| {
+        let all = numbers(path);
+        assert!(all.iter().flatten().all(|x| x.is_finite()), "{}", path.display());
+        all.iter().map(|p| p.map(f64::to_bits)).collect::<std::collections::BTreeSet<_>>().len()
+    };
+    let plain = work.path().join("plain.ply");
+    succeeds(&["extract", text(&base), "-o", text(&plain)]);
+    let wanted = different(&plain);
+    let pack = work.path().join("a.kilwa");
+    for (step_log2, at, ply, [double, float]) in [
+        (-13, 0.0, "float", [true, true]),
+        (-13, 9e6, "double", [true, true]),
+        (60, 0.0, "float", [true, true]),
+        (200, 0.0, "double", [true, false]),
+        (900, 0.0, "double", [true, false]),
+        (-200, 0.0, "double", [true, false]),
+        (-900, 0.0, "double", [true, false]),
+        (-40, 5e5, "", [false, true]),
+        (-10, 1e15, "", [false, true]),
+        (0, 1e300, "", [false, true]),
+        (-900, 5e5, "", [false, false]),
+    ] {
+        on_lattice(&base, Lattice { origin: [at, -at, at], step_log2 }, &pack);
+        for (name, ascii, fits) in [
+            ("a.ply", false, double),
+            ("b.ply", true, double),
+            ("a.obj", false, double),
+            ("a.stl", false, float),
+            ("a.glb", false, float),
+        ] {
+            let case = format!("{name}, steps of 2^{step_log2} m at {at:?}");
+            let out = work.path().join(name);
+            let mut args = vec!["extract", text(&pack), "-o", text(&out)];
+            args.extend(ascii.then_some("--ascii"));
+            if fits {
+                let report = json(&args);
+                assert_eq!(different(&out), wanted, "{case}");
+                if name.ends_with("ply") {
+                    assert_eq!(report["coordinates"], ply, "{case}");
+                }
+                std::fs::remove_file(&out).unwrap();
+            } else {
+                let said = fails(&args);
+                assert!(said.contains("a.kilwa") && said.contains(&format!("2^{step_log2} m")), "{case}: {said}");
+                assert!(said.contains("instead") || said.contains("no other format"), "{case}: {said}");
+                assert!(!out.exists(), "{case}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_header_of_an_stl_has_the_whole_offset_however_long_its_numbers_are() {
+    let work = tempfile::tempdir().unwrap();
+    let base = built_once(&folder(), "small", |to| Input::torus(32, 16, [0.0; 3]).write(to), &[]);
+    let (pack, out) = (work.path().join("a.kilwa"), work.path().join("a.stl"));
+    on_lattice(&base, Lattice { origin: [1e300, -1e300, 0.1], step_log2: -13 }, &pack);
+    let report = json(&["extract", text(&pack), "-o", text(&out)]);
+    let header = String::from_utf8(std::fs::read(&out).unwrap()[..80].to_vec()).unwrap();
+    let words = header.split(' ').filter_map(|word| word.parse::<f64>().ok());
+    assert_eq!(serde_json::json!(words.collect::<Vec<_>>()), report["offset"], "{header}");
 }

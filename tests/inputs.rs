@@ -191,3 +191,66 @@ fn a_pack_never_replaces_a_file_that_the_build_reads() {
     assert_eq!(refused.status.code(), Some(1));
     assert!(std::fs::read(&document).unwrap() == before, "{}", String::from_utf8_lossy(&refused.stderr));
 }
+
+/// Every command that writes a file, with one of its inputs as the output.
+#[cfg(unix)]
+#[test]
+fn no_command_replaces_one_of_its_inputs() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    succeeds(&["synth", "phantom", "--triangles", "300", "-o", &at("c.ply")]);
+    succeeds(&["build", &at("c.ply"), "-o", &at("c.kilwa")]);
+    succeeds(&["measure", &at("c.kilwa"), "distance", "0", "0", "0", "1", "1", "1", "--save", &at("doc.geojson")]);
+    succeeds(&["access", "init", &at("accounts.json")]);
+    std::fs::create_dir(at("served")).unwrap();
+    std::fs::copy(at("c.kilwa"), at("served/c.kilwa")).unwrap();
+    // The pack under names whose endings say another format, and a link to it.
+    for name in ["p.ply", "p.json", "p.png", "p.pgw", "q.kilwa"] {
+        std::fs::copy(at("c.kilwa"), at(name)).unwrap();
+    }
+    std::os::unix::fs::symlink(at("q.kilwa"), at("link.png")).unwrap();
+    std::fs::write(at("camera.png"), r#"{"target": [0, 0, 1], "distance": 5}"#).unwrap();
+    std::fs::write(at("display.png"), "{}").unwrap();
+    let of = |args: &[&str]| args.iter().map(|a| (*a).to_owned()).collect::<Vec<String>>();
+    let measure = |pack: &str, more: &[&str]| of(&[&["measure", pack], more].concat());
+    let calls: Vec<(&str, Vec<String>)> = vec![
+        ("p.ply", of(&["extract", &at("p.ply"), "-o", &at("p.ply"), "--force"])),
+        ("p.json", measure(&at("p.json"), &["section", "--z", "0.5", "-o", &at("p.json"), "--force"])),
+        ("p.json", measure(&at("p.json"), &["area", "--save", &at("p.json")])),
+        ("doc.geojson", measure(&at("c.kilwa"), &["again", &at("doc.geojson"), "-o", &at("doc.geojson"), "--force"])),
+        ("p.png", of(&["render", &at("p.png"), "-o", &at("p.png"), "--force"])),
+        ("q.kilwa", of(&["render", &at("q.kilwa"), "-o", &at("link.png"), "--force"])),
+        ("p.pgw", of(&["render", &at("p.pgw"), "-o", &at("p.png"), "--view", "plan", "--scale", "1:100", "--force"])),
+        (
+            "camera.png",
+            of(&["render", &at("c.kilwa"), "--camera", &at("camera.png"), "-o", &at("camera.png"), "--force"]),
+        ),
+        (
+            "display.png",
+            of(&["render", &at("c.kilwa"), "--display", &at("display.png"), "-o", &at("display.png"), "--force"]),
+        ),
+        ("c.kilwa", of(&["verify", &at("c.kilwa"), "--state", &at("c.kilwa")])),
+        (
+            "accounts.json",
+            of(&[
+                "serve",
+                &at("served"),
+                "--listen",
+                "127.0.0.1:0",
+                "--access",
+                &at("accounts.json"),
+                "--audit",
+                &at("accounts.json"),
+            ]),
+        ),
+    ];
+    for (input, call) in calls {
+        let before = std::fs::read(at(input)).unwrap();
+        let said = fails(&call.iter().map(String::as_str).collect::<Vec<_>>());
+        assert!(
+            said.contains("an input of this command; give another name") && said.contains(input),
+            "{call:?}: {said}"
+        );
+        assert!(std::fs::read(at(input)).unwrap() == before, "{call:?}");
+    }
+}

@@ -19,7 +19,7 @@ fn sphere(folder: &Path) -> String {
 }
 
 fn render(pack: &str, out: &Path, more: &[&str]) -> Output {
-    let mut args = vec!["render", pack, "--software", "-o", out.to_str().expect("plain name")];
+    let mut args = vec!["render", pack, "--software", "--force", "-o", out.to_str().expect("plain name")];
     args.extend(more);
     kilwa(&args)
 }
@@ -200,4 +200,36 @@ fn a_display_that_was_printed_gives_the_same_picture_and_a_wrong_one_is_refused_
     let (code, message) = code_and_message(&render(&pack, &first, &["--display", r#"{"strength":3}"#]));
     assert_eq!(code, Some(1));
     assert!(message.contains("strength"), "{message}");
+}
+
+#[test]
+fn a_picture_and_a_world_file_that_exist_are_replaced_only_by_force() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pack = sphere(folder.path());
+    let at = |name: &str| folder.path().join(name);
+    let out = at("p.png").to_str().expect("plain name").to_owned();
+    let small = ["render", &pack, "--software", "--size", "8x8", "-o", &out];
+    let plan = ["render", &pack, "--software", "--view", "plan", "--scale", "1:100", "--dpi", "25", "-o", &out];
+    let refused = |args: &[&str], named: &str| {
+        let (code, message) = code_and_message(&kilwa(args));
+        assert_eq!(code, Some(1), "{message}");
+        assert!(message.contains(named) && message.contains("--force"), "{message}");
+    };
+    std::fs::write(at("p.png"), "mine").expect("written");
+    refused(&small, "p.png");
+    refused(&plan, "p.png");
+    assert_eq!(std::fs::read(at("p.png")).expect("read"), b"mine");
+    std::fs::rename(at("p.png"), at("p.pgw")).expect("renamed");
+    refused(&plan, "p.pgw");
+    assert!(!at("p.png").exists(), "nothing is drawn before all files are checked");
+    let elevation = ["render", &pack, "--software", "--view", "south", "--scale", "1:100", "--dpi", "25", "-o", &out];
+    for args in [&small[..], &elevation] {
+        let done = kilwa(args);
+        assert!(done.status.success(), "it has no world file: {:?}", code_and_message(&done));
+        std::fs::remove_file(at("p.png")).expect("removed");
+    }
+    assert_eq!(std::fs::read(at("p.pgw")).expect("read"), b"mine");
+    let done = kilwa(&[&plan[..], &["--force"]].concat());
+    assert!(done.status.success(), "{:?}", code_and_message(&done));
+    assert_ne!(std::fs::read(at("p.pgw")).expect("read"), b"mine");
 }

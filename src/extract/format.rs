@@ -22,6 +22,9 @@ pub(super) enum Format {
     Glb,
 }
 
+/// The formats, in the order in which messages name them.
+const ALL: [Format; 4] = [Format::Ply { ascii: false }, Format::Obj, Format::Stl, Format::Glb];
+
 /// Turns vertices and triangles into bytes.
 pub(super) trait Encoder {
     /// Whether triangles name vertices; else they have their corners with them and no vertex is asked for.
@@ -132,7 +135,7 @@ pub(super) struct Target {
     pub(super) lattice: Lattice,
     /// A lattice point in the middle of what is written.
     pub(super) center: LatticePoint,
-    /// A `float` does not keep the lattice points of the world apart.
+    /// World coordinates do not fit `float`: its range is too small, or it does not keep lattice points apart.
     pub(super) needs_double: bool,
     pub(super) colors: bool,
     pub(super) metadata: Metadata,
@@ -142,21 +145,122 @@ pub(super) struct Target {
     pub(super) at_zero: bool,
 }
 
+/// Coordinates that are to be written, and which numbers can hold them. The one place where this is decided.
+#[derive(Debug, Clone, Copy)]
+struct Coordinates {
+    lattice: Lattice,
+    cube_log2: u32,
+    /// What is written, in steps; not empty.
+    bounds: Aabb,
+    /// Median edge of the finest surface, metres.
+    median_edge: f64,
+}
+
+impl Coordinates {
+    /// Floats exact to this many steps: 24 bits.
+    const EXACT: f64 = 16_777_216.0;
+
+    /// A lattice point in the middle.
+    fn center(&self) -> LatticePoint {
+        let Aabb { min, max } = self.bounds;
+        [0, 1, 2].map(|k| min[k] + (max[k] - min[k]) / 2)
+    }
+
+    /// Whether world coordinates need `double`. Steps must be normal numbers, because many programs read smaller ones as zero.
+    fn need_double(&self) -> bool {
+        let step = self.lattice.step();
+        let side = f64::from(1u32 << self.cube_log2);
+        let far = self.lattice.world_from_steps([side; 3]);
+        let largest = far.iter().chain(&self.lattice.origin).fold(0.0f64, |m, x| m.max(x.abs()));
+        // Half a unit in the last place of a float is 2^-24 of the power of two below the number.
+        largest * 2f64.powi(-24) > step * 0.25 || largest > f64::from(f32::MAX) || step < f64::from(f32::MIN_POSITIVE)
+    }
+
+    /// Whether world coordinates are finite as `double`, and no two lattice points become one.
+    fn fit_double(&self) -> bool {
+        let step = self.lattice.step();
+        let ends = [self.bounds.min, self.bounds.max].map(|p| self.lattice.world_from_lattice(p));
+        (0..3).all(|k| {
+            let largest = ends[0][k].abs().max(ends[1][k].abs());
+            let spacing = largest - largest.next_down();
+            // Where both are the same, points stay apart only if none has to be rounded.
+            let apart = spacing < step || (spacing == step && self.lattice.origin[k] % step == 0.0);
+            largest.is_finite() && apart
+        })
+    }
+
+    /// Whether coordinates relative to the middle fit `float`: exactly, or, of a model more than 2^25 steps wide, rounded by at most a
+    /// quarter of an edge.
+    fn fit_relative_float(&self) -> bool {
+        let (step, center) = (self.lattice.step(), self.center());
+        let reach = (0..3).map(|k| f64::from(self.bounds.max[k] - center[k])).fold(0.0, f64::max);
+        // Neighbouring floats below `reach` are at most this far apart.
+        let spacing = reach * 2f64.powi(-23) * step;
+        step >= f64::from(f32::MIN_POSITIVE)
+            && reach * step <= f64::from(f32::MAX)
+            && (reach <= Self::EXACT || spacing <= self.median_edge * 0.5)
+            && self.lattice.world_from_lattice(center).iter().all(|x| x.is_finite())
+    }
+
+    /// Whether a format holds them.
+    fn fit(&self, format: Format) -> bool {
+        match format {
+            Format::Ply { .. } => !self.need_double() || self.fit_double(),
+            Format::Obj => self.fit_double(),
+            Format::Stl => !self.need_double() || self.fit_relative_float(),
+            Format::Glb => self.fit_relative_float(),
+        }
+    }
+
+    /// Say why a format does not hold them, and what would.
+    fn refuse_unless_fit(&self, format: Format) -> anyhow::Result<()> {
+        if self.fit(format) {
+            return Ok(());
+        }
+        let ([x, y, z], step) = (self.lattice.origin, self.lattice.step_log2);
+        let others: Vec<&str> = ALL.iter().filter(|f| self.fit(**f)).map(|f| f.title()).collect();
+        let center = self.center();
+        let small = Self { bounds: Aabb { min: center, max: center }, ..*self };
+        let hint = if !others.is_empty() {
+            format!("write {} instead", others.join(" or "))
+        } else if small.fit(format) {
+            "no other format can either; extract smaller parts with --box".to_owned()
+        } else {
+            "no other format can either; build the pack again with coordinates nearer to zero, or with another --step"
+                .to_owned()
+        };
+        anyhow::bail!(
+            "the numbers of {} cannot hold coordinates in steps of 2^{step} m from the origin {x:?} {y:?} {z:?}; {hint}",
+            format.title()
+        )
+    }
+}
+
 impl Target {
-    pub(super) fn new<S: Source>(reader: &Reader<S>, chosen: &Chosen, region: Option<&Steps>) -> Self {
+    /// What `format` needs to know.
+    ///
+    /// # Errors
+    /// When the numbers of the format cannot hold the coordinates; the message says which format can.
+    pub(super) fn new<S: Source>(
+        reader: &Reader<S>,
+        chosen: &Chosen,
+        region: Option<&Steps>,
+        format: Format,
+    ) -> anyhow::Result<Self> {
         let header = reader.header();
         let lattice = header.lattice;
         let near = |bounds: &&Aabb| region.is_none_or(|region| region.meets(bounds));
         let all = reader.entries().iter().map(|e| &e.bounds).filter(near).fold(Aabb::EMPTY, |sum, b| sum.union(b));
-        let center =
-            if all.is_empty() { [0; 3] } else { [0, 1, 2].map(|k| all.min[k] + (all.max[k] - all.min[k]) / 2) };
-        let side = f64::from(1u32 << header.cube_log2);
-        let far = lattice.world_from_steps([side; 3]);
-        let largest = far.iter().chain(&lattice.origin).fold(0.0f64, |m, x| m.max(x.abs()));
-        // Half a unit in the last place of a float is 2^-24 of the power of two below the number.
-        let needs_double = largest * 2f64.powi(-24) > lattice.step() * 0.25;
+        let bounds = if all.is_empty() { Aabb { min: [0; 3], max: [0; 3] } } else { all };
+        let median_edge = reader.metadata().median_edge;
+        let coordinates = Coordinates { lattice, cube_log2: header.cube_log2, bounds, median_edge };
+        // Where nothing is there to write, that is what has to be said.
+        if !all.is_empty() {
+            coordinates.refuse_unless_fit(format)?;
+        }
+        let (center, needs_double) = (coordinates.center(), coordinates.need_double());
         let (colors, metadata) = (header.attributes.colors, reader.metadata().clone());
-        Self { lattice, center, needs_double, colors, metadata, error: chosen.error, at_zero: false }
+        Ok(Self { lattice, center, needs_double, colors, metadata, error: chosen.error, at_zero: false })
     }
 
     /// A position relative to [`Self::center`], in metres: exact within 2^24 steps of it.
@@ -180,4 +284,93 @@ impl Target {
 /// Text for one line of a header.
 pub(super) fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A cube of 2^10 steps.
+    fn coordinates(step_log2: i32, origin: f64) -> Coordinates {
+        let lattice = Lattice { origin: [origin, -origin, origin], step_log2 };
+        let bounds = Aabb { min: [0; 3], max: [1024; 3] };
+        Coordinates { lattice, cube_log2: 10, bounds, median_edge: lattice.step() * 16.0 }
+    }
+
+    #[test]
+    fn each_format_is_refused_exactly_where_its_numbers_end() {
+        // Step, origin; PLY as double; what PLY, OBJ, STL and GLB can do.
+        for (step, origin, double, fit) in [
+            (-13, 0.0, false, [true; 4]),
+            (-13, 9e6, true, [true; 4]),
+            (117, 0.0, false, [true; 4]),
+            (118, 0.0, true, [true, true, true, true]),
+            (119, 0.0, true, [true, true, false, false]),
+            (1000, 0.0, true, [true, true, false, false]),
+            (-126, 0.0, false, [true; 4]),
+            (-127, 0.0, true, [true, true, false, false]),
+            (-1000, 0.0, true, [true, true, false, false]),
+            (-40, 5e5, true, [false, false, true, true]),
+            (-10, 1e15, true, [false, false, true, true]),
+            (0, 1e300, true, [false, false, true, true]),
+            (-900, 5e5, true, [false; 4]),
+            (100, f64::MAX, true, [false, false, true, true]),
+        ] {
+            let c = coordinates(step, origin);
+            assert_eq!(c.need_double(), double, "2^{step} at {origin}");
+            assert_eq!(ALL.map(|f| c.fit(f)), fit, "2^{step} at {origin}");
+        }
+    }
+
+    #[test]
+    fn what_is_held_is_finite_and_stays_apart() {
+        for step in (-1000..=1000).step_by(7) {
+            for origin in [0.0, 1.0 / 3.0, 1e3, 5e5, 1e9, 1e15, 1e16, 1e100, 1e308] {
+                let c = coordinates(step, origin);
+                let apart = |of: &dyn Fn(i32) -> f64| {
+                    let all: Vec<f64> = (0..=1024).map(of).collect();
+                    all.iter().all(|x| x.is_finite()) && all.windows(2).all(|w| w[0] < w[1])
+                };
+                let world = |p: i32| c.lattice.world_from_lattice([p; 3])[0];
+                assert!(!c.fit(Format::Obj) || apart(&world), "2^{step} at {origin}");
+                assert!(c.need_double() || apart(&|p| f64::from(world(p) as f32)), "2^{step} at {origin}");
+                let local = |p: i32| f64::from((f64::from(p - c.center()[0]) * c.lattice.step()) as f32);
+                assert!(!c.fit(Format::Glb) || apart(&local), "2^{step} at {origin}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_step_of_one_unit_in_the_last_place_is_held_where_the_origin_is_a_multiple_of_it() {
+        let exact = coordinates(-29, 9e6);
+        assert!(exact.fit(Format::Obj), "the finest step that kilwa build derives");
+        let mut between = exact;
+        between.lattice.origin = [8_388_608.0 - 2f64.powi(-30), 0.0, 0.0];
+        assert!(!between.fit(Format::Obj), "points above 2^23 m would have to be rounded");
+        assert!(!coordinates(-30, 9e6).fit(Format::Obj));
+    }
+
+    #[test]
+    fn a_wide_model_is_refused_only_where_floats_would_swallow_its_edges() {
+        let mut wide = coordinates(-10, 0.0);
+        (wide.cube_log2, wide.bounds.max) = (30, [(1 << 30) - 1; 3]);
+        wide.median_edge = wide.lattice.step();
+        assert!(!wide.fit(Format::Glb));
+        assert!(wide.fit(Format::Obj));
+        wide.median_edge = wide.lattice.step() * 256.0;
+        assert!(wide.fit(Format::Glb));
+    }
+
+    #[test]
+    fn a_refusal_names_step_and_origin_and_what_can_be_done() {
+        let say = |c: Coordinates, f: Format| c.refuse_unless_fit(f).unwrap_err().to_string();
+        let far = say(coordinates(-40, 5e5), Format::Obj);
+        assert!(far.contains("OBJ") && far.contains("2^-40 m") && far.contains("500000.0 -500000.0"), "{far}");
+        assert!(far.contains("write STL or GLB instead"), "{far}");
+        assert!(say(coordinates(-900, 0.0), Format::Glb).contains("write PLY or OBJ instead"));
+        assert!(say(coordinates(-900, 5e5), Format::Stl).contains("build the pack again"));
+        let mut wide = coordinates(1000, f64::MAX / 2.0);
+        wide.bounds.max = [1 << 24; 3];
+        assert!(say(wide, Format::Ply { ascii: true }).contains("--box"));
+    }
 }

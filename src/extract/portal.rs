@@ -57,13 +57,13 @@ fn write(
         Detail::Error(metres) => (Some(metres), None),
     };
     let chosen = choose::choose(&reader, error, triangles, None).with_context(of_pack)?;
-    let target = Target::new(&reader, &chosen, None);
     let format = match format {
         Wanted::Ply => Format::Ply { ascii: false },
         Wanted::Glb => Format::Glb,
         Wanted::Obj => Format::Obj,
         Wanted::Stl => Format::Stl,
     };
+    let target = Target::new(&reader, &chosen, None, format).with_context(of_pack)?;
     let mut encoder = format.encoder(&target);
     // Another server that uses the same cache may have made it meanwhile: the same bytes.
     let output = Output::prepare(to, true)?;

@@ -35,7 +35,8 @@ pub(crate) fn write(pack: &Path, to: &Path, most_bytes: u64) -> anyhow::Result<P
     let mut most = (most_bytes / BYTES_PER_TRIANGLE).max(1);
     for _ in 0..TRIES {
         let chosen = choose::choose(&reader, None, Some(most), None).with_context(of_pack)?;
-        let target = Target { at_zero: true, ..Target::new(&reader, &chosen, None) };
+        let target = Target::new(&reader, &chosen, None, Format::Glb).with_context(of_pack)?;
+        let target = Target { at_zero: true, ..target };
         let mut encoder = Format::Glb.encoder(&target);
         let output = Output::prepare(to, false)?;
         let mut scratch = output.scratch()?;

@@ -7,6 +7,9 @@ use super::stream::Counts;
 use kilwa_geometry::{LatticePoint, Mesh};
 use std::io::{Error, Write};
 
+/// Bytes of the text that a file begins with.
+const TEXT: usize = 80;
+
 pub(super) struct Stl {
     target: Target,
 }
@@ -53,9 +56,12 @@ impl Encoder for Stl {
         if self.target.needs_double {
             let [x, y, z] = self.target.lattice.world_from_lattice(self.target.center);
             header = format!("kilwa, m, z up, add {x} {y} {z}");
+            if header.len() > TEXT {
+                header = format!("add {x:e} {y:e} {z:e}");
+            }
         }
         let mut header = header.into_bytes();
-        header.resize(80, b' ');
+        header.resize(TEXT, b' ');
         out.write_all(&header)?;
         out.write_all(&count.to_le_bytes())?;
         scratch.copy_triangles(out)

@@ -9,10 +9,11 @@ mod report;
 mod saved;
 mod sweep;
 
+use crate::new_file::refuse_inputs;
 use crate::source::open_pack;
 use clap::Subcommand;
 use kilwa_geometry::distance::Vec3;
-use kilwa_measure::{LengthUnit, Outcome, Place, Plane, Space, Task, ToolName, Uncertainty};
+use kilwa_measure::{LengthUnit, Outcome, Place, Plane, Reading, Space, Task, ToolName, Uncertainty};
 use place::{Given, places, positions};
 use serde_json::json;
 use std::io::Write as _;
@@ -227,10 +228,25 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         anyhow::ensure!(all_same, "not everything measures the same as when it was saved");
         return Ok(());
     }
-    if let (Some(to), Some(output)) = (&args.save, args.tool.output()) {
-        output.refuse_document(to)?;
+    if let Some(to) = &args.save {
+        refuse_inputs(to, [args.pack.as_path()])?;
+    }
+    if let Some(output) = args.tool.output() {
+        output.check(&args.pack)?;
+        if let Some(to) = &args.save {
+            output.refuse_document(to)?;
+        }
     }
     let outcome = measure(&subject, &args.tool)?;
+    let fits = |r: &Reading| {
+        let shown = args.unit.show(r.quantity, r.dimension).0;
+        shown.value.is_finite() && shown.uncertainty.is_finite()
+    };
+    anyhow::ensure!(
+        outcome.readings.iter().all(fits),
+        "in {} the result is too large for a number; choose a larger --unit",
+        args.unit.symbol()
+    );
     if let Some(to) = &args.save {
         saved::save(&subject, &outcome, to, args)?;
     }
@@ -309,7 +325,6 @@ fn on_places(s: &Subject, task: &Task, numbers: &[f64]) -> anyhow::Result<Outcom
 
 /// A task whose lines may go to a file.
 fn to_file(s: &Subject, task: &Task, output: &output::OutputArgs) -> anyhow::Result<Outcome> {
-    output.check()?;
     let mut outcome = s.measure(task)?;
     output.write(s, &mut outcome)?;
     Ok(outcome)

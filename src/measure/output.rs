@@ -2,6 +2,7 @@
 
 use super::Subject;
 use super::saved::write_whole;
+use crate::new_file::check_output;
 use kilwa_measure::job::pack_name;
 use kilwa_measure::{Format, Leaves, Outcome};
 use serde_json::json;
@@ -31,13 +32,10 @@ fn scale(text: &str) -> Result<f64, String> {
 
 impl OutputArgs {
     /// Say what would stop the writing, before the work is done.
-    pub(super) fn check(&self) -> anyhow::Result<()> {
+    pub(super) fn check(&self, pack: &Path) -> anyhow::Result<()> {
         let Some(path) = &self.output else { return Ok(()) };
         Self::format(path)?;
-        anyhow::ensure!(self.force || !path.exists(), "{} exists; --force replaces it", path.display());
-        let folder = folder(path);
-        anyhow::ensure!(folder.is_dir(), "there is no folder {}; make it first", folder.display());
-        Ok(())
+        check_output(path, self.force, [pack])
     }
 
     /// Refuse to write over the document to which the measurement is saved.

@@ -2,7 +2,7 @@
 
 use super::output::folder;
 use super::{Args, Subject};
-use crate::new_file::NewFile;
+use crate::new_file::{NewFile, check_output};
 use crate::source::read_named;
 use anyhow::Context;
 use kilwa_archive::lock::{Lock, PATIENCE};
@@ -94,7 +94,7 @@ pub(super) fn again(s: &Subject, again: &AgainArgs, all: &Args) -> anyhow::Resul
     let ending = args.output.as_deref().map(|path| (path, export(&document, path)));
     if let Some((path, text)) = ending {
         let text = text?;
-        anyhow::ensure!(args.force || !path.exists(), "{} exists; --force replaces it", path.display());
+        check_output(path, args.force, [all.pack.as_path(), args.file.as_path()])?;
         write_whole(path, &text, args.force)?;
     }
     let here = pack_name(s.leaves.index());

@@ -60,6 +60,7 @@ pub(super) fn draw(pack: &Path, folder: &Path, title: &str, software: bool) -> a
             options,
             pixel_error: 1.0,
             output: &folder.join(&path),
+            replace: true,
             identity: identity.clone(),
         };
         sheet::run(&args, subject).with_context(|| format!("cannot draw {path}"))?;

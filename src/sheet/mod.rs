@@ -23,7 +23,7 @@ use kilwa_viewer::shell::native::Session;
 use kilwa_viewer::{Bounds, RenderOptions, StandardView};
 use serde::Serialize;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A drawing to scale.
 #[derive(clap::Args)]
@@ -85,6 +85,8 @@ pub(crate) struct Subject<'a, S> {
     pub(crate) options: RenderOptions,
     pub(crate) pixel_error: f64,
     pub(crate) output: &'a Path,
+    /// Replace files that exist.
+    pub(crate) replace: bool,
     /// What the pack is called: [`Footer::identity`].
     pub(crate) identity: String,
 }
@@ -150,10 +152,10 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
         Format::Pdf => strips::write(out.file(), size[0], form(Form::Pdf)?, &mut next)?,
     }
     let figures = bands.figures();
-    out.name(written, true)?;
+    out.name(written, s.replace)?;
     let mut files = vec![written.display().to_string()];
     if let Some(g) = georeference.as_ref().filter(|_| format == Format::Png) {
-        files.push(world_file(written, g)?);
+        files.push(world_file(written, g, s.replace)?);
     }
     Ok(Report {
         drawing: written.display().to_string(),
@@ -217,11 +219,17 @@ impl Format {
 /// Gives the next whole rows from the top, three sRGB bytes per pixel; `None` after the last.
 type Next<'a> = &'a mut dyn FnMut() -> anyhow::Result<Option<Vec<u8>>>;
 
+/// What the world file beside a drawing is called: plans as PNG have one.
+pub(crate) fn world_file_of(output: &Path, view: StandardView) -> Option<PathBuf> {
+    let is_png = Format::of(output).is_ok_and(|format| format == Format::Png);
+    (is_png && view == StandardView::Plan).then(|| output.with_extension("pgw"))
+}
+
 /// The world file beside a picture.
-fn world_file(picture: &Path, g: &GeoReference) -> anyhow::Result<String> {
+fn world_file(picture: &Path, g: &GeoReference, replace: bool) -> anyhow::Result<String> {
     let path = picture.with_extension("pgw");
     let mut file = NewFile::beside(&path)?;
     file.file().write_all(g.world_file().as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
-    file.name(&path, true)?;
+    file.name(&path, replace)?;
     Ok(path.display().to_string())
 }

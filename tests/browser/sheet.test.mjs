@@ -116,7 +116,7 @@ test("a plan from the page has the size, the place and the scale of the one that
   assert.ok(name.endsWith(".plan-1-500.png"), name);
   const here = png(bytes);
   const out = path.join(path.dirname(pack), "native.png");
-  await promisify(execFile)(KILWA, ["render", pack, "-o", out, "--view", "plan", "--scale", `1:${SCALE}`, "--dpi", String(DPI), "--mode", "colour"]);
+  await promisify(execFile)(KILWA, ["render", pack, "-o", out, "--force", "--view", "plan", "--scale", `1:${SCALE}`, "--dpi", String(DPI), "--mode", "colour"]);
   const there = png(await readFile(out));
   assert.deepEqual([here.width, here.height], [there.width, there.height]);
   assert.equal(here.dots, Math.round(DPI / 0.0254));
@@ -177,7 +177,7 @@ test("a plan as GeoTIFF has the tags, and as PNG the world file, that kilwa rend
   const asked = { view: "plan", scale: 100, paper: "A4" };
   const native = async (name) => {
     const out = path.join(path.dirname(utm), name);
-    await promisify(execFile)(KILWA, ["render", utm, "-o", out, "--view", "plan", "--scale", "1:100", "--dpi", String(DPI), "--paper", "A4"]);
+    await promisify(execFile)(KILWA, ["render", utm, "-o", out, "--force", "--view", "plan", "--scale", "1:100", "--dpi", String(DPI), "--paper", "A4"]);
     return readFile(out);
   };
   const saved = await save(page, { ...asked, format: "tif" });
@@ -223,7 +223,7 @@ test("on a sheet wider than 16,384 pixels a bar of 10 m measures 10 m to half a 
   assert.ok(Math.abs(long - wanted) <= 0.5 + 1e-9, `${long} instead of ${wanted}`);
   // The same drawing, native: the same columns show the model.
   const out = path.join(path.dirname(pack), "wide.png");
-  await promisify(execFile)(KILWA, ["render", pack, "-o", out, "--view", "south", "--scale", `1:${scale}`, "--dpi", String(DPI), "--paper", paper.join("x"), "--mode", "colour"]);
+  await promisify(execFile)(KILWA, ["render", pack, "-o", out, "--force", "--view", "south", "--scale", `1:${scale}`, "--dpi", String(DPI), "--paper", paper.join("x"), "--mode", "colour"]);
   const there = png(await readFile(out));
   assert.deepEqual([here.width, here.height], [there.width, there.height]);
   let [both, differing] = [0, 0];

@@ -38,6 +38,8 @@ fn what_means_nothing_is_refused_with_a_sentence() {
         assert!(say(&[overflow, &["--save", text(&document)]].concat()).contains("finite"), "{overflow:?}");
         assert!(!document.exists());
     }
+    let large = ["coordinate", "1e306", "0", "0", "--exact"];
+    assert!(say(&[&large[..], &["--unit", "mm"]].concat()).contains("choose a larger --unit"));
     assert!(say(&["section", "--z", "0.5", "-o", "x.pdf"]).contains("the ending says the format"));
     assert!(say(&["section", "--z", "0.5", "-o", "/nowhere/x.svg"]).contains("no folder"));
     let usage = kilwa(&["measure", pack, "area", "--unit", "furlong"]);

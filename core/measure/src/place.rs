@@ -54,7 +54,9 @@ pub async fn cast<L: Leaves>(leaves: &L, origin: Vec3, direction: Vec3, clip: &C
     })?;
     let local = space.local_from_steps(picked.point);
     let normal = unit_normal(picked.corners.map(|c| c.map(f64::from)));
-    Ok(Place { world: space.world_from_local(local), local, away: 0.0, normal })
+    let world = space.world_from_local(local);
+    crate::refusal::finite(&[world])?;
+    Ok(Place { world, local, away: 0.0, normal })
 }
 
 /// A point in local metres as it is, with the direction that the surface nearest to it faces.
@@ -76,6 +78,7 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: Vec3) -> Result<Place, Failur
     crate::refusal::finite(&[local])?;
     let space = Space::new(leaves.index().header().lattice);
     let p = space.steps_from_local(local);
+    crate::refusal::finite(&[p])?;
     let entries = (0u32..).zip(leaves.index().entries()).filter(|(i, _)| leaves.may_hold_leaves(*i));
     let mut order: Vec<(f64, u32)> = entries.map(|(i, e)| (box_distance(p, &e.bounds), i)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -99,7 +102,9 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: Vec3) -> Result<Place, Failur
     let (d, q, normal) =
         best.ok_or_else(|| Refusal::Misses { what: "the position", hint: "the pack holds no triangle".to_owned() })?;
     let local = space.local_from_steps(q);
-    Ok(Place { world: space.world_from_local(local), local, away: d * space.step(), normal })
+    let (world, away) = (space.world_from_local(local), d * space.step());
+    crate::refusal::finite(&[world, [away; 3]])?;
+    Ok(Place { world, local, away, normal })
 }
 
 fn unit_normal([a, b, c]: [Vec3; 3]) -> Vec3 {

@@ -124,9 +124,9 @@ pub async fn measure<L: Leaves>(leaves: &L, task: &Task) -> Result<Outcome, Fail
     Ok(outcome)
 }
 
-/// Refuse results that overflowed: JSON has no infinity and no NaN, so a document with one could not be read again.
+/// Refuse results that overflowed, also in their uncertainty: JSON has no infinity and no NaN, so a document with one could not be read again.
 fn finite(readings: &[Reading]) -> Result<(), Refusal> {
-    let is_finite = |r: &Reading| r.quantity.value.is_finite() && !r.quantity.uncertainty.is_nan();
+    let is_finite = |r: &Reading| r.quantity.value.is_finite() && r.quantity.uncertainty.is_finite();
     if readings.iter().all(is_finite) { Ok(()) } else { Err(Refusal::NotFinite) }
 }
 
@@ -184,4 +184,22 @@ fn sound(plane: Plane) -> Result<Plane, Refusal> {
     let unit = (crate::vector::norm(plane.normal) - 1.0).abs() < 1e-12;
     crate::refusal::finite(&[plane.point, plane.normal])?;
     if unit { Ok(plane) } else { Plane::new(plane.point, plane.normal) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kilwa_geometry::Lattice;
+
+    #[test]
+    fn an_uncertainty_that_overflows_is_refused() {
+        let coordinate = |step_log2| {
+            let space = Space::new(Lattice { origin: [0.0; 3], step_log2 });
+            let task = Task::on_points(ToolName::Coordinate, vec![[space.step(); 3]], &space);
+            of_points(&task, &space, &Uncertainty::finest(space.step(), None))
+        };
+        assert!(coordinate(-13).is_ok());
+        // The square of a step is more than a double holds.
+        assert_eq!(coordinate(900).unwrap_err(), Refusal::NotFinite);
+    }
 }
