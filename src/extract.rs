@@ -1,32 +1,11 @@
 //! `kilwa extract`: give the mesh back from a pack, whole or coarser, as one crack-free PLY, OBJ, STL or GLB.
-//!
-//! Stages: `choose` (which diamonds are refined) → `stream` (chunk by chunk through space; vertices that are equal in
-//! position and every attribute become one again, so that patches join exactly: the pack's lattice makes this equality
-//! of integers) → two scratch files, vertices and triangles as the format has them → `output` (header and both, under a
-//! temporary name, renamed when complete). Memory follows the cross-section of the model and not its size.
-
-mod choose;
-mod format;
-mod glb;
-mod obj;
-mod output;
-mod ply;
-mod portal;
-pub(crate) mod preview;
-mod region;
-mod stl;
-mod stream;
 
 use crate::info::{grouped, metres};
 use crate::new_file::refuse_inputs;
-use crate::source::{FileSource, open_pack};
-use anyhow::Context;
-use choose::Chosen;
-use format::{Format, Target};
-use kilwa_pack::{Metadata, Reader};
-use output::Output;
-pub(crate) use portal::ForPortal;
-use region::Region;
+use crate::source::open_pack;
+use crate::verify::progress_bar;
+use kilwa_formats::extract::{ExtractError, Extraction, Format, Output, Region, Request, extract};
+use kilwa_pack::Metadata;
 use std::io::Write as _;
 use std::path::PathBuf;
 
@@ -71,20 +50,23 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     refuse_inputs(&args.output, [args.pack.as_path()])?;
     let output = Output::prepare(&args.output, args.force)?;
     let reader = open_pack(&args.pack)?;
-    let of_pack = || args.pack.display().to_string();
-    let region = args.region.as_ref().map(|region| region.on(&reader.header().lattice));
-    let chosen = choose::choose(&reader, args.max_error, args.max_triangles, region.as_ref()).with_context(of_pack)?;
-    let target = Target::new(&reader, &chosen, region.as_ref(), format).with_context(of_pack)?;
-    let mut encoder = format.encoder(&target);
-    let mut scratch = output.scratch()?;
-    let counts = stream::stream(&reader, &chosen, region.as_ref(), &mut *encoder, &mut scratch, &|_| {})
-        .with_context(of_pack)?;
-    if counts.triangles == 0 {
-        anyhow::bail!("{}: {}", args.pack.display(), nothing_there(reader.metadata(), args.region.as_ref()));
-    }
-    say_what_was_not_reached(args.max_triangles, counts.triangles, &chosen);
-    let bytes = output.write(|out| encoder.assemble(out, &mut scratch, counts))?;
-    let report = Report { args, format, target: &target, reader: &reader, chosen: &chosen, counts, bytes };
+    let request = Request { format, max_error: args.max_error, max_triangles: args.max_triangles, region: args.region };
+    let bar = progress_bar(0, "extracting");
+    let progress = |done, all| {
+        bar.set_length(all);
+        bar.set_position(done);
+    };
+    let extracted = extract(&reader, &request, &output, &progress);
+    bar.finish_and_clear();
+    let written = extracted.map_err(|e| match e {
+        ExtractError::Empty => {
+            anyhow::anyhow!("{}: {}", args.pack.display(), nothing_there(reader.metadata(), args.region.as_ref()))
+        }
+        e if e.is_of_output() => e.into(),
+        e => anyhow::Error::new(e).context(args.pack.display().to_string()),
+    })?;
+    say_what_was_not_reached(args.max_triangles, &written);
+    let report = Report { args, format, written: &written };
     if args.json { report.json() } else { report.text() }
 }
 
@@ -98,15 +80,16 @@ fn nothing_there(metadata: &Metadata, region: Option<&Region>) -> String {
 }
 
 /// The promise of `--max-triangles` is 0.67 N to N; where the pack does not allow it, say so.
-fn say_what_was_not_reached(limit: Option<u64>, found: u64, chosen: &Chosen) {
+fn say_what_was_not_reached(limit: Option<u64>, written: &Extraction) {
     let Some(limit) = limit else { return };
+    let found = written.triangles;
     if found > limit {
         crate::terminal::say!(
             "kilwa: the coarsest surface of this pack has {} triangles; {} were asked for",
             grouped(found),
             grouped(limit)
         );
-    } else if found * 3 < limit * 2 && !chosen.is_finest {
+    } else if found * 3 < limit * 2 && !written.is_finest {
         crate::terminal::say!(
             "kilwa: {} triangles instead of {}: the next finer surface of this pack has more than that",
             grouped(found),
@@ -119,11 +102,7 @@ fn say_what_was_not_reached(limit: Option<u64>, found: u64, chosen: &Chosen) {
 struct Report<'a> {
     args: &'a Args,
     format: Format,
-    target: &'a Target,
-    reader: &'a Reader<FileSource>,
-    chosen: &'a Chosen,
-    counts: stream::Counts,
-    bytes: u64,
+    written: &'a Extraction,
 }
 
 impl Report<'_> {
@@ -131,14 +110,14 @@ impl Report<'_> {
         let report = serde_json::json!({
             "output": self.args.output.display().to_string(),
             "format": self.format.name(),
-            "bytes": self.bytes,
-            "triangles": self.counts.triangles,
-            "vertices": self.counts.vertices,
-            "max_error": self.chosen.error,
-            "refined_chunks": self.chosen.cut.refined().count(),
-            "coordinates": self.format.coordinate_type(self.target),
-            "offset": self.format.offset(self.target),
-            "left_out": self.format.left_out(self.reader),
+            "bytes": self.written.bytes,
+            "triangles": self.written.triangles,
+            "vertices": self.written.vertices,
+            "max_error": self.written.error,
+            "refined_chunks": self.written.refined_chunks,
+            "coordinates": self.written.coordinates,
+            "offset": self.written.offset,
+            "left_out": self.written.left_out,
             "ascii": self.args.ascii,
         });
         writeln!(crate::terminal::out(), "{}", crate::terminal::json_text(&report)?)?;
@@ -146,7 +125,7 @@ impl Report<'_> {
     }
 
     fn text(&self) -> anyhow::Result<()> {
-        let error = self.chosen.error;
+        let error = self.written.error;
         let precision =
             if error == 0.0 { "the finest surface".to_owned() } else { format!("within {}", metres(f64::from(error))) };
         let mut out = crate::terminal::out();
@@ -154,15 +133,15 @@ impl Report<'_> {
             out,
             "{}: {} triangles, {} vertices, {precision}, {} bytes.",
             self.args.output.display(),
-            grouped(self.counts.triangles),
-            grouped(self.counts.vertices),
-            grouped(self.bytes)
+            grouped(self.written.triangles),
+            grouped(self.written.vertices),
+            grouped(self.written.bytes)
         )?;
-        let left_out = self.format.left_out(self.reader);
+        let left_out = &self.written.left_out;
         if !left_out.is_empty() {
             writeln!(out, "  {} does not hold {}; they are left out.", self.format.title(), left_out.join(", "))?;
         }
-        if let Some([x, y, z]) = self.format.offset(self.target) {
+        if let Some([x, y, z]) = self.written.offset {
             writeln!(out, "  Coordinates are relative to {x} {y} {z}, because its numbers are too short for them.")?;
         }
         Ok(())

@@ -312,7 +312,7 @@ fn extracts(args: &ExtractArgs) -> anyhow::Result<Option<(Option<PrivateFolder>,
         (own.path().to_owned(), Some(own))
     };
     let bytes = args.cache_size.saturating_mul(1_000_000);
-    match Extracts::open(folder.clone(), bytes, Arc::new(crate::extract::ForPortal)) {
+    match Extracts::open(folder.clone(), bytes) {
         Ok(extracts) => Ok(Some((own, extracts))),
         // What was asked for must be possible; what was not is left out.
         Err(e) if args.cache.is_some() => {

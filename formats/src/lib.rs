@@ -2,8 +2,9 @@
 //!
 //! [`read`] delivers the mesh in a file of any format it knows, in blocks, to a [`read::MeshSink`]; [`read::read_mesh`]
 //! keeps a small one in memory as a [`RawMesh`]. What was dropped or repaired is counted in [`Findings`]; why a file was
-//! refused is a [`ReadError`].
+//! refused is a [`ReadError`]. [`extract`] takes the mesh out of a pack and writes it as a file of such a format.
 
+pub mod extract;
 mod findings;
 mod mesh;
 pub mod read;

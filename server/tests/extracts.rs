@@ -1,18 +1,18 @@
 //! Meshes for other programs: asked for by a form, waited for by a page, given as a file, to whoever may have the model.
 
-#[path = "../src/extracts/clerk.rs"]
+#[path = "../src/extracts/fake.rs"]
 #[allow(dead_code, reason = "the tests of the module use all of it")]
-mod clerk;
+mod fake;
 
 use crate::common::{Answer, ask, get, object, pack, page, public};
 use axum::Router;
 use axum::body::Body;
 use axum::http::Request;
-use clerk::Clerk;
+use fake::Fake;
 use kilwa_archive::manifest::{Access, AccessState};
 use kilwa_server::access::{Accounts, Grant};
 use kilwa_server::door::Door;
-use kilwa_server::extracts::{Detail, Extract, Extracts, Failure, Format, Pack};
+use kilwa_server::extracts::{Detail, Extractor, Extracts, Failure, Format, Pack};
 use kilwa_server::{Catalogue, Clock, Site, app};
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,7 +20,7 @@ use tower::ServiceExt;
 
 struct Archive {
     app: Router,
-    clerk: Arc<Clerk>,
+    fake: Arc<Fake>,
     folder: tempfile::TempDir,
 }
 
@@ -39,14 +39,14 @@ fn archive() -> Archive {
     accounts.set_user("amina", &Grant::Objects(vec!["cave".to_owned()]), Some("a long sentence")).unwrap();
     accounts.set_user("omar", &Grant::Objects(Vec::new()), Some("another sentence")).unwrap();
     accounts.create(&folder.path().join("access.json")).unwrap();
-    let clerk = Arc::new(Clerk::default());
+    let fake = Arc::new(Fake::default());
     let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
     site.clock = Clock::new(|| 1_795_262_400);
     site.behind_proxy = true;
     site.door = Some(Arc::new(Door::open(&folder.path().join("access.json"), None).unwrap()));
     let cache = folder.path().join("cache");
-    site.extracts = Some(Extracts::open(cache, 140_000_000, Arc::<Clerk>::clone(&clerk)).unwrap());
-    Archive { app: app(site), clerk, folder }
+    site.extracts = Some(Extracts::with_extractor(cache, 140_000_000, fake.extractor()).unwrap());
+    Archive { app: app(site), fake, folder }
 }
 
 impl Archive {
@@ -86,7 +86,7 @@ async fn a_form_leads_to_a_page_that_waits_and_to_the_file() {
         "{html}"
     );
     assert!(!html.contains("<script") && !html.contains(" style="));
-    a.clerk.waits(true);
+    a.fake.waits(true);
     let begun = a.post("/fort/extract", "", "format=ply&detail=triangles&triangles=100%20000&lang=fr").await;
     assert_eq!((begun.status.as_u16(), begun.header("location")), (303, "/fort/extract/v2-100000.ply?page=1&lang=fr"));
     let waits = get(&a.app, "/fort/extract/v2-100000.ply?page=1&lang=fr").await;
@@ -97,7 +97,7 @@ async fn a_form_leads_to_a_page_that_waits_and_to_the_file() {
         waits.text()
     );
     assert_eq!(get(&a.app, "/fort/extract/v2-100000.ply").await.status, 202, "a program waits at the same address");
-    a.clerk.waits(false);
+    a.fake.waits(false);
     let ready = a.made("/fort/extract/v2-100000.ply?page=1", "").await;
     assert_eq!(ready.status, 200);
     assert!(ready.text().contains("url=/fort/extract/v2-100000.ply\""), "the download begins: {}", ready.text());
@@ -189,7 +189,7 @@ async fn what_nobody_asked_for_and_what_is_no_order_is_refused_with_a_sentence()
         assert_eq!(large.status, 422);
         assert!(large.text().contains("150") && large.text().contains("140"), "{}", large.text());
     }
-    a.clerk.fails(Failure::Full);
+    a.fake.fails(Failure::Full);
     assert_eq!(a.post("/fort/extract", "", "format=ply&detail=triangles&triangles=7").await.status, 303);
     let full = a.made("/fort/extract/v2-7.ply?page=1", "").await;
     assert_eq!(full.status, 507);
@@ -246,7 +246,7 @@ async fn a_models_page_leads_to_its_downloads() {
 #[tokio::test]
 async fn a_network_has_its_share_of_the_queue_and_is_told_why_and_when_to_come_again() {
     let a = archive();
-    a.clerk.waits(true);
+    a.fake.waits(true);
     let order = |triangles: usize, client: &str, accept: &str| {
         let request = Request::post("/fort/extract").header("host", "museum.example").header("accept", accept);
         // What stands before the last was said by the client itself.
@@ -291,16 +291,16 @@ async fn a_network_has_its_share_of_the_queue_and_is_told_why_and_when_to_come_a
     assert!(said["state"] == "waiting" && said["seconds"].is_null(), "nothing was measured yet: {said}");
     let page = get(&a.app, &format!("/fort/extract/v2-{last}.ply?page=1")).await.text();
     assert!(page.contains("before it.") && page.contains("cannot be estimated yet"), "{page}");
-    a.clerk.waits(false);
+    a.fake.waits(false);
     for n in taken {
         assert_eq!(a.made(&format!("/fort/extract/v2-{n}.ply"), "").await.status, 200);
     }
     // Now it is known how long they take.
-    a.clerk.waits(true);
+    a.fake.waits(true);
     for n in [401, 402, 403] {
         assert_eq!(order(n, "198.51.100.7", "text/html").await.status, 303);
     }
     let page = get(&a.app, "/fort/extract/v2-403.ply?page=1").await.text();
     assert!(page.contains("Estimated time left: less than 1 min."), "{page}");
-    a.clerk.waits(false);
+    a.fake.waits(false);
 }

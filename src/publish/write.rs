@@ -2,7 +2,7 @@
 
 use super::plan::{Plan, is_same_request};
 use super::{Args, Report, notes, pictures};
-use crate::{extract, redact, source, verify};
+use crate::{redact, source, verify};
 use anyhow::{Context, ensure};
 use indicatif::ProgressBar;
 use kilwa_archive::assemble::{Landing, complete, is_published, write_viewer};
@@ -16,6 +16,7 @@ use kilwa_archive::next::settle;
 use kilwa_archive::record::Preview;
 use kilwa_archive::site;
 use kilwa_archive::{AccessState, Manifest};
+use kilwa_formats::extract;
 use kilwa_pack::visible::visible;
 use std::fs::File;
 use std::io::{Read, Write};
@@ -277,7 +278,11 @@ fn copy(from: &Path, to: &Path) -> anyhow::Result<()> {
 }
 
 fn preview(pack: &Path, folder: &Path, left_out: &mut Vec<String>) -> anyhow::Result<Option<Preview>> {
-    match extract::preview::write(pack, &folder.join(PREVIEW), PREVIEW_MAX) {
+    let write = || -> anyhow::Result<_> {
+        let reader = source::open_pack(pack)?;
+        extract::preview(&reader, &folder.join(PREVIEW), PREVIEW_MAX).with_context(|| pack.display().to_string())
+    };
+    match write() {
         Ok(p) => Ok(Some(Preview { bytes: p.bytes, triangles: p.triangles, error: f64::from(p.error) })),
         Err(e) if e.chain().any(<dyn std::error::Error>::is::<std::io::Error>) => Err(e),
         Err(e) => {

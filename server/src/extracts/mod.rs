@@ -7,8 +7,7 @@
 //! | `/<slug>/extract/<name>` | the file; 202 with how far it is while it is being made; 404 where nobody asked for it |
 //!
 //! [`order`] says what can be asked for and how it is called, this module makes it: as many at once as there are cores, others wait in a
-//! queue in which networks take turns ([`queue`]), and are told how many are ahead of them and the estimated wait ([`pace`]). Files being made may take as much room as the cache has; identical requests share one file. How a mesh is taken out of a pack is not known here: the program
-//! gives an [`Extract`].
+//! queue in which networks take turns ([`queue`]), and are told how many are ahead of them and the estimated wait ([`pace`]). Files being made may take as much room as the cache has; identical requests share one file. [`mesh`] takes the mesh out of the pack.
 //!
 //! Invariants: the cache holds complete files only, under names made from the pack's hash and the order, never from an address; its size stays below
 //! the limit, the oldest go first; a file is given to whoever may have the pack, and nobody else. Of a pack in a store only what a mesh needs is fetched, into room that
@@ -16,7 +15,8 @@
 //! again; a store that goes away is waited for, and told of.
 
 #[cfg(test)]
-mod clerk;
+mod fake;
+mod mesh;
 pub(crate) mod order;
 pub(crate) mod pace;
 mod pack;
@@ -70,21 +70,9 @@ pub enum Failure {
     Other(String),
 }
 
-/// Takes a mesh out of a pack.
-pub trait Extract: Send + Sync {
-    /// Write the mesh of `pack` to `to`, which is there only when it is complete. `progress` is told the share that is done, 0 to 1.
-    ///
-    /// # Errors
-    /// [`Failure`]; nothing is left then.
-    fn extract(
-        &self,
-        pack: &Pack,
-        to: &Path,
-        format: Format,
-        detail: Detail,
-        progress: &(dyn Fn(f64) + Sync),
-    ) -> Result<(), Failure>;
-}
+/// Writes the mesh of a pack to a file, which exists only when it is complete, and reports the share that is done, 0 to 1. Nothing is
+/// left where it fails.
+pub type Extractor = dyn Fn(&Pack, &Path, Format, Detail, &(dyn Fn(f64) + Sync)) -> Result<(), Failure> + Send + Sync;
 
 /// How an order stands.
 #[derive(Debug, Clone, PartialEq)]
@@ -180,7 +168,7 @@ pub struct Extracts {
     cache: PathBuf,
     most_bytes: u64,
     workers: usize,
-    extractor: Arc<dyn Extract>,
+    extractor: Arc<Extractor>,
     /// Asked how much room the disk of a folder has.
     space: Space,
     state: Mutex<State>,
@@ -194,7 +182,15 @@ impl Extracts {
     ///
     /// # Errors
     /// If the folder cannot be created or listed.
-    pub fn open(cache: PathBuf, most_bytes: u64, extractor: Arc<dyn Extract>) -> std::io::Result<Arc<Self>> {
+    pub fn open(cache: PathBuf, most_bytes: u64) -> std::io::Result<Arc<Self>> {
+        Self::with_extractor(cache, most_bytes, Arc::new(mesh::extract))
+    }
+
+    /// As [`Extracts::open`], with meshes that `extractor` makes.
+    ///
+    /// # Errors
+    /// As [`Extracts::open`].
+    pub fn with_extractor(cache: PathBuf, most_bytes: u64, extractor: Arc<Extractor>) -> std::io::Result<Arc<Self>> {
         create(&cache)?;
         for entry in std::fs::read_dir(&cache)? {
             let entry = entry?;
@@ -405,7 +401,7 @@ impl Extracts {
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
         let work = builder.prefix(UNFINISHED).tempdir_in(&self.cache).map_err(failed)?;
         let made = work.path().join(key);
-        self.extractor.extract(pack, &made, order.format, order.detail, progress)?;
+        (self.extractor)(pack, &made, order.format, order.detail, progress)?;
         #[cfg(unix)]
         std::fs::set_permissions(&made, std::os::unix::fs::PermissionsExt::from_mode(0o600)).map_err(failed)?;
         std::fs::rename(&made, self.path(key)).map_err(failed)
@@ -511,7 +507,7 @@ fn begin(starts: &mut BTreeMap<String, VecDeque<Instant>>, network: &str, now: I
 
 #[cfg(test)]
 mod tests {
-    use super::clerk::Clerk;
+    use super::fake::Fake;
     use super::*;
 
     fn order(triangles: u64) -> Order {
@@ -532,18 +528,18 @@ mod tests {
         panic!("{:?}", extracts.standing(&hash(), order));
     }
 
-    /// With a clerk that waits to be let.
-    fn shop(most: u64, workers: usize) -> (tempfile::TempDir, Arc<Clerk>, Arc<Extracts>) {
+    /// With a fake that waits to be released.
+    fn shop(most: u64, workers: usize) -> (tempfile::TempDir, Arc<Fake>, Arc<Extracts>) {
         let dir = tempfile::tempdir().unwrap();
-        let clerk = Arc::new(Clerk::waiting());
-        let mut extracts = Extracts::open(dir.path().join("cache"), most, Arc::<Clerk>::clone(&clerk)).unwrap();
+        let fake = Arc::new(Fake::waiting());
+        let mut extracts = Extracts::with_extractor(dir.path().join("cache"), most, fake.extractor()).unwrap();
         Arc::get_mut(&mut extracts).unwrap().workers = workers;
-        (dir, clerk, extracts)
+        (dir, fake, extracts)
     }
 
     #[test]
     fn the_same_order_is_made_once_and_others_wait_their_turn() {
-        let (_dir, clerk, extracts) = shop(1 << 20, 1);
+        let (_dir, fake, extracts) = shop(1 << 20, 1);
         let ask = |n| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), "net");
         for _ in 0..5 {
             ask(1).unwrap();
@@ -553,18 +549,18 @@ mod tests {
         wait_for(&extracts, order(1), |s| matches!(s, Standing::Running(25, None, _)));
         assert_eq!(extracts.standing(&hash(), order(3)), Standing::Waiting(1, None));
         assert_eq!(extracts.standing(&hash(), order(9)), Standing::Unknown);
-        clerk.waits(false);
+        fake.waits(false);
         for n in 1..=3 {
             wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
         }
         ask(1).unwrap();
-        assert_eq!(clerk.made.load(Ordering::SeqCst), 3, "what is there is not made again");
+        assert_eq!(fake.made.load(Ordering::SeqCst), 3, "what is there is not made again");
     }
 
     #[test]
     fn what_does_not_fit_beside_what_is_being_made_waits() {
         let room = order(1000).room(1000);
-        let (_dir, clerk, extracts) = shop(room * 2 + room / 2, 4);
+        let (_dir, fake, extracts) = shop(room * 2 + room / 2, 4);
         let within = |n: u32| Order { format: Format::Ply, detail: Detail::Error(f64::from(n) / 1e6) };
         for n in 1..=4 {
             extracts.ask((&Pack::here(Path::new("p")), &hash()), 1000, within(n), "net").unwrap();
@@ -572,7 +568,7 @@ mod tests {
         wait_for(&extracts, within(2), |s| matches!(s, Standing::Running(25, None, _)));
         assert_eq!(extracts.standing(&hash(), within(3)), Standing::Waiting(0, None));
         assert_eq!(extracts.standing(&hash(), within(4)), Standing::Waiting(1, None));
-        clerk.waits(false);
+        fake.waits(false);
         for n in 1..=4 {
             wait_for(&extracts, within(n), |s| matches!(s, Standing::Ready(_)));
         }
@@ -581,7 +577,7 @@ mod tests {
 
     #[test]
     fn one_network_that_asks_for_all_it_can_has_its_share_and_others_are_next() {
-        let (_dir, clerk, extracts) = shop(1 << 20, 1);
+        let (_dir, fake, extracts) = shop(1 << 20, 1);
         let ask = |n, net: &str| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), net);
         let taken = (0..100).filter(|n| ask(*n, "greedy").is_ok()).count();
         // One runs, the others wait.
@@ -594,22 +590,22 @@ mod tests {
         // Whoever asks for what another waits for has the better place of both.
         assert_eq!(ask(4, "third"), Ok(()));
         assert_eq!(extracts.standing(&hash(), order(4)), Standing::Waiting(1, None));
-        clerk.waits(false);
+        fake.waits(false);
         for n in [0, 1, 2, 3, 4, 300] {
             wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
         }
-        assert_eq!(clerk.made.load(Ordering::SeqCst), 6);
+        assert_eq!(fake.made.load(Ordering::SeqCst), 6);
         // What was measured tells how long the next will take.
-        clerk.waits(true);
+        fake.waits(true);
         assert_eq!((ask(500, "greedy"), ask(501, "other")), (Ok(()), Ok(())));
         let waits = extracts.standing(&hash(), order(501));
         assert!(matches!(waits, Standing::Waiting(0, Some(wait)) if wait.from <= wait.to), "{waits:?}");
-        clerk.waits(false);
+        fake.waits(false);
     }
 
     #[test]
     fn the_queue_ends_somewhere_and_so_does_what_a_network_may_begin() {
-        let (_dir, clerk, extracts) = shop(1 << 20, 1);
+        let (_dir, fake, extracts) = shop(1 << 20, 1);
         let ask = |n, net: &str| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), net);
         ask(0, "first").unwrap();
         wait_for(&extracts, order(0), |s| matches!(s, Standing::Running(..)));
@@ -619,7 +615,7 @@ mod tests {
         }
         assert!(matches!(ask(99, "another"), Err(Refusal::Busy(SOONEST..=LATEST))));
         assert_eq!(ask(3, "another"), Ok(()), "what waits already can be joined");
-        clerk.waits(false);
+        fake.waits(false);
         wait_for(&extracts, order(places), |s| matches!(s, Standing::Ready(_)));
         let refused = (0..40).find(|n| {
             let refused = matches!(ask(200 + n, "greedy"), Err(Refusal::TooMany(1..=600)));
@@ -633,9 +629,9 @@ mod tests {
 
     #[test]
     fn the_oldest_go_when_the_cache_is_full_and_what_is_not_ours_stays() {
-        let (dir, clerk, extracts) = shop(2500, 1);
+        let (dir, fake, extracts) = shop(2500, 1);
         std::fs::write(dir.path().join("cache/notes.ply"), vec![0; 5000]).unwrap();
-        clerk.waits(false);
+        fake.waits(false);
         for n in 1..=4 {
             extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), "net").unwrap();
             wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
@@ -650,14 +646,14 @@ mod tests {
 
     #[test]
     fn a_failure_is_told_and_not_tried_again_at_once() {
-        let (_dir, clerk, extracts) = shop(1000, 1);
-        clerk.fails(Failure::Full);
-        clerk.waits(false);
+        let (_dir, fake, extracts) = shop(1000, 1);
+        fake.fails(Failure::Full);
+        fake.waits(false);
         let ask = || extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(1), "net").unwrap();
         ask();
         wait_for(&extracts, order(1), |s| *s == Standing::Failed(Failure::Full));
         ask();
         std::thread::sleep(Duration::from_millis(50));
-        assert_eq!(clerk.made.load(Ordering::SeqCst), 1);
+        assert_eq!(fake.made.load(Ordering::SeqCst), 1);
     }
 }

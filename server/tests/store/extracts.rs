@@ -7,7 +7,7 @@ use axum::Router;
 use axum::body::Body;
 use axum::http::Request;
 use kilwa_pack::Source as _;
-use kilwa_server::extracts::{Detail, Extract, Extracts, Failure, Format, Pack, is_not_given};
+use kilwa_server::extracts::{Detail, Extractor, Extracts, Failure, Format, Pack, is_not_given};
 use kilwa_server::{Catalogue, Site, app};
 use std::io::Write as _;
 use std::path::Path;
@@ -23,7 +23,11 @@ struct Copier {
 
 const PIECE: usize = 70_001;
 
-impl Extract for Copier {
+impl Copier {
+    fn extractor(self) -> Arc<Extractor> {
+        Arc::new(move |pack, to, format, detail, progress| self.extract(pack, to, format, detail, progress))
+    }
+
     fn extract(
         &self,
         pack: &Pack,
@@ -55,7 +59,7 @@ impl Extract for Copier {
 }
 
 fn with_extracts(mut site: Site, cache: &Path, most: u64, pause: Duration) -> Router {
-    site.extracts = Some(Extracts::open(cache.to_owned(), most, Arc::new(Copier { pause })).unwrap());
+    site.extracts = Some(Extracts::with_extractor(cache.to_owned(), most, Copier { pause }.extractor()).unwrap());
     app(site)
 }
 
@@ -170,7 +174,7 @@ async fn a_pack_that_is_refused_or_another_or_has_no_room_is_an_answer_and_can_b
     // A disk that cannot, while the cache could.
     let mut full = site();
     let cache = caches.path().join("full");
-    let extracts = Extracts::open(cache, 100 << 20, Arc::new(Copier { pause: Duration::ZERO })).unwrap();
+    let extracts = Extracts::with_extractor(cache, 100 << 20, Copier { pause: Duration::ZERO }.extractor()).unwrap();
     full.extracts = Some(extracts.with_space(|_| Some(1_000_000)));
     let full = app_of(full);
     assert_eq!(post(&full, "/wall/extract", form).await.status, 303);

@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 /// A closed box in world coordinates, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Region {
+pub struct Region {
     min: [f64; 3],
     max: [f64; 3],
 }

@@ -4,12 +4,11 @@
 //! of their boxes. A vertex that lies before the plane cannot come again, because every later chunk begins behind it; so
 //! what is known of it is forgotten. What stays in memory is what lies in the chunks that the plane cuts.
 
+use super::ExtractError;
 use super::choose::{Chosen, stretches};
 use super::format::Encoder;
 use super::output::Scratch;
 use super::region::Steps;
-use crate::verify::progress_bar;
-use anyhow::Context;
 use kilwa_geometry::Mesh;
 use kilwa_pack::{Chunk, PackError, Reader, Source};
 use rayon::prelude::*;
@@ -31,18 +30,18 @@ pub(super) struct Counts {
     pub(super) triangles: u64,
 }
 
-/// Write the vertices and the triangles of the cut to the scratch files; `told` hears the share that is done.
+/// Write the vertices and the triangles of the cut to the scratch files; `progress` is called with chunks done and chunks in all.
 pub(super) fn stream<S: Source + Sync>(
     reader: &Reader<S>,
     chosen: &Chosen,
     region: Option<&Steps>,
     encoder: &mut dyn Encoder,
     scratch: &mut Scratch,
-    told: &dyn Fn(f64),
-) -> anyhow::Result<Counts> {
+    progress: &dyn Fn(u64, u64),
+) -> Result<Counts, ExtractError> {
     let axis = longest_side(reader);
     let chunks = in_order(reader, chosen, region, axis);
-    let bar = progress_bar(chunks.len() as u64, "extracting");
+    progress(0, chunks.len() as u64);
     let mut done = 0;
     let mut weld = Weld { axis, known: HashMap::new(), kept: 0, counts: Counts::default(), bytes: Vec::new() };
     for batch in chunks.chunks(BATCH) {
@@ -53,18 +52,14 @@ pub(super) fn stream<S: Source + Sync>(
             let bounds = &reader.entries()[index as usize].bounds;
             if chunk.mesh.positions.iter().any(|p| (0..3).any(|k| p[k] < bounds.min[k] || p[k] > bounds.max[k])) {
                 // What was forgotten would come again as another vertex: the surface would crack.
-                anyhow::bail!(
-                    "chunk {index}: a vertex lies outside the box that the directory gives; build the pack again"
-                );
+                return Err(ExtractError::Outside { chunk: index });
             }
             weld.forget(bounds.min[axis]);
             weld.add(&chunk, chosen, region, encoder, scratch)?;
         }
-        bar.inc(batch.len() as u64);
         done += batch.len();
-        told(done as f64 / chunks.len() as f64);
+        progress(done as u64, chunks.len() as u64);
     }
-    bar.finish_and_clear();
     Ok(weld.counts)
 }
 
@@ -113,7 +108,7 @@ impl Weld {
         region: Option<&Steps>,
         encoder: &mut dyn Encoder,
         scratch: &mut Scratch,
-    ) -> anyhow::Result<()> {
+    ) -> Result<(), ExtractError> {
         let mesh = &chunk.mesh;
         let mut numbers: Vec<Option<u32>> = vec![None; mesh.positions.len()];
         for patch in chosen.cut.drawn(&chunk.patches) {
@@ -137,7 +132,7 @@ impl Weld {
                 }
                 self.bytes.clear();
                 encoder.triangle(&mut self.bytes, corners, points);
-                scratch.triangles.write_all(&self.bytes).context(Scratch::CANNOT)?;
+                scratch.triangles.write_all(&self.bytes).map_err(ExtractError::Scratch)?;
                 self.counts.triangles += 1;
             }
         }
@@ -151,7 +146,7 @@ impl Weld {
         v: usize,
         encoder: &mut dyn Encoder,
         scratch: &mut Scratch,
-    ) -> anyhow::Result<u32> {
+    ) -> Result<u32, ExtractError> {
         let wedge = (
             mesh.positions[v],
             mesh.colors.get(v).copied().unwrap_or_default(),
@@ -162,14 +157,13 @@ impl Weld {
             return Ok(number);
         }
         let limit = encoder.most_vertices();
-        let number = u32::try_from(self.counts.vertices).ok().filter(|n| *n < limit).with_context(|| {
-            format!("more than {limit} vertices, which this format cannot name: ask for fewer triangles, or by --box")
-        })?;
+        let number = u32::try_from(self.counts.vertices).ok().filter(|n| *n < limit);
+        let number = number.ok_or(ExtractError::TooManyVertices { limit })?;
         self.counts.vertices += 1;
         self.known.insert(wedge, number);
         self.bytes.clear();
         encoder.vertex(&mut self.bytes, mesh, v);
-        scratch.vertices.write_all(&self.bytes).context(Scratch::CANNOT)?;
+        scratch.vertices.write_all(&self.bytes).map_err(ExtractError::Scratch)?;
         Ok(number)
     }
 }

@@ -1,7 +1,7 @@
 //! Which diamonds are refined: the cut that answers `--max-error` or `--max-triangles`, and its certified error.
 
+use super::ExtractError;
 use super::region::Steps;
-use anyhow::Context;
 use kilwa_pack::cut::Cut;
 use kilwa_pack::{Chunk, DirectoryEntry, PackError, PatchRange, Reader, Source};
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ pub(super) fn choose<S: Source + Sync>(
     max_error: Option<f64>,
     max_triangles: Option<u64>,
     region: Option<&Steps>,
-) -> anyhow::Result<Chosen> {
+) -> Result<Chosen, ExtractError> {
     let entries = reader.entries();
     let cut = match (max_error, max_triangles, region) {
         (Some(limit), _, _) => Cut::for_error(entries, limit),
@@ -47,12 +47,12 @@ pub(super) fn choose<S: Source + Sync>(
 }
 
 /// The patches of a chunk. What each refinement takes away stands in them; the directory has what it adds.
-fn patches<S: Source>(reader: &Reader<S>, i: u32) -> anyhow::Result<Vec<PatchRange>> {
-    let e = reader.entries().get(i as usize).with_context(|| format!("the pack has no chunk {i}"))?;
+fn patches<S: Source>(reader: &Reader<S>, i: u32) -> Result<Vec<PatchRange>, ExtractError> {
+    let e = reader.entries().get(i as usize).ok_or(ExtractError::NoChunk(i))?;
     let bytes = reader
         .source()
         .read_at(e.offset, e.encoded_bytes as usize)
-        .with_context(|| format!("cannot read chunk {i}"))?;
+        .map_err(|source| ExtractError::Read { chunk: i, source })?;
     if kilwa_pack::checksum(&bytes) != e.checksum {
         return Err(PackError::Checksum { what: format!("chunk {i}") }.into());
     }
@@ -87,7 +87,10 @@ fn add(sums: &mut [u64], patch: &PatchRange, count: u64) {
 
 /// The directory as if there were only what lies in the box: triangles are those inside, and what lies outside has no
 /// error. Spheres are saturated, so that an entry that meets the box has parents that do: errors stay in order.
-fn inside<S: Source + Sync>(reader: &Reader<S>, region: &Steps) -> anyhow::Result<(Vec<DirectoryEntry>, Vec<u64>)> {
+fn inside<S: Source + Sync>(
+    reader: &Reader<S>,
+    region: &Steps,
+) -> Result<(Vec<DirectoryEntry>, Vec<u64>), ExtractError> {
     let mut entries = reader.entries().to_vec();
     let mut sums = vec![0u64; entries.len()];
     for entry in &mut entries {

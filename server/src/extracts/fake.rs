@@ -1,16 +1,16 @@
-//! Who makes meshes in tests, here and in `tests/extracts.rs`: writes what was asked for, when it is let.
+//! A fake extractor for tests, here and in `tests/extracts.rs`: it writes the name of what was requested, when it is released.
 
-use super::{Detail, Extract, Failure, Format, Pack};
+use super::{Detail, Extractor, Failure, Format, Pack};
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Condvar, Mutex};
+use std::sync::{Arc, Condvar, Mutex};
 
 /// Length of what is written, at least.
 pub(crate) const BYTES: usize = 1000;
 
 /// See the module.
 #[derive(Default)]
-pub(crate) struct Clerk {
+pub(crate) struct Fake {
     /// Whether it waits, and fails.
     orders: Mutex<(bool, Option<Failure>)>,
     told: Condvar,
@@ -18,12 +18,12 @@ pub(crate) struct Clerk {
     pub(crate) made: AtomicU32,
 }
 
-impl Clerk {
+impl Fake {
     /// One that waits to be let.
     pub(crate) fn waiting() -> Self {
-        let clerk = Self::default();
-        clerk.waits(true);
-        clerk
+        let fake = Self::default();
+        fake.waits(true);
+        fake
     }
 
     /// Whether it waits from now on.
@@ -38,7 +38,13 @@ impl Clerk {
     }
 }
 
-impl Extract for Clerk {
+impl Fake {
+    /// What makes the meshes.
+    pub(crate) fn extractor(self: &Arc<Self>) -> Arc<Extractor> {
+        let fake = Arc::clone(self);
+        Arc::new(move |pack, to, format, detail, progress| fake.extract(pack, to, format, detail, progress))
+    }
+
     fn extract(
         &self,
         pack: &Pack,

@@ -1,13 +1,14 @@
 //! Writing a file so that its name never shows a half of it.
 
-use anyhow::Context;
+use super::ExtractError;
 use kilwa_files::unfinished;
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// Where a result goes.
-pub(crate) struct Output {
+#[derive(Debug)]
+pub struct Output {
     path: PathBuf,
     /// Something that is not a file (a device, a pipe) is written to directly: there is nothing to rename.
     direct: bool,
@@ -19,20 +20,21 @@ impl Output {
     ///
     /// # Errors
     /// When it exists and may not be replaced, is a folder, or lies in a missing folder.
-    pub(crate) fn prepare(path: &Path, replace: bool) -> anyhow::Result<Self> {
+    pub fn prepare(path: &Path, replace: bool) -> Result<Self, ExtractError> {
         let shown = path.display();
+        let refused = |why: String| Err(ExtractError::Output(why));
         let kind = std::fs::metadata(path).ok();
         if kind.as_ref().is_some_and(std::fs::Metadata::is_dir) {
-            anyhow::bail!("{shown} is a folder; give a file name in it");
+            return refused(format!("{shown} is a folder; give a file name in it"));
         }
         let direct = kind.as_ref().is_some_and(|k| !k.is_file());
         if kind.is_some() && !direct && !replace {
-            anyhow::bail!("{shown} exists already; give --force to replace it");
+            return refused(format!("{shown} exists already; give --force to replace it"));
         }
         let output = Self { path: path.to_owned(), direct, replace };
         let folder = output.folder();
         if !folder.is_dir() {
-            anyhow::bail!("{shown}: the folder {} does not exist; make it first", folder.display());
+            return refused(format!("{shown}: the folder {} does not exist; make it first", folder.display()));
         }
         Ok(output)
     }
@@ -45,12 +47,12 @@ impl Output {
     ///
     /// # Errors
     /// When they cannot be made.
-    pub(crate) fn scratch(&self) -> anyhow::Result<Scratch> {
+    pub(super) fn scratch(&self) -> Result<Scratch, ExtractError> {
         let folder = if self.direct { std::env::temp_dir() } else { self.folder().to_owned() };
         let open = || {
             let file = tempfile::tempfile_in(&folder);
             file.map(|f| BufWriter::with_capacity(1 << 20, f))
-                .with_context(|| format!("cannot make a scratch file in {}", folder.display()))
+                .map_err(|source| ExtractError::MakeScratch { folder: folder.clone(), source })
         };
         Ok(Scratch { vertices: open()?, triangles: open()? })
     }
@@ -59,45 +61,42 @@ impl Output {
     ///
     /// # Errors
     /// What the system says, naming the file.
-    pub(crate) fn write(&self, body: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> anyhow::Result<u64> {
-        let cannot = || format!("cannot write {}", self.path.display());
+    pub(super) fn write(&self, body: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<u64, ExtractError> {
+        let cannot = |source| ExtractError::Write { path: self.path.clone(), source };
         if self.direct {
-            let file = File::options().write(true).open(&self.path).with_context(cannot)?;
-            return fill(&file, body).with_context(cannot);
+            let file = File::options().write(true).open(&self.path).map_err(cannot)?;
+            return fill(&file, body).map_err(cannot);
         }
         let mut builder = tempfile::Builder::new();
         builder.prefix(".kilwa-").suffix(".part");
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let made = unfinished::make(|| builder.tempfile_in(self.folder()), tempfile::NamedTempFile::path);
-        let (file, _unfinished) = made.with_context(cannot)?;
-        let bytes = fill(file.as_file(), body).with_context(cannot)?;
-        file.as_file().sync_all().with_context(cannot)?;
+        let (file, _unfinished) = made.map_err(cannot)?;
+        let bytes = fill(file.as_file(), body).map_err(cannot)?;
+        file.as_file().sync_all().map_err(cannot)?;
         let renamed = if self.replace { file.persist(&self.path) } else { file.persist_noclobber(&self.path) };
-        renamed.map_err(|e| e.error).with_context(cannot)?;
+        renamed.map_err(|e| cannot(e.error))?;
         Ok(bytes)
     }
 }
 
 /// The two parts of the output while they grow. The files have no name, so that nothing is left of them.
-pub(crate) struct Scratch {
+pub(super) struct Scratch {
     /// The vertices.
-    pub(crate) vertices: BufWriter<File>,
+    pub(super) vertices: BufWriter<File>,
     /// The triangles.
-    pub(crate) triangles: BufWriter<File>,
+    pub(super) triangles: BufWriter<File>,
 }
 
 impl Scratch {
-    /// What went wrong when they cannot be written.
-    pub(crate) const CANNOT: &str = "cannot write the scratch files beside the output";
-
     /// Copy the vertices to the output.
-    pub(crate) fn copy_vertices(&mut self, out: &mut dyn Write) -> std::io::Result<()> {
+    pub(super) fn copy_vertices(&mut self, out: &mut dyn Write) -> std::io::Result<()> {
         copy(&mut self.vertices, out)
     }
 
     /// Copy the triangles to the output.
-    pub(crate) fn copy_triangles(&mut self, out: &mut dyn Write) -> std::io::Result<()> {
+    pub(super) fn copy_triangles(&mut self, out: &mut dyn Write) -> std::io::Result<()> {
         copy(&mut self.triangles, out)
     }
 }

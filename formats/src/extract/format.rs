@@ -1,5 +1,6 @@
 //! The formats that are written, by the ending of the output, and what an encoder of one does.
 
+use super::ExtractError;
 use super::choose::Chosen;
 use super::glb::Glb;
 use super::obj::Obj;
@@ -15,10 +16,17 @@ use std::path::Path;
 
 /// A format that is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Format {
-    Ply { ascii: bool },
+pub enum Format {
+    /// PLY.
+    Ply {
+        /// Numbers as text instead of binary little-endian.
+        ascii: bool,
+    },
+    /// OBJ with colours of vertices.
     Obj,
+    /// Binary STL.
     Stl,
+    /// GLB.
     Glb,
 }
 
@@ -49,8 +57,12 @@ pub(super) trait Encoder {
 
 impl Format {
     /// By the ending of the output.
-    pub(super) fn of(path: &Path, ascii: bool) -> anyhow::Result<Self> {
+    ///
+    /// # Errors
+    /// [`ExtractError::Output`] if it has no ending of a format that is written, is a folder, or `ascii` is not for that format.
+    pub fn of(path: &Path, ascii: bool) -> Result<Self, ExtractError> {
         let shown = path.display();
+        let refused = |why: String| Err(ExtractError::Output(why));
         let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         let format = match ending.as_str() {
             "ply" => Self::Ply { ascii },
@@ -59,19 +71,25 @@ impl Format {
             "glb" => Self::Glb,
             // A device or a pipe has no ending.
             "" if std::fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) => Self::Ply { ascii },
-            _ if path.is_dir() => anyhow::bail!("{shown} is a folder; give a file name in it"),
-            "gltf" => anyhow::bail!("{shown}: glTF is written as one file; give the output a name that ends in .glb"),
-            "" => anyhow::bail!("{shown}: give the output a name that ends in .ply, .obj, .stl or .glb"),
-            other => anyhow::bail!("{shown}: .{other} is not written; .ply, .obj, .stl and .glb are"),
+            _ if path.is_dir() => return refused(format!("{shown} is a folder; give a file name in it")),
+            "gltf" => {
+                return refused(format!(
+                    "{shown}: glTF is written as one file; give the output a name that ends in .glb"
+                ));
+            }
+            "" => {
+                return refused(format!("{shown}: give the output a name that ends in .ply, .obj, .stl or .glb"));
+            }
+            other => return refused(format!("{shown}: .{other} is not written; .ply, .obj, .stl and .glb are")),
         };
         if ascii && !matches!(format, Self::Ply { .. }) {
-            anyhow::bail!("{shown}: --ascii is for PLY; {} has one form only", format.title());
+            return refused(format!("{shown}: --ascii is for PLY; {} has one form only", format.title()));
         }
         Ok(format)
     }
 
     /// Its name for machines.
-    pub(super) fn name(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         match self {
             Self::Ply { .. } => "ply",
             Self::Obj => "obj",
@@ -81,7 +99,7 @@ impl Format {
     }
 
     /// Its name for people.
-    pub(super) fn title(self) -> &'static str {
+    pub fn title(self) -> &'static str {
         match self {
             Self::Ply { .. } => "PLY",
             Self::Obj => "OBJ",
@@ -213,7 +231,7 @@ impl Coordinates {
     }
 
     /// Say why a format does not hold them, and what would.
-    fn refuse_unless_fit(&self, format: Format) -> anyhow::Result<()> {
+    fn refuse_unless_fit(&self, format: Format) -> Result<(), ExtractError> {
         if self.fit(format) {
             return Ok(());
         }
@@ -229,10 +247,10 @@ impl Coordinates {
             "no other format can either; build the pack again with coordinates nearer to zero, or with another --step"
                 .to_owned()
         };
-        anyhow::bail!(
+        Err(ExtractError::Numbers(format!(
             "the numbers of {} cannot hold coordinates in steps of 2^{step} m from the origin {x:?} {y:?} {z:?}; {hint}",
             format.title()
-        )
+        )))
     }
 }
 
@@ -246,7 +264,7 @@ impl Target {
         chosen: &Chosen,
         region: Option<&Steps>,
         format: Format,
-    ) -> anyhow::Result<Self> {
+    ) -> Result<Self, ExtractError> {
         let header = reader.header();
         let lattice = header.lattice;
         let near = |bounds: &&Aabb| region.is_none_or(|region| region.meets(bounds));

@@ -1,0 +1,78 @@
+//! Why a mesh could not be taken out of a pack.
+
+use kilwa_pack::PackError;
+use std::io;
+use std::path::PathBuf;
+
+/// Why nothing was written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExtractError {
+    /// The pack is damaged or cannot be read.
+    #[error(transparent)]
+    Pack(#[from] PackError),
+    /// The directory names a chunk that the pack does not have.
+    #[error("the pack has no chunk {0}")]
+    NoChunk(u32),
+    /// A chunk cannot be read.
+    #[error("cannot read chunk {chunk}")]
+    Read {
+        /// Its number.
+        chunk: u32,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// A vertex lies where the directory says that its chunk has none.
+    #[error("chunk {chunk}: a vertex lies outside the box that the directory gives; build the pack again")]
+    Outside {
+        /// Number of the chunk.
+        chunk: u32,
+    },
+    /// There is nothing to write.
+    #[error("it holds no triangle")]
+    Empty,
+    /// The format cannot number so many vertices.
+    #[error("more than {limit} vertices, which this format cannot name: ask for fewer triangles, or by --box")]
+    TooManyVertices {
+        /// As many as it can.
+        limit: u32,
+    },
+    /// The numbers of the format cannot hold the coordinates.
+    #[error("{0}")]
+    Numbers(String),
+    /// Even the coarsest surface is too large.
+    #[error("its coarsest surface takes more than {limit} bytes as GLB")]
+    TooLarge {
+        /// Bytes allowed.
+        limit: u64,
+    },
+    /// The output cannot be used.
+    #[error("{0}")]
+    Output(String),
+    /// A scratch file cannot be made.
+    #[error("cannot make a scratch file in {}", folder.display())]
+    MakeScratch {
+        /// The folder.
+        folder: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// A scratch file cannot be written.
+    #[error("cannot write the scratch files beside the output")]
+    Scratch(#[source] io::Error),
+    /// The output cannot be written.
+    #[error("cannot write {}", path.display())]
+    Write {
+        /// The output.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+}
+
+impl ExtractError {
+    /// Whether it is about the output, which the message names, and not about the pack.
+    pub fn is_of_output(&self) -> bool {
+        matches!(self, Self::Output(_) | Self::MakeScratch { .. } | Self::Write { .. })
+    }
+}

@@ -1,0 +1,97 @@
+//! Taking the mesh out of a pack, whole or coarser, as one crack-free PLY, OBJ, STL or GLB.
+//!
+//! Stages: `choose` (which diamonds are refined) → `stream` (chunk by chunk through space; vertices that are equal in
+//! position and every attribute become one again, so that patches join exactly: the pack's lattice makes this equality
+//! of integers) → two scratch files, vertices and triangles as the format has them → `output` (header and both, under a
+//! temporary name, renamed when complete). Memory follows the cross-section of the model and not its size.
+
+mod choose;
+mod error;
+mod format;
+mod glb;
+mod obj;
+mod output;
+mod ply;
+mod preview;
+mod region;
+mod stl;
+mod stream;
+
+pub use error::ExtractError;
+pub use format::Format;
+pub use output::Output;
+pub use preview::{Preview, preview};
+pub use region::Region;
+
+use format::Target;
+use kilwa_pack::{Reader, Source};
+
+/// What is wanted.
+#[derive(Debug, Clone, Copy)]
+pub struct Request {
+    /// The format.
+    pub format: Format,
+    /// The coarsest surface whose certified error is at most this many metres.
+    pub max_error: Option<f64>,
+    /// The best surface of at most this many triangles; looked at where no error is given.
+    pub max_triangles: Option<u64>,
+    /// Only the triangles whose centroid lies in this box.
+    pub region: Option<Region>,
+}
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Extraction {
+    /// Length of the file.
+    pub bytes: u64,
+    /// Triangles in it.
+    pub triangles: u64,
+    /// Vertices in it.
+    pub vertices: u64,
+    /// Certified error against the finest surface, metres.
+    pub error: f32,
+    /// Whether every triangle of the finest surface (in the box) was written.
+    pub is_finest: bool,
+    /// Chunks that are refined in the cut.
+    pub refined_chunks: usize,
+    /// Type of the coordinates: `float`, `double` or `text`.
+    pub coordinates: &'static str,
+    /// What has to be added to the coordinates, if they are not the world's own; metres.
+    pub offset: Option<[f64; 3]>,
+    /// What of the pack the format does not hold.
+    pub left_out: Vec<String>,
+}
+
+/// Write the mesh of a pack to `output`. `progress` is called with chunks done and chunks in all.
+///
+/// # Errors
+/// [`ExtractError`]; nothing is left then.
+pub fn extract<S: Source + Sync>(
+    reader: &Reader<S>,
+    request: &Request,
+    output: &Output,
+    progress: &dyn Fn(u64, u64),
+) -> Result<Extraction, ExtractError> {
+    let format = request.format;
+    let region = request.region.as_ref().map(|region| region.on(&reader.header().lattice));
+    let chosen = choose::choose(reader, request.max_error, request.max_triangles, region.as_ref())?;
+    let target = Target::new(reader, &chosen, region.as_ref(), format)?;
+    let mut encoder = format.encoder(&target);
+    let mut scratch = output.scratch()?;
+    let counts = stream::stream(reader, &chosen, region.as_ref(), &mut *encoder, &mut scratch, progress)?;
+    if counts.triangles == 0 {
+        return Err(ExtractError::Empty);
+    }
+    let bytes = output.write(|out| encoder.assemble(out, &mut scratch, counts))?;
+    Ok(Extraction {
+        bytes,
+        triangles: counts.triangles,
+        vertices: counts.vertices,
+        error: chosen.error,
+        is_finest: chosen.is_finest,
+        refined_chunks: chosen.cut.refined().count(),
+        coordinates: format.coordinate_type(&target),
+        offset: format.offset(&target),
+        left_out: format.left_out(reader),
+    })
+}
