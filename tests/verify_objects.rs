@@ -2,7 +2,6 @@
 //! or too much; a nightly job goes on where it was stopped.
 
 use crate::support::{built_once, fails, kilwa, succeeds, text};
-use kilwa_pack::{Reader, SliceSource};
 use kilwa_archive::Metadata;
 use kilwa_archive::checksums::sha256;
 use kilwa_archive::draft::{Draft, DraftError};
@@ -14,6 +13,7 @@ use kilwa_archive::page::{Surroundings, landing};
 use kilwa_archive::record::{Publication, records, ro_crate};
 use kilwa_archive::rights::Rights;
 use kilwa_archive::withdraw::{Withdrawal, withdraw};
+use kilwa_pack::{Reader, SliceSource};
 use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::fs;
@@ -581,6 +581,33 @@ fn links_and_special_files_are_named_and_never_followed() {
     let object = publish(elsewhere.path(), "tower", 1);
     symlink("/etc/passwd", object.join("v1/extra")).unwrap();
     checked(&object, &["v1/extra", "nobody knows"]);
+}
+
+/// The same for files that the server reads beside objects and packs, and for a manifest.
+#[cfg(unix)]
+#[test]
+fn links_and_special_files_beside_objects_and_packs_are_damage() {
+    let shelf = tempfile::tempdir().unwrap();
+    publish(shelf.path(), "fort", 1);
+    fs::create_dir(shelf.path().join("tower")).unwrap();
+    let target = text(shelf.path());
+    for name in ["collections.toml", "wall.annotations.json", "tower/manifest.json"] {
+        let at = shelf.path().join(name);
+        for is_pipe in [true, false] {
+            if is_pipe {
+                assert!(std::process::Command::new("mkfifo").arg(&at).status().unwrap().success());
+            } else {
+                std::os::unix::fs::symlink("/etc/passwd", &at).unwrap();
+            }
+            let found = report(&[target], 1);
+            assert_eq!(problems(&found), BTreeSet::from([(name.to_owned(), "unreadable".to_owned())]), "{name}");
+            fs::remove_file(&at).unwrap();
+        }
+        if !name.contains('/') {
+            fs::write(&at, "").unwrap();
+        }
+        succeeds(&["verify", target]);
+    }
 }
 
 #[cfg(unix)]
