@@ -17,10 +17,11 @@ use crate::secrets::shown;
 use crate::source::FileSource;
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
-use kilwa_archive::layout::{MANIFEST, PAGE, is_object};
+use kilwa_archive::layout::{MANIFEST, PAGE};
 use kilwa_archive::manifest::MANIFEST_MAX;
 use kilwa_archive::{AccessState, Manifest, sound};
 use kilwa_files::plain_file;
+use kilwa_server::COLLECTIONS_FILE;
 use object::Check;
 use place::{Folder, Place};
 use progress::Progress;
@@ -67,6 +68,8 @@ enum What {
         is_going: bool,
     },
     Pack,
+    /// A link or a special file under a name that the server reads beside objects and packs.
+    Beside,
 }
 
 /// A unit: where it is (a path from the place), what it is.
@@ -215,7 +218,10 @@ fn in_folder(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
         if path.starts_with('.') {
             continue;
         }
-        let what = if entry.path().is_dir() {
+        let is_plain = entry.file_type().is_ok_and(|kind| kind.is_file());
+        let what = if is_read_beside(&path) {
+            (!is_plain).then_some(What::Beside)
+        } else if entry.path().is_dir() {
             kind_of(&entry.path())
         } else {
             entry.path().extension().is_some_and(|e| e == "kilwa").then_some(What::Pack)
@@ -234,13 +240,19 @@ fn is_pack(name: &str) -> bool {
     Path::new(name).extension().is_some_and(|e| e == "kilwa")
 }
 
-/// What a folder is. One with version folders and no manifest was an object.
+/// Whether the server reads a file of this name beside objects and packs. What is in it is not checked here.
+fn is_read_beside(name: &str) -> bool {
+    name == COLLECTIONS_FILE || name.ends_with(".annotations.json")
+}
+
+/// What a folder is. One with version folders and no manifest was an object; a manifest that is no plain file is reported when it is read.
 fn kind_of(folder: &Path) -> Option<What> {
     let is_going = is_of_withdrawn(folder);
     if is_going || folder.join("bagit.txt").is_file() {
         return Some(What::Bag { is_going });
     }
-    (is_object(folder) || folder.join("v1").is_dir()).then_some(What::Object)
+    let has_manifest = folder.join(MANIFEST).symlink_metadata().is_ok();
+    (has_manifest || folder.join("v1").is_dir()).then_some(What::Object)
 }
 
 /// Whether a folder is the bag of an object that is withdrawn. The withdrawal removes it, and was interrupted where it is there still.
@@ -344,6 +356,11 @@ fn check(
             let mut check = Check { place, name: "", report, state, progress };
             if let Some(found) = check.pack(&item.path, None)? {
                 check.report.pack = Some(report::PackFigures::of(&found));
+            }
+        }
+        What::Beside => {
+            if let Err(e) = place.open(&item.path) {
+                report.add(item.path.as_str(), Kind::Unreadable, format!("it cannot be read: {e}"));
             }
         }
     }

@@ -583,6 +583,33 @@ fn links_and_special_files_are_named_and_never_followed() {
     checked(&object, &["v1/extra", "nobody knows"]);
 }
 
+/// The same for files that the server reads beside objects and packs, and for a manifest.
+#[cfg(unix)]
+#[test]
+fn links_and_special_files_beside_objects_and_packs_are_damage() {
+    let shelf = tempfile::tempdir().unwrap();
+    publish(shelf.path(), "fort", 1);
+    fs::create_dir(shelf.path().join("tower")).unwrap();
+    let target = text(shelf.path());
+    for name in ["collections.toml", "wall.annotations.json", "tower/manifest.json"] {
+        let at = shelf.path().join(name);
+        for is_pipe in [true, false] {
+            if is_pipe {
+                assert!(std::process::Command::new("mkfifo").arg(&at).status().unwrap().success());
+            } else {
+                std::os::unix::fs::symlink("/etc/passwd", &at).unwrap();
+            }
+            let found = report(&[target], 1);
+            assert_eq!(problems(&found), BTreeSet::from([(name.to_owned(), "unreadable".to_owned())]), "{name}");
+            fs::remove_file(&at).unwrap();
+        }
+        if !name.contains('/') {
+            fs::write(&at, "").unwrap();
+        }
+        succeeds(&["verify", target]);
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn another_users_unfinished_publication_is_noted_even_if_it_cannot_be_read() {

@@ -332,14 +332,21 @@ fn shelf_of_another_user(group: u32) -> Option<tempfile::TempDir> {
 /// Publish as that user, who is in no group but their own; `None` if this program cannot run as another user.
 #[cfg(unix)]
 fn publish_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<()> {
+    let (is_published, said) = try_as_another_user(shelf, version, state)?;
+    assert!(is_published, "{said}");
+    Some(())
+}
+
+/// The same; whether it was published, and what was printed.
+#[cfg(unix)]
+fn try_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<(bool, String)> {
     use std::os::unix::process::CommandExt as _;
     let mut command = std::process::Command::new(std::env::current_exe().unwrap());
     command.args(["--exact", "draft::tests::publishes_as_another_user", "--test-threads=1"]);
     command.env(AS, format!("{version} {state} {}", shelf.display())).current_dir("/").uid(NOBODY).gid(NOBODY);
     let output = command.output().ok()?;
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success() && said.contains("1 passed"), "{said}");
-    Some(())
+    Some((output.status.success() && said.contains("1 passed"), said))
 }
 
 #[cfg(unix)]
@@ -398,6 +405,40 @@ fn closed_files_are_owner_only_if_the_owner_is_not_in_the_group_of_the_folder() 
     })();
     if published.is_none() {
         println!("skipped: groups that a publisher is not in: this program cannot run as another user");
+    }
+}
+
+/// A file of somebody else counts as closed only if nobody but its owner and the group of the folder can read it.
+#[cfg(unix)]
+#[test]
+fn a_file_of_another_user_that_others_can_read_is_refused_by_name() {
+    use std::os::unix::fs::{PermissionsExt as _, chown};
+    let (ours, broader) = (12_345, 54_321);
+    let cases = [
+        (ours, 0o640, true),
+        (ours, 0o600, true),
+        (broader, 0o600, true),
+        (broader, 0o640, false),
+        (broader, 0o620, false),
+        (broader, 0o604, false),
+        (ours, 0o644, false),
+    ];
+    let tried = cases.into_iter().try_for_each(|(group, mode, is_closed)| {
+        let shelf = shelf_of_another_user(ours)?;
+        let object = shelf.path().join("fort");
+        publish_as_another_user(shelf.path(), 1, "restricted")?;
+        let pack = find_pack(&object);
+        chown(&pack, Some(0), Some(group)).ok()?;
+        fs::set_permissions(&pack, fs::Permissions::from_mode(mode)).unwrap();
+        let (is_published, said) = try_as_another_user(shelf.path(), 2, "restricted")?;
+        assert_eq!(is_published, is_closed, "group {group}, {mode:o}: {said}");
+        assert_eq!(is_whole(&object), if is_closed { 2 } else { 1 });
+        let is_named = said.contains(pack.to_str().unwrap()) && said.contains("belongs to another user");
+        assert_eq!(is_named, !is_closed, "group {group}, {mode:o}: {said}");
+        Some(())
+    });
+    if tried.is_none() {
+        println!("skipped: files of another user: this program cannot run as another user");
     }
 }
 

@@ -20,7 +20,7 @@ pub(super) fn is_for_everybody(access: &Access) -> bool {
 /// interrupted.
 ///
 /// # Errors
-/// [`DraftError::Disk`], for example if a file belongs to somebody else.
+/// [`DraftError::Disk`], for example if a file belongs to somebody else and cannot be closed.
 pub fn settle_published(lock: &Lock, slug: &Slug, manifest: &Manifest, steps: Steps<'_>) -> Result<(), DraftError> {
     let object = lock.folder().join(slug.as_str());
     settle_object(&object, manifest, is_for_everybody(&manifest.access), lock.folder(), steps)
@@ -116,6 +116,7 @@ fn settle_file(
     steps: Steps<'_>,
 ) -> Result<(), DraftError> {
     use std::fs::{self, File};
+    use std::io::{Error, ErrorKind::PermissionDenied};
     use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, chown};
     let (before, mut is_changed) = (metadata.mode() & 0o777, false);
     let mode = match group {
@@ -131,15 +132,15 @@ fn settle_file(
     if before != mode {
         steps("permissions").map_err(failed("write", path))?;
         match fs::set_permissions(path, fs::Permissions::from_mode(mode)) {
+            Ok(()) => is_changed = true,
             // The file belongs to somebody else and is closed already; only its owner can do more.
-            Err(e)
-                if group.is_some()
-                    && before.trailing_zeros() >= 3
-                    && e.kind() == std::io::ErrorKind::PermissionDenied => {}
-            set => {
-                set.map_err(failed("change the permissions of", path))?;
-                is_changed = true;
+            Err(e) if e.kind() == PermissionDenied && group.is_some_and(|group| is_closed(metadata, group)) => {}
+            Err(e) if e.kind() == PermissionDenied && group.is_some() => {
+                let why = "it belongs to another user, and users who are not in the group of the folder can read it; \
+                           its owner or an administrator must close it (chmod 600)";
+                return Err(failed("change the permissions of", path)(Error::new(PermissionDenied, why)));
             }
+            Err(e) => return Err(failed("change the permissions of", path)(e)),
         }
     }
     if is_changed {
@@ -147,4 +148,12 @@ fn settle_file(
         File::open(path).and_then(|file| file.sync_all()).map_err(failed("write", path))?;
     }
     Ok(())
+}
+
+/// Whether only its owner and `group` can read a file. The group that it has may be another, which may include everybody.
+#[cfg(unix)]
+fn is_closed(metadata: &std::fs::Metadata, group: u32) -> bool {
+    use std::os::unix::fs::MetadataExt as _;
+    let others = if metadata.gid() == group { 0o007 } else { 0o077 };
+    metadata.mode() & others == 0
 }

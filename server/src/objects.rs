@@ -18,7 +18,7 @@ use crate::holding::{Entry, Holding, Table};
 use crate::html;
 use crate::packs::blocking;
 use crate::range::{is_pack, split};
-use crate::recheck::rechecked;
+use crate::recheck::WhileAllowed;
 use crate::site::{Site, accepts};
 use crate::store::{Content, Identity, Place, is_silent, warn};
 use axum::body::{Body, Bytes};
@@ -64,16 +64,15 @@ pub(crate) async fn respond(
                         file(&asked, name)
                             .await
                             .map(keep_nowhere)
-                            .map(|r| while_allowed(r, model, clock, Some(door), headers))
+                            .map(|r| while_allowed(r, name, model, clock, Some(door), headers))
                     }
                     Some(_) => Ok(locked(&model.slug, &why)),
                     None => Ok(withheld(&why)),
                 }
             }
             _ => {
-                let found =
-                    file(&Asked { holding: &object.holding, table: &table, ranges, method, headers }, name).await;
-                if is_geometry(name) { found.map(|r| while_allowed(r, model, clock, door, headers)) } else { found }
+                let asked = Asked { holding: &object.holding, table: &table, ranges, method, headers };
+                file(&asked, name).await.map(|r| while_allowed(r, name, model, clock, door, headers))
             }
         },
         Err(status) => Err(status),
@@ -87,22 +86,26 @@ pub(crate) async fn respond(
     response
 }
 
-/// The same response, but it ends when the client is no longer allowed to have it.
+/// The same response with the file `name` of an object; it ends when a request for the file would no longer be answered. Without a door only
+/// what is public is given out.
 pub(crate) fn while_allowed(
-    response: Response<Body>,
+    mut response: Response<Body>,
+    name: &str,
     model: &Model,
     clock: &Clock,
     door: Option<&Arc<Door>>,
     headers: &HeaderMap,
 ) -> Response<Body> {
-    let Some(object) = model.object() else { return response };
-    let (holding, slug) = (Arc::clone(&object.holding), model.slug.clone());
+    // Of what is withdrawn these two remain.
+    let Some(object) = model.object().filter(|_| ![MANIFEST, PAGE].contains(&name)) else { return response };
+    let (holding, slug, has_geometry) = (Arc::clone(&object.holding), model.slug.clone(), is_geometry(name));
     let (clock, door, headers) = (clock.clone(), door.cloned(), headers.clone());
     let may_go_on = move || {
         let Ok(table) = holding.table() else { return false };
         match verdict(&table.manifest.access, &clock) {
             Verdict::Open => true,
             Verdict::Gone(_) => false,
+            Verdict::WithoutGeometry(_) if !has_geometry => true,
             Verdict::WithoutGeometry(_) => {
                 let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
                 let now = clock.seconds();
@@ -112,7 +115,8 @@ pub(crate) fn while_allowed(
             }
         }
     };
-    response.map(|body| rechecked(body, Arc::new(may_go_on)))
+    response.extensions_mut().insert(WhileAllowed::new(may_go_on));
+    response
 }
 
 /// The landing page of an object, or `None` where it has none; its status, 410 for a tombstone; and its table.

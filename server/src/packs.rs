@@ -54,7 +54,8 @@ async fn pack(
         match answered {
             Ok(mut response) => {
                 offer_pieces(&mut response);
-                return Ok(response);
+                // Here nobody is let in: what is closed is not given out, and what is closed meanwhile ends.
+                return Ok(objects::while_allowed(response, name, &model, clock, None, headers));
             }
             Err(e) => objects::again(&model, &e),
         }

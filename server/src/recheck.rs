@@ -1,9 +1,15 @@
-//! Ending transfers when access ends: by revocation, signing out or a withdrawal.
+//! Ending transfers when access ends: by revocation, signing out, closing a model or withdrawing it.
 //!
-//! A body checks every [`EVERY`] whether it may go on. If not, it ends in an error, so that the connection is closed before `Content-Length` is
-//! reached. Bytes that the client has received by then cannot be taken back.
+//! Whatever answers with a file that not everybody may have for ever puts a [`WhileAllowed`] into the response ([`crate::objects::while_allowed`]).
+//! One layer of the site ([`watch`]) gives such responses a body that checks every [`EVERY`] whether it may go on. If not, it ends in an error,
+//! so that the connection is closed before `Content-Length` is reached. The layer is outside of those that replace bodies ([`crate::budget`]).
+//! A body hands out at most [`PIECE`] at a time, because what the HTTP library has taken is sent. Bytes that the client has received cannot be
+//! taken back.
 
 use axum::body::{Body, Bytes, HttpBody as _};
+use axum::extract::Request;
+use axum::middleware::Next;
+use axum::response::Response;
 use http_body::{Frame, SizeHint};
 use std::io;
 use std::pin::Pin;
@@ -15,22 +21,47 @@ use tokio::task::JoinHandle;
 /// Time between checks; the accounts are re-read equally often.
 const EVERY: Duration = Duration::from_secs(1);
 
+/// Bytes handed out at a time.
+const PIECE: usize = 16 * 1024;
+
 /// Whether the transfer may go on. May block.
-pub(crate) type Check = Arc<dyn Fn() -> bool + Send + Sync>;
+type Check = Arc<dyn Fn() -> bool + Send + Sync>;
+
+/// Marks a response whose transfer goes on only while this holds.
+#[derive(Clone)]
+pub(crate) struct WhileAllowed(Check);
+
+impl WhileAllowed {
+    /// The check may block.
+    pub(crate) fn new(may_go_on: impl Fn() -> bool + Send + Sync + 'static) -> Self {
+        Self(Arc::new(may_go_on))
+    }
+}
+
+/// End marked responses when they are no longer allowed.
+pub(crate) async fn watch(request: Request, next: Next) -> Response {
+    let mut response = next.run(request).await;
+    match response.extensions_mut().remove::<WhileAllowed>() {
+        Some(WhileAllowed(may_go_on)) => response.map(|body| rechecked(body, may_go_on)),
+        None => response,
+    }
+}
 
 struct Rechecked {
     body: Body,
+    /// What of the body's last frame was not handed out yet.
+    rest: Bytes,
     may_go_on: Check,
     next: Instant,
     checking: Option<JoinHandle<bool>>,
 }
 
 /// A body that is allowed now, and ends in an error when it no longer is.
-pub(crate) fn rechecked(body: Body, may_go_on: Check) -> Body {
+fn rechecked(body: Body, may_go_on: Check) -> Body {
     if body.is_end_stream() {
         return body;
     }
-    Body::new(Rechecked { body, may_go_on, next: Instant::now() + EVERY, checking: None })
+    Body::new(Rechecked { body, rest: Bytes::new(), may_go_on, next: Instant::now() + EVERY, checking: None })
 }
 
 impl http_body::Body for Rechecked {
@@ -51,14 +82,65 @@ impl http_body::Body for Rechecked {
             }
             self.next = Instant::now() + EVERY;
         }
-        Pin::new(&mut self.body).poll_frame(cx)
+        if self.rest.is_empty() {
+            match ready!(Pin::new(&mut self.body).poll_frame(cx)) {
+                Some(Ok(frame)) => match frame.into_data() {
+                    Ok(data) => self.rest = data,
+                    Err(trailers) => return Poll::Ready(Some(Ok(trailers))),
+                },
+                ended => return Poll::Ready(ended),
+            }
+        }
+        let length = self.rest.len().min(PIECE);
+        Poll::Ready(Some(Ok(Frame::data(self.rest.split_to(length)))))
     }
 
     fn is_end_stream(&self) -> bool {
-        self.body.is_end_stream()
+        self.rest.is_empty() && self.body.is_end_stream()
     }
 
     fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
+        let (body, rest) = (self.body.size_hint(), self.rest.len() as u64);
+        let mut hint = SizeHint::new();
+        hint.set_lower(body.lower().saturating_add(rest));
+        if let Some(upper) = body.upper() {
+            hint.set_upper(upper.saturating_add(rest));
+        }
+        hint
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use futures_util::StreamExt as _;
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    /// A small file of a store is one frame, which the HTTP library would otherwise take whole.
+    #[tokio::test]
+    async fn a_body_of_a_single_frame_is_ended_too() {
+        let bytes: Vec<u8> = (0..20 * PIECE + 7).map(|n| (n % 251) as u8).collect();
+        for is_ended in [true, false] {
+            let allowed = Arc::new(AtomicBool::new(true));
+            let asked = Arc::clone(&allowed);
+            let body = rechecked(Body::from(bytes.clone()), Arc::new(move || asked.load(Ordering::Relaxed)));
+            assert_eq!(body.size_hint().exact(), Some(bytes.len() as u64));
+            let mut stream = body.into_data_stream();
+            let (mut came, mut is_cut) = (stream.next().await.unwrap().unwrap().to_vec(), false);
+            allowed.store(!is_ended, Ordering::Relaxed);
+            while let Some(piece) = stream.next().await {
+                match piece {
+                    Ok(piece) if piece.len() <= PIECE => came.extend_from_slice(&piece),
+                    Ok(piece) => panic!("{} bytes at once", piece.len()),
+                    Err(_) => is_cut = true,
+                }
+                if is_cut {
+                    break;
+                }
+                tokio::time::sleep(EVERY / 8).await;
+            }
+            assert_eq!((is_cut, came.len() < bytes.len()), (is_ended, is_ended));
+            assert!(bytes.starts_with(&came));
+        }
     }
 }

@@ -33,6 +33,7 @@ use crate::portal::collections::Collections;
 use crate::portal::limit::short_query;
 use crate::portal::{base, routes, signposting};
 use crate::range::lists;
+use crate::recheck;
 use crate::socket::Peer;
 use crate::store;
 use crate::upload::{self, Uploads};
@@ -160,6 +161,7 @@ pub fn app(site: Site) -> Router {
         .fallback(|| async { lost() })
         .layer(from_fn_with_state(place, store::tell))
         .layer(from_fn_with_state(counting, count))
+        .layer(from_fn(recheck::watch))
         .layer(from_fn_with_state(manner, manners))
         .layer(from_fn_with_state(observer, observe))
         .with_state(site)

@@ -1,13 +1,15 @@
 //! What happens to a running transfer when the file changes, or access to it.
 
-use crate::common::{noise, object, page, public};
+use crate::common::{Answer, noise, object, page, public};
 use axum::Router;
 use axum::body::{Body, BodyDataStream};
 use axum::http::Request;
 use futures_util::StreamExt as _;
+use kilwa_archive::checksums::{Checksums, sha256};
 use kilwa_archive::manifest::{Access, AccessState, Manifest};
 use kilwa_server::access::{Accounts, AccountsError, Grant, Purpose};
 use kilwa_server::door::Door;
+use kilwa_server::extracts::{Detail, Extract, Extracts, Failure, Format, Pack};
 use kilwa_server::{Catalogue, Clock, Site, app};
 use std::fs::File;
 use std::io::Write as _;
@@ -43,6 +45,10 @@ async fn rest(mut body: BodyDataStream) -> (usize, bool) {
     (bytes, false)
 }
 
+fn closed(state: AccessState) -> Access {
+    Access { state, reason: Some("Graves.".to_owned()), ..public() }
+}
+
 fn change_access(models: &Path, slug: &str, access: Access) {
     let path = models.join(slug).join("manifest.json");
     let mut manifest = Manifest::parse(&std::fs::read(&path).unwrap()).unwrap();
@@ -58,7 +64,6 @@ async fn a_transfer_ends_when_access_does_and_others_go_on() {
     let models = folder.path().join("models");
     std::fs::create_dir(&models).unwrap();
     let bytes = noise(LENGTH, 1);
-    let closed = |state| Access { state, reason: Some("Graves.".to_owned()), ..public() };
     let address_of = |slug: &str, access: Access| {
         let manifest = object(&models, slug, std::slice::from_ref(&bytes), access);
         format!("/{slug}/{}", manifest.versions[0].pack.url)
@@ -118,4 +123,254 @@ async fn a_file_overwritten_during_a_transfer_is_never_sent_as_a_mixture() {
     file.write_all(&noise(LENGTH, 2)).unwrap();
     let (bytes, is_cut) = rest(body).await;
     assert!(is_cut && bytes < LENGTH / 2, "{bytes} bytes of two files");
+}
+
+/// Length of a file that a slow reader takes in as many pieces as make the transfer last several seconds.
+const FILE: usize = 256 << 10;
+/// The same of a file that is sent from memory.
+const SMALL_FILE: usize = 60 << 10;
+/// How long a slow reader takes for a file: several times as long as it may take until a change is noticed.
+const SLOWLY: Duration = Duration::from_secs(8);
+
+/// Writes a mesh as long as the other files.
+struct Mesh;
+
+impl Extract for Mesh {
+    fn extract(&self, _: &Pack, to: &Path, _: Format, _: Detail, _: &(dyn Fn(f64) + Sync)) -> Result<(), Failure> {
+        std::fs::write(to, noise(FILE, 3)).map_err(|e| Failure::Other(e.to_string()))
+    }
+}
+
+/// Who reads.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Who {
+    /// Nobody in particular.
+    Anybody,
+    /// With a token, and granted nothing.
+    Stranger,
+    /// With a token, and granted everything.
+    Robot,
+    /// With another token, granted everything.
+    Other,
+    /// Signed in with a password, and granted everything; opened the model in the browser.
+    Visitor,
+}
+
+/// What happens during the transfer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Change {
+    None,
+    /// The model is restricted, put under embargo or withdrawn.
+    To(AccessState),
+    /// Its folder is taken away.
+    Moved,
+    UserRemoved,
+    TokenRevoked,
+    GrantRevoked,
+    SignedOut,
+}
+
+/// An object all of whose files of any interest are long; the addresses at which they are given out.
+fn long_object(models: &Path, slug: &str, access: Access) -> Vec<(String, Option<&'static str>)> {
+    let mut manifest = object(models, slug, &[noise(FILE, 1)], access);
+    let root = models.join(slug);
+    let list = root.join("v1/checksums.sha256");
+    let mut sums = Checksums::parse(&std::fs::read_to_string(&list).unwrap()).unwrap();
+    std::fs::create_dir_all(root.join("v1/iiif")).unwrap();
+    let long = ["preview.glb", "annotations.json", "iiif/annotations.json", "poster.jpg"];
+    for name in long {
+        let bytes = noise(FILE, name.len() as u64);
+        std::fs::write(root.join("v1").join(name), &bytes).unwrap();
+        sums.add(name, sha256(&bytes));
+    }
+    std::fs::write(root.join("annotations.json"), noise(SMALL_FILE, 5)).unwrap();
+    let text = sums.to_text();
+    std::fs::write(&list, &text).unwrap();
+    let entry = &mut manifest.versions[0].checksums;
+    (entry.bytes, entry.sha256) = (text.len() as u64, sha256(text.as_bytes()));
+    std::fs::write(root.join("manifest.json"), manifest.to_bytes().unwrap()).unwrap();
+
+    let pack = &manifest.versions[0].pack;
+    let (last, half) = (FILE - 1, FILE / 2);
+    let packs = [
+        format!("/{slug}/{}", pack.url),
+        format!("/packs/{slug}.kilwa"),
+        format!("/packs/{slug}.{}.kilwa", pack.sha256),
+    ];
+    let mut addresses = Vec::new();
+    for pack in packs {
+        addresses.push((format!("{pack}/0-{last}"), None));
+        addresses.push((format!("{pack}/{half}-{last},0-{}", half - 1), None));
+        addresses.push((pack.clone(), Some("bytes=0-")));
+        addresses.push((pack, None));
+    }
+    addresses.extend(long.map(|name| (format!("/{slug}/v1/{name}"), None)));
+    addresses.push((format!("/{slug}/v1/preview.glb"), Some("bytes=1-")));
+    addresses.push((format!("/{slug}/annotations.json"), None));
+    addresses.push((format!("/packs/{slug}.annotations.json"), None));
+    addresses.push((format!("/{slug}/extract/v1-whole.ply"), None));
+    addresses
+}
+
+async fn send(app: &Router, request: axum::http::request::Builder, form: &str) -> Answer {
+    let request = request.header("host", "museum.example").body(Body::from(form.to_owned())).unwrap();
+    Answer::of(app.clone().oneshot(request).await.unwrap()).await
+}
+
+/// `name=value` of the cookie that an answer sets.
+fn cookie(answer: &Answer) -> String {
+    answer.header("set-cookie").split(';').next().unwrap_or_default().to_owned()
+}
+
+/// Whether a transfer must end: a request at the same address would be refused now.
+fn must_end(address: &str, who: Who, change: Change) -> bool {
+    let is_public_only = address.starts_with("/packs/");
+    match change {
+        Change::None => false,
+        Change::To(AccessState::Withdrawn) | Change::Moved => true,
+        // Pictures are for everybody.
+        _ if address.ends_with(".jpg") => false,
+        Change::To(_) => is_public_only || matches!(who, Who::Anybody | Who::Stranger),
+        Change::UserRemoved | Change::TokenRevoked | Change::GrantRevoked | Change::SignedOut => true,
+    }
+}
+
+/// Every address that gives out a model, and every way in which access to it ends.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn every_transfer_of_a_model_ends_when_a_request_for_it_would_be_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (models, file) = (folder.path().join("models"), folder.path().join("access.json"));
+    std::fs::create_dir(&models).unwrap();
+    let mut accounts = Accounts::new().unwrap();
+    let all = Grant::All;
+    for robot in ["removed", "revoked", "ungranted", "other"] {
+        accounts.set_user(robot, &all, None).unwrap();
+    }
+    accounts.set_user("stranger", &Grant::Objects(Vec::new()), None).unwrap();
+    accounts.set_user("visitor", &all, Some("a long sentence")).unwrap();
+    let mut token = |name: &str| accounts.add_token(name, Purpose::View, 30, NOW).unwrap();
+    let (removed, revoked, ungranted) = (token("removed"), token("revoked"), token("ungranted"));
+    let (other, stranger) = (token("other"), token("stranger"));
+    accounts.create(&file).unwrap();
+
+    let (embargo, restricted, withdrawn) = (AccessState::Embargo, AccessState::Restricted, AccessState::Withdrawn);
+    let cases = [
+        ("open", AccessState::Public, Who::Anybody, Change::None),
+        ("closing", AccessState::Public, Who::Anybody, Change::To(restricted)),
+        ("embargoed", AccessState::Public, Who::Anybody, Change::To(embargo)),
+        ("withdrawn", AccessState::Public, Who::Anybody, Change::To(withdrawn)),
+        ("moved", AccessState::Public, Who::Anybody, Change::Moved),
+        ("to-stranger", AccessState::Public, Who::Stranger, Change::To(restricted)),
+        ("to-granted", AccessState::Public, Who::Other, Change::To(restricted)),
+        ("from-granted", restricted, Who::Other, Change::To(withdrawn)),
+        ("unchanged", restricted, Who::Other, Change::None),
+        ("user", restricted, Who::Robot, Change::UserRemoved),
+        ("token", restricted, Who::Robot, Change::TokenRevoked),
+        ("grant", restricted, Who::Robot, Change::GrantRevoked),
+        ("session", restricted, Who::Visitor, Change::SignedOut),
+    ];
+    let addresses: Vec<_> = cases
+        .iter()
+        .map(|(slug, state, ..)| {
+            let access = if *state == AccessState::Public { public() } else { closed(*state) };
+            long_object(&models, slug, access)
+        })
+        .collect();
+    let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
+    site.clock = Clock::new(|| NOW);
+    site.door = Some(Arc::new(Door::open(&file, None).unwrap()));
+    site.extracts = Some(Extracts::open(folder.path().join("cache"), 140_000_000, Arc::new(Mesh)).unwrap());
+    let app = app(site);
+    let post = Request::post("/sign-in");
+    let signed_in = send(&app, post, "name=visitor&password=a+long+sentence&next=%2F").await;
+    let session = cookie(&signed_in);
+    assert_eq!(signed_in.status, 303, "{}", signed_in.text());
+
+    let mut transfers = Vec::new();
+    for ((slug, state, who, change), addresses) in cases.into_iter().zip(addresses) {
+        let (name, value) = match (who, change) {
+            (Who::Anybody, _) => ("authorization", String::new()),
+            (Who::Stranger, _) => ("authorization", format!("Bearer {stranger}")),
+            (Who::Other, _) => ("authorization", format!("Bearer {other}")),
+            (Who::Robot, Change::UserRemoved) => ("authorization", format!("Bearer {removed}")),
+            (Who::Robot, Change::TokenRevoked) => ("authorization", format!("Bearer {revoked}")),
+            (Who::Robot, _) => ("authorization", format!("Bearer {ungranted}")),
+            (Who::Visitor, _) => {
+                let open = Request::post(format!("/{slug}/open")).header("cookie", &session);
+                let opened = send(&app, open, "").await;
+                assert_eq!(opened.status, 204, "{}", opened.text());
+                ("cookie", format!("{session}; {}", cookie(&opened)))
+            }
+        };
+        let form = Request::post(format!("/{slug}/extract")).header(name, &value);
+        assert_eq!(send(&app, form, "format=ply&detail=whole").await.status, 303, "{slug}");
+        for (address, range) in addresses {
+            // What is closed has no address there.
+            if state != AccessState::Public && address.starts_with("/packs/") {
+                continue;
+            }
+            let response = loop {
+                let request = Request::get(&address).header(name, &value);
+                let request = if let Some(range) = range { request.header("range", range) } else { request };
+                let response = app.clone().oneshot(request.body(Body::empty()).unwrap()).await.unwrap();
+                if response.status() != 202 {
+                    break response;
+                }
+                tokio::time::sleep(Duration::from_millis(10)).await;
+            };
+            assert!(response.status().is_success(), "{address}: {}", response.status());
+            let length: usize = response.headers()["content-length"].to_str().unwrap().parse().unwrap();
+            let mut body = response.into_body().into_data_stream();
+            let first = body.next().await.unwrap().unwrap().len();
+            assert!(first <= 16 << 10, "{address}: {first} bytes at once");
+            transfers.push((address, range, who, change, length, first, body));
+        }
+    }
+
+    for (slug, _, _, change) in cases {
+        match change {
+            Change::To(state) => {
+                let until = (state == AccessState::Embargo).then(|| "2999-01-01".to_owned());
+                change_access(&models, slug, Access { until, ..closed(state) });
+            }
+            Change::Moved => std::fs::rename(models.join(slug), folder.path().join(slug)).unwrap(),
+            _ => {}
+        }
+    }
+    let changed = Accounts::change(&file, |accounts| {
+        accounts.remove_user("removed")?;
+        accounts.set_user("ungranted", &Grant::Objects(Vec::new()), None)?;
+        let id = accounts.of_token(&revoked, NOW).unwrap().1.id.clone();
+        accounts.revoke(&id)
+    });
+    changed.unwrap();
+    let out = Request::post("/sign-out").header("cookie", &session);
+    assert_eq!(send(&app, out, "").await.status, 303);
+
+    let rests: Vec<_> = transfers
+        .into_iter()
+        .map(|(address, range, who, change, length, first, mut body)| {
+            tokio::spawn(async move {
+                let (mut came, mut is_cut) = (first, false);
+                let pause = SLOWLY / (length / first) as u32;
+                tokio::time::sleep(pause).await;
+                while let Some(part) = body.next().await {
+                    let Ok(part) = part else {
+                        is_cut = true;
+                        break;
+                    };
+                    came += part.len();
+                    tokio::time::sleep(pause).await;
+                }
+                assert_eq!(is_cut, came < length, "{address}: cut short, or whole");
+                let wanted = must_end(&address, who, change);
+                (is_cut != wanted).then(|| format!("{address} {range:?} {who:?} {change:?}: ended: {is_cut}"))
+            })
+        })
+        .collect();
+    let mut wrong = Vec::new();
+    for rest in rests {
+        wrong.extend(rest.await.unwrap());
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
 }

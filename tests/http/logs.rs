@@ -53,3 +53,31 @@ async fn behind_a_proxy_the_client_is_who_the_proxy_names() {
     let log = server.log();
     assert!(log.contains("\"client\":\"203.0.113.9\"") && !log.contains("198.51.100.1"), "{log}");
 }
+
+#[cfg(unix)]
+#[tokio::test]
+async fn a_link_or_a_pipe_in_place_of_the_collections_is_logged_once() {
+    for is_pipe in [true, false] {
+        let server = Server::start(&[("fort", &noise(10, 1))], &[]);
+        let file = server.folder().join("collections.toml");
+        if is_pipe {
+            assert!(std::process::Command::new("mkfifo").arg(&file).status().unwrap().success());
+        } else {
+            std::os::unix::fs::symlink("/etc/passwd", &file).unwrap();
+        }
+        let wanted = if is_pipe { "it is a pipe" } else { "it is a link" };
+        let mut client = Client::connect(server.address).await.unwrap();
+        let lines = |log: &str| log.lines().filter(|l| l.contains("collections.toml") && l.contains(wanted)).count();
+        // The file is looked at once a second; a few more times after it was logged.
+        let mut after = 0;
+        for _ in 0..600 {
+            assert_eq!(client.get("/collections/", "").await.unwrap().status, 200);
+            after += usize::from(lines(&server.log()) > 0);
+            if after == 30 {
+                break;
+            }
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        assert_eq!(lines(&server.log()), 1, "{}", server.log());
+    }
+}

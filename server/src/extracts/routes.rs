@@ -221,7 +221,7 @@ pub(crate) async fn file(
                 Ok(Ok(content)) if wants_page => shown(&Stage::Ready(content.bytes()), StatusCode::OK),
                 Ok(Ok(content)) => {
                     let sent = send(&asked, order, &name, content, &method, headers).await;
-                    objects::while_allowed(sent, &asked.model, &site.clock, site.door.as_ref(), headers)
+                    objects::while_allowed(sent, &name, &asked.model, &site.clock, site.door.as_ref(), headers)
                 }
                 // It went for others in this moment.
                 _ => html(

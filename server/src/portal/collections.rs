@@ -13,8 +13,8 @@
 //!
 //! Pages: `/collections/`, `/collections/<slug>/` and its `feed.xml`; in OAI-PMH each is a set. Invariants: slugs are as those of objects, and none is
 //! there twice; a member that is not in the index, or was withdrawn, is passed over. The file is looked at when somebody asks, at most once a second, in a store
-//! as often as its list. Failures: a file that cannot be read leaves what was read before, and says in the log what is wrong and on which line; a store that
-//! does not answer, or does not give it, leaves it too, and says so itself.
+//! as often as its list. Failures: a file that cannot be read, a link and a special file leave what was read before; the log says once what is wrong and on which
+//! line. A store that does not answer, or does not give it, leaves it too, and says so itself.
 
 use super::catalogue::{Part, card, pager};
 use super::frame::{FOOT, Reader, feed_link, head};
@@ -112,6 +112,8 @@ struct Known {
     looked: Option<Instant>,
     mark: Option<Identity>,
     all: Arc<Vec<Collection>>,
+    /// What was wrong with the file when it was last looked at: it is logged once.
+    wrong: Option<String>,
 }
 
 impl Collections {
@@ -144,13 +146,20 @@ impl Collections {
         let mut known = self.lock();
         match seen {
             Ok(Some((mark, read))) => {
+                let is_changed = mark.is_some();
                 known.mark = mark;
-                match read {
-                    Ok(all) => known.all = Arc::new(all),
-                    Err(why) => {
-                        tracing::warn!("{}: {why}; the collections are those that were read before", self.file);
+                known.wrong = match read {
+                    Ok(all) => {
+                        known.all = Arc::new(all);
+                        None
                     }
-                }
+                    Err(why) => {
+                        if is_changed || known.wrong.as_ref() != Some(&why) {
+                            tracing::warn!("{}: {why}; the collections are those that were read before", self.file);
+                        }
+                        Some(why)
+                    }
+                };
             }
             // As soon as it answers: what does not is not asked before.
             Err(e) if is_away(&e) => known.looked = None,
@@ -189,8 +198,8 @@ fn look(file: &Place, before: Option<&Identity>) -> io::Result<Option<Seen>> {
         Ok(mark) => mark,
         Err(e) if is_silent(&e) => return Err(e),
         // Taken away: there are none.
-        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(before.map(|_| (None, Ok(Vec::new())))),
-        Err(e) => return Ok(before.map(|_| (None, Err(e.to_string())))),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Some((None, Ok(Vec::new())))),
+        Err(e) => return Ok(Some((None, Err(e.to_string())))),
     };
     if before == Some(&mark) {
         return Ok(None);
@@ -337,5 +346,45 @@ mod tests {
         assert_eq!(look(&collections), 1);
         std::fs::remove_file(&file).unwrap();
         assert_eq!(look(&collections), 0);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_and_a_pipe_are_named_and_not_followed() {
+        let dir = tempfile::tempdir().unwrap();
+        let (shelf, elsewhere) = (dir.path().canonicalize().unwrap().join("shelf"), dir.path().join("elsewhere"));
+        std::fs::create_dir(&shelf).unwrap();
+        std::fs::write(&elsewhere, GOOD).unwrap();
+        let file = shelf.join(FILE);
+        let (link, pipe) = (
+            || std::os::unix::fs::symlink(&elsewhere, &file).unwrap(),
+            || assert!(std::process::Command::new("mkfifo").arg(&file).status().unwrap().success()),
+        );
+        let look = |collections: &Collections| {
+            collections.known.lock().unwrap().looked = None;
+            let count = collections.all().len();
+            (count, collections.known.lock().unwrap().wrong.clone().unwrap_or_default())
+        };
+        let places: [(&dyn Fn(), &str); 2] = [(&link, "it is a link"), (&pipe, "it is a pipe")];
+        for (place, wanted) in places {
+            for was_there in [false, true] {
+                if was_there {
+                    std::fs::write(&file, GOOD).unwrap();
+                }
+                let collections = Collections::beside(&Place::Path(shelf.clone()));
+                let before = usize::from(was_there);
+                assert_eq!(look(&collections), (before, String::new()));
+                if was_there {
+                    std::fs::remove_file(&file).unwrap();
+                }
+                place();
+                for _ in 0..2 {
+                    let (count, wrong) = look(&collections);
+                    assert!(count == before && wrong.contains(wanted), "{count}, {wrong}");
+                }
+                std::fs::remove_file(&file).unwrap();
+                assert_eq!(look(&collections), (0, String::new()));
+            }
+        }
     }
 }

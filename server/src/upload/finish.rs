@@ -12,7 +12,7 @@ use kilwa_archive::date::day_of;
 use kilwa_archive::draft::{Draft, DraftError};
 use kilwa_archive::layout::{ANNOTATIONS, PREVIEW};
 use kilwa_archive::lock::{Lock, PATIENCE};
-use kilwa_archive::manifest::Manifest;
+use kilwa_archive::manifest::{Manifest, ManifestError};
 use kilwa_archive::sound;
 use kilwa_archive::source::FileSource;
 use kilwa_pack::Reader;
@@ -352,8 +352,19 @@ pub(super) fn refused(e: &DraftError) -> Refusal {
         DraftError::Other(_) => Refusal::conflict(format!(
             "the server has something under this name that is not an object of kilwa, or is damaged. {ASK}, or give another name with slug = \"…\" in the metadata, then run the same command again"
         )),
-        DraftError::Manifest(_) => Refusal::content(e.to_string()),
+        DraftError::Manifest(e) => Refusal::content(format!(
+            "the manifest of this version cannot be written{}. Look at what the metadata say, correct it, then run the same command again; if that does not help, {ask}",
+            field_of(e).map(|field| format!(", because of {field}")).unwrap_or_default(),
+            ask = ASK.to_lowercase()
+        )),
     }
+}
+
+/// The field of a manifest that cannot be written, if it is the name of one, such as `versions[1].pack.url`.
+fn field_of(e: &ManifestError) -> Option<&str> {
+    let ManifestError::Wrong { field, .. } = e else { return None };
+    let is_name = |c: char| c.is_ascii_alphanumeric() || "._[]".contains(c);
+    field.chars().all(is_name).then_some(field.as_str())
 }
 
 /// What to do if only the server's log may name the place.
@@ -369,6 +380,8 @@ mod tests {
         let path = || PathBuf::from("/srv/secret/fort");
         let other = |text: &str| io::Error::other(text.to_owned());
         let disk = || DraftError::Disk { what: "write", path: path(), reason: other("at /srv/secret") };
+        let manifest = DraftError::Manifest;
+        let left = |why, left| DraftError::Left { why: Box::new(why), left: Box::new(left) };
         let all = [
             disk(),
             DraftError::Disk { what: "write", path: path(), reason: io::ErrorKind::StorageFull.into() },
@@ -384,7 +397,30 @@ mod tests {
             DraftError::Foreign(path()),
             DraftError::Other("/srv/secret/fort is there and is no object".to_owned()),
             disk().after("the version is published, but not all of its files are in place"),
+            manifest(ManifestError::Form("/srv/secret/fort: no JSON".to_owned())),
+            manifest(ManifestError::Newer(7)),
+            manifest(ManifestError::Wrong { field: "versions[1].pack.url".to_owned(), why: "/srv/secret".to_owned() }),
+            manifest(ManifestError::Wrong { field: "/srv/secret/fort".to_owned(), why: "it is empty".to_owned() }),
+            manifest(ManifestError::Form("/srv/secret".to_owned())).after("the version is published"),
+            left(disk(), DraftError::Foreign(path())),
+            left(manifest(ManifestError::Form("/srv/secret".to_owned())), disk()),
+            left(disk().after("the version is published"), disk()),
         ];
+        // A new variant belongs into the list above.
+        for e in &all {
+            match e {
+                DraftError::Disk { .. }
+                | DraftError::Busy(_)
+                | DraftError::Unlockable { .. }
+                | DraftError::There(_)
+                | DraftError::Unnamed(_)
+                | DraftError::Unfinished { .. }
+                | DraftError::Left { .. }
+                | DraftError::Other(_)
+                | DraftError::Foreign(_)
+                | DraftError::Manifest(_) => {}
+            }
+        }
         for e in all {
             let Refusal { status, why, retry_after, .. } = refused(&e);
             assert!(!why.contains("/srv") && !why.contains("secret"), "{why}");
@@ -392,6 +428,8 @@ mod tests {
             let is_passing = status == StatusCode::SERVICE_UNAVAILABLE;
             assert_eq!(is_passing, retry_after.is_some(), "{status}: {why}");
         }
+        let named = refused(&manifest(ManifestError::Wrong { field: "page.bytes".to_owned(), why: String::new() }));
+        assert!(named.status == StatusCode::UNPROCESSABLE_ENTITY && named.why.contains("page.bytes"), "{}", named.why);
         let foreign = io::Error::other("cannot open /srv/secret/fort: gone");
         assert!(!Refusal::disk("read the pack", &foreign).why.contains("/srv"));
         let missing = Refusal::disk("read the pack", &io::ErrorKind::PermissionDenied.into()).why;

@@ -189,6 +189,12 @@ impl Intent {
         }
         let slug = Slug::new(&self.slug).map_err(|e| Refusal::content(format!("slug: {e}")))?;
         self.metadata.check().map_err(|e| Refusal::content(format!("metadata: {e}")))?;
+        if let Some(named) = self.metadata.slug.as_deref().filter(|named| *named != self.slug) {
+            return wrong(format!(
+                "the version is announced as one of \"{}\", but slug in its metadata is \"{named}\"; give the same name in both",
+                self.slug
+            ));
+        }
         let rights = Rights::parse(&self.metadata.rights.uri).map_err(Refusal::content)?;
         if !is_day(&self.published) || self.published > day_of(now.saturating_add(SKEW)) {
             return wrong(format!(

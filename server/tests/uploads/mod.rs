@@ -358,6 +358,18 @@ async fn what_cannot_be_is_refused_before_a_byte_is_sent() {
         ("too large", change(&|v| v.intent.files[1].bytes = 1 << 40), StatusCode::PAYLOAD_TOO_LARGE, "are possible"),
         ("reserved", change(&|v| v.intent.slug = "viewer".to_owned()), StatusCode::UNPROCESSABLE_ENTITY, "slug"),
         ("hidden", change(&|v| v.intent.slug = ".kilwa-x".to_owned()), StatusCode::UNPROCESSABLE_ENTITY, "slug"),
+        (
+            "another slug announced",
+            change(&|v| v.intent.slug = "cave".to_owned()),
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "announced as one of \\\"cave\\\", but slug in its metadata is \\\"fort\\\"",
+        ),
+        (
+            "another slug in the metadata",
+            change(&|v| v.intent.metadata.slug = Some("cave".to_owned())),
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "announced as one of \\\"fort\\\", but slug in its metadata is \\\"cave\\\"",
+        ),
         ("version", change(&|v| v.intent.version = 2), StatusCode::CONFLICT, "has no version yet"),
         (
             "future",
@@ -391,6 +403,8 @@ async fn what_cannot_be_is_refused_before_a_byte_is_sent() {
     assert!(m.has_nothing());
     let answer = m.send(Method::POST, "/uploads", &m.robot, &[], b"{\"kilwa_upload\":1}".to_vec()).await;
     assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY);
+    let named_by_its_title = change(&|v| v.intent.metadata.slug = None);
+    assert_eq!(m.begin(&m.robot, &named_by_its_title).await.status, StatusCode::CREATED);
 }
 
 #[tokio::test]
