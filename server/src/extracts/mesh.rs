@@ -43,7 +43,7 @@ pub(super) fn extract(
 
 /// Why there is no file: whoever waits is told whether trying again may help.
 fn failure(pack: &Pack, error: &(dyn Error + 'static)) -> Failure {
-    let causes = || std::iter::successors(Some(error), |e| e.source());
+    let causes = || std::iter::successors(Some(error), |e: &&(dyn Error + 'static)| e.source());
     let mut system = causes().filter_map(|cause| cause.downcast_ref::<io::Error>());
     if system.clone().any(no_room) {
         Failure::Full
