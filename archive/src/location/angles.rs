@@ -347,7 +347,8 @@ fn letter_before(text: &[char], from: usize) -> Option<(Axis, bool)> {
     if is_word { None } else { Some((quarter(*text.get(at)?)?, belongs_before)) }
 }
 
-fn word_before(text: &[char], from: usize) -> Option<Axis> {
+/// By the word before a number: `latitude: 8.96`.
+pub(super) fn word_before(text: &[char], from: usize) -> Option<Axis> {
     let before = text.get(from.saturating_sub(24)..from)?;
     let is_between = |c: &char| " :=-+.,\"'[({".contains(*c);
     let end = before.len() - before.iter().rev().take_while(|c| is_between(c)).count();

@@ -177,8 +177,11 @@ fn of_any_country(text: &str) -> Option<(usize, usize)> {
     };
     let street = || {
         let what = "openstreetmap.";
-        let letter = |at: usize| text.as_bytes().get(at + what.len()).is_some_and(u8::is_ascii_alphabetic);
-        Some((all(what).find(|at| letter(*at))?, what.len() + 2))
+        let country = |at: usize| {
+            let rest = text.as_bytes().get(at + what.len()..).unwrap_or_default();
+            rest.iter().take(12).take_while(|b| b.is_ascii_alphabetic()).count()
+        };
+        all(what).find(|at| country(*at) > 0).map(|at| (at, what.len() + country(at)))
     };
     let getty = || {
         let what = "getty.edu";
@@ -534,6 +537,23 @@ fn grid(text: &[char], square: &Square) -> Option<(usize, usize)> {
         };
         let is_here = near(part(0)?, square.inside[0]) && near(part(n)?, square.inside[1]);
         is_here.then_some((at, digits.last()?.0 + 1))
+    })
+}
+
+/// A reference of the military grid without its zone, behind the word that says so: `MGRS EL 6597 0994`.
+pub(super) fn labelled_grid(text: &[char]) -> Option<(usize, usize)> {
+    let is_label = |at: usize| {
+        "mgrs".chars().enumerate().all(|(i, c)| text.get(at + i).is_some_and(|t| t.eq_ignore_ascii_case(&c)))
+    };
+    let letter = |at: usize| text.get(at).is_some_and(char::is_ascii_alphabetic);
+    (0..text.len()).filter(|at| is_label(*at)).find_map(|at| {
+        let from = (at + 4..text.len().min(at + 8)).find(|i| text.get(*i).is_some_and(|c| !" :=(".contains(*c)))?;
+        let digits: Vec<usize> = (from + 2..text.len().min(from + 18))
+            .take_while(|i| text.get(*i).is_some_and(|c| c.is_ascii_digit() || *c == ' '))
+            .filter(|i| text.get(*i) != Some(&' '))
+            .collect();
+        let is_reference = letter(from) && letter(from + 1) && matches!(digits.len(), 4 | 6 | 8 | 10);
+        is_reference.then_some((at, digits.last()? + 1))
     })
 }
 

@@ -3,8 +3,8 @@
 //! Stricter than what a known location needs: five decimals are a coordinate here, whatever they measure. A single whole number (`565977`) says nothing by
 //! its form and passes.
 
-use super::angles::{Angle, Axis, axis_of};
-use super::codes::{grid_reference, labelled};
+use super::angles::{Angle, Axis, axis_of, word_before};
+use super::codes::{grid_reference, labelled, labelled_grid};
 use super::text::Number;
 use super::{BESIDE, Kind, is_degree, may_be_degrees};
 
@@ -46,7 +46,10 @@ pub(super) fn found(text: &[char], numbers: &[Number], angles: &[Angle], form: F
     told.or_else(|| degrees(text, numbers, angles, form).map(coordinates))
         .or_else(|| eastings(text, numbers).map(coordinates))
         .or_else(|| {
-            let code = grid_reference(text).or_else(|| geohash(text)).or_else(|| labelled(text));
+            let code = grid_reference(text)
+                .or_else(|| geohash(text))
+                .or_else(|| labelled(text))
+                .or_else(|| labelled_grid(text));
             code.map(|(from, to)| (from, to, Kind::Code))
         })
 }
@@ -107,7 +110,8 @@ fn degrees(text: &[char], numbers: &[Number], angles: &[Angle], form: Form) -> O
     let is_degrees = |n: &&Number| !n.is_list && may_be_degrees(text, n);
     let alone = numbers.iter().filter(is_degrees).find(|n| {
         let has_axis = || is_degree(text, n) || axis_of(text, n.from, n.to).is_some();
-        form.is_written && n.decimals >= ALONE_DECIMALS || n.decimals >= PAIR_DECIMALS && has_axis()
+        let is_named = n.decimals >= 1 && is_named(text, n);
+        is_named || form.is_written && n.decimals >= ALONE_DECIMALS || n.decimals >= PAIR_DECIMALS && has_axis()
     });
     if let Some(n) = alone {
         return Some((n.from, n.to));
@@ -119,11 +123,33 @@ fn degrees(text: &[char], numbers: &[Number], angles: &[Angle], form: Form) -> O
         return Some(range);
     }
     let fine: Vec<&Number> = numbers.iter().filter(is_degrees).filter(|n| n.decimals >= PAIR_DECIMALS).collect();
+    fine.windows(2)
+        .find_map(|two| {
+            let [a, b] = two else { return None };
+            let between = text.get(a.to..b.from)?;
+            let is_pair = (1..=4).contains(&between.len()) && between.iter().all(|c| " ,;/|+-".contains(*c));
+            (is_pair && (a.value <= 90.0 || b.value <= 90.0)).then_some((a.from, b.to))
+        })
+        .or_else(|| in_address(text, numbers))
+}
+
+/// Whether a word for its axis stands before a number; not one that also means a length (`12 m long, 8.5 m wide`, `Breite 8.5 m`).
+fn is_named(text: &[char], n: &Number) -> bool {
+    const WORDS: [&str; 5] = ["lat", "lon", "lng", "tude", "itud"];
+    let before = lower(text, n.from.saturating_sub(24), n.from);
+    let word = before.trim_end_matches(|c: char| !c.is_alphabetic());
+    WORDS.iter().any(|w| word.ends_with(w)) && word_before(text, n.from).is_some()
+}
+
+/// The middle of a map in an address: `@-8.96,39.52,17z`.
+fn in_address(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
+    let fine: Vec<&Number> = numbers.iter().filter(|n| n.decimals >= 2 && !n.is_list).collect();
     fine.windows(2).find_map(|two| {
         let [a, b] = two else { return None };
-        let between = text.get(a.to..b.from)?;
-        let is_pair = (1..=4).contains(&between.len()) && between.iter().all(|c| " ,;/|+-".contains(*c));
-        (is_pair && (a.value <= 90.0 || b.value <= 90.0)).then_some((a.from, b.to))
+        let sign = usize::from(a.from >= 1 && text.get(a.from - 1) == Some(&'-'));
+        let begins = a.from.checked_sub(1 + sign).and_then(|i| text.get(i)) == Some(&'@');
+        let is_pair = matches!(text.get(a.to..b.from)?, [','] | [',', '-']);
+        (begins && is_pair && a.value <= 90.0 && b.value <= 180.0).then_some((a.from, b.to))
     })
 }
 
