@@ -33,7 +33,7 @@ impl Location {
     pub(super) fn find_in_json_list(&self, list: &[Value], is_passed: &dyn Fn(usize) -> bool) -> Option<Finding> {
         let items = || list.iter().enumerate().filter(|(i, _)| !is_passed(*i)).map(|(_, v)| v);
         self.find_in_list(items().filter_map(Value::as_str)).or_else(|| {
-            let mut keys: Vec<&String> = items().filter_map(Value::as_object).flat_map(|map| map.keys()).collect();
+            let mut keys: Vec<&String> = items().filter_map(Value::as_object).flat_map(serde_json::Map::keys).collect();
             keys.sort_unstable();
             keys.dedup();
             keys.into_iter().find_map(|key| {
