@@ -91,7 +91,7 @@ impl Given {
         if let Some((field, finding)) = self.published_metadata().giving_away(&location) {
             bail!("{file}: {field}: {finding}");
         }
-        if let Some(finding) = location.find(self.slug.as_str()) {
+        if let Some(finding) = location.find_in_name(self.slug.as_str()) {
             bail!("{file}: slug: {finding}; give slug = \"…\"");
         }
         if let Some(finding) = version_note.and_then(|note| location.find(note)) {

@@ -1,4 +1,5 @@
-//! Degrees, minutes and seconds, and on which axis a number lies: `8° 57' 27.7" S`, `8d57m S`, `S08:57:27`, `085727S`, `lat 8.96`.
+//! Degrees, minutes and seconds, and on which axis a number lies: `8° 57' 27.7" S`, `8d57m S`, `S08:57:27`, `8.57.27 S`, `085727S`, `8/1,57/1,27/1`,
+//! `lat 8.96`.
 
 /// Which of the two.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,6 +19,10 @@ pub(super) struct Angle {
     pub(super) axis: Option<Axis>,
     /// Its signs say that it is an angle, and no time or date.
     pub(super) is_marked: bool,
+    /// What stands between its parts, where nothing marks them: `:` in `08:57:22`. A blank where nothing does.
+    pub(super) sign: char,
+    /// Degrees, minutes and seconds.
+    pub(super) has_seconds: bool,
     pub(super) from: usize,
     pub(super) to: usize,
 }
@@ -45,6 +50,15 @@ impl Cursor<'_> {
                 self.at += 1;
             }
         }
+    }
+
+    /// What may stand between degrees, minutes and seconds in a sentence: `8 degrees, 57 minutes and 22 seconds`.
+    fn gap(&mut self) {
+        self.spaces();
+        self.take(",;");
+        self.spaces();
+        self.word(&["and", "und", "et", "y", "na"]);
+        self.spaces();
     }
 
     fn take(&mut self, signs: &str) -> Option<char> {
@@ -97,37 +111,55 @@ pub(super) fn angles(text: &[char]) -> Vec<Angle> {
         let is_start = digit(at) && !at.checked_sub(1).is_some_and(digit);
         if is_start {
             all.extend(sixty(text, at));
+            all.extend(dotted(text, at));
+            all.extend(fractions(text, at));
             all.extend(packed(text, at));
         }
     }
     all
 }
 
+const DEGREES: [&str; 13] = [
+    "d", "deg", "degs", "degree", "degrees", "grad", "grados", "degrés", "degré", "gradi", "graus", "graden", "digrii",
+];
+const MINUTES: [&str; 10] =
+    ["m", "min", "mins", "minute", "minutes", "minutos", "minuti", "minuten", "minuto", "dakika"];
+const SECONDS: [&str; 9] =
+    ["sec", "secs", "second", "seconds", "secondes", "segundos", "secondi", "sekunden", "sekunde"];
+
 /// Degrees, minutes and mostly seconds, with signs, letters or nothing between them.
 fn sixty(text: &[char], from: usize) -> Option<Angle> {
     let mut c = Cursor { text, at: from };
     let degrees = c.whole(3).filter(|d| *d <= 180.0)?;
     c.spaces();
-    let is_marked = c.take("°").is_some()
-        || c.word(&["d", "deg", "degs", "degree", "degrees", "grad", "grados", "degrés", "gradi"]);
-    if !is_marked {
-        c.take(":-");
+    let is_marked = c.take("°").is_some() || c.word(&DEGREES);
+    let sign = if is_marked { None } else { c.take(":-") };
+    if is_marked {
+        c.gap();
+    } else {
+        c.spaces();
     }
-    c.spaces();
     let (minutes, has_fraction) = c.sixtieths()?;
     c.spaces();
-    let has_minutes = c.take("'").is_some() || c.word(&["m", "min", "minutes", "minutos", "minuti"]);
+    let has_minutes = c.take("'").is_some() || c.word(&MINUTES);
     if !has_minutes {
         c.take(":-");
     }
     let mut seconds = 0.0;
     let mut ahead = c;
-    ahead.spaces();
+    if has_minutes {
+        ahead.gap();
+    } else {
+        ahead.spaces();
+    }
     let found = if has_fraction { None } else { ahead.sixtieths() };
+    let mut is_second = false;
     if let Some((value, _)) = found {
         (seconds, c) = (value, ahead);
+        // `27s` are seconds; `27 s` may be south.
+        let is_letter = c.peek() == Some('s') && !text.get(c.at + 1).is_some_and(|l| l.is_alphanumeric());
         c.spaces();
-        let _ = c.take("\"").is_some() || c.take("'").is_some() || c.word(&["sec", "seconds"]);
+        is_second = c.take("\"").is_some() || c.take("'").is_some() || c.word(&SECONDS) || is_letter;
         c.take("'");
         // A small s for seconds where the letter of a quarter follows; else it may be south.
         let mut behind = Cursor { at: c.at + 1, ..c };
@@ -142,7 +174,84 @@ fn sixty(text: &[char], from: usize) -> Option<Angle> {
     if !is_marked && axis.is_none() && found.is_none() && !has_fraction {
         return None;
     }
-    Some(Angle { value: degrees + minutes / 60.0 + seconds / 3600.0, axis, is_marked, from, to })
+    let value = degrees + minutes / 60.0 + seconds / 3600.0;
+    let has_seconds = if is_marked { is_second } else { found.is_some() };
+    Some(Angle { value, axis, is_marked, sign: sign.unwrap_or(' '), has_seconds, from, to })
+}
+
+/// `8.57.22 S`, `8,57,22S`, `8/57/22 S`: three numbers with the same sign between them, and two with the letter of an axis. It is marked if it has three
+/// and such a letter; versions and dates look the same without one.
+fn dotted(text: &[char], from: usize) -> Option<Angle> {
+    let digit = |i: usize| text.get(i).is_some_and(char::is_ascii_digit);
+    let mut c = Cursor { text, at: from };
+    let degrees = c.whole(3).filter(|d| *d <= 180.0)?;
+    let sign = c.take(".,;/_|")?;
+    // Part of a longer chain.
+    if from >= 2 && text.get(from - 1) == Some(&sign) && digit(from - 2) {
+        return None;
+    }
+    let minutes = c.whole(2).filter(|m| *m < 60.0)?;
+    let seconds = if c.peek() == Some(sign) && digit(c.at + 1) {
+        c.at += 1;
+        Some(c.sixtieths()?.0)
+    } else {
+        None
+    };
+    if c.peek().is_some_and(|next| ".,;/_|".contains(next)) && digit(c.at + 1) {
+        return None;
+    }
+    let to = c.at;
+    let is_day = (1.0..=31.0).contains(&degrees) && (1.0..=12.0).contains(&minutes) && ".,/".contains(sign);
+    let axis = axis_of(text, from, to).filter(|_| !(is_day && is_initial(text, to)));
+    if seconds.is_none() && axis.is_none() {
+        return None;
+    }
+    let (has_seconds, value) = (seconds.is_some(), degrees + minutes / 60.0 + seconds.unwrap_or(0.0) / 3600.0);
+    Some(Angle { value, axis, is_marked: has_seconds && axis.is_some(), sign, has_seconds, from, to })
+}
+
+/// Whether a letter follows that is not that of an axis: of a page (`8.9.19, S. 12`), a name (`8.9.19 E. Juma`) or a shelf (`8.9.19, E 12`).
+fn is_initial(text: &[char], to: usize) -> bool {
+    let letter = (to..text.len().min(to + 3)).find(|i| text.get(*i).is_some_and(|c| c.is_alphabetic()));
+    let rest = letter.and_then(|at| text.get(at + 1..)).unwrap_or_default();
+    let has_stop = rest.first() == Some(&'.');
+    let mut rest = rest.iter().skip(usize::from(has_stop)).skip_while(|c| **c == ' ').take(6).peekable();
+    match rest.peek() {
+        // Another angle has a sign behind its degrees.
+        Some(c) if c.is_ascii_digit() => !rest.find(|c| !c.is_ascii_digit()).is_some_and(|c| ".,:°/;".contains(*c)),
+        Some(c) => has_stop && c.is_alphabetic(),
+        None => false,
+    }
+}
+
+/// `8/1,57/1,22/1`: fractions as cameras write them (EXIF 2.32, section 4.6.6).
+fn fractions(text: &[char], from: usize) -> Option<Angle> {
+    let mut c = Cursor { text, at: from };
+    if from.checked_sub(1).and_then(|i| text.get(i)) == Some(&'/') {
+        return None;
+    }
+    let (mut parts, mut denominators) = (Vec::new(), Vec::new());
+    while parts.len() < 3 {
+        let mut ahead = c;
+        if !parts.is_empty() {
+            ahead.gap();
+        }
+        let Some(above) = ahead.whole(9) else { break };
+        if ahead.take("/").is_none() {
+            break;
+        }
+        let Some(below) = ahead.whole(7).filter(|d| [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6].contains(d)) else { break };
+        parts.push(above / below);
+        denominators.push(below);
+        c = ahead;
+    }
+    let [degrees, minutes, seconds] = parts[..] else { return None };
+    let is_angle = degrees <= 180.0 && minutes < 60.0 && seconds < 60.0 && c.peek() != Some('/');
+    // Scales are such fractions too: `1/1, 1/10, 1/100`.
+    let is_scale = degrees * denominators.first()? <= 1.0 && minutes * denominators.get(1)? <= 1.0;
+    let is_marked = denominators.first() == Some(&1.0) && !is_scale;
+    let (value, to) = (degrees + minutes / 60.0 + seconds / 3600.0, c.at);
+    is_angle.then(|| Angle { value, axis: axis_of(text, from, to), is_marked, sign: '/', has_seconds: true, from, to })
 }
 
 /// `085727S`, `0393122E`, `0857.462,S`: two digits each for minutes and seconds, with the letter of an axis.
@@ -164,7 +273,8 @@ fn packed(text: &[char], from: usize) -> Option<Angle> {
         (4 | 5, false) => part(0, n - 2)? + (part(n - 2, n)? + tail) / 60.0,
         _ => return None,
     };
-    (value <= 180.0).then_some(Angle { value, axis: Some(axis), is_marked: true, from, to })
+    let has_seconds = n >= 6;
+    (value <= 180.0).then_some(Angle { value, axis: Some(axis), is_marked: true, sign: ' ', has_seconds, from, to })
 }
 
 /// Which axis a number at this place is on, by a letter of a quarter beside it, or a word before it. None where letters of two axes are there: a bearing
@@ -198,30 +308,47 @@ fn begins_another(text: &[char], to: usize) -> bool {
 
 fn letter_after(text: &[char], to: usize) -> Option<Axis> {
     let at = (to..text.len().min(to + 3)).find(|i| !text.get(*i).is_some_and(|c| " ,°".contains(*c)))?;
-    let is_word = text.get(at + 1).is_some_and(|c| c.is_alphanumeric());
-    if is_word {
-        let word: String = text.iter().skip(at).take(6).take_while(|c| c.is_alphabetic()).collect();
+    if text.get(at + 1).is_some_and(|c| c.is_alphanumeric()) && !is_between_numbers(text, at) {
+        let word: String = text.iter().skip(at).take(8).take_while(|c| c.is_alphabetic()).collect();
         return match word.to_lowercase().as_str() {
-            "north" | "south" => Some(Axis::Latitude),
-            "east" | "west" => Some(Axis::Longitude),
+            "north" | "south" | "northern" | "southern" | "nord" | "süd" | "norte" | "sul" => Some(Axis::Latitude),
+            "east" | "west" | "eastern" | "western" | "ost" | "ouest" | "oeste" | "ovest" | "leste" => {
+                Some(Axis::Longitude)
+            }
             _ => None,
         };
     }
     quarter(*text.get(at)?)
 }
 
+/// Whether the letter at this place stands between two numbers without a blank: `S8.956E39.600`, `8°57'22"S39°36'0"E`. Both must have a point or
+/// a sign of angles: the letters of a checksum stand between digits too.
+fn is_between_numbers(text: &[char], at: usize) -> bool {
+    const LONGEST: usize = 16;
+    let is_part = |c: &char| c.is_ascii_digit() || ".,:°'\" ".contains(*c);
+    let is_sign = |c: &char| ".,:°'\"".contains(*c);
+    let Some((before, after)) = text.get(..at).zip(text.get(at + 1..)) else { return false };
+    let is_beside =
+        before.last().is_some_and(|c| is_part(c) && *c != ' ') && after.first().is_some_and(char::is_ascii_digit);
+    is_beside
+        && before.iter().rev().take(LONGEST).take_while(|c| is_part(c)).any(is_sign)
+        && after.iter().take(LONGEST).take_while(|c| is_part(c)).any(is_sign)
+}
+
 /// The letter before a number, and whether it may be that of the number before it.
 fn letter_before(text: &[char], from: usize) -> Option<(Axis, bool)> {
     let skipped = text.get(..from)?.iter().rev().take(3).take_while(|c| " -+".contains(**c)).count();
     let at = from.checked_sub(skipped + 1)?;
-    let is_word = at.checked_sub(1).and_then(|i| text.get(i)).is_some_and(|c| c.is_alphanumeric() || *c == '\'');
+    let is_word = at.checked_sub(1).and_then(|i| text.get(i)).is_some_and(|c| c.is_alphanumeric() || *c == '\'')
+        && !is_between_numbers(text, at);
     let belongs_before = at.checked_sub(1).and_then(|last| text.get(..=last)).is_some_and(|t| {
         t.iter().rev().find(|c| **c != ' ').is_some_and(|c| c.is_ascii_digit() || "°'\"".contains(*c))
     });
     if is_word { None } else { Some((quarter(*text.get(at)?)?, belongs_before)) }
 }
 
-fn word_before(text: &[char], from: usize) -> Option<Axis> {
+/// By the word before a number: `latitude: 8.96`.
+pub(super) fn word_before(text: &[char], from: usize) -> Option<Axis> {
     let before = text.get(from.saturating_sub(24)..from)?;
     let is_between = |c: &char| " :=-+.,\"'[({".contains(*c);
     let end = before.len() - before.iter().rev().take_while(|c| is_between(c)).count();

@@ -194,7 +194,7 @@ impl Channel {
 
     /// Why the channel gives the location away, as a sentence without a subject; nothing where it does not.
     pub fn gives_away(&self, location: &Location) -> Option<String> {
-        if let Some(finding) = location.find(&self.name) {
+        if let Some(finding) = location.find_in_name(&self.name) {
             return Some(format!("has a name that gives the location away: {finding}"));
         }
         let whole = self.whole.as_ref()?;

@@ -23,103 +23,293 @@ const PLUS: &str = "23456789cfghjmpqrvwx";
 const COLUMNS: [&str; 3] = ["STUVWXYZ", "ABCDEFGH", "JKLMNPQR"];
 const ROWS: &str = "ABCDEFGHJKLMNPQRSTUV";
 
-/// Hosts, with paths where others share the host, that show a place on a map or hold its coordinates.
-const MAPS: [&str; 32] = [
-    "openstreetmap.org",
+/// Hosts, with paths where others share the host, that show a place on a map or hold its coordinates. They stand anywhere in an address.
+const MAPS: [&str; 52] = [
     "osm.org/",
-    "openstreetmap.de",
     "umap.openstreetmap",
+    "opentopomap.org",
+    "opencyclemap.org",
+    "openseamap.org",
+    "openhistoricalmap.org",
+    "overpass-turbo.eu",
     "maps.google.",
-    "google.com/maps",
-    "google.de/maps",
-    "google.fr/maps",
-    "google.co.uk/maps",
-    "google.it/maps",
-    "google.es/maps",
     "earth.google.",
     "goo.gl/maps",
     "maps.app.goo.gl",
+    "earth.app.goo.gl",
     "bing.com/maps",
-    "maps.apple.com",
+    "maps.bing.",
+    "virtualearth.net",
+    "maps.apple.",
     "geohack",
     "geonames.org/",
     "wikidata.org/wiki/q",
     "wikidata.org/entity/q",
-    "vocab.getty.edu/tgn",
-    "vocab.getty.edu/page/tgn",
+    "wikidata.org/wiki/special:entitydata/q",
+    "wikidata.org/wiki/special:entitypage/q",
     "pleiades.stoa.org/places",
+    "gazetteer.dainst.org/",
+    "whosonfirst.org",
+    "geohash.org/",
     "what3words.com/",
     "w3w.co/",
     "plus.codes/",
     "wikimapia.org",
     "mapcarta.com",
-    "wego.here.com",
-    "share.here.com",
-    "yandex.com/maps",
+    "mapquest.com",
+    "mapillary.com",
     "mapy.c",
+    "maps.yandex.",
+    "map.baidu.",
+    "map.naver.",
+    "map.kakao.",
+    "map.qq.com",
+    "map.geo.admin.ch",
+    "maps.me/",
+    "organicmaps.app",
+    "osmand.net/",
+    "wikiloc.com",
+    "geocaching.com",
+    "viamichelin.",
+    "streetmap.co.uk",
+    "gridreferencefinder.com",
+    "zoom.earth",
+    "latlong.net",
+    "geoportail.gouv.fr/carte",
+    "arcgis.com/home/webmap",
 ];
+/// The same whose names end others too: nothing but a point or a slash stands before them.
+const HOSTS: [&str; 9] = [
+    "here.com/",
+    "here.we/",
+    "waze.com/",
+    "waze.to/",
+    "g.page/",
+    "amap.com/",
+    "gaode.com/",
+    "2gis.com/",
+    "coord.info/",
+];
+/// Companies with a site in every country, and the path of their maps.
+const COUNTRIES: [&str; 2] = ["google.", "yandex."];
+/// Gazetteers by prefix, before a number: `wd:Q1741245`.
+const PREFIXES: [&str; 5] = ["wd:q", "tgn:", "geonames:", "pleiades:", "wikidata:q"];
 
 /// An address that leads to a map, or is a place itself (`geo:`, RFC 5870; `///` of what3words).
 pub(super) fn map_address(text: &[char]) -> Option<(usize, usize)> {
     let lower: Vec<char> = text.iter().map(char::to_ascii_lowercase).collect();
     let joined: String = lower.iter().collect();
-    let found = |needle: &str| -> Option<(usize, usize)> {
-        let at = joined.get(..joined.find(needle)?)?.chars().count();
-        Some((at, at + needle.chars().count()))
+    let range = |from: usize, to: usize| {
+        let at = joined.get(..from)?.chars().count();
+        Some((at, at + joined.get(from..to)?.chars().count()))
     };
-    if let Some(range) = MAPS.iter().find_map(|host| found(host)) {
-        return Some(range);
+    if let Some((at, host)) = MAPS.iter().find_map(|host| Some((joined.find(host)?, host))) {
+        return range(at, at + host.len());
+    }
+    if let Some((from, to)) = of_any_country(&joined) {
+        return range(from, to);
     }
     let begins = |at: usize, what: &str| what.chars().enumerate().all(|(i, c)| lower.get(at + i) == Some(&c));
+    let digit = |at: usize| lower.get(at).is_some_and(char::is_ascii_digit);
     (0..lower.len()).find_map(|at| {
         let is_first = !at.checked_sub(1).and_then(|i| lower.get(i)).is_some_and(|c| c.is_alphanumeric() || *c == '/');
         if !is_first {
             return None;
         }
         let sign = usize::from(lower.get(at + 4).is_some_and(|c| matches!(c, '-' | '+')));
-        if begins(at, "geo:") && lower.get(at + 4 + sign).is_some_and(char::is_ascii_digit) {
+        if begins(at, "geo:") && digit(at + 4 + sign) {
             return Some((at, at + 24));
         }
-        if begins(at, "wd:q") && lower.get(at + 4).is_some_and(char::is_ascii_digit) {
-            return Some((at, at + 12));
+        if let Some(prefix) = PREFIXES.iter().find(|p| begins(at, p) && digit(at + p.len())) {
+            return Some((at, at + prefix.len() + 8));
         }
-        if begins(at, "///") {
-            let words: String =
-                lower.iter().skip(at + 3).take(90).take_while(|c| c.is_alphabetic() || **c == '.').collect();
-            let parts: Vec<&str> = words.trim_end_matches('.').split('.').collect();
-            return (parts.len() == 3 && parts.iter().all(|p| p.chars().count() >= 2))
-                .then_some((at, at + 3 + words.chars().count()));
+        let label = ["///", "what3words", "w3w"].iter().find(|l| begins(at, l))?;
+        let from = at + label.len();
+        let skipped = lower.iter().skip(from).take(4).take_while(|c| " :=,(/\"'".contains(**c)).count();
+        let is_label = *label == "///" || skipped > 0;
+        three_words(&lower, from + skipped).filter(|_| is_label).map(|to| (at, to))
+    })
+}
+
+/// Where three words with points between them end that begin at this place: `index.home.raft`, `index . home . raft`.
+fn three_words(lower: &[char], from: usize) -> Option<usize> {
+    const LONGEST: usize = 30;
+    let blank = |at: usize| at + usize::from(lower.get(at) == Some(&' '));
+    let mut at = from;
+    for word in 0..3 {
+        if word > 0 {
+            at = blank(at);
+            lower.get(at).filter(|c| **c == '.')?;
+            at = blank(at + 1);
         }
-        None
+        let letters = lower.iter().skip(at).take(LONGEST).take_while(|c| c.is_alphabetic()).count();
+        if !(2..LONGEST).contains(&letters) {
+            return None;
+        }
+        at += letters;
+    }
+    let goes_on = lower.get(at) == Some(&'.') && lower.get(at + 1).is_some_and(|c| c.is_alphabetic());
+    if goes_on { None } else { Some(at) }
+}
+
+/// Addresses of services whose hosts differ by country, or whose paths do: `google.co.tz/maps`, `openstreetmap.fr`, `getty.edu/vow/TGNFullDisplay`. The
+/// text is in lower case.
+fn of_any_country(text: &str) -> Option<(usize, usize)> {
+    let is_host = |at: usize| !text.get(..at).is_some_and(|t| t.ends_with(|c: char| c.is_alphanumeric() || c == '-'));
+    let rest = |at: usize, longest: usize| {
+        let rest = text.get(at..).unwrap_or_default();
+        let to = rest.char_indices().take(longest).find(|(_, c)| *c == ' ').map(|(to, _)| to);
+        rest.get(..to.unwrap_or_else(|| rest.char_indices().nth(longest).map_or(rest.len(), |(to, _)| to)))
+            .unwrap_or_default()
+    };
+    let all = |what: &'static str| text.match_indices(what).map(|(at, _)| at);
+    let plain = HOSTS.iter().find_map(|h| Some((all(h).find(|at| is_host(*at))?, h.len())));
+    let country = || {
+        COUNTRIES.iter().find_map(|company| {
+            all(company).filter(|at| is_host(*at)).find_map(|at| {
+                let (host, path) = rest(at + company.len(), 40).split_once('/')?;
+                let host = host.split(':').next().unwrap_or_default();
+                let is_country =
+                    host.split('.').count() <= 3 && host.bytes().all(|b| b.is_ascii_lowercase() || b == b'.');
+                (is_country && path.starts_with("maps")).then_some((at, company.len() + host.len() + 5))
+            })
+        })
+    };
+    let street = || {
+        let what = "openstreetmap.";
+        let country = |at: usize| {
+            let rest = text.as_bytes().get(at + what.len()..).unwrap_or_default();
+            rest.iter().take(12).take_while(|b| b.is_ascii_alphabetic()).count()
+        };
+        all(what).find(|at| country(*at) > 0).map(|at| (at, what.len() + country(at)))
+    };
+    let getty = || {
+        let what = "getty.edu";
+        let found = all(what).find_map(|at| Some((at, rest(at, 160).find("tgn")?)))?;
+        Some((found.0, found.1 + 3))
+    };
+    plain.or_else(country).or_else(street).or_else(getty).map(|(at, length)| (at, at + length))
+}
+
+/// Coordinates in one piece as ISO 6709 (annex H) writes them, of whichever place: `-085722+0393600/`, `-08.956+039.600/`.
+pub(super) fn iso6709(text: &[char]) -> Option<(usize, usize)> {
+    let sign = |at: usize| text.get(at).copied().filter(|c| matches!(c, '+' | '-'));
+    (0..text.len()).find_map(|from| {
+        let first = sign(from)?;
+        if from.checked_sub(1).and_then(|i| text.get(i)).is_some_and(|c| c.is_alphanumeric()) {
+            return None;
+        }
+        let (whole, has_fraction, to) = angle_in_one(text, from + 1, 2)?;
+        let second = sign(to)?;
+        let (other, has_other, to) = angle_in_one(text, to + 1, 3)?;
+        if other != whole + 1 || text.get(to).is_some_and(|c| c.is_alphanumeric()) && text.get(to) != Some(&'C') {
+            return None;
+        }
+        // Numbers of telephones begin with a plus sign and have hyphens; lengths have no zeros before them.
+        let is_closed = text.get(to) == Some(&'/') || {
+            let height = text.iter().skip(to + 1).take(12).take_while(|c| c.is_ascii_digit() || **c == '.').count();
+            sign(to).is_some() && matches!(text.get(to + 1 + height), Some('/' | 'C'))
+        };
+        let is_whole = has_fraction && has_other || whole == 6 && !(first == '+' && second == '-');
+        (is_closed || is_whole).then_some((from, to))
+    })
+}
+
+/// Digits of degrees (so many of them), minutes and seconds without anything between them, whether there is a fraction, and where that ends.
+fn angle_in_one(text: &[char], from: usize, degrees: usize) -> Option<(usize, bool, usize)> {
+    let digits: Vec<char> = text.iter().skip(from).take(8).take_while(|c| c.is_ascii_digit()).copied().collect();
+    let parts = digits.len().checked_sub(degrees).filter(|n| matches!(n, 0 | 2 | 4))?;
+    let number = |range: std::ops::Range<usize>| digits.get(range)?.iter().collect::<String>().parse::<u32>().ok();
+    let is_angle = number(0..degrees)? <= if degrees == 2 { 90 } else { 180 }
+        && (0..parts / 2).all(|k| number(degrees + 2 * k..degrees + 2 * k + 2).is_some_and(|n| n < 60));
+    let end = from + digits.len();
+    let fraction = match text.get(end) {
+        Some('.' | ',') => text.iter().skip(end + 1).take(12).take_while(|c| c.is_ascii_digit()).count(),
+        _ => 0,
+    };
+    let to = end + if fraction > 0 { fraction + 1 } else { 0 };
+    // Both have the same parts; degrees of a longitude have one digit more.
+    is_angle.then_some((digits.len(), fraction > 0, to))
+}
+
+/// Words that say that a code is that of a place. Grids and squares are also those of excavations.
+const LABELS: [&str; 5] = ["locator", "maidenhead", "qth", "quadkey", "geohash"];
+const SQUARES: [&str; 4] = ["grid", "square", "loc", "gridsquare"];
+
+/// Whether one of these words stands before or behind a place, within a few characters.
+fn has_word(text: &[char], (from, to): (usize, usize), words: &[&str]) -> bool {
+    const AWAY: usize = 24;
+    let part = |from: usize, to: usize| -> String {
+        text.get(from..to.min(text.len())).unwrap_or_default().iter().map(char::to_ascii_lowercase).collect()
+    };
+    [part(from.saturating_sub(AWAY), from), part(to, to + AWAY)]
+        .iter()
+        .any(|part| part.split(|c: char| !c.is_alphanumeric()).any(|w| words.contains(&w)))
+}
+
+/// A code of whichever place beside a word that says what it is: `locator KI91tb`, `quadkey 300113200230`.
+pub(super) fn labelled(text: &[char]) -> Option<(usize, usize)> {
+    let joined: String = text.iter().map(char::to_ascii_lowercase).collect();
+    if !LABELS.iter().chain(&SQUARES).any(|l| joined.contains(l)) {
+        return None;
+    }
+    tokens(text, 4).find(|(from, to)| {
+        let token: String = text.get(*from..*to).unwrap_or_default().iter().map(char::to_ascii_lowercase).collect();
+        let is_code = match token.len() {
+            4 => maidenhead(&token).is_some(),
+            6 | 8 | 10 => maidenhead(&token).is_some() || quadkey(&token).is_some(),
+            _ => quadkey(&token).is_some(),
+        };
+        // Dates and inventory numbers are written with the digits 0 to 3, too, but not beside these words.
+        let words = if token.len() == 6 && maidenhead(&token).is_some() {
+            [&LABELS[..], &SQUARES].concat()
+        } else {
+            LABELS.to_vec()
+        };
+        is_code && has_word(text, (*from, *to), &words)
     })
 }
 
 /// A Plus Code with a letter in it, whichever place it names: nothing else is written so.
 pub(super) fn plus_code(text: &[char]) -> Option<(usize, usize)> {
-    plus_codes(text).find(|p| p.has_letter && p.before.len() >= 4).map(|p| (p.from, p.to))
+    plus_codes(text).find(|p| p.has_letter && p.before.len() + p.zeros >= 4).map(|p| (p.from, p.to))
+}
+
+/// The same with all of its digits.
+pub(super) fn full_plus_code(text: &[char]) -> Option<(usize, usize)> {
+    plus_codes(text).find(|p| p.has_letter && p.before.len() == 8 && p.after.len() >= 2).map(|p| (p.from, p.to))
+}
+
+/// Whether an area, given by its middle and half of its size, is near one of `sites`.
+fn is_near(sites: &[[f64; 2]], ([lat, lon], [half_lat, half_lon]): Area) -> bool {
+    sites.iter().any(|s| (s[0] - lat).abs() < AROUND + half_lat && apart(s[1], lon) < AROUND + half_lon)
+}
+
+/// A Plus Code, also a short one, of a place near one of `sites`.
+pub(super) fn near_plus_code(text: &[char], sites: &[[f64; 2]]) -> Option<(usize, usize)> {
+    let is_near = |p: &PlusCode| {
+        let area = |site: &[f64; 2]| {
+            if p.before.len() + p.zeros == 8 { plus(&p.before, &p.after) } else { recovered(p, *site) }
+        };
+        sites.iter().filter_map(area).any(|area| is_near(sites, area))
+    };
+    plus_codes(text).find(is_near).map(|p| (p.from, p.to))
 }
 
 /// A code of a place near one of `sites` (latitude, longitude), or in one of `squares`.
 pub(super) fn near(text: &[char], sites: &[[f64; 2]], squares: &[Square]) -> Option<(usize, usize)> {
-    let is_near = |[lat, lon]: [f64; 2], [half_lat, half_lon]: [f64; 2]| {
-        sites.iter().any(|s| (s[0] - lat).abs() < AROUND + half_lat && apart(s[1], lon) < AROUND + half_lon)
-    };
-    for (from, to) in tokens(text) {
+    for (from, to) in tokens(text, 4) {
         let token: String = text.get(from..to).unwrap_or_default().iter().flat_map(|c| c.to_lowercase()).collect();
-        let decoded = [geohash(&token), maidenhead(&token), quadkey(&token)];
-        if decoded.into_iter().flatten().any(|(middle, half)| is_near(middle, half)) {
+        // Addresses of tiles put a letter before the digits: `a3001132002301203.jpeg`.
+        let digits = token.trim_start_matches(|c: char| c.is_ascii_alphabetic());
+        let is_square = || has_word(text, (from, to), &LABELS) || has_word(text, (from, to), &SQUARES);
+        let locator = if token.len() > 4 || is_square() { maidenhead(&token) } else { None };
+        let decoded = [geohash(&token), locator, quadkey(digits)];
+        if decoded.into_iter().flatten().any(|area| is_near(sites, area)) {
             return Some((from, to));
         }
     }
-    for p in plus_codes(text) {
-        let mut known = sites
-            .iter()
-            .filter_map(|site| if p.before.len() == 8 { plus(&p.before, &p.after) } else { recovered(&p, *site) });
-        if known.any(|(middle, half)| is_near(middle, half)) {
-            return Some((p.from, p.to));
-        }
-    }
-    squares.iter().find_map(|square| grid(text, square))
+    near_plus_code(text, sites).or_else(|| squares.iter().find_map(|square| grid(text, square)))
 }
 
 /// How far two longitudes are apart, across the line where they begin again.
@@ -128,7 +318,8 @@ fn apart(a: f64, b: f64) -> f64 {
 }
 
 /// Words of letters and digits of a length that a code can have.
-fn tokens(text: &[char]) -> impl Iterator<Item = (usize, usize)> + '_ {
+fn tokens(text: &[char], shortest: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
+    const LONGEST: usize = 31;
     let mut at = 0;
     std::iter::from_fn(move || {
         loop {
@@ -142,7 +333,7 @@ fn tokens(text: &[char]) -> impl Iterator<Item = (usize, usize)> + '_ {
             if from == at {
                 return None;
             }
-            if (5..=23).contains(&(at - from)) {
+            if (shortest..=LONGEST).contains(&(at - from)) {
                 return Some((from, at));
             }
         }
@@ -174,10 +365,10 @@ fn geohash(token: &str) -> Option<Area> {
     Some(halved(bits.enumerate().map(|(i, bit)| ((i + 1) % 2, bit))))
 }
 
-/// Maidenhead locator of three pairs and more: `KI81sb`.
+/// Maidenhead locator of two pairs and more: `KI81sb`.
 fn maidenhead(token: &str) -> Option<Area> {
     let chars: Vec<char> = token.chars().collect();
-    if ![6, 8, 10].contains(&chars.len()) {
+    if ![4, 6, 8, 10].contains(&chars.len()) {
         return None;
     }
     let (mut lon, mut lat, mut size) = (-180.0, -90.0, [180.0, 360.0]);
@@ -199,7 +390,7 @@ fn maidenhead(token: &str) -> Option<Area> {
 
 /// Quadkey of map tiles (Bing), of 12 to 23 levels.
 fn quadkey(token: &str) -> Option<Area> {
-    if token.len() < 12 || !token.bytes().all(|b| (b'0'..=b'3').contains(&b)) {
+    if !(12..=23).contains(&token.len()) || !token.bytes().all(|b| (b'0'..=b'3').contains(&b)) {
         return None;
     }
     let (mut x, mut y) = (0.0, 0.0);
@@ -220,17 +411,24 @@ struct PlusCode {
     to: usize,
     before: Vec<usize>,
     after: Vec<usize>,
+    /// Zeros in place of further digits: `6G3X2J00+`.
+    zeros: usize,
     has_letter: bool,
 }
 
 fn plus_codes(text: &[char]) -> impl Iterator<Item = PlusCode> + '_ {
     let value = |c: &char| PLUS.find(c.to_ascii_lowercase());
     (0..text.len()).filter(|at| text.get(*at) == Some(&'+')).filter_map(move |at| {
-        let before: Vec<usize> = text.get(..at)?.iter().rev().take(9).map_while(value).collect();
+        let zeros = text.get(..at)?.iter().rev().take(7).take_while(|c| **c == '0').count();
+        let before: Vec<usize> = text.get(..at - zeros)?.iter().rev().take(9).map_while(value).collect();
         let after: Vec<usize> = text.get(at + 1..)?.iter().take(8).map_while(value).collect();
-        let (from, to) = (at - before.len(), at + 1 + after.len());
+        let (from, to) = (at - zeros - before.len(), at + 1 + after.len());
         let goes_on = |i: Option<usize>| i.and_then(|i| text.get(i)).is_some_and(|c| c.is_alphanumeric() || *c == '+');
-        let is_code = matches!(before.len(), 4 | 6 | 8) && (2..=7).contains(&after.len());
+        let is_code = match after.len() {
+            // A code may end with its sign.
+            0 => before.len() + zeros == 8 && matches!(zeros, 0 | 2 | 4),
+            n => zeros == 0 && matches!(before.len(), 4 | 6 | 8) && (2..=7).contains(&n),
+        };
         if !is_code || goes_on(from.checked_sub(1)) || goes_on(Some(to)) {
             return None;
         }
@@ -239,7 +437,7 @@ fn plus_codes(text: &[char]) -> impl Iterator<Item = PlusCode> + '_ {
         let is_of_capitals = all.iter().all(|c| !c.is_ascii_lowercase());
         let has_letter =
             all.iter().any(char::is_ascii_alphabetic) && (is_of_capitals || all.iter().any(char::is_ascii_digit));
-        Some(PlusCode { from, to, before: before.into_iter().rev().collect(), after, has_letter })
+        Some(PlusCode { from, to, before: before.into_iter().rev().collect(), after, zeros, has_letter })
     })
 }
 
@@ -247,12 +445,12 @@ fn plus_codes(text: &[char]) -> impl Iterator<Item = PlusCode> + '_ {
 fn plus(before: &[usize], after: &[usize]) -> Option<Area> {
     let digits: Vec<f64> = before.iter().chain(after).map(|d| *d as f64).collect();
     let (mut lat, mut lon, mut size) = (-90.0, -180.0, [400.0, 400.0]);
-    for pair in digits.get(..10)?.chunks_exact(2) {
+    for pair in digits.get(..digits.len().min(10))?.chunks_exact(2) {
         size = size.map(|s| s / 20.0);
         lat += pair.first()? * size[0];
         lon += pair.get(1)? * size[1];
     }
-    for digit in digits.get(10..)? {
+    for digit in digits.get(10..).unwrap_or_default() {
         size = [size[0] / 5.0, size[1] / 4.0];
         lat += (digit / 4.0).floor() * size[0];
         lon += (digit % 4.0) * size[1];
@@ -318,7 +516,15 @@ fn grid(text: &[char], square: &Square) -> Option<(usize, usize)> {
             .filter(|(_, c)| *c != ' ')
             .collect();
         let n = digits.len() / 2;
-        let fewest = if has_zone { 1 } else { 3 };
+        // Two digits each are those of a kilometre; lower-case letters before a number of four digits may be a word.
+        let is_of_capitals = text.get(at..at + 2)?.iter().all(char::is_ascii_uppercase);
+        let fewest = if has_zone {
+            1
+        } else if is_of_capitals {
+            2
+        } else {
+            3
+        };
         if digits.len() % 2 == 1 || !(fewest..=5).contains(&n) {
             return None;
         }
@@ -334,7 +540,24 @@ fn grid(text: &[char], square: &Square) -> Option<(usize, usize)> {
     })
 }
 
-/// A reference in the military grid with zone, band, square and at least three digits each, whichever place it names.
+/// A reference of the military grid without its zone, behind the word that says so: `MGRS EL 6597 0994`.
+pub(super) fn labelled_grid(text: &[char]) -> Option<(usize, usize)> {
+    let is_label = |at: usize| {
+        "mgrs".chars().enumerate().all(|(i, c)| text.get(at + i).is_some_and(|t| t.eq_ignore_ascii_case(&c)))
+    };
+    let letter = |at: usize| text.get(at).is_some_and(char::is_ascii_alphabetic);
+    (0..text.len()).filter(|at| is_label(*at)).find_map(|at| {
+        let from = (at + 4..text.len().min(at + 8)).find(|i| text.get(*i).is_some_and(|c| !" :=(".contains(*c)))?;
+        let digits: Vec<usize> = (from + 2..text.len().min(from + 18))
+            .take_while(|i| text.get(*i).is_some_and(|c| c.is_ascii_digit() || *c == ' '))
+            .filter(|i| text.get(*i) != Some(&' '))
+            .collect();
+        let is_reference = letter(from) && letter(from + 1) && matches!(digits.len(), 4 | 6 | 8 | 10);
+        is_reference.then_some((at, digits.last()? + 1))
+    })
+}
+
+/// A reference in the military grid with zone, band, square and at least two digits each, whichever place it names.
 pub(super) fn grid_reference(text: &[char]) -> Option<(usize, usize)> {
     let letter = |at: usize| text.get(at).map(char::to_ascii_uppercase).filter(char::is_ascii_uppercase);
     (0..text.len()).find_map(|start| {
@@ -353,7 +576,7 @@ pub(super) fn grid_reference(text: &[char]) -> Option<(usize, usize)> {
             .take_while(|i| text.get(*i).is_some_and(|c| c.is_ascii_digit() || *c == ' '))
             .filter(|i| text.get(*i) != Some(&' '))
             .collect();
-        let is_reference = is_square && matches!(digits.len(), 6 | 8 | 10);
+        let is_reference = is_square && matches!(digits.len(), 4 | 6 | 8 | 10);
         is_reference.then_some((start, digits.last()? + 1))
     })
 }

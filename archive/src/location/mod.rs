@@ -12,6 +12,7 @@
 mod angles;
 pub mod channels;
 mod codes;
+mod names;
 pub mod projection;
 mod samples;
 mod text;
@@ -21,6 +22,7 @@ mod whichever;
 use super::metadata::Place;
 use angles::{Angle, Axis, angles, axis_of};
 use codes::Square;
+pub use names::is_name;
 use projection::{degrees_of_box, projected};
 use serde_json::Value;
 use std::fmt;
@@ -228,7 +230,7 @@ impl Location {
 
     /// The first piece of a text that gives the location away.
     pub fn find(&self, text: &str) -> Option<Finding> {
-        readable(text).iter().find_map(|text| self.find_in(text))
+        readable(text).iter().find_map(|text| self.find_in(text, true))
     }
 
     /// The first text of a JSON value that gives the location away, keys included, with the way to it: `creators[0].name`. `is_passed` says of which ways
@@ -242,9 +244,15 @@ impl Location {
             return None;
         }
         match value {
-            Value::String(text) => self.find(text).map(|f| (at.to_owned(), f)),
+            Value::String(text) => {
+                let found = if is_name(at) { self.find_in_name(text) } else { self.find(text) };
+                found.map(|f| (at.to_owned(), f))
+            }
             Value::Array(list) => {
-                list.iter().enumerate().find_map(|(i, v)| self.find_below(v, &format!("{at}[{i}]"), is_passed))
+                let item = |i: usize| format!("{at}[{i}]");
+                let alone = list.iter().enumerate().find_map(|(i, v)| self.find_below(v, &item(i), is_passed));
+                let together = || self.find_in_json_list(list, &|i| is_passed(&item(i)));
+                alone.or_else(|| together().map(|f| (at.to_owned(), f)))
             }
             Value::Object(map) => map.iter().find_map(|(key, v)| {
                 let below = if at.is_empty() { key.clone() } else { format!("{at}.{key}") };
@@ -255,19 +263,23 @@ impl Location {
         }
     }
 
-    fn find_in(&self, text: &[char]) -> Option<Finding> {
-        let says = |kind: Kind| move |(from, to): (usize, usize)| Finding { found: shown(text, from, to), kind };
+    /// In a text as it is read. In one whose hyphens are read as something else (`is_written` is false), a single decimal number of an unknown place may be
+    /// an inventory number.
+    fn find_in(&self, text: &[char], is_written: bool) -> Option<Finding> {
+        let says = |kind: Kind| move |range: (usize, usize)| says(text, range, kind);
         let (numbers, angles) = (numbers(text), angles(text));
         codes::map_address(text)
             .map(says(Kind::MapAddress))
             .or_else(|| self.map_coordinate(text, &numbers).map(says(Kind::MapCoordinate)))
             .or_else(|| self.degrees(text, &numbers, &angles).map(says(Kind::Degrees)))
             .or_else(|| stated(text, &numbers, &angles).map(says(Kind::Coordinates)))
+            .or_else(|| codes::iso6709(text).map(says(Kind::Coordinates)))
             .or_else(|| codes::plus_code(text).map(says(Kind::Code)))
             .or_else(|| codes::near(text, &self.sites, &self.squares).map(says(Kind::Code)))
             .or_else(|| self.system(text, &numbers).map(says(Kind::ReferenceSystem)))
             .or_else(|| {
-                let found = || whichever::found(text, &numbers, &angles, self.is_system_told);
+                let form = whichever::Form { is_system_told: self.is_system_told, is_written };
+                let found = || whichever::found(text, &numbers, &angles, form);
                 let (from, to, kind) = if self.is_unknown { found()? } else { return None };
                 Some(Finding { found: shown(text, from, to), kind })
             })
@@ -286,6 +298,9 @@ impl Location {
             let is = |at: Option<usize>, what: &dyn Fn(&char) -> bool| at.and_then(|i| text.get(i)).is_some_and(what);
             let is_fraction =
                 is(n.from.checked_sub(1), &|c| ".,".contains(*c)) && is(n.from.checked_sub(2), &char::is_ascii_digit);
+            // A fraction, but not the second of two numbers with a comma between them: `65977,09946`.
+            let before = text.get(..n.from.saturating_sub(1)).unwrap_or_default();
+            let is_fraction = is_fraction && before.iter().rev().take_while(|c| c.is_ascii_digit()).take(4).count() < 4;
             let digits = text.get(n.from..n.to).unwrap_or_default().iter().filter(|c| c.is_ascii_digit()).count();
             if is_fraction { 0 } else { digits.saturating_sub(n.decimals) }
         };
@@ -374,6 +389,11 @@ impl Location {
     }
 }
 
+/// What was found at this place of a text.
+fn says(text: &[char], (from, to): (usize, usize), kind: Kind) -> Finding {
+    Finding { found: shown(text, from, to), kind }
+}
+
 /// Anything that stands somewhere in a text.
 trait Placed {
     fn span(&self) -> (usize, usize);
@@ -459,8 +479,10 @@ fn stated(text: &[char], numbers: &[Number], angles: &[Angle]) -> Option<(usize,
     let (lat, lon) = (spans(Axis::Latitude), spans(Axis::Longitude));
     let by_letters = beside(&lat.iter().collect::<Vec<_>>(), &lon.iter().collect::<Vec<_>>());
     by_letters.or_else(|| {
-        let fine: Vec<&Number> =
-            numbers.iter().filter(|n| n.decimals >= ANYWHERE_DECIMALS && may_be_degrees(text, n)).collect();
+        let fine: Vec<&Number> = numbers
+            .iter()
+            .filter(|n| n.decimals >= ANYWHERE_DECIMALS && !n.is_list && may_be_degrees(text, n))
+            .collect();
         fine.windows(2).find_map(|two| {
             let [a, b] = two else { return None };
             let between = text.get(a.to..b.from)?;

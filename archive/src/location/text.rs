@@ -5,21 +5,70 @@ use super::unseen;
 /// Times that encodings are taken off: links are put into links.
 const DECODINGS: usize = 5;
 /// What stands for signs in HTML, and the sign.
-const ENTITIES: [(&str, char); 18] = [
+const ENTITIES: [(&str, char); 67] = [
     ("&deg;", '°'),
     ("&#176;", '°'),
     ("&#xb0;", '°'),
+    ("&ring;", '°'),
+    ("&ordm;", '°'),
     ("&prime;", '\''),
     ("&apos;", '\''),
     ("&#39;", '\''),
+    ("&rsquo;", '\''),
+    ("&lsquo;", '\''),
+    ("&acute;", '\''),
+    ("&grave;", '\''),
     ("&quot;", '"'),
+    ("&QUOT;", '"'),
     ("&Prime;", '"'),
+    ("&rdquo;", '"'),
+    ("&ldquo;", '"'),
     ("&nbsp;", ' '),
     ("&thinsp;", ' '),
+    ("&ensp;", ' '),
+    ("&emsp;", ' '),
+    ("&hairsp;", ' '),
+    ("&numsp;", ' '),
+    ("&puncsp;", ' '),
+    ("&Tab;", ' '),
+    ("&NewLine;", ' '),
     ("&minus;", '-'),
+    ("&hyphen;", '-'),
+    ("&dash;", '-'),
+    ("&ndash;", '-'),
+    ("&mdash;", '-'),
+    ("&plus;", '+'),
     ("&comma;", ','),
     ("&period;", '.'),
+    ("&middot;", '.'),
+    ("&centerdot;", '.'),
+    ("&CenterDot;", '.'),
+    ("&sdot;", '.'),
+    ("&bull;", '.'),
+    ("&dot;", '.'),
+    ("&colon;", ':'),
+    ("&sol;", '/'),
+    ("&lowbar;", '_'),
+    ("&equals;", '='),
+    ("&excl;", '!'),
+    ("&quest;", '?'),
+    ("&commat;", '@'),
+    ("&lpar;", '('),
+    ("&rpar;", ')'),
+    ("&verbar;", '|'),
+    ("&sup1;", '1'),
+    ("&sup2;", '2'),
+    ("&sup3;", '3'),
+    ("&shy;", '\u{ad}'),
+    ("&ZeroWidthSpace;", '\u{200b}'),
+    ("&zwnj;", '\u{200c}'),
+    ("&zwj;", '\u{200d}'),
+    ("&lrm;", '\u{200e}'),
+    ("&rlm;", '\u{200f}'),
+    ("&NoBreak;", '\u{2060}'),
+    ("&ic;", '\u{2063}'),
     ("&amp;", '&'),
+    ("&AMP;", '&'),
     ("&num;", '#'),
     ("&semi;", ';'),
     ("&bsol;", '\\'),
@@ -74,19 +123,25 @@ fn one(c: char) -> Option<char> {
     }
     Some(match c {
         c if unseen::is_unseen(c) => return None,
-        'º' | '˚' | '∘' => '°',
-        '′' | '’' | '‘' | 'ʹ' | 'ʼ' | '´' => '\'',
-        '″' | '”' | '“' | 'ʺ' | '〃' => '"',
-        '−' | '‐' | '‑' | '‒' | '–' | '—' | '﹣' | '－' => '-',
+        'º' | '˚' | '∘' | '◦' | '○' | 'ᵒ' => '°',
+        '′' | '’' | '‘' | '‛' | '‵' | 'ʹ' | 'ʼ' | 'ˈ' | '´' | '׳' => '\'',
+        '″' | '”' | '“' | '‟' | '‶' | 'ʺ' | '〃' | '״' => '"',
+        '−' | '‐' | '‑' | '‒' | '–' | '—' | '―' | '⁃' | '˗' | '⁻' | '₋' | '﹘' | '﹣' | '➖' => {
+            '-'
+        }
         // Points in the middle of the line, and what looks like one.
-        '\u{66b}' | '．' | '·' | '\u{387}' | '\u{2022}' | '\u{2024}' | '\u{2027}' | '\u{2219}' | '\u{22c5}'
-        | '\u{30fb}' | '\u{2e33}' => '.',
-        '\u{66c}' | '\u{60c}' | '，' | '、' => ',',
-        '：' => ':',
-        '＋' => '+',
+        '\u{2d9}' | '\u{66b}' | '\u{6d4}' | '\u{701}' | '\u{702}' | '·' | '\u{387}' | '\u{1427}' | '\u{16eb}'
+        | '\u{2022}' | '\u{2024}' | '\u{2027}' | '\u{2219}' | '\u{22c5}' | '\u{25cf}' | '\u{2981}' | '\u{2e31}'
+        | '\u{2e33}' | '\u{3002}' | '\u{30fb}' | '\u{a4f8}' | '\u{a78f}' | '\u{fe52}' | '\u{ff61}' | '\u{ff65}'
+        | '\u{10101}' => '.',
+        '\u{66c}' | '\u{60c}' | '、' | '‚' | '\u{b8}' | '\u{2e32}' | '\u{2e41}' | '\u{a4f9}' | '\u{fe50}'
+        | '\u{fe51}' | '\u{ff64}' => ',',
+        '\u{2d0}' | '\u{2f8}' | '\u{589}' | '\u{2236}' | '\u{a789}' | '\u{fe55}' => ':',
+        '\u{207a}' | '\u{208a}' | '\u{fe62}' => '+',
+        '\u{2044}' | '\u{2215}' | '\u{29f8}' => '/',
         c if c.is_whitespace() => ' ',
-        // Latin letters of full width.
-        'Ａ'..='Ｚ' | 'ａ'..='ｚ' => char::from_u32(u32::from(c) - 0xfee0).unwrap_or(c),
+        // ASCII of full width, without the digits.
+        '！'..='／' | '：'..='～' => char::from_u32(u32::from(c) - 0xfee0).unwrap_or(c),
         c => unseen::digit(c).unwrap_or(c),
     })
 }
@@ -177,6 +232,8 @@ pub(super) struct Number {
     /// Where it stands: first character, and the one behind its last.
     pub(super) from: usize,
     pub(super) to: usize,
+    /// A comma and a blank are read as a decimal comma here: these are more often two numbers of a list.
+    pub(super) is_list: bool,
 }
 
 /// Digits without a sign between them.
@@ -210,6 +267,44 @@ pub(super) fn numbers(text: &[char]) -> Vec<Number> {
         }
         readings(text, &runs, &signs, &mut all);
     }
+    let blank = with_blanks(text);
+    if !blank.is_empty() {
+        all.extend(blank);
+        // The searches rely on the order of the text.
+        all.sort_by_key(|n| n.from);
+    }
+    all
+}
+
+/// Decimal numbers with a blank beside their point: `39. 60023`. There must be three decimals, so that `rooms 12, 13` is none.
+fn with_blanks(text: &[char]) -> Vec<Number> {
+    let digit = |i: usize| text.get(i).is_some_and(char::is_ascii_digit);
+    let is = |i: usize, what: &str| text.get(i).is_some_and(|c| what.contains(*c));
+    let mut all = Vec::new();
+    let mut at = 0;
+    while at < text.len() {
+        let from = at;
+        while digit(at) {
+            at += 1;
+        }
+        if at == from {
+            at += 1;
+            continue;
+        }
+        let is_fraction = from >= 2 && is(from - 1, ".,") && digit(from - 2);
+        let sign = at + usize::from(is(at, " "));
+        let begin = sign + 1 + usize::from(is(sign + 1, " "));
+        if at - from > 3 || is_fraction || !is(sign, ".,") || begin == at + 1 {
+            continue;
+        }
+        let fraction: String = text.iter().skip(begin).take(13).take_while(|c| c.is_ascii_digit()).collect();
+        let whole: String = text.get(from..at).unwrap_or_default().iter().collect();
+        let value = format!("{whole}.{fraction}").parse::<f64>();
+        if let Some(value) = value.ok().filter(|_| (3..=12).contains(&fraction.len())) {
+            let (decimals, to) = (fraction.len(), begin + fraction.len());
+            all.push(Number { value, decimals, from, to, is_list: is(sign, ",") });
+        }
+    }
     all
 }
 
@@ -221,7 +316,7 @@ fn readings(text: &[char], runs: &[Run], signs: &[char], all: &mut Vec<Number>) 
         if let Some((power, behind)) = exponent(text, to) {
             (value, end) = (value * 10f64.powi(power), behind);
         }
-        all.push(Number { value, decimals, from, to: end });
+        all.push(Number { value, decimals, from, to: end, is_list: false });
     };
     for (i, run) in runs.iter().enumerate() {
         add(&run.digits, 0, run.from, run.to);
@@ -262,8 +357,15 @@ fn exponent(text: &[char], at: usize) -> Option<(i32, usize)> {
     let from = at + 1 + signed;
     let digits: String = text.iter().skip(from).take(3).take_while(|c| c.is_ascii_digit()).collect();
     let power = digits.parse::<i32>().ok().filter(|_| digits.len() <= 2)?;
+    // `8.956E39.600`: a longitude.
+    let behind = from + digits.len();
+    let is_number =
+        matches!(text.get(behind), Some('.' | ',')) && text.get(behind + 1).is_some_and(char::is_ascii_digit);
+    if is_number && signed == 0 {
+        return None;
+    }
     let negative = text.get(at + 1) == Some(&'-');
-    Some((if negative { -power } else { power }, from + digits.len()))
+    Some((if negative { -power } else { power }, behind))
 }
 
 /// What a piece of a text is, for messages.

@@ -3,8 +3,8 @@
 //! Stricter than what a known location needs: five decimals are a coordinate here, whatever they measure. A single whole number (`565977`) says nothing by
 //! its form and passes.
 
-use super::angles::{Angle, Axis, axis_of};
-use super::codes::grid_reference;
+use super::angles::{Angle, Axis, axis_of, word_before};
+use super::codes::{grid_reference, labelled, labelled_grid};
 use super::text::Number;
 use super::{BESIDE, Kind, is_degree, may_be_degrees};
 
@@ -26,17 +26,32 @@ const ZONE_WORDS: [&str; 12] =
 /// A place between two characters, and what is there.
 type Found = (usize, usize, Kind);
 
+/// How a text is searched.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Form {
+    /// Whether the reference system is told.
+    pub(super) is_system_told: bool,
+    /// Whether the text is as it was written; else its hyphens are read as points or blanks.
+    pub(super) is_written: bool,
+}
+
 /// The first piece that can hardly be anything but a coordinate or a regional reference system; the latter only where it is not told.
-pub(super) fn found(text: &[char], numbers: &[Number], angles: &[Angle], is_system_told: bool) -> Option<Found> {
+pub(super) fn found(text: &[char], numbers: &[Number], angles: &[Angle], form: Form) -> Option<Found> {
     let coordinates = |(from, to): (usize, usize)| (from, to, Kind::Coordinates);
     let system = || {
         let zone = || zones(text, numbers).next().map(|(_, from, to)| (from, to));
         epsg(text).or_else(zone).map(|(from, to)| (from, to, Kind::RegionalSystem))
     };
-    let told = if is_system_told { None } else { system() };
-    told.or_else(|| degrees(text, numbers, angles).map(coordinates))
+    let told = if form.is_system_told { None } else { system() };
+    told.or_else(|| degrees(text, numbers, angles, form).map(coordinates))
         .or_else(|| eastings(text, numbers).map(coordinates))
-        .or_else(|| grid_reference(text).or_else(|| geohash(text)).map(|(from, to)| (from, to, Kind::Code)))
+        .or_else(|| {
+            let code = grid_reference(text)
+                .or_else(|| geohash(text))
+                .or_else(|| labelled(text))
+                .or_else(|| labelled_grid(text));
+            code.map(|(from, to)| (from, to, Kind::Code))
+        })
 }
 
 /// UTM zones that are named as such (`UTM zone 37S`, `37L UTM`), with where they stand.
@@ -91,29 +106,79 @@ fn epsg(text: &[char]) -> Option<(usize, usize)> {
     })
 }
 
-fn degrees(text: &[char], numbers: &[Number], angles: &[Angle]) -> Option<(usize, usize)> {
-    let is_degrees = |n: &&Number| may_be_degrees(text, n);
+fn degrees(text: &[char], numbers: &[Number], angles: &[Angle], form: Form) -> Option<(usize, usize)> {
+    let is_degrees = |n: &&Number| !n.is_list && may_be_degrees(text, n);
     let alone = numbers.iter().filter(is_degrees).find(|n| {
         let has_axis = || is_degree(text, n) || axis_of(text, n.from, n.to).is_some();
-        n.decimals >= ALONE_DECIMALS || n.decimals >= PAIR_DECIMALS && has_axis()
+        let is_named = n.decimals >= 1 && is_named(text, n);
+        is_named || form.is_written && n.decimals >= ALONE_DECIMALS || n.decimals >= PAIR_DECIMALS && has_axis()
     });
     if let Some(n) = alone {
         return Some((n.from, n.to));
     }
-    let sixty = angles.iter().find(|a| {
-        let most = if a.axis == Some(Axis::Latitude) { 90.0 } else { 180.0 };
-        let has_seconds = text.get(a.from..a.to).is_some_and(|t| t.ends_with(&['"']));
-        a.value <= most && a.is_marked && (a.axis.is_some() || has_seconds)
-    });
-    if let Some(a) = sixty {
+    if let Some(a) = angles.iter().find(|a| is_angle(text, a)) {
         return Some((a.from, a.to));
     }
+    if let Some(range) = sixties(text, angles) {
+        return Some(range);
+    }
     let fine: Vec<&Number> = numbers.iter().filter(is_degrees).filter(|n| n.decimals >= PAIR_DECIMALS).collect();
+    fine.windows(2)
+        .find_map(|two| {
+            let [a, b] = two else { return None };
+            let between = text.get(a.to..b.from)?;
+            let is_pair = (1..=4).contains(&between.len()) && between.iter().all(|c| " ,;/|+-".contains(*c));
+            (is_pair && (a.value <= 90.0 || b.value <= 90.0)).then_some((a.from, b.to))
+        })
+        .or_else(|| in_address(text, numbers))
+}
+
+/// Whether a word for its axis stands before a number; not one that also means a length (`12 m long, 8.5 m wide`, `Breite 8.5 m`).
+fn is_named(text: &[char], n: &Number) -> bool {
+    const WORDS: [&str; 5] = ["lat", "lon", "lng", "tude", "itud"];
+    let before = lower(text, n.from.saturating_sub(24), n.from);
+    let word = before.trim_end_matches(|c: char| !c.is_alphabetic());
+    WORDS.iter().any(|w| word.ends_with(w)) && word_before(text, n.from).is_some()
+}
+
+/// The middle of a map in an address: `@-8.96,39.52,17z`.
+fn in_address(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
+    let fine: Vec<&Number> = numbers.iter().filter(|n| n.decimals >= 2 && !n.is_list).collect();
     fine.windows(2).find_map(|two| {
+        let [a, b] = two else { return None };
+        let sign = usize::from(a.from >= 1 && text.get(a.from - 1) == Some(&'-'));
+        let begins = a.from.checked_sub(1 + sign).and_then(|i| text.get(i)) == Some(&'@');
+        let is_pair = matches!(text.get(a.to..b.from)?, [','] | [',', '-']);
+        (begins && is_pair && a.value <= 90.0 && b.value <= 180.0).then_some((a.from, b.to))
+    })
+}
+
+/// Whether an angle in parts of sixty can hardly be a time or a date: it has signs, or all three parts and the letter of an axis.
+fn is_angle(text: &[char], a: &Angle) -> bool {
+    let most = if a.axis == Some(Axis::Latitude) { 90.0 } else { 180.0 };
+    if a.value > most {
+        return false;
+    }
+    if a.is_marked {
+        return a.axis.is_some() || a.has_seconds;
+    }
+    let at = |i: Option<usize>| i.and_then(|i| text.get(i));
+    // The end of a longer chain, such as a date.
+    let is_inner = at(a.from.checked_sub(1)).is_some_and(|c| ".,:-/_".contains(*c))
+        && at(a.from.checked_sub(2)).is_some_and(char::is_ascii_digit);
+    let is_beside = |c: Option<&char>| c.is_some_and(|c| "NSEW".contains(*c));
+    let has_letter = || is_beside(at(a.from.checked_sub(1))) || is_beside(at(Some(a.to)));
+    a.axis.is_some() && !is_inner && (a.has_seconds || a.sign == ':' && has_letter())
+}
+
+/// Two angles side by side as times are written, one of which is later than any time of a day: `08:57:27, 39:31:22`.
+fn sixties(text: &[char], angles: &[Angle]) -> Option<(usize, usize)> {
+    let all: Vec<&Angle> = angles.iter().filter(|a| a.has_seconds && a.sign == ':').collect();
+    all.windows(2).find_map(|two| {
         let [a, b] = two else { return None };
         let between = text.get(a.to..b.from)?;
         let is_pair = (1..=4).contains(&between.len()) && between.iter().all(|c| " ,;/|+-".contains(*c));
-        (is_pair && (a.value <= 90.0 || b.value <= 90.0)).then_some((a.from, b.to))
+        (is_pair && a.value.max(b.value) >= 25.0 && a.value.min(b.value) <= 90.0).then_some((a.from, b.to))
     })
 }
 
@@ -132,7 +197,24 @@ fn eastings(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
             others.iter().skip(start).take(8).find_map(|b| pair(a, b))
         })
     };
-    follows(&east, &north).or_else(|| follows(&north, &east))
+    follows(&east, &north).or_else(|| follows(&north, &east)).or_else(|| lettered(text, numbers))
+}
+
+/// The last five digits or more of an easting and a northing, with their letters: `E65977 N09946`.
+fn lettered(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
+    let of = |letters: &str| -> Vec<&Number> {
+        let is_one = |n: &&Number| {
+            let before = n.from.checked_sub(1).and_then(|i| text.get(i));
+            let is_alone = !n.from.checked_sub(2).and_then(|i| text.get(i)).is_some_and(|c| c.is_alphanumeric());
+            n.decimals == 0
+                && (5..=7).contains(&(n.to - n.from))
+                && is_alone
+                && before.is_some_and(|c| letters.contains(*c))
+        };
+        numbers.iter().filter(is_one).collect()
+    };
+    let (east, north) = (of("EW"), of("NS"));
+    super::beside(&east, &north)
 }
 
 /// A word that is said to be a geohash.

@@ -3,7 +3,7 @@
 use super::problem::Problems;
 use super::reader::File;
 use super::{Metadata, fields};
-use crate::location::{Finding, Location};
+use crate::location::{Finding, Location, is_name};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -73,11 +73,15 @@ impl Search<'_> {
     fn value(&self, field: &str, value: &Spanned<DeValue<'_>>) {
         match value.get_ref() {
             DeValue::String(text) => {
-                if let Some(finding) = self.location.find(text) {
+                let found = if is_name(field) { self.location.find_in_name(text) } else { self.location.find(text) };
+                if let Some(finding) = found {
                     self.file.problem(self.start(value), field, finding.to_string());
                 }
             }
-            DeValue::Array(list) => list.iter().for_each(|v| self.value(field, v)),
+            DeValue::Array(list) => {
+                list.iter().for_each(|v| self.value(field, v));
+                self.list(field, value.span().start, list);
+            }
             DeValue::Table(table) => self.table(field, table),
             DeValue::Float(number) if field == "capture.accuracy" => {
                 let metres = number.as_str().replace('_', "").parse::<f64>();
@@ -86,6 +90,17 @@ impl Search<'_> {
                 }
             }
             _ => {}
+        }
+    }
+
+    /// What the texts of a list give away together, if none of them does alone.
+    fn list(&self, field: &str, at: usize, list: &[Spanned<DeValue<'_>>]) {
+        let texts = || list.iter().filter_map(|v| v.get_ref().as_str());
+        if texts().any(|text| self.location.find(text).is_some()) {
+            return;
+        }
+        if let Some(finding) = self.location.find_in_list(texts()) {
+            self.file.problem(at, field, finding.to_string());
         }
     }
 
@@ -143,6 +158,23 @@ mod tests {
         );
         let metadata = Metadata::parse(FILE).unwrap().without_location();
         assert_eq!(metadata.giving_away(&location()).unwrap().0, "capture.description");
+    }
+
+    #[test]
+    fn names_with_hyphens_and_lists_are_named_with_their_line() {
+        let file = |more: &str| format!("title = \"Fort\"\n{more}\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n");
+        for (more, field) in [
+            ("slug = \"fort-8-95611-39-60023\"", "slug"),
+            ("alternative_titles = [\"Fort 8-95611 39-60023\"]", "alternative_titles"),
+            ("subjects = [\"-8.956\", \"39.600\"]", "subjects"),
+            ("subjects = [\"fort\", \"65977\", \"09946\"]", "subjects"),
+        ] {
+            let problems = Metadata::check_withheld(&file(more), &location()).unwrap_err();
+            let found: Vec<(usize, &str)> = problems.0.iter().map(|p| (p.line, p.field.as_str())).collect();
+            assert_eq!(found, [(2, field)], "{problems}");
+        }
+        let plain = file("slug = \"fort-1505-1807\"\nsubjects = [\"fort\", \"coral rag\", \"1505\", \"1807\"]");
+        assert_eq!(Metadata::check_withheld(&plain, &location()), Ok(()));
     }
 
     #[test]

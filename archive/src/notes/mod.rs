@@ -270,15 +270,25 @@ impl Notes {
                     "note {number} has nothing but links, which are left out with the place; give it a title or a text"
                 ));
             }
+            let labels = note.label.iter().flat_map(Words::all).filter_map(|(language, _)| language);
+            let of_bodies = note.bodies.iter().flat_map(|b| match b {
+                Body::Text { words, language, .. } => {
+                    words.all().into_iter().filter_map(|(l, _)| l).chain(language.as_deref()).collect()
+                }
+                Body::Link { .. } => Vec::new(),
+            });
             // What is called a language may be any letters and digits.
-            let said = |words: &Words| -> Vec<String> {
-                let one =
-                    |(language, text): (Option<&str>, &str)| [language.unwrap_or_default().to_owned(), text.to_owned()];
-                words.all().into_iter().flat_map(one).collect()
-            };
+            if let Some(other) = labels.chain(of_bodies).find(|l| !place::is_registered_language(l)) {
+                let name = name_of(number, note);
+                all.push(format!(
+                    "{name}: \"{other}\" is no registered language, and could be a coordinate; give a code such as en, sw or pt-BR, or leave it out"
+                ));
+                continue;
+            }
+            let said = |words: &Words| -> Vec<String> { words.all().into_iter().map(|(_, t)| t.to_owned()).collect() };
             let labels = note.label.iter().flat_map(said);
             let texts = note.bodies.iter().flat_map(|b| match b {
-                Body::Text { words, language, .. } => said(words).into_iter().chain(language.clone()).collect(),
+                Body::Text { words, .. } => said(words),
                 Body::Link { .. } => Vec::new(),
             });
             for text in labels.chain(texts).chain(note.creators()) {

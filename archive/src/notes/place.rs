@@ -20,6 +20,11 @@ const MOTIVATIONS: [&str; 13] = [
     "replying",
     "tagging",
 ];
+/// Years in which notes are written. Others may be digits of a coordinate: `5659-07-07`.
+const YEARS: std::ops::RangeInclusive<u32> = 1900..=2100;
+/// Numeric regions of languages that are in use, and variants of which the same is true (IANA Language Subtag Registry).
+const REGIONS: [&str; 3] = ["001", "150", "419"];
+const VARIANTS: [&str; 6] = ["1901", "1996", "fonipa", "polyton", "tarask", "valencia"];
 /// Moved places are told to so many parts of a metre: a micrometre. Finer ones would be noise that tells how large the number was before.
 const PARTS: f64 = 1e6;
 
@@ -100,6 +105,23 @@ impl Note {
     }
 }
 
+/// Whether a text has the shape of a registered language (BCP 47): language, script, region and a few variants. Private use (`x-565977`), extensions and
+/// numbers might be anything.
+pub(super) fn is_registered_language(text: &str) -> bool {
+    let mut parts = text.split('-').peekable();
+    let letters = |part: &str, length: std::ops::RangeInclusive<usize>| {
+        length.contains(&part.len()) && part.bytes().all(|b| b.is_ascii_alphabetic())
+    };
+    if !parts.next().is_some_and(|p| letters(p, 2..=3)) {
+        return false;
+    }
+    // Such as yue in zh-yue.
+    parts.next_if(|p| letters(p, 3..=3));
+    parts.next_if(|p| letters(p, 4..=4));
+    parts.next_if(|p| letters(p, 2..=2) || REGIONS.contains(p));
+    parts.all(|p| VARIANTS.contains(&p.to_ascii_lowercase().as_str()))
+}
+
 /// A motivation of the model; `describing` for every other word, which might be anything.
 fn known_motivation(text: &str) -> &'static str {
     MOTIVATIONS.into_iter().find(|m| *m == text).unwrap_or("describing")
@@ -115,9 +137,11 @@ fn is_random_uuid(text: &str) -> bool {
     lengths == [8, 4, 4, 4, 12] && is_version && is_variant && text.bytes().all(|b| b == b'-' || b.is_ascii_hexdigit())
 }
 
-/// Whether a text is a day that exists, or a moment of it to a millisecond at the finest: `2026-11-20T10:00:00.000Z` (ISO 8601-1).
+/// Whether a text is a day of a recent year, or a moment of it to a millisecond at the finest: `2026-11-20T10:00:00.000Z` (ISO 8601-1).
 fn is_moment(text: &str) -> bool {
-    let Some((day, clock)) = text.split_once('T') else { return is_day(text) };
+    let is_recent =
+        |day: &str| day.get(..4).and_then(|year| year.parse::<u32>().ok()).is_some_and(|year| YEARS.contains(&year));
+    let Some((day, clock)) = text.split_once('T') else { return is_recent(text) && is_day(text) };
     let zone = clock.find(['Z', '+', '-']).unwrap_or(clock.len());
     let (time, zone) = clock.split_at(zone);
     let (time, fraction) = time.split_once('.').map_or((time, None), |(time, fraction)| (time, Some(fraction)));
@@ -134,5 +158,5 @@ fn is_moment(text: &str) -> bool {
         None => zone.is_empty() || zone == "Z",
     };
     let is_fraction = |f: &str| time.len() == 8 && (1..=3).contains(&f.len()) && f.bytes().all(|b| b.is_ascii_digit());
-    is_day(day) && is_clock(time, [24, 59, 60]) && fraction.is_none_or(is_fraction) && is_zone
+    is_recent(day) && is_day(day) && is_clock(time, [24, 59, 60]) && fraction.is_none_or(is_fraction) && is_zone
 }

@@ -294,6 +294,9 @@ fn without_its_place_nothing_is_kept_that_might_be_any_text() {
         "2026-11-20T10:00:00+565977",
         "2026-11-20T+10:00",
         "2026-11-20 565977",
+        "5659-07-07",
+        "1899-12-31",
+        "2101-01-01T10:00Z",
         "T",
         "",
     ] {
@@ -310,9 +313,18 @@ fn words_that_give_the_location_away_are_refused_with_their_note() {
         .unwrap_err()
         .to_string();
     assert!(said.contains("\"565977\" is a map coordinate of the model"), "{said}");
-    let mut tongue = note("Gate", [0.0; 3]);
-    tongue["body"][0]["language"] = "x-565977".into();
-    assert!(Notes::parse(&page(&json!([tongue]))).unwrap().check_words(&location).is_err(), "no language is a place");
+    let tongue = |language: &str| {
+        let mut one = note("Gate", [0.0; 3]);
+        one["body"][0]["language"] = language.into();
+        Notes::parse(&page(&json!([one]))).unwrap().check_words(&location)
+    };
+    for none in ["x-565977", "x-65977099", "x-895611-3960023", "sw-565977", "en-x-kilwa", "565", "sw-565"] {
+        let said = tongue(none).unwrap_err().to_string();
+        assert!(said.contains("is no registered language"), "{none}: {said}");
+    }
+    for registered in ["en", "sw", "pt-BR", "zh-Hant-TW", "zh-yue", "es-419", "de-CH-1901", "sr-Latn"] {
+        assert_eq!(tongue(registered), Ok(()), "{registered}");
+    }
     let mut bare = note("", [0.0; 3]);
     bare["body"] = json!(["https://example.org/gate"]);
     let said = Notes::parse(&page(&json!([bare]))).unwrap().check_words(&location).unwrap_err().to_string();

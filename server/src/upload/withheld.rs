@@ -40,12 +40,13 @@ pub(super) fn check_intent(intent: &Intent) -> Result<(), String> {
     if let Some((field, finding)) = intent.metadata.giving_away(&unknown) {
         return Err(format!("metadata: {field}: {finding}"));
     }
-    let texts = [("the note of the version", &intent.note)].into_iter();
-    let names = intent.kept_channels.iter().map(|name| ("the name of a channel", name));
+    let slug = [("slug", &intent.slug)].into_iter();
+    let mut names = slug.chain(intent.kept_channels.iter().map(|name| ("the name of a channel", name)));
     if let Some(Err(what)) = intent.metadata.capture.as_ref().and_then(|c| c.accuracy).map(plain_accuracy) {
         return Err(format!("metadata: capture.accuracy {what}"));
     }
-    match texts.chain(names).find_map(|(what, text)| Some((what, unknown.find(text)?))) {
+    let note = || Some(("the note of the version", unknown.find(&intent.note)?));
+    match note().or_else(|| names.find_map(|(what, name)| Some((what, unknown.find_in_name(name)?)))) {
         Some((what, finding)) => Err(format!("{what}: {finding}")),
         None => Ok(()),
     }

@@ -217,6 +217,55 @@ async fn a_withheld_location_is_searched_for_in_pack_and_texts() {
     .await;
 }
 
+/// Forms that only the search of a known location refused, names with hyphens, and lists whose items belong together.
+#[tokio::test]
+async fn a_withheld_location_is_searched_for_in_every_form_that_can_be_told_from_other_numbers() {
+    let described = |text: &str| {
+        let text = Some(format!("Built in 1505; {text} (see p. 12)"));
+        (with(|v| v.intent.metadata.description = text), "metadata: description: ")
+    };
+    let mut table: Vec<(Version, &str)> = [
+        "S08:57:27",
+        "S8.956E39.600",
+        "20.268S30.934E",
+        "8 degrees, 57 minutes, 22 seconds South",
+        "8.57.22 S",
+        "-085722+0393600/",
+        "8/1,57/1,22/1",
+        "https://www.google.co.tz/maps/place/x",
+        "https://wego.here.com/x",
+        "https://www.getty.edu/vow/TGNFullDisplay?subjectid=7001234",
+        "/// index.home.raft",
+        "6G3X2J00+",
+        "6G3X2JV2&plus;H3",
+        "39\u{2d9}60023",
+        "latitude: -8.96",
+    ]
+    .map(described)
+    .into();
+    let named = |slug: &str| {
+        let slug = slug.to_owned();
+        with(|v| (v.intent.slug, v.intent.metadata.slug) = (slug.clone(), Some(slug)))
+    };
+    let listed = |list: [&str; 2]| with(|v| v.intent.metadata.subjects = list.map(str::to_owned).into());
+    table.extend([
+        (named("fort-8-95611-39-60023"), "slug: "),
+        (named("6g3x2jv2-h3"), "slug: "),
+        (named("lat-8-956-lon-39-600"), "slug: "),
+        (listed(["-8.956", "39.600"]), "metadata: subjects: "),
+    ]);
+    are_refused(table).await;
+    let m = Museum::new();
+    let ordinary =
+        "Version 8.57.22, 2026-11-23; rooms 12, 13; KI 91; the road E 39; ISBN 978-3-16-148410-0; EUR 8,95; scale 1:50";
+    let plain = with(|v| {
+        v.intent.metadata.description = Some(ordinary.to_owned());
+        v.intent.metadata.subjects = ["fort", "coral rag", "1505"].map(str::to_owned).into();
+    });
+    let (code, status) = m.publish(&plain).await;
+    assert_eq!(code, StatusCode::OK, "{:?}", status.error);
+}
+
 /// The test's pack with other numbers, written as `kilwa build` would.
 fn stating(change: impl FnOnce(&mut Metadata, &mut DirectoryEntry)) -> Version {
     let bytes = pack(MIDDLE, &[]);
