@@ -5,13 +5,15 @@
 //! not matter, each with the map from its own coordinates to metres, z up.
 //!
 //! Refused: a file that is not there or of a format that is not read, a file named twice, a pattern that nothing
-//! fits, a folder without meshes, a folder in which a file is named as a mesh and is none, a matrix that cannot place a mesh.
+//! fits, a folder without meshes, a folder in which something is named as a mesh and is none, something that fits a pattern and is no regular
+//! file that can be read (a broken link, a folder, a pipe), a matrix that cannot place a mesh.
 
 use anyhow::{Context, bail};
 use kilwa_builder::build::journal::PlannedInput;
 use kilwa_builder::build::work::Work;
 use kilwa_builder::ingest::Spool;
 use kilwa_builder::{BuildError, Interruptible, Progress};
+use kilwa_files::plain_file;
 use kilwa_formats::read::texture::detail::Detail;
 use kilwa_formats::read::{self, Placed, Placement, ReadError, ReadOptions, Replaced};
 use kilwa_formats::{Units, Up};
@@ -295,17 +297,31 @@ fn expand(
     let before = files.len();
     for path in found {
         let path = path.with_context(|| format!("cannot look for {pattern}"))?;
-        if path.is_file() {
-            if !allow_outside {
-                refuse_link_out(&path, &real)?;
-            }
-            files.push(path);
+        refuse_unreadable(
+            &path,
+            "everything that fits a pattern must be a file of a mesh: change the pattern, or put the file there",
+        )?;
+        if !allow_outside {
+            refuse_link_out(&path, &real)?;
         }
+        files.push(path);
     }
     if files.len() == before {
         bail!("no file fits {pattern}");
     }
     Ok(())
+}
+
+/// Refuse what should be a mesh because of its name, and is no regular file that can be opened: no block goes missing without a word.
+fn refuse_unreadable(path: &Path, advice: &str) -> anyhow::Result<()> {
+    let Err(e) = plain_file::open(path) else { return Ok(()) };
+    let cause = match std::fs::read_link(path) {
+        Ok(target) if e.kind() == std::io::ErrorKind::NotFound => {
+            format!("it is a link to {}, which is not there", target.display())
+        }
+        _ => e.to_string(),
+    };
+    bail!("{} cannot be read: {cause}; {advice}", path.display());
 }
 
 /// The folder that a pattern looks in: its parts before the first with a wildcard, which the user has named as they are.
@@ -328,7 +344,20 @@ fn folder(
     for entry in std::fs::read_dir(folder).with_context(cannot)? {
         let path = entry.with_context(cannot)?.path();
         let hidden = path.file_name().is_some_and(|n| n.as_encoded_bytes().starts_with(b"."));
-        if hidden || !path.is_file() {
+        if hidden {
+            continue;
+        }
+        if !path.is_file() {
+            if is_named_as_mesh(&path) {
+                refuse_unreadable(
+                    &path,
+                    "everything that is named as a mesh must be one: put the file there, or rename or remove this",
+                )?;
+            }
+            // A pipe, a socket, a device, a broken link.
+            if !path.is_dir() {
+                passed_over.push(path);
+            }
             continue;
         }
         if !allow_outside && let Err(e) = refuse_link_out(&path, &real) {
@@ -538,6 +567,46 @@ mod tests {
         assert!(empty.refusal(&[""]).contains("holds no mesh"));
         std::fs::write(site.path("d.ply"), "cut").unwrap();
         assert!(site.refusal(&[""]).contains("d.ply"), "a damaged block does not go missing without a word");
+    }
+
+    /// A block on a disk that is not mounted, or that is not what its name says.
+    #[cfg(unix)]
+    #[test]
+    fn what_has_the_name_of_a_block_and_cannot_be_read_is_refused_by_name() {
+        use std::os::unix::fs::symlink;
+        let makes: [(&dyn Fn(&Site), &str); 7] = [
+            (&|site| symlink("/gone/b.obj", site.path("b.obj")).unwrap(), "a link to /gone/b.obj, which is not there"),
+            (&|site| symlink("b.obj", site.path("b.obj")).unwrap(), "symbolic links"),
+            (
+                &|site| {
+                    let made = std::process::Command::new("mkfifo").arg(site.path("b.obj")).status();
+                    assert!(made.unwrap().success());
+                },
+                "a pipe",
+            ),
+            (&|site| drop(std::os::unix::net::UnixListener::bind(site.path("b.obj")).unwrap()), "a socket"),
+            (&|site| symlink("/dev/zero", site.path("b.obj")).unwrap(), "a device"),
+            (&|site| std::fs::create_dir(site.path("b.obj")).unwrap(), "a folder"),
+            (
+                &|site| {
+                    std::fs::create_dir(site.path("blocks")).unwrap();
+                    symlink("blocks", site.path("b.obj")).unwrap();
+                },
+                "a folder",
+            ),
+        ];
+        for (make, cause) in makes {
+            let site = Site::new(&[("a.obj", TRIANGLE)]);
+            make(&site);
+            let folder = site.0.path().file_name().unwrap().to_str().unwrap().to_owned();
+            let exact = format!("../{}*/b.obj", &folder[..folder.len() - 1]);
+            for input in ["", "*.obj", "[ab].obj", &exact] {
+                let message = site.refusal(&[input]);
+                assert!(message.contains("b.obj") && message.contains(cause), "{input:?}: {message}");
+            }
+            std::fs::rename(site.path("b.obj"), site.path("b.txt")).unwrap();
+            assert_eq!(site.names(&["", "--allow-outside"]), ["a.obj"], "{cause}");
+        }
     }
 
     #[test]
