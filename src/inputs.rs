@@ -212,9 +212,20 @@ impl kilwa_builder::Inputs for Inputs {
                 bytes: about.len(),
                 modified: modified.and_then(|t| u64::try_from(t.as_nanos()).ok()),
                 placement: format!("{:?} {:?}", file.placement, self.options.detail.as_ref().map(|d| d.texels())),
+                stamp: plain_file::stamp(&about),
             })
         };
         self.files.iter().map(planned).collect()
+    }
+
+    fn is_unchanged(&self, number: usize, sources: &[SourceFile], progress: &dyn Progress) -> Result<bool, BuildError> {
+        let Some(file) = self.files.get(number) else { return Ok(false) };
+        // Sources are known by the name alone.
+        if self.files.iter().filter(|other| other.path.file_name() == file.path.file_name()).count() != 1 {
+            return Ok(false);
+        }
+        let cannot = |source| ReadError::Open { file: file.path.clone(), source };
+        Ok(sources.contains(&source_file(&file.path, progress).map_err(cannot)?))
     }
 
     fn deliver(&mut self, spool: &mut Spool, work: &Work<'_>) -> Result<Vec<SourceFile>, BuildError> {
@@ -670,6 +681,23 @@ mod tests {
         let mut moved = two;
         moved.files[1].placement = Placement::translation([5.0, 0.0, 0.0]);
         assert_eq!(moved.sources(&Silent).unwrap().len(), 2);
+    }
+
+    #[test]
+    fn an_input_is_unchanged_where_its_content_is_what_was_read() {
+        use kilwa_builder::Inputs as _;
+        let site = three();
+        std::fs::write(site.path("b.obj"), format!("# b\n{TRIANGLE}")).unwrap();
+        let inputs = site.find(&["a.obj", "b.obj"]).unwrap();
+        let sources = inputs.sources(&Silent).unwrap();
+        let is_unchanged = |number| inputs.is_unchanged(number, &sources, &Silent).unwrap();
+        assert!(is_unchanged(0) && is_unchanged(1) && !is_unchanged(2));
+        let before = inputs.plan().unwrap();
+        // Clocks of files may go in steps of some milliseconds.
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        std::fs::write(site.path("b.obj"), format!("# c\n{TRIANGLE}")).unwrap();
+        assert!(is_unchanged(0) && !is_unchanged(1));
+        assert_ne!(inputs.plan().unwrap()[1].stamp, before[1].stamp);
     }
 
     #[test]
