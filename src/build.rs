@@ -378,9 +378,10 @@ fn explained(error: BuildError, inputs: &Inputs, output: &Path) -> anyhow::Error
         BuildError::Pack(kilwa_pack::PackError::Io { source, .. }) => {
             anyhow::Error::new(source).context(format!("cannot write {}", output.display()))
         }
-        e @ (BuildError::Empty { .. } | BuildError::Step { .. } | BuildError::TooLarge { .. }) => {
-            anyhow::Error::new(e).context(inputs.names())
-        }
+        e @ (BuildError::Empty { .. }
+        | BuildError::Step { .. }
+        | BuildError::TooLarge { .. }
+        | BuildError::TooSmall { .. }) => anyhow::Error::new(e).context(inputs.names()),
         e => e.into(),
     }
 }
