@@ -2,6 +2,7 @@
 //!
 //! Ctrl-C stops cleanly and keeps the scratch files for `--resume`; an error removes them. Exit code 130 after Ctrl-C, 143 after SIGTERM.
 
+mod finished;
 mod need;
 mod output;
 pub(crate) mod report;
@@ -11,8 +12,10 @@ use crate::inputs::{InputArgs, Inputs};
 use crate::progress::Bar;
 use crate::signals;
 use anyhow::Context;
+use finished::Finished;
 use kilwa_builder::build::machine;
 use kilwa_builder::build::options::{COLOR_BITS, NORMAL_BITS};
+use kilwa_builder::build::plan;
 use kilwa_builder::build::work::Stop;
 use kilwa_builder::scratch::Scratch;
 use kilwa_builder::{BuildError, BuildOptions, BuildReport, Run, StageTime, build};
@@ -128,8 +131,37 @@ fn crop(text: &str) -> Result<[[f64; 3]; 2], String> {
     }
 }
 
+/// A pack that has its name, and what is left to tidy up.
+struct Complete {
+    built: BuildReport,
+    spent: Spent,
+    scratch: Scratch,
+    /// Dropped after the scratch files are gone.
+    _made: Made,
+}
+
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let begun = Instant::now();
+    let (inputs, options) = prepare(args)?;
+    let (bar, stop) = (Bar::new(), stop_on_signals()?);
+    if args.resume && args.output.exists() {
+        let finished = Finished::find(&args.output, &inputs, &options, &bar, &stop);
+        bar.clear();
+        if let Some(finished) = finished? {
+            return tidy(args, &finished);
+        }
+        if !args.force {
+            return Err(exists(&args.output));
+        }
+    }
+    let complete = make(args, inputs, &options, &bar, &stop, begun)?;
+    complete.scratch.discard(|_| true)?;
+    finished::remove(&args.output);
+    print(args, &Report { build: &complete.built, run: complete.spent })
+}
+
+/// The inputs and options of a build.
+fn prepare(args: &Args) -> anyhow::Result<(Inputs, BuildOptions)> {
     refuse(args)?;
     let mut inputs = Inputs::find(&args.input)?;
     if let Some(first) = inputs.passed_over.first() {
@@ -155,12 +187,26 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         normal_bits: args.normal_bits,
         ..BuildOptions::default()
     };
+    Ok((inputs, options))
+}
+
+/// Build until the pack has its name; the scratch files and the note are still there.
+fn make(
+    args: &Args,
+    mut inputs: Inputs,
+    options: &BuildOptions,
+    bar: &Bar,
+    stop: &Stop,
+    begun: Instant,
+) -> anyhow::Result<Complete> {
     let memory = args.memory.unwrap_or_else(machine::default_budget);
-    let bar = Bar::new();
-    let stop = stop_on_signals()?;
+    // As the inputs are before they are read.
+    let plan = plan(&inputs, options)?;
     // Before any input is read: a folder that cannot be written to is better known now than in an hour.
     let mut output = Output::create(&args.output)?;
-    let scratch = open_scratch(args)?;
+    finished::remove(&args.output);
+    let made = Made::of(args.scratch.as_deref());
+    let scratch = Scratch::open(&scratch_folder(args))?;
     let need = Need::of(inputs.files.iter().map(|f| f.path.as_path()), memory);
     let held = if args.resume { scratch.bytes() } else { discard_earlier(&scratch)? };
     if args.verbose {
@@ -172,34 +218,60 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             human(need.pack_bytes)
         );
     }
-    let mut work = || -> anyhow::Result<BuildReport> {
+    let mut work = || -> anyhow::Result<(BuildReport, String)> {
         need.check(scratch.folder(), folder_of(&args.output), held)?;
-        let run = Run { scratch: &scratch, memory, resume: args.resume, stop: &stop, progress: &bar };
-        let built = build(&mut inputs, &options, &run, &mut output);
+        let run = Run { scratch: &scratch, memory, resume: args.resume, stop, progress: bar };
+        let built = build(&mut inputs, options, &run, &mut output);
         let mut built = built.map_err(|e| explained(e, &inputs, &args.output))?;
         let (clock, cpu) = (Instant::now(), machine::cpu_seconds());
         output.complete(built.pack.bytes)?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(args.threads).build()?;
-        let checked = pool.install(|| output.check(&bar, &stop));
-        checked.context("the pack that was just written does not read back; nothing was kept")?;
+        let checked = pool.install(|| output.check(bar, stop));
+        let identity = checked.context("the pack that was just written does not read back; nothing was kept")?;
         let cpu_seconds = cpu.and_then(|before| Some(machine::cpu_seconds()? - before));
         built.stages.push(StageTime { stage: "check".into(), seconds: clock.elapsed().as_secs_f64(), cpu_seconds });
-        Ok(built)
+        Ok((built, identity))
     };
-    let built = match work() {
-        Ok(built) => built,
+    let (built, identity) = match work() {
+        Ok(done) => done,
         Err(error) => {
             bar.clear();
             drop(output);
-            return Err(after_failure(error, scratch, &stop));
+            return Err(after_failure(error, scratch, stop));
         }
     };
     bar.clear();
-    output.keep(args.force)?;
-    scratch.discard(|_| true)?;
     let threads = if args.threads == 0 { rayon::current_num_threads() } else { args.threads };
-    let run = Spent::of(&built, memory, threads, need, begun.elapsed().as_secs_f64());
-    print(args, &Report { build: &built, run })
+    let spent = Spent::of(&built, memory, threads, need, begun.elapsed().as_secs_f64());
+    let report = serde_json::to_value(Report { build: &built, run: spent.clone() })?;
+    // Only a build that is killed in the next moment needs it.
+    drop(Finished { plan, identity, bytes: built.pack.bytes, report }.write(&args.output));
+    if let Err(error) = output.keep(args.force) {
+        finished::remove(&args.output);
+        return Err(error);
+    }
+    Ok(Complete { built, spent, scratch, _made: made })
+}
+
+/// Finish an earlier build that was killed after its pack had its name.
+fn tidy(args: &Args, finished: &Finished) -> anyhow::Result<()> {
+    let folder = scratch_folder(args);
+    if folder.exists() {
+        Scratch::open(&folder)?.discard(|_| true)?;
+    }
+    finished::remove(&args.output);
+    let mut out = crate::terminal::out();
+    if args.json {
+        writeln!(out, "{}", crate::terminal::json_text(&finished.report)?)?;
+    } else {
+        writeln!(
+            out,
+            "{}: complete. The build was stopped after it had written and checked the pack of {} bytes; nothing had to be built again",
+            args.output.display(),
+            finished.bytes
+        )?;
+    }
+    Ok(())
 }
 
 /// Each thread takes memory of its own and a place in the system's tables, which thousands of them would fill for everybody.
@@ -224,8 +296,9 @@ fn refuse(args: &Args) -> anyhow::Result<()> {
             args.output.display()
         );
     }
-    if args.output.exists() && !args.force {
-        anyhow::bail!("{} exists; give --force to replace it, or another name", args.output.display());
+    // With --resume it may be the pack of this very build.
+    if args.output.exists() && !args.force && !args.resume {
+        return Err(exists(&args.output));
     }
     if args.capture_accuracy.is_some_and(|a| !(a > 0.0 && a.is_finite())) {
         anyhow::bail!("--capture-accuracy must be a length in metres above zero");
@@ -233,13 +306,36 @@ fn refuse(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
+fn exists(output: &Path) -> anyhow::Error {
+    anyhow::anyhow!("{} exists; give --force to replace it, or another name", output.display())
+}
+
 /// The scratch folder of this output: `.NAME.kilwa.scratch`, beside it or in the folder that the user gave.
-fn open_scratch(args: &Args) -> anyhow::Result<Scratch> {
-    let mut folder = beside(&args.output, ".scratch");
-    if let (Some(given), Some(name)) = (&args.scratch, folder.file_name()) {
-        folder = given.join(name);
+fn scratch_folder(args: &Args) -> PathBuf {
+    let folder = beside(&args.output, ".scratch");
+    match (&args.scratch, folder.file_name()) {
+        (Some(given), Some(name)) => given.join(name),
+        _ => folder,
     }
-    Ok(Scratch::open(&folder)?)
+}
+
+/// The folders that this build makes for its scratch folder to be in, the deepest first. They are removed again if they are empty.
+struct Made(Vec<PathBuf>);
+
+impl Made {
+    /// Those on the way to the folder that the user gave which are not there yet.
+    fn of(given: Option<&Path>) -> Self {
+        let folders = given.into_iter().flat_map(Path::ancestors);
+        let is_new = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
+        Self(folders.take_while(is_new).map(Path::to_owned).collect())
+    }
+}
+
+impl Drop for Made {
+    fn drop(&mut self) {
+        // What is not empty stays, and so does what it is in.
+        let _ = self.0.iter().try_for_each(std::fs::remove_dir);
+    }
 }
 
 /// What an earlier build left is of no use without `--resume`. Returns the bytes that are left: none.
@@ -282,9 +378,10 @@ fn explained(error: BuildError, inputs: &Inputs, output: &Path) -> anyhow::Error
         BuildError::Pack(kilwa_pack::PackError::Io { source, .. }) => {
             anyhow::Error::new(source).context(format!("cannot write {}", output.display()))
         }
-        e @ (BuildError::Empty { .. } | BuildError::Step { .. } | BuildError::TooLarge { .. }) => {
-            anyhow::Error::new(e).context(inputs.names())
-        }
+        e @ (BuildError::Empty { .. }
+        | BuildError::Step { .. }
+        | BuildError::TooLarge { .. }
+        | BuildError::TooSmall { .. }) => anyhow::Error::new(e).context(inputs.names()),
         e => e.into(),
     }
 }
@@ -317,4 +414,99 @@ fn print(args: &Args, report: &Report<'_>) -> anyhow::Result<()> {
         report::print(&args.output, report, &mut out)?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+
+    fn args(folder: &Path, more: &[&str]) -> Args {
+        let (mesh, pack) = (folder.join("a.obj"), folder.join("a.kilwa"));
+        let all = ["kilwa", mesh.to_str().unwrap(), "-o", pack.to_str().unwrap(), "--threads", "1", "--title", "a"];
+        Cli::try_parse_from([&all[..], more].concat()).unwrap().args
+    }
+
+    /// A folder as a build leaves it that is killed as soon as its pack has its name.
+    fn killed_after_the_rename(more: &[&str]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("a.obj"), TRIANGLE).unwrap();
+        let args = args(folder.path(), more);
+        let (inputs, options) = prepare(&args).unwrap();
+        drop(make(&args, inputs, &options, &Bar::new(), &Stop::default(), Instant::now()).unwrap());
+        assert!(folder.path().join(".a.kilwa.done").is_file());
+        folder
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = std::fs::read_dir(folder).unwrap();
+        let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    fn modified(folder: &Path) -> std::time::SystemTime {
+        folder.join("a.kilwa").metadata().unwrap().modified().unwrap()
+    }
+
+    #[test]
+    fn a_build_that_was_killed_after_the_rename_is_finished_without_building_again() {
+        for left in ["all", "empty", "none"] {
+            for more in [&["--resume"][..], &["--resume", "--force"], &["--resume", "--json"]] {
+                let folder = killed_after_the_rename(&[]);
+                let (path, scratch) = (folder.path(), folder.path().join(".a.kilwa.scratch"));
+                let (bytes, time) = (std::fs::read(path.join("a.kilwa")).unwrap(), modified(path));
+                if left != "all" {
+                    std::fs::remove_dir_all(&scratch).unwrap();
+                }
+                if left == "empty" {
+                    std::fs::create_dir(&scratch).unwrap();
+                }
+                run(&args(path, more)).unwrap();
+                assert_eq!(names(path), ["a.kilwa", "a.obj"], "{left}, {more:?}");
+                assert!(std::fs::read(path.join("a.kilwa")).unwrap() == bytes && modified(path) == time, "{left}");
+            }
+        }
+    }
+
+    #[test]
+    fn another_pack_or_another_build_is_not_taken_for_the_one_that_was_killed() {
+        let spoils: [(&[&str], &dyn Fn(&Path)); 4] = [
+            (&["--resume"], &|f| std::fs::write(f.join("a.kilwa"), "my thesis").unwrap()),
+            (&["--resume"], &|f| std::fs::write(f.join(".a.kilwa.done"), "{}").unwrap()),
+            (&["--resume"], &|f| std::fs::write(f.join("a.obj"), TRIANGLE.replace("1 0 0", "2 0 0")).unwrap()),
+            (&["--resume", "--origin", "1,2,3"], &|_| ()),
+        ];
+        for (more, spoil) in spoils {
+            let folder = killed_after_the_rename(&[]);
+            spoil(folder.path());
+            let before = std::fs::read(folder.path().join("a.kilwa")).unwrap();
+            let refused = run(&args(folder.path(), more)).unwrap_err().to_string();
+            assert!(refused.contains("exists; give --force"), "{more:?}: {refused}");
+            assert!(std::fs::read(folder.path().join("a.kilwa")).unwrap() == before, "{more:?}");
+            assert!(folder.path().join(".a.kilwa.scratch/journal").is_file(), "{more:?}");
+        }
+    }
+
+    #[test]
+    fn a_folder_that_a_build_made_for_its_scratch_files_is_removed_and_others_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::write(at("a.obj"), TRIANGLE).unwrap();
+        std::fs::create_dir(at("there")).unwrap();
+        for (scratch, step) in [("new/deep", "0.125"), ("there/deep", "0.125"), ("there", "0.125"), ("new/deep", "3")] {
+            let scratch = at(scratch);
+            let built = run(&args(folder.path(), &["--force", "--step", step, "--scratch", scratch.to_str().unwrap()]));
+            assert_eq!(built.is_ok(), step != "3", "{built:?}");
+            assert!(!at("new").exists() && names(&at("there")).is_empty(), "{}", scratch.display());
+        }
+    }
 }

@@ -5,13 +5,15 @@
 //! not matter, each with the map from its own coordinates to metres, z up.
 //!
 //! Refused: a file that is not there or of a format that is not read, a file named twice, a pattern that nothing
-//! fits, a folder without meshes, a folder in which a file is named as a mesh and is none, a matrix that cannot place a mesh.
+//! fits, a folder without meshes, a folder in which something is named as a mesh and is none, something that fits a pattern and is no regular
+//! file that can be read (a broken link, a folder, a pipe), a matrix that cannot place a mesh.
 
 use anyhow::{Context, bail};
 use kilwa_builder::build::journal::PlannedInput;
 use kilwa_builder::build::work::Work;
 use kilwa_builder::ingest::Spool;
 use kilwa_builder::{BuildError, Interruptible, Progress};
+use kilwa_files::plain_file;
 use kilwa_formats::read::texture::detail::Detail;
 use kilwa_formats::read::{self, Placed, Placement, ReadError, ReadOptions, Replaced};
 use kilwa_formats::{Units, Up};
@@ -208,9 +210,20 @@ impl kilwa_builder::Inputs for Inputs {
                 bytes: about.len(),
                 modified: modified.and_then(|t| u64::try_from(t.as_nanos()).ok()),
                 placement: format!("{:?} {:?}", file.placement, self.options.detail.as_ref().map(|d| d.texels())),
+                stamp: plain_file::stamp(&about),
             })
         };
         self.files.iter().map(planned).collect()
+    }
+
+    fn is_unchanged(&self, number: usize, sources: &[SourceFile], progress: &dyn Progress) -> Result<bool, BuildError> {
+        let Some(file) = self.files.get(number) else { return Ok(false) };
+        // Sources are known by the name alone.
+        if self.files.iter().filter(|other| other.path.file_name() == file.path.file_name()).count() != 1 {
+            return Ok(false);
+        }
+        let cannot = |source| ReadError::Open { file: file.path.clone(), source };
+        Ok(sources.contains(&source_file(&file.path, progress).map_err(cannot)?))
     }
 
     fn deliver(&mut self, spool: &mut Spool, work: &Work<'_>) -> Result<Vec<SourceFile>, BuildError> {
@@ -293,17 +306,31 @@ fn expand(
     let before = files.len();
     for path in found {
         let path = path.with_context(|| format!("cannot look for {pattern}"))?;
-        if path.is_file() {
-            if !allow_outside {
-                refuse_link_out(&path, &real)?;
-            }
-            files.push(path);
+        refuse_unreadable(
+            &path,
+            "everything that fits a pattern must be a file of a mesh: change the pattern, or put the file there",
+        )?;
+        if !allow_outside {
+            refuse_link_out(&path, &real)?;
         }
+        files.push(path);
     }
     if files.len() == before {
         bail!("no file fits {pattern}");
     }
     Ok(())
+}
+
+/// Refuse what should be a mesh because of its name, and is no regular file that can be opened: no block goes missing without a word.
+fn refuse_unreadable(path: &Path, advice: &str) -> anyhow::Result<()> {
+    let Err(e) = plain_file::open(path) else { return Ok(()) };
+    let cause = match std::fs::read_link(path) {
+        Ok(target) if e.kind() == std::io::ErrorKind::NotFound => {
+            format!("it is a link to {}, which is not there", target.display())
+        }
+        _ => e.to_string(),
+    };
+    bail!("{} cannot be read: {cause}; {advice}", path.display());
 }
 
 /// The folder that a pattern looks in: its parts before the first with a wildcard, which the user has named as they are.
@@ -326,7 +353,20 @@ fn folder(
     for entry in std::fs::read_dir(folder).with_context(cannot)? {
         let path = entry.with_context(cannot)?.path();
         let hidden = path.file_name().is_some_and(|n| n.as_encoded_bytes().starts_with(b"."));
-        if hidden || !path.is_file() {
+        if hidden {
+            continue;
+        }
+        if !path.is_file() {
+            if is_named_as_mesh(&path) {
+                refuse_unreadable(
+                    &path,
+                    "everything that is named as a mesh must be one: put the file there, or rename or remove this",
+                )?;
+            }
+            // A pipe, a socket, a device, a broken link.
+            if !path.is_dir() {
+                passed_over.push(path);
+            }
             continue;
         }
         if !allow_outside && let Err(e) = refuse_link_out(&path, &real) {
@@ -530,12 +570,54 @@ mod tests {
         assert!(site.refusal(&["none.obj"]).contains("none.obj cannot be opened"));
         assert!(site.refusal(&["x*.obj"]).contains("no file fits"));
         assert!(site.refusal(&["a.obj", "?.obj"]).contains("a.obj is given twice"));
-        assert!(site.refusal(&["a.obj", "./b.obj", "../*/b.obj"]).contains("are the same file"));
+        // Not by a pattern over the folders of other tests, which come and go.
+        std::fs::create_dir(site.path("further")).unwrap();
+        assert!(site.refusal(&["a.obj", "./b.obj", "further/../b.*"]).contains("are the same file"));
         assert!(site.refusal(&["notes.txt"]).contains("notes.txt"));
         let empty = Site::new(&[("notes.txt", "of the survey")]);
         assert!(empty.refusal(&[""]).contains("holds no mesh"));
         std::fs::write(site.path("d.ply"), "cut").unwrap();
         assert!(site.refusal(&[""]).contains("d.ply"), "a damaged block does not go missing without a word");
+    }
+
+    /// A block on a disk that is not mounted, or that is not what its name says.
+    #[cfg(unix)]
+    #[test]
+    fn what_has_the_name_of_a_block_and_cannot_be_read_is_refused_by_name() {
+        use std::os::unix::fs::symlink;
+        let makes: [(&dyn Fn(&Site), &str); 7] = [
+            (&|site| symlink("/gone/d.obj", site.path("d.obj")).unwrap(), "a link to /gone/d.obj, which is not there"),
+            (&|site| symlink("d.obj", site.path("d.obj")).unwrap(), "symbolic links"),
+            (
+                &|site| {
+                    let made = std::process::Command::new("mkfifo").arg(site.path("d.obj")).status();
+                    assert!(made.unwrap().success());
+                },
+                "a pipe",
+            ),
+            (&|site| drop(std::os::unix::net::UnixListener::bind(site.path("d.obj")).unwrap()), "a socket"),
+            (&|site| symlink("/dev/zero", site.path("d.obj")).unwrap(), "a device"),
+            (&|site| std::fs::create_dir(site.path("d.obj")).unwrap(), "a folder"),
+            (
+                &|site| {
+                    std::fs::create_dir(site.path("blocks")).unwrap();
+                    symlink("blocks", site.path("d.obj")).unwrap();
+                },
+                "a folder",
+            ),
+        ];
+        for (make, cause) in makes {
+            let site = Site::new(&[("a.obj", TRIANGLE)]);
+            make(&site);
+            let folder = site.0.path().file_name().unwrap().to_str().unwrap().to_owned();
+            let exact = format!("../{}*/d.obj", &folder[..folder.len() - 1]);
+            for input in ["", "*.obj", "[ad].obj", &exact] {
+                let message = site.refusal(&[input]);
+                assert!(message.contains("d.obj") && message.contains(cause), "{input:?}: {message}");
+            }
+            std::fs::rename(site.path("d.obj"), site.path("d.txt")).unwrap();
+            assert_eq!(site.names(&["", "--allow-outside"]), ["a.obj"], "{cause}");
+        }
     }
 
     #[test]
@@ -599,6 +681,23 @@ mod tests {
         let mut moved = two;
         moved.files[1].placement = Placement::translation([5.0, 0.0, 0.0]);
         assert_eq!(moved.sources(&Silent).unwrap().len(), 2);
+    }
+
+    #[test]
+    fn an_input_is_unchanged_where_its_content_is_what_was_read() {
+        use kilwa_builder::Inputs as _;
+        let site = three();
+        std::fs::write(site.path("b.obj"), format!("# b\n{TRIANGLE}")).unwrap();
+        let inputs = site.find(&["a.obj", "b.obj"]).unwrap();
+        let sources = inputs.sources(&Silent).unwrap();
+        let is_unchanged = |number| inputs.is_unchanged(number, &sources, &Silent).unwrap();
+        assert!(is_unchanged(0) && is_unchanged(1) && !is_unchanged(2));
+        let before = inputs.plan().unwrap();
+        // Clocks of files may go in steps of some milliseconds.
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        std::fs::write(site.path("b.obj"), format!("# c\n{TRIANGLE}")).unwrap();
+        assert!(is_unchanged(0) && !is_unchanged(1));
+        assert_ne!(inputs.plan().unwrap()[1].stamp, before[1].stamp);
     }
 
     #[test]

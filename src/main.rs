@@ -23,6 +23,7 @@ mod terminal;
 mod verify;
 
 use clap::{Parser, Subcommand};
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
 /// Publish scanned heritage sites in 3D, and measure on them.
@@ -114,7 +115,17 @@ fn parsed() -> Cli {
         Err(error) => error,
     };
     let acts = |arg: std::ffi::OsString| arg.to_str().is_none_or(|arg| arg.contains(kilwa_pack::visible::is_control));
-    if !error.use_stderr() || !(secrets::are_known() || std::env::args_os().any(acts)) {
+    if !error.use_stderr() {
+        // Help and version are what was asked for: a full disk must not look like success.
+        match error.print().and_then(|()| terminal::out().flush()) {
+            Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+                terminal::say!("kilwa: cannot print: {e}");
+                std::process::exit(1);
+            }
+            _ => std::process::exit(error.exit_code()),
+        }
+    }
+    if !(secrets::are_known() || std::env::args_os().any(acts)) {
         error.exit();
     }
     terminal::say!("{}", error.render().to_string().trim_end());

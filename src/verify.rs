@@ -27,6 +27,7 @@ use place::{Folder, Place};
 use progress::Progress;
 use report::{Kind, Report, many};
 use state::{State, Unit, now};
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -53,6 +54,9 @@ pub(crate) struct Args {
     /// Leave out what was checked and sound less than so many days ago, and has not changed since.
     #[arg(long, value_name = "DAYS", requires = "state", value_parser = clap::value_parser!(u64).range(1..=36_500))]
     older_than: Option<u64>,
+    /// Forget this object, bag or pack, which was removed on purpose; otherwise it is reported as missing.
+    #[arg(long, value_name = "NAME", requires = "state")]
+    forget: Vec<String>,
 }
 
 /// Problems on the line that says that there are some.
@@ -78,47 +82,132 @@ struct Item {
     what: What,
 }
 
+/// What was checked, for the last line.
+struct Checked {
+    /// Units, those among them that are not there any more.
+    units: usize,
+    /// Whether it was one pack and nothing else.
+    single: bool,
+}
+
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    let mut report = Report { target: shown(&args.target).into_owned(), ..Report::default() };
+    match check_all(args, &mut report) {
+        Ok(checked) => say(args, &checked, &report),
+        Err(error) => {
+            if args.json {
+                let is_gone = !is_address(&args.target) && !Path::new(&args.target).exists();
+                let kind = if is_gone { Kind::Missing } else { Kind::Unreadable };
+                report.add(report.target.clone(), kind, format!("{error:#}"));
+                // The error counts, even where nobody listens to the report.
+                let text = crate::terminal::json_text(&report.to_json())?;
+                drop(writeln!(crate::terminal::out(), "{text}"));
+            }
+            Err(error)
+        }
+    }
+}
+
+/// Check all that there is, and what the state knows.
+fn check_all(args: &Args, report: &mut Report) -> anyhow::Result<Checked> {
     let (place, items) = if is_address(&args.target) { at_address(&args.target)? } else { in_folder(&args.target)? };
     if let Some(state) = args.state.as_deref().filter(|_| !is_address(&args.target)) {
         refuse_inputs(state, [Path::new(&args.target)])?;
     }
+    let nothing = || {
+        let target = &args.target;
+        anyhow::anyhow!(
+            "{target} is no archive object (it has no {MANIFEST}), and there is no object and no pack in it"
+        )
+    };
+    // Where there was something once, the state says what is missing.
+    if items.is_empty() && !args.state.as_ref().is_some_and(|path| path.exists()) {
+        return Err(nothing());
+    }
     let mut state = match &args.state {
-        Some(path) => State::open(path, &canonical(&args.target), args.resume, args.older_than)?,
+        Some(path) => State::open(path, &canonical(&args.target), args.resume, args.older_than, &args.forget)?,
         None => State::default(),
     };
+    let gone = gone(place.as_ref(), &items, &state);
+    let checked = Checked {
+        units: items.len() + gone.len(),
+        single: gone.is_empty() && matches!(items[..], [Item { what: What::Pack, .. }]),
+    };
+    if checked.units == 0 {
+        return Err(nothing());
+    }
     let progress = Progress::new();
-    let mut report = Report { target: shown(&args.target).into_owned(), ..Report::default() };
     // Only who looks wants to know how much is left.
     for item in items.iter().filter(|_| progress.is_shown()) {
         expect(place.as_ref(), item, &progress);
+    }
+    for path in &gone {
+        let before = report.count();
+        let name = if path.is_empty() { report.target.clone() } else { path.clone() };
+        report.add(
+            name.clone(),
+            Kind::Missing,
+            format!(
+                "it was there at an earlier check, and no object, bag or pack of this name is there now; take it from a copy, or, if it \
+                 was removed on purpose, run this once with --forget '{path}'"
+            ),
+        );
+        report.objects += 1;
+        print_problems(args, &checked, report, before, &name, &progress)?;
     }
     for item in &items {
         let before = report.count();
         let name = if item.path.is_empty() { report.target.clone() } else { item.path.clone() };
         progress.at(&name);
-        let Some(unit) = check(place.as_ref(), item, &mut report, &mut state, &progress)? else {
+        let Some(unit) = check(place.as_ref(), item, report, &mut state, &progress)? else {
             report.skipped += 1;
             continue;
         };
         report.objects += 1;
         report.sound_objects += u64::from(unit.problems == 0);
-        if !args.json && items.len() > 1 && unit.problems > 0 {
-            let text = format!("{name}: {}\n{}", many(unit.problems, "problem"), report.problems_from(before));
-            let mut said = Ok(());
-            progress.above(|| said = crate::terminal::out().write_all(text.as_bytes()));
-            said?;
-        }
+        print_problems(args, &checked, report, before, &name, &progress)?;
         state.done(unit)?;
     }
     progress.clear();
     state.finish()?;
-    say(args, &items, &report)
+    Ok(checked)
+}
+
+/// Print what is wrong with a unit as soon as that is known, where there are several: the problems from `before` on.
+fn print_problems(
+    args: &Args,
+    checked: &Checked,
+    report: &Report,
+    before: u64,
+    name: &str,
+    progress: &Progress,
+) -> anyhow::Result<()> {
+    let problems = report.count() - before;
+    if args.json || checked.units < 2 || problems == 0 {
+        return Ok(());
+    }
+    let text = format!("{name}: {}\n{}", many(problems, "problem"), report.problems_from(before));
+    let mut said = Ok(());
+    progress.above(|| said = crate::terminal::out().write_all(text.as_bytes()));
+    Ok(said?)
+}
+
+/// The units that the state knows and that are not there any more. The bag of a withdrawn object is not missed, because its withdrawal
+/// removed it.
+fn gone(place: &dyn Place, items: &[Item], state: &State) -> Vec<String> {
+    let there: BTreeSet<&str> = items.iter().map(|item| item.path.as_str()).collect();
+    let has_withdrawn_object = |name: &str| {
+        let slug = name.strip_suffix(".bag")?;
+        let manifest = place.below(slug).read(MANIFEST, MANIFEST_MAX).ok()??;
+        Some(Manifest::parse(&manifest).ok()?.access.state == AccessState::Withdrawn)
+    };
+    let is_gone = |name: &&str| !there.contains(name) && has_withdrawn_object(name) != Some(true);
+    state.names().filter(is_gone).map(str::to_owned).collect()
 }
 
 /// The report, and whether all is well.
-fn say(args: &Args, items: &[Item], report: &Report) -> anyhow::Result<()> {
-    let single = matches!(items, [Item { what: What::Pack, .. }]);
+fn say(args: &Args, checked: &Checked, report: &Report) -> anyhow::Result<()> {
+    let Checked { single, units } = *checked;
     let mut out = crate::terminal::out();
     let said = if args.json {
         let value = if single { of_pack(report) } else { report.to_json() };
@@ -129,7 +218,7 @@ fn say(args: &Args, items: &[Item], report: &Report) -> anyhow::Result<()> {
         }
         match &report.pack {
             Some(pack) if single => writeln!(out, "{}: {}", report.target, pack.summary()),
-            _ if report.count() == 0 || items.len() > 1 => writeln!(out, "{}: {}", report.target, report.summary()),
+            _ if report.count() == 0 || units > 1 => writeln!(out, "{}: {}", report.target, report.summary()),
             _ => Ok(()),
         }
     };
@@ -137,7 +226,7 @@ fn say(args: &Args, items: &[Item], report: &Report) -> anyhow::Result<()> {
         return Ok(said?);
     }
     // Damage is what counts, even where nobody listens to the report.
-    if items.len() > 1 {
+    if units > 1 {
         let bad = report.objects - report.sound_objects;
         bail!(
             "{}: {} in {} of {}",
@@ -196,7 +285,7 @@ fn canonical(target: &str) -> String {
     Path::new(target).canonicalize().map_or_else(|_| target.to_owned(), |path| path.display().to_string())
 }
 
-/// What there is below a path of this computer.
+/// What there is below a path of this computer; in a folder it may be nothing.
 fn in_folder(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
     let path = Path::new(target);
     let kind = std::fs::metadata(path).with_context(|| format!("cannot open {target}"))?;
@@ -227,9 +316,6 @@ fn in_folder(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
             entry.path().extension().is_some_and(|e| e == "kilwa").then_some(What::Pack)
         };
         items.extend(what.map(|what| Item { path, what }));
-    }
-    if items.is_empty() {
-        bail!("{target} is no archive object (it has no {MANIFEST}), and there is no object and no pack in it");
     }
     items.sort_by(|a, b| a.path.cmp(&b.path));
     Ok((place, items))
@@ -279,7 +365,7 @@ fn at_address(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
     let mut items = Vec::new();
     let page = web.read(PAGE, LIST_MAX).and_then(|page| if page.is_some() { Ok(page) } else { web.read("", LIST_MAX) });
     let page = page.with_context(|| web.name(PAGE))?.unwrap_or_default();
-    let mut seen = std::collections::BTreeSet::new();
+    let mut seen = BTreeSet::new();
     for link in links::of_html(&String::from_utf8_lossy(&page)) {
         let Some(path) = links::target(&link, "", Some(&web.name(""))) else { continue };
         let path = path.strip_suffix(PAGE).unwrap_or(&path).trim_end_matches('/').to_owned();
@@ -339,7 +425,8 @@ fn check(
         What::Bag { is_going } => {
             let below = if item.path.is_empty() { None } else { Some(place.below(&item.path)) };
             let place = below.as_deref().unwrap_or(place);
-            if !is_going && state.is_done(&item.path, "") {
+            unit.stamp = state.stamp(place, "");
+            if !is_going && state.is_done(&item.path, "", &unit.stamp) {
                 return Ok(None);
             }
             let mut check = Check { place, name: &item.path, report, state, progress };
@@ -350,7 +437,8 @@ fn check(
             }
         }
         What::Pack => {
-            if state.is_done(&item.path, "") {
+            unit.stamp = state.stamp(place, &item.path);
+            if state.is_done(&item.path, "", &unit.stamp) {
                 return Ok(None);
             }
             let mut check = Check { place, name: "", report, state, progress };

@@ -204,6 +204,42 @@ fn another_build_is_not_resumed_and_its_scratch_files_stay() {
     site.assert_undisturbed("anew");
 }
 
+/// As `cp -p` or `rsync -t` leave it.
+#[test]
+fn an_input_of_the_same_length_and_time_with_other_content_is_noticed_and_one_with_the_same_content_is_as_good() {
+    let site = Site::new();
+    let (mesh, other) = (site.path("fort.ply"), site.path("other.ply"));
+    let before = std::fs::read(&mesh).unwrap();
+    let time = std::fs::metadata(&mesh).unwrap().modified().unwrap();
+    let mut changed = before.clone();
+    let at = changed.len() - 1;
+    changed[at] = changed[at].wrapping_add(1);
+    let put = |bytes: &[u8], path: &Path| {
+        std::fs::write(path, bytes).unwrap();
+        std::fs::File::options().write(true).open(path).unwrap().set_modified(time).unwrap();
+    };
+    site.stopped_at("level-01.patches", &[]);
+    for is_replaced in [false, true] {
+        if is_replaced {
+            put(&changed, &other);
+            std::fs::rename(&other, &mesh).unwrap();
+        } else {
+            put(&changed, &mesh);
+        }
+        let refused = site.build(&["--resume"]).output().unwrap();
+        assert_eq!(refused.status.code(), Some(1), "replaced {is_replaced}: {}", stderr(&refused));
+        assert!(stderr(&refused).contains("fort.ply was changed since"), "{}", stderr(&refused));
+        assert!(site.scratch().join("journal").exists());
+    }
+    // Another inode and another ctime, and the content of then.
+    put(&before, &other);
+    std::fs::rename(&other, &mesh).unwrap();
+    let resumed = site.build(&["--resume"]).output().unwrap();
+    assert!(resumed.status.success(), "{}", stderr(&resumed));
+    assert!(stderr(&resumed).contains("going on after stage"), "{}", stderr(&resumed));
+    site.assert_undisturbed("the same content again");
+}
+
 #[test]
 fn damaged_scratch_files_are_noticed_and_what_they_were_for_is_done_again() {
     let site = Site::new();
@@ -329,7 +365,7 @@ fn two_builds_of_one_pack_at_once_and_foreign_folders_are_refused() {
     std::fs::write(site.scratch().join("notes.txt"), "of the survey").unwrap();
     let refused = site.build(&[]).output().unwrap();
     assert_eq!(refused.status.code(), Some(1));
-    assert!(stderr(&refused).contains("no scratch files"), "{}", stderr(&refused));
+    assert!(stderr(&refused).contains("notes.txt"), "{}", stderr(&refused));
     assert_eq!(std::fs::read(site.scratch().join("notes.txt")).unwrap(), b"of the survey");
     // A scratch folder elsewhere is used and left as it was found.
     std::fs::create_dir(site.path("disk")).unwrap();

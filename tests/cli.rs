@@ -63,6 +63,19 @@ fn every_verb_explains_itself() {
     }
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn help_that_cannot_be_printed_is_an_error() {
+    let calls: [&[&str]; 6] =
+        [&["help"], &["help", "build"], &["--help"], &["verify", "-h"], &["measure", "help"], &["--version"]];
+    for call in calls {
+        let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+        let output = Command::new(env!("CARGO_BIN_EXE_kilwa")).args(call).stdout(full).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{call:?}");
+        assert!(stderr(&output).contains("cannot print: No space left"), "{call:?}: {}", stderr(&output));
+    }
+}
+
 #[test]
 fn every_option_in_the_help_has_a_description() {
     for verb in VERBS {

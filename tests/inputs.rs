@@ -152,7 +152,8 @@ fn an_origin_is_added_in_the_units_of_the_file() {
     let (obj, pack) = (folder.path().join("a.obj"), folder.path().join("a.kilwa"));
     std::fs::write(&obj, "v 0 0 0\nv 1000 0 0\nv 0 1000 0\nf 1 2 3\n").unwrap();
     let args = ["build", text(&obj), "-o", text(&pack), "--units", "mm", "--origin", "-500000,9000000,250"];
-    succeeds(&args);
+    let said = succeeds(&args);
+    assert!(said.contains("levels 0.0"), "a pack of one chunk has no levels to build: {said}");
     let bounds = json(&["info", text(&pack)])["metadata"]["bounds_min"].clone();
     let near = |i: usize, v: f64| (bounds[i].as_f64().unwrap() - v).abs() < 0.01;
     assert!(near(0, -500.0) && near(1, 9000.0) && near(2, 0.25), "{bounds}");

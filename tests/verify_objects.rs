@@ -314,6 +314,103 @@ fn a_folder_is_checked_unit_by_unit_and_a_night_goes_on_where_it_was_stopped() {
     succeeds(&["verify", &shelf_name]);
 }
 
+/// Whatever the time of the file says: it can be set back.
+#[test]
+fn what_has_changed_since_is_checked_again_however_lately_it_was_checked() {
+    let folder = tempfile::tempdir().unwrap();
+    let (shelf, state) = (folder.path().join("shelf"), folder.path().join("state"));
+    fs::create_dir(&shelf).unwrap();
+    let object = publish(&shelf, "fort", 1);
+    let single = shelf.join("single.kilwa");
+    fs::copy(pack(), &single).unwrap();
+    let run = |more: &[&str], code| report(&[&[text(&shelf), "--state", text(&state)], more].concat(), code);
+    let manifest = Manifest::parse(&fs::read(object.join("manifest.json")).unwrap()).unwrap();
+    let changes: [fn(&mut Vec<u8>); 5] =
+        [|bytes| bytes[7] ^= 4, |bytes| bytes.truncate(5), |bytes| bytes.push(b'x'), |bytes| bytes.fill(0), Vec::clear];
+    for path in [single, object.join(&manifest.versions[0].pack.url), object.join("v1/poster.jpg")] {
+        let good = fs::read(&path).unwrap();
+        for (number, change) in changes.iter().enumerate() {
+            assert_eq!(run(&[], 0)["sound"], true);
+            assert_eq!(run(&["--older-than", "5"], 0)["skipped"], 2);
+            let time = fs::metadata(&path).unwrap().modified().unwrap();
+            let mut bytes = good.clone();
+            change(&mut bytes);
+            // Clocks of files may go in steps of some milliseconds.
+            std::thread::sleep(std::time::Duration::from_millis(50));
+            fs::write(&path, &bytes).unwrap();
+            if cfg!(unix) {
+                fs::File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();
+            }
+            let found = run(&["--older-than", "5"], 1);
+            let counts = (&found["objects"], &found["skipped"], &found["sound"]);
+            assert_eq!(counts, (&1.into(), &1.into(), &false.into()), "{} {number}: {found}", path.display());
+            fs::write(&path, &good).unwrap();
+        }
+    }
+    // A run that was stopped does not go on past a change either.
+    run(&[], 0);
+    let lines = fs::read_to_string(&state).unwrap();
+    let stop = lines.lines().position(|l| l.contains("v1/poster.jpg")).unwrap();
+    fs::write(&state, lines.lines().take(stop + 1).collect::<Vec<_>>().join("\n")).unwrap();
+    fs::write(object.join("v1/poster.jpg"), "POSTER.JPG").unwrap();
+    let found = problems(&run(&["--resume"], 1));
+    assert_eq!(found, BTreeSet::from([("fort/v1/poster.jpg".to_owned(), "damaged".to_owned())]));
+}
+
+#[test]
+fn what_was_there_at_an_earlier_check_is_missing_until_it_is_forgotten() {
+    let folder = tempfile::tempdir().unwrap();
+    let (shelf, state) = (folder.path().join("shelf"), folder.path().join("state"));
+    let (single, other) = (shelf.join("single.kilwa"), shelf.join("other.kilwa"));
+    fs::create_dir(&shelf).unwrap();
+    fs::copy(pack(), &single).unwrap();
+    fs::copy(pack(), &other).unwrap();
+    let run = |more: &[&str], code| report(&[&[text(&shelf), "--state", text(&state)], more].concat(), code);
+    let missing = |name: &str| BTreeSet::from([(name.to_owned(), "missing".to_owned())]);
+    run(&[], 0);
+    fs::remove_file(&single).unwrap();
+    let runs: [&[&str]; 3] = [&[], &["--older-than", "5"], &["--resume"]];
+    for more in runs {
+        assert_eq!(problems(&run(more, 1)), missing("single.kilwa"), "{more:?}");
+    }
+    let said = kilwa(&["verify", text(&shelf), "--state", text(&state)]);
+    let said = String::from_utf8_lossy(&[said.stdout, said.stderr].concat()).into_owned();
+    assert!(said.contains("--forget 'single.kilwa'") && said.contains("1 problem in 1 of 2 objects"), "{said}");
+    // Who names one pack is not told of others.
+    assert_eq!(report(&[text(&other)], 0)["sound"], true);
+    let refused = fails(&["verify", text(&shelf), "--state", text(&state), "--forget", "none"]);
+    assert!(refused.contains("does not know it"), "{refused}");
+    assert_eq!(run(&["--forget", "single.kilwa"], 0)["sound"], true);
+    assert_eq!(run(&["--older-than", "5"], 0)["skipped"], 1);
+    // Also where nothing is left.
+    fs::remove_file(&other).unwrap();
+    assert_eq!(problems(&run(&[], 1)), missing("other.kilwa"));
+    // The bag of a withdrawn object is removed by the withdrawal.
+    publish(&shelf, "fort", 1);
+    wrap(&shelf);
+    run(&["--forget", "other.kilwa"], 0);
+    withdraw_with(&shelf, &folder.path().join("keep"), usize::MAX).unwrap();
+    assert!(!shelf.join("fort.bag").exists());
+    assert_eq!(run(&[], 0)["sound"], true);
+}
+
+#[test]
+fn what_could_not_be_checked_is_a_problem_in_json_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let (none, notes) = (folder.path().join("none.kilwa"), folder.path().join("notes.txt"));
+    fs::write(&notes, "years of work\n").unwrap();
+    let cases: [(&[&str], &Path, &str); 3] = [
+        (&[text(&none)], &none, "missing"),
+        (&[text(folder.path())], folder.path(), "unreadable"),
+        (&[text(folder.path()), "--state", text(&notes)], folder.path(), "unreadable"),
+    ];
+    for (args, target, kind) in cases {
+        let found = report(args, 1);
+        assert_eq!(problems(&found), BTreeSet::from([(text(target).to_owned(), kind.to_owned())]), "{args:?}: {found}");
+        assert_eq!(found["sound"], false, "{args:?}");
+    }
+}
+
 /// Put the object `fort` of a shelf into a bag.
 fn wrap(shelf: &Path) -> PathBuf {
     let info = kilwa_archive::bag::BagInfo {

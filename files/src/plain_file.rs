@@ -114,6 +114,32 @@ pub fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
     (a.created().ok(), a.modified().ok(), a.len()) == (b.created().ok(), b.modified().ok(), b.len())
 }
 
+/// What changes whenever a file is changed or replaced, as text: its length, when its content and (on Unix) when anything of it was last
+/// changed, to the nanosecond, and its inode. Two files with the same text are the same file with the same content, but for a system that
+/// keeps coarse times.
+#[cfg(unix)]
+pub fn stamp(metadata: &Metadata) -> String {
+    use std::os::unix::fs::MetadataExt;
+    format!(
+        "{} {}.{:09} {}.{:09} {}",
+        metadata.len(),
+        metadata.mtime(),
+        metadata.mtime_nsec(),
+        metadata.ctime(),
+        metadata.ctime_nsec(),
+        metadata.ino()
+    )
+}
+
+/// What changes whenever a file is changed or replaced, as far as the system says: its length, and when it was written and created.
+#[cfg(not(unix))]
+pub fn stamp(metadata: &Metadata) -> String {
+    let nanoseconds = |time: io::Result<std::time::SystemTime>| {
+        time.ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok()).map_or(0, |t| t.as_nanos())
+    };
+    format!("{} {} {}", metadata.len(), nanoseconds(metadata.modified()), nanoseconds(metadata.created()))
+}
+
 /// Open a regular file whose path contains no link at all, as a path below a canonical one should.
 ///
 /// # Errors
@@ -221,6 +247,26 @@ mod tests {
             assert!(is_other(&open(&at(name)).unwrap_err()), "{name}");
         }
         assert_eq!(open(&at("none")).unwrap_err().kind(), io::ErrorKind::NotFound);
+    }
+
+    #[test]
+    fn a_stamp_is_another_one_after_any_change_even_with_the_old_time_and_length() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, other) = (folder.path().join("file"), folder.path().join("other"));
+        let now = || stamp(&fs::metadata(&path).unwrap());
+        fs::write(&path, "one").unwrap();
+        let (before, time) = (now(), fs::metadata(&path).unwrap().modified().unwrap());
+        assert_eq!(now(), before);
+        let put_back = || File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();
+        // Clocks of files may go in steps of some milliseconds.
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        fs::write(&path, "two").unwrap();
+        put_back();
+        assert_ne!(now(), before, "written in place");
+        fs::write(&other, "one").unwrap();
+        fs::rename(&other, &path).unwrap();
+        put_back();
+        assert_ne!(now(), before, "replaced");
     }
 
     #[test]

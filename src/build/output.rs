@@ -58,6 +58,23 @@ fn has_other_names(_: &Metadata) -> bool {
     false
 }
 
+/// Read every chunk of a pack, on all threads; its identity.
+pub(super) fn check(path: &Path, bar: &Bar, stop: &Stop) -> anyhow::Result<String> {
+    let pack = open_pack(path)?;
+    verify::directory(pack.entries())?;
+    let total = pack.entries().len() as u32;
+    let done = AtomicU64::new(0);
+    let one = |i: u32| -> anyhow::Result<Totals> {
+        stop.check()?;
+        let totals = verify::chunk(i, &pack.chunk(i)?, pack.entries())?;
+        bar.update("checking", done.fetch_add(1, Ordering::Relaxed) + 1, u64::from(total));
+        Ok(totals)
+    };
+    let totals = (0..total).into_par_iter().map(one).try_reduce(Totals::default, |a, b| Ok(a.plus(b)))?;
+    totals.agree(pack.header(), pack.metadata())?;
+    Ok(pack.identity())
+}
+
 /// The output under its temporary name.
 pub(super) struct Output {
     writer: BufWriter<File>,
@@ -100,21 +117,9 @@ impl Output {
         finish(&mut self.writer).with_context(|| format!("cannot write {}", self.name.display()))
     }
 
-    /// Read every chunk back, on all threads.
-    pub(super) fn check(&self, bar: &Bar, stop: &Stop) -> anyhow::Result<()> {
-        let pack = open_pack(&self.temporary)?;
-        verify::directory(pack.entries())?;
-        let total = pack.entries().len() as u32;
-        let done = AtomicU64::new(0);
-        let one = |i: u32| -> anyhow::Result<Totals> {
-            stop.check()?;
-            let totals = verify::chunk(i, &pack.chunk(i)?, pack.entries())?;
-            bar.update("checking", done.fetch_add(1, Ordering::Relaxed) + 1, u64::from(total));
-            Ok(totals)
-        };
-        let totals = (0..total).into_par_iter().map(one).try_reduce(Totals::default, |a, b| Ok(a.plus(b)))?;
-        totals.agree(pack.header(), pack.metadata())?;
-        Ok(())
+    /// Read every chunk back, on all threads; the identity of the pack.
+    pub(super) fn check(&self, bar: &Bar, stop: &Stop) -> anyhow::Result<String> {
+        check(&self.temporary, bar, stop)
     }
 
     /// Give it its name.

@@ -128,7 +128,8 @@ fn spent(r: &Report<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let mut parts: Vec<String> = Vec::new();
     for t in b.stages.iter().filter(|t| !levels(t)) {
         if t.stage == "assemble" {
-            let sum: f64 = b.stages.iter().filter(levels).map(|t| t.seconds).sum();
+            // The sum of nothing is -0.
+            let sum = b.stages.iter().filter(levels).map(|t| t.seconds).fold(0.0, |sum, s| sum + s);
             parts.push(format!("levels {sum:.1}"));
         }
         parts.push(format!("{} {:.1}", t.stage, t.seconds));

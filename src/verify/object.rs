@@ -139,10 +139,12 @@ impl Check<'_> {
     /// # Errors
     /// When the state cannot be written.
     pub(crate) fn listed(&mut self, path: &str, expected: &str, list: &str) -> anyhow::Result<()> {
+        // Before it is read: a change in between makes another one.
+        let stamp = self.state.stamp(self.place, path);
         let Some(file) = self.open(path, list) else { return Ok(()) };
         let of_state = self.path(path);
         match file.len() {
-            Ok(bytes) if self.state.has(&of_state, bytes, expected) => {
+            Ok(bytes) if self.state.has(&of_state, bytes, expected, &stamp) => {
                 self.progress.bytes(bytes);
                 return Ok(());
             }
@@ -154,7 +156,7 @@ impl Check<'_> {
                 self.report.files += 1;
                 self.report.bytes += bytes;
                 if found == expected {
-                    return self.state.file(&of_state, bytes, expected);
+                    return self.state.file(&of_state, bytes, expected, &stamp);
                 }
                 self.add(path, Kind::Damaged, differs(&found, bytes, expected, None, list));
             }
@@ -173,10 +175,11 @@ impl Check<'_> {
         expected: Option<(&str, &str)>,
     ) -> anyhow::Result<Option<sound::Checked>> {
         let list = expected.map_or(MANIFEST, |(_, list)| list);
+        let stamp = self.state.stamp(self.place, path);
         let Some(file) = self.open(path, list) else { return Ok(None) };
         let of_state = self.path(path);
         if let (Some((sum, _)), Ok(bytes)) = (expected, file.len())
-            && self.state.has(&of_state, bytes, sum)
+            && self.state.has(&of_state, bytes, sum, &stamp)
         {
             self.progress.bytes(bytes);
             return Ok(None);
@@ -207,7 +210,7 @@ impl Check<'_> {
             sound = false;
         }
         if let Some(sum) = checked.sha256.as_deref().filter(|_| sound) {
-            self.state.file(&of_state, checked.bytes, sum)?;
+            self.state.file(&of_state, checked.bytes, sum, &stamp)?;
         }
         Ok(sound.then_some(checked))
     }
@@ -218,7 +221,8 @@ impl Check<'_> {
     /// When the state cannot be written.
     pub(crate) fn object(&mut self) -> anyhow::Result<Option<Unit>> {
         let before = self.report.count();
-        let mut unit = Unit { name: self.name.to_owned(), ..Unit::default() };
+        let stamp = self.state.stamp(self.place, "");
+        let mut unit = Unit { name: self.name.to_owned(), stamp, ..Unit::default() };
         let known = self.state.unit(self.name).cloned().unwrap_or_default();
         let bytes = match self.place.read(MANIFEST, MANIFEST_MAX) {
             Ok(Some(bytes)) => bytes,
@@ -236,7 +240,7 @@ impl Check<'_> {
             }
         };
         unit.manifest = sha256(&bytes);
-        if self.state.is_done(self.name, &unit.manifest) {
+        if self.state.is_done(self.name, &unit.manifest, &unit.stamp) {
             return Ok(None);
         }
         self.report.files += 1;

@@ -1,6 +1,7 @@
 //! Where an object lies: a folder, or an address ([`super::web`]). Paths are relative to it, with `/`.
 
 use crate::source::FileSource;
+use kilwa_archive::checksums::sha256;
 use kilwa_archive::draft::HIDDEN;
 use kilwa_files::plain_file;
 use kilwa_pack::Source;
@@ -27,6 +28,10 @@ pub(crate) trait Place {
     /// # Errors
     /// What the system says.
     fn list(&self, folder: &str) -> io::Result<Option<Vec<(String, u64)>>>;
+
+    /// What changes whenever the file at `path`, or any file below it (`""`: below the place), is changed, replaced, added or removed;
+    /// `None` where that cannot be seen.
+    fn stamp(&self, path: &str) -> Option<String>;
 
     /// The same place, as seen from a folder in it.
     fn below(&self, folder: &str) -> Box<dyn Place>;
@@ -82,9 +87,36 @@ impl Place for Folder {
         Ok(Some(all))
     }
 
+    fn stamp(&self, path: &str) -> Option<String> {
+        let at = if path.is_empty() { self.at.clone() } else { self.at.join(path) };
+        let mut all = Vec::new();
+        if fs::metadata(&at).ok()?.is_dir() {
+            stamps(&at, "", &mut all).ok()?;
+        } else {
+            all.push((String::new(), plain_file::stamp(&fs::symlink_metadata(&at).ok()?)));
+        }
+        all.sort();
+        Some(sha256(format!("{all:?}").as_bytes()))
+    }
+
     fn below(&self, folder: &str) -> Box<dyn Place> {
         Box::new(Self { named: self.named.clone(), at: self.at.join(folder) })
     }
+}
+
+/// The stamp of each file below a folder, with its path. Links are not followed.
+fn stamps(folder: &Path, prefix: &str, into: &mut Vec<(String, String)>) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        // Names that are not Unicode stay apart.
+        let path = format!("{prefix}/{:?}", entry.file_name());
+        if entry.file_type()?.is_dir() {
+            stamps(&entry.path(), &path, into)?;
+        } else {
+            into.push((path, plain_file::stamp(&entry.metadata()?)));
+        }
+    }
+    Ok(())
 }
 
 /// Files below a folder. Links are named, not followed: what they point to is not part of the object.

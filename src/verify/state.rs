@@ -1,8 +1,9 @@
 //! What was checked when, so that a nightly job goes on where it was stopped and reads again only what is due.
 //!
 //! A text file, one JSON object a line, only ever appended to: a run begins, a file was read, a unit (object, bag or single pack) is done,
-//! the run is done. A line that a power cut tore off is passed over. A new run writes the file anew with the last line of each unit.
+//! the run is done, a unit is to be forgotten. A line that a power cut tore off is passed over. A new run writes the file anew with the last line of each unit.
 
+use super::place::Place;
 use crate::secrets::shown;
 use anyhow::{Context, bail};
 use kilwa_files::{plain_file, unfinished};
@@ -20,10 +21,25 @@ const MAX_BYTES: u64 = 1 << 30;
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(tag = "kilwa-verify", rename_all = "lowercase")]
 enum Line {
-    Run { target: String, at: u64 },
-    File { path: String, bytes: u64, sha256: String, at: u64 },
+    Run {
+        target: String,
+        at: u64,
+    },
+    File {
+        path: String,
+        bytes: u64,
+        sha256: String,
+        at: u64,
+        #[serde(default)]
+        stamp: String,
+    },
     Unit(Unit),
-    Done { at: u64 },
+    Forget {
+        name: String,
+    },
+    Done {
+        at: u64,
+    },
 }
 
 /// What is known of an object, bag or pack that was checked.
@@ -41,6 +57,18 @@ pub(crate) struct Unit {
     /// Number of each version, and the SHA-256 of its list of checksums: these never change.
     #[serde(default)]
     pub(crate) versions: Vec<(u32, String)>,
+    /// Names, lengths, times and inodes of all its files as they were before the check, as one checksum; empty where they are not known
+    /// (states of earlier programs, and addresses).
+    #[serde(default)]
+    pub(crate) stamp: String,
+}
+
+/// A file that was found sound.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct SoundFile {
+    bytes: u64,
+    sha256: String,
+    stamp: String,
 }
 
 /// What is remembered; in memory only without a file.
@@ -48,8 +76,8 @@ pub(crate) struct Unit {
 pub(crate) struct State {
     file: Option<(PathBuf, File)>,
     units: BTreeMap<String, Unit>,
-    /// Files of the unit under way that were found sound: bytes and SHA-256.
-    files: BTreeMap<String, (u64, String)>,
+    /// Files of the unit under way that were found sound.
+    files: BTreeMap<String, SoundFile>,
     /// Units that are done in the run that is gone on with.
     resumed: BTreeSet<String>,
     /// Units checked since then, and sound, are left out.
@@ -63,12 +91,27 @@ pub(crate) fn now() -> u64 {
 
 impl State {
     /// Open a state file, or begin it. With `resume` a run that was stopped is gone on with; `days`: what was found sound so many days ago or
-    /// later is left out.
+    /// later is left out. The units named in `forget` are not known any more.
     ///
     /// # Errors
-    /// When it cannot be read or written, is another kind of file, or belongs to another target.
-    pub(crate) fn open(path: &Path, target: &str, resume: bool, days: Option<u64>) -> anyhow::Result<Self> {
-        let known = Known::read(path, target)?;
+    /// When it cannot be read or written, is another kind of file, belongs to another target, or does not know what is to be forgotten.
+    pub(crate) fn open(
+        path: &Path,
+        target: &str,
+        resume: bool,
+        days: Option<u64>,
+        forget: &[String],
+    ) -> anyhow::Result<Self> {
+        let mut known = Known::read(path, target)?;
+        for name in forget {
+            if known.units.remove(name).is_none() {
+                bail!(
+                    "--forget {name}: the state {} does not know it; give the name as it is reported",
+                    path.display()
+                );
+            }
+            known.done.remove(name);
+        }
         let at = now();
         let resumed = known.is_running && resume;
         let mut state = Self {
@@ -87,6 +130,11 @@ impl State {
             file.write_all(b"\n").with_context(|| format!("cannot write the state {}", path.display()))?;
         }
         state.file = Some((path.to_owned(), file));
+        if resumed {
+            for name in forget {
+                state.write(&Line::Forget { name: name.clone() })?;
+            }
+        }
         Ok(state)
     }
 
@@ -109,23 +157,36 @@ impl State {
         self.units.get(name)
     }
 
-    /// Whether a unit needs no look: checked in the run that is gone on with, or lately, found sound, with this manifest.
-    pub(crate) fn is_done(&self, name: &str, manifest: &str) -> bool {
-        let unit = self.units.get(name).filter(|u| u.problems == 0 && u.manifest == manifest);
-        unit.is_some_and(|u| self.resumed.contains(name) || self.fresh_since.is_some_and(|since| u.at >= since))
+    /// The names of all units that are known from before.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
+        self.units.keys().map(String::as_str)
     }
 
-    /// Whether a file of the unit under way was found to have these bytes before the run was stopped.
-    pub(crate) fn has(&self, path: &str, bytes: u64, sha256: &str) -> bool {
-        self.files.get(path).is_some_and(|(b, s)| *b == bytes && s == sha256)
+    /// The stamp of a file or folder of a place; empty where it is not known, or nothing is remembered.
+    pub(crate) fn stamp(&self, place: &dyn Place, path: &str) -> String {
+        self.file.as_ref().and_then(|_| place.stamp(path)).unwrap_or_default()
     }
 
-    /// A file was read and is sound.
+    /// Whether a unit needs no look: checked in the run that is gone on with, or lately, found sound, with this manifest, and its files are
+    /// those of then. What may have changed unseen is left out only in the same run.
+    pub(crate) fn is_done(&self, name: &str, manifest: &str, stamp: &str) -> bool {
+        let unit = self.units.get(name).filter(|u| u.problems == 0 && u.manifest == manifest && u.stamp == stamp);
+        let is_fresh = |u: &Unit| !stamp.is_empty() && self.fresh_since.is_some_and(|since| u.at >= since);
+        unit.is_some_and(|u| self.resumed.contains(name) || is_fresh(u))
+    }
+
+    /// Whether a file of the unit under way was found to have these bytes before the run was stopped, and has not changed since.
+    pub(crate) fn has(&self, path: &str, bytes: u64, sha256: &str, stamp: &str) -> bool {
+        self.files.get(path).is_some_and(|f| f.bytes == bytes && f.sha256 == sha256 && f.stamp == stamp)
+    }
+
+    /// A file was read and is sound; `stamp` is what it had before.
     ///
     /// # Errors
     /// When it cannot be written down.
-    pub(crate) fn file(&mut self, path: &str, bytes: u64, sha256: &str) -> anyhow::Result<()> {
-        let line = Line::File { path: path.to_owned(), bytes, sha256: sha256.to_owned(), at: now() };
+    pub(crate) fn file(&mut self, path: &str, bytes: u64, sha256: &str, stamp: &str) -> anyhow::Result<()> {
+        let (sha256, stamp) = (sha256.to_owned(), stamp.to_owned());
+        let line = Line::File { path: path.to_owned(), bytes, sha256, at: now(), stamp };
         self.write(&line)
     }
 
@@ -165,7 +226,7 @@ impl State {
 #[derive(Default)]
 struct Known {
     units: BTreeMap<String, Unit>,
-    files: BTreeMap<String, (u64, String)>,
+    files: BTreeMap<String, SoundFile>,
     /// Units that are done in the last run.
     done: BTreeSet<String>,
     /// The last run did not end.
@@ -192,8 +253,12 @@ impl Known {
                     known.files.clear();
                     known.done.clear();
                 }
-                Line::File { path, bytes, sha256, .. } => {
-                    known.files.insert(path, (bytes, sha256));
+                Line::File { path, bytes, sha256, stamp, .. } => {
+                    known.files.insert(path, SoundFile { bytes, sha256, stamp });
+                }
+                Line::Forget { name } => {
+                    known.units.remove(&name);
+                    known.done.remove(&name);
                 }
                 Line::Unit(unit) => {
                     known.files.clear();
@@ -219,28 +284,36 @@ mod tests {
     use std::fs;
 
     fn unit(name: &str, at: u64, problems: u64) -> Unit {
-        Unit { name: name.to_owned(), at, problems, manifest: "m".to_owned(), versions: vec![(1, "s".to_owned())] }
+        let versions = vec![(1, "s".to_owned())];
+        Unit { name: name.to_owned(), at, problems, manifest: "m".to_owned(), versions, stamp: "now".to_owned() }
     }
 
     #[test]
     fn a_run_that_was_stopped_is_gone_on_with_and_a_torn_line_is_passed_over() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("state");
-        let mut state = State::open(&path, "here", true, None).unwrap();
+        let mut state = State::open(&path, "here", true, None, &[]).unwrap();
         state.done(unit("a", now(), 0)).unwrap();
         state.done(unit("b", now(), 2)).unwrap();
-        state.file("c/x", 5, "55").unwrap();
+        state.file("c/x", 5, "55", "now").unwrap();
         drop(state);
         let mut text = fs::read(&path).unwrap();
         text.extend(b"{\"kilwa-verify\":\"fi");
         fs::write(&path, text).unwrap();
-        let mut state = State::open(&path, "here", true, None).unwrap();
-        assert!(state.is_done("a", "m") && !state.is_done("a", "other") && !state.is_done("b", "m"));
-        assert!(state.has("c/x", 5, "55") && !state.has("c/x", 5, "56"));
+        let mut state = State::open(&path, "here", true, None, &[]).unwrap();
+        assert!(
+            state.is_done("a", "m", "now") && !state.is_done("a", "other", "now") && !state.is_done("b", "m", "now")
+        );
+        assert!(!state.is_done("a", "m", "then"), "its files have changed");
+        assert!(state.has("c/x", 5, "55", "now") && !state.has("c/x", 5, "56", "now"));
+        assert!(!state.has("c/x", 5, "55", "then"), "it has changed");
         state.done(unit("c", now(), 0)).unwrap();
         state.finish().unwrap();
-        let state = State::open(&path, "here", true, None).unwrap();
-        assert!(!state.is_done("a", "m") && !state.has("c/x", 5, "55"), "a run that was done is not gone on with");
+        let state = State::open(&path, "here", true, None, &[]).unwrap();
+        assert!(
+            !state.is_done("a", "m", "now") && !state.has("c/x", 5, "55", "now"),
+            "a run that was done is not gone on with"
+        );
         assert_eq!(state.unit("c").unwrap().versions, [(1, "s".to_owned())]);
     }
 
@@ -248,12 +321,51 @@ mod tests {
     fn what_was_checked_lately_is_left_out() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("state");
-        let mut state = State::open(&path, "here", false, None).unwrap();
+        let mut state = State::open(&path, "here", false, None, &[]).unwrap();
         state.done(unit("old", now() - 10 * 86_400, 0)).unwrap();
         state.done(unit("new", now() - 86_400, 0)).unwrap();
         state.finish().unwrap();
-        let state = State::open(&path, "here", false, Some(7)).unwrap();
-        assert!(state.is_done("new", "m") && !state.is_done("old", "m"));
+        let state = State::open(&path, "here", false, Some(7), &[]).unwrap();
+        assert!(state.is_done("new", "m", "now") && !state.is_done("old", "m", "now"));
+        assert!(!state.is_done("new", "m", "then") && !state.is_done("new", "m", ""), "it may have changed");
+    }
+
+    #[test]
+    fn states_of_earlier_programs_are_read_and_what_they_know_is_checked_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("state");
+        let old = |at: u64| {
+            format!(
+                "{{\"kilwa-verify\":\"run\",\"target\":\"here\",\"at\":{at}}}\n\
+                 {{\"kilwa-verify\":\"unit\",\"name\":\"a\",\"at\":{at},\"problems\":0,\"manifest\":\"m\",\"versions\":[[1,\"s\"]]}}\n\
+                 {{\"kilwa-verify\":\"file\",\"path\":\"b/x\",\"bytes\":5,\"sha256\":\"55\",\"at\":{at}}}\n"
+            )
+        };
+        for resume in [false, true] {
+            fs::write(&path, old(now())).unwrap();
+            let state = State::open(&path, "here", resume, Some(7), &[]).unwrap();
+            assert_eq!(state.unit("a").unwrap().versions, [(1, "s".to_owned())]);
+            assert!(!state.is_done("a", "m", "now") && !state.has("b/x", 5, "55", "now"));
+        }
+    }
+
+    #[test]
+    fn what_is_forgotten_is_not_known_any_more_in_a_new_run_or_a_resumed_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("state");
+        for resume in [false, true] {
+            fs::remove_file(&path).ok();
+            let mut state = State::open(&path, "here", false, None, &[]).unwrap();
+            state.done(unit("a", now(), 0)).unwrap();
+            state.done(unit("b", now(), 0)).unwrap();
+            drop(state);
+            let forget = ["a".to_owned()];
+            let unknown = State::open(&path, "here", resume, None, &["c".to_owned()]).err().unwrap().to_string();
+            assert!(unknown.contains("--forget c"), "{unknown}");
+            drop(State::open(&path, "here", resume, None, &forget).unwrap());
+            let state = State::open(&path, "here", resume, None, &[]).unwrap();
+            assert_eq!(state.names().collect::<Vec<_>>(), ["b"], "resume {resume}");
+        }
     }
 
     #[cfg(unix)]
@@ -264,7 +376,7 @@ mod tests {
         assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
         std::os::unix::fs::symlink("/dev/zero", &device).unwrap();
         for path in [pipe, device] {
-            let refused = State::open(&path, "here", true, None).err().map(|e| format!("{e:#}"));
+            let refused = State::open(&path, "here", true, None, &[]).err().map(|e| format!("{e:#}"));
             assert!(refused.as_ref().is_some_and(|why| why.contains("not a regular file")), "{refused:?}");
         }
     }
@@ -274,11 +386,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("thesis.txt");
         fs::write(&path, "years of work\n").unwrap();
-        assert!(State::open(&path, "here", false, None).is_err());
+        assert!(State::open(&path, "here", false, None, &[]).is_err());
         assert_eq!(fs::read(&path).unwrap(), b"years of work\n");
         let path = folder.path().join("state");
-        drop(State::open(&path, "here", false, None).unwrap());
-        let other = State::open(&path, "there", false, None).err().unwrap().to_string();
+        drop(State::open(&path, "here", false, None, &[]).unwrap());
+        let other = State::open(&path, "there", false, None, &[]).err().unwrap().to_string();
         assert!(other.contains("belongs to here"), "{other}");
     }
 }

@@ -96,6 +96,11 @@ impl Place for Web {
         }))
     }
 
+    fn stamp(&self, _path: &str) -> Option<String> {
+        // Only the server knows.
+        None
+    }
+
     fn list(&self, _folder: &str) -> io::Result<Option<Vec<(String, u64)>>> {
         Ok(None)
     }

@@ -7,10 +7,11 @@
 //! are. A line that is incomplete, or whose checksum does not match, is ignored. Files that no line needs are removed; those of
 //! the last line but one are kept too, so that one damaged file costs one stage.
 
-use crate::build::INGEST;
 use crate::build::options::BuildError;
+use crate::build::{INGEST, READ};
 use crate::ingest::is_file_of_ingest;
 use crate::scratch::{Scratch, ScratchError, ScratchFile, seal, unseal};
+use kilwa_pack::metadata::SourceFile;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -29,6 +30,10 @@ pub struct Plan {
     pub inputs: Vec<PlannedInput>,
 }
 
+/// Whether the input with this number still has the content that was read. The second argument is what the metadata says of the inputs
+/// that were read.
+pub type IsUnchanged<'a> = &'a dyn Fn(usize, &[SourceFile]) -> Result<bool, BuildError>;
+
 /// One input.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlannedInput {
@@ -41,10 +46,44 @@ pub struct PlannedInput {
     /// Where its coordinates are placed; any text that differs where the placement does.
     #[serde(default)]
     pub placement: String,
+    /// Any text that differs where the file was changed or replaced, even with its length and time kept. Where it differs, contents are
+    /// compared: a disk that was mounted again may give other inodes.
+    #[serde(default)]
+    pub stamp: String,
+}
+
+impl PlannedInput {
+    /// Whether two are the same but for their stamps.
+    fn is_like(&self, other: &Self) -> bool {
+        (&self.path, self.bytes, self.modified, &self.placement)
+            == (&other.path, other.bytes, other.modified, &other.placement)
+    }
 }
 
 impl Plan {
-    /// Why a build of `self` cannot go on with what `before` left.
+    /// Why a build of `self` is another one than `before`, whose inputs are described by `sources` in the metadata. Contents are compared
+    /// where it takes that.
+    ///
+    /// # Errors
+    /// Those of `is_unchanged`.
+    pub fn difference(
+        &self,
+        before: &Self,
+        sources: &[SourceFile],
+        is_unchanged: IsUnchanged<'_>,
+    ) -> Result<Option<String>, BuildError> {
+        if let Some(why) = self.differs_from(before) {
+            return Ok(Some(why));
+        }
+        for (number, (now, then)) in self.inputs.iter().zip(&before.inputs).enumerate() {
+            if now.stamp != then.stamp && !is_unchanged(number, sources)? {
+                return Ok(Some(format!("{} was changed since", now.path)));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Why a build of `self` cannot go on with what `before` left, without a look at stamps.
     fn differs_from(&self, before: &Self) -> Option<String> {
         if self.tool != before.tool {
             return Some(format!("it was begun by {}, and this is {}", before.tool, self.tool));
@@ -63,7 +102,7 @@ impl Plan {
                 self.inputs.len()
             ));
         }
-        let (now, then) = self.inputs.iter().zip(&before.inputs).find(|(now, then)| now != then)?;
+        let (now, then) = self.inputs.iter().zip(&before.inputs).find(|(now, then)| !now.is_like(then))?;
         Some(if now.path == then.path && now.placement != then.placement {
             format!("{} is placed otherwise: by {}, and before by {}", now.path, now.placement, then.placement)
         } else if now.path == then.path {
@@ -110,11 +149,11 @@ impl Journal {
     }
 
     /// Go on with the build whose journal is in the folder, after the last stage whose files are all there. Where there is
-    /// no journal, or not even its first line, the build begins anew.
+    /// no journal, or not even its first line, the build begins anew. So it does where no stage is complete and an input was changed.
     ///
     /// # Errors
-    /// [`BuildError::Resume`] where something else was being built; [`ScratchError`].
-    pub fn resume(scratch: &Scratch, plan: Plan) -> Result<Self, BuildError> {
+    /// [`BuildError::Resume`] where something else was being built; [`ScratchError`]; those of `is_unchanged`.
+    pub fn resume(scratch: &Scratch, plan: Plan, is_unchanged: IsUnchanged<'_>) -> Result<Self, BuildError> {
         let text = match scratch.existing(JOURNAL) {
             Ok(file) => String::from_utf8_lossy(&file.read(0, file.len())?).into_owned(),
             Err(_) => String::new(),
@@ -125,10 +164,15 @@ impl Journal {
         let Some(before) = lines.next().and_then(|l| serde_json::from_str::<Plan>(unseal(l)?).ok()) else {
             return Ok(Self::begin(scratch, plan)?);
         };
-        if let Some(why) = plan.differs_from(&before) {
+        let stages: Vec<Stage> = lines.map_while(|l| serde_json::from_str(unseal(l)?).ok()).collect();
+        let sources = stages.iter().find(|s| s.stage == READ).map(|s| s.data.clone()).unwrap_or_default();
+        let sources: Vec<SourceFile> = serde_json::from_value(sources).unwrap_or_default();
+        // Where nothing is complete, all inputs are read from their beginnings.
+        let is_unread = |_: usize, _: &[SourceFile]| -> Result<bool, BuildError> { Ok(true) };
+        let is_unchanged: IsUnchanged<'_> = if stages.is_empty() { &is_unread } else { is_unchanged };
+        if let Some(why) = plan.difference(&before, &sources, is_unchanged)? {
             return Err(BuildError::Resume { folder: scratch.folder().to_owned(), why });
         }
-        let stages: Vec<Stage> = lines.map_while(|l| serde_json::from_str(unseal(l)?).ok()).collect();
         let mut journal = Self { scratch: scratch.clone(), file: scratch.existing(JOURNAL)?, plan, stages };
         journal.go_back(&BTreeSet::new())?;
         Ok(journal)
@@ -212,8 +256,14 @@ mod tests {
 
     fn plan() -> Plan {
         let options = BTreeMap::from([("step".to_owned(), Value::from(0.25)), ("title".to_owned(), Value::from("a"))]);
-        let input = PlannedInput { path: "/a.ply".into(), bytes: 10, modified: Some(5), placement: String::new() };
+        let (path, stamp) = ("/a.ply".to_owned(), "inode 7".to_owned());
+        let input = PlannedInput { path, bytes: 10, modified: Some(5), placement: String::new(), stamp };
         Plan { tool: "kilwa 1".into(), options, inputs: vec![input] }
+    }
+
+    /// Go on; contents are never asked for.
+    fn resume(scratch: &Scratch, plan: Plan) -> Result<Journal, BuildError> {
+        Journal::resume(scratch, plan, &|_, _| panic!("nothing differs that asks for contents"))
     }
 
     fn with_stages(scratch: &Scratch, n: usize) -> Journal {
@@ -230,7 +280,7 @@ mod tests {
     fn a_build_goes_on_after_its_last_stage_and_old_files_are_gone() {
         let scratch = Scratch::temporary().unwrap();
         drop(with_stages(&scratch, 4));
-        let journal = Journal::resume(&scratch, plan()).unwrap();
+        let journal = resume(&scratch, plan()).unwrap();
         assert_eq!(journal.last().map(|s| (s.stage.as_str(), &s.data)), Some(("stage-3", &Value::from(3))));
         let names: Vec<String> = scratch.files().unwrap().into_iter().map(|f| f.0).collect();
         assert_eq!(names, ["file-2", "file-3", "journal"], "those of the last stage and of the one before");
@@ -247,7 +297,7 @@ mod tests {
                 1 => std::fs::remove_file(&path).unwrap(),
                 _ => {}
             }
-            let mut journal = Journal::resume(&scratch, plan()).unwrap();
+            let mut journal = resume(&scratch, plan()).unwrap();
             if spoil == 2 {
                 assert_eq!(journal.last().unwrap().stage, "stage-3");
                 journal.go_back(&BTreeSet::from(["file-3".to_owned()])).unwrap();
@@ -256,7 +306,7 @@ mod tests {
             assert!(!path.exists());
             // And from there it goes on.
             journal.complete("again", &["file-2".to_owned()], Value::Null).unwrap();
-            assert_eq!(Journal::resume(&scratch, plan()).unwrap().last().unwrap().stage, "again");
+            assert_eq!(resume(&scratch, plan()).unwrap().last().unwrap().stage, "again");
         }
     }
 
@@ -271,7 +321,7 @@ mod tests {
                 std::fs::write(scratch.path(name), bytes).unwrap();
             }
             std::fs::write(scratch.path(JOURNAL), &whole[..cut]).unwrap();
-            let journal = Journal::resume(&scratch, plan()).unwrap();
+            let journal = resume(&scratch, plan()).unwrap();
             let lines = String::from_utf8_lossy(&whole[..cut]).matches('\n').count();
             assert_eq!(journal.stages.len(), lines.saturating_sub(1), "cut at {cut}");
             let text = std::fs::read(scratch.path(JOURNAL)).unwrap();
@@ -292,11 +342,39 @@ mod tests {
             text[at] ^= 1;
             std::fs::write(scratch.path(JOURNAL), &text).unwrap();
             let line = whole[..at].split(|b| *b == b'\n').count() - 1;
-            let journal = Journal::resume(&scratch, plan()).unwrap();
+            let journal = resume(&scratch, plan()).unwrap();
             // Only the last two stages still have their files.
             let kept = if line == 3 { 2 } else { 0 };
             assert_eq!(journal.stages.len(), kept, "byte {at}, line {line}");
         }
+    }
+
+    #[test]
+    fn an_input_with_another_stamp_is_compared_by_its_content() {
+        let scratch = Scratch::temporary().unwrap();
+        drop(Journal::begin(&scratch, plan()).unwrap());
+        let mut other = plan();
+        other.inputs[0].stamp = "inode 8".into();
+        // Nothing of it is kept.
+        let mut journal = resume(&scratch, other.clone()).unwrap();
+        let source = SourceFile { name: "a.ply".into(), bytes: 10, sha256: "aa".into() };
+        journal.complete(READ, &[], serde_json::to_value([&source]).unwrap()).unwrap();
+        drop(journal);
+        let resumed = |plan: Plan, is_same: bool| {
+            Journal::resume(&scratch, plan, &|number, sources| {
+                assert_eq!((number, sources), (0, &[source.clone()][..]));
+                Ok(is_same)
+            })
+        };
+        let refused = resumed(plan(), false).unwrap_err().to_string();
+        assert!(refused.contains("/a.ply was changed since"), "{refused}");
+        assert!(resume(&scratch, other).is_ok(), "nothing was changed by the refusal");
+        assert_eq!(resumed(plan(), true).unwrap().last().unwrap().stage, READ);
+        // Its stamp is now the one that is known.
+        assert!(resume(&scratch, plan()).is_ok());
+        let mut later = plan();
+        later.inputs[0].modified = Some(6);
+        assert!(resumed(later, true).is_err(), "another time is another file");
     }
 
     #[test]
@@ -306,7 +384,7 @@ mod tests {
         let refused = |change: &dyn Fn(&mut Plan), says: &str| {
             let mut other = plan();
             change(&mut other);
-            let error = Journal::resume(&scratch, other).err().map(|e| e.to_string()).unwrap_or_default();
+            let error = resume(&scratch, other).err().map(|e| e.to_string()).unwrap_or_default();
             assert!(error.contains(says), "{error:?} should say {says:?}");
         };
         refused(&|p| p.tool = "kilwa 2".into(), "kilwa 1");
@@ -316,6 +394,6 @@ mod tests {
         refused(&|p| p.inputs[0].path = "/b.ply".into(), "/a.ply");
         refused(&|p| p.inputs[0].placement = "y up".into(), "placed otherwise");
         refused(&|p| p.inputs.clear(), "1 inputs");
-        assert!(Journal::resume(&scratch, plan()).unwrap().last().is_some(), "refusing changes nothing");
+        assert!(resume(&scratch, plan()).unwrap().last().is_some(), "refusing changes nothing");
     }
 }

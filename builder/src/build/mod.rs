@@ -39,7 +39,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Name of the stage that reads.
-const READ: &str = "read";
+pub(crate) const READ: &str = "read";
 /// Name of the stage that makes the leaves and the tree.
 pub(crate) const INGEST: &str = "ingest";
 
@@ -58,6 +58,20 @@ pub trait Inputs {
     /// # Errors
     /// [`BuildError`] where an input is not there.
     fn plan(&self) -> Result<Vec<PlannedInput>, BuildError>;
+
+    /// Whether input `number` of the plan still has the content that was read: its entry is among `sources`, what the metadata says of the
+    /// inputs that were read. Asked only where its stamp differs.
+    ///
+    /// # Errors
+    /// [`BuildError`] where it cannot be read.
+    fn is_unchanged(
+        &self,
+        _number: usize,
+        _sources: &[SourceFile],
+        _progress: &dyn Progress,
+    ) -> Result<bool, BuildError> {
+        Ok(false)
+    }
 
     /// Deliver all of them to `spool`, in metres and with z up. Returns what the metadata says of each.
     ///
@@ -109,8 +123,12 @@ pub fn build(
     let progress = Whole::new(run.progress);
     let Run { scratch, memory, stop, .. } = *run;
     let work = Work { scratch, memory, threads: pool.current_num_threads(), stop, progress: &progress };
-    let plan = Plan { tool: tool(), options: shaping(options), inputs: inputs.plan()? };
-    let journal = if run.resume { Journal::resume(scratch, plan)? } else { Journal::begin(scratch, plan)? };
+    let plan = plan(inputs, options)?;
+    let journal = if run.resume {
+        Journal::resume(scratch, plan, &|number, sources| inputs.is_unchanged(number, sources, &progress))?
+    } else {
+        Journal::begin(scratch, plan)?
+    };
     let resumed_after = journal.last().map(|s| s.stage.clone());
     match &resumed_after {
         Some(stage) => run.progress.note(&format!("going on after stage {stage}, which was complete")),
@@ -155,6 +173,14 @@ fn name_of(error: &ScratchError, scratch: &Scratch) -> Option<String> {
     let ScratchError::Damaged { path, .. } = error else { return None };
     let name = path.strip_prefix(scratch.folder()).ok()?;
     Some(name.to_string_lossy().into_owned())
+}
+
+/// What tells a build of these inputs with these options from others.
+///
+/// # Errors
+/// Those of [`Inputs::plan`].
+pub fn plan(inputs: &dyn Inputs, options: &BuildOptions) -> Result<Plan, BuildError> {
+    Ok(Plan { tool: tool(), options: shaping(options), inputs: inputs.plan()? })
 }
 
 fn tool() -> String {

@@ -131,6 +131,12 @@ pub enum BuildError {
         /// Most.
         most: u8,
     },
+    /// Finer than a lattice.
+    #[error("the mesh is too small: {why}")]
+    TooSmall {
+        /// What is shorter than what, and what to do.
+        why: String,
+    },
     /// More than the format holds.
     #[error("the mesh is too large for this version: {why}")]
     TooLarge {

@@ -34,9 +34,12 @@ fn coarsest(b: &Box3) -> i32 {
     if extent_of(b) >= f64::MAX { log + 1 } else { log }
 }
 
+/// Logarithm of the finest step that is chosen, about 1e-18 m.
+const FINEST: i32 = -60;
+
 /// Finer than the doubles of the source can tell apart is no use (and f64 world coordinates must stay exact).
 fn finest(b: &Box3) -> i32 {
-    (libm::log2(magnitude_of(b) * f64::EPSILON).floor().max(-60.0) as i32).max(-60)
+    (libm::log2(magnitude_of(b) * f64::EPSILON).floor().max(f64::from(FINEST)) as i32).max(FINEST)
 }
 
 /// The lattice that positions are cut to before the step is known.
@@ -192,7 +195,7 @@ pub(super) struct Measured {
 /// model never touches its hull.
 ///
 /// # Errors
-/// [`BuildError::TooLarge`], [`BuildError::Empty`], [`BuildError::Step`], each with what to do.
+/// [`BuildError::TooLarge`], [`BuildError::TooSmall`], [`BuildError::Empty`], [`BuildError::Step`], each with what to do.
 pub(super) fn choose(m: &Measured, given: Option<f64>) -> Result<(Lattice, u32), BuildError> {
     let [min, max] = m.bounds;
     let extent = extent_of(&m.bounds);
@@ -207,11 +210,21 @@ pub(super) fn choose(m: &Measured, given: Option<f64>) -> Result<(Lattice, u32),
         return Err(BuildError::Empty { why });
     }
     let (coarsest, finest) = (coarsest(&m.bounds), finest(&m.bounds));
+    if given.is_none() && extent < libm::scalbn(1.0, finest) {
+        let magnitude = magnitude_of(&m.bounds);
+        let why = format!(
+            "it is {extent:e} m wide, with coordinates up to {magnitude:e} m, and the finest step of a lattice there is {:e} m; check \
+             --units, or scale it with --transform",
+            libm::scalbn(1.0, finest)
+        );
+        return Err(BuildError::TooSmall { why });
+    }
     if given.is_none() && libm::scalbn(1.0, coarsest) > m.median {
         let why = format!(
             "it is {extent:e} m wide, but half of its edges are shorter than {:e} m, and a lattice has 2^30 steps: a \
              vertex is astray, between {min:?} and {max:?} m; remove it, or give --step",
-            m.median
+            // Where it is 0, it is less than a number can say.
+            m.median.max(f64::MIN_POSITIVE.sqrt())
         );
         return Err(BuildError::TooLarge { why });
     }

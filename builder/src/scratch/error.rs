@@ -44,7 +44,7 @@ pub enum ScratchError {
         /// The folder.
         path: PathBuf,
         /// What is wrong with it.
-        what: &'static str,
+        what: String,
     },
     /// Another build is using the folder.
     #[error("the scratch folder {} is in use by another build; wait for it, or give another --scratch", path.display())]

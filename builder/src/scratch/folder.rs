@@ -6,6 +6,7 @@
 
 use super::ScratchError;
 use kilwa_files::plain_file;
+use std::ffi::OsString;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::Path;
@@ -15,8 +16,6 @@ pub(super) const LOCK: &str = "lock";
 
 /// Content of that file.
 const MARKER: &[u8] = b"Kilwa keeps the scratch files of a build in this folder, and removes all files in it.\n";
-
-const NO_SCRATCH: &str = "holds no scratch files of a build";
 
 /// Create the folder if it does not exist.
 pub(super) fn make(path: &Path) -> Result<(), ScratchError> {
@@ -32,13 +31,18 @@ pub(super) fn make(path: &Path) -> Result<(), ScratchError> {
 
 /// Lock the folder, and make sure that it is ours.
 pub(super) fn take(folder: &Path) -> Result<File, ScratchError> {
-    let foreign = |what| ScratchError::Foreign { path: folder.to_owned(), what };
+    let foreign = |what: String| ScratchError::Foreign { path: folder.to_owned(), what };
     let path = folder.join(LOCK);
     refuse_links(folder)?;
     let there = std::fs::symlink_metadata(&path).ok();
     // Checked before anything is created in the folder.
-    if there.as_ref().is_some_and(|there| !there.is_file()) || (there.is_none() && holds_more(folder)?) {
-        return Err(foreign(NO_SCRATCH));
+    if there.as_ref().is_some_and(|there| !there.is_file()) {
+        return Err(foreign("what is called `lock` in it is not a regular file, so no build made it".to_owned()));
+    }
+    if there.is_none()
+        && let Some(name) = another(folder)?
+    {
+        return Err(foreign(format!("holds {name:?}, but not the file `lock` by which a build knows its own folder")));
     }
     let cannot = |doing| move |e| ScratchError::io(&folder.join(LOCK), doing, e);
     let mut lock = match File::options().read(true).write(true).create_new(true).open(&path) {
@@ -55,8 +59,9 @@ pub(super) fn take(folder: &Path) -> Result<File, ScratchError> {
     (&mut lock).take(MARKER.len() as u64 + 1).read_to_end(&mut text).map_err(cannot("read"))?;
     if text != MARKER {
         // A build that was killed as it started may have left part of the marker, and nothing else.
-        if !MARKER.starts_with(&text) || holds_more(folder)? {
-            return Err(foreign(NO_SCRATCH));
+        if !MARKER.starts_with(&text) || another(folder)?.is_some() {
+            let what = "its file `lock` is not what a build writes there: it is damaged, or somebody else's";
+            return Err(foreign(what.to_owned()));
         }
         let written = lock.seek(SeekFrom::Start(0)).and_then(|_| lock.write_all(MARKER)).and_then(|()| lock.sync_all());
         written.map_err(|e| ScratchError::write(&path, MARKER.len() as u64, 0, e))?;
@@ -75,16 +80,17 @@ fn refuse_links(folder: &Path) -> Result<(), ScratchError> {
     }
     let what =
         if kind.is_symlink() { "is a link; scratch files are not written through links" } else { "is not a folder" };
-    Err(ScratchError::Foreign { path: folder.to_owned(), what })
+    Err(ScratchError::Foreign { path: folder.to_owned(), what: what.to_owned() })
 }
 
-/// Whether a folder contains anything besides the lock.
-fn holds_more(folder: &Path) -> Result<bool, ScratchError> {
+/// What a folder contains besides the lock: the name of one of these files or folders.
+fn another(folder: &Path) -> Result<Option<OsString>, ScratchError> {
     let cannot = |e| ScratchError::io(folder, "list", e);
     for entry in std::fs::read_dir(folder).map_err(cannot)? {
-        if entry.map_err(cannot)?.file_name() != LOCK {
-            return Ok(true);
+        let name = entry.map_err(cannot)?.file_name();
+        if name != LOCK {
+            return Ok(Some(name));
         }
     }
-    Ok(false)
+    Ok(None)
 }

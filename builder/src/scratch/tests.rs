@@ -186,6 +186,34 @@ fn a_folder_that_no_build_made_is_refused_and_left_unchanged() {
     }
 }
 
+#[test]
+fn a_refusal_says_what_is_the_matter_with_the_folder() {
+    let refused = |make: &dyn Fn(&std::path::Path)| {
+        let outer = tempfile::tempdir().unwrap();
+        let folder = outer.path().join("scratch");
+        let scratch = Scratch::open(&folder).unwrap();
+        scratch.create("journal").unwrap();
+        drop(scratch);
+        make(&folder);
+        Scratch::open(&folder).unwrap_err().to_string()
+    };
+    let damaged = refused(&|f| std::fs::write(f.join("lock"), "Kilwa keeps nothing").unwrap());
+    assert!(damaged.contains("`lock` is not what a build writes") && damaged.contains("damaged"), "{damaged}");
+    let gone = refused(&|f| std::fs::remove_file(f.join("lock")).unwrap());
+    assert!(gone.contains("holds \"journal\", but not the file `lock`"), "{gone}");
+    // What a build leaves that found somebody else's folder in its own.
+    let theirs = refused(&|f| {
+        std::fs::create_dir(f.join("theirs")).unwrap();
+        Scratch::open(f).unwrap().discard(|_| true).unwrap();
+    });
+    assert!(theirs.contains("holds \"theirs\""), "{theirs}");
+    let other = refused(&|f| {
+        std::fs::remove_file(f.join("lock")).unwrap();
+        std::fs::create_dir(f.join("lock")).unwrap();
+    });
+    assert!(other.contains("is not a regular file"), "{other}");
+}
+
 #[cfg(unix)]
 #[test]
 fn links_and_subfolders_are_never_followed_or_emptied() {

@@ -282,6 +282,15 @@ fn a_vertex_far_astray_is_refused_instead_of_ruining_the_lattice() {
 }
 
 #[test]
+fn a_mesh_that_is_too_small_for_a_lattice_is_called_so() {
+    for edge in [1e-300, 1e-100, 1e-30] {
+        let error = refused(&grid(10, edge), None);
+        assert!(error.contains("too small") && error.contains("--units"), "{edge:e}: {error}");
+        assert!(!error.contains("astray") && !error.contains(" 0e0 "), "{edge:e}: {error}");
+    }
+}
+
+#[test]
 fn the_step_that_a_refusal_names_can_be_used() {
     let raw = grid(80, 0.1);
     let error = refused(&raw, Some(2f64.powi(-40)));
