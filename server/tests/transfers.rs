@@ -9,7 +9,7 @@ use kilwa_archive::checksums::{Checksums, sha256};
 use kilwa_archive::manifest::{Access, AccessState, Manifest};
 use kilwa_server::access::{Accounts, AccountsError, Grant, Purpose};
 use kilwa_server::door::Door;
-use kilwa_server::extracts::{Detail, Extract, Extracts, Failure, Format, Pack};
+use kilwa_server::extracts::{Extracts, Failure};
 use kilwa_server::{Catalogue, Clock, Site, app};
 use std::fs::File;
 use std::io::Write as _;
@@ -133,12 +133,8 @@ const SMALL_FILE: usize = 60 << 10;
 const SLOWLY: Duration = Duration::from_secs(8);
 
 /// Writes a mesh as long as the other files.
-struct Mesh;
-
-impl Extract for Mesh {
-    fn extract(&self, _: &Pack, to: &Path, _: Format, _: Detail, _: &(dyn Fn(f64) + Sync)) -> Result<(), Failure> {
-        std::fs::write(to, noise(FILE, 3)).map_err(|e| Failure::Other(e.to_string()))
-    }
+fn mesh(to: &Path) -> Result<(), Failure> {
+    std::fs::write(to, noise(FILE, 3)).map_err(|e| Failure::Other(e.to_string()))
 }
 
 /// Who reads.
@@ -279,7 +275,7 @@ async fn every_transfer_of_a_model_ends_when_a_request_for_it_would_be_refused()
     let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
     site.clock = Clock::new(|| NOW);
     site.door = Some(Arc::new(Door::open(&file, None).unwrap()));
-    site.extracts = Some(Extracts::open(folder.path().join("cache"), 140_000_000, Arc::new(Mesh)).unwrap());
+    site.extracts = Some(Extracts::with_extractor(folder.path().join("cache"), 140_000_000, Arc::new(|_, to, _, _, _| mesh(to))).unwrap());
     let app = app(site);
     let post = Request::post("/sign-in");
     let signed_in = send(&app, post, "name=visitor&password=a+long+sentence&next=%2F").await;

@@ -17,10 +17,12 @@ async function sources() {
   const names = (await readdir(WWW)).filter((n) => n.endsWith(".js") || n === "index.html");
   names.push(...(await readdir(path.join(WWW, "measure"))).filter((n) => n.endsWith(".js")).map((n) => `measure/${n}`));
   const own = await Promise.all(names.map((n) => readFile(path.join(WWW, n), "utf8")));
-  // The server writes some elements itself; they name their strings in the same way.
-  const server = path.join(WWW, "../server/src");
-  const written = (await readdir(server, { recursive: true })).filter((n) => n.endsWith(".rs"));
-  const rust = await Promise.all(written.map((n) => readFile(path.join(server, n), "utf8")));
+  // The landing page and the server's own pages have elements that name their strings in the same way.
+  const folders = ["../archive/src", "../server/src"].map((folder) => path.join(WWW, folder));
+  const rustFiles = async (folder) =>
+    (await readdir(folder, { recursive: true })).filter((n) => n.endsWith(".rs")).map((n) => path.join(folder, n));
+  const written = (await Promise.all(folders.map(rustFiles))).flat();
+  const rust = await Promise.all(written.map((file) => readFile(file, "utf8")));
   return [...own, ...rust.filter((text) => text.includes("data-text")).map((text) => text.replaceAll('\\"', '"'))].join("\n");
 }
 

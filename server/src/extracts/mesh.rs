@@ -43,7 +43,7 @@ pub(super) fn extract(
 
 /// Why there is no file: whoever waits is told whether trying again may help.
 fn failure(pack: &Pack, error: &(dyn Error + 'static)) -> Failure {
-    let causes = || std::iter::successors(Some(error), |e: &&(dyn Error + 'static)| e.source());
+    let causes = || std::iter::successors(Some(error), cause);
     let mut system = causes().filter_map(|cause| cause.downcast_ref::<io::Error>());
     if system.clone().any(no_room) {
         Failure::Full
@@ -53,6 +53,10 @@ fn failure(pack: &Pack, error: &(dyn Error + 'static)) -> Failure {
         let texts: Vec<String> = causes().map(ToString::to_string).collect();
         Failure::Other(format!("{pack}: {}", texts.join(": ")))
     }
+}
+
+fn cause<'e>(error: &&'e (dyn Error + 'static)) -> Option<&'e (dyn Error + 'static)> {
+    (**error).source()
 }
 
 fn no_room(e: &io::Error) -> bool {
