@@ -479,7 +479,8 @@ mod tests {
 
     #[test]
     fn another_pack_or_another_build_is_not_taken_for_the_one_that_was_killed() {
-        let spoils: [(&[&str], &dyn Fn(&Path)); 4] = [
+        type Spoil<'a> = (&'a [&'a str], &'a dyn Fn(&Path));
+        let spoils: [Spoil<'_>; 4] = [
             (&["--resume"], &|f| std::fs::write(f.join("a.kilwa"), "my thesis").unwrap()),
             (&["--resume"], &|f| std::fs::write(f.join(".a.kilwa.done"), "{}").unwrap()),
             (&["--resume"], &|f| std::fs::write(f.join("a.obj"), TRIANGLE.replace("1 0 0", "2 0 0")).unwrap()),

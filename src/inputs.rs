@@ -585,7 +585,8 @@ mod tests {
     #[test]
     fn what_has_the_name_of_a_block_and_cannot_be_read_is_refused_by_name() {
         use std::os::unix::fs::symlink;
-        let makes: [(&dyn Fn(&Site), &str); 7] = [
+        type Make<'a> = (&'a dyn Fn(&Site), &'a str);
+        let makes: [Make<'_>; 7] = [
             (&|site| symlink("/gone/d.obj", site.path("d.obj")).unwrap(), "a link to /gone/d.obj, which is not there"),
             (&|site| symlink("d.obj", site.path("d.obj")).unwrap(), "symbolic links"),
             (

@@ -225,7 +225,7 @@ fn must_end(address: &str, who: Who, change: Change) -> bool {
         Change::None => false,
         Change::To(AccessState::Withdrawn) | Change::Moved => true,
         // Pictures are for everybody.
-        _ if address.ends_with(".jpg") => false,
+        _ if Path::new(address).extension().is_some_and(|end| end == "jpg") => false,
         Change::To(_) => is_public_only || matches!(who, Who::Anybody | Who::Stranger),
         Change::UserRemoved | Change::TokenRevoked | Change::GrantRevoked | Change::SignedOut => true,
     }
@@ -275,7 +275,10 @@ async fn every_transfer_of_a_model_ends_when_a_request_for_it_would_be_refused()
     let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
     site.clock = Clock::new(|| NOW);
     site.door = Some(Arc::new(Door::open(&file, None).unwrap()));
-    site.extracts = Some(Extracts::with_extractor(folder.path().join("cache"), 140_000_000, Arc::new(|_, to, _, _, _| mesh(to))).unwrap());
+    site.extracts = Some(
+        Extracts::with_extractor(folder.path().join("cache"), 140_000_000, Arc::new(|_, to, _, _, _| mesh(to)))
+            .unwrap(),
+    );
     let app = app(site);
     let post = Request::post("/sign-in");
     let signed_in = send(&app, post, "name=visitor&password=a+long+sentence&next=%2F").await;

@@ -108,8 +108,8 @@ impl Place for Folder {
 fn stamps(folder: &Path, prefix: &str, into: &mut Vec<(String, String)>) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
-        // Names that are not Unicode stay apart.
-        let path = format!("{prefix}/{:?}", entry.file_name());
+        // Quoted, names that are not Unicode stay distinct.
+        let path = format!("{prefix}/{:?}", entry.file_name().as_encoded_bytes().escape_ascii().to_string());
         if entry.file_type()?.is_dir() {
             stamps(&entry.path(), &path, into)?;
         } else {

@@ -42,7 +42,8 @@ pub(super) fn take(folder: &Path) -> Result<File, ScratchError> {
     if there.is_none()
         && let Some(name) = another(folder)?
     {
-        return Err(foreign(format!("holds {name:?}, but not the file `lock` by which a build knows its own folder")));
+        let name = name.display();
+        return Err(foreign(format!("holds {name}, but not the file `lock` by which a build knows its own folder")));
     }
     let cannot = |doing| move |e| ScratchError::io(&folder.join(LOCK), doing, e);
     let mut lock = match File::options().read(true).write(true).create_new(true).open(&path) {

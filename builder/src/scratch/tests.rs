@@ -200,7 +200,7 @@ fn a_refusal_says_what_is_the_matter_with_the_folder() {
     let damaged = refused(&|f| std::fs::write(f.join("lock"), "Kilwa keeps nothing").unwrap());
     assert!(damaged.contains("`lock` is not what a build writes") && damaged.contains("damaged"), "{damaged}");
     let gone = refused(&|f| std::fs::remove_file(f.join("lock")).unwrap());
-    assert!(gone.contains("holds \"journal\", but not the file `lock`"), "{gone}");
+    assert!(gone.contains("holds journal, but not the file `lock`"), "{gone}");
     // What a build leaves that found somebody else's folder in its own.
     let theirs = refused(&|f| {
         std::fs::create_dir(f.join("theirs")).unwrap();
