@@ -227,7 +227,7 @@ fn make(
         output.complete(built.pack.bytes)?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(args.threads).build()?;
         let checked = pool.install(|| output.check(bar, stop));
-        let identity = checked.context("the pack that was just written does not read back; nothing was kept")?;
+        let identity = checked.context("the pack that was just written cannot be read back; nothing was kept")?;
         let cpu_seconds = cpu.and_then(|before| Some(machine::cpu_seconds()? - before));
         built.stages.push(StageTime { stage: "check".into(), seconds: clock.elapsed().as_secs_f64(), cpu_seconds });
         Ok((built, identity))
@@ -266,7 +266,7 @@ fn tidy(args: &Args, finished: &Finished) -> anyhow::Result<()> {
     } else {
         writeln!(
             out,
-            "{}: complete. The build was stopped after it had written and checked the pack of {} bytes; nothing had to be built again",
+            "{}: complete. The build had written and checked the pack of {} bytes before it was stopped; nothing had to be built again",
             args.output.display(),
             finished.bytes
         )?;

@@ -308,7 +308,7 @@ fn expand(
         let path = path.with_context(|| format!("cannot look for {pattern}"))?;
         refuse_unreadable(
             &path,
-            "everything that fits a pattern must be a file of a mesh: change the pattern, or put the file there",
+            "everything that matches a pattern must be a mesh file; change the pattern, or put the file there",
         )?;
         if !allow_outside {
             refuse_link_out(&path, &real)?;
@@ -326,7 +326,7 @@ fn refuse_unreadable(path: &Path, advice: &str) -> anyhow::Result<()> {
     let Err(e) = plain_file::open(path) else { return Ok(()) };
     let cause = match std::fs::read_link(path) {
         Ok(target) if e.kind() == std::io::ErrorKind::NotFound => {
-            format!("it is a link to {}, which is not there", target.display())
+            format!("it is a link to {}, which does not exist", target.display())
         }
         _ => e.to_string(),
     };
@@ -360,7 +360,7 @@ fn folder(
             if is_named_as_mesh(&path) {
                 refuse_unreadable(
                     &path,
-                    "everything that is named as a mesh must be one: put the file there, or rename or remove this",
+                    "everything with the name of a mesh file must be one; put the file there, or rename or remove it",
                 )?;
             }
             // A pipe, a socket, a device, a broken link.
@@ -587,7 +587,10 @@ mod tests {
         use std::os::unix::fs::symlink;
         type Make<'a> = (&'a dyn Fn(&Site), &'a str);
         let makes: [Make<'_>; 7] = [
-            (&|site| symlink("/gone/d.obj", site.path("d.obj")).unwrap(), "a link to /gone/d.obj, which is not there"),
+            (
+                &|site| symlink("/gone/d.obj", site.path("d.obj")).unwrap(),
+                "a link to /gone/d.obj, which does not exist",
+            ),
             (&|site| symlink("d.obj", site.path("d.obj")).unwrap(), "symbolic links"),
             (
                 &|site| {

@@ -116,9 +116,7 @@ fn check_all(args: &Args, report: &mut Report) -> anyhow::Result<Checked> {
     }
     let nothing = || {
         let target = &args.target;
-        anyhow::anyhow!(
-            "{target} is no archive object (it has no {MANIFEST}), and there is no object and no pack in it"
-        )
+        anyhow::anyhow!("{target} is not an archive object (it has no {MANIFEST}), and it contains no objects or packs")
     };
     // Where there was something once, the state says what is missing.
     if items.is_empty() && !args.state.as_ref().is_some_and(|path| path.exists()) {
@@ -148,8 +146,8 @@ fn check_all(args: &Args, report: &mut Report) -> anyhow::Result<Checked> {
             name.clone(),
             Kind::Missing,
             format!(
-                "it was there at an earlier check, and no object, bag or pack of this name is there now; take it from a copy, or, if it \
-                 was removed on purpose, run this once with --forget '{path}'"
+                "it was there at an earlier check and is gone now; restore it from a copy or, if it was removed on purpose, run this \
+                 command once with --forget '{path}'"
             ),
         );
         report.objects += 1;

@@ -243,12 +243,12 @@ fn a_glb_is_valid_and_has_the_place_and_the_colours_of_the_pack() {
 #[test]
 fn what_cannot_be_written_is_refused_by_name_before_anything_is_written() {
     let work = tempfile::tempdir().unwrap();
-    for (name, part) in [("a.gltf", ".glb"), ("a.nxz", ".nxz is not written"), ("a", "ends in .ply, .obj")] {
+    for (name, part) in [("a.gltf", ".glb"), ("a.nxz", "cannot write .nxz"), ("a", "ends in .ply, .obj")] {
         let out = work.path().join(name);
         assert!(fails(&["extract", text(torus()), "-o", text(&out)]).contains(part), "{name}");
     }
     let stl = work.path().join("a.stl");
-    assert!(fails(&["extract", text(torus()), "-o", text(&stl), "--ascii"]).contains("--ascii is for PLY"));
+    assert!(fails(&["extract", text(torus()), "-o", text(&stl), "--ascii"]).contains("--ascii works only with PLY"));
     assert!(std::fs::read_dir(work.path()).unwrap().next().is_none());
 
     let pack = work.path().join("pack.ply");

@@ -73,9 +73,9 @@ pub enum DraftError {
         /// What stopped it.
         why: Box<DraftError>,
     },
-    /// Nothing was withdrawn, and not all of what was begun for it could be removed again.
+    /// Nothing was withdrawn, but some files made for it could not be removed.
     #[error(
-        "{cause}. The object is as it was, but what this command began is left: {rest}. Remove it, or run the same command again",
+        "{cause}. The object is unchanged, but leftovers of this command remain: {rest}. Remove them, or run the same command again",
         cause = after_the_change(why), rest = after_the_change(left)
     )]
     Left {

@@ -175,7 +175,7 @@ fn what_a_failed_withdrawal_cannot_remove_is_named() {
     let failed = ended(&shelf, &keep, &failing_at_the_manifest(&meanwhile)).unwrap_err().to_string();
     assert!(!failed.contains("nothing was changed"), "{failed}");
     let named = keep.join("fort").display().to_string();
-    assert!(failed.contains("what this command began is left") && failed.contains(&named), "{failed}");
+    assert!(failed.contains("leftovers of this command remain") && failed.contains(&named), "{failed}");
     assert!(tree(&shelf) == before && theirs.exists());
     // The same command goes on.
     withdrawn(&shelf, &keep).unwrap();

@@ -86,7 +86,7 @@ impl Finished {
             return Ok(None);
         }
         let damaged =
-            || format!("{} was complete, and is damaged now; give --force to build it again", output.display());
+            || format!("{} was complete but is damaged now; give --force to build it again", output.display());
         let checked = check(output, bar, stop);
         stop.check()?;
         checked.with_context(damaged)?;

@@ -85,7 +85,7 @@ impl Check<'_> {
         let again = "run the same `kilwa publish --withdraw` again to finish";
         self.report
             .notes
-            .push(format!("{name}: a withdrawal is in progress or was interrupted ({lacking} not there); {again}"));
+            .push(format!("{name}: a withdrawal is in progress or was interrupted ({lacking} missing); {again}"));
     }
 
     /// Whether a withdrawal has not yet put all files of the object here.
@@ -559,7 +559,7 @@ impl Check<'_> {
                 None => there.contains(&path),
             };
             if !leads {
-                self.add(from, Kind::Link, format!("it links to {path}, which is not there"));
+                self.add(from, Kind::Link, format!("it links to {path}, which does not exist"));
             }
         }
     }

@@ -106,7 +106,7 @@ impl State {
         for name in forget {
             if known.units.remove(name).is_none() {
                 bail!(
-                    "--forget {name}: the state {} does not know it; give the name as it is reported",
+                    "--forget {name}: the state file {} has no such name; give the name as it was reported",
                     path.display()
                 );
             }

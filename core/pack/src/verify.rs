@@ -87,7 +87,7 @@ pub fn directory(entries: &[DirectoryEntry]) -> Result<(), PackError> {
     // That of the root entry says nothing, and may be infinite.
     for (index, entry) in entries.iter().enumerate().skip(1) {
         if entry.color_error > MAX_COLOR_ERROR {
-            let why = format!("a colour error of {} is not possible; at most 255 is", entry.color_error);
+            let why = format!("a colour error of {} is not possible; it can be at most 255", entry.color_error);
             return Err(PackError::invalid(format!("directory entry {index}"), why));
         }
     }
@@ -118,7 +118,7 @@ pub fn order(header: &Header, entries: &[DirectoryEntry]) -> Result<(), PackErro
     if header.other_pages == at {
         return Ok(());
     }
-    let why = format!("it says that directory page 1 is at byte {}; its place is byte {at}", header.other_pages);
+    let why = format!("it says that directory page 1 is at byte {}; it must be at byte {at}", header.other_pages);
     Err(PackError::invalid("header", why))
 }
 

@@ -80,10 +80,14 @@ impl Format {
             "" => {
                 return refused(format!("{shown}: give the output a name that ends in .ply, .obj, .stl or .glb"));
             }
-            other => return refused(format!("{shown}: .{other} is not written; .ply, .obj, .stl and .glb are")),
+            other => {
+                return refused(format!(
+                    "{shown}: kilwa cannot write .{other}; give the output a name that ends in .ply, .obj, .stl or .glb"
+                ));
+            }
         };
         if ascii && !matches!(format, Self::Ply { .. }) {
-            return refused(format!("{shown}: --ascii is for PLY; {} has one form only", format.title()));
+            return refused(format!("{shown}: --ascii works only with PLY; leave it out for {}", format.title()));
         }
         Ok(format)
     }
@@ -248,7 +252,7 @@ impl Coordinates {
                 .to_owned()
         };
         Err(ExtractError::Numbers(format!(
-            "the numbers of {} cannot hold coordinates in steps of 2^{step} m from the origin {x:?} {y:?} {z:?}; {hint}",
+            "{} cannot represent coordinates in steps of 2^{step} m from the origin {x:?} {y:?} {z:?}; {hint}",
             format.title()
         )))
     }

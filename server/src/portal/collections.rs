@@ -155,7 +155,7 @@ impl Collections {
                     }
                     Err(why) => {
                         if is_changed || known.wrong.as_ref() != Some(&why) {
-                            tracing::warn!("{}: {why}; the collections are those that were read before", self.file);
+                            tracing::warn!("{}: {why}; the collections that were read before are kept", self.file);
                         }
                         Some(why)
                     }

@@ -185,7 +185,7 @@ pub(super) fn check_png(bytes: &[u8]) -> Result<(), String> {
         return Err(foreign("it has no end"));
     }
     if !fills(&stream, size) {
-        return Err(foreign("its pixels do not fill its size"));
+        return Err(foreign("the number of its pixels does not match its size"));
     }
     if drawing::is_as_written(bytes, size, PER_METRE) {
         Ok(())

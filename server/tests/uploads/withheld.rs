@@ -457,7 +457,7 @@ async fn a_withheld_location_is_searched_for_in_drawings() {
     let more = zipped(&[&[0; 14], HERE].concat());
     for stream in [&more[..], &[&pixels[..], &zipped(HERE)].concat(), &zipped(&[0; 13]), &zipped(&[9; 14])] {
         let chunks = with_chunks(&[(b"pHYs", RESOLUTION), (b"IDAT", stream)]);
-        table.push((chunks, "its pixels do not fill its size"));
+        table.push((chunks, "the number of its pixels does not match its size"));
     }
     are_refused(table).await;
 }
