@@ -1,5 +1,5 @@
 //! Every command that changes an archive is killed before every change on disk, and, if `strace` is installed, before the system calls that make one: each leaves
-//! the old object or the new one, served whole, and the same command goes on to what it would have come to.
+//! the old object or the new one, served whole, and running the same command again reaches the same result.
 
 use super::bag::{self, BagInfo};
 use super::checksums::sha256;
