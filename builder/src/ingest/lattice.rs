@@ -34,7 +34,7 @@ fn coarsest(b: &Box3) -> i32 {
     if extent_of(b) >= f64::MAX { log + 1 } else { log }
 }
 
-/// Logarithm of the finest step that is chosen, about 1e-18 m.
+/// Binary logarithm of the finest lattice spacing that is chosen automatically, about 1e-18 m.
 const FINEST: i32 = -60;
 
 /// Finer than the doubles of the source can tell apart is no use (and f64 world coordinates must stay exact).

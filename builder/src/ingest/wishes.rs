@@ -22,7 +22,7 @@ pub(super) struct Above {
     places: Vec<u64>,
 }
 
-/// Different places of centroids, as sums of corners, with the size of the smallest triangle at each.
+/// Distinct centroids, as sums of corners, with the size of the smallest triangle at each.
 pub(super) type Places = FxHashMap<[u32; 3], u32>;
 
 fn add(places: &mut Places, sum: [u32; 3], size: u32) {
@@ -39,14 +39,14 @@ pub(super) fn sum_of([a, b, c]: [[u32; 3]; 3]) -> [u32; 3] {
     std::array::from_fn(|i| a[i] + b[i] + c[i])
 }
 
-/// The longest side of the box round a triangle.
+/// The longest side of the bounding box of a triangle.
 pub(super) fn size_of([a, b, c]: [[u32; 3]; 3]) -> u32 {
     let side = |i: usize| a[i].max(b[i]).max(c[i]) - a[i].min(b[i]).min(c[i]);
     side(0).max(side(1)).max(side(2))
 }
 
 impl Above {
-    /// Of a bucket with these places, in which nothing wants to be split.
+    /// For a bucket with these places, in which nothing requests a split.
     pub(super) fn of_places(smallest: &Places) -> Self {
         let mut places = vec![0; CLASSES];
         for size in smallest.values() {

@@ -1,4 +1,4 @@
-//! Why a mesh could not be taken out of a pack.
+//! Why a mesh could not be extracted from a pack.
 
 use kilwa_pack::PackError;
 use std::io;

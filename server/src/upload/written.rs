@@ -23,7 +23,7 @@ const EDGE: f64 = 3.0;
 const CHUNKS: usize = 256;
 /// Maximum difference of colours.
 const COLOR: f32 = 256.0;
-/// Maximum reach of a bounding sphere, in diagonals of the model.
+/// Maximum extent of a bounding sphere, in diagonals of the model.
 const SPHERE: f64 = 4.0;
 
 /// Check header, metadata and directory.
