@@ -48,10 +48,10 @@ pub(crate) struct Args {
     /// Remember in this file what was checked when.
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
-    /// Go on with the run that was stopped.
+    /// Continue the run that was stopped.
     #[arg(long, requires = "state")]
     resume: bool,
-    /// Leave out what was checked and sound less than so many days ago, and has not changed since.
+    /// Skip anything that was found sound less than this many days ago and has not changed since.
     #[arg(long, value_name = "DAYS", requires = "state", value_parser = clap::value_parser!(u64).range(1..=36_500))]
     older_than: Option<u64>,
     /// Forget this object, bag or pack, which was removed on purpose; otherwise it is reported as missing.

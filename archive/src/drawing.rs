@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_pixels_in_other_bytes_are_not_as_written() {
+    fn the_same_pixels_encoded_differently_are_rejected() {
         let bytes = written();
         assert!(is_as_written(&bytes, SIZE, PER_METRE));
         let mut others = vec![otherwise(Compression::Balanced, Filter::Adaptive, 1000)];

@@ -201,7 +201,7 @@ fn is_closed_to_others(what: What, folder: &Path, manifest: &Manifest) {
 #[cfg(not(unix))]
 fn is_closed_to_others(_: What, _: &Path, _: &Manifest) {}
 
-/// The same, and that the same command goes on.
+/// The same, and that the same command continues.
 fn is_gone_on_with(what: What, archive: &Archive, whole: &Archive, cut: &str) {
     let folder = archive.folder.path();
     is_old_or_new(what, folder);

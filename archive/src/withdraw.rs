@@ -1,11 +1,10 @@
 //! Withdrawing an object: its files go to a folder outside of what is served, its metadata and a page that says why stay.
 //!
 //! The order ensures that an interruption at any point loses nothing and the same command can continue: page and manifest are copied to the other folder, beside a
-//! hidden file that says that files are still missing ([`KEEPING`]); they are
-//! replaced by those of a withdrawn object ([`super::next`]), so that it is public no longer; its files are linked or copied to the other folder; what was
-//! withdrawn is removed, each file only when it is in the other folder; leftovers of interrupted commands are removed, even if nothing else is
-//! left to do. If the command fails before
-//! the manifest is replaced, it removes what it put into the other folder.
+//! hidden file that says that files are still missing ([`KEEPING`]); they are replaced by those of a withdrawn object ([`super::next`]), so that the object is
+//! no longer public; its files are linked or copied to the other folder; each original is removed only when it is in the other folder; leftovers of
+//! interrupted commands are removed, even if nothing else is left to do. If the command fails before the manifest is replaced, it removes what it put into
+//! the other folder.
 
 use super::disk::{self, failed};
 use super::draft::{DraftError, HIDDEN, Steps};

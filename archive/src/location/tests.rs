@@ -521,7 +521,7 @@ fn lists_are_searched_joined() {
 
 /// The search of uploads refuses everything that the local search refuses, except texts that only match the place.
 #[test]
-fn without_the_location_every_form_is_found_that_can_be_told_from_other_numbers() {
+fn without_the_location_every_recognisable_form_is_found() {
     let unknown = Location::unknown();
     let missed: Vec<&str> = PLANTED.iter().copied().filter(|text| unknown.find(text).is_none()).collect();
     assert_eq!(missed, FORMLESS, "{missed:#?}");

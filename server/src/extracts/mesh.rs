@@ -72,7 +72,7 @@ mod tests {
     use std::sync::Mutex;
 
     #[test]
-    fn the_mesh_is_the_file_of_kilwa_extract_and_progress_is_reported() {
+    fn the_mesh_equals_the_file_of_kilwa_extract_and_progress_is_reported() {
         let work = tempfile::tempdir().expect("a folder");
         let n = 60u32;
         let mesh = RawMesh {

@@ -13,8 +13,9 @@
 //!
 //! Pages: `/collections/`, `/collections/<slug>/` and its `feed.xml`; in OAI-PMH each is a set. Invariants: slugs are as those of objects, and none is
 //! there twice; a member that is not in the index, or was withdrawn, is passed over. The file is looked at when somebody asks, at most once a second, in a store
-//! as often as its list. Failures: if the file cannot be read, or is a link or a special file, the last valid collections are kept; the log says once what is wrong and on which
-//! line. They are also kept if the store does not answer or does not deliver the file; the store logs this itself.
+//! as often as its list. Failures: if the file cannot be read, or is a link or a special file, the last valid collections
+//! are kept; the log says once what is wrong and on which line. They are also kept if the store does not answer or
+//! does not deliver the file; the store logs this itself.
 
 use super::catalogue::{Part, card, pager};
 use super::frame::{FOOT, Reader, feed_link, head};

@@ -14,7 +14,7 @@
 //!
 //! Invariants: every request carries a token for publishing whose user was granted the object, cookies count for nothing; what is sent lies in a
 //! hidden folder that only the server's user reads, named by slug and SHA-256 only, and nothing of it is ever served; a version appears by
-//! [`kilwa_archive::draft`] when every byte was verified, or not at all. Failures: what cannot be is refused with what to do; what was sent
+//! [`kilwa_archive::draft`] when every byte was verified, or not at all. Failures: an impossible request is refused with what to do; what was sent
 //! is kept until it lapses, unless it is damaged.
 //!
 //! One file per part: `wire` (what is said), `staging` (what lies on the disk), `files` (what a file must be), `withheld` (that a location that is said to be withheld is), `finish` (verify and publish),

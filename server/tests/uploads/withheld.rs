@@ -219,7 +219,7 @@ async fn a_withheld_location_is_searched_for_in_pack_and_texts() {
 
 /// Forms that used to be refused only if the location was known, names with hyphens, and lists whose items belong together.
 #[tokio::test]
-async fn a_withheld_location_is_searched_for_in_every_form_that_can_be_told_from_other_numbers() {
+async fn a_withheld_location_is_searched_for_in_every_recognisable_form() {
     let described = |text: &str| {
         let text = Some(format!("Built in 1505; {text} (see p. 12)"));
         (with(|v| v.intent.metadata.description = text), "metadata: description: ")
