@@ -104,7 +104,7 @@ impl std::fmt::Display for Interrupted {
 impl std::error::Error for Interrupted {}
 
 impl Interrupted {
-    /// What the program ends with.
+    /// The exit code of the program.
     pub(crate) fn code() -> u8 {
         u8::try_from(128 + SIGNAL.load(Ordering::Relaxed)).unwrap_or(u8::MAX)
     }
@@ -131,7 +131,7 @@ fn crop(text: &str) -> Result<[[f64; 3]; 2], String> {
     }
 }
 
-/// A pack that has its name, and what is left to tidy up.
+/// A pack that has its final name, and what is left to remove.
 struct Complete {
     built: BuildReport,
     spent: Spent,
@@ -190,7 +190,7 @@ fn prepare(args: &Args) -> anyhow::Result<(Inputs, BuildOptions)> {
     Ok((inputs, options))
 }
 
-/// Build until the pack has its name; the scratch files and the note are still there.
+/// Build until the pack has its final name; the scratch files and the note remain.
 fn make(
     args: &Args,
     mut inputs: Inputs,
@@ -200,7 +200,7 @@ fn make(
     begun: Instant,
 ) -> anyhow::Result<Complete> {
     let memory = args.memory.unwrap_or_else(machine::default_budget);
-    // As the inputs are before they are read.
+    // The state of the inputs before they are read.
     let plan = plan(&inputs, options)?;
     // Before any input is read: a folder that cannot be written to is better known now than in an hour.
     let mut output = Output::create(&args.output)?;
@@ -227,7 +227,7 @@ fn make(
         output.complete(built.pack.bytes)?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(args.threads).build()?;
         let checked = pool.install(|| output.check(bar, stop));
-        let identity = checked.context("the pack that was just written does not read back; nothing was kept")?;
+        let identity = checked.context("the pack that was just written cannot be read back; nothing was kept")?;
         let cpu_seconds = cpu.and_then(|before| Some(machine::cpu_seconds()? - before));
         built.stages.push(StageTime { stage: "check".into(), seconds: clock.elapsed().as_secs_f64(), cpu_seconds });
         Ok((built, identity))
@@ -244,7 +244,7 @@ fn make(
     let threads = if args.threads == 0 { rayon::current_num_threads() } else { args.threads };
     let spent = Spent::of(&built, memory, threads, need, begun.elapsed().as_secs_f64());
     let report = serde_json::to_value(Report { build: &built, run: spent.clone() })?;
-    // Only a build that is killed in the next moment needs it.
+    // Only needed if the build is killed in the next moment.
     drop(Finished { plan, identity, bytes: built.pack.bytes, report }.write(&args.output));
     if let Err(error) = output.keep(args.force) {
         finished::remove(&args.output);
@@ -253,7 +253,7 @@ fn make(
     Ok(Complete { built, spent, scratch, _made: made })
 }
 
-/// Finish an earlier build that was killed after its pack had its name.
+/// Finish an earlier build that was killed after its pack had its final name.
 fn tidy(args: &Args, finished: &Finished) -> anyhow::Result<()> {
     let folder = scratch_folder(args);
     if folder.exists() {
@@ -266,7 +266,7 @@ fn tidy(args: &Args, finished: &Finished) -> anyhow::Result<()> {
     } else {
         writeln!(
             out,
-            "{}: complete. The build was stopped after it had written and checked the pack of {} bytes; nothing had to be built again",
+            "{}: complete. The build had written and checked the pack of {} bytes before it was stopped; nothing had to be built again",
             args.output.display(),
             finished.bytes
         )?;
@@ -319,11 +319,11 @@ fn scratch_folder(args: &Args) -> PathBuf {
     }
 }
 
-/// The folders that this build makes for its scratch folder to be in, the deepest first. They are removed again if they are empty.
+/// The folders that this build creates above its scratch folder, deepest first. On drop, the empty ones are removed.
 struct Made(Vec<PathBuf>);
 
 impl Made {
-    /// Those on the way to the folder that the user gave which are not there yet.
+    /// The missing folders above the one that the user gave, and that one.
     fn of(given: Option<&Path>) -> Self {
         let folders = given.into_iter().flat_map(Path::ancestors);
         let is_new = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
@@ -333,7 +333,7 @@ impl Made {
 
 impl Drop for Made {
     fn drop(&mut self) {
-        // What is not empty stays, and so does what it is in.
+        // A folder that is not empty stays, and so do its parents.
         let _ = self.0.iter().try_for_each(std::fs::remove_dir);
     }
 }
@@ -435,7 +435,7 @@ mod tests {
         Cli::try_parse_from([&all[..], more].concat()).unwrap().args
     }
 
-    /// A folder as a build leaves it that is killed as soon as its pack has its name.
+    /// A folder as a build leaves it if it is killed as soon as its pack has its final name.
     fn killed_after_the_rename(more: &[&str]) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("a.obj"), TRIANGLE).unwrap();
@@ -478,7 +478,7 @@ mod tests {
     }
 
     #[test]
-    fn another_pack_or_another_build_is_not_taken_for_the_one_that_was_killed() {
+    fn another_pack_or_build_is_not_mistaken_for_the_one_that_was_killed() {
         type Spoil<'a> = (&'a [&'a str], &'a dyn Fn(&Path));
         let spoils: [Spoil<'_>; 4] = [
             (&["--resume"], &|f| std::fs::write(f.join("a.kilwa"), "my thesis").unwrap()),
@@ -498,7 +498,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_a_build_made_for_its_scratch_files_is_removed_and_others_stay() {
+    fn folders_that_a_build_made_for_its_scratch_files_are_removed_and_others_stay() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         std::fs::write(at("a.obj"), TRIANGLE).unwrap();

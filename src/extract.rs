@@ -75,7 +75,7 @@ fn nothing_there(metadata: &Metadata, region: Option<&Region>) -> String {
     let spans = format!("it spans {} {} {} to {} {} {} m", min[0], min[1], min[2], max[0], max[1], max[2]);
     match region {
         Some(region) => format!("no triangle has its centroid in the box {region}; {spans}"),
-        None => "it holds no triangle".to_owned(),
+        None => "it contains no triangles".to_owned(),
     }
 }
 

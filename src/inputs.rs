@@ -5,8 +5,8 @@
 //! not matter, each with the map from its own coordinates to metres, z up.
 //!
 //! Refused: a file that is not there or of a format that is not read, a file named twice, a pattern that nothing
-//! fits, a folder without meshes, a folder in which something is named as a mesh and is none, something that fits a pattern and is no regular
-//! file that can be read (a broken link, a folder, a pipe), a matrix that cannot place a mesh.
+//! matches, a folder without meshes, a folder with something that is named like a mesh but is not one, something that matches a pattern but is not
+//! a readable regular file (a broken link, a folder, a pipe), a matrix that cannot place a mesh.
 
 use anyhow::{Context, bail};
 use kilwa_builder::build::journal::PlannedInput;
@@ -218,7 +218,7 @@ impl kilwa_builder::Inputs for Inputs {
 
     fn is_unchanged(&self, number: usize, sources: &[SourceFile], progress: &dyn Progress) -> Result<bool, BuildError> {
         let Some(file) = self.files.get(number) else { return Ok(false) };
-        // Sources are known by the name alone.
+        // Sources are identified only by name.
         if self.files.iter().filter(|other| other.path.file_name() == file.path.file_name()).count() != 1 {
             return Ok(false);
         }
@@ -308,7 +308,7 @@ fn expand(
         let path = path.with_context(|| format!("cannot look for {pattern}"))?;
         refuse_unreadable(
             &path,
-            "everything that fits a pattern must be a file of a mesh: change the pattern, or put the file there",
+            "everything that matches a pattern must be a mesh file; change the pattern, or put the file there",
         )?;
         if !allow_outside {
             refuse_link_out(&path, &real)?;
@@ -321,12 +321,12 @@ fn expand(
     Ok(())
 }
 
-/// Refuse what should be a mesh because of its name, and is no regular file that can be opened: no block goes missing without a word.
+/// Refuse anything that should be a mesh because of its name but is not a readable regular file, so that no block is lost unnoticed.
 fn refuse_unreadable(path: &Path, advice: &str) -> anyhow::Result<()> {
     let Err(e) = plain_file::open(path) else { return Ok(()) };
     let cause = match std::fs::read_link(path) {
         Ok(target) if e.kind() == std::io::ErrorKind::NotFound => {
-            format!("it is a link to {}, which is not there", target.display())
+            format!("it is a link to {}, which does not exist", target.display())
         }
         _ => e.to_string(),
     };
@@ -360,7 +360,7 @@ fn folder(
             if is_named_as_mesh(&path) {
                 refuse_unreadable(
                     &path,
-                    "everything that is named as a mesh must be one: put the file there, or rename or remove this",
+                    "everything with the name of a mesh file must be one; put the file there, or rename or remove it",
                 )?;
             }
             // A pipe, a socket, a device, a broken link.
@@ -570,7 +570,7 @@ mod tests {
         assert!(site.refusal(&["none.obj"]).contains("none.obj cannot be opened"));
         assert!(site.refusal(&["x*.obj"]).contains("no file fits"));
         assert!(site.refusal(&["a.obj", "?.obj"]).contains("a.obj is given twice"));
-        // Not by a pattern over the folders of other tests, which come and go.
+        // Not with a pattern that matches the folders of other tests, which come and go.
         std::fs::create_dir(site.path("further")).unwrap();
         assert!(site.refusal(&["a.obj", "./b.obj", "further/../b.*"]).contains("are the same file"));
         assert!(site.refusal(&["notes.txt"]).contains("notes.txt"));
@@ -580,14 +580,17 @@ mod tests {
         assert!(site.refusal(&[""]).contains("d.ply"), "a damaged block does not go missing without a word");
     }
 
-    /// A block on a disk that is not mounted, or that is not what its name says.
+    /// For example a block on a disk that is not mounted, or something that is not what its name says.
     #[cfg(unix)]
     #[test]
-    fn what_has_the_name_of_a_block_and_cannot_be_read_is_refused_by_name() {
+    fn an_unreadable_block_is_refused_by_name() {
         use std::os::unix::fs::symlink;
         type Make<'a> = (&'a dyn Fn(&Site), &'a str);
         let makes: [Make<'_>; 7] = [
-            (&|site| symlink("/gone/d.obj", site.path("d.obj")).unwrap(), "a link to /gone/d.obj, which is not there"),
+            (
+                &|site| symlink("/gone/d.obj", site.path("d.obj")).unwrap(),
+                "a link to /gone/d.obj, which does not exist",
+            ),
             (&|site| symlink("d.obj", site.path("d.obj")).unwrap(), "symbolic links"),
             (
                 &|site| {
@@ -685,7 +688,7 @@ mod tests {
     }
 
     #[test]
-    fn an_input_is_unchanged_where_its_content_is_what_was_read() {
+    fn an_input_is_unchanged_if_its_content_is_the_same() {
         use kilwa_builder::Inputs as _;
         let site = three();
         std::fs::write(site.path("b.obj"), format!("# b\n{TRIANGLE}")).unwrap();
@@ -694,7 +697,7 @@ mod tests {
         let is_unchanged = |number| inputs.is_unchanged(number, &sources, &Silent).unwrap();
         assert!(is_unchanged(0) && is_unchanged(1) && !is_unchanged(2));
         let before = inputs.plan().unwrap();
-        // Clocks of files may go in steps of some milliseconds.
+        // File times may advance in steps of some milliseconds.
         std::thread::sleep(std::time::Duration::from_millis(50));
         std::fs::write(site.path("b.obj"), format!("# c\n{TRIANGLE}")).unwrap();
         assert!(is_unchanged(0) && !is_unchanged(1));

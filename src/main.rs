@@ -65,7 +65,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
     }
 }
 
-/// Exit 0 done, 1 the input or the world is wrong, 2 usage (clap's own), 128 and the number of the signal when stopped by one (130 by Ctrl-C). A
+/// Exit codes: 0 done, 1 the input or the environment is wrong, 2 usage (clap's own), 128 plus the number of the signal that stopped it (130 for Ctrl-C). A
 /// closed pipe is success.
 fn main() -> ExitCode {
     let cli = parsed();
@@ -107,8 +107,8 @@ fn without_wayland() {
 #[cfg(not(target_os = "linux"))]
 fn without_wayland() {}
 
-/// The arguments. A shell puts names of files among them: where one acts on a terminal, or an address holds a password, the answer is without
-/// colours of its own, and passes through `terminal`.
+/// Parse the arguments. Shells put file names among them. If one contains control characters, or an address contains a password, messages of the
+/// parser are printed without colours, through `terminal`.
 fn parsed() -> Cli {
     let error = match Cli::try_parse() {
         Ok(cli) => return cli,
@@ -116,7 +116,7 @@ fn parsed() -> Cli {
     };
     let acts = |arg: std::ffi::OsString| arg.to_str().is_none_or(|arg| arg.contains(kilwa_pack::visible::is_control));
     if !error.use_stderr() {
-        // Help and version are what was asked for: a full disk must not look like success.
+        // The user asked for help or the version, so a full disk must not look like success.
         match error.print().and_then(|()| terminal::out().flush()) {
             Err(e) if e.kind() != ErrorKind::BrokenPipe => {
                 terminal::say!("kilwa: cannot print: {e}");

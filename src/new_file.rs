@@ -1,4 +1,4 @@
-//! Files that get their name only when they are complete: nobody reads half of one, and neither a failure nor a signal leaves anything behind.
+//! Files that get their final name only when they are complete: nobody reads half a file, and neither a failure nor a signal leaves anything behind.
 
 use anyhow::Context;
 use kilwa_files::plain_file;
@@ -6,7 +6,7 @@ use kilwa_files::unfinished::{self, Unfinished};
 use std::fs::File;
 use std::path::Path;
 
-/// A folder among the system's temporary files, removed when it is dropped or a signal ends the program. Only its owner can look into
+/// A folder in the system's temporary folder, removed when it is dropped or a signal ends the program. Only its owner can look into
 /// it, because it may contain a closed model.
 #[derive(Debug)]
 pub(crate) struct PrivateFolder {
@@ -33,13 +33,13 @@ pub(crate) fn private_folder(prefix: &str) -> std::io::Result<PrivateFolder> {
     Ok(PrivateFolder { folder, _unfinished: noted })
 }
 
-/// Refuse an output that is the same file as an input of the command, whatever names and links lead to it: the input would be lost.
+/// Refuse an output that is the same file as an input of the command, whatever names and links lead to it, because the input would be lost.
 ///
 /// # Errors
 /// A message that names both.
 pub(crate) fn refuse_inputs<'a>(output: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
     let Ok(there) = std::fs::metadata(output) else { return Ok(()) };
-    // Devices and pipes hold nothing that could be lost.
+    // Devices and pipes contain nothing that could be lost.
     if !there.is_file() {
         return Ok(());
     }
@@ -59,7 +59,7 @@ pub(crate) fn refuse_inputs<'a>(output: &Path, inputs: impl IntoIterator<Item = 
 /// Check an output before the work is done.
 ///
 /// # Errors
-/// When it is an input of the command, is not a regular file, exists and must not be replaced, or lies in a missing folder.
+/// If it is an input of the command, is not a regular file, exists and must not be replaced, or its folder is missing.
 pub(crate) fn check_output<'a>(
     path: &Path,
     replace: bool,
@@ -68,7 +68,7 @@ pub(crate) fn check_output<'a>(
     refuse_inputs(path, inputs)?;
     let shown = path.display();
     if let Ok(there) = std::fs::metadata(path) {
-        // A rename would put a file in the place of a device.
+        // A rename would replace a device with a file.
         anyhow::ensure!(there.is_file(), "{shown} is a folder, a pipe or a device; give the name of a file");
         anyhow::ensure!(replace, "{shown} exists already; give --force to replace it");
     }
@@ -82,7 +82,7 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// A file under a temporary name in the folder that it will be in; gone when it is dropped or a signal ends the program.
+/// A file under a temporary name in its final folder, removed when it is dropped or a signal ends the program.
 pub(crate) struct NewFile {
     file: tempfile::NamedTempFile,
     _unfinished: Unfinished,

@@ -169,7 +169,7 @@ impl Seek for Scratch {
 fn origin<S: Source>(reader: &Reader<S>, place: Place) -> anyhow::Result<[f64; 3]> {
     let lattice = reader.header().lattice;
     let all = reader.entries().iter().fold(Aabb::EMPTY, |sum, e| sum.union(&e.bounds));
-    anyhow::ensure!(!all.is_empty(), "the pack holds no triangle");
+    anyhow::ensure!(!all.is_empty(), "the pack contains no triangles");
     let step = lattice.step();
     let middle: [f64; 2] = std::array::from_fn(|k| i64::midpoint(i64::from(all.min[k]), i64::from(all.max[k])) as f64);
     let lowest = f64::from(all.min[2]);

@@ -162,12 +162,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     report(args, adapter, &camera, &stats, display, legend)
 }
 
-/// Whether `--display` is JSON itself and not a file with it.
+/// Whether the value of `--display` is JSON and not the name of a file.
 fn is_json(display: &str) -> bool {
     display.trim_start().starts_with('{')
 }
 
-/// Check the files to write against those that are read, before anything is drawn.
+/// Check that no output replaces an input, before anything is drawn.
 fn check_outputs(args: &Args) -> anyhow::Result<()> {
     let display = args.display.as_deref().filter(|text| !is_json(text)).map(Path::new);
     let inputs = || [Some(args.pack.as_path()), args.camera.as_deref(), display].into_iter().flatten();

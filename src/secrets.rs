@@ -1,12 +1,12 @@
-//! Passwords in addresses (`https://user:password@host/`): shown as `***` wherever the program prints or keeps an address.
+//! Replaces passwords in addresses (`https://user:password@host/`) with `***` wherever the program prints or keeps an address.
 //!
-//! Which passwords there are is known from the arguments and the environment; `terminal`, which everything printed passes through, replaces
-//! them. What is written to files goes through [`shown`].
+//! The passwords are taken from the arguments and the environment. All printed text passes through `terminal`, which replaces them; text
+//! written to files passes through [`shown`].
 
 use std::borrow::Cow;
 use std::sync::OnceLock;
 
-/// What stands for a password.
+/// Shown instead of a password.
 const STARS: &str = "***";
 
 /// An address with its password replaced.
@@ -20,7 +20,7 @@ pub(crate) fn shown(address: &str) -> Cow<'_, str> {
     }
 }
 
-/// An address without a name and a password in it.
+/// An address without user name and password.
 pub(crate) fn without_user(address: &str) -> Cow<'_, str> {
     match user_of(address) {
         Some((start, user)) => {
@@ -31,7 +31,7 @@ pub(crate) fn without_user(address: &str) -> Cow<'_, str> {
     }
 }
 
-/// A text of any kind, with the passwords of arguments and environment replaced.
+/// Any text, with the passwords from the arguments and the environment replaced.
 pub(crate) fn hide(text: &str) -> Cow<'_, str> {
     hide_those(text, known())
 }
@@ -51,7 +51,7 @@ fn hide_those<'t>(text: &'t str, passwords: &[(String, String)]) -> Cow<'t, str>
     text
 }
 
-/// `user:password@` of every address in arguments and environment, and what is printed instead.
+/// `user:password@` of every address in the arguments and the environment, and what is printed instead.
 fn known() -> &'static [(String, String)] {
     static KNOWN: OnceLock<Vec<(String, String)>> = OnceLock::new();
     KNOWN.get_or_init(|| {
@@ -64,7 +64,7 @@ fn known() -> &'static [(String, String)] {
 /// The forms in which the password of an address may be printed: as it is, as text in quotation marks, as JSON.
 fn forms(address: &str) -> Vec<(String, String)> {
     let Some((before, password)) = with_password(address) else { return Vec::new() };
-    // A path that is made from it has one slash only.
+    // A path made from an address has only one slash.
     let begin = before.split_once("://").map_or("", |(_, user)| user);
     let plain = format!("{begin}{password}@");
     let inside = |quoted: &str| quoted.trim_matches('"').to_owned();
@@ -73,7 +73,7 @@ fn forms(address: &str) -> Vec<(String, String)> {
     [plain, quoted, json].into_iter().map(|found| (found, format!("{begin}{STARS}@"))).collect()
 }
 
-/// What stands before the password of an address, and the password.
+/// The part of an address before its password, and the password.
 fn with_password(address: &str) -> Option<(&str, &str)> {
     let (start, user) = user_of(address)?;
     let colon = user.find(':')?;
@@ -81,13 +81,13 @@ fn with_password(address: &str) -> Option<(&str, &str)> {
     (!password.is_empty()).then_some((before, password))
 }
 
-/// Where name and password of an address begin, and both with the colon between them.
+/// The position of `user:password` in an address, and that text.
 fn user_of(address: &str) -> Option<(usize, &str)> {
     let start = address.find("://")? + 3;
     let rest = address.get(start..)?;
     let authority = rest.split(['/', '?', '#']).next().unwrap_or_default();
     let user = authority.rfind('@').or_else(|| {
-        // A password with a slash in it, where no port has one.
+        // A password may contain a slash; a port does not.
         let (_, port) = authority.split_once(':').filter(|(host, _)| !host.starts_with('['))?;
         rest.rfind('@').filter(|_| !port.bytes().all(|b| b.is_ascii_digit()))
     })?;
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_text_has_no_password_in_whichever_form_it_is_printed() {
+    fn a_password_is_replaced_in_every_form_of_text() {
         let address = "https://me:s\"e c\u{e9}\\t@a.example/x";
         let passwords = forms(address);
         let json = serde_json::json!({ "file": address, "other": "https://b.example:80/c:d@e" });

@@ -1,7 +1,7 @@
-//! Signals to end (Ctrl-C, SIGTERM, SIGHUP): unfinished temporary files are removed, and the program ends with 128 and the number of the
-//! signal, as a shell shows it. `build` and `serve` come to an end of their own.
+//! Handles Ctrl-C, SIGTERM and SIGHUP: unfinished temporary files are removed, and the program exits with 128 plus the number of the
+//! signal, as shells report it. `build` and `serve` end in their own way.
 //!
-//! A signal that is ignored stays so (`nohup`).
+//! An ignored signal stays ignored (`nohup`).
 
 use kilwa_files::unfinished;
 use std::io;
@@ -9,21 +9,21 @@ use std::io;
 /// The number of SIGINT.
 pub(crate) const INTERRUPT: i32 = 2;
 
-/// From here on a signal ends the program, and nothing unfinished is left. Where signals cannot be listened to, they act as before.
+/// From here on, a signal ends the program and no unfinished file remains. If signals cannot be handled, they act as before.
 pub(crate) fn end_at_once() {
     drop(listen(end));
 }
 
-/// Remove what is unfinished, and end.
+/// Remove unfinished files, and exit.
 pub(crate) fn end(signal: i32) {
     unfinished::remove_all();
     std::process::exit(128 + signal);
 }
 
-/// Call `act` with the number of each signal that comes, on a thread of its own.
+/// Call `act` with the number of each signal received, on a separate thread.
 ///
 /// # Errors
-/// When the system does not allow it.
+/// If the system does not allow it.
 #[cfg(unix)]
 pub(crate) fn listen(act: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
     use tokio::signal::unix::{SignalKind, signal};
@@ -59,16 +59,16 @@ async fn hand_on(mut signals: Vec<(i32, tokio::signal::unix::Signal)>, mut act: 
     }
 }
 
-/// The same where there is no more than Ctrl-C.
+/// The same on systems that have only Ctrl-C.
 ///
 /// # Errors
-/// When the system does not allow it.
+/// If the system does not allow it.
 #[cfg(not(unix))]
 pub(crate) fn listen(mut act: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
     ctrlc::set_handler(move || act(INTERRUPT)).map_err(io::Error::other)
 }
 
-/// Signals that are ignored, where the system tells (Linux): bit n - 1 for number n.
+/// Ignored signals, if the system reports them (Linux): bit n - 1 for number n.
 #[cfg(unix)]
 fn ignored() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

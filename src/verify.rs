@@ -48,10 +48,10 @@ pub(crate) struct Args {
     /// Remember in this file what was checked when.
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
-    /// Go on with the run that was stopped.
+    /// Continue the run that was stopped.
     #[arg(long, requires = "state")]
     resume: bool,
-    /// Leave out what was checked and sound less than so many days ago, and has not changed since.
+    /// Skip anything that was found sound less than this many days ago and has not changed since.
     #[arg(long, value_name = "DAYS", requires = "state", value_parser = clap::value_parser!(u64).range(1..=36_500))]
     older_than: Option<u64>,
     /// Forget this object, bag or pack, which was removed on purpose; otherwise it is reported as missing.
@@ -68,11 +68,11 @@ const LIST_MAX: u64 = 16 << 20;
 enum What {
     Object,
     Bag {
-        /// Whether a withdrawal of its object removes it.
+        /// Whether the withdrawal of its object removes it.
         is_going: bool,
     },
     Pack,
-    /// A link or a special file under a name that the server reads beside objects and packs.
+    /// A link or a special file whose name is that of a file that the server reads beside objects and packs.
     Beside,
 }
 
@@ -84,7 +84,7 @@ struct Item {
 
 /// What was checked, for the last line.
 struct Checked {
-    /// Units, those among them that are not there any more.
+    /// Units, including those that are missing.
     units: usize,
     /// Whether it was one pack and nothing else.
     single: bool,
@@ -99,7 +99,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
                 let is_gone = !is_address(&args.target) && !Path::new(&args.target).exists();
                 let kind = if is_gone { Kind::Missing } else { Kind::Unreadable };
                 report.add(report.target.clone(), kind, format!("{error:#}"));
-                // The error counts, even where nobody listens to the report.
+                // The error matters even if nobody reads the report.
                 let text = crate::terminal::json_text(&report.to_json())?;
                 drop(writeln!(crate::terminal::out(), "{text}"));
             }
@@ -108,7 +108,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     }
 }
 
-/// Check all that there is, and what the state knows.
+/// Check everything that exists, and report what the state lists and is missing.
 fn check_all(args: &Args, report: &mut Report) -> anyhow::Result<Checked> {
     let (place, items) = if is_address(&args.target) { at_address(&args.target)? } else { in_folder(&args.target)? };
     if let Some(state) = args.state.as_deref().filter(|_| !is_address(&args.target)) {
@@ -116,11 +116,9 @@ fn check_all(args: &Args, report: &mut Report) -> anyhow::Result<Checked> {
     }
     let nothing = || {
         let target = &args.target;
-        anyhow::anyhow!(
-            "{target} is no archive object (it has no {MANIFEST}), and there is no object and no pack in it"
-        )
+        anyhow::anyhow!("{target} is not an archive object (it has no {MANIFEST}), and it contains no objects or packs")
     };
-    // Where there was something once, the state says what is missing.
+    // If there was something earlier, the state shows what is missing.
     if items.is_empty() && !args.state.as_ref().is_some_and(|path| path.exists()) {
         return Err(nothing());
     }
@@ -148,8 +146,8 @@ fn check_all(args: &Args, report: &mut Report) -> anyhow::Result<Checked> {
             name.clone(),
             Kind::Missing,
             format!(
-                "it was there at an earlier check, and no object, bag or pack of this name is there now; take it from a copy, or, if it \
-                 was removed on purpose, run this once with --forget '{path}'"
+                "it was there at an earlier check and is gone now; restore it from a copy or, if it was removed on purpose, run this \
+                 command once with --forget '{path}'"
             ),
         );
         report.objects += 1;
@@ -173,7 +171,7 @@ fn check_all(args: &Args, report: &mut Report) -> anyhow::Result<Checked> {
     Ok(checked)
 }
 
-/// Print what is wrong with a unit as soon as that is known, where there are several: the problems from `before` on.
+/// If there are several units, print the problems of one as soon as they are known: those from `before` on.
 fn print_problems(
     args: &Args,
     checked: &Checked,
@@ -192,8 +190,7 @@ fn print_problems(
     Ok(said?)
 }
 
-/// The units that the state knows and that are not there any more. The bag of a withdrawn object is not missed, because its withdrawal
-/// removed it.
+/// The units in the state that no longer exist, except the bag of a withdrawn object, which the withdrawal removes.
 fn gone(place: &dyn Place, items: &[Item], state: &State) -> Vec<String> {
     let there: BTreeSet<&str> = items.iter().map(|item| item.path.as_str()).collect();
     let has_withdrawn_object = |name: &str| {
@@ -285,7 +282,7 @@ fn canonical(target: &str) -> String {
     Path::new(target).canonicalize().map_or_else(|_| target.to_owned(), |path| path.display().to_string())
 }
 
-/// What there is below a path of this computer; in a folder it may be nothing.
+/// The units below a path of this computer; a folder may have none.
 fn in_folder(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
     let path = Path::new(target);
     let kind = std::fs::metadata(path).with_context(|| format!("cannot open {target}"))?;
@@ -326,12 +323,12 @@ fn is_pack(name: &str) -> bool {
     Path::new(name).extension().is_some_and(|e| e == "kilwa")
 }
 
-/// Whether the server reads a file of this name beside objects and packs. What is in it is not checked here.
+/// Whether the server reads a file of this name beside objects and packs. Its content is not checked here.
 fn is_read_beside(name: &str) -> bool {
     name == COLLECTIONS_FILE || name.ends_with(".annotations.json")
 }
 
-/// What a folder is. One with version folders and no manifest was an object; a manifest that is no plain file is reported when it is read.
+/// What a folder is. One with version folders and no manifest was an object; a manifest that is not a regular file is reported when it is read.
 fn kind_of(folder: &Path) -> Option<What> {
     let is_going = is_of_withdrawn(folder);
     if is_going || folder.join("bagit.txt").is_file() {
@@ -341,7 +338,7 @@ fn kind_of(folder: &Path) -> Option<What> {
     (has_manifest || folder.join("v1").is_dir()).then_some(What::Object)
 }
 
-/// Whether a folder is the bag of an object that is withdrawn. The withdrawal removes it, and was interrupted where it is there still.
+/// Whether a folder is the bag of a withdrawn object. The withdrawal removes it; if it still exists, the withdrawal was interrupted.
 fn is_of_withdrawn(folder: &Path) -> bool {
     let Ok(folder) = folder.canonicalize() else { return false };
     let name = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
@@ -463,7 +460,7 @@ fn bag(check: &mut Check<'_>) -> anyhow::Result<()> {
     let mut known = check.files_of(lists[1], "", false)?;
     known.extend(check.files_of(lists[0], "", false)?);
     known.insert(lists[1].to_owned());
-    // Without its lists nobody knows what belongs to a bag that is being removed.
+    // Without its lists, the files of a bag that is being removed are unknown.
     if check.report.lacking.is_none() || lists.iter().all(|list| matches!(check.place.open(list), Ok(Some(_)))) {
         check.unknown("", &known, lists[0]);
     }

@@ -204,9 +204,9 @@ fn another_build_is_not_resumed_and_its_scratch_files_stay() {
     site.assert_undisturbed("anew");
 }
 
-/// As `cp -p` or `rsync -t` leave it.
+/// As `cp -p` or `rsync -t` leave a file.
 #[test]
-fn an_input_of_the_same_length_and_time_with_other_content_is_noticed_and_one_with_the_same_content_is_as_good() {
+fn an_input_changed_with_the_same_length_and_time_is_noticed_and_an_identical_copy_is_accepted() {
     let site = Site::new();
     let (mesh, other) = (site.path("fort.ply"), site.path("other.ply"));
     let before = std::fs::read(&mesh).unwrap();
@@ -231,7 +231,7 @@ fn an_input_of_the_same_length_and_time_with_other_content_is_noticed_and_one_wi
         assert!(stderr(&refused).contains("fort.ply was changed since"), "{}", stderr(&refused));
         assert!(site.scratch().join("journal").exists());
     }
-    // Another inode and another ctime, and the content of then.
+    // Another inode and another ctime, but the original content.
     put(&before, &other);
     std::fs::rename(&other, &mesh).unwrap();
     let resumed = site.build(&["--resume"]).output().unwrap();
@@ -341,7 +341,7 @@ fn a_broken_link_is_refused_as_output_and_an_unlistable_folder_is_no_failure() {
     assert_eq!(refused.status.code(), Some(1));
     assert!(stderr(&refused).contains("whose target does not exist"), "{}", stderr(&refused));
     assert!(!folder.path().join(".l.kilwa.scratch").exists());
-    // Root can list it all the same; then this only shows that nothing else is wrong.
+    // Root can list it anyway; then this only shows that nothing else is wrong.
     let blind = folder.path().join("blind");
     std::fs::create_dir(&blind).unwrap();
     std::fs::set_permissions(&blind, std::fs::Permissions::from_mode(0o333)).unwrap();

@@ -243,12 +243,12 @@ fn a_glb_is_valid_and_has_the_place_and_the_colours_of_the_pack() {
 #[test]
 fn what_cannot_be_written_is_refused_by_name_before_anything_is_written() {
     let work = tempfile::tempdir().unwrap();
-    for (name, part) in [("a.gltf", ".glb"), ("a.nxz", ".nxz is not written"), ("a", "ends in .ply, .obj")] {
+    for (name, part) in [("a.gltf", ".glb"), ("a.nxz", "cannot write .nxz"), ("a", "ends in .ply, .obj")] {
         let out = work.path().join(name);
         assert!(fails(&["extract", text(torus()), "-o", text(&out)]).contains(part), "{name}");
     }
     let stl = work.path().join("a.stl");
-    assert!(fails(&["extract", text(torus()), "-o", text(&stl), "--ascii"]).contains("--ascii is for PLY"));
+    assert!(fails(&["extract", text(torus()), "-o", text(&stl), "--ascii"]).contains("--ascii works only with PLY"));
     assert!(std::fs::read_dir(work.path()).unwrap().next().is_none());
 
     let pack = work.path().join("pack.ply");
@@ -281,7 +281,7 @@ fn the_ply_reader_of_the_tests_agrees_on_what_a_box_holds() {
     }
 }
 
-/// A copy of a pack with another lattice: the same chunks, steps of another length, at another place.
+/// A copy of a pack with another lattice: the same chunks with another spacing and origin.
 fn on_lattice(pack: &Path, lattice: Lattice, to: &Path) {
     let reader = Reader::open(SliceSource(std::fs::read(pack).unwrap())).unwrap();
     let from = reader.header().lattice;
@@ -304,7 +304,7 @@ fn on_lattice(pack: &Path, lattice: Lattice, to: &Path) {
     std::fs::write(to, writer.finish().unwrap()).unwrap();
 }
 
-/// The positions in a file as its numbers are, without what has to be added to them.
+/// The positions in a file as stored, without the offset.
 fn numbers(path: &Path) -> Vec<[f64; 3]> {
     let bytes = std::fs::read(path).unwrap();
     let float = |at: usize| f64::from(f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()));
@@ -333,9 +333,9 @@ fn numbers(path: &Path) -> Vec<[f64; 3]> {
     }
 }
 
-/// FORMAT.md allows steps of 2^-1000 to 2^1000 m, and any origin.
+/// FORMAT.md allows a lattice spacing of 2^-1000 to 2^1000 m, and any origin.
 #[test]
-fn coordinates_that_a_format_cannot_hold_are_refused_and_others_stay_apart() {
+fn coordinates_that_a_format_cannot_represent_are_refused_and_others_stay_distinct() {
     let work = tempfile::tempdir().unwrap();
     let base = built_once(&folder(), "small", |to| Input::torus(32, 16, [0.0; 3]).write(to), &[]);
     let different = |path: &Path| {
@@ -390,7 +390,7 @@ fn coordinates_that_a_format_cannot_hold_are_refused_and_others_stay_apart() {
 }
 
 #[test]
-fn the_header_of_an_stl_has_the_whole_offset_however_long_its_numbers_are() {
+fn the_header_of_an_stl_contains_the_complete_offset_however_long_its_numbers() {
     let work = tempfile::tempdir().unwrap();
     let base = built_once(&folder(), "small", |to| Input::torus(32, 16, [0.0; 3]).write(to), &[]);
     let (pack, out) = (work.path().join("a.kilwa"), work.path().join("a.stl"));

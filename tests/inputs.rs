@@ -205,7 +205,7 @@ fn no_command_replaces_one_of_its_inputs() {
     succeeds(&["access", "init", &at("accounts.json")]);
     std::fs::create_dir(at("served")).unwrap();
     std::fs::copy(at("c.kilwa"), at("served/c.kilwa")).unwrap();
-    // The pack under names whose endings say another format, and a link to it.
+    // The pack under names with the endings of other formats, and a link to it.
     for name in ["p.ply", "p.json", "p.png", "p.pgw", "q.kilwa"] {
         std::fs::copy(at("c.kilwa"), at(name)).unwrap();
     }

@@ -1,10 +1,10 @@
-//! A signal while a file is written under a temporary name: the program ends, and nothing is left of the file.
+//! A signal while a file is written under a temporary name: the program ends, and no part of the file is left.
 
 use crate::support::{Input, built_once, text};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-/// Names of signals, and what the program ends with.
+/// Names of signals, and the exit code of the program.
 const SIGNALS: [(&str, i32); 3] = [("-HUP", 129), ("-INT", 130), ("-TERM", 143)];
 
 fn names(folder: &Path) -> Vec<String> {
@@ -27,7 +27,7 @@ fn begun(args: &[&str]) -> Child {
     command.args(args).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
-/// Run a command that writes into the empty `folder`, with each of the signals; tried again where it was faster.
+/// Run a command that writes into the empty `folder` and send it each signal; try again if it finished first.
 fn leaves_nothing(folder: &Path, args: &[&str]) {
     for (signal, code) in SIGNALS {
         let caught = (0..50).any(|_| {
@@ -77,7 +77,7 @@ fn nothing_is_left_of_a_report_on_a_mesh_that_a_signal_ends() {
         let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
         let mut child = command.args(["info", text(&mesh)]).env("TMPDIR", &temporary).spawn().unwrap();
         while names(&temporary).is_empty() {
-            assert!(child.try_wait().unwrap().is_none(), "it reads the mesh by way of scratch files");
+            assert!(child.try_wait().unwrap().is_none(), "it must use scratch files while it reads the mesh");
             std::thread::yield_now();
         }
         Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
@@ -86,7 +86,7 @@ fn nothing_is_left_of_a_report_on_a_mesh_that_a_signal_ends() {
     }
 }
 
-/// Under `nohup`, and in the background of a script, signals are ignored; that stays so.
+/// Under `nohup`, and in background jobs of a script, signals are ignored; this must stay so.
 #[cfg(target_os = "linux")]
 #[test]
 fn an_ignored_signal_stays_ignored() {

@@ -272,7 +272,7 @@ fn verify_names_the_damaged_part() {
     assert!(["chunk 1", "chunk 3", "chunk 5"].iter().all(|c| said.contains(c)), "every damaged chunk is named: {said}");
 }
 
-/// A pack in whose header or first directory page something was changed, with all hashes right again.
+/// A pack with a change in its header or first directory page, and all hashes corrected.
 fn forged(pack: &[u8], change: impl FnOnce(&mut [u8])) -> Vec<u8> {
     let mut bytes = pack.to_vec();
     change(&mut bytes);
@@ -289,17 +289,17 @@ fn forged(pack: &[u8], change: impl FnOnce(&mut [u8])) -> Vec<u8> {
 }
 
 #[test]
-fn verify_finds_what_is_wrong_though_all_hashes_are_right() {
+fn verify_finds_wrong_values_even_if_all_hashes_are_right() {
     let folder = tempfile::tempdir().unwrap();
     let good = std::fs::read(&torus().1).unwrap();
     let reader = kilwa_pack::Reader::open(kilwa_pack::SliceSource(&good)).unwrap();
     let header = reader.header();
-    assert_eq!(header.page_count(), 1, "hashes are made again for packs of one page");
+    assert_eq!(header.page_count(), 1, "hashes can be corrected only for packs of one page");
     let path = folder.path().join("forged.kilwa");
     let write = |change: &dyn Fn(&mut [u8])| std::fs::write(&path, forged(&good, change)).unwrap();
     let color_error = |entry: usize| header.first_page as usize + 128 * (1 + entry) + 24;
     let set = |at: usize, error: f32| move |b: &mut [u8]| b[at..at + 4].copy_from_slice(&error.to_le_bytes());
-    // That of the root says nothing.
+    // The colour error of the root has no meaning.
     write(&set(color_error(0), f32::INFINITY));
     succeeds(&["verify", text(&path)]);
     write(&set(color_error(1), 255.0));
@@ -309,7 +309,7 @@ fn verify_finds_what_is_wrong_though_all_hashes_are_right() {
         let said = fails(&["verify", text(&path)]);
         assert!(said.contains("directory entry 1") && said.contains("at most 255"), "{error}: {said}");
     }
-    // Between two parts, where no gap gives a wrong place of no pages away.
+    // Between two parts, where a wrong offset leaves no gap, because there are no further pages.
     let places = [header.first_page + 16_384, reader.entries()[1].offset, header.file_bytes - 80];
     let wrong: Vec<u64> = places.into_iter().filter(|at| *at != header.other_pages).collect();
     assert!(wrong.len() >= 2);
@@ -320,12 +320,12 @@ fn verify_finds_what_is_wrong_though_all_hashes_are_right() {
     }
 }
 
-/// Whoever checks a folder may name a disk image by mistake. Reading it to its end would take hours.
+/// A user may name a disk image by mistake, and reading it to the end would take hours.
 #[test]
-fn verify_does_not_read_a_file_that_is_no_pack() {
+fn verify_does_not_read_a_file_that_is_not_a_pack() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("image.kilwa");
-    // A hole of a TiB takes no room, and would take hours to read.
+    // A sparse file of 1 TiB takes no space but would take hours to read.
     std::fs::File::create(&path).unwrap().set_len(1 << 40).unwrap();
     let said = fails(&["verify", text(&path)]);
     assert!(said.contains("not a Kilwa pack") && said.contains("image.kilwa"), "{said}");

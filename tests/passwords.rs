@@ -1,4 +1,4 @@
-//! A password in an address is in nothing that the program prints or keeps, whichever command gets the address.
+//! No command prints or stores the password of an address.
 
 use crate::support::{kilwa, text};
 use std::io::{Read, Write};
@@ -6,7 +6,7 @@ use std::net::TcpListener;
 
 const SECRET: &str = "s3cret-word";
 
-/// A server that has nothing: every request is answered 404. Its port.
+/// Start a server that answers every request with 404. Returns its port.
 fn nothing_there() -> u16 {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
@@ -22,7 +22,7 @@ fn nothing_there() -> u16 {
     port
 }
 
-/// What a command printed; the password is not in it.
+/// The output of a command, which must not contain the password.
 fn printed(args: &[&str]) -> String {
     let output = kilwa(args);
     let both = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
@@ -38,7 +38,7 @@ fn no_command_prints_the_password_of_an_address() {
     let port = nothing_there();
     let pack = format!("http://me:{SECRET}@127.0.0.1:{port}/x.kilwa");
     let site = format!("http://me:{SECRET}@127.0.0.1:{port}/models/");
-    // A scheme that is not known, and a password that ends the authority too early.
+    // An unknown scheme, and a password whose slash ends the authority too early.
     let (odd, slash) = (format!("ftp://me:{SECRET}@127.0.0.1/x.kilwa"), format!("http://me:a/{SECRET}@127.0.0.1:1/"));
     for address in [&pack, &site, &odd] {
         for args in [&["verify", address][..], &["verify", address, "--json"]] {
@@ -56,7 +56,7 @@ fn no_command_prints_the_password_of_an_address() {
             &["build", address, "-o", text(&out)],
             &["publish", "a.kilwa", "--metadata", "a.toml", "--to", address],
             &["serve", address],
-            // What the parser of arguments says itself.
+            // Messages of the argument parser itself.
             &["verify", address, address],
             &["serve", "--threads", address],
         ] {
@@ -73,7 +73,7 @@ fn the_state_of_verify_has_no_password() {
     let kept = || std::fs::read_to_string(&state).unwrap();
     printed(&["verify", &address, "--state", text(&state)]);
     assert!(!kept().contains(SECRET) && kept().contains("me:***@"), "{}", kept());
-    // An earlier program wrote it down: it is the same target, and gone after the run.
+    // An earlier version stored it: the target is recognised, and the run removes the password.
     std::fs::write(&state, format!("{{\"kilwa-verify\":\"run\",\"target\":\"{address}\",\"at\":1}}\n")).unwrap();
     let said = printed(&["verify", &address, "--state", text(&state)]);
     assert!(!said.contains("belongs to"), "{said}");

@@ -203,7 +203,7 @@ fn a_display_that_was_printed_gives_the_same_picture_and_a_wrong_one_is_refused_
 }
 
 #[test]
-fn a_picture_and_a_world_file_that_exist_are_replaced_only_by_force() {
+fn an_existing_picture_or_world_file_is_replaced_only_with_force() {
     let folder = tempfile::tempdir().expect("a folder");
     let pack = sphere(folder.path());
     let at = |name: &str| folder.path().join(name);

@@ -1,5 +1,5 @@
 //! `kilwa verify` on archive objects, folders of them and addresses: a changed byte of any file is found and named, so is what is missing
-//! or too much; a nightly job goes on where it was stopped.
+//! or too much; a nightly job continues where it was stopped.
 
 use crate::support::{built_once, fails, kilwa, succeeds, text};
 use kilwa_archive::Metadata;
@@ -314,9 +314,9 @@ fn a_folder_is_checked_unit_by_unit_and_a_night_goes_on_where_it_was_stopped() {
     succeeds(&["verify", &shelf_name]);
 }
 
-/// Whatever the time of the file says: it can be set back.
+/// Regardless of the file's time, which can be set back.
 #[test]
-fn what_has_changed_since_is_checked_again_however_lately_it_was_checked() {
+fn anything_changed_since_is_checked_again_however_recently_it_was_checked() {
     let folder = tempfile::tempdir().unwrap();
     let (shelf, state) = (folder.path().join("shelf"), folder.path().join("state"));
     fs::create_dir(&shelf).unwrap();
@@ -335,7 +335,7 @@ fn what_has_changed_since_is_checked_again_however_lately_it_was_checked() {
             let time = fs::metadata(&path).unwrap().modified().unwrap();
             let mut bytes = good.clone();
             change(&mut bytes);
-            // Clocks of files may go in steps of some milliseconds.
+            // File times may advance in steps of some milliseconds.
             std::thread::sleep(std::time::Duration::from_millis(50));
             fs::write(&path, &bytes).unwrap();
             if cfg!(unix) {
@@ -347,7 +347,7 @@ fn what_has_changed_since_is_checked_again_however_lately_it_was_checked() {
             fs::write(&path, &good).unwrap();
         }
     }
-    // A run that was stopped does not go on past a change either.
+    // A resumed run does not miss a change either.
     run(&[], 0);
     let lines = fs::read_to_string(&state).unwrap();
     let stop = lines.lines().position(|l| l.contains("v1/poster.jpg")).unwrap();
@@ -358,7 +358,7 @@ fn what_has_changed_since_is_checked_again_however_lately_it_was_checked() {
 }
 
 #[test]
-fn what_was_there_at_an_earlier_check_is_missing_until_it_is_forgotten() {
+fn a_removed_unit_is_reported_as_missing_until_it_is_forgotten() {
     let folder = tempfile::tempdir().unwrap();
     let (shelf, state) = (folder.path().join("shelf"), folder.path().join("state"));
     let (single, other) = (shelf.join("single.kilwa"), shelf.join("other.kilwa"));
@@ -376,13 +376,13 @@ fn what_was_there_at_an_earlier_check_is_missing_until_it_is_forgotten() {
     let said = kilwa(&["verify", text(&shelf), "--state", text(&state)]);
     let said = String::from_utf8_lossy(&[said.stdout, said.stderr].concat()).into_owned();
     assert!(said.contains("--forget 'single.kilwa'") && said.contains("1 problem in 1 of 2 objects"), "{said}");
-    // Who names one pack is not told of others.
+    // Checking one pack by name reports no others.
     assert_eq!(report(&[text(&other)], 0)["sound"], true);
     let refused = fails(&["verify", text(&shelf), "--state", text(&state), "--forget", "none"]);
-    assert!(refused.contains("does not know it"), "{refused}");
+    assert!(refused.contains("has no such name"), "{refused}");
     assert_eq!(run(&["--forget", "single.kilwa"], 0)["sound"], true);
     assert_eq!(run(&["--older-than", "5"], 0)["skipped"], 1);
-    // Also where nothing is left.
+    // Even if nothing is left.
     fs::remove_file(&other).unwrap();
     assert_eq!(problems(&run(&[], 1)), missing("other.kilwa"));
     // The bag of a withdrawn object is removed by the withdrawal.
@@ -395,7 +395,7 @@ fn what_was_there_at_an_earlier_check_is_missing_until_it_is_forgotten() {
 }
 
 #[test]
-fn what_could_not_be_checked_is_a_problem_in_json_too() {
+fn a_failed_check_is_a_problem_in_json_too() {
     let folder = tempfile::tempdir().unwrap();
     let (none, notes) = (folder.path().join("none.kilwa"), folder.path().join("notes.txt"));
     fs::write(&notes, "years of work\n").unwrap();
@@ -424,7 +424,7 @@ fn wrap(shelf: &Path) -> PathBuf {
     kilwa_archive::bag::wrap(&lock, &Slug::new("fort").unwrap(), &info, &|_| Ok(())).unwrap()
 }
 
-/// Withdraw the object `fort` of a shelf, with so many changes on disk to make before all others fail.
+/// Withdraw the object `fort` of a shelf; every change on disk after the first `changes` fails.
 fn withdraw_with(shelf: &Path, keep: &Path, changes: usize) -> Result<(), DraftError> {
     let (slug, count) = (Slug::new("fort").unwrap(), Cell::new(0));
     let steps = |_: &str| {
@@ -468,7 +468,7 @@ fn an_interrupted_withdrawal_is_explained_and_damage_in_it_is_damage() {
         }
         let poster = bag.join("data/v1/poster.jpg");
         if is_bag_left && poster.exists() && bag.join("manifest-sha256.txt").exists() {
-            // Linked files are those of the object.
+            // Files of the bag may be hard links to those of the object.
             fs::remove_file(&poster).unwrap();
             fs::write(&poster, "another").unwrap();
             let found = problems(&report(&[text(&bag)], 1));
@@ -481,7 +481,7 @@ fn an_interrupted_withdrawal_is_explained_and_damage_in_it_is_damage() {
         }
     }
     assert!(bags > 5 && copies > 3 && damaged > 0, "{bags}, {copies}, {damaged}");
-    // Without a withdrawal what is lacking is missing.
+    // Without a withdrawal, a missing file is a problem.
     let shelf = tempfile::tempdir().unwrap();
     publish(shelf.path(), "fort", 1);
     let bag = wrap(shelf.path());
@@ -498,7 +498,7 @@ fn a_bag_is_checked_by_its_lists_and_by_its_object() {
     for name in ["bag-info.txt", "bagit.txt", "manifest-sha256.txt", "data/manifest.json"] {
         let path = bag.join(name);
         let good = fs::read(&path).unwrap();
-        fs::remove_file(&path).unwrap(); // Linked files are those of the object.
+        fs::remove_file(&path).unwrap(); // Files of the bag may be hard links to those of the object.
         let mut bytes = good.clone();
         bytes[2] ^= 1;
         fs::write(&path, bytes).unwrap();
@@ -680,7 +680,7 @@ fn links_and_special_files_are_named_and_never_followed() {
     checked(&object, &["v1/extra", "nobody knows"]);
 }
 
-/// The same for files that the server reads beside objects and packs, and for a manifest.
+/// The same for a manifest, and for files that the server reads beside objects and packs.
 #[cfg(unix)]
 #[test]
 fn links_and_special_files_beside_objects_and_packs_are_damage() {

@@ -28,7 +28,7 @@ pub(crate) fn create_dir(path: &Path, steps: Steps<'_>) -> Result<(), DraftError
     create_dirs(path, &mut Vec::new(), steps)
 }
 
-/// The same. Each folder that was not there before is added to `made`, the outermost first.
+/// The same. Adds each folder that it creates to `made`, outermost first.
 pub(crate) fn create_dirs(path: &Path, made: &mut Vec<PathBuf>, steps: Steps<'_>) -> Result<(), DraftError> {
     steps(&name(path)).map_err(failed("write", path))?;
     let mut missing: Vec<&Path> = path.ancestors().take_while(|at| !is_current(at) && !at.is_dir()).collect();
@@ -48,7 +48,7 @@ pub(crate) fn create_dirs(path: &Path, made: &mut Vec<PathBuf>, steps: Steps<'_>
     Ok(())
 }
 
-/// Whether a path is empty, as the last ancestor of a relative path is.
+/// Whether a path is empty, like the last ancestor of a relative path.
 fn is_current(path: &Path) -> bool {
     path.as_os_str().is_empty()
 }

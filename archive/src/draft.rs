@@ -73,9 +73,9 @@ pub enum DraftError {
         /// What stopped it.
         why: Box<DraftError>,
     },
-    /// Nothing was withdrawn, and not all of what was begun for it could be removed again.
+    /// Nothing was withdrawn, but some files made for it could not be removed.
     #[error(
-        "{cause}. The object is as it was, but what this command began is left: {rest}. Remove it, or run the same command again",
+        "{cause}. The object is unchanged, but leftovers of this command remain: {rest}. Remove them, or run the same command again",
         cause = after_the_change(why), rest = after_the_change(left)
     )]
     Left {
@@ -312,7 +312,7 @@ impl<'a> Draft<'a> {
     }
 }
 
-/// Add the version that was prepared in `whole` to an object. Earlier versions are closed before the manifest is replaced, or opened after it. An error
+/// Add the version prepared in `whole` to an object. Earlier versions are closed before the manifest is replaced, or opened after it. An error
 /// before the manifest is replaced leaves them as they were.
 fn add(
     lock: &Lock,
@@ -332,7 +332,7 @@ fn add(
     if let Err(e) = added {
         if !matches!(e, DraftError::Unfinished { .. }) {
             let was_open = modes::is_for_everybody(&before.access);
-            // As far as the disk allows; the next change to the object does the rest.
+            // Errors are ignored: the next change to the object does the rest.
             drop(modes::settle_object(object, before, was_open, lock.folder(), &|_| Ok(())));
         }
         return Err(e);
@@ -340,7 +340,7 @@ fn add(
     if is_open { settle_earlier().map_err(|e| e.after(PUBLISHED)) } else { Ok(()) }
 }
 
-/// Check that `version` is the object's next one and that nothing is in the place of its folder. Returns the object's manifest, if it has one.
+/// Check that `version` is the object's next one and that nothing has the name of its folder yet. Returns the object's manifest, if it has one.
 fn free(object: &Path, version: u32) -> Result<Option<Manifest>, DraftError> {
     let folder = object.join(version_folder(version));
     if version == 1 {

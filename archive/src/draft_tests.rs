@@ -337,7 +337,7 @@ fn publish_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<()
     Some(())
 }
 
-/// The same; whether it was published, and what was printed.
+/// The same. Returns whether it was published, and the output.
 #[cfg(unix)]
 fn try_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<(bool, String)> {
     use std::os::unix::process::CommandExt as _;
@@ -395,7 +395,7 @@ fn closed_files_are_owner_only_if_the_owner_is_not_in_the_group_of_the_folder() 
         fs::set_permissions(find_pack(&object), std::os::unix::fs::PermissionsExt::from_mode(0o640)).unwrap();
         publish_as_another_user(shelf.path(), 2, "restricted")?;
         assert_eq!(modes_of_packs(&object), vec![0o600; 2]);
-        // As though the user had been added to the group.
+        // As if the user had been added to the group.
         chown(shelf.path(), None, Some(NOBODY)).unwrap();
         publish_as_another_user(shelf.path(), 3, "restricted")?;
         assert_eq!((modes_of_packs(&object), unshared("v3")), (vec![0o640; 3], None));

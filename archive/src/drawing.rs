@@ -1,12 +1,12 @@
-//! How drawings to scale are written: PNG of three bytes for each pixel, with their resolution. Whoever writes one and whoever checks that it holds nothing
-//! but its pixels use this encoder, so that the same pixels are the same bytes.
+//! The encoder of drawings to scale: PNG with three bytes per pixel and a resolution. `kilwa publish` writes drawings with it, and servers check with it that a
+//! drawing contains nothing but its pixels: the same pixels always give the same bytes.
 
 use std::io::{self, Cursor, Write};
 
-/// Begin a picture of so many pixels, and so many of them for each metre of paper. The pixels go to its `stream_writer`.
+/// Begin a picture of `size` pixels, with `per_metre` pixels per metre of paper. Write the pixels to its `stream_writer`.
 ///
 /// # Errors
-/// When it cannot be written, or has no pixels.
+/// If it cannot be written, or has no pixels.
 pub fn begin<W: Write>(out: W, size: [u32; 2], per_metre: u32) -> Result<png::Writer<W>, png::EncodingError> {
     let mut encoder = png::Encoder::new(out, size[0], size[1]);
     encoder.set_color(png::ColorType::Rgb);
@@ -16,14 +16,14 @@ pub fn begin<W: Write>(out: W, size: [u32; 2], per_metre: u32) -> Result<png::Wr
     encoder.write_header()
 }
 
-/// Whether a picture is to the byte what is written of its pixels, so that neither filters nor compression nor chunks hold anything else. It must have three
-/// bytes for each pixel and be no larger than the caller is ready to decode.
+/// Whether encoding a picture's pixels again gives exactly its bytes, so that nothing is hidden in filters, compression or chunks. It must have three
+/// bytes per pixel, and the caller must be prepared to decode a picture of this size.
 pub fn is_as_written(bytes: &[u8], size: [u32; 2], per_metre: u32) -> bool {
     let mut again = Again { bytes, at: 0 };
     write_again(&mut again, size, per_metre).is_some() && again.at == bytes.len()
 }
 
-/// Decode and write it again, row by row. `None` at the first byte that differs.
+/// Decode it and encode it again, row by row. `None` at the first byte that differs.
 fn write_again(again: &mut Again<'_>, size: [u32; 2], per_metre: u32) -> Option<()> {
     let mut reader = png::Decoder::new(Cursor::new(again.bytes)).read_info().ok()?;
     let mut writer = begin(again, size, per_metre).ok()?;
@@ -35,7 +35,7 @@ fn write_again(again: &mut Again<'_>, size: [u32; 2], per_metre: u32) -> Option<
     // The end of the file is written when the writer is dropped.
 }
 
-/// Compares what is written with what is there.
+/// Compares the bytes written to it with the original.
 struct Again<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -64,7 +64,7 @@ mod tests {
     const SIZE: [u32; 2] = [150, 90];
     const PER_METRE: u32 = 5906;
 
-    /// Three bytes for each of the pixels: lines on a gradient, so that filters and compression have a choice.
+    /// The bytes of all pixels: lines on a gradient, so that filters and compression make a difference.
     fn pixels() -> Vec<u8> {
         let at = |x: u32, y: u32| {
             if (x + 2 * y).is_multiple_of(17) { [0; 3] } else { [x as u8, y as u8, (x * y / 9) as u8] }
@@ -76,7 +76,7 @@ mod tests {
         let mut bytes = Vec::new();
         let mut writer = begin(&mut bytes, SIZE, PER_METRE).unwrap();
         let mut stream = writer.stream_writer().unwrap();
-        // In parts that are no rows.
+        // In parts that do not end with rows.
         for part in pixels().chunks(1001) {
             stream.write_all(part).unwrap();
         }
@@ -85,7 +85,7 @@ mod tests {
         bytes
     }
 
-    /// The same pixels, written in another way.
+    /// The same pixels, encoded differently.
     fn otherwise(compression: Compression, filter: Filter, chunk: usize) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, SIZE[0], SIZE[1]);
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_pixels_in_other_bytes_are_not_as_written() {
+    fn the_same_pixels_encoded_differently_are_rejected() {
         let bytes = written();
         assert!(is_as_written(&bytes, SIZE, PER_METRE));
         let mut others = vec![otherwise(Compression::Balanced, Filter::Adaptive, 1000)];
@@ -123,12 +123,12 @@ mod tests {
             others.push(otherwise(compression, Filter::Adaptive, 1 << 15));
         }
         others.retain(|other| *other != bytes);
-        assert!(others.len() > 5, "{} other forms are too few", others.len());
+        assert!(others.len() > 5, "only {} other encodings", others.len());
         for other in &others {
             assert!(decoded(other) == pixels(), "another picture");
             assert!(!is_as_written(other, SIZE, PER_METRE));
         }
-        // Less, more, and something changed.
+        // Truncated, extended and changed.
         assert!(!is_as_written(&bytes[..bytes.len() - 12], SIZE, PER_METRE));
         assert!(!is_as_written(&[&bytes[..], b"more"].concat(), SIZE, PER_METRE));
         assert!(!is_as_written(&bytes, SIZE, PER_METRE + 1));

@@ -9,16 +9,16 @@ use super::withdraw::{WITHDRAWN, outlook};
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
-/// Hidden file in what is kept of an object, until all of its files are there: so whoever verifies it knows that a withdrawal is in progress or was
+/// Hidden file in the folder of a kept object until all of its files are there. It shows `kilwa verify` that a withdrawal is in progress or was
 /// interrupted.
 pub const KEEPING: &str = ".kilwa-keeping";
-/// What is in that file.
+/// Content of that file.
 pub const KEEPING_TEXT: &str = "A withdrawal is in progress or was interrupted; the same command finishes it.\n";
 
-/// Both folders of a withdrawal, locked. The one outside is removed with this where it was made for it and nothing went there.
+/// Both folders of a withdrawal, locked. On drop, the one outside is removed if it was created for the withdrawal and is still empty.
 #[derive(Debug)]
 pub struct Folders {
-    // Removed before the locks go.
+    // Dropped before the locks.
     _made: Made,
     pub(super) shelf: Lock,
     pub(super) keep: PathBuf,
@@ -52,7 +52,7 @@ impl Folders {
         };
         let locked = lock_both(shelf, keep, waits);
         if let Err(DraftError::Busy(_)) = &locked {
-            // Whoever holds the lock works there.
+            // Whoever holds the lock is working there.
             made.leave();
         }
         let (shelf, kept) = locked?;

@@ -1,5 +1,5 @@
 //! Every command that changes an archive is killed before every change on disk, and, if `strace` is installed, before the system calls that make one: each leaves
-//! the old object or the new one, served whole, and the same command goes on to what it would have come to.
+//! the old object or the new one, served whole, and running the same command again reaches the same result.
 
 use super::bag::{self, BagInfo};
 use super::checksums::sha256;
@@ -201,7 +201,7 @@ fn is_closed_to_others(what: What, folder: &Path, manifest: &Manifest) {
 #[cfg(not(unix))]
 fn is_closed_to_others(_: What, _: &Path, _: &Manifest) {}
 
-/// The same, and that the same command goes on.
+/// The same, and that the same command continues.
 fn is_gone_on_with(what: What, archive: &Archive, whole: &Archive, cut: &str) {
     let folder = archive.folder.path();
     is_old_or_new(what, folder);

@@ -198,9 +198,9 @@ pub fn is_object(folder: &Path) -> bool {
     folder.join(MANIFEST).is_file()
 }
 
-/// Whether a file has the shape of the model in it: packs, and models in other forms.
+/// Whether a file contains the geometry of the model: packs and other mesh formats.
 pub fn is_geometry(name: &str) -> bool {
-    // Notes are places on the model.
+    // Notes contain positions on the model.
     if name.rsplit('/').next() == Some(ANNOTATIONS) {
         return true;
     }

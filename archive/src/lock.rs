@@ -1,12 +1,12 @@
 //! One change at a time to a folder: a lock that holds between threads, programs and users of this computer.
 //!
 //! The lock is taken on the folder itself, so that nothing is left behind. Where the system cannot lock a folder (network file systems, Windows)
-//! it is taken on a hidden file in it, [`LOCK_FILE`]. Where neither works the change is refused: two changes at once could lose one of them.
+//! it is taken on a hidden file in it, [`LOCK_FILE`]. If neither works, the change is refused, because one of two simultaneous changes could be lost.
 //!
-//! [`LOCK_FILE`] is shared: whoever opened it may lock it a moment later, so a program that could not lock it must not remove it. It is therefore made only
-//! where a file without a name could be locked in the same folder. A folder in which nothing can be locked is left as it was.
+//! [`LOCK_FILE`] is shared: another program that opened it may lock it a moment later, so a program that could not lock it must not remove it. It is therefore created
+//! only if a nameless file could be locked in the same folder. A folder in which nothing can be locked is left unchanged.
 //!
-//! What was locked must still be what has the name: a folder or file that was removed meanwhile keeps nobody else out.
+//! After locking, the file or folder must still have its name: the lock of one that was removed meanwhile excludes nobody.
 
 use super::disk::failed;
 use super::draft::DraftError;
@@ -71,7 +71,7 @@ impl Lock {
         }
     }
 
-    /// The lock by a file or folder that was locked, unless `path` leads to another one by now.
+    /// The lock, given the locked file or folder, unless `path` leads to another one by now.
     fn of(folder: &Path, file: File, path: &Path) -> Result<Self, DraftError> {
         let is_there = match (file.metadata(), std::fs::metadata(path)) {
             (Ok(locked), Ok(there)) => plain_file::is_same_file(&locked, &there),
@@ -112,7 +112,7 @@ impl Lock {
 /// Locks an open file, or says why not.
 type TryLock<'a> = dyn Fn(&File) -> Result<(), TryLockError> + 'a;
 
-/// Whether files in a folder can be locked, tried on one without a name, which nobody else can open and which is gone when it is closed.
+/// Check that files in a folder can be locked, with a nameless file that nobody else can open and that disappears when it is closed.
 fn check_lockable(folder: &Path, try_lock: &TryLock<'_>) -> io::Result<()> {
     match try_lock(&tempfile::tempfile_in(folder)?) {
         Err(TryLockError::Error(e)) => Err(e),
@@ -163,7 +163,7 @@ mod tests {
         let refused = Lock::of_file_by(folder.path(), &no_lock).unwrap_err();
         assert!(matches!(refused, DraftError::Unlockable { .. }), "{refused}");
         assert_eq!(names(), 0, "a file is left");
-        // One that is there belongs to others, too.
+        // An existing one belongs to others too.
         drop(Lock::of_file(folder.path()).unwrap());
         assert!(Lock::of_file_by(folder.path(), &no_lock).is_err());
         assert_eq!(names(), 1, "a file of others is gone");

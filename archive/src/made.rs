@@ -1,4 +1,4 @@
-//! Folders that a command makes on the way to what it writes: where it fails, those that stayed empty go again.
+//! Folders that a command creates for its output. If it fails, those that are still empty are removed.
 
 use super::disk;
 use super::draft::{DraftError, Steps};
@@ -8,33 +8,33 @@ use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Folders that were made. When this is dropped those that are empty are removed, so that nothing is left of a command that wrote nothing.
+/// Folders that were created. On drop, the empty ones are removed, so that a command that wrote nothing leaves nothing.
 #[derive(Debug, Default)]
 #[must_use]
 pub struct Made {
     /// The outermost first.
     folders: Vec<PathBuf>,
-    /// Whether the caller holds the lock of the innermost until this is dropped; then its lock file may go, too.
+    /// Whether the caller holds the lock of the innermost until this is dropped; then its lock file may be removed too.
     is_locked: bool,
 }
 
 impl Made {
-    /// Make a folder, and those above it that are missing.
+    /// Create a folder and its missing parents.
     ///
     /// # Errors
-    /// [`DraftError::Disk`] where that fails; what was made is removed.
+    /// [`DraftError::Disk`] if that fails; folders created so far are removed.
     pub fn create(folder: &Path, steps: Steps<'_>) -> Result<Self, DraftError> {
         let mut made = Self::default();
         disk::create_dirs(folder, &mut made.folders, steps)?;
         Ok(made)
     }
 
-    /// The innermost is locked from now on, for longer than this is there.
+    /// Note that the innermost is locked from now on, until after this is dropped.
     pub(super) fn lock(&mut self) {
         self.is_locked = true;
     }
 
-    /// Others use the folders: they stay.
+    /// Keep the folders, because others use them.
     pub(super) fn leave(&mut self) {
         self.folders.clear();
     }
@@ -46,7 +46,7 @@ impl Drop for Made {
             drop(fs::remove_file(folder.join(LOCK_FILE)));
         }
         while let Some(folder) = self.folders.pop() {
-            // No folder is removed with anything in it.
+            // Only empty folders are removed.
             if fs::remove_dir(folder).is_err() {
                 break;
             }
@@ -54,7 +54,7 @@ impl Drop for Made {
     }
 }
 
-/// Whether nothing but a lock is in a folder, which is no link to one.
+/// Whether a folder, which must not be a link, contains nothing but a lock.
 fn holds_only_lock(folder: &Path) -> bool {
     let mut entries = match fs::read_dir(folder) {
         Ok(entries) if is_own_folder(folder).unwrap_or(false) => entries,
@@ -68,12 +68,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn folders_that_stayed_empty_are_removed_and_no_others() {
+    fn only_folders_that_stayed_empty_are_removed() {
         let parent = tempfile::tempdir().unwrap();
         let inner = parent.path().join("new/inner");
         drop(Made::create(&inner, &|_| Ok(())).unwrap());
         assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 0);
-        // What was there before stays, and so does what has something in it.
+        // Folders that existed before stay, and so do those that are not empty.
         fs::create_dir(parent.path().join("new")).unwrap();
         drop(Made::create(&inner, &|_| Ok(())).unwrap());
         assert!(parent.path().join("new").is_dir() && !inner.exists());

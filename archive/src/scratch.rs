@@ -11,8 +11,8 @@ use std::fs;
 use std::path::Path;
 use tempfile::TempDir;
 
-/// A hidden folder, removed when it is dropped. Only its owner can look into it: the files in it may be part of a closed model, and get the permissions of
-/// one only when they are complete.
+/// A hidden folder, removed when it is dropped. Only its owner can look into it: its files may belong to a closed model, and get their
+/// final permissions only when they are complete.
 #[derive(Debug)]
 pub struct Scratch {
     // Removed before the lock goes.
@@ -47,7 +47,7 @@ impl Scratch {
         &self.lock
     }
 
-    /// Remove it; announced as a step like every other change.
+    /// Remove it. Like every other change, this is a step.
     ///
     /// # Errors
     /// [`DraftError`] if it cannot be removed.

@@ -319,7 +319,7 @@ fn card(s: &mut String, m: &Manifest) {
     );
 }
 
-/// The poster of a version whose folder has this address, on a card of a list: as large as the card and the screen ask for.
+/// The poster of a version whose folder has this address, on a card of a list: in the size that the card and the screen need.
 pub fn poster(folder: &str) -> String {
     let [(wide, width), (small, small_width)] = THUMBNAILS;
     format!(

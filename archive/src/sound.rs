@@ -29,7 +29,7 @@ pub type Told<'a> = &'a dyn Fn(u64);
 pub struct Checked {
     /// Bytes of the file.
     pub bytes: u64,
-    /// Of all of it, where all could be read; of a file that does not begin as a pack, nothing is read on.
+    /// Of the whole file, if it could be read. A file that does not begin like a pack is not read further.
     pub sha256: Option<String>,
     /// The counts, where it could be opened.
     pub totals: Option<Totals>,
@@ -89,7 +89,7 @@ pub fn check<S: Source + Sync + ?Sized>(source: &S, told: Told<'_>) -> io::Resul
             checked.identity = Some(reader.identity());
             checked.totals = Some(chunks(&reader, &mut pass, &mut checked));
         }
-        // What does not begin as a pack is not read on: it may be anything, of any length.
+        // A file that does not begin like a pack is not read further: it may be anything, of any length.
         Err(e @ PackError::Magic) => {
             checked.add(e.to_string());
             told(checked.bytes);
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_does_not_begin_as_a_pack_is_not_read_on() {
+    fn a_file_that_does_not_begin_like_a_pack_is_not_read_further() {
         let zeros = Zeros(AtomicU64::new(0));
         let checked = check(&zeros, &|_| {}).unwrap();
         assert!(checked.damage().unwrap().contains("not a Kilwa pack"), "{checked:?}");

@@ -1,11 +1,10 @@
 //! Withdrawing an object: its files go to a folder outside of what is served, its metadata and a page that says why stay.
 //!
-//! In this order, so that wherever it is cut off nothing is lost and the same command goes on: page and manifest are copied to the other folder, beside a
-//! hidden file that says that not all is there yet ([`KEEPING`]); they are
-//! replaced by those of a withdrawn object ([`super::next`]), so that it is public no longer; its files are linked or copied to the other folder; what was
-//! withdrawn is removed, each file only when it is in the other folder; leftovers of interrupted commands are removed, even if nothing else is
-//! left to do. If the command fails before
-//! the manifest is replaced, what it began in the other folder is removed again.
+//! The order ensures that an interruption at any point loses nothing and the same command can continue: page and manifest are copied to the other folder, beside a
+//! hidden file that says that files are still missing ([`KEEPING`]); they are replaced by those of a withdrawn object ([`super::next`]), so that the object is
+//! no longer public; its files are linked or copied to the other folder; each original is removed only when it is in the other folder; leftovers of
+//! interrupted commands are removed, even if nothing else is left to do. If the command fails before the manifest is replaced, it removes what it put into
+//! the other folder.
 
 use super::disk::{self, failed};
 use super::draft::{DraftError, HIDDEN, Steps};
@@ -191,7 +190,7 @@ fn sweep(folders: &Folders, slug: &Slug, steps: Steps<'_>) -> Result<(), DraftEr
     keep.map_or(Ok(()), |keep| scratch::sweep_all(keep.folder(), &is_of, steps))
 }
 
-/// Page and manifest as they are go to the folder outside, unless an earlier attempt has put them there. Whether this one has.
+/// Copy page and manifest to the folder outside, unless an earlier attempt has done so. Returns whether this one did.
 fn begin_keeping(
     object: &Path,
     slug: &Slug,
@@ -216,7 +215,7 @@ fn begin_keeping(
         disk::write(&whole.join(KEEPING), KEEPING_TEXT.as_bytes(), steps)?;
         disk::rename(&whole, &kept, steps)
     })();
-    // Where it failed, the hidden folder goes with its name.
+    // On failure, the hidden folder is removed.
     let ended = match begun {
         Ok(()) => hidden.close(steps),
         Err(e) => {
@@ -243,7 +242,7 @@ fn is_kept(kept: &Path, slug: &Slug, manifest: &Manifest, steps: Steps<'_>) -> R
     let there = there.map(|there| there.versions).filter(|there| manifest.versions.starts_with(there));
     match there {
         Some(there) if there.len() == manifest.versions.len() => Ok(true),
-        // Begun before the last version was published, and cut off before anything else was put there.
+        // Begun before the last version was published, and interrupted before anything else was put there.
         Some(_) if holds_only_begun(kept).map_err(failed("read", kept))? => {
             remove_begun(kept, slug, steps).map(|()| false)
         }
@@ -251,7 +250,7 @@ fn is_kept(kept: &Path, slug: &Slug, manifest: &Manifest, steps: Steps<'_>) -> R
     }
 }
 
-/// Whether nothing is in a folder but what [`begin_keeping`] puts there.
+/// Whether a folder contains only what [`begin_keeping`] puts there.
 fn holds_only_begun(kept: &Path) -> io::Result<bool> {
     for entry in fs::read_dir(kept)? {
         let name = entry?.file_name();
@@ -262,7 +261,7 @@ fn holds_only_begun(kept: &Path) -> io::Result<bool> {
     Ok(true)
 }
 
-/// The object is as it was: what this command began in the folder outside goes again.
+/// Remove what this command put into the folder outside; the object is unchanged.
 fn give_up(why: DraftError, kept: &Path, slug: &Slug) -> DraftError {
     if matches!(why, DraftError::Unfinished { .. }) {
         return why;
@@ -279,13 +278,13 @@ fn still_there(why: DraftError, at: &Path) -> DraftError {
     DraftError::Left { why: Box::new(why), left: Box::new(left) }
 }
 
-/// Remove what was begun in the folder outside, if nothing else is in it. It loses its name first: cut off, the same command finds all of it or nothing.
+/// Remove what was begun in the folder outside, if nothing else is in it. It is renamed first, so that after an interruption the same command finds all of it or nothing.
 fn remove_begun(kept: &Path, slug: &Slug, steps: Steps<'_>) -> Result<(), DraftError> {
     if fs::symlink_metadata(kept).is_err() {
         return Ok(());
     }
     if !holds_only_begun(kept).map_err(failed("remove", kept))? {
-        return Err(failed("remove", kept)(io::Error::other("something that is not from this command is in it")));
+        return Err(failed("remove", kept)(io::Error::other("it contains something that is not from this command")));
     }
     let aside = kept.with_file_name(format!("{}left", scratch::prefix(slug)));
     let removed = disk::remove(&aside, steps)

@@ -72,7 +72,7 @@ fn no_file_is_removed_that_is_not_kept() {
 fn a_resumed_withdrawal_includes_versions_published_since() {
     let (shelf, keep) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     publish(shelf.path(), 1, &|_| Ok(())).unwrap();
-    // As a command leaves it that was killed before the manifest was replaced.
+    // As a command leaves it if it is killed before the manifest is replaced.
     let begun = keep.path().join("fort");
     fs::create_dir(&begun).unwrap();
     for name in [PAGE, MANIFEST] {
@@ -129,7 +129,7 @@ fn nothing_was_changed_is_printed_only_if_true_and_a_rerun_finishes() {
     }
 }
 
-/// Fails when the manifest is to be replaced, after `then`.
+/// Calls `then` and fails when the manifest is about to be replaced.
 fn failing_at_the_manifest(then: &dyn Fn()) -> impl Fn(&str) -> io::Result<()> + '_ {
     move |what: &str| {
         if what != "rename manifest.json" {
@@ -151,7 +151,7 @@ fn a_failed_withdrawal_removes_what_it_began_and_nothing_that_was_there() {
     let failed = ended(&shelf, &keep, &failing_at_the_manifest(&|| ())).unwrap_err().to_string();
     assert!(failed.contains("nothing was changed"), "{failed}");
     assert!(everything() == before, "{failed}");
-    // What an earlier command began, and was killed, is not of this one.
+    // Leftovers of an earlier command that was killed do not belong to this one.
     let begun = keep.join("fort");
     fs::create_dir(&begun).unwrap();
     for name in [PAGE, MANIFEST] {
@@ -175,9 +175,9 @@ fn what_a_failed_withdrawal_cannot_remove_is_named() {
     let failed = ended(&shelf, &keep, &failing_at_the_manifest(&meanwhile)).unwrap_err().to_string();
     assert!(!failed.contains("nothing was changed"), "{failed}");
     let named = keep.join("fort").display().to_string();
-    assert!(failed.contains("what this command began is left") && failed.contains(&named), "{failed}");
+    assert!(failed.contains("leftovers of this command remain") && failed.contains(&named), "{failed}");
     assert!(tree(&shelf) == before && theirs.exists());
-    // The same command goes on.
+    // The same command continues.
     withdrawn(&shelf, &keep).unwrap();
     assert!(theirs.exists() && keep.join("fort/v2/a.txt").exists());
 }

@@ -7,7 +7,7 @@
 //! | [`levels`] | merges, locks, simplifies, certifies, splits and encodes, finest level first |
 //! | [`assemble`] | numbers the chunks, orders them and writes the pack |
 //!
-//! [`mod@build`] runs the stages and keeps a journal of what is complete; between stages everything lies in files of a
+//! [`mod@build`] runs the stages and keeps a journal of what is complete; between stages everything is in files in a
 //! [`scratch`] folder. [`partition`] is the tree of tetrahedra that all stages share.
 
 pub mod assemble;

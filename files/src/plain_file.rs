@@ -114,9 +114,8 @@ pub fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
     (a.created().ok(), a.modified().ok(), a.len()) == (b.created().ok(), b.modified().ok(), b.len())
 }
 
-/// What changes whenever a file is changed or replaced, as text: its length, when its content and (on Unix) when anything of it was last
-/// changed, to the nanosecond, and its inode. Two files with the same text are the same file with the same content, but for a system that
-/// keeps coarse times.
+/// A text that changes whenever a file is changed or replaced: its length, its `mtime` and `ctime` to the nanosecond, and its inode. If the
+/// text is the same, so are the file and its content, except on systems with coarse times.
 #[cfg(unix)]
 pub fn stamp(metadata: &Metadata) -> String {
     use std::os::unix::fs::MetadataExt;
@@ -131,7 +130,7 @@ pub fn stamp(metadata: &Metadata) -> String {
     )
 }
 
-/// What changes whenever a file is changed or replaced, as far as the system says: its length, and when it was written and created.
+/// A text that changes whenever a file is changed or replaced, as far as the system shows: its length, and when it was written and created.
 #[cfg(not(unix))]
 pub fn stamp(metadata: &Metadata) -> String {
     let nanoseconds = |time: io::Result<std::time::SystemTime>| {
@@ -250,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stamp_is_another_one_after_any_change_even_with_the_old_time_and_length() {
+    fn a_stamp_differs_after_any_change_even_with_the_old_time_and_length() {
         let folder = tempfile::tempdir().unwrap();
         let (path, other) = (folder.path().join("file"), folder.path().join("other"));
         let now = || stamp(&fs::metadata(&path).unwrap());
@@ -258,7 +257,7 @@ mod tests {
         let (before, time) = (now(), fs::metadata(&path).unwrap().modified().unwrap());
         assert_eq!(now(), before);
         let put_back = || File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();
-        // Clocks of files may go in steps of some milliseconds.
+        // File times may advance in steps of some milliseconds.
         std::thread::sleep(std::time::Duration::from_millis(50));
         fs::write(&path, "two").unwrap();
         put_back();

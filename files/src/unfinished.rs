@@ -1,7 +1,7 @@
-//! Temporary files and folders that are being written, so that they can be removed when the program is told to end: then nothing that is
-//! dropped at the end of a function would be.
+//! A list of the temporary files and folders that are being written, so that they can be removed when a signal ends the program, because
+//! destructors do not run then.
 //!
-//! Invariant: a file is noted under the lock under which it is made, so there is none that [`remove_all`] does not know.
+//! Invariant: a file is created and noted under the same lock, so [`remove_all`] knows every one.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -13,7 +13,7 @@ use std::time::Duration;
 
 static ALL: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// How often a folder that is still written to is tried again, and how long between.
+/// How often, and after what pause, removing a folder is tried again while something still writes to it.
 const ATTEMPTS: u32 = 100;
 const PAUSE: Duration = Duration::from_millis(10);
 
@@ -21,7 +21,7 @@ fn all() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     ALL.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Keeps a path noted. Drop it after the file has got its name or was removed.
+/// Keeps a path noted. Drop it after the file was renamed or removed.
 #[derive(Debug)]
 pub struct Unfinished(PathBuf);
 
@@ -31,10 +31,10 @@ impl Drop for Unfinished {
     }
 }
 
-/// Make a temporary file or folder, and note where it is.
+/// Create a temporary file or folder, and note its path.
 ///
 /// # Errors
-/// What `make` gives.
+/// The error of `make`.
 pub fn make<T>(make: impl FnOnce() -> io::Result<T>, path: impl FnOnce(&T) -> &Path) -> io::Result<(T, Unfinished)> {
     let mut all = all();
     let made = make()?;
@@ -43,20 +43,20 @@ pub fn make<T>(make: impl FnOnce() -> io::Result<T>, path: impl FnOnce(&T) -> &P
     Ok((made, Unfinished(path)))
 }
 
-/// Note a file that is there.
+/// Note an existing file.
 pub fn note(path: &Path) -> Unfinished {
     all().insert(path.to_owned());
     Unfinished(path.to_owned())
 }
 
-/// Remove all of them. The program must end now: whoever makes another, or finishes one, waits for ever.
+/// Remove all of them. The program must end now: a thread that creates or finishes another waits for ever.
 pub fn remove_all() {
     let all = all();
     all.iter().for_each(|path| remove(path));
     std::mem::forget(all);
 }
 
-/// Remove a file, or a folder with all that is in it, to which something may still be written.
+/// Remove a file or a whole folder to which something may still be written.
 fn remove(path: &Path) {
     if fs::symlink_metadata(path).is_ok_and(|about| !about.is_dir()) {
         drop(fs::remove_file(path));
@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_noted_is_removed_and_what_is_finished_is_not() {
+    fn unfinished_files_are_removed_and_finished_ones_are_kept() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         let write = |name: &'static str| {

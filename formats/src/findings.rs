@@ -22,7 +22,7 @@ impl Findings {
         }
     }
 
-    /// Count `n` findings that have no places worth naming.
+    /// Count `n` findings whose places are not kept.
     pub fn add_many(&mut self, kind: &'static str, n: u64) {
         if n > 0 {
             self.map.entry(kind).or_default().0 += n;
@@ -39,7 +39,7 @@ impl Findings {
         self.map.get(kind).map_or(0, |e| e.0)
     }
 
-    /// Take over all findings of another.
+    /// Add all findings of another.
     pub fn merge(&mut self, other: Self) {
         for (kind, (n, places)) in other.map {
             let entry = self.map.entry(kind).or_default();

@@ -1,8 +1,8 @@
 //! Mesh files, read and written.
 //!
 //! [`read`] delivers the mesh in a file of any format it knows, in blocks, to a [`read::MeshSink`]; [`read::read_mesh`]
-//! keeps a small one in memory as a [`RawMesh`]. What was dropped or repaired is counted in [`Findings`]; why a file was
-//! refused is a [`ReadError`]. [`extract`] takes the mesh out of a pack and writes it as a file of such a format.
+//! keeps a small one in memory as a [`RawMesh`]. Repairs and omissions are counted in [`Findings`]; a refused file
+//! gives a [`ReadError`]. [`extract`] writes the mesh of a pack as a file of such a format.
 
 pub mod extract;
 mod findings;

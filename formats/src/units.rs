@@ -1,4 +1,4 @@
-//! Units of length and the axis that points up, as a mesh file has them.
+//! Units of length and the up axis of a mesh file.
 
 /// The axis that points up in the source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]

@@ -32,7 +32,7 @@ fn write(pack: &Path, to: &Path, max_bytes: u64) -> Result<Preview, ExtractError
 }
 
 #[test]
-fn it_keeps_the_limit_and_uses_most_of_it_and_stands_at_zero() {
+fn a_preview_stays_within_the_limit_uses_most_of_it_and_is_centred_at_zero() {
     let work = tempfile::tempdir().expect("a folder");
     let (pack, to) = (square(work.path()), work.path().join("preview.glb"));
     let preview = write(&pack, &to, 900_000).expect("writes");

@@ -11,7 +11,7 @@ use std::io;
 /// Makes the next piece; `None` behind the last.
 pub(crate) type Next<S> = fn(&mut S) -> io::Result<Option<String>>;
 
-/// A body of `first` and the pieces that `next` makes of `state` on a thread for blocking work. With `turns`, each piece waits for a slot, which is released
+/// A body of `first` and the pieces that `next` makes from `state` on a thread for blocking work. With `turns`, each piece waits for a slot, which is released
 /// when the piece is made.
 pub(crate) fn body<S: Send + 'static>(first: String, state: S, next: Next<S>, turns: Option<Turns>) -> Body {
     let pieces = try_unfold((Some(first), state, turns), move |(first, mut state, turns)| async move {

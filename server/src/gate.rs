@@ -3,7 +3,7 @@
 //! A question may read thousands of entries (OAI-PMH, the map), on one of the threads that also read files for everybody. With the gate, a network that asks
 //! hundreds at once waits for itself, and what is being made takes little memory at any moment. Invariants: whoever waits holds no thread; a place is
 //! given back when the work has ended, not when the client hangs up; a request's body is read before the request gets a place; an answer that is made
-//! piece by piece ([`crate::flow`]) holds a place while a piece is made, and none while the reader takes it.
+//! piece by piece ([`crate::flow`]) holds a place while a piece is made, and none while the reader receives it.
 
 use crate::content::plain;
 use crate::observe::client_of;

@@ -173,7 +173,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_of_a_pack_is_no_markup() {
+    fn text_of_a_pack_is_escaped() {
         assert_eq!(escape("<b a=\"1\">&'"), "&lt;b a=&quot;1&quot;&gt;&amp;&#39;");
     }
 }

@@ -86,8 +86,8 @@ pub(crate) async fn respond(
     response
 }
 
-/// The same response with the file `name` of an object; it ends when a request for the file would no longer be answered. Without a door only
-/// what is public is given out.
+/// A response with the file `name` of an object that ends when a request for the file would no longer be answered. Without access control, only
+/// public files are sent.
 pub(crate) fn while_allowed(
     mut response: Response<Body>,
     name: &str,
@@ -96,7 +96,7 @@ pub(crate) fn while_allowed(
     door: Option<&Arc<Door>>,
     headers: &HeaderMap,
 ) -> Response<Body> {
-    // Of what is withdrawn these two remain.
+    // These two remain of a withdrawn object.
     let Some(object) = model.object().filter(|_| ![MANIFEST, PAGE].contains(&name)) else { return response };
     let (holding, slug, has_geometry) = (Arc::clone(&object.holding), model.slug.clone(), is_geometry(name));
     let (clock, door, headers) = (clock.clone(), door.cloned(), headers.clone());
@@ -109,7 +109,7 @@ pub(crate) fn while_allowed(
             Verdict::WithoutGeometry(_) => {
                 let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
                 let now = clock.seconds();
-                // A visitor who got the capability with this very answer sends it only with the next request.
+                // A visitor who receives the capability with this answer sends it only with the next request.
                 let is_visitor = |door: &Door| door.visitor(&headers, now).is_some_and(|v| door.sees(&v.who, &slug));
                 door.as_ref().is_some_and(|door| door.lets_out(&headers, &slug, content, now) || is_visitor(door))
             }

@@ -54,7 +54,7 @@ async fn pack(
         match answered {
             Ok(mut response) => {
                 offer_pieces(&mut response);
-                // Here nobody is let in: what is closed is not given out, and what is closed meanwhile ends.
+                // There is no sign-in here: closed models are not served, and transfers end when a model is closed.
                 return Ok(objects::while_allowed(response, name, &model, clock, None, headers));
             }
             Err(e) => objects::again(&model, &e),

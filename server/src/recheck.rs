@@ -1,9 +1,9 @@
 //! Ending transfers when access ends: by revocation, signing out, closing a model or withdrawing it.
 //!
-//! Whatever answers with a file that not everybody may have for ever puts a [`WhileAllowed`] into the response ([`crate::objects::while_allowed`]).
-//! One layer of the site ([`watch`]) gives such responses a body that checks every [`EVERY`] whether it may go on. If not, it ends in an error,
+//! A handler that answers with a file that is not public for ever puts a [`WhileAllowed`] into the response ([`crate::objects::while_allowed`]).
+//! One layer of the site ([`watch`]) gives such responses a body that checks every [`EVERY`] whether it may continue. If not, it ends in an error,
 //! so that the connection is closed before `Content-Length` is reached. The layer is outside of those that replace bodies ([`crate::budget`]).
-//! A body hands out at most [`PIECE`] at a time, because what the HTTP library has taken is sent. Bytes that the client has received cannot be
+//! A body hands out at most [`PIECE`] at a time, because the HTTP library sends everything that it has taken. Bytes that the client has received cannot be
 //! taken back.
 
 use axum::body::{Body, Bytes, HttpBody as _};
@@ -27,7 +27,7 @@ const PIECE: usize = 16 * 1024;
 /// Whether the transfer may go on. May block.
 type Check = Arc<dyn Fn() -> bool + Send + Sync>;
 
-/// Marks a response whose transfer goes on only while this holds.
+/// Marks a response whose transfer may continue only while this check succeeds.
 #[derive(Clone)]
 pub(crate) struct WhileAllowed(Check);
 
@@ -49,14 +49,14 @@ pub(crate) async fn watch(request: Request, next: Next) -> Response {
 
 struct Rechecked {
     body: Body,
-    /// What of the body's last frame was not handed out yet.
+    /// The part of the body's last frame that was not handed out yet.
     rest: Bytes,
     may_go_on: Check,
     next: Instant,
     checking: Option<JoinHandle<bool>>,
 }
 
-/// A body that is allowed now, and ends in an error when it no longer is.
+/// A body that ends in an error when the check fails.
 fn rechecked(body: Body, may_go_on: Check) -> Body {
     if body.is_end_stream() {
         return body;

@@ -127,9 +127,9 @@ async fn a_file_overwritten_during_a_transfer_is_never_sent_as_a_mixture() {
 
 /// Length of a file that a slow reader takes in as many pieces as make the transfer last several seconds.
 const FILE: usize = 256 << 10;
-/// The same of a file that is sent from memory.
+/// The same for a file that is sent from memory.
 const SMALL_FILE: usize = 60 << 10;
-/// How long a slow reader takes for a file: several times as long as it may take until a change is noticed.
+/// How long a slow reader takes for a file: several times as long as the server may take to notice a change.
 const SLOWLY: Duration = Duration::from_secs(8);
 
 /// Writes a mesh as long as the other files.
@@ -140,15 +140,15 @@ fn mesh(to: &Path) -> Result<(), Failure> {
 /// Who reads.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Who {
-    /// Nobody in particular.
+    /// Anybody.
     Anybody,
-    /// With a token, and granted nothing.
+    /// With a token but no grants.
     Stranger,
-    /// With a token, and granted everything.
+    /// With a token and a grant for everything.
     Robot,
-    /// With another token, granted everything.
+    /// With another token and a grant for everything.
     Other,
-    /// Signed in with a password, and granted everything; opened the model in the browser.
+    /// Signed in with a password and granted everything; has opened the model in the browser.
     Visitor,
 }
 
@@ -158,7 +158,7 @@ enum Change {
     None,
     /// The model is restricted, put under embargo or withdrawn.
     To(AccessState),
-    /// Its folder is taken away.
+    /// Its folder is moved away.
     Moved,
     UserRemoved,
     TokenRevoked,
@@ -166,7 +166,7 @@ enum Change {
     SignedOut,
 }
 
-/// An object all of whose files of any interest are long; the addresses at which they are given out.
+/// Create an object whose files are long enough for the test. Returns the addresses at which they are served.
 fn long_object(models: &Path, slug: &str, access: Access) -> Vec<(String, Option<&'static str>)> {
     let mut manifest = object(models, slug, &[noise(FILE, 1)], access);
     let root = models.join(slug);
@@ -231,7 +231,7 @@ fn must_end(address: &str, who: Who, change: Change) -> bool {
     }
 }
 
-/// Every address that gives out a model, and every way in which access to it ends.
+/// Every address that serves a model, and every way in which access to it can end.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn every_transfer_of_a_model_ends_when_a_request_for_it_would_be_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -304,7 +304,7 @@ async fn every_transfer_of_a_model_ends_when_a_request_for_it_would_be_refused()
         let form = Request::post(format!("/{slug}/extract")).header(name, &value);
         assert_eq!(send(&app, form, "format=ply&detail=whole").await.status, 303, "{slug}");
         for (address, range) in addresses {
-            // What is closed has no address there.
+            // Closed models have no address there.
             if state != AccessState::Public && address.starts_with("/packs/") {
                 continue;
             }

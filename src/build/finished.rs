@@ -1,7 +1,7 @@
-//! The note `.NAME.kilwa.done` beside the output: which build has made which pack. It is written before the pack gets its name, and removed
-//! after the scratch files. If a build is killed in between, `--resume` finds by it that only the scratch files are left to remove.
+//! The note `.NAME.kilwa.done` beside the output says which build made which pack. It is written before the pack gets its final name, and removed
+//! after the scratch files. If a build is killed in between, the note shows `--resume` that only the scratch files are left to remove.
 //!
-//! A note proves nothing by itself: the pack must have the identity in it and be sound, and the build must be the same.
+//! A note alone proves nothing: the pack must have the identity in the note and be sound, and the build must be the same.
 
 use super::output::{beside, check};
 use crate::inputs::Inputs;
@@ -19,10 +19,10 @@ use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// A longer file is no note. Each input takes some hundred bytes.
+/// A longer file is not a note. Each input takes a few hundred bytes.
 const NOTE_MAX: u64 = 1 << 30;
 
-/// What a note says.
+/// The content of a note.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Finished {
     /// What was built.
@@ -31,7 +31,7 @@ pub(super) struct Finished {
     pub(super) identity: String,
     /// Its length.
     pub(super) bytes: u64,
-    /// The report for machines.
+    /// The report as JSON.
     pub(super) report: serde_json::Value,
 }
 
@@ -39,7 +39,7 @@ fn name(output: &Path) -> PathBuf {
     beside(output, ".done")
 }
 
-/// Remove the note of an output, where there is one.
+/// Remove the note of an output, if there is one.
 pub(super) fn remove(output: &Path) {
     if Finished::read(output).is_some() {
         drop(std::fs::remove_file(name(output)));
@@ -47,10 +47,10 @@ pub(super) fn remove(output: &Path) {
 }
 
 impl Finished {
-    /// Write the note. Without it, only a build that is killed within its last moments cannot be resumed.
+    /// Write the note. Without it, a build that is killed in its last moments cannot be resumed.
     ///
     /// # Errors
-    /// When it cannot be written, or another file has its name.
+    /// If it cannot be written, or another file has its name.
     pub(super) fn write(&self, output: &Path) -> anyhow::Result<()> {
         remove(output);
         let mut file = NewFile::beside(&name(output))?;
@@ -66,7 +66,7 @@ impl Finished {
     /// The note of a build of these inputs with these options, if the output is its pack.
     ///
     /// # Errors
-    /// When an input cannot be read, or the pack is the right one and damaged.
+    /// If an input cannot be read, or the pack is the right one but damaged.
     pub(super) fn find(
         output: &Path,
         inputs: &Inputs,
@@ -86,7 +86,7 @@ impl Finished {
             return Ok(None);
         }
         let damaged =
-            || format!("{} was complete, and is damaged now; give --force to build it again", output.display());
+            || format!("{} was complete but is damaged now; give --force to build it again", output.display());
         let checked = check(output, bar, stop);
         stop.check()?;
         checked.with_context(damaged)?;

@@ -58,7 +58,7 @@ fn has_other_names(_: &Metadata) -> bool {
     false
 }
 
-/// Read every chunk of a pack, on all threads; its identity.
+/// Read every chunk of a pack, on all threads. Returns the identity of the pack.
 pub(super) fn check(path: &Path, bar: &Bar, stop: &Stop) -> anyhow::Result<String> {
     let pack = open_pack(path)?;
     verify::directory(pack.entries())?;
@@ -117,7 +117,7 @@ impl Output {
         finish(&mut self.writer).with_context(|| format!("cannot write {}", self.name.display()))
     }
 
-    /// Read every chunk back, on all threads; the identity of the pack.
+    /// Read every chunk back, on all threads. Returns the identity of the pack.
     pub(super) fn check(&self, bar: &Bar, stop: &Stop) -> anyhow::Result<String> {
         check(&self.temporary, bar, stop)
     }
@@ -132,7 +132,7 @@ impl Output {
         if cfg!(unix) {
             // The name, too, outlives a crash of the machine.
             match File::open(folder_of(&self.name)) {
-                // A folder may be writable but not readable. The pack is complete all the same.
+                // A folder may be writable but not readable. The pack is complete anyway.
                 Err(e) if e.kind() == std::io::ErrorKind::PermissionDenied => {}
                 folder => folder.and_then(|folder| folder.sync_all()).with_context(cannot)?,
             }

@@ -128,7 +128,7 @@ fn spent(r: &Report<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let mut parts: Vec<String> = Vec::new();
     for t in b.stages.iter().filter(|t| !levels(t)) {
         if t.stage == "assemble" {
-            // The sum of nothing is -0.
+            // An empty sum is -0.
             let sum = b.stages.iter().filter(levels).map(|t| t.seconds).fold(0.0, |sum, s| sum + s);
             parts.push(format!("levels {sum:.1}"));
         }

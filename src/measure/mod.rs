@@ -244,7 +244,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     };
     anyhow::ensure!(
         outcome.readings.iter().all(fits),
-        "in {} the result is too large for a number; choose a larger --unit",
+        "the result in {} is too large for a number; choose a larger --unit",
         args.unit.symbol()
     );
     if let Some(to) = &args.save {

@@ -124,7 +124,7 @@ struct Report {
     already: bool,
     /// Its geometry can be read by its owner and the group of the folder alone.
     closed: bool,
-    /// If closed: only its owner can read it, because the owner is not in that group.
+    /// For a closed model: whether only its owner can read it, because the owner is not in that group.
     #[serde(skip)]
     owner_only: bool,
     files: usize,

@@ -39,7 +39,7 @@ fn run_with(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Resul
     let (shelf, slug) = (&args.to, plan.facts.slug.clone());
     let bar = spinner();
     verify::sound(&plan.given.pack)?;
-    // Removed again where nothing is published to it.
+    // Removed again if nothing is published to it.
     let _folders = kilwa_archive::made::Made::create(shelf, &|_| Ok(()))?;
     let say = |what: &str| {
         bar.set_message(visible(what).into_owned());
@@ -137,7 +137,7 @@ fn group_name(group: u32) -> String {
     line.map_or_else(|| format!("group {group}"), |line| line[0].to_owned())
 }
 
-/// Lock the folder of objects. Prints a message if it has to wait.
+/// Lock the folder of objects. Prints a message if the command has to wait.
 fn locked(shelf: &Path, bar: &ProgressBar) -> anyhow::Result<Lock> {
     Ok(Lock::wait(shelf, PATIENCE, &|| waits(bar)(shelf))?)
 }

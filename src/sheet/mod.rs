@@ -219,7 +219,7 @@ impl Format {
 /// Gives the next whole rows from the top, three sRGB bytes per pixel; `None` after the last.
 type Next<'a> = &'a mut dyn FnMut() -> anyhow::Result<Option<Vec<u8>>>;
 
-/// What the world file beside a drawing is called: plans as PNG have one.
+/// The path of the world file beside a drawing; only plans as PNG have one.
 pub(crate) fn world_file_of(output: &Path, view: StandardView) -> Option<PathBuf> {
     let is_png = Format::of(output).is_ok_and(|format| format == Format::Png);
     (is_png && view == StandardView::Plan).then(|| output.with_extension("pgw"))

@@ -78,14 +78,14 @@ impl Check<'_> {
         self.report.add(path, kind, what);
     }
 
-    /// From here on nothing may be lacking again; until here a withdrawal was filling or removing this.
+    /// Add a note on the withdrawal that was filling or removing this. From here on, missing files are problems again.
     pub(crate) fn say_withdrawal(&mut self) {
         let lacking = self.report.lacking.take().unwrap_or(0);
         let (name, lacking) = (self.path(""), many(lacking, "file"));
         let again = "run the same `kilwa publish --withdraw` again to finish";
         self.report
             .notes
-            .push(format!("{name}: a withdrawal is in progress or was interrupted ({lacking} not there); {again}"));
+            .push(format!("{name}: a withdrawal is in progress or was interrupted ({lacking} missing); {again}"));
     }
 
     /// Whether a withdrawal has not yet put all files of the object here.
@@ -139,7 +139,7 @@ impl Check<'_> {
     /// # Errors
     /// When the state cannot be written.
     pub(crate) fn listed(&mut self, path: &str, expected: &str, list: &str) -> anyhow::Result<()> {
-        // Before it is read: a change in between makes another one.
+        // Taken before the files are read, so that a change meanwhile gives another stamp.
         let stamp = self.state.stamp(self.place, path);
         let Some(file) = self.open(path, list) else { return Ok(()) };
         let of_state = self.path(path);
@@ -261,7 +261,7 @@ impl Check<'_> {
             Ok(manifest) => {
                 unit.versions = manifest.versions.iter().map(|v| (v.version, v.checksums.sha256.clone())).collect();
                 self.history(&known, &unit.versions);
-                // A bag that goes says so itself.
+                // A bag that is being removed has its own note.
                 let is_kept = self.report.lacking.is_none() && self.is_being_kept();
                 if is_kept {
                     self.report.lacking = Some(0);
@@ -269,7 +269,7 @@ impl Check<'_> {
                 self.contents(&manifest)?;
                 if is_kept {
                     self.say_withdrawal();
-                    // It is looked at again next time.
+                    // It is checked again next time.
                     unit.manifest.clear();
                 }
             }
@@ -379,7 +379,7 @@ impl Check<'_> {
         let folder = &version.folder;
         there.insert(version.checksums.url.clone());
         let Some(text) = self.entry(&version.checksums) else {
-            // Its list may be among what is not there yet, or not any more.
+            // Its list may be among the files that are missing.
             if let (Some(_), Ok(Some(files))) = (self.report.lacking, self.place.list(folder)) {
                 there.extend(files.into_iter().map(|(path, _)| path));
             }
@@ -559,7 +559,7 @@ impl Check<'_> {
                 None => there.contains(&path),
             };
             if !leads {
-                self.add(from, Kind::Link, format!("it links to {path}, which is not there"));
+                self.add(from, Kind::Link, format!("it links to {path}, which does not exist"));
             }
         }
     }

@@ -29,8 +29,8 @@ pub(crate) trait Place {
     /// What the system says.
     fn list(&self, folder: &str) -> io::Result<Option<Vec<(String, u64)>>>;
 
-    /// What changes whenever the file at `path`, or any file below it (`""`: below the place), is changed, replaced, added or removed;
-    /// `None` where that cannot be seen.
+    /// A text that changes whenever the file at `path`, or any file below it (`""`: below the place), is changed, replaced, added or removed;
+    /// `None` if that cannot be known.
     fn stamp(&self, path: &str) -> Option<String>;
 
     /// The same place, as seen from a folder in it.
@@ -108,7 +108,7 @@ impl Place for Folder {
 fn stamps(folder: &Path, prefix: &str, into: &mut Vec<(String, String)>) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
-        // Quoted, names that are not Unicode stay distinct.
+        // Escaped, so that names that are not Unicode stay distinct.
         let path = format!("{prefix}/{:?}", entry.file_name().as_encoded_bytes().escape_ascii().to_string());
         if entry.file_type()?.is_dir() {
             stamps(&entry.path(), &path, into)?;

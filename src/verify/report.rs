@@ -60,7 +60,7 @@ pub(crate) struct Report {
     /// Figures of a single pack.
     #[serde(skip)]
     pub(crate) pack: Option<PackFigures>,
-    /// Of what a withdrawal fills or removes at the moment, or was interrupted in: files that are not there, which is no problem then.
+    /// While a folder is checked that a withdrawal was filling or removing: the number of missing files, which are not problems there.
     #[serde(skip)]
     pub(crate) lacking: Option<u64>,
     /// What is worth knowing and no problem.

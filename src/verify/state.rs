@@ -1,7 +1,7 @@
-//! What was checked when, so that a nightly job goes on where it was stopped and reads again only what is due.
+//! What was checked when, so that a nightly job continues where it was stopped and reads again only what is due.
 //!
 //! A text file, one JSON object a line, only ever appended to: a run begins, a file was read, a unit (object, bag or single pack) is done,
-//! the run is done, a unit is to be forgotten. A line that a power cut tore off is passed over. A new run writes the file anew with the last line of each unit.
+//! the run is done, a unit is to be forgotten. A line that a power cut left incomplete is ignored. A new run rewrites the file with the last line of each unit.
 
 use super::place::Place;
 use crate::secrets::shown;
@@ -57,8 +57,8 @@ pub(crate) struct Unit {
     /// Number of each version, and the SHA-256 of its list of checksums: these never change.
     #[serde(default)]
     pub(crate) versions: Vec<(u32, String)>,
-    /// Names, lengths, times and inodes of all its files as they were before the check, as one checksum; empty where they are not known
-    /// (states of earlier programs, and addresses).
+    /// Names, lengths, times and inodes of all its files as they were before the check, as one checksum; empty if they are unknown
+    /// (states of earlier versions, and addresses).
     #[serde(default)]
     pub(crate) stamp: String,
 }
@@ -91,10 +91,10 @@ pub(crate) fn now() -> u64 {
 
 impl State {
     /// Open a state file, or begin it. With `resume` a run that was stopped is gone on with; `days`: what was found sound so many days ago or
-    /// later is left out. The units named in `forget` are not known any more.
+    /// later is left out. The units named in `forget` are removed.
     ///
     /// # Errors
-    /// When it cannot be read or written, is another kind of file, belongs to another target, or does not know what is to be forgotten.
+    /// If it cannot be read or written, is another kind of file, belongs to another target, or does not contain a name to forget.
     pub(crate) fn open(
         path: &Path,
         target: &str,
@@ -106,7 +106,7 @@ impl State {
         for name in forget {
             if known.units.remove(name).is_none() {
                 bail!(
-                    "--forget {name}: the state {} does not know it; give the name as it is reported",
+                    "--forget {name}: the state file {} has no such name; give the name as it was reported",
                     path.display()
                 );
             }
@@ -157,18 +157,18 @@ impl State {
         self.units.get(name)
     }
 
-    /// The names of all units that are known from before.
+    /// The names of all units of earlier runs.
     pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         self.units.keys().map(String::as_str)
     }
 
-    /// The stamp of a file or folder of a place; empty where it is not known, or nothing is remembered.
+    /// The stamp of a file or folder of a place; empty if it is unknown, or there is no state file.
     pub(crate) fn stamp(&self, place: &dyn Place, path: &str) -> String {
         self.file.as_ref().and_then(|_| place.stamp(path)).unwrap_or_default()
     }
 
-    /// Whether a unit needs no look: checked in the run that is gone on with, or lately, found sound, with this manifest, and its files are
-    /// those of then. What may have changed unseen is left out only in the same run.
+    /// Whether a unit can be skipped: it was found sound in the run being resumed, or recently, with this manifest, and its files are
+    /// unchanged. If changes cannot be detected, it is skipped only in the same run.
     pub(crate) fn is_done(&self, name: &str, manifest: &str, stamp: &str) -> bool {
         let unit = self.units.get(name).filter(|u| u.problems == 0 && u.manifest == manifest && u.stamp == stamp);
         let is_fresh = |u: &Unit| !stamp.is_empty() && self.fresh_since.is_some_and(|since| u.at >= since);
@@ -180,7 +180,7 @@ impl State {
         self.files.get(path).is_some_and(|f| f.bytes == bytes && f.sha256 == sha256 && f.stamp == stamp)
     }
 
-    /// A file was read and is sound; `stamp` is what it had before.
+    /// Note that a file was read and is sound; `stamp` is its stamp before it was read.
     ///
     /// # Errors
     /// When it cannot be written down.
@@ -248,7 +248,7 @@ impl Known {
             understood = true;
             match line {
                 Line::Run { target, .. } => {
-                    // Earlier programs wrote the password of an address down.
+                    // Earlier versions stored the password of an address.
                     (known.is_running, of) = (true, Some(shown(&target).into_owned()));
                     known.files.clear();
                     known.done.clear();
@@ -310,10 +310,7 @@ mod tests {
         state.done(unit("c", now(), 0)).unwrap();
         state.finish().unwrap();
         let state = State::open(&path, "here", true, None, &[]).unwrap();
-        assert!(
-            !state.is_done("a", "m", "now") && !state.has("c/x", 5, "55", "now"),
-            "a run that was done is not gone on with"
-        );
+        assert!(!state.is_done("a", "m", "now") && !state.has("c/x", 5, "55", "now"), "a finished run is not resumed");
         assert_eq!(state.unit("c").unwrap().versions, [(1, "s".to_owned())]);
     }
 
@@ -331,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn states_of_earlier_programs_are_read_and_what_they_know_is_checked_again() {
+    fn states_of_earlier_versions_are_read_and_their_units_checked_again() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("state");
         let old = |at: u64| {
@@ -350,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_forgotten_is_not_known_any_more_in_a_new_run_or_a_resumed_one() {
+    fn forgotten_units_stay_forgotten_in_new_and_resumed_runs() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("state");
         for resume in [false, true] {

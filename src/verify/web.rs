@@ -40,7 +40,7 @@ pub(crate) fn is_address(text: &str) -> bool {
 impl Web {
     /// The folder that an address names, and the rest of the address: the name of a file, or nothing.
     pub(crate) fn split(address: &str) -> (Self, String) {
-        // Nothing that the library says can hold a password then. It would not send one anyway.
+        // So no message of the library can contain a password. It would not send one anyway.
         let address = without_user(address);
         let plain = address.split(['?', '#']).next().unwrap_or_default();
         let host_end = plain.find("://").map_or(0, |at| at + 3);
@@ -97,7 +97,7 @@ impl Place for Web {
     }
 
     fn stamp(&self, _path: &str) -> Option<String> {
-        // Only the server knows.
+        // Only the server can know.
         None
     }
 
@@ -206,7 +206,7 @@ fn take_part(response: &mut Response<ureq::Body>, from: u64, last: u64) -> io::R
 
 fn take_whole(mut response: Response<ureq::Body>) -> io::Result<Outcome> {
     let announced: Option<u64> = header(&response, "content-length").and_then(|l| l.parse().ok());
-    // Without a name: nothing is left of it, however the program ends.
+    // A nameless file, so that nothing is left however the program ends.
     let mut file = tempfile::tempfile()?;
     let mut body = response.body_mut().as_reader();
     let mut buffer = vec![0; 1 << 18];

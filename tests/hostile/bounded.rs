@@ -342,7 +342,7 @@ fn a_picture_that_decodes_to_more_than_the_memory_is_refused_with_what_to_do() {
     succeeds(&["build", text(&input), "-o", text(&pack), "--memory", "512M"]);
 }
 
-/// A mesh of sixty triangles at so many places, shown by 40,000 nodes that all stand where the first stands.
+/// A mesh of sixty triangles at `places` places, used by 40,000 nodes that all have the same position.
 #[cfg(unix)]
 fn coincident_instances(folder: &Path, places: u16) -> String {
     let mut buffer: Vec<u8> = Vec::new();
@@ -367,7 +367,7 @@ fn coincident_instances(folder: &Path, places: u16) -> String {
     )
 }
 
-/// Before, 32 million such triangles took 769 MiB under `--memory 100M` before they were refused.
+/// An earlier version took 769 MiB for 32 million such triangles under `--memory 100M` before it refused them.
 #[cfg(unix)]
 #[test]
 fn coincident_instances_are_refused_within_the_memory() {

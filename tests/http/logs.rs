@@ -68,7 +68,7 @@ async fn a_link_or_a_pipe_in_place_of_the_collections_is_logged_once() {
         let wanted = if is_pipe { "it is a pipe" } else { "it is a link" };
         let mut client = Client::connect(server.address).await.unwrap();
         let lines = |log: &str| log.lines().filter(|l| l.contains("collections.toml") && l.contains(wanted)).count();
-        // The file is looked at once a second; a few more times after it was logged.
+        // The server looks at the file once a second; wait for a few more looks after it was logged.
         let mut after = 0;
         for _ in 0..600 {
             assert_eq!(client.get("/collections/", "").await.unwrap().status, 200);

@@ -1,4 +1,4 @@
-//! What is left of a publication or withdrawal that was killed: `kilwa verify` says what happened, and the same command goes on.
+//! What is left of a publication or withdrawal that was killed: `kilwa verify` says what happened, and the same command continues.
 
 use super::{Bench, LEAST, json_of, other_pack, run, tree};
 use crate::support::text;

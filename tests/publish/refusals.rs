@@ -212,7 +212,7 @@ fn a_disk_that_fills_half_way_leaves_nothing() {
         let output = Command::new("sh").args(["-c", &line]).output().unwrap();
         assert_eq!(output.status.code(), Some(1), "{blocks}: {}", String::from_utf8_lossy(&output.stderr));
         assert!(tree(&site) == before, "{blocks} blocks: something is left");
-        // A folder that was made for it goes, too.
+        // A folder that was created for it is removed too.
         let new = bench.path("new/site");
         let line = line.replace(text(&site), text(&new)).replace(" --version-note x --date 2026-12-01", "");
         let output = Command::new("sh").args(["-c", &line]).output().unwrap();

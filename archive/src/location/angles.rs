@@ -1,4 +1,4 @@
-//! Degrees, minutes and seconds, and on which axis a number lies: `8° 57' 27.7" S`, `8d57m S`, `S08:57:27`, `8.57.27 S`, `085727S`, `8/1,57/1,27/1`,
+//! Degrees, minutes and seconds, and the axis of a number: `8° 57' 27.7" S`, `8d57m S`, `S08:57:27`, `8.57.27 S`, `085727S`, `8/1,57/1,27/1`,
 //! `lat 8.96`.
 
 /// Which of the two.
@@ -19,7 +19,7 @@ pub(super) struct Angle {
     pub(super) axis: Option<Axis>,
     /// Its signs say that it is an angle, and no time or date.
     pub(super) is_marked: bool,
-    /// What stands between its parts, where nothing marks them: `:` in `08:57:22`. A blank where nothing does.
+    /// The separator of its parts if they have no unit signs: `:` in `08:57:22`. A space if there is none.
     pub(super) sign: char,
     /// Degrees, minutes and seconds.
     pub(super) has_seconds: bool,
@@ -52,7 +52,7 @@ impl Cursor<'_> {
         }
     }
 
-    /// What may stand between degrees, minutes and seconds in a sentence: `8 degrees, 57 minutes and 22 seconds`.
+    /// Skip what separates degrees, minutes and seconds in a sentence: `8 degrees, 57 minutes and 22 seconds`.
     fn gap(&mut self) {
         self.spaces();
         self.take(",;");
@@ -179,8 +179,8 @@ fn sixty(text: &[char], from: usize) -> Option<Angle> {
     Some(Angle { value, axis, is_marked, sign: sign.unwrap_or(' '), has_seconds, from, to })
 }
 
-/// `8.57.22 S`, `8,57,22S`, `8/57/22 S`: three numbers with the same sign between them, and two with the letter of an axis. It is marked if it has three
-/// and such a letter; versions and dates look the same without one.
+/// `8.57.22 S`, `8,57,22S`, `8/57/22 S`: three numbers with the same separator, or two with the letter of an axis. Three numbers with such a letter count
+/// as marked; without one, versions and dates look the same.
 fn dotted(text: &[char], from: usize) -> Option<Angle> {
     let digit = |i: usize| text.get(i).is_some_and(char::is_ascii_digit);
     let mut c = Cursor { text, at: from };
@@ -210,14 +210,14 @@ fn dotted(text: &[char], from: usize) -> Option<Angle> {
     Some(Angle { value, axis, is_marked: has_seconds && axis.is_some(), sign, has_seconds, from, to })
 }
 
-/// Whether a letter follows that is not that of an axis: of a page (`8.9.19, S. 12`), a name (`8.9.19 E. Juma`) or a shelf (`8.9.19, E 12`).
+/// Whether a letter follows that is not that of an axis but that of a page (`8.9.19, S. 12`), a name (`8.9.19 E. Juma`) or a shelf (`8.9.19, E 12`).
 fn is_initial(text: &[char], to: usize) -> bool {
     let letter = (to..text.len().min(to + 3)).find(|i| text.get(*i).is_some_and(|c| c.is_alphabetic()));
     let rest = letter.and_then(|at| text.get(at + 1..)).unwrap_or_default();
     let has_stop = rest.first() == Some(&'.');
     let mut rest = rest.iter().skip(usize::from(has_stop)).skip_while(|c| **c == ' ').take(6).peekable();
     match rest.peek() {
-        // Another angle has a sign behind its degrees.
+        // Another angle has a sign after its degrees.
         Some(c) if c.is_ascii_digit() => !rest.find(|c| !c.is_ascii_digit()).is_some_and(|c| ".,:°/;".contains(*c)),
         Some(c) => has_stop && c.is_alphabetic(),
         None => false,
@@ -321,8 +321,8 @@ fn letter_after(text: &[char], to: usize) -> Option<Axis> {
     quarter(*text.get(at)?)
 }
 
-/// Whether the letter at this place stands between two numbers without a blank: `S8.956E39.600`, `8°57'22"S39°36'0"E`. Both must have a point or
-/// a sign of angles: the letters of a checksum stand between digits too.
+/// Whether the letter here is between two numbers without a space: `S8.956E39.600`, `8°57'22"S39°36'0"E`. Both must have a decimal point or
+/// an angle sign, because the letters of a checksum are between digits too.
 fn is_between_numbers(text: &[char], at: usize) -> bool {
     const LONGEST: usize = 16;
     let is_part = |c: &char| c.is_ascii_digit() || ".,:°'\" ".contains(*c);

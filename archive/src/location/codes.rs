@@ -23,7 +23,7 @@ const PLUS: &str = "23456789cfghjmpqrvwx";
 const COLUMNS: [&str; 3] = ["STUVWXYZ", "ABCDEFGH", "JKLMNPQR"];
 const ROWS: &str = "ABCDEFGHJKLMNPQRSTUV";
 
-/// Hosts, with paths where others share the host, that show a place on a map or hold its coordinates. They stand anywhere in an address.
+/// Hosts that show a place on a map or contain its coordinates, with a path if the host has other pages too. They may be anywhere in an address.
 const MAPS: [&str; 52] = [
     "osm.org/",
     "umap.openstreetmap",
@@ -78,7 +78,7 @@ const MAPS: [&str; 52] = [
     "geoportail.gouv.fr/carte",
     "arcgis.com/home/webmap",
 ];
-/// The same whose names end others too: nothing but a point or a slash stands before them.
+/// The same for hosts whose names are also the ends of other names: they must follow a dot or a slash.
 const HOSTS: [&str; 9] = [
     "here.com/",
     "here.we/",
@@ -131,7 +131,7 @@ pub(super) fn map_address(text: &[char]) -> Option<(usize, usize)> {
     })
 }
 
-/// Where three words with points between them end that begin at this place: `index.home.raft`, `index . home . raft`.
+/// The end of three words with dots between them that begin here: `index.home.raft`, `index . home . raft`.
 fn three_words(lower: &[char], from: usize) -> Option<usize> {
     const LONGEST: usize = 30;
     let blank = |at: usize| at + usize::from(lower.get(at) == Some(&' '));
@@ -191,7 +191,7 @@ fn of_any_country(text: &str) -> Option<(usize, usize)> {
     plain.or_else(country).or_else(street).or_else(getty).map(|(at, length)| (at, at + length))
 }
 
-/// Coordinates in one piece as ISO 6709 (annex H) writes them, of whichever place: `-085722+0393600/`, `-08.956+039.600/`.
+/// Coordinates of any place as ISO 6709 (annex H) writes them: `-085722+0393600/`, `-08.956+039.600/`.
 pub(super) fn iso6709(text: &[char]) -> Option<(usize, usize)> {
     let sign = |at: usize| text.get(at).copied().filter(|c| matches!(c, '+' | '-'));
     (0..text.len()).find_map(|from| {
@@ -205,7 +205,7 @@ pub(super) fn iso6709(text: &[char]) -> Option<(usize, usize)> {
         if other != whole + 1 || text.get(to).is_some_and(|c| c.is_alphanumeric()) && text.get(to) != Some(&'C') {
             return None;
         }
-        // Numbers of telephones begin with a plus sign and have hyphens; lengths have no zeros before them.
+        // Telephone numbers begin with a plus sign and have hyphens; lengths have no leading zeros.
         let is_closed = text.get(to) == Some(&'/') || {
             let height = text.iter().skip(to + 1).take(12).take_while(|c| c.is_ascii_digit() || **c == '.').count();
             sign(to).is_some() && matches!(text.get(to + 1 + height), Some('/' | 'C'))
@@ -215,7 +215,7 @@ pub(super) fn iso6709(text: &[char]) -> Option<(usize, usize)> {
     })
 }
 
-/// Digits of degrees (so many of them), minutes and seconds without anything between them, whether there is a fraction, and where that ends.
+/// Degrees (of `degrees` digits), minutes and seconds without separators; whether there is a fraction; and where it ends.
 fn angle_in_one(text: &[char], from: usize, degrees: usize) -> Option<(usize, bool, usize)> {
     let digits: Vec<char> = text.iter().skip(from).take(8).take_while(|c| c.is_ascii_digit()).copied().collect();
     let parts = digits.len().checked_sub(degrees).filter(|n| matches!(n, 0 | 2 | 4))?;
@@ -228,15 +228,15 @@ fn angle_in_one(text: &[char], from: usize, degrees: usize) -> Option<(usize, bo
         _ => 0,
     };
     let to = end + if fraction > 0 { fraction + 1 } else { 0 };
-    // Both have the same parts; degrees of a longitude have one digit more.
+    // Both have the same parts; the degrees of a longitude have one more digit.
     is_angle.then_some((digits.len(), fraction > 0, to))
 }
 
-/// Words that say that a code is that of a place. Grids and squares are also those of excavations.
+/// Words that show that a code is that of a place. Excavations have grids and squares too.
 const LABELS: [&str; 5] = ["locator", "maidenhead", "qth", "quadkey", "geohash"];
 const SQUARES: [&str; 4] = ["grid", "square", "loc", "gridsquare"];
 
-/// Whether one of these words stands before or behind a place, within a few characters.
+/// Whether one of these words is within a few characters before or after a code.
 fn has_word(text: &[char], (from, to): (usize, usize), words: &[&str]) -> bool {
     const AWAY: usize = 24;
     let part = |from: usize, to: usize| -> String {
@@ -247,7 +247,7 @@ fn has_word(text: &[char], (from, to): (usize, usize), words: &[&str]) -> bool {
         .any(|part| part.split(|c: char| !c.is_alphanumeric()).any(|w| words.contains(&w)))
 }
 
-/// A code of whichever place beside a word that says what it is: `locator KI91tb`, `quadkey 300113200230`.
+/// A code of any place beside a word that says what it is: `locator KI91tb`, `quadkey 300113200230`.
 pub(super) fn labelled(text: &[char]) -> Option<(usize, usize)> {
     let joined: String = text.iter().map(char::to_ascii_lowercase).collect();
     if !LABELS.iter().chain(&SQUARES).any(|l| joined.contains(l)) {
@@ -260,7 +260,7 @@ pub(super) fn labelled(text: &[char]) -> Option<(usize, usize)> {
             6 | 8 | 10 => maidenhead(&token).is_some() || quadkey(&token).is_some(),
             _ => quadkey(&token).is_some(),
         };
-        // Dates and inventory numbers are written with the digits 0 to 3, too, but not beside these words.
+        // Dates and inventory numbers can consist of the digits 0 to 3 too, but not beside these words.
         let words = if token.len() == 6 && maidenhead(&token).is_some() {
             [&LABELS[..], &SQUARES].concat()
         } else {
@@ -275,12 +275,12 @@ pub(super) fn plus_code(text: &[char]) -> Option<(usize, usize)> {
     plus_codes(text).find(|p| p.has_letter && p.before.len() + p.zeros >= 4).map(|p| (p.from, p.to))
 }
 
-/// The same with all of its digits.
+/// A full Plus Code.
 pub(super) fn full_plus_code(text: &[char]) -> Option<(usize, usize)> {
     plus_codes(text).find(|p| p.has_letter && p.before.len() == 8 && p.after.len() >= 2).map(|p| (p.from, p.to))
 }
 
-/// Whether an area, given by its middle and half of its size, is near one of `sites`.
+/// Whether an area, given by its centre and half its size, is near one of `sites`.
 fn is_near(sites: &[[f64; 2]], ([lat, lon], [half_lat, half_lon]): Area) -> bool {
     sites.iter().any(|s| (s[0] - lat).abs() < AROUND + half_lat && apart(s[1], lon) < AROUND + half_lon)
 }
@@ -411,7 +411,7 @@ struct PlusCode {
     to: usize,
     before: Vec<usize>,
     after: Vec<usize>,
-    /// Zeros in place of further digits: `6G3X2J00+`.
+    /// Zeros as padding: `6G3X2J00+`.
     zeros: usize,
     has_letter: bool,
 }
@@ -516,7 +516,7 @@ fn grid(text: &[char], square: &Square) -> Option<(usize, usize)> {
             .filter(|(_, c)| *c != ' ')
             .collect();
         let n = digits.len() / 2;
-        // Two digits each are those of a kilometre; lower-case letters before a number of four digits may be a word.
+        // Two digits each name a square of one kilometre; lower-case letters before a four-digit number may be a word.
         let is_of_capitals = text.get(at..at + 2)?.iter().all(char::is_ascii_uppercase);
         let fewest = if has_zone {
             1
@@ -540,7 +540,7 @@ fn grid(text: &[char], square: &Square) -> Option<(usize, usize)> {
     })
 }
 
-/// A reference of the military grid without its zone, behind the word that says so: `MGRS EL 6597 0994`.
+/// A reference of the military grid without its zone, after the word MGRS: `MGRS EL 6597 0994`.
 pub(super) fn labelled_grid(text: &[char]) -> Option<(usize, usize)> {
     let is_label = |at: usize| {
         "mgrs".chars().enumerate().all(|(i, c)| text.get(at + i).is_some_and(|t| t.eq_ignore_ascii_case(&c)))
@@ -557,7 +557,7 @@ pub(super) fn labelled_grid(text: &[char]) -> Option<(usize, usize)> {
     })
 }
 
-/// A reference in the military grid with zone, band, square and at least two digits each, whichever place it names.
+/// A reference in the military grid with zone, band, square and at least two digits each, for any place.
 pub(super) fn grid_reference(text: &[char]) -> Option<(usize, usize)> {
     let letter = |at: usize| text.get(at).map(char::to_ascii_uppercase).filter(char::is_ascii_uppercase);
     (0..text.len()).find_map(|start| {

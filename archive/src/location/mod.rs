@@ -263,7 +263,7 @@ impl Location {
         }
     }
 
-    /// In a text as it is read. In one whose hyphens are read as something else (`is_written` is false), a single decimal number of an unknown place may be
+    /// Search a text. If its hyphens were replaced (`is_written` is false) and the place is unknown, a single decimal number is ignored: it may be
     /// an inventory number.
     fn find_in(&self, text: &[char], is_written: bool) -> Option<Finding> {
         let says = |kind: Kind| move |range: (usize, usize)| says(text, range, kind);
@@ -389,7 +389,7 @@ impl Location {
     }
 }
 
-/// What was found at this place of a text.
+/// The finding for this part of a text.
 fn says(text: &[char], (from, to): (usize, usize), kind: Kind) -> Finding {
     Finding { found: shown(text, from, to), kind }
 }

@@ -1,4 +1,4 @@
-//! Names, whose hyphens may stand for points and blanks, and lists, whose items may belong together.
+//! Names, whose hyphens may stand for decimal points or spaces, and lists, whose items may belong together.
 
 use super::text::readable;
 use super::{Finding, Location, codes};
@@ -8,7 +8,7 @@ use serde_json::Value;
 const NAMES: [&str; 3] = ["title", "slug", "alternative_titles"];
 
 impl Location {
-    /// What gives the location away in a slug, a title or another name: [`Location::find`], and the same with hyphens read as decimal points and as blanks
+    /// What gives the location away in a slug, a title or another name: [`Location::find`], and the same with hyphens read as decimal points and as spaces
     /// (`8-95611-39-60023`, `lat-8-956-lon-39-600`), and as the plus sign of a Plus Code (`6g3x2jv2-h3`).
     pub fn find_in_name(&self, name: &str) -> Option<Finding> {
         self.find(name).or_else(|| {
@@ -29,7 +29,7 @@ impl Location {
         [", ", " "].iter().find_map(|between| self.find(&items.join(between)))
     }
 
-    /// The strings of a JSON list together, and those that its objects have under the same key. `is_passed` says of which nothing is looked at.
+    /// Search the strings of a JSON list together, and those that its objects have under the same key. Items for which `is_passed` returns true are skipped.
     pub(super) fn find_in_json_list(&self, list: &[Value], is_passed: &dyn Fn(usize) -> bool) -> Option<Finding> {
         let items = || list.iter().enumerate().filter(|(i, _)| !is_passed(*i)).map(|(_, v)| v);
         self.find_in_list(items().filter_map(Value::as_str)).or_else(|| {
@@ -51,7 +51,7 @@ impl Location {
     }
 }
 
-/// Whether a key or the way to it in JSON is that of a name: `title`, `alternative_titles[1]`.
+/// Whether a key or JSON path is that of a name: `title`, `alternative_titles[1]`.
 pub fn is_name(at: &str) -> bool {
     let key = at.rsplit('.').next().unwrap_or_default();
     NAMES.contains(&key.split('[').next().unwrap_or_default())
@@ -61,11 +61,11 @@ fn is_hyphen(c: char) -> bool {
     matches!(c, '-' | '_')
 }
 
-/// A text with its hyphens read in other ways: those between digits as points, every second one of a chain as a point, and all as blanks.
+/// A text with its hyphens read in other ways: those between digits as decimal points, every second one of a chain as a decimal point, and all as spaces.
 fn unhyphenated(text: &[char]) -> [Vec<char>; 3] {
     let digit = |i: usize| text.get(i).is_some_and(char::is_ascii_digit);
     let (mut points, mut pairs, mut blanks) = (Vec::new(), Vec::new(), Vec::new());
-    // Whether the next hyphen between digits is that of a decimal number.
+    // Whether the next hyphen between digits is a decimal point.
     let mut is_point = true;
     for (i, c) in text.iter().enumerate() {
         if !is_hyphen(*c) {

@@ -1,18 +1,18 @@
-//! Between the coordinates of a reference system and degrees of WGS 84.
+//! Conversion between the coordinates of a reference system and degrees of WGS 84.
 
 use proj4rs::Proj;
 
-/// Latitude and longitude of the middle of a box, metres, in a reference system such as `EPSG:32737`: degrees of WGS 84; nothing where the system
-/// is not known.
+/// Latitude and longitude of the middle of a box, metres, in a reference system such as `EPSG:32737`: in degrees of WGS 84; `None` if the system
+/// is unknown.
 pub fn degrees_of_box(crs: &str, [min, max]: [[f64; 3]; 2]) -> Option<[f64; 2]> {
     let code = crs.strip_prefix("EPSG:")?.parse::<u16>().ok()?;
     let from = Proj::from_epsg_code(code).ok()?;
-    // Packs have x to the east; systems that count otherwise are left alone.
+    // In packs, x points east; systems with another axis order are not supported.
     if from.is_latlong() || from.is_geocent() || !from.is_normalized_axis() {
         return None;
     }
     let to = Proj::from_proj_string("+proj=longlat +datum=WGS84 +no_defs").ok()?;
-    // Packs are in metres, whatever the system counts in.
+    // Packs are in metres, whatever the unit of the system.
     let middle = |k: usize| f64::midpoint(min[k], max[k]) / from.to_meter();
     let mut point = (middle(0), middle(1), 0.0);
     proj4rs::transform::transform(&from, &to, &mut point).ok()?;
@@ -20,7 +20,7 @@ pub fn degrees_of_box(crs: &str, [min, max]: [[f64; 3]; 2]) -> Option<[f64; 2]> 
     (lat.is_finite() && lon.is_finite()).then_some([lat, lon])
 }
 
-/// Easting and northing, in the units of the system, of a latitude and longitude in degrees of WGS 84; nothing where the system is not known.
+/// Easting and northing, in the units of the system, of a latitude and longitude in degrees of WGS 84; `None` if the system is unknown.
 pub fn projected(epsg: u16, [lat, lon]: [f64; 2]) -> Option<[f64; 2]> {
     let to = Proj::from_epsg_code(epsg).ok()?;
     let from = Proj::from_proj_string("+proj=longlat +datum=WGS84 +no_defs").ok()?;

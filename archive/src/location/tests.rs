@@ -126,7 +126,7 @@ const PLANTED: &[&str] = &[
     "\\ud835\\udfd7\\ud835\\udfce\\uD835\\uDFCE9946",
     "9\\udb40\\udd000\\udb40\\udd000\\udb40\\udd009946",
     "\u{7396}\u{96f6}\u{96f6}\u{7396}\u{7396}\u{8086}\u{9678}",
-    // Without a blank, with commas, points and fractions.
+    // Without spaces, with commas, points and fractions.
     "S8.956E39.600",
     "8.956S39.600E",
     "s8,956e39,600",
@@ -194,8 +194,8 @@ const PLANTED: &[&str] = &[
     "grid square KI91",
 ];
 
-/// What only agrees with the place: nothing in their form says that these are coordinates, so who does not know the place accepts them. Everything else
-/// in [`PLANTED`] is refused by form alone.
+/// Texts that match the place but do not look like coordinates, so they are accepted if the place is unknown. Everything else
+/// in [`PLANTED`] is refused by its form alone.
 const FORMLESS: &[&str] = &[
     "at 565977",
     "E 565 977.25",
@@ -405,7 +405,7 @@ const ORDINARY: &[&str] = &[
     "32.6 million triangles in 96 blocks",
     "\u{661}\u{665}\u{660}\u{665}",
     "no number",
-    // Near the forms of coordinates.
+    // Similar to coordinates.
     "2026-11-23",
     "23.11.2026 E wing, 23.11.26",
     "Version 8.57.22 of the software",
@@ -461,7 +461,7 @@ fn ordinary_sentences_pass() {
     assert!(local.find("1505 and 12.5").is_none(), "local coordinates tell nothing");
 }
 
-/// In slugs and titles hyphens may be points or blanks.
+/// In slugs and titles, hyphens may stand for decimal points or spaces.
 #[test]
 fn coordinates_with_hyphens_are_found_in_names() {
     for name in [
@@ -519,13 +519,13 @@ fn lists_are_searched_joined() {
     }
 }
 
-/// The search of uploads refuses all that the local search refuses, except what only agrees with the place.
+/// The search of uploads refuses everything that the local search refuses, except texts that only match the place.
 #[test]
-fn without_the_location_every_form_is_found_that_can_be_told_from_other_numbers() {
+fn without_the_location_every_recognisable_form_is_found() {
     let unknown = Location::unknown();
     let missed: Vec<&str> = PLANTED.iter().copied().filter(|text| unknown.find(text).is_none()).collect();
     assert_eq!(missed, FORMLESS, "{missed:#?}");
-    // Whatever is refused of some other place is refused without one.
+    // Whatever is refused for another place is refused without one too.
     let elsewhere = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(61.5, 121.5)));
     for text in PLANTED.iter().chain(ORDINARY) {
         assert!(elsewhere.find(text).is_none() || unknown.find(text).is_some(), "{text}");

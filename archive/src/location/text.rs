@@ -140,7 +140,7 @@ fn one(c: char) -> Option<char> {
         '\u{207a}' | '\u{208a}' | '\u{fe62}' => '+',
         '\u{2044}' | '\u{2215}' | '\u{29f8}' => '/',
         c if c.is_whitespace() => ' ',
-        // ASCII of full width, without the digits.
+        // Full-width ASCII, without the digits.
         '！'..='／' | '：'..='～' => char::from_u32(u32::from(c) - 0xfee0).unwrap_or(c),
         c => unseen::digit(c).unwrap_or(c),
     })
@@ -232,7 +232,7 @@ pub(super) struct Number {
     /// Where it stands: first character, and the one behind its last.
     pub(super) from: usize,
     pub(super) to: usize,
-    /// A comma and a blank are read as a decimal comma here: these are more often two numbers of a list.
+    /// Whether a comma and a space were read as a decimal comma: more often these are two numbers of a list.
     pub(super) is_list: bool,
 }
 
@@ -276,7 +276,7 @@ pub(super) fn numbers(text: &[char]) -> Vec<Number> {
     all
 }
 
-/// Decimal numbers with a blank beside their point: `39. 60023`. There must be three decimals, so that `rooms 12, 13` is none.
+/// Decimal numbers with a space beside their point: `39. 60023`. They must have three decimals, so that `rooms 12, 13` is not one.
 fn with_blanks(text: &[char]) -> Vec<Number> {
     let digit = |i: usize| text.get(i).is_some_and(char::is_ascii_digit);
     let is = |i: usize, what: &str| text.get(i).is_some_and(|c| what.contains(*c));

@@ -29,9 +29,9 @@ type Found = (usize, usize, Kind);
 /// How a text is searched.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Form {
-    /// Whether the reference system is told.
+    /// Whether the reference system is given.
     pub(super) is_system_told: bool,
-    /// Whether the text is as it was written; else its hyphens are read as points or blanks.
+    /// Whether the text is unchanged; otherwise its hyphens were replaced by points or spaces.
     pub(super) is_written: bool,
 }
 
@@ -133,7 +133,7 @@ fn degrees(text: &[char], numbers: &[Number], angles: &[Angle], form: Form) -> O
         .or_else(|| in_address(text, numbers))
 }
 
-/// Whether a word for its axis stands before a number; not one that also means a length (`12 m long, 8.5 m wide`, `Breite 8.5 m`).
+/// Whether a word for the axis precedes a number, except words that also mean a length (`12 m long, 8.5 m wide`, `Breite 8.5 m`).
 fn is_named(text: &[char], n: &Number) -> bool {
     const WORDS: [&str; 5] = ["lat", "lon", "lng", "tude", "itud"];
     let before = lower(text, n.from.saturating_sub(24), n.from);
@@ -141,7 +141,7 @@ fn is_named(text: &[char], n: &Number) -> bool {
     WORDS.iter().any(|w| word.ends_with(w)) && word_before(text, n.from).is_some()
 }
 
-/// The middle of a map in an address: `@-8.96,39.52,17z`.
+/// The centre of a map in an address: `@-8.96,39.52,17z`.
 fn in_address(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
     let fine: Vec<&Number> = numbers.iter().filter(|n| n.decimals >= 2 && !n.is_list).collect();
     fine.windows(2).find_map(|two| {
@@ -153,7 +153,7 @@ fn in_address(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
     })
 }
 
-/// Whether an angle in parts of sixty can hardly be a time or a date: it has signs, or all three parts and the letter of an axis.
+/// Whether a sexagesimal angle is unlikely to be a time or a date: it has unit signs, or all three parts and the letter of an axis.
 fn is_angle(text: &[char], a: &Angle) -> bool {
     let most = if a.axis == Some(Axis::Latitude) { 90.0 } else { 180.0 };
     if a.value > most {
@@ -171,7 +171,7 @@ fn is_angle(text: &[char], a: &Angle) -> bool {
     a.axis.is_some() && !is_inner && (a.has_seconds || a.sign == ':' && has_letter())
 }
 
-/// Two angles side by side as times are written, one of which is later than any time of a day: `08:57:27, 39:31:22`.
+/// Two angles side by side, written like times, one of which is later than any time of day: `08:57:27, 39:31:22`.
 fn sixties(text: &[char], angles: &[Angle]) -> Option<(usize, usize)> {
     let all: Vec<&Angle> = angles.iter().filter(|a| a.has_seconds && a.sign == ':').collect();
     all.windows(2).find_map(|two| {
@@ -200,7 +200,7 @@ fn eastings(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
     follows(&east, &north).or_else(|| follows(&north, &east)).or_else(|| lettered(text, numbers))
 }
 
-/// The last five digits or more of an easting and a northing, with their letters: `E65977 N09946`.
+/// At least the last five digits of an easting and a northing, with their letters: `E65977 N09946`.
 fn lettered(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
     let of = |letters: &str| -> Vec<&Number> {
         let is_one = |n: &&Number| {

@@ -39,10 +39,10 @@ impl Metadata {
 /// Maximum number of significant digits of an accuracy. With more, it could be a coordinate.
 const ACCURACY_DIGITS: usize = 3;
 
-/// Check that an accuracy, in metres, has so few digits that no coordinate can be hidden in it.
+/// Check that an accuracy, in metres, has too few digits to hide a coordinate.
 ///
 /// # Errors
-/// The rest of a sentence that says why not and what to do.
+/// The end of a sentence that says why not and what to do.
 pub fn plain_accuracy(metres: f64) -> Result<(), String> {
     let written = format!("{:.*e}", ACCURACY_DIGITS - 1, metres);
     if written.parse() == Ok(metres) {
@@ -93,7 +93,7 @@ impl Search<'_> {
         }
     }
 
-    /// What the texts of a list give away together, if none of them does alone.
+    /// Report what the texts of a list give away together, if none of them does alone.
     fn list(&self, field: &str, at: usize, list: &[Spanned<DeValue<'_>>]) {
         let texts = || list.iter().filter_map(|v| v.get_ref().as_str());
         if texts().any(|text| self.location.find(text).is_some()) {
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn names_with_hyphens_and_lists_are_named_with_their_line() {
+    fn coordinates_in_names_and_lists_are_reported_with_their_line() {
         let file = |more: &str| format!("title = \"Fort\"\n{more}\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n");
         for (more, field) in [
             ("slug = \"fort-8-95611-39-60023\"", "slug"),

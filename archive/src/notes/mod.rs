@@ -281,7 +281,7 @@ impl Notes {
             if let Some(other) = labels.chain(of_bodies).find(|l| !place::is_registered_language(l)) {
                 let name = name_of(number, note);
                 all.push(format!(
-                    "{name}: \"{other}\" is no registered language, and could be a coordinate; give a code such as en, sw or pt-BR, or leave it out"
+                    "{name}: \"{other}\" is not a registered language and could be a coordinate; use a code such as en, sw or pt-BR, or leave it out"
                 ));
                 continue;
             }

@@ -20,9 +20,9 @@ const MOTIVATIONS: [&str; 13] = [
     "replying",
     "tagging",
 ];
-/// Years in which notes are written. Others may be digits of a coordinate: `5659-07-07`.
+/// Years in which a note may have been written. Others may be digits of a coordinate: `5659-07-07`.
 const YEARS: std::ops::RangeInclusive<u32> = 1900..=2100;
-/// Numeric regions of languages that are in use, and variants of which the same is true (IANA Language Subtag Registry).
+/// Numeric regions and variants that are in use (IANA Language Subtag Registry).
 const REGIONS: [&str; 3] = ["001", "150", "419"];
 const VARIANTS: [&str; 6] = ["1901", "1996", "fonipa", "polyton", "tarask", "valencia"];
 /// Moved places are told to so many parts of a metre: a micrometre. Finer ones would be noise that tells how large the number was before.
@@ -105,8 +105,8 @@ impl Note {
     }
 }
 
-/// Whether a text has the shape of a registered language (BCP 47): language, script, region and a few variants. Private use (`x-565977`), extensions and
-/// numbers might be anything.
+/// Whether a text has the form of a registered language (BCP 47): language, script, region and a few variants. Private use (`x-565977`), extensions and
+/// numbers could hide anything.
 pub(super) fn is_registered_language(text: &str) -> bool {
     let mut parts = text.split('-').peekable();
     let letters = |part: &str, length: std::ops::RangeInclusive<usize>| {
@@ -115,7 +115,7 @@ pub(super) fn is_registered_language(text: &str) -> bool {
     if !parts.next().is_some_and(|p| letters(p, 2..=3)) {
         return false;
     }
-    // Such as yue in zh-yue.
+    // Like yue in zh-yue.
     parts.next_if(|p| letters(p, 3..=3));
     parts.next_if(|p| letters(p, 4..=4));
     parts.next_if(|p| letters(p, 2..=2) || REGIONS.contains(p));

@@ -30,8 +30,7 @@ pub struct Plan {
     pub inputs: Vec<PlannedInput>,
 }
 
-/// Whether the input with this number still has the content that was read. The second argument is what the metadata says of the inputs
-/// that were read.
+/// Whether the input with this number still has the content that was read. The second argument is the list of inputs in the metadata.
 pub type IsUnchanged<'a> = &'a dyn Fn(usize, &[SourceFile]) -> Result<bool, BuildError>;
 
 /// One input.
@@ -46,14 +45,14 @@ pub struct PlannedInput {
     /// Where its coordinates are placed; any text that differs where the placement does.
     #[serde(default)]
     pub placement: String,
-    /// Any text that differs where the file was changed or replaced, even with its length and time kept. Where it differs, contents are
-    /// compared: a disk that was mounted again may give other inodes.
+    /// A text that changes when the file is changed or replaced, even if it keeps its length and time. If it differs, contents are
+    /// compared, because a disk that was mounted again may have other inodes.
     #[serde(default)]
     pub stamp: String,
 }
 
 impl PlannedInput {
-    /// Whether two are the same but for their stamps.
+    /// Whether two are the same except for their stamps.
     fn is_like(&self, other: &Self) -> bool {
         (&self.path, self.bytes, self.modified, &self.placement)
             == (&other.path, other.bytes, other.modified, &other.placement)
@@ -61,8 +60,8 @@ impl PlannedInput {
 }
 
 impl Plan {
-    /// Why a build of `self` is another one than `before`, whose inputs are described by `sources` in the metadata. Contents are compared
-    /// where it takes that.
+    /// Why a build of `self` is not the same as `before`, whose inputs the metadata describes in `sources`. Contents are compared
+    /// if necessary.
     ///
     /// # Errors
     /// Those of `is_unchanged`.
@@ -83,7 +82,7 @@ impl Plan {
         Ok(None)
     }
 
-    /// Why a build of `self` cannot go on with what `before` left, without a look at stamps.
+    /// Why a build of `self` cannot continue from what `before` left, ignoring stamps.
     fn differs_from(&self, before: &Self) -> Option<String> {
         if self.tool != before.tool {
             return Some(format!("it was begun by {}, and this is {}", before.tool, self.tool));
@@ -149,10 +148,10 @@ impl Journal {
     }
 
     /// Go on with the build whose journal is in the folder, after the last stage whose files are all there. Where there is
-    /// no journal, or not even its first line, the build begins anew. So it does where no stage is complete and an input was changed.
+    /// no journal, or not even its first line, the build begins anew. So it does if no stage is complete and an input was changed.
     ///
     /// # Errors
-    /// [`BuildError::Resume`] where something else was being built; [`ScratchError`]; those of `is_unchanged`.
+    /// [`BuildError::Resume`] if something else was being built; [`ScratchError`]; those of `is_unchanged`.
     pub fn resume(scratch: &Scratch, plan: Plan, is_unchanged: IsUnchanged<'_>) -> Result<Self, BuildError> {
         let text = match scratch.existing(JOURNAL) {
             Ok(file) => String::from_utf8_lossy(&file.read(0, file.len())?).into_owned(),
@@ -167,7 +166,7 @@ impl Journal {
         let stages: Vec<Stage> = lines.map_while(|l| serde_json::from_str(unseal(l)?).ok()).collect();
         let sources = stages.iter().find(|s| s.stage == READ).map(|s| s.data.clone()).unwrap_or_default();
         let sources: Vec<SourceFile> = serde_json::from_value(sources).unwrap_or_default();
-        // Where nothing is complete, all inputs are read from their beginnings.
+        // If nothing is complete, all inputs are read from the beginning.
         let is_unread = |_: usize, _: &[SourceFile]| -> Result<bool, BuildError> { Ok(true) };
         let is_unchanged: IsUnchanged<'_> = if stages.is_empty() { &is_unread } else { is_unchanged };
         if let Some(why) = plan.difference(&before, &sources, is_unchanged)? {
@@ -261,9 +260,9 @@ mod tests {
         Plan { tool: "kilwa 1".into(), options, inputs: vec![input] }
     }
 
-    /// Go on; contents are never asked for.
+    /// Resume; contents must not be compared.
     fn resume(scratch: &Scratch, plan: Plan) -> Result<Journal, BuildError> {
-        Journal::resume(scratch, plan, &|_, _| panic!("nothing differs that asks for contents"))
+        Journal::resume(scratch, plan, &|_, _| panic!("contents were compared although nothing differs"))
     }
 
     fn with_stages(scratch: &Scratch, n: usize) -> Journal {
@@ -355,7 +354,7 @@ mod tests {
         drop(Journal::begin(&scratch, plan()).unwrap());
         let mut other = plan();
         other.inputs[0].stamp = "inode 8".into();
-        // Nothing of it is kept.
+        // Nothing is kept.
         let mut journal = resume(&scratch, other.clone()).unwrap();
         let source = SourceFile { name: "a.ply".into(), bytes: 10, sha256: "aa".into() };
         journal.complete(READ, &[], serde_json::to_value([&source]).unwrap()).unwrap();
@@ -370,7 +369,7 @@ mod tests {
         assert!(refused.contains("/a.ply was changed since"), "{refused}");
         assert!(resume(&scratch, other).is_ok(), "nothing was changed by the refusal");
         assert_eq!(resumed(plan(), true).unwrap().last().unwrap().stage, READ);
-        // Its stamp is now the one that is known.
+        // Its new stamp is recorded now.
         assert!(resume(&scratch, plan()).is_ok());
         let mut later = plan();
         later.inputs[0].modified = Some(6);

@@ -59,11 +59,11 @@ pub trait Inputs {
     /// [`BuildError`] where an input is not there.
     fn plan(&self) -> Result<Vec<PlannedInput>, BuildError>;
 
-    /// Whether input `number` of the plan still has the content that was read: its entry is among `sources`, what the metadata says of the
-    /// inputs that were read. Asked only where its stamp differs.
+    /// Whether input `number` of the plan still has the content that was read, which `sources`, the list of inputs in the metadata, describes.
+    /// Called only if its stamp differs.
     ///
     /// # Errors
-    /// [`BuildError`] where it cannot be read.
+    /// [`BuildError`] if it cannot be read.
     fn is_unchanged(
         &self,
         _number: usize,
@@ -175,7 +175,7 @@ fn name_of(error: &ScratchError, scratch: &Scratch) -> Option<String> {
     Some(name.to_string_lossy().into_owned())
 }
 
-/// What tells a build of these inputs with these options from others.
+/// What distinguishes a build of these inputs with these options from others.
 ///
 /// # Errors
 /// Those of [`Inputs::plan`].

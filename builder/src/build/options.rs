@@ -131,10 +131,10 @@ pub enum BuildError {
         /// Most.
         most: u8,
     },
-    /// Finer than a lattice.
+    /// The mesh is too small for any lattice.
     #[error("the mesh is too small: {why}")]
     TooSmall {
-        /// What is shorter than what, and what to do.
+        /// The lengths that do not fit, and what to do.
         why: String,
     },
     /// More than the format holds.

@@ -1,8 +1,8 @@
-//! Leaves that no chunk can hold, found before their triangles are read: many triangles at few places, which no tetrahedron separates.
+//! Finds leaves that no chunk can hold before their triangles are read: many triangles at few places, which no tetrahedron separates.
 //!
-//! Input: `buckets`, and what is known of the buckets that fit in memory. A bucket that does not fit is read as a stream, with its places
-//! counted. If there are no more than a leaf may have, nothing inside wants to be split. Once that is known of every bucket, so are the tree
-//! and the number of triangles of each leaf.
+//! Input: `buckets`, and the split requests of the buckets that fit in memory. A bucket that does not fit is read as a stream to count its
+//! places. If it has no more places than a leaf may have, nothing inside it requests a split. When that is known for every bucket, so are the
+//! tree and the number of triangles in each leaf.
 //!
 //! Fails with [`BuildError::TooLarge`] for a leaf with more triangles than a chunk holds: no later stage could divide it.
 
@@ -20,7 +20,7 @@ use crate::scratch::ScratchFile;
 use kilwa_geometry::{DiamondKey, Lattice};
 use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
 
-/// What is looked at.
+/// The input of the search.
 pub(super) struct Crowd<'a> {
     pub(super) work: &'a Work<'a>,
     pub(super) layout: Layout,
@@ -31,11 +31,11 @@ pub(super) struct Crowd<'a> {
 }
 
 impl Crowd<'_> {
-    /// Refuse a leaf that no chunk can hold, as far as that is known before the buckets `large` are read. The others gave `known` (by
-    /// bucket; anything for those in `large`) and the wishes `keys`.
+    /// Refuse a leaf that no chunk can hold, as far as this is known before the buckets `large` are read. The others gave `known` (by
+    /// bucket; ignored for those in `large`) and the split requests `keys`.
     ///
     /// # Errors
-    /// [`BuildError::TooLarge`]; where a scratch file cannot be read, or a stop was asked for.
+    /// [`BuildError::TooLarge`]; if a scratch file cannot be read, or a stop was requested.
     pub(super) fn refuse(
         &self,
         own: &ScratchFile,
@@ -47,7 +47,7 @@ impl Crowd<'_> {
             return Ok(());
         }
         for &bucket in large {
-            // It may be split inside, and only reading it whole would tell.
+            // It may be split inside; only reading it whole would show that.
             let Some(above) = self.survey(own, bucket)? else { return Ok(()) };
             known[bucket] = above;
         }
@@ -59,7 +59,7 @@ impl Crowd<'_> {
     /// Refuse a leaf of the tree that no chunk can hold.
     ///
     /// # Errors
-    /// [`BuildError::TooLarge`], with how many triangles are where.
+    /// [`BuildError::TooLarge`] with the number of triangles and their place.
     pub(super) fn refuse_leaves(&self, tree: &Partition) -> Result<(), BuildError> {
         for (node, run) in self.buckets.runs(tree) {
             let tetrahedron = &tree.tetrahedra[node as usize];
@@ -76,13 +76,13 @@ impl Crowd<'_> {
         Ok(())
     }
 
-    /// What a bucket is for the tetrahedra above it, where it has no more places than a leaf may have.
+    /// What the tetrahedra above a bucket need to know of it, if it has no more places than a leaf may have.
     fn survey(&self, own: &ScratchFile, bucket: usize) -> Result<Option<Above>, BuildError> {
         let (width, triangle) = (self.layout.vertex(), self.layout.triangle());
         let mut places = Places::default();
         let mut words = Vec::new();
         for &(byte, count) in &self.scattered.own.0[bucket] {
-            // Extents hold whole triangles.
+            // Extents contain whole triangles.
             for first in (0..count as usize).step_by(PIECE * triangle) {
                 self.work.stop.check()?;
                 words.resize((count as usize - first).min(PIECE * triangle), 0);

@@ -34,7 +34,7 @@ fn coarsest(b: &Box3) -> i32 {
     if extent_of(b) >= f64::MAX { log + 1 } else { log }
 }
 
-/// Logarithm of the finest step that is chosen, about 1e-18 m.
+/// Binary logarithm of the finest lattice spacing that is chosen automatically, about 1e-18 m.
 const FINEST: i32 = -60;
 
 /// Finer than the doubles of the source can tell apart is no use (and f64 world coordinates must stay exact).
@@ -213,7 +213,7 @@ pub(super) fn choose(m: &Measured, given: Option<f64>) -> Result<(Lattice, u32),
     if given.is_none() && extent < libm::scalbn(1.0, finest) {
         let magnitude = magnitude_of(&m.bounds);
         let why = format!(
-            "it is {extent:e} m wide, with coordinates up to {magnitude:e} m, and the finest step of a lattice there is {:e} m; check \
+            "it is {extent:e} m wide, with coordinates up to {magnitude:e} m, and the finest lattice spacing possible there is {:e} m; check \
              --units, or scale it with --transform",
             libm::scalbn(1.0, finest)
         );
@@ -223,7 +223,7 @@ pub(super) fn choose(m: &Measured, given: Option<f64>) -> Result<(Lattice, u32),
         let why = format!(
             "it is {extent:e} m wide, but half of its edges are shorter than {:e} m, and a lattice has 2^30 steps: a \
              vertex is astray, between {min:?} and {max:?} m; remove it, or give --step",
-            // Where it is 0, it is less than a number can say.
+            // If it is 0, it is too small for a number.
             m.median.max(f64::MIN_POSITIVE.sqrt())
         );
         return Err(BuildError::TooLarge { why });

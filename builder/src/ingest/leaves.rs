@@ -32,7 +32,7 @@ pub(super) struct Leaves {
     pub(super) triangles: Vec<(u32, u64)>,
 }
 
-/// The tree that the wishes make. Those between two of its levels are dropped: what holds such a tetrahedron wants to be
+/// The tree that the split requests make. Those between two of its levels are dropped: what holds such a tetrahedron wants to be
 /// split as well, so a level above has the wish too.
 pub(super) fn tree_of(cube_log2: u32, wishes: impl IntoIterator<Item = DiamondKey>) -> Partition {
     let is_level =

@@ -1,9 +1,9 @@
-//! Which tetrahedra want to be split: those that hold too many triangles, where splitting helps.
+//! Split requests: which tetrahedra must be split, because they contain too many triangles and splitting helps.
 //!
-//! A tetrahedron wants it where more than a leaf of *different* places of centroids lie in it, those of triangles much
-//! larger than itself not counted: space cannot separate coincident triangles, nor a fan round one vertex. Where a half
-//! wants to be split the whole does too, because it holds all the places of the half and allows for larger triangles. So
-//! the wishes do not depend on the order of splitting, and are found bucket by bucket.
+//! A tetrahedron requests a split if it contains more *distinct* centroids than a leaf may have, not counting those of triangles
+//! much larger than itself: no subdivision separates coincident triangles, or a fan around one vertex. If a half requests
+//! a split, so does the whole, because it contains all centroids of the half and allows for larger triangles. So
+//! the split requests do not depend on the order of splitting, and are found bucket by bucket.
 
 use super::buckets::Buckets;
 use kilwa_geometry::tetra::max_level;
@@ -22,7 +22,7 @@ pub(super) struct Above {
     places: Vec<u64>,
 }
 
-/// Different places of centroids, as sums of corners, with the size of the smallest triangle at each.
+/// Distinct centroids, as sums of corners, with the size of the smallest triangle at each.
 pub(super) type Places = FxHashMap<[u32; 3], u32>;
 
 fn add(places: &mut Places, sum: [u32; 3], size: u32) {
@@ -39,14 +39,14 @@ pub(super) fn sum_of([a, b, c]: [[u32; 3]; 3]) -> [u32; 3] {
     std::array::from_fn(|i| a[i] + b[i] + c[i])
 }
 
-/// The longest side of the box round a triangle.
+/// The longest side of the bounding box of a triangle.
 pub(super) fn size_of([a, b, c]: [[u32; 3]; 3]) -> u32 {
     let side = |i: usize| a[i].max(b[i]).max(c[i]) - a[i].min(b[i]).min(c[i]);
     side(0).max(side(1)).max(side(2))
 }
 
 impl Above {
-    /// Of a bucket with these places, in which nothing wants to be split.
+    /// For a bucket with these places, in which nothing requests a split.
     pub(super) fn of_places(smallest: &Places) -> Self {
         let mut places = vec![0; CLASSES];
         for size in smallest.values() {
@@ -69,7 +69,7 @@ pub(super) struct Wishes<'a> {
 }
 
 impl Wishes<'_> {
-    /// The wishes inside of a bucket whose tetrahedron is `tetra`.
+    /// The split requests inside a bucket whose tetrahedron is `tetra`.
     pub(super) fn collect(&mut self, tetra: &Tetra) -> Above {
         let mut order: Vec<u32> = (0..self.sums.len() as u32).collect();
         if self.descend(tetra, &mut order) {
@@ -96,7 +96,7 @@ impl Wishes<'_> {
         }
         let (a, b) = triangles.split_at_mut(first);
         let [left, right] = tetra.children();
-        // Both, whatever the first gives: their wishes count.
+        // Always descend into both: the requests of both count.
         let wants = self.descend(&left, a) | self.descend(&right, b) || self.has_many_places(tetra, triangles);
         if wants {
             self.keys.push(DiamondKey::of(tetra));
@@ -113,7 +113,7 @@ impl Wishes<'_> {
     }
 }
 
-/// The wishes of the tetrahedra above the buckets.
+/// The split requests of the tetrahedra above the buckets.
 pub(super) fn above(buckets: &Buckets, known: &[Above], cube_log2: u32, leaf_triangles: usize) -> Vec<DiamondKey> {
     let mut keys = Vec::new();
     buckets.fold(&mut |b| known[b as usize].clone(), &mut |tetra, a: Above, b: Above| {

@@ -38,7 +38,7 @@ pub enum ScratchError {
         /// What was found.
         why: String,
     },
-    /// Something that no build made is in the place of the scratch folder.
+    /// The scratch folder exists, but no build made it.
     #[error("the scratch folder {} already exists and {what}; remove it or rename it, or give another --scratch", path.display())]
     Foreign {
         /// The folder.

@@ -37,13 +37,13 @@ pub(super) fn take(folder: &Path) -> Result<File, ScratchError> {
     let there = std::fs::symlink_metadata(&path).ok();
     // Checked before anything is created in the folder.
     if there.as_ref().is_some_and(|there| !there.is_file()) {
-        return Err(foreign("what is called `lock` in it is not a regular file, so no build made it".to_owned()));
+        return Err(foreign("its `lock` is not a regular file, so no build made the folder".to_owned()));
     }
     if there.is_none()
         && let Some(name) = another(folder)?
     {
         let name = name.display();
-        return Err(foreign(format!("holds {name}, but not the file `lock` by which a build knows its own folder")));
+        return Err(foreign(format!("contains {name} but not the file `lock` that every build creates there")));
     }
     let cannot = |doing| move |e| ScratchError::io(&folder.join(LOCK), doing, e);
     let mut lock = match File::options().read(true).write(true).create_new(true).open(&path) {
@@ -61,7 +61,7 @@ pub(super) fn take(folder: &Path) -> Result<File, ScratchError> {
     if text != MARKER {
         // A build that was killed as it started may have left part of the marker, and nothing else.
         if !MARKER.starts_with(&text) || another(folder)?.is_some() {
-            let what = "its file `lock` is not what a build writes there: it is damaged, or somebody else's";
+            let what = "its file `lock` is damaged, or was not written by a build";
             return Err(foreign(what.to_owned()));
         }
         let written = lock.seek(SeekFrom::Start(0)).and_then(|_| lock.write_all(MARKER)).and_then(|()| lock.sync_all());

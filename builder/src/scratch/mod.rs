@@ -56,14 +56,14 @@ pub struct Scratch {
     space: Arc<Space>,
 }
 
-/// A folder, and that it is to be removed.
+/// A folder that must be removed.
 type Temporary = (tempfile::TempDir, Unfinished);
 
 #[derive(Debug)]
 struct Held {
     folder: PathBuf,
     _lock: File,
-    /// A folder that goes away with its last user, or when a signal ends the program.
+    /// A folder that is removed with its last user, or when a signal ends the program.
     _temporary: Option<Temporary>,
 }
 

@@ -187,7 +187,7 @@ fn a_folder_that_no_build_made_is_refused_and_left_unchanged() {
 }
 
 #[test]
-fn a_refusal_says_what_is_the_matter_with_the_folder() {
+fn a_refusal_says_what_is_wrong_with_the_folder() {
     let refused = |make: &dyn Fn(&std::path::Path)| {
         let outer = tempfile::tempdir().unwrap();
         let folder = outer.path().join("scratch");
@@ -198,15 +198,15 @@ fn a_refusal_says_what_is_the_matter_with_the_folder() {
         Scratch::open(&folder).unwrap_err().to_string()
     };
     let damaged = refused(&|f| std::fs::write(f.join("lock"), "Kilwa keeps nothing").unwrap());
-    assert!(damaged.contains("`lock` is not what a build writes") && damaged.contains("damaged"), "{damaged}");
+    assert!(damaged.contains("`lock` is damaged, or was not written by a build"), "{damaged}");
     let gone = refused(&|f| std::fs::remove_file(f.join("lock")).unwrap());
-    assert!(gone.contains("holds journal, but not the file `lock`"), "{gone}");
-    // What a build leaves that found somebody else's folder in its own.
+    assert!(gone.contains("contains journal but not the file `lock`"), "{gone}");
+    // As a build leaves it that found somebody else's folder in its own.
     let theirs = refused(&|f| {
         std::fs::create_dir(f.join("theirs")).unwrap();
         Scratch::open(f).unwrap().discard(|_| true).unwrap();
     });
-    assert!(theirs.contains("holds \"theirs\""), "{theirs}");
+    assert!(theirs.contains("contains \"theirs\""), "{theirs}");
     let other = refused(&|f| {
         std::fs::remove_file(f.join("lock")).unwrap();
         std::fs::create_dir(f.join("lock")).unwrap();

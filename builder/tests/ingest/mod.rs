@@ -282,7 +282,7 @@ fn a_vertex_far_astray_is_refused_instead_of_ruining_the_lattice() {
 }
 
 #[test]
-fn a_mesh_that_is_too_small_for_a_lattice_is_called_so() {
+fn a_mesh_too_small_for_a_lattice_is_reported_as_too_small() {
     for edge in [1e-300, 1e-100, 1e-30] {
         let error = refused(&grid(10, edge), None);
         assert!(error.contains("too small") && error.contains("--units"), "{edge:e}: {error}");

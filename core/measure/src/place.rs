@@ -99,8 +99,8 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: Vec3) -> Result<Place, Failur
             }
         }
     }
-    let (d, q, normal) =
-        best.ok_or_else(|| Refusal::Misses { what: "the position", hint: "the pack holds no triangle".to_owned() })?;
+    let (d, q, normal) = best
+        .ok_or_else(|| Refusal::Misses { what: "the position", hint: "the pack contains no triangles".to_owned() })?;
     let local = space.local_from_steps(q);
     let (world, away) = (space.world_from_local(local), d * space.step());
     crate::refusal::finite(&[world, [away; 3]])?;

@@ -9,7 +9,7 @@ use kilwa_geometry::Aabb;
 
 /// Rounding that a sphere may be short of, relative to its radius and to the coordinates.
 const SLACK: f64 = 1e-9;
-/// Largest colour error: the root of the mean of squares that are 255 squared at most.
+/// Largest possible colour error: the root mean square of differences of at most 255.
 const MAX_COLOR_ERROR: f32 = 255.0;
 
 /// Counts that grow chunk by chunk and are compared with header and metadata at the end.
@@ -78,16 +78,16 @@ impl Totals {
     }
 }
 
-/// The directory on its own: children that are told are those that name an entry as a parent; every sphere contains the spheres below it;
-/// differences of colours are possible.
+/// Check the directory on its own: the children stated by an entry are those that name it as a parent; every sphere contains the spheres below it;
+/// colour errors are possible.
 ///
 /// # Errors
 /// [`PackError::Invalid`] naming the entry.
 pub fn directory(entries: &[DirectoryEntry]) -> Result<(), PackError> {
-    // That of the root entry says nothing, and may be infinite.
+    // The value of the root entry has no meaning and may be infinite.
     for (index, entry) in entries.iter().enumerate().skip(1) {
         if entry.color_error > MAX_COLOR_ERROR {
-            let why = format!("a colour error of {} is not possible; at most 255 is", entry.color_error);
+            let why = format!("a colour error of {} is not possible; it can be at most 255", entry.color_error);
             return Err(PackError::invalid(format!("directory entry {index}"), why));
         }
     }
@@ -102,10 +102,10 @@ pub fn directory(entries: &[DirectoryEntry]) -> Result<(), PackError> {
     check_spheres(entries)
 }
 
-/// The order of the parts: directory page 1 stands behind the first chunks that end in the head, or would stand there if there were one.
+/// Check the order of the parts: directory page 1 follows the first chunks that end in the head, or would follow them if it existed.
 ///
 /// # Errors
-/// [`PackError::Invalid`] with the offset that it must have.
+/// [`PackError::Invalid`] with the correct offset.
 pub fn order(header: &Header, entries: &[DirectoryEntry]) -> Result<(), PackError> {
     let mut at = header.first_page.saturating_add(PAGE_BYTES as u64);
     for entry in entries {
@@ -118,7 +118,7 @@ pub fn order(header: &Header, entries: &[DirectoryEntry]) -> Result<(), PackErro
     if header.other_pages == at {
         return Ok(());
     }
-    let why = format!("it says that directory page 1 is at byte {}; its place is byte {at}", header.other_pages);
+    let why = format!("it says that directory page 1 is at byte {}; it must be at byte {at}", header.other_pages);
     Err(PackError::invalid("header", why))
 }
 

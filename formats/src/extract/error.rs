@@ -1,4 +1,4 @@
-//! Why a mesh could not be taken out of a pack.
+//! Why a mesh could not be extracted from a pack.
 
 use kilwa_pack::PackError;
 use std::io;
@@ -29,12 +29,14 @@ pub enum ExtractError {
         chunk: u32,
     },
     /// There is nothing to write.
-    #[error("it holds no triangle")]
+    #[error("it contains no triangles")]
     Empty,
-    /// The format cannot number so many vertices.
-    #[error("more than {limit} vertices, which this format cannot name: ask for fewer triangles, or by --box")]
+    /// There are too many vertices for the indices of the format.
+    #[error(
+        "it has more than {limit} vertices, too many for this format; ask for fewer triangles, or for a part with --box"
+    )]
     TooManyVertices {
-        /// As many as it can.
+        /// The largest number it allows.
         limit: u32,
     },
     /// The numbers of the format cannot hold the coordinates.
@@ -71,7 +73,7 @@ pub enum ExtractError {
 }
 
 impl ExtractError {
-    /// Whether it is about the output, which the message names, and not about the pack.
+    /// Whether the error concerns the output, which the message names, and not the pack.
     pub fn is_of_output(&self) -> bool {
         matches!(self, Self::Output(_) | Self::MakeScratch { .. } | Self::Write { .. })
     }

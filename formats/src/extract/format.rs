@@ -59,7 +59,7 @@ impl Format {
     /// By the ending of the output.
     ///
     /// # Errors
-    /// [`ExtractError::Output`] if it has no ending of a format that is written, is a folder, or `ascii` is not for that format.
+    /// [`ExtractError::Output`] if its ending is not that of a supported format, if it is a folder, or if the format has no ASCII form and `ascii` is set.
     pub fn of(path: &Path, ascii: bool) -> Result<Self, ExtractError> {
         let shown = path.display();
         let refused = |why: String| Err(ExtractError::Output(why));
@@ -80,10 +80,14 @@ impl Format {
             "" => {
                 return refused(format!("{shown}: give the output a name that ends in .ply, .obj, .stl or .glb"));
             }
-            other => return refused(format!("{shown}: .{other} is not written; .ply, .obj, .stl and .glb are")),
+            other => {
+                return refused(format!(
+                    "{shown}: kilwa cannot write .{other}; give the output a name that ends in .ply, .obj, .stl or .glb"
+                ));
+            }
         };
         if ascii && !matches!(format, Self::Ply { .. }) {
-            return refused(format!("{shown}: --ascii is for PLY; {} has one form only", format.title()));
+            return refused(format!("{shown}: --ascii works only with PLY; leave it out for {}", format.title()));
         }
         Ok(format)
     }
@@ -153,7 +157,7 @@ pub(super) struct Target {
     pub(super) lattice: Lattice,
     /// A lattice point in the middle of what is written.
     pub(super) center: LatticePoint,
-    /// World coordinates do not fit `float`: its range is too small, or it does not keep lattice points apart.
+    /// World coordinates do not fit `float`: its range is too small, or lattice points would coincide.
     pub(super) needs_double: bool,
     pub(super) colors: bool,
     pub(super) metadata: Metadata,
@@ -163,19 +167,19 @@ pub(super) struct Target {
     pub(super) at_zero: bool,
 }
 
-/// Coordinates that are to be written, and which numbers can hold them. The one place where this is decided.
+/// The coordinates to be written, and which number types can represent them. This is decided only here.
 #[derive(Debug, Clone, Copy)]
 struct Coordinates {
     lattice: Lattice,
     cube_log2: u32,
-    /// What is written, in steps; not empty.
+    /// Bounds of what is written, in lattice steps; not empty.
     bounds: Aabb,
     /// Median edge of the finest surface, metres.
     median_edge: f64,
 }
 
 impl Coordinates {
-    /// Floats exact to this many steps: 24 bits.
+    /// Floats are exact up to this many steps: 24 bits.
     const EXACT: f64 = 16_777_216.0;
 
     /// A lattice point in the middle.
@@ -201,14 +205,14 @@ impl Coordinates {
         (0..3).all(|k| {
             let largest = ends[0][k].abs().max(ends[1][k].abs());
             let spacing = largest - largest.next_down();
-            // Where both are the same, points stay apart only if none has to be rounded.
+            // If both are equal, points stay distinct only if none has to be rounded.
             let apart = spacing < step || (spacing == step && self.lattice.origin[k] % step == 0.0);
             largest.is_finite() && apart
         })
     }
 
-    /// Whether coordinates relative to the middle fit `float`: exactly, or, of a model more than 2^25 steps wide, rounded by at most a
-    /// quarter of an edge.
+    /// Whether coordinates relative to the middle fit `float`: exactly, or, in a model more than 2^25 steps wide, rounded by at most a
+    /// quarter of the median edge.
     fn fit_relative_float(&self) -> bool {
         let (step, center) = (self.lattice.step(), self.center());
         let reach = (0..3).map(|k| f64::from(self.bounds.max[k] - center[k])).fold(0.0, f64::max);
@@ -220,7 +224,7 @@ impl Coordinates {
             && self.lattice.world_from_lattice(center).iter().all(|x| x.is_finite())
     }
 
-    /// Whether a format holds them.
+    /// Whether a format can represent them.
     fn fit(&self, format: Format) -> bool {
         match format {
             Format::Ply { .. } => !self.need_double() || self.fit_double(),
@@ -230,7 +234,7 @@ impl Coordinates {
         }
     }
 
-    /// Say why a format does not hold them, and what would.
+    /// Fail if a format cannot represent them, with a message that says what to do.
     fn refuse_unless_fit(&self, format: Format) -> Result<(), ExtractError> {
         if self.fit(format) {
             return Ok(());
@@ -248,7 +252,7 @@ impl Coordinates {
                 .to_owned()
         };
         Err(ExtractError::Numbers(format!(
-            "the numbers of {} cannot hold coordinates in steps of 2^{step} m from the origin {x:?} {y:?} {z:?}; {hint}",
+            "{} cannot represent coordinates in steps of 2^{step} m from the origin {x:?} {y:?} {z:?}; {hint}",
             format.title()
         )))
     }
@@ -258,7 +262,7 @@ impl Target {
     /// What `format` needs to know.
     ///
     /// # Errors
-    /// When the numbers of the format cannot hold the coordinates; the message says which format can.
+    /// If the format cannot represent the coordinates; the message says which format can.
     pub(super) fn new<S: Source>(
         reader: &Reader<S>,
         chosen: &Chosen,
@@ -272,7 +276,7 @@ impl Target {
         let bounds = if all.is_empty() { Aabb { min: [0; 3], max: [0; 3] } } else { all };
         let median_edge = reader.metadata().median_edge;
         let coordinates = Coordinates { lattice, cube_log2: header.cube_log2, bounds, median_edge };
-        // Where nothing is there to write, that is what has to be said.
+        // If there is nothing to write, the caller reports that.
         if !all.is_empty() {
             coordinates.refuse_unless_fit(format)?;
         }
@@ -316,8 +320,8 @@ mod tests {
     }
 
     #[test]
-    fn each_format_is_refused_exactly_where_its_numbers_end() {
-        // Step, origin; PLY as double; what PLY, OBJ, STL and GLB can do.
+    fn each_format_is_refused_exactly_when_its_numbers_do_not_suffice() {
+        // Step; origin; whether PLY uses double; whether PLY, OBJ, STL and GLB can represent it.
         for (step, origin, double, fit) in [
             (-13, 0.0, false, [true; 4]),
             (-13, 9e6, true, [true; 4]),
@@ -341,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_held_is_finite_and_stays_apart() {
+    fn accepted_coordinates_are_finite_and_distinct() {
         for step in (-1000..=1000).step_by(7) {
             for origin in [0.0, 1.0 / 3.0, 1e3, 5e5, 1e9, 1e15, 1e16, 1e100, 1e308] {
                 let c = coordinates(step, origin);
@@ -359,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_of_one_unit_in_the_last_place_is_held_where_the_origin_is_a_multiple_of_it() {
+    fn a_step_of_one_unit_in_the_last_place_is_accepted_if_the_origin_is_a_multiple_of_it() {
         let exact = coordinates(-29, 9e6);
         assert!(exact.fit(Format::Obj), "the finest step that kilwa build derives");
         let mut between = exact;
@@ -369,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wide_model_is_refused_only_where_floats_would_swallow_its_edges() {
+    fn a_wide_model_is_refused_only_if_rounding_would_collapse_its_edges() {
         let mut wide = coordinates(-10, 0.0);
         (wide.cube_log2, wide.bounds.max) = (30, [(1 << 30) - 1; 3]);
         wide.median_edge = wide.lattice.step();
@@ -380,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_names_step_and_origin_and_what_can_be_done() {
+    fn a_refusal_names_step_origin_and_remedy() {
         let say = |c: Coordinates, f: Format| c.refuse_unless_fit(f).unwrap_err().to_string();
         let far = say(coordinates(-40, 5e5), Format::Obj);
         assert!(far.contains("OBJ") && far.contains("2^-40 m") && far.contains("500000.0 -500000.0"), "{far}");

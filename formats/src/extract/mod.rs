@@ -1,8 +1,8 @@
-//! Taking the mesh out of a pack, whole or coarser, as one crack-free PLY, OBJ, STL or GLB.
+//! Extracting the mesh of a pack, at full or lower detail, as one crack-free PLY, OBJ, STL or GLB.
 //!
 //! Stages: `choose` (which diamonds are refined) → `stream` (chunk by chunk through space; vertices that are equal in
-//! position and every attribute become one again, so that patches join exactly: the pack's lattice makes this equality
-//! of integers) → two scratch files, vertices and triangles as the format has them → `output` (header and both, under a
+//! position and every attribute become one again, so that patches join exactly; on the pack's lattice this is equality
+//! of integers) → two scratch files, vertices and triangles in the form of the format → `output` (header and both, under a
 //! temporary name, renamed when complete). Memory follows the cross-section of the model and not its size.
 
 mod choose;
@@ -26,14 +26,14 @@ pub use region::Region;
 use format::Target;
 use kilwa_pack::{Reader, Source};
 
-/// What is wanted.
+/// What to extract.
 #[derive(Debug, Clone, Copy)]
 pub struct Request {
     /// The format.
     pub format: Format,
     /// The coarsest surface whose certified error is at most this many metres.
     pub max_error: Option<f64>,
-    /// The best surface of at most this many triangles; looked at where no error is given.
+    /// The best surface of at most this many triangles; used if no error is given.
     pub max_triangles: Option<u64>,
     /// Only the triangles whose centroid lies in this box.
     pub region: Option<Region>,
@@ -56,16 +56,16 @@ pub struct Extraction {
     pub refined_chunks: usize,
     /// Type of the coordinates: `float`, `double` or `text`.
     pub coordinates: &'static str,
-    /// What has to be added to the coordinates, if they are not the world's own; metres.
+    /// What must be added to the coordinates to get world coordinates, if they are relative; metres.
     pub offset: Option<[f64; 3]>,
-    /// What of the pack the format does not hold.
+    /// Parts of the pack that the format cannot store.
     pub left_out: Vec<String>,
 }
 
 /// Write the mesh of a pack to `output`. `progress` is called with chunks done and chunks in all.
 ///
 /// # Errors
-/// [`ExtractError`]; nothing is left then.
+/// [`ExtractError`]; no files are left then.
 pub fn extract<S: Source + Sync>(
     reader: &Reader<S>,
     request: &Request,

@@ -132,7 +132,7 @@ impl Door {
     /// End the session of a request, or with `everywhere` all sessions of its user. Whose it was; `None` where there was none.
     ///
     /// # Errors
-    /// If the session could not be ended, or it is unknown whether there is one: a session must not still be valid after the user was told that it has ended.
+    /// If the session could not be ended, or it is unknown whether there is one: a session must not still be valid after the user has read that it ended.
     fn sign_out(&self, headers: &HeaderMap, everywhere: bool) -> std::io::Result<Option<String>> {
         let Some(session) = cookie(headers, SESSION_COOKIE) else { return Ok(None) };
         let accounts = self.accounts().ok_or_else(|| std::io::Error::other("the accounts cannot be read"))?;

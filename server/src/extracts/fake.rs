@@ -1,4 +1,4 @@
-//! A fake extractor for tests, here and in `tests/extracts.rs`: it writes the name of what was requested, when it is released.
+//! A fake extractor for tests, here and in `tests/extracts.rs`: when it is released, it writes the name of the request.
 
 use super::{Detail, Extractor, Failure, Format, Pack};
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! The mesh of a pack for whoever asks for it: the same file as that of `kilwa extract`.
+//! Makes the mesh of a pack on request: the same file as `kilwa extract` writes.
 
 use super::{Detail, Failure, Format, Pack, is_not_given};
 use kilwa_formats::extract::{self, ExtractError, Output, Request};
@@ -10,10 +10,10 @@ use std::path::Path;
 /// The share of the work that is done when all chunks are read; the rest is putting the file together.
 const READ: f64 = 0.9;
 
-/// Write the mesh of `pack` to `to`; `progress` is called with the share that is done, 0 to 1.
+/// Write the mesh of `pack` to `to`; `progress` is called with the completed share, 0 to 1.
 ///
 /// # Errors
-/// [`Failure`]; nothing is left then.
+/// [`Failure`]; no files are left then.
 pub(super) fn extract(
     pack: &Pack,
     to: &Path,
@@ -41,7 +41,7 @@ pub(super) fn extract(
     written.map(drop).map_err(|e: ExtractError| failure(pack, &e))
 }
 
-/// Why there is no file: whoever waits is told whether trying again may help.
+/// Why there is no file: the reader sees whether trying again may help.
 fn failure(pack: &Pack, error: &(dyn Error + 'static)) -> Failure {
     let causes = || std::iter::successors(Some(error), cause);
     let mut system = causes().filter_map(|cause| cause.downcast_ref::<io::Error>());
@@ -72,7 +72,7 @@ mod tests {
     use std::sync::Mutex;
 
     #[test]
-    fn the_mesh_is_the_file_of_kilwa_extract_and_progress_is_reported() {
+    fn the_mesh_equals_the_file_of_kilwa_extract_and_progress_is_reported() {
         let work = tempfile::tempdir().expect("a folder");
         let n = 60u32;
         let mesh = RawMesh {

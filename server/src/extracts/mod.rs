@@ -7,7 +7,7 @@
 //! | `/<slug>/extract/<name>` | the file; 202 with how far it is while it is being made; 404 where nobody asked for it |
 //!
 //! [`order`] says what can be asked for and how it is called, this module makes it: as many at once as there are cores, others wait in a
-//! queue in which networks take turns ([`queue`]), and are told how many are ahead of them and the estimated wait ([`pace`]). Files being made may take as much room as the cache has; identical requests share one file. [`mesh`] takes the mesh out of the pack.
+//! queue in which networks take turns ([`queue`]), and learn how many are ahead of them and the estimated wait ([`pace`]). Files being made may take as much room as the cache has; identical requests share one file. [`mesh`] extracts the mesh from the pack.
 //!
 //! Invariants: the cache holds complete files only, under names made from the pack's hash and the order, never from an address; its size stays below
 //! the limit, the oldest go first; a file is given to whoever may have the pack, and nobody else. Of a pack in a store only what a mesh needs is fetched, into room that
@@ -70,8 +70,8 @@ pub enum Failure {
     Other(String),
 }
 
-/// Writes the mesh of a pack to a file, which exists only when it is complete, and reports the share that is done, 0 to 1. Nothing is
-/// left where it fails.
+/// Writes the mesh of a pack to a file, which exists only when it is complete, and reports the share that is done, 0 to 1. If it fails, it leaves no
+/// files.
 pub type Extractor = dyn Fn(&Pack, &Path, Format, Detail, &(dyn Fn(f64) + Sync)) -> Result<(), Failure> + Send + Sync;
 
 /// How an order stands.
@@ -554,7 +554,7 @@ mod tests {
             wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
         }
         ask(1).unwrap();
-        assert_eq!(fake.made.load(Ordering::SeqCst), 3, "what is there is not made again");
+        assert_eq!(fake.made.load(Ordering::SeqCst), 3, "an existing file is not made again");
     }
 
     #[test]

@@ -192,7 +192,7 @@ pub(super) fn search_form(s: &mut String, path: &str, query: &Query, reader: &Re
 /// The text of a facet's value.
 fn named(l: &'static Language, facet: Facet, value: &str) -> String {
     match facet {
-        // The value comes from an address. If it is not one of ours, it is shown as it is, so it must be escaped.
+        // The value comes from an address. A value that is not one of ours is shown unchanged, so it must be escaped.
         Facet::Size => escape(l.t(value)),
         Facet::Country => escape(l.country(value)),
         _ => escape(value),

@@ -13,8 +13,9 @@
 //!
 //! Pages: `/collections/`, `/collections/<slug>/` and its `feed.xml`; in OAI-PMH each is a set. Invariants: slugs are as those of objects, and none is
 //! there twice; a member that is not in the index, or was withdrawn, is passed over. The file is looked at when somebody asks, at most once a second, in a store
-//! as often as its list. Failures: a file that cannot be read, a link and a special file leave what was read before; the log says once what is wrong and on which
-//! line. A store that does not answer, or does not give it, leaves it too, and says so itself.
+//! as often as its list. Failures: if the file cannot be read, or is a link or a special file, the last valid collections
+//! are kept; the log says once what is wrong and on which line. They are also kept if the store does not answer or
+//! does not deliver the file; the store logs this itself.
 
 use super::catalogue::{Part, card, pager};
 use super::frame::{FOOT, Reader, feed_link, head};
@@ -112,7 +113,7 @@ struct Known {
     looked: Option<Instant>,
     mark: Option<Identity>,
     all: Arc<Vec<Collection>>,
-    /// What was wrong with the file when it was last looked at: it is logged once.
+    /// What was wrong with the file at the last look, so that it is logged only once.
     wrong: Option<String>,
 }
 
@@ -155,7 +156,7 @@ impl Collections {
                     }
                     Err(why) => {
                         if is_changed || known.wrong.as_ref() != Some(&why) {
-                            tracing::warn!("{}: {why}; the collections are those that were read before", self.file);
+                            tracing::warn!("{}: {why}; the collections that were read before are kept", self.file);
                         }
                         Some(why)
                     }

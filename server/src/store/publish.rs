@@ -228,7 +228,7 @@ impl S3 {
             {
                 return Ok((true, meta.e_tag.clone()));
             }
-            // Checked after the look at the file: a file that others put since then has another tag, and before that they would have needed a claim.
+            // Checked after looking at the file: a file that others wrote since then has another tag, and to write it earlier they would have needed a claim.
             self.still(slug, against)?;
             claim.renew_now().map_err(or_others)?;
             if length > PART {

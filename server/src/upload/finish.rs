@@ -326,7 +326,7 @@ pub(super) fn refused(e: &DraftError) -> Refusal {
             "another publication or withdrawal is in progress on the server; nothing was published. Run the same command again when it is done".to_owned(),
         ),
         DraftError::Unlockable { .. } => passing(format!(
-            "the server cannot lock its folder, and without a lock two changes at once could lose one of them; nothing was published. {ASK}, then run the same command again"
+            "the server cannot lock its folder, and without a lock one of two simultaneous changes could be lost; nothing was published. {ASK}, then run the same command again"
         )),
         DraftError::Unfinished { done, why } if is_full(why) => Refusal::new(
             StatusCode::INSUFFICIENT_STORAGE,
@@ -338,7 +338,7 @@ pub(super) fn refused(e: &DraftError) -> Refusal {
             "{done}: the disk of the server failed. Run the same command again to finish; if that fails too, {ask}",
             ask = ASK.to_lowercase()
         )),
-        // Of a withdrawal, which no upload is.
+        // Only a withdrawal fails like this, never an upload.
         DraftError::Left { why, .. } => refused(why),
         DraftError::There(_) => Refusal::conflict(
             "this version already exists; check what is published, then run the same command again".to_owned(),
@@ -353,14 +353,14 @@ pub(super) fn refused(e: &DraftError) -> Refusal {
             "the server has something under this name that is not an object of kilwa, or is damaged. {ASK}, or give another name with slug = \"…\" in the metadata, then run the same command again"
         )),
         DraftError::Manifest(e) => Refusal::content(format!(
-            "the manifest of this version cannot be written{}. Look at what the metadata say, correct it, then run the same command again; if that does not help, {ask}",
+            "the manifest of this version cannot be written{}. Correct the metadata, then run the same command again; if that does not help, {ask}",
             field_of(e).map(|field| format!(", because of {field}")).unwrap_or_default(),
             ask = ASK.to_lowercase()
         )),
     }
 }
 
-/// The field of a manifest that cannot be written, if it is the name of one, such as `versions[1].pack.url`.
+/// The field that keeps a manifest from being written, if it looks like a field name, such as `versions[1].pack.url`.
 fn field_of(e: &ManifestError) -> Option<&str> {
     let ManifestError::Wrong { field, .. } = e else { return None };
     let is_name = |c: char| c.is_ascii_alphanumeric() || "._[]".contains(c);
@@ -406,7 +406,7 @@ mod tests {
             left(manifest(ManifestError::Form("/srv/secret".to_owned())), disk()),
             left(disk().after("the version is published"), disk()),
         ];
-        // A new variant belongs into the list above.
+        // Add every new variant to the list above.
         for e in &all {
             match e {
                 DraftError::Disk { .. }

@@ -10,11 +10,11 @@
 //!
 //! Who uploads decides about text, pictures and the model, and about nothing that a browser runs: viewer, landing page, records, checksums
 //! and manifest are made here, from the same code and of the same facts as `kilwa publish` makes them of
-//! ([`kilwa_archive::assemble`]), so that they are the same bytes where both programs are of one version.
+//! ([`kilwa_archive::assemble`]), so that they are the same bytes if both programs have the same version.
 //!
 //! Invariants: every request carries a token for publishing whose user was granted the object, cookies count for nothing; what is sent lies in a
 //! hidden folder that only the server's user reads, named by slug and SHA-256 only, and nothing of it is ever served; a version appears by
-//! [`kilwa_archive::draft`] when every byte was verified, or not at all. Failures: what cannot be is refused with what to do; what was sent
+//! [`kilwa_archive::draft`] when every byte was verified, or not at all. Failures: an impossible request is refused with what to do; what was sent
 //! is kept until it lapses, unless it is damaged.
 //!
 //! One file per part: `wire` (what is said), `staging` (what lies on the disk), `files` (what a file must be), `withheld` (that a location that is said to be withheld is), `finish` (verify and publish),

@@ -1,8 +1,8 @@
-//! Pictures and previews that hold nothing but what `kilwa publish` puts into them, for versions that are said to be without their location.
+//! Checks that pictures and previews contain only what `kilwa publish` puts into them, for versions announced as having no location.
 //!
-//! A poster has the head that its encoder writes, to the byte, and as many coded blocks as its size needs, each number in the only way in which the encoder
-//! codes it: JPEG loses digits, so that it cannot be decoded and encoded again. A drawing is to the byte what its encoder writes of its pixels. A preview has
-//! the JSON that is written of its numbers, and its triangles use every vertex. What somebody paints into the pixels is not seen.
+//! A poster must have, byte for byte, the head that its encoder writes, and as many coded blocks as its size needs, with each number coded as the encoder
+//! does it; JPEG is lossy, so it cannot be compared by encoding it again. A drawing must be, byte for byte, what its encoder writes from its pixels. A preview
+//! must have the JSON that follows from its numbers, and its triangles must use every vertex. Anything painted into the pixels is not detected.
 
 use super::files::glb_json;
 use flate2::{Crc, Decompress, FlushDecompress, Status};
@@ -11,7 +11,7 @@ use kilwa_archive::layout::{POSTER, THUMBNAILS};
 use kilwa_pack::Metadata;
 use serde_json::{Value, json};
 
-/// All of a poster before its coded pixels: 4:4:4, quality 88, the tables of annex K of the JPEG standard.
+/// Everything in a poster before its coded pixels: 4:4:4, quality 88, the tables of annex K of the JPEG standard.
 const HEAD: &[u8; 623] = include_bytes!("poster-head.bin");
 /// Where height and width are in it.
 const SIZE_AT: std::ops::Range<usize> = 25..29;
@@ -19,7 +19,7 @@ const SIZE_AT: std::ops::Range<usize> = 25..29;
 const POSTER_SIZE: [u32; 2] = [1200, 630];
 /// Pixels for each metre of a drawing: 150 dpi.
 const PER_METRE: u32 = 0x1712;
-/// The same, as a PNG has it.
+/// The same in the form that PNG uses.
 const RESOLUTION: &[u8; 9] = b"\0\0\x17\x12\0\0\x17\x12\x01";
 /// Largest side of a drawing, pixels: A4 has 1,754.
 const SIDE_MAX: u32 = 2_000;
@@ -53,7 +53,7 @@ fn blocks(coded: &[u8], units: u32) -> Option<()> {
             let (dc, ac) = (tables.get(2 * component)?, tables.get(2 * component + 1)?);
             let size = dc.symbol(&mut bits)?;
             bits.take(u32::from(size))?;
-            // Sixteen zeros are coded as such only where another number follows them.
+            // The code for sixteen zeros is used only if another number follows.
             let (mut k, mut has_open_zeros) = (1, false);
             while k < 64 {
                 let symbol = ac.symbol(&mut bits)?;
@@ -153,8 +153,8 @@ fn tables() -> Vec<Table<'static>> {
     all
 }
 
-/// A PNG as `kilwa publish` writes drawings: three bytes for each pixel, resolution, one stream of pixels, nothing else, and the same bytes when it is
-/// written again.
+/// Check a PNG as `kilwa publish` writes drawings: three bytes per pixel, a resolution, one stream of pixels, nothing else, and the same bytes when it is
+/// encoded again.
 pub(super) fn check_png(bytes: &[u8]) -> Result<(), String> {
     let foreign = |what: &str| format!("{FOREIGN}: {what}");
     let mut rest = bytes.get(8..).unwrap_or_default();
@@ -185,7 +185,7 @@ pub(super) fn check_png(bytes: &[u8]) -> Result<(), String> {
         return Err(foreign("it has no end"));
     }
     if !fills(&stream, size) {
-        return Err(foreign("its pixels do not fill its size"));
+        return Err(foreign("the number of its pixels does not match its size"));
     }
     if drawing::is_as_written(bytes, size, PER_METRE) {
         Ok(())
@@ -348,7 +348,7 @@ impl Said {
                 (min[k], max[k]) = (min[k].min(v), max[k].max(v));
             }
         }
-        // Vertices are numbered as the triangles first use them: none is there for something else.
+        // Vertices are numbered in the order in which the triangles first use them, so that none can carry anything else.
         let mut used = 0;
         let is_next = |b: &[u8]| {
             let vertex = b.try_into().map_or(u64::MAX, |b| u64::from(u32::from_le_bytes(b)));

@@ -191,7 +191,7 @@ impl Intent {
         self.metadata.check().map_err(|e| Refusal::content(format!("metadata: {e}")))?;
         if let Some(named) = self.metadata.slug.as_deref().filter(|named| *named != self.slug) {
             return wrong(format!(
-                "the version is announced as one of \"{}\", but slug in its metadata is \"{named}\"; give the same name in both",
+                "the version is announced for \"{}\", but the slug in its metadata is \"{named}\"; use the same name in both",
                 self.slug
             ));
         }

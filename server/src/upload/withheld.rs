@@ -101,7 +101,7 @@ fn check_place<S: Source>(intent: &Intent, reader: &Reader<S>) -> Result<(), Str
         }
     }
     if min[0] > max[0] {
-        return Err("the pack holds no triangle".to_owned());
+        return Err("the pack contains no triangles".to_owned());
     }
     let (low, high, tolerance) =
         (lattice.world_from_steps(min), lattice.world_from_steps(max), lattice.step() * ROUNDING);

@@ -23,7 +23,7 @@ const EDGE: f64 = 3.0;
 const CHUNKS: usize = 256;
 /// Maximum difference of colours.
 const COLOR: f32 = 256.0;
-/// Maximum reach of a bounding sphere, in diagonals of the model.
+/// Maximum extent of a bounding sphere, in diagonals of the model.
 const SPHERE: f64 = 4.0;
 
 /// Check header, metadata and directory.
@@ -103,7 +103,7 @@ fn check_directory(entries: &[DirectoryEntry]) -> Result<(), String> {
     if entries.iter().all(|e| is_around(e) && (e.color_error <= COLOR || e.color_error.is_infinite())) {
         return Ok(());
     }
-    Err("the directory of its pack has bounding spheres or color errors that do not fit its triangles".to_owned())
+    Err("the directory of its pack has bounding spheres or colour errors that do not fit its triangles".to_owned())
 }
 
 /// Check that the median edge is about that of a sample of the finest triangles.

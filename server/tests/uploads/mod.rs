@@ -362,13 +362,13 @@ async fn what_cannot_be_is_refused_before_a_byte_is_sent() {
             "another slug announced",
             change(&|v| v.intent.slug = "cave".to_owned()),
             StatusCode::UNPROCESSABLE_ENTITY,
-            "announced as one of \\\"cave\\\", but slug in its metadata is \\\"fort\\\"",
+            "announced for \\\"cave\\\", but the slug in its metadata is \\\"fort\\\"",
         ),
         (
             "another slug in the metadata",
             change(&|v| v.intent.metadata.slug = Some("cave".to_owned())),
             StatusCode::UNPROCESSABLE_ENTITY,
-            "announced as one of \\\"fort\\\", but slug in its metadata is \\\"cave\\\"",
+            "announced for \\\"fort\\\", but the slug in its metadata is \\\"cave\\\"",
         ),
         ("version", change(&|v| v.intent.version = 2), StatusCode::CONFLICT, "has no version yet"),
         (

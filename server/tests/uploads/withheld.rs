@@ -106,7 +106,7 @@ fn preview(other: &Value, more: &[u8]) -> Vec<u8> {
     [b"glTF", &word(2)[..], &all, &json, b"JSON", text.as_bytes(), &bin, b"BIN\0", &binary].concat()
 }
 
-/// The same with a vertex more, which no triangle uses, inside of the model.
+/// The same with one more vertex, inside the model, which no triangle uses.
 fn with_unused_vertices() -> Vec<u8> {
     let other = json!({
         "/accessors/0/count": 4,
@@ -116,7 +116,7 @@ fn with_unused_vertices() -> Vec<u8> {
         "/buffers/0/byteLength": 108
     });
     let mut bytes = preview(&other, &[0; 24]);
-    // Its position and normal are zero. They stand before the numbers of the corners.
+    // Its position and normal are zero, and come before the indices.
     let corners = bytes.len() - 36;
     bytes[corners..].rotate_right(24);
     bytes
@@ -169,7 +169,7 @@ fn previewed(key: &str, value: &Value) -> Version {
     file("preview.glb", preview(&json!({ key: value }), b""))
 }
 
-/// Sixteen numbers of a block that are zero, in bits of a JPEG.
+/// The JPEG code for sixteen zeros in a block.
 const ZEROS: [u8; 11] = [1, 1, 1, 1, 1, 1, 1, 1, 0, 0, 1];
 
 /// A segment of a JPEG that holds the true place.
@@ -217,9 +217,9 @@ async fn a_withheld_location_is_searched_for_in_pack_and_texts() {
     .await;
 }
 
-/// Forms that only the search of a known location refused, names with hyphens, and lists whose items belong together.
+/// Forms that used to be refused only if the location was known, names with hyphens, and lists whose items belong together.
 #[tokio::test]
-async fn a_withheld_location_is_searched_for_in_every_form_that_can_be_told_from_other_numbers() {
+async fn a_withheld_location_is_searched_for_in_every_recognisable_form() {
     let described = |text: &str| {
         let text = Some(format!("Built in 1505; {text} (see p. 12)"));
         (with(|v| v.intent.metadata.description = text), "metadata: description: ")
@@ -427,7 +427,7 @@ async fn a_withheld_location_is_searched_for_in_posters() {
         poster(&|b| b.extend(HERE)),
         (file("poster.jpg", jpeg([1200, 630], HERE)), PICTURE),
         (file("poster.jpg", jpeg([1200, 630], &restart)), PICTURE),
-        // Sixteen zeros, and again, before all that follow are zero.
+        // The code for sixteen zeros, once and three times, although only zeros follow.
         (file("poster.jpg", jpeg_with([1200, 630], &ZEROS, b"")), "its coded pixels"),
         (file("poster.jpg", jpeg_with([1200, 630], &[ZEROS; 3].concat(), b"")), "its coded pixels"),
         (file("poster-600.jpg", jpeg([1200, 630], b"")), "poster-600.jpg holds something beyond its pixels"),
@@ -457,12 +457,12 @@ async fn a_withheld_location_is_searched_for_in_drawings() {
     let more = zipped(&[&[0; 14], HERE].concat());
     for stream in [&more[..], &[&pixels[..], &zipped(HERE)].concat(), &zipped(&[0; 13]), &zipped(&[9; 14])] {
         let chunks = with_chunks(&[(b"pHYs", RESOLUTION), (b"IDAT", stream)]);
-        table.push((chunks, "its pixels do not fill its size"));
+        table.push((chunks, "the number of its pixels does not match its size"));
     }
     are_refused(table).await;
 }
 
-/// The same pixels can be compressed in countless ways: one of them is that of `kilwa publish`, and which one of the others it is could be a message.
+/// The same pixels can be compressed in countless ways. Only that of `kilwa publish` is accepted, because the choice among the others could be a message.
 #[tokio::test]
 async fn a_drawing_whose_pixels_are_compressed_in_another_way_is_refused_by_name() {
     let in_parts = |stream: &[u8]| {
@@ -485,7 +485,7 @@ async fn a_drawing_whose_pixels_are_compressed_in_another_way_is_refused_by_name
     pictures.retain(|picture| *picture != own);
     assert!(pictures.len() > 4);
     are_refused(pictures.into_iter().map(|picture| (file("drawings/plan.png", picture), what)).collect()).await;
-    // Whatever is in the pixels.
+    // Any pixels are accepted.
     let m = Museum::new();
     let (code, status) = m.publish(&file("drawings/plan.png", drawing(b"four colours"))).await;
     assert_eq!(code, StatusCode::OK, "{:?}", status.error);

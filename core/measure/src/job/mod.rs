@@ -124,7 +124,7 @@ pub async fn measure<L: Leaves>(leaves: &L, task: &Task) -> Result<Outcome, Fail
     Ok(outcome)
 }
 
-/// Refuse results that overflowed, also in their uncertainty: JSON has no infinity and no NaN, so a document with one could not be read again.
+/// Refuse results whose value or uncertainty overflowed: JSON has no infinity and no NaN, so a document with one could not be read again.
 fn finite(readings: &[Reading]) -> Result<(), Refusal> {
     let is_finite = |r: &Reading| r.quantity.value.is_finite() && r.quantity.uncertainty.is_finite();
     if readings.iter().all(is_finite) { Ok(()) } else { Err(Refusal::NotFinite) }
@@ -199,7 +199,7 @@ mod tests {
             of_points(&task, &space, &Uncertainty::finest(space.step(), None))
         };
         assert!(coordinate(-13).is_ok());
-        // The square of a step is more than a double holds.
+        // The square of the lattice spacing overflows a double.
         assert_eq!(coordinate(900).unwrap_err(), Refusal::NotFinite);
     }
 }
