@@ -147,7 +147,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if args.resume && args.output.exists() {
         let finished = Finished::find(&args.output, &inputs, &options, &bar, &stop);
         bar.clear();
-        if let Some(finished) = finished? {
+        if stop.asked() {
+            return Err(Interrupted("stopped; nothing was changed".to_owned()).into());
+        }
+        // With --force, a pack that is damaged now is built again.
+        if let Some(finished) = if args.force { finished.unwrap_or(None) } else { finished? } {
             return tidy(args, &finished);
         }
         if !args.force {

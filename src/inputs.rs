@@ -10,7 +10,7 @@
 
 use anyhow::{Context, bail};
 use kilwa_builder::build::journal::PlannedInput;
-use kilwa_builder::build::work::Work;
+use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::Spool;
 use kilwa_builder::{BuildError, Interruptible, Progress};
 use kilwa_files::plain_file;
@@ -178,12 +178,11 @@ impl Inputs {
     /// entry stands for all that have no entry of their own.
     ///
     /// Fails where a file cannot be read, or two have the same content and the same place: a surface that is there twice.
-    fn sources(&self, progress: &dyn Progress) -> Result<Vec<SourceFile>, BuildError> {
+    fn sources(&self, progress: &dyn Progress, stop: &Stop) -> Result<Vec<SourceFile>, BuildError> {
         let mut all: Vec<(SourceFile, &InputFile)> = Vec::with_capacity(self.files.len());
         let mut seen: BTreeMap<String, &InputFile> = BTreeMap::new();
         for file in &self.files {
-            let source = source_file(&file.path, progress)
-                .map_err(|source| ReadError::Open { file: file.path.clone(), source })?;
+            let source = source_file(&file.path, progress, stop)?;
             if let Some(same) = seen.get(&source.sha256)
                 && same.placement == file.placement
             {
@@ -216,14 +215,19 @@ impl kilwa_builder::Inputs for Inputs {
         self.files.iter().map(planned).collect()
     }
 
-    fn is_unchanged(&self, number: usize, sources: &[SourceFile], progress: &dyn Progress) -> Result<bool, BuildError> {
+    fn is_unchanged(
+        &self,
+        number: usize,
+        sources: &[SourceFile],
+        progress: &dyn Progress,
+        stop: &Stop,
+    ) -> Result<bool, BuildError> {
         let Some(file) = self.files.get(number) else { return Ok(false) };
         // Sources are identified only by name.
         if self.files.iter().filter(|other| other.path.file_name() == file.path.file_name()).count() != 1 {
             return Ok(false);
         }
-        let cannot = |source| ReadError::Open { file: file.path.clone(), source };
-        Ok(sources.contains(&source_file(&file.path, progress).map_err(cannot)?))
+        Ok(sources.contains(&source_file(&file.path, progress, stop)?))
     }
 
     fn deliver(&mut self, spool: &mut Spool, work: &Work<'_>) -> Result<Vec<SourceFile>, BuildError> {
@@ -257,7 +261,7 @@ impl kilwa_builder::Inputs for Inputs {
             done?;
             before += of_file;
         }
-        self.sources(work.progress)
+        self.sources(work.progress, work.stop)
     }
 }
 
@@ -468,13 +472,15 @@ fn matrix(file: &Path) -> anyhow::Result<Placement> {
 }
 
 /// Name, length and hash of a file.
-fn source_file(path: &Path, progress: &dyn Progress) -> std::io::Result<SourceFile> {
-    let (mut file, total) = read::open_regular(path)?;
+fn source_file(path: &Path, progress: &dyn Progress, stop: &Stop) -> Result<SourceFile, BuildError> {
+    let cannot = |source| ReadError::Open { file: path.to_owned(), source };
+    let (mut file, total) = read::open_regular(path).map_err(cannot)?;
     let mut hash = Sha256::new();
     let mut buffer = vec![0; 1 << 20];
     let mut bytes = 0;
     loop {
-        let n = file.read(&mut buffer)?;
+        stop.check()?;
+        let n = file.read(&mut buffer).map_err(cannot)?;
         if n == 0 {
             break;
         }
@@ -694,7 +700,7 @@ mod tests {
         std::fs::write(site.path("b.obj"), format!("# b\n{TRIANGLE}")).unwrap();
         let inputs = site.find(&["a.obj", "b.obj"]).unwrap();
         let sources = inputs.sources(&Silent).unwrap();
-        let is_unchanged = |number| inputs.is_unchanged(number, &sources, &Silent).unwrap();
+        let is_unchanged = |number| inputs.is_unchanged(number, &sources, &Silent, &Stop::default()).unwrap();
         assert!(is_unchanged(0) && is_unchanged(1) && !is_unchanged(2));
         let before = inputs.plan().unwrap();
         // File times may advance in steps of some milliseconds.

@@ -477,7 +477,7 @@ fn count(models: usize) -> String {
     if models == 1 { "1 model".to_owned() } else { format!("{models} models") }
 }
 
-/// Resolves at Ctrl-C or SIGTERM.
+/// Resolves at Ctrl-C, SIGTERM or SIGHUP; a SIGHUP that is ignored (`nohup`) stays so.
 async fn stop() {
     let interrupt = async {
         // Without a handler there is nothing to wait for; the system's default (to end) stays.
@@ -494,10 +494,26 @@ async fn stop() {
             Err(_) => std::future::pending().await,
         }
     };
+    #[cfg(unix)]
+    let hang_up = async {
+        use tokio::signal::unix::{SignalKind, signal};
+        let kind = SignalKind::hangup();
+        // Asked first: a handler would make it count.
+        if crate::signals::is_ignored(kind.as_raw_value()) {
+            return std::future::pending::<()>().await;
+        }
+        match signal(kind) {
+            Ok(mut s) => {
+                s.recv().await;
+            }
+            Err(_) => std::future::pending().await,
+        }
+    };
     #[cfg(not(unix))]
-    let terminate = std::future::pending::<()>();
+    let (terminate, hang_up) = (std::future::pending::<()>(), std::future::pending::<()>());
     tokio::select! {
         () = interrupt => {}
         () = terminate => {}
+        () = hang_up => {}
     }
 }

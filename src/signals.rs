@@ -31,10 +31,9 @@ pub(crate) fn listen(act: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
     let mut signals = Vec::new();
     {
         let _inside = runtime.enter();
-        let ignored = ignored();
         for kind in [SignalKind::hangup(), SignalKind::interrupt(), SignalKind::terminate()] {
             let number = kind.as_raw_value();
-            if ignored >> (number - 1) & 1 == 0 {
+            if !is_ignored(number) {
                 signals.push((number, signal(kind)?));
             }
         }
@@ -68,10 +67,11 @@ pub(crate) fn listen(mut act: impl FnMut(i32) + Send + 'static) -> io::Result<()
     ctrlc::set_handler(move || act(INTERRUPT)).map_err(io::Error::other)
 }
 
-/// Ignored signals, if the system reports them (Linux): bit n - 1 for number n.
+/// Whether a signal is ignored, if the system reports that (Linux). Bit n - 1 of `SigIgn` is for number n.
 #[cfg(unix)]
-fn ignored() -> u64 {
+pub(crate) fn is_ignored(number: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
-    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);
+    mask >> (number - 1) & 1 == 1
 }

@@ -199,7 +199,7 @@ fn begin_keeping(
     steps: Steps<'_>,
 ) -> Result<bool, DraftError> {
     let kept = keep.join(slug.as_str());
-    if is_kept(&kept, slug, manifest, steps)? {
+    if is_kept(&kept, object, slug, manifest, steps)? {
         return Ok(false);
     }
     scratch::sweep(keep, &|name| scratch::is_of(slug, name), steps)?;
@@ -233,7 +233,7 @@ fn begin_keeping(
 }
 
 /// Whether an earlier attempt has put page and manifest there.
-fn is_kept(kept: &Path, slug: &Slug, manifest: &Manifest, steps: Steps<'_>) -> Result<bool, DraftError> {
+fn is_kept(kept: &Path, object: &Path, slug: &Slug, manifest: &Manifest, steps: Steps<'_>) -> Result<bool, DraftError> {
     let Ok(is_own) = is_own_folder(kept) else { return Ok(false) };
     if !is_own {
         return Err(DraftError::There(kept.to_owned()));
@@ -241,13 +241,32 @@ fn is_kept(kept: &Path, slug: &Slug, manifest: &Manifest, steps: Steps<'_>) -> R
     let there = plain_file::read_at(&kept.join(MANIFEST), MANIFEST_MAX).ok().and_then(|b| Manifest::parse(&b).ok());
     let there = there.map(|there| there.versions).filter(|there| manifest.versions.starts_with(there));
     match there {
-        Some(there) if there.len() == manifest.versions.len() => Ok(true),
+        // If access or metadata changed since an earlier attempt, page and manifest are copied again. Once the object is withdrawn, they say too little.
+        Some(there) if there.len() == manifest.versions.len() => {
+            let is_current = manifest.access.state == AccessState::Withdrawn || is_copied(object, kept)?;
+            if is_current || !holds_only_begun(kept).map_err(failed("read", kept))? {
+                return Ok(true);
+            }
+            remove_begun(kept, slug, steps).map(|()| false)
+        }
         // Begun before the last version was published, and interrupted before anything else was put there.
         Some(_) if holds_only_begun(kept).map_err(failed("read", kept))? => {
             remove_begun(kept, slug, steps).map(|()| false)
         }
         _ => Err(DraftError::There(kept.to_owned())),
     }
+}
+
+/// Whether the folder outside has the object's page and manifest as they are now.
+fn is_copied(object: &Path, kept: &Path) -> Result<bool, DraftError> {
+    for name in [PAGE, MANIFEST] {
+        let from = object.join(name);
+        let bytes = plain_file::read_at(&from, SMALL_FILE_MAX).map_err(failed("read", &from))?;
+        if plain_file::read_at(&kept.join(name), SMALL_FILE_MAX).ok() != Some(bytes) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }
 
 /// Whether a folder contains only what [`begin_keeping`] puts there.

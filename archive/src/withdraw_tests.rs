@@ -86,6 +86,21 @@ fn a_resumed_withdrawal_includes_versions_published_since() {
 }
 
 #[test]
+fn a_resumed_withdrawal_keeps_the_page_as_it_is_now() {
+    let (shelf, keep) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    publish(shelf.path(), 1, &|_| Ok(())).unwrap();
+    let (object, begun) = (shelf.path().join("fort"), keep.path().join("fort"));
+    fs::create_dir(&begun).unwrap();
+    fs::copy(object.join(MANIFEST), begun.join(MANIFEST)).unwrap();
+    // Access changed after the attempt that was interrupted.
+    fs::write(begun.join(PAGE), "the page of before").unwrap();
+    fs::write(begun.join(KEEPING), KEEPING_TEXT).unwrap();
+    let before = tree(&object);
+    let kept = withdrawn(shelf.path(), keep.path()).unwrap();
+    assert!(tree(&kept) == before);
+}
+
+#[test]
 fn nothing_was_changed_is_printed_only_if_true_and_a_rerun_finishes() {
     let run = |folder: &Path, steps: Steps<'_>| ended(&folder.join("shelf"), &folder.join("keep"), steps);
     let whole = with_two_versions();

@@ -80,7 +80,7 @@ impl Finished {
         if pack.identity() != finished.identity || bytes != finished.bytes {
             return Ok(None);
         }
-        let is_unchanged = |number: usize, sources: &[SourceFile]| inputs.is_unchanged(number, sources, bar);
+        let is_unchanged = |number: usize, sources: &[SourceFile]| inputs.is_unchanged(number, sources, bar, stop);
         let now = plan(inputs, options)?;
         if now.difference(&finished.plan, &pack.metadata().sources, &is_unchanged)?.is_some() {
             return Ok(None);

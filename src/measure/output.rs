@@ -45,7 +45,12 @@ impl OutputArgs {
             let whole = || Some(folder(path).canonicalize().ok()?.join(path.file_name()?));
             path.canonicalize().ok().or_else(whole)
         };
-        let is_same = real(path).is_some_and(|path| real(document) == Some(path));
+        let is_file = |a: &Path, b: &Path| {
+            let (a, b) = (std::fs::metadata(a).ok()?, std::fs::metadata(b).ok()?);
+            Some(kilwa_files::plain_file::is_same_file(&a, &b))
+        };
+        let is_same =
+            is_file(path, document).unwrap_or(false) || real(path).is_some_and(|path| real(document) == Some(path));
         anyhow::ensure!(!is_same, "-o and --save both name {}; give another file with -o", path.display());
         Ok(())
     }

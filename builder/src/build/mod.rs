@@ -63,12 +63,13 @@ pub trait Inputs {
     /// Called only if its stamp differs.
     ///
     /// # Errors
-    /// [`BuildError`] if it cannot be read.
+    /// [`BuildError`] if it cannot be read, or the build is asked to stop.
     fn is_unchanged(
         &self,
         _number: usize,
         _sources: &[SourceFile],
         _progress: &dyn Progress,
+        _stop: &Stop,
     ) -> Result<bool, BuildError> {
         Ok(false)
     }
@@ -125,7 +126,7 @@ pub fn build(
     let work = Work { scratch, memory, threads: pool.current_num_threads(), stop, progress: &progress };
     let plan = plan(inputs, options)?;
     let journal = if run.resume {
-        Journal::resume(scratch, plan, &|number, sources| inputs.is_unchanged(number, sources, &progress))?
+        Journal::resume(scratch, plan, &|number, sources| inputs.is_unchanged(number, sources, &progress, stop))?
     } else {
         Journal::begin(scratch, plan)?
     };

@@ -174,7 +174,7 @@ struct Coordinates {
     cube_log2: u32,
     /// Bounds of what is written, in lattice steps; not empty.
     bounds: Aabb,
-    /// Median edge of the finest surface, metres.
+    /// Median edge of the finest surface, or the error of what is written if that is larger; metres.
     median_edge: f64,
 }
 
@@ -274,7 +274,9 @@ impl Target {
         let near = |bounds: &&Aabb| region.is_none_or(|region| region.meets(bounds));
         let all = reader.entries().iter().map(|e| &e.bounds).filter(near).fold(Aabb::EMPTY, |sum, b| sum.union(b));
         let bounds = if all.is_empty() { Aabb { min: [0; 3], max: [0; 3] } } else { all };
-        let median_edge = reader.metadata().median_edge;
+        // A coarse surface is no finer than its error.
+        let error = Some(f64::from(chosen.error)).filter(|error| error.is_finite()).unwrap_or(0.0);
+        let median_edge = reader.metadata().median_edge.max(error);
         let coordinates = Coordinates { lattice, cube_log2: header.cube_log2, bounds, median_edge };
         // If there is nothing to write, the caller reports that.
         if !all.is_empty() {
