@@ -29,7 +29,7 @@ use report::{Kind, Report, many};
 use state::{State, Unit, now};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
-use std::io::Write as _;
+use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 use web::Web;
 pub(crate) use web::is_address;
@@ -110,7 +110,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 
 /// Check everything that exists, and report what the state lists and is missing.
 fn check_all(args: &Args, report: &mut Report) -> anyhow::Result<Checked> {
-    let (place, items) = if is_address(&args.target) { at_address(&args.target)? } else { in_folder(&args.target)? };
+    let (place, mut items) =
+        if is_address(&args.target) { at_address(&args.target)? } else { in_folder(&args.target)? };
     if let Some(state) = args.state.as_deref().filter(|_| !is_address(&args.target)) {
         refuse_inputs(state, [Path::new(&args.target)])?;
     }
@@ -126,7 +127,17 @@ fn check_all(args: &Args, report: &mut Report) -> anyhow::Result<Checked> {
         Some(path) => State::open(path, &canonical(&args.target), args.resume, args.older_than, &args.forget)?,
         None => State::default(),
     };
-    let gone = gone(place.as_ref(), &items, &state);
+    let mut gone = gone(place.as_ref(), &items, &state);
+    if is_address(&args.target) {
+        // The list may have several pages, of which only the first was read: the server is asked for the rest by name.
+        gone.retain(|path| {
+            let unlisted = unlisted(place.as_ref(), path);
+            let is_missing = unlisted.is_none();
+            items.extend(unlisted);
+            is_missing
+        });
+        items.sort_by(|a, b| a.path.cmp(&b.path));
+    }
     let checked = Checked {
         units: items.len() + gone.len(),
         single: gone.is_empty() && matches!(items[..], [Item { what: What::Pack, .. }]),
@@ -164,7 +175,10 @@ fn check_all(args: &Args, report: &mut Report) -> anyhow::Result<Checked> {
         report.objects += 1;
         report.sound_objects += u64::from(unit.problems == 0);
         print_problems(args, &checked, report, before, &name, &progress)?;
-        state.done(unit)?;
+        // Nothing need be there under such a name, so nothing is missed later.
+        if !matches!(item.what, What::Beside) {
+            state.done(unit)?;
+        }
     }
     progress.clear();
     state.finish()?;
@@ -190,7 +204,8 @@ fn print_problems(
     Ok(said?)
 }
 
-/// The units in the state that no longer exist, except the bag of a withdrawn object, which the withdrawal removes.
+/// The units in the state that no longer exist, except the bag of a withdrawn object, which the withdrawal removes. Files beside objects
+/// and packs, which earlier versions of Kilwa wrote into the state, do not count either.
 fn gone(place: &dyn Place, items: &[Item], state: &State) -> Vec<String> {
     let there: BTreeSet<&str> = items.iter().map(|item| item.path.as_str()).collect();
     let has_withdrawn_object = |name: &str| {
@@ -198,8 +213,20 @@ fn gone(place: &dyn Place, items: &[Item], state: &State) -> Vec<String> {
         let manifest = place.below(slug).read(MANIFEST, MANIFEST_MAX).ok()??;
         Some(Manifest::parse(&manifest).ok()?.access.state == AccessState::Withdrawn)
     };
-    let is_gone = |name: &&str| !there.contains(name) && has_withdrawn_object(name) != Some(true);
+    let is_gone =
+        |name: &&str| !there.contains(name) && !is_read_beside(name) && has_withdrawn_object(name) != Some(true);
     state.names().filter(is_gone).map(str::to_owned).collect()
+}
+
+/// An object or pack that the list at an address does not name; `None` if the server says that it does not exist. If the server gives
+/// no clear answer, the check reports that.
+fn unlisted(place: &dyn Place, path: &str) -> Option<Item> {
+    let (what, found) = match path {
+        "" => (What::Object, place.open(MANIFEST)),
+        path if is_pack(path) => (What::Pack, place.open(path)),
+        path => (What::Object, place.below(path).open(MANIFEST)),
+    };
+    (!matches!(found, Ok(None))).then(|| Item { path: path.to_owned(), what })
 }
 
 /// The report, and whether all is well.
@@ -328,14 +355,19 @@ fn is_read_beside(name: &str) -> bool {
     name == COLLECTIONS_FILE || name.ends_with(".annotations.json")
 }
 
-/// What a folder is. One with version folders and no manifest was an object; a manifest that is not a regular file is reported when it is read.
+/// What a folder is. One with version folders and no manifest was an object. A manifest that is not a regular file is reported when it is
+/// read, and so is a folder that this user cannot read.
 fn kind_of(folder: &Path) -> Option<What> {
     let is_going = is_of_withdrawn(folder);
     if is_going || folder.join("bagit.txt").is_file() {
         return Some(What::Bag { is_going });
     }
-    let has_manifest = folder.join(MANIFEST).symlink_metadata().is_ok();
-    (has_manifest || folder.join("v1").is_dir()).then_some(What::Object)
+    let may_have_manifest = match folder.join(MANIFEST).symlink_metadata() {
+        Ok(_) => true,
+        // Only root can read the folder that file systems keep for their repairs.
+        Err(e) => e.kind() != ErrorKind::NotFound && !folder.ends_with("lost+found"),
+    };
+    (may_have_manifest || folder.join("v1").is_dir()).then_some(What::Object)
 }
 
 /// Whether a folder is the bag of a withdrawn object. The withdrawal removes it; if it still exists, the withdrawal was interrupted.

@@ -21,7 +21,7 @@ use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 const METADATA: &str = "title = \"Gereza\"\ndescription = \"A fort.\"\n[rights]\nuri = \"CC BY 4.0\"\n[[creators]]\nname = \"Held, C.\"\n[model]\nunits = \"m\"\n";
 const VIEWER: &str = "<!doctype html><html><head><base href=\"./\"><title>Kilwa</title><script src=\"boot.js\"></script></head>\
@@ -616,6 +616,41 @@ fn an_address_is_checked_as_a_folder_is() {
 }
 
 #[test]
+fn what_a_list_no_longer_names_is_still_checked_and_missing_only_if_the_server_says_so() {
+    static IS_BROKEN: AtomicBool = AtomicBool::new(false);
+    let folder = tempfile::tempdir().unwrap();
+    let (shelf, state) = (folder.path().join("shelf"), folder.path().join("state"));
+    fs::create_dir(&shelf).unwrap();
+    publish(&shelf, "fort", 1);
+    publish(&shelf, "mosque", 1);
+    fs::copy(pack(), shelf.join("single.kilwa")).unwrap();
+    let list = |links: &str| fs::write(shelf.join("index.html"), links).unwrap();
+    list("<a href=\"fort/\">f</a><a href=\"mosque/\">m</a><a href=\"single.kilwa\">s</a>");
+    // A redirect to itself is an error at once; other errors are tried again for seconds.
+    let (_, address) = server(&shelf, |_, path| {
+        let is_broken = IS_BROKEN.load(Ordering::SeqCst) && path.starts_with("mosque/");
+        if is_broken { Behaviour::Redirects } else { Behaviour::Good }
+    });
+    let run = |more: &[&str], code| report(&[&[address.as_str(), "--state", text(&state)], more].concat(), code);
+    assert_eq!(run(&[], 0)["objects"], 3);
+    // The others are on another page now.
+    list("<a href=\"fort/\">f</a>");
+    assert_eq!(run(&[], 0)["sound_objects"], 3);
+    fs::remove_file(shelf.join("mosque/v1/README.txt")).unwrap();
+    let found = problems(&run(&[], 1));
+    assert_eq!(found, BTreeSet::from([("mosque/v1/README.txt".to_owned(), "missing".to_owned())]));
+    IS_BROKEN.store(true, Ordering::SeqCst);
+    let found = problems(&run(&[], 1));
+    assert_eq!(found, BTreeSet::from([("mosque/manifest.json".to_owned(), "unreadable".to_owned())]));
+    IS_BROKEN.store(false, Ordering::SeqCst);
+    fs::remove_dir_all(shelf.join("mosque")).unwrap();
+    fs::remove_file(shelf.join("single.kilwa")).unwrap();
+    let missing = ["mosque", "single.kilwa"].map(|name| (name.to_owned(), "missing".to_owned()));
+    assert_eq!(problems(&run(&[], 1)), BTreeSet::from(missing));
+    assert_eq!(run(&["--forget", "mosque", "--forget", "single.kilwa"], 0)["objects"], 1);
+}
+
+#[test]
 fn an_address_that_cannot_be_asked_is_refused_with_the_reason() {
     let shelf = tempfile::tempdir().unwrap();
     publish(shelf.path(), "fort", 1);
@@ -709,22 +744,94 @@ fn links_and_special_files_beside_objects_and_packs_are_damage() {
 
 #[cfg(unix)]
 #[test]
+fn a_file_beside_objects_and_packs_may_be_repaired_or_removed_and_is_not_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (shelf, state) = (folder.path().join("shelf"), folder.path().join("state"));
+    fs::create_dir(&shelf).unwrap();
+    publish(&shelf, "fort", 1);
+    let run = |code| report(&[text(&shelf), "--state", text(&state)], code);
+    let names = ["collections.toml", "wall.annotations.json"];
+    for name in names {
+        let at = shelf.join(name);
+        for replacement in [Some(""), None] {
+            std::os::unix::fs::symlink("/etc/passwd", &at).unwrap();
+            assert_eq!(problems(&run(1)), BTreeSet::from([(name.to_owned(), "unreadable".to_owned())]));
+            assert!(!fs::read_to_string(&state).unwrap().contains(name));
+            fs::remove_file(&at).unwrap();
+            if let Some(content) = replacement {
+                fs::write(&at, content).unwrap();
+            }
+            assert_eq!(run(0)["objects"], 1, "{name}");
+            fs::remove_file(&at).ok();
+        }
+    }
+    // Earlier versions of Kilwa wrote these names into the state.
+    let mut file = fs::File::options().append(true).open(&state).unwrap();
+    for name in names {
+        writeln!(file, "{{\"kilwa-verify\":\"unit\",\"name\":\"{name}\",\"at\":1,\"problems\":1}}").unwrap();
+    }
+    assert_eq!(run(0)["objects"], 1);
+}
+
+/// A `kilwa` command as a user who cannot read the folder `closed`: root can read everything.
+#[cfg(unix)]
+fn without_access_to(closed: &Path, args: &[&str]) -> std::process::Command {
+    use std::os::unix::process::CommandExt as _;
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_kilwa"));
+    command.args(args).current_dir("/");
+    if fs::read_dir(closed).is_ok() {
+        command.uid(65_534).gid(65_534);
+    }
+    command
+}
+
+#[cfg(unix)]
+#[test]
+fn an_object_that_this_user_cannot_read_is_unreadable_and_not_missing() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = tempfile::tempdir().unwrap();
+    let (shelf, states, closed) = (folder.path().join("shelf"), folder.path().join("states"), folder.path().join("no"));
+    let allow = |path: &Path, mode| fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
+    for (path, mode) in [(&shelf, 0o755), (&states, 0o777), (&closed, 0o000), (&shelf.join("lost+found"), 0o000)] {
+        fs::create_dir(path).unwrap();
+        allow(path, mode);
+    }
+    allow(folder.path(), 0o755);
+    let object = publish(&shelf, "fort", 1);
+    publish(&shelf, "mosque", 1);
+    let state = states.join("state");
+    let run = || without_access_to(&closed, &["verify", text(&shelf), "--json", "--state", text(&state)]).output();
+    let found = |output: std::process::Output| {
+        let report = serde_json::from_slice::<serde_json::Value>(&output.stdout);
+        problems(&report.unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr))))
+    };
+    if let Ok(first) = run() {
+        assert_eq!(found(first), BTreeSet::new());
+        allow(&object, 0o000);
+        let unreadable = BTreeSet::from([("fort/manifest.json".to_owned(), "unreadable".to_owned())]);
+        for _ in 0..2 {
+            assert_eq!(found(run().unwrap()), unreadable);
+        }
+        allow(&object, 0o755);
+        assert_eq!(found(run().unwrap()), BTreeSet::new());
+    } else {
+        println!("skipped: a folder of another user: this test cannot run the program as another user");
+    }
+    allow(&closed, 0o700);
+    allow(&shelf.join("lost+found"), 0o700);
+}
+
+#[cfg(unix)]
+#[test]
 fn another_users_unfinished_publication_is_noted_even_if_it_cannot_be_read() {
     use std::os::unix::fs::PermissionsExt as _;
-    use std::os::unix::process::CommandExt as _;
     let shelf = tempfile::tempdir().unwrap();
     fs::set_permissions(shelf.path(), fs::Permissions::from_mode(0o755)).unwrap();
     let object = publish(shelf.path(), "fort", 1);
     let closed = object.join(".kilwa-fort--aB3dEf");
     fs::create_dir(&closed).unwrap();
     fs::set_permissions(&closed, fs::Permissions::from_mode(0o000)).unwrap();
-    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_kilwa"));
-    command.args(["verify", text(&object)]).current_dir("/");
-    if fs::read_dir(&closed).is_ok() {
-        // Root can read everything.
-        command.uid(65_534).gid(65_534);
-    }
-    let Ok(output) = command.output() else {
+    let Ok(output) = without_access_to(&closed, &["verify", text(&object)]).output() else {
         println!("skipped: a folder of another user: this test cannot run the program as another user");
         return;
     };

@@ -190,11 +190,17 @@ impl State {
         self.write(&line)
     }
 
-    /// A unit is done.
+    /// A unit is done. If its manifest could not be read, the versions of the last check remain known.
     ///
     /// # Errors
     /// When it cannot be written down.
-    pub(crate) fn done(&mut self, unit: Unit) -> anyhow::Result<()> {
+    pub(crate) fn done(&mut self, mut unit: Unit) -> anyhow::Result<()> {
+        if unit.manifest.is_empty()
+            && unit.versions.is_empty()
+            && let Some(known) = self.units.get(&unit.name)
+        {
+            unit.versions.clone_from(&known.versions);
+        }
         self.files.clear();
         self.write(&Line::Unit(unit.clone()))?;
         self.units.insert(unit.name.clone(), unit);
@@ -312,6 +318,19 @@ mod tests {
         let state = State::open(&path, "here", true, None, &[]).unwrap();
         assert!(!state.is_done("a", "m", "now") && !state.has("c/x", 5, "55", "now"), "a finished run is not resumed");
         assert_eq!(state.unit("c").unwrap().versions, [(1, "s".to_owned())]);
+    }
+
+    #[test]
+    fn versions_remain_known_while_the_manifest_cannot_be_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("state");
+        let mut state = State::open(&path, "here", false, None, &[]).unwrap();
+        state.done(unit("a", now(), 0)).unwrap();
+        state.done(Unit { name: "a".to_owned(), at: now(), problems: 1, ..Unit::default() }).unwrap();
+        state.finish().unwrap();
+        let state = State::open(&path, "here", false, None, &[]).unwrap();
+        let known = state.unit("a").unwrap();
+        assert_eq!((known.problems, known.versions.as_slice()), (1, [(1, "s".to_owned())].as_slice()));
     }
 
     #[test]

@@ -508,9 +508,9 @@ fn lists_are_searched_joined() {
     for list in [["-8.956", "39.600"], ["65977", "09946"], ["8", "95611"], ["lat -8.95", "lon 39.52"]] {
         let found = |value: &Value| fort().find_in_json(value, &|_| false);
         let (at, _) = found(&serde_json::json!({ "subjects": ["fort", list[0], list[1]] })).unwrap();
-        assert_eq!(at, "subjects", "{list:?}");
+        assert!(at.starts_with("subjects"), "{list:?}: {at}");
         let objects = serde_json::json!({ "creators": [{ "name": list[0], "role": "x" }, { "name": list[1] }] });
-        assert_eq!(found(&objects).unwrap().0, "creators", "{list:?}");
+        assert!(found(&objects).unwrap().0.starts_with("creators"), "{list:?}");
     }
     let passed = serde_json::json!({ "subjects": ["-8.956", "39.600"] });
     assert!(fort().find_in_json(&passed, &|at| at == "subjects[1]").is_none());
