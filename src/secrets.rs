@@ -8,6 +8,8 @@ use std::sync::OnceLock;
 
 /// Shown instead of a password.
 const STARS: &str = "***";
+/// A shorter user or password may stand in any other text: `:x@` in `mailto:x@a.example`.
+const MIN_CHARS: usize = 3;
 
 /// An address with its password replaced.
 pub(crate) fn shown(address: &str) -> Cow<'_, str> {
@@ -61,16 +63,23 @@ fn known() -> &'static [(String, String)] {
     })
 }
 
-/// The forms in which the password of an address may be printed: as it is, as text in quotation marks, as JSON.
+/// The forms in which the password of an address may be printed: as it is, as text in quotation marks, as JSON. If the user or the
+/// password is empty or short, only with the slashes before them.
 fn forms(address: &str) -> Vec<(String, String)> {
     let Some((before, password)) = with_password(address) else { return Vec::new() };
-    // A path made from an address has only one slash.
     let begin = before.split_once("://").map_or("", |(_, user)| user);
-    let plain = format!("{begin}{password}@");
+    let is_short = |text: &str| text.chars().count() < MIN_CHARS;
+    // A path that is made from an address has one slash only.
+    let slashes: &[&str] =
+        if is_short(begin.trim_end_matches(':')) || is_short(password) { &["://", ":/"] } else { &[""] };
     let inside = |quoted: &str| quoted.trim_matches('"').to_owned();
-    let quoted = inside(&format!("{plain:?}"));
-    let json = serde_json::to_string(&plain).map_or_else(|_| plain.clone(), |json| inside(&json));
-    [plain, quoted, json].into_iter().map(|found| (found, format!("{begin}{STARS}@"))).collect()
+    let all = slashes.iter().flat_map(|slashes| {
+        let plain = format!("{slashes}{begin}{password}@");
+        let quoted = inside(&format!("{plain:?}"));
+        let json = serde_json::to_string(&plain).map_or_else(|_| plain.clone(), |json| inside(&json));
+        [plain, quoted, json].map(|found| (found, format!("{slashes}{begin}{STARS}@")))
+    });
+    all.collect()
 }
 
 /// The part of an address before its password, and the password.
@@ -81,10 +90,10 @@ fn with_password(address: &str) -> Option<(&str, &str)> {
     (!password.is_empty()).then_some((before, password))
 }
 
-/// The position of `user:password` in an address, and that text.
+/// The position of `user:password` in an address, and that text. An address ends at a space.
 fn user_of(address: &str) -> Option<(usize, &str)> {
     let start = address.find("://")? + 3;
-    let rest = address.get(start..)?;
+    let rest = address.get(start..)?.split(char::is_whitespace).next()?;
     let authority = rest.split(['/', '?', '#']).next().unwrap_or_default();
     let user = authority.rfind('@').or_else(|| {
         // A password may contain a slash; a port does not.
@@ -112,6 +121,9 @@ mod tests {
             ("https://[::1]:8080/a@c", "https://[::1]:8080/a@c"),
             ("https://me:@a.example/", "https://me:@a.example/"),
             ("C:\\folder\\a@b", "C:\\folder\\a@b"),
+            ("https://a.example: write to me@a.example", "https://a.example: write to me@a.example"),
+            ("see https://a.example:x/ or me@a.example", "see https://a.example:x/ or me@a.example"),
+            ("see https://me:secret@a.example or me@a.example", "see https://me:***@a.example or me@a.example"),
         ] {
             assert_eq!(shown(address), expected);
             assert_eq!(shown(&shown(address)), expected, "a second time changes nothing");
@@ -122,13 +134,29 @@ mod tests {
 
     #[test]
     fn a_password_is_replaced_in_every_form_of_text() {
-        let address = "https://me:s\"e c\u{e9}\\t@a.example/x";
+        let address = "https://me:s\"e-c\u{e9}\\t@a.example/x";
         let passwords = forms(address);
         let json = serde_json::json!({ "file": address, "other": "https://b.example:80/c:d@e" });
         for text in [address.to_owned(), format!("{address:?}: refused"), json.to_string()] {
             let hidden = hide_those(&text, &passwords).into_owned();
-            assert!(hidden.contains("https://me:***@a.example/x") && !hidden.contains("e c"), "{hidden}");
+            assert!(hidden.contains("https://me:***@a.example/x") && !hidden.contains("e-c"), "{hidden}");
             assert_eq!(hidden.contains("c:d@e"), text.contains("c:d@e"), "{hidden}");
+        }
+    }
+
+    #[test]
+    fn a_short_password_is_replaced_in_its_address_only() {
+        for (address, text, expected) in [
+            ("redis://:x@host", "max@museum.example, mailto:x@museum.example", None),
+            ("redis://:x@host", "redis://:x@host refused", Some("redis://:***@host refused")),
+            ("redis://:x@host", "redis:/:x@host/a", Some("redis:/:***@host/a")),
+            ("redis://:secret@host", "mailto:secret@museum.example", None),
+            ("redis://me:x@host", "name:x@museum.example", None),
+            ("redis://me:x@host", "\"redis://me:x@host\"", Some("\"redis://me:***@host\"")),
+            ("redis://user:secret@host", "user:secret@host", Some("user:***@host")),
+            ("see https://a.example: write to curator@a.example", "write to curator@a.example", None),
+        ] {
+            assert_eq!(hide_those(text, &forms(address)), expected.unwrap_or(text), "{address}");
         }
     }
 }

@@ -232,6 +232,8 @@ fn unlisted(place: &dyn Place, path: &str) -> Option<Item> {
 /// The report, and whether all is well.
 fn say(args: &Args, checked: &Checked, report: &Report) -> anyhow::Result<()> {
     let Checked { single, units } = *checked;
+    // What was skipped has no figures of its own.
+    let single = single && report.skipped == 0;
     let mut out = crate::terminal::out();
     let said = if args.json {
         let value = if single { of_pack(report) } else { report.to_json() };

@@ -23,6 +23,8 @@ pub(super) struct Angle {
     pub(super) sign: char,
     /// Degrees, minutes and seconds.
     pub(super) has_seconds: bool,
+    /// It may as well be a date or a version: `12/05/19 north wall`, `Metashape 2.0.1, N. Juma`.
+    pub(super) is_doubtful: bool,
     pub(super) from: usize,
     pub(super) to: usize,
 }
@@ -176,11 +178,14 @@ fn sixty(text: &[char], from: usize) -> Option<Angle> {
     }
     let value = degrees + minutes / 60.0 + seconds / 3600.0;
     let has_seconds = if is_marked { is_second } else { found.is_some() };
-    Some(Angle { value, axis, is_marked, sign: sign.unwrap_or(' '), has_seconds, from, to })
+    let sign = sign.unwrap_or(' ');
+    let has_signs = is_marked || has_minutes || is_second;
+    let is_doubtful = !has_signs && is_date_or_version(text, from, to, sign) && is_beside_word(text, from, to);
+    Some(Angle { value, axis, is_marked, sign, has_seconds, is_doubtful, from, to })
 }
 
 /// `8.57.22 S`, `8,57,22S`, `8/57/22 S`: three numbers with the same separator, or two with the letter of an axis. Three numbers with such a letter count
-/// as marked; without one, versions and dates look the same.
+/// as marked. Versions and dates look the same without a letter, or with a word or a name behind them.
 fn dotted(text: &[char], from: usize) -> Option<Angle> {
     let digit = |i: usize| text.get(i).is_some_and(char::is_ascii_digit);
     let mut c = Cursor { text, at: from };
@@ -201,13 +206,41 @@ fn dotted(text: &[char], from: usize) -> Option<Angle> {
         return None;
     }
     let to = c.at;
-    let is_day = (1.0..=31.0).contains(&degrees) && (1.0..=12.0).contains(&minutes) && ".,/".contains(sign);
+    // Versions often have a zero in the middle.
+    let is_day = (1.0..=31.0).contains(&degrees) && minutes <= 12.0 && ".,/".contains(sign);
     let axis = axis_of(text, from, to).filter(|_| !(is_day && is_initial(text, to)));
     if seconds.is_none() && axis.is_none() {
         return None;
     }
     let (has_seconds, value) = (seconds.is_some(), degrees + minutes / 60.0 + seconds.unwrap_or(0.0) / 3600.0);
-    Some(Angle { value, axis, is_marked: has_seconds && axis.is_some(), sign, has_seconds, from, to })
+    let is_doubtful = is_date_or_version(text, from, to, sign) && is_beside_word(text, from, to);
+    let is_marked = has_seconds && axis.is_some() && !is_doubtful;
+    Some(Angle { value, axis, is_marked, sign, has_seconds, is_doubtful, from, to })
+}
+
+/// Whether three numbers look like a date (`12/05/19`, `05/25/19`, `12-05-19`) or a version (`2.0.1`, `2.13.1`).
+fn is_date_or_version(text: &[char], from: usize, to: usize, sign: char) -> bool {
+    let digits = text.get(from..to).unwrap_or_default().split(|c| !c.is_ascii_digit()).filter(|part| !part.is_empty());
+    let parts: Vec<u32> = digits.filter_map(|part| part.iter().collect::<String>().parse().ok()).collect();
+    // With a fraction there are four.
+    let [first, middle, _] = parts[..] else { return false };
+    let is_day_first = (1..=31).contains(&first) && middle <= 12 && ".,/- ".contains(sign);
+    let is_month_first = (1..=12).contains(&first) && (1..=31).contains(&middle) && sign == '/';
+    // The last number of a version is seldom longer, and seconds are rarely written with one digit.
+    let has_short_end = !to.checked_sub(2).and_then(|i| text.get(i)).is_some_and(char::is_ascii_digit);
+    let is_version = sign == '.' && first <= 31 && (middle <= 12 || middle < 40 && has_short_end);
+    is_day_first || is_month_first || is_version
+}
+
+/// Whether only a direction word (`north wall`) or an initial with a point (`N. Juma`) behind a number names its axis.
+fn is_beside_word(text: &[char], from: usize, to: usize) -> bool {
+    if letter_before(text, from).is_some() || word_before(text, from).is_some() {
+        return false;
+    }
+    let Some((_, at, is_word)) = direction_after(text, to) else { return false };
+    let mut behind = text.get(at + 1..).unwrap_or_default().iter();
+    let has_point = behind.next() == Some(&'.');
+    is_word || has_point && behind.find(|c| **c != ' ').is_some_and(|c| c.is_alphabetic())
 }
 
 /// Whether a letter follows that is not that of an axis but that of a page (`8.9.19, S. 12`), a name (`8.9.19 E. Juma`) or a shelf (`8.9.19, E 12`).
@@ -251,7 +284,16 @@ fn fractions(text: &[char], from: usize) -> Option<Angle> {
     let is_scale = degrees * denominators.first()? <= 1.0 && minutes * denominators.get(1)? <= 1.0;
     let is_marked = denominators.first() == Some(&1.0) && !is_scale;
     let (value, to) = (degrees + minutes / 60.0 + seconds / 3600.0, c.at);
-    is_angle.then(|| Angle { value, axis: axis_of(text, from, to), is_marked, sign: '/', has_seconds: true, from, to })
+    is_angle.then(|| Angle {
+        value,
+        axis: axis_of(text, from, to),
+        is_marked,
+        sign: '/',
+        has_seconds: true,
+        is_doubtful: false,
+        from,
+        to,
+    })
 }
 
 /// `085727S`, `0393122E`, `0857.462,S`: two digits each for minutes and seconds, with the letter of an axis.
@@ -274,7 +316,9 @@ fn packed(text: &[char], from: usize) -> Option<Angle> {
         _ => return None,
     };
     let has_seconds = n >= 6;
-    (value <= 180.0).then_some(Angle { value, axis: Some(axis), is_marked: true, sign: ' ', has_seconds, from, to })
+    let (axis, is_doubtful) = (Some(axis), false);
+    let angle = Angle { value, axis, is_marked: true, sign: ' ', has_seconds, is_doubtful, from, to };
+    (value <= 180.0).then_some(angle)
 }
 
 /// Which axis a number at this place is on, by a letter of a quarter beside it, or a word before it. None where letters of two axes are there: a bearing
@@ -307,18 +351,24 @@ fn begins_another(text: &[char], to: usize) -> bool {
 }
 
 fn letter_after(text: &[char], to: usize) -> Option<Axis> {
+    direction_after(text, to).map(|(axis, ..)| axis)
+}
+
+/// The axis by the letter or word behind this place, where that begins, and whether it is a word.
+fn direction_after(text: &[char], to: usize) -> Option<(Axis, usize, bool)> {
     let at = (to..text.len().min(to + 3)).find(|i| !text.get(*i).is_some_and(|c| " ,°".contains(*c)))?;
     if text.get(at + 1).is_some_and(|c| c.is_alphanumeric()) && !is_between_numbers(text, at) {
         let word: String = text.iter().skip(at).take(8).take_while(|c| c.is_alphabetic()).collect();
-        return match word.to_lowercase().as_str() {
+        let axis = match word.to_lowercase().as_str() {
             "north" | "south" | "northern" | "southern" | "nord" | "süd" | "norte" | "sul" => Some(Axis::Latitude),
             "east" | "west" | "eastern" | "western" | "ost" | "ouest" | "oeste" | "ovest" | "leste" => {
                 Some(Axis::Longitude)
             }
             _ => None,
         };
+        return axis.map(|axis| (axis, at, true));
     }
-    quarter(*text.get(at)?)
+    quarter(*text.get(at)?).map(|axis| (axis, at, false))
 }
 
 /// Whether the letter here is between two numbers without a space: `S8.956E39.600`, `8°57'22"S39°36'0"E`. Both must have a decimal point or

@@ -557,7 +557,8 @@ pub(super) fn labelled_grid(text: &[char]) -> Option<(usize, usize)> {
     })
 }
 
-/// A reference in the military grid with zone, band, square and at least two digits each, for any place.
+/// A reference in the military grid with zone, band, square and at least two digits each, for any place. With four digits (`3D VR 2023`)
+/// there must be no space before the square, or a word such as "grid" nearby. An inventory number such as `12NUB3456` cannot be told from a reference.
 pub(super) fn grid_reference(text: &[char]) -> Option<(usize, usize)> {
     let letter = |at: usize| text.get(at).map(char::to_ascii_uppercase).filter(char::is_ascii_uppercase);
     (0..text.len()).find_map(|start| {
@@ -576,8 +577,14 @@ pub(super) fn grid_reference(text: &[char]) -> Option<(usize, usize)> {
             .take_while(|i| text.get(*i).is_some_and(|c| c.is_ascii_digit() || *c == ' '))
             .filter(|i| text.get(*i) != Some(&' '))
             .collect();
-        let is_reference = is_square && matches!(digits.len(), 4 | 6 | 8 | 10);
-        is_reference.then_some((start, digits.last()? + 1))
+        if !is_square || !matches!(digits.len(), 4 | 6 | 8 | 10) {
+            return None;
+        }
+        let range = (start, digits.last()? + 1);
+        // Three dimensions, far more often than the zone in Antarctica.
+        let is_3d = number == 3 && letter(band) == Some('D');
+        let is_doubtful = column > band + 1 && (digits.len() == 4 || is_3d);
+        (!is_doubtful || has_word(text, range, &["mgrs", "utm", "grid"])).then_some(range)
     })
 }
 

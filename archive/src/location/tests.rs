@@ -442,6 +442,22 @@ const ORDINARY: &[&str] = &[
     "Die Mauer ist 8,95 m hoch; O 12 ist die Nordwand.",
     "\u{c1}rea de 39.60 m2, oeste",
     "jengo lina vyumba 8, 12 na 39",
+    // Dates and versions beside words for directions and initials.
+    "Metashape 2.0.1, south facade",
+    "Metashape 2.0.1, N. Juma",
+    "CloudCompare 2.13.1, west facade",
+    "kilwa 0.1.0, E. Juma",
+    "12/05/19 north wall",
+    "05/25/19 north wall",
+    "Scanned 12-05-19, north facade",
+    "Scanned 12-05-19, N. Juma",
+    "Scanned 12.05.19, eastern tower",
+    // Near grid references.
+    "3D VR 2023",
+    "3D XR 2024",
+    "3D UV 4096",
+    "3D-VR 2023 and 2D MR 2024",
+    "3D UV 204 810",
 ];
 
 #[test]
@@ -459,6 +475,15 @@ fn ordinary_sentences_pass() {
     }
     let local = Location::of([[0.0; 3], [50.0; 3]], None, None);
     assert!(local.find("1505 and 12.5").is_none(), "local coordinates tell nothing");
+}
+
+/// What looks like a date is still found if the place is known.
+#[test]
+fn an_angle_that_may_be_a_date_is_found_near_the_place() {
+    let location = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(-8.156, 39.6)));
+    for text in ["8.09.22 south", "8-09-22 south", "8/9/22 south"] {
+        assert!(location.find(text).is_some() && Location::unknown().find(text).is_none(), "{text}");
+    }
 }
 
 /// In slugs and titles, hyphens may stand for decimal points or spaces.
@@ -627,6 +652,21 @@ fn without_the_location_the_form_alone_tells() {
         "Easting 565977, northing 9009946",
         "37LEL6597709946",
         "37L EL 65977 09946",
+        "37LEL6597",
+        "37LEL 65 97",
+        "37L EL 659 099",
+        "MGRS 37L EL 65 97",
+        "3DVR2023",
+        "grid reference 3D VR 2023",
+        "8.57.22 S",
+        "S 8.57.22",
+        "8,57,22S",
+        "8.57.22S 39.36.00E",
+        "8.57.22 south",
+        "8-57-22 south",
+        "8.09.22 S",
+        "S 8-09-22",
+        "lat 8.09.22 south",
         "-8.9561094",
         "39.600225",
         "39,600225\u{b0}",

@@ -154,6 +154,7 @@ fn in_address(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
 }
 
 /// Whether a sexagesimal angle is unlikely to be a time or a date: it has unit signs, or all three parts and the letter of an axis.
+/// Three numbers that look like a date or a version do not count if only a direction word or an initial follows.
 fn is_angle(text: &[char], a: &Angle) -> bool {
     let most = if a.axis == Some(Axis::Latitude) { 90.0 } else { 180.0 };
     if a.value > most {
@@ -168,7 +169,7 @@ fn is_angle(text: &[char], a: &Angle) -> bool {
         && at(a.from.checked_sub(2)).is_some_and(char::is_ascii_digit);
     let is_beside = |c: Option<&char>| c.is_some_and(|c| "NSEW".contains(*c));
     let has_letter = || is_beside(at(a.from.checked_sub(1))) || is_beside(at(Some(a.to)));
-    a.axis.is_some() && !is_inner && (a.has_seconds || a.sign == ':' && has_letter())
+    a.axis.is_some() && !a.is_doubtful && !is_inner && (a.has_seconds || a.sign == ':' && has_letter())
 }
 
 /// Two angles side by side, written like times, one of which is later than any time of day: `08:57:27, 39:31:22`.
