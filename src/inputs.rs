@@ -683,14 +683,14 @@ mod tests {
     fn the_same_content_at_the_same_place_is_refused_and_elsewhere_it_is_not() {
         let site = three();
         let two = site.find(&["a.obj", "b.obj"]).unwrap();
-        let message = format!("{:#}", two.sources(&Silent).unwrap_err());
+        let message = format!("{:#}", two.sources(&Silent, &Stop::default()).unwrap_err());
         assert!(
             message.contains("a.obj") && message.contains("b.obj") && message.contains("same content"),
             "{message}"
         );
         let mut moved = two;
         moved.files[1].placement = Placement::translation([5.0, 0.0, 0.0]);
-        assert_eq!(moved.sources(&Silent).unwrap().len(), 2);
+        assert_eq!(moved.sources(&Silent, &Stop::default()).unwrap().len(), 2);
     }
 
     #[test]
@@ -699,7 +699,7 @@ mod tests {
         let site = three();
         std::fs::write(site.path("b.obj"), format!("# b\n{TRIANGLE}")).unwrap();
         let inputs = site.find(&["a.obj", "b.obj"]).unwrap();
-        let sources = inputs.sources(&Silent).unwrap();
+        let sources = inputs.sources(&Silent, &Stop::default()).unwrap();
         let is_unchanged = |number| inputs.is_unchanged(number, &sources, &Silent, &Stop::default()).unwrap();
         assert!(is_unchanged(0) && is_unchanged(1) && !is_unchanged(2));
         let before = inputs.plan().unwrap();
