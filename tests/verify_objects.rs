@@ -660,7 +660,7 @@ fn an_address_that_cannot_be_asked_is_refused_with_the_reason() {
     let (_, good) = server(shelf.path(), |_, _| Behaviour::Good);
     assert!(fails(&["verify", &format!("{good}nothing/")]).contains("no object"));
     let empty = tempfile::tempdir().unwrap();
-    assert!(fails(&["verify", text(empty.path())]).contains("no archive object"));
+    assert!(fails(&["verify", text(empty.path())]).contains("is not an archive object"));
     assert_eq!(kilwa(&["verify", text(empty.path()), "--resume"]).status.code(), Some(2));
     assert_eq!(kilwa(&["verify", text(empty.path()), "--state", "x", "--older-than", "0"]).status.code(), Some(2));
 }
