@@ -34,4 +34,5 @@ mod support;
 mod synth;
 mod trust;
 mod verify_objects;
+mod verify_state;
 mod verify_tls;
