@@ -4,6 +4,7 @@ use crate::info::{grouped, metres};
 use crate::new_file::refuse_inputs;
 use crate::source::open_pack;
 use crate::verify::progress_bar;
+use glam::DVec3;
 use kilwa_formats::extract::{ExtractError, Extraction, Format, Output, Region, Request, extract};
 use kilwa_pack::Metadata;
 use std::io::Write as _;
@@ -141,7 +142,7 @@ impl Report<'_> {
         if !left_out.is_empty() {
             writeln!(out, "  {} does not hold {}; they are left out.", self.format.title(), left_out.join(", "))?;
         }
-        if let Some([x, y, z]) = self.written.offset {
+        if let Some(DVec3 { x, y, z }) = self.written.offset {
             writeln!(out, "  Coordinates are relative to {x} {y} {z}, because its numbers are too short for them.")?;
         }
         Ok(())

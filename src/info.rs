@@ -94,7 +94,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         stored_triangles: header.stored_triangles,
         stored_vertices: header.stored_vertices,
         stored_per_input_triangle: per_input(header.stored_triangles),
-        lattice_origin: header.lattice.origin,
+        lattice_origin: header.lattice.origin.to_array(),
         lattice_step: header.lattice.step(),
         colors: header.attributes.colors,
         chunks: header.entry_count,

@@ -50,7 +50,7 @@ fn survey(inputs: &mut Inputs, work: &Work<'_>) -> anyhow::Result<Surface> {
 
 fn words(names: &str, s: &Surface, out: &mut impl Write) -> std::io::Result<()> {
     let [min, max] = s.bounds.map(|p| s.lattice.world_from_lattice(p));
-    let size: [f64; 3] = std::array::from_fn(|i| max[i] - min[i]);
+    let size = max - min;
     writeln!(out, "{names}: {} triangles, {} vertices", s.triangles, s.points)?;
     writeln!(out, "  size        {:.3} × {:.3} × {:.3} m", size[0], size[1], size[2])?;
     writeln!(out, "  from        {:.3} {:.3} {:.3} m", min[0], min[1], min[2])?;

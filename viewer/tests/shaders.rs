@@ -1,5 +1,6 @@
 //! Without a GPU: every shader is sound WGSL, stays inside WebGL2, and agrees with Rust about memory.
 
+use glam::DVec3;
 use kilwa_stream::{Projection, View};
 use kilwa_viewer::RenderOptions;
 use kilwa_viewer::gpu::frame::{NO_FADE, TargetTraits, UniformBytes, draw_uniform, frame_uniform};
@@ -85,11 +86,11 @@ fn as_owned(uniform: &UniformBytes) -> Vec<(String, usize, usize)> {
 #[test]
 fn uniforms_lie_in_memory_as_the_shaders_read_them() {
     let view = View {
-        eye: [0.0; 3],
-        right: [1.0, 0.0, 0.0],
-        up: [0.0, 0.0, 1.0],
-        forward: [0.0, 1.0, 0.0],
-        anchor: [0.0; 3],
+        eye: DVec3::ZERO,
+        right: DVec3::X,
+        up: DVec3::Z,
+        forward: DVec3::Y,
+        anchor: DVec3::ZERO,
         projection: Projection::Perspective { tan_half_height: 0.5 },
         size: [100, 100],
         near: 1.0,

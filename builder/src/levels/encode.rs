@@ -6,6 +6,7 @@ use crate::build::options::BuildError;
 use crate::levels::fragment::Patch;
 use crate::levels::weld::Welder;
 use crate::partition::Partition;
+use glam::DVec3;
 use kilwa_geometry::Aabb;
 use kilwa_pack::chunk::{self, Chunk, MAX_CHUNK_TRIANGLES, PatchRange};
 use kilwa_pack::{Attributes, NO_DIAMOND};
@@ -42,7 +43,8 @@ pub(crate) fn encode_chunk(
 }
 
 /// More triangles in one diamond than a chunk holds.
-pub(crate) fn too_large(triangles: u64, near: [f64; 3]) -> BuildError {
+pub(crate) fn too_large(triangles: u64, near: DVec3) -> BuildError {
+    let near = near.to_array();
     let why = format!(
         "{triangles} triangles near {near:?} m can neither be divided nor simplified (loose triangles, or all at one \
          place); a chunk holds {MAX_CHUNK_TRIANGLES}: remove small components, or weld the mesh first"

@@ -1,6 +1,7 @@
 //! Why there is no number: sentences for people.
 
 use crate::said::{Said, Say, Worth};
+use glam::DVec3;
 use thiserror::Error;
 
 /// What a tool says instead of a number that would mean nothing.
@@ -133,12 +134,12 @@ impl Say for Refusal {
 }
 
 /// All coordinates finite.
-pub(crate) fn finite(points: &[[f64; 3]]) -> Result<(), Refusal> {
-    if points.iter().flatten().all(|x| x.is_finite()) { Ok(()) } else { Err(Refusal::NotFinite) }
+pub(crate) fn finite(points: &[DVec3]) -> Result<(), Refusal> {
+    if points.iter().all(|p| p.is_finite()) { Ok(()) } else { Err(Refusal::NotFinite) }
 }
 
 /// At least so many points, all finite.
-pub(crate) fn at_least(tool: &'static str, needed: usize, points: &[[f64; 3]]) -> Result<(), Refusal> {
+pub(crate) fn at_least(tool: &'static str, needed: usize, points: &[DVec3]) -> Result<(), Refusal> {
     finite(points)?;
     if points.len() < needed { Err(Refusal::TooFew { tool, needed, given: points.len() }) } else { Ok(()) }
 }

@@ -6,6 +6,7 @@
 //! Chunks are encoded again only where channels are left out.
 
 use crate::{Attributes, DirectoryEntry, Header, Metadata, PackError, PackWriter, Reader, Source};
+use glam::DVec3;
 use kilwa_geometry::Lattice;
 use std::io::{Read, Seek, SeekFrom, Write};
 
@@ -17,7 +18,7 @@ use std::io::{Read, Seek, SeekFrom, Write};
 pub fn relocate<S: Source, W: Write>(
     reader: &Reader<S>,
     out: W,
-    origin: [f64; 3],
+    origin: DVec3,
     revise: impl FnOnce(&mut Metadata),
 ) -> Result<W, PackError> {
     let (header, mut metadata) = moved(reader, origin);
@@ -45,7 +46,7 @@ pub fn relocate_with_channels<S: Source, W: Write, T: Read + Write + Seek>(
     out: W,
     scratch: &mut T,
     keep: &[usize],
-    origin: [f64; 3],
+    origin: DVec3,
     revise: impl FnOnce(&mut Metadata),
 ) -> Result<W, PackError> {
     let all = reader.metadata().scalars.len();
@@ -73,13 +74,13 @@ pub fn relocate_with_channels<S: Source, W: Write, T: Read + Write + Seek>(
 }
 
 /// Header and metadata of the pack with its lattice at `origin`.
-fn moved<S: Source>(reader: &Reader<S>, origin: [f64; 3]) -> (Header, Metadata) {
+fn moved<S: Source>(reader: &Reader<S>, origin: DVec3) -> (Header, Metadata) {
     let (from, mut header) = (reader.header().lattice, reader.header().clone());
     header.lattice = Lattice { origin, ..from };
     let mut metadata = reader.metadata().clone();
     for corner in [&mut metadata.bounds_min, &mut metadata.bounds_max] {
         // Whole steps again, so that no digit of the old place is left in the last bits.
-        *corner = header.lattice.world_from_steps(from.steps_from_world(*corner).map(f64::round));
+        *corner = header.lattice.world_from_steps(from.steps_from_world((*corner).into()).round()).into();
     }
     (header, metadata)
 }

@@ -1,6 +1,7 @@
 //! Whether a pack that claims to be without its location is what `kilwa publish --redact-location` writes. When it is read and written again, the bytes must
 //! be the same, so that nothing is hidden in unknown members, reserved bytes or spare digits of numbers; and its numbers must fit the model.
 
+use glam::DVec3;
 use kilwa_archive::metadata::plain_accuracy;
 use kilwa_pack::{Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, Reader, Source, relocate};
 use std::io::{self, Write};
@@ -119,7 +120,7 @@ fn check_edge<S: Source + Sync>(reader: &Reader<S>) -> Result<(), String> {
     let step = reader.header().lattice.step();
     // If no sampled chunk has any of the finest triangles, the bounding box limits the edge.
     let size = reader.metadata();
-    let largest = (0..3).map(|k| (size.bounds_max[k] - size.bounds_min[k]).powi(2)).sum::<f64>().sqrt();
+    let largest = DVec3::from(size.bounds_max).distance(size.bounds_min.into());
     let median = edges.get(edges.len() / 2).map_or(largest, |edge| edge * step);
     if (0.0..=EDGE * median.max(step)).contains(&stated) {
         Ok(())
@@ -134,9 +135,9 @@ fn finest_edges(chunk: &Chunk, edges: &mut Vec<f64>) {
         let triangles = chunk.mesh.triangles.iter().skip(patch.first as usize).take(patch.count as usize);
         for &[a, b, c] in triangles {
             for (from, to) in [(a, b), (b, c), (c, a)] {
-                let at = |v: u32| chunk.mesh.positions.get(v as usize).map(|p| p.map(f64::from));
+                let at = |v: u32| chunk.mesh.positions.get(v as usize).map(|p| p.as_dvec3());
                 if let (Some(p), Some(q)) = (at(from), at(to)) {
-                    edges.push((0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>().sqrt());
+                    edges.push(p.distance(q));
                 }
             }
         }

@@ -85,7 +85,7 @@ impl<S: Source> Session<S> {
 
     /// The model's box, world metres.
     pub fn bounds(&self) -> Bounds {
-        Bounds { min: self.metadata.bounds_min, max: self.metadata.bounds_max }
+        Bounds { min: self.metadata.bounds_min.into(), max: self.metadata.bounds_max.into() }
     }
 
     /// The streamer, for its figures.

@@ -53,7 +53,7 @@ impl Chunk {
         let vertex = |v: u32| {
             let v = v as usize;
             CanonicalVertex {
-                position: mesh.positions.get(v).copied().unwrap_or_default(),
+                position: mesh.positions.get(v).copied().unwrap_or_default().to_array(),
                 color: mesh.colors.get(v).copied(),
                 normal: mesh.normals.get(v).copied().unwrap_or_default(),
                 scalars: mesh.scalars.iter().filter_map(|s| s.get(v)).map(|x| x.to_bits()).collect(),
@@ -85,7 +85,7 @@ impl Chunk {
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct CanonicalVertex {
     /// Lattice position.
-    pub position: kilwa_geometry::LatticePoint,
+    pub position: [i32; 3],
     /// Colour, where the pack has them.
     pub color: Option<[u8; 3]>,
     /// Normal.
@@ -245,7 +245,7 @@ fn check(chunk: &Chunk, attributes: Attributes) -> Result<(), PackError> {
     if mesh.borders.iter().any(|&b| b > 7) {
         return bad("border bits above 7".to_owned());
     }
-    if !mesh.positions.as_flattened().iter().all(|x| (0..=MAX_COORDINATE).contains(x)) {
+    if !bytemuck::cast_slice::<_, i32>(&mesh.positions).iter().all(|x| (0..=MAX_COORDINATE).contains(x)) {
         return bad("a position lies outside the lattice".to_owned());
     }
     if mesh.triangles.as_flattened().iter().any(|&v| v as usize >= vertices) {
