@@ -64,12 +64,21 @@ function placeOf(target) {
 export function noteOf(annotation) {
   const found = placeOf(annotation?.target);
   if (!found) return null;
-  const bodies = array(annotation.body).map((b) => (typeof b === "string" ? { id: b } : b)).filter((b) => b && typeof b === "object");
+  const bodies = array(annotation.body)
+    .map((b) => (typeof b === "string" ? { id: b } : b))
+    .filter((b) => b && typeof b === "object");
   const texts = bodies.filter((b) => b.type === "TextualBody" || b.value !== undefined);
   const titles = texts.filter((b) => ["identifying", "tagging"].includes(b.purpose));
   const title = words(annotation.label) || (titles[0] ? plain(titles[0]) : "");
-  const text = texts.filter((b) => b !== titles[0] || words(annotation.label)).filter((b) => b.purpose !== "tagging").map(plain).join("\n\n");
-  const links = bodies.filter((b) => !texts.includes(b)).map((b) => safeLink(words(b.source) || b.source?.id || b.id)).filter(Boolean);
+  const text = texts
+    .filter((b) => b !== titles[0] || words(annotation.label))
+    .filter((b) => b.purpose !== "tagging")
+    .map(plain)
+    .join("\n\n");
+  const links = bodies
+    .filter((b) => !texts.includes(b))
+    .map((b) => safeLink(words(b.source) || b.source?.id || b.id))
+    .filter(Boolean);
   const camera = found.state?.camera;
   const isCamera = Array.isArray(camera) && camera.length >= 7 && camera.length <= 9 && camera.every(Number.isFinite) && camera[2] > 0;
   return {
@@ -88,7 +97,10 @@ export function noteOf(annotation) {
 
 /** The identities of packs that an annotation was made on. */
 const identitiesOf = (annotation) =>
-  array(annotation?.target).flatMap((one) => array(one?.state)).filter((s) => s?.type === "urn:kilwa:pack" && /^[0-9a-f]{12,64}$/.test(s.identity)).map((s) => s.identity);
+  array(annotation?.target)
+    .flatMap((one) => array(one?.state))
+    .filter((s) => s?.type === "urn:kilwa:pack" && /^[0-9a-f]{12,64}$/.test(s.identity))
+    .map((s) => s.identity);
 
 /** @returns {{notes: object[], left: number, identities: string[]}} the notes of a file's JSON and the packs that they were made on; throws a sentence where it is no such file */
 export function parseAnnotations(json) {

@@ -6,8 +6,33 @@ import { safeLink } from "./annotations.js";
 const VIEWS = ["plan", "north", "east", "south", "west", "iso", "below"];
 /** What another document may call by message. */
 export const CALLS = new Set([
-  "stats", "info", "getCamera", "setCamera", "getMode", "setMode", "modes", "pick", "view", "fit", "home", "back", "forward", "setTool",
-  "annotations", "addAnnotation", "openAnnotation", "closeAnnotation", "showAnnotations", "measurements", "addMeasurement", "removeMeasurement", "state", "setState", "link", "picture", "setLanguage",
+  "stats",
+  "info",
+  "getCamera",
+  "setCamera",
+  "getMode",
+  "setMode",
+  "modes",
+  "pick",
+  "view",
+  "fit",
+  "home",
+  "back",
+  "forward",
+  "setTool",
+  "annotations",
+  "addAnnotation",
+  "openAnnotation",
+  "closeAnnotation",
+  "showAnnotations",
+  "measurements",
+  "addMeasurement",
+  "removeMeasurement",
+  "state",
+  "setState",
+  "link",
+  "picture",
+  "setLanguage",
 ]);
 
 export class Api {

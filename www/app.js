@@ -59,7 +59,10 @@ class Page {
     this.rebuilt = 0;
     this.api = new Api(this);
     this.undo = new Undo(() => this.#undoButtons());
-    this.address = new Address(() => (this.session && !this.session.closed && this.api.isReady ? this.state() : null), (state) => this.restore(state));
+    this.address = new Address(
+      () => (this.session && !this.session.closed && this.api.isReady ? this.state() : null),
+      (state) => this.restore(state),
+    );
     this.cube = new Cube((view) => this.standardView(view));
     this.pictures = new Pictures(() => ({ viewer: this.viewer, session: this.session, title: this.title, engine: () => this.engine() }));
     const pickPoints = (use) => this.#pickPoints(use);
@@ -334,7 +337,14 @@ class Page {
 
   state() {
     const { viewer, notes, identity } = this;
-    return { camera: [...(this.flight.goal ?? viewer.camera())], display: this.display(), notes: notes.shown, annotation: notes.openId, measurements: this.measuring.address, pack: identity.name };
+    return {
+      camera: [...(this.flight.goal ?? viewer.camera())],
+      display: this.display(),
+      notes: notes.shown,
+      annotation: notes.openId,
+      measurements: this.measuring.address,
+      pack: identity.name,
+    };
   }
 
   /** A state of the address: after Back and Forward, from a link, from a script. */
@@ -402,11 +412,14 @@ class Page {
 
   /** A part of the model, `across` metres wide, from where it is looked at now. */
   lookAtRegion(middle, across) {
-    this.#fly((v) => {
-      const c = [...v.camera()];
-      const shown = v.metresPerPixel() * Math.min(this.session.canvas.width, this.session.canvas.height);
-      v.setCamera(new Float64Array([c[0], c[1], (c[2] * Math.max(across * 1.6, 1e-3)) / shown, ...middle, ...c.slice(6)]));
-    }, { isJump: true });
+    this.#fly(
+      (v) => {
+        const c = [...v.camera()];
+        const shown = v.metresPerPixel() * Math.min(this.session.canvas.width, this.session.canvas.height);
+        v.setCamera(new Float64Array([c[0], c[1], (c[2] * Math.max(across * 1.6, 1e-3)) / shown, ...middle, ...c.slice(6)]));
+      },
+      { isJump: true },
+    );
   }
 
   #save() {
@@ -611,7 +624,12 @@ class Page {
 
   #hint(tool) {
     const touch = matchMedia("(pointer: coarse)").matches;
-    return { walk: () => t(touch ? "hintWalkTouch" : "hintWalk"), note: () => t(touch ? "hintNoteTouch" : "hintNote"), measure: () => this.measuring.hint, points: () => t("hintPoints", { n: format.count(this.points.found.length + 1) }) }[tool]?.();
+    return {
+      walk: () => t(touch ? "hintWalkTouch" : "hintWalk"),
+      note: () => t(touch ? "hintNoteTouch" : "hintNote"),
+      measure: () => this.measuring.hint,
+      points: () => t("hintPoints", { n: format.count(this.points.found.length + 1) }),
+    }[tool]?.();
   }
 
   controls() {
@@ -647,11 +665,12 @@ class Page {
     click("notes-published", () => this.notes.revert());
     click("edit-undo", () => this.undo.undo());
     click("edit-redo", () => this.undo.redo());
-    const chosen = (id, read) => $(id).addEventListener("change", async (event) => {
-      const [file] = event.target.files;
-      event.target.value = "";
-      if (file) await read(file);
-    });
+    const chosen = (id, read) =>
+      $(id).addEventListener("change", async (event) => {
+        const [file] = event.target.files;
+        event.target.value = "";
+        if (file) await read(file);
+      });
     chosen("saved-import", (file) => this.saved?.import(file));
     chosen("notes-import", (file) => this.notes?.import(file));
     $("notes-shown").addEventListener("change", (event) => {
@@ -753,7 +772,8 @@ class Page {
       if (!this.identity.text) await Promise.race([this.identity.known(), new Promise((resolve) => setTimeout(resolve, 1000))]);
       this.address.now();
       await navigator.clipboard.writeText(location.href);
-      if (this.measuring.tools?.isLong) chrome.notice(t("measureLinkLong"), 12000, { label: t("exportFile"), run: () => this.measuring.tools.files.save("json") });
+      if (this.measuring.tools?.isLong)
+        chrome.notice(t("measureLinkLong"), 12000, { label: t("exportFile"), run: () => this.measuring.tools.files.save("json") });
       else chrome.notice(t("shared"), 2500);
     } catch {
       chrome.notice(t("shareFailed"));

@@ -97,7 +97,12 @@ export function divider() {
   const show = () => {
     if (width === WIDE.usual) document.body.style.removeProperty("--panel");
     else document.body.style.setProperty("--panel", `${held(width)}px`);
-    for (const [name, value] of [["min", WIDE.least], ["max", most()], ["now", held(width)]]) edge.setAttribute(`aria-value${name}`, String(value));
+    for (const [name, value] of [
+      ["min", WIDE.least],
+      ["max", most()],
+      ["now", held(width)],
+    ])
+      edge.setAttribute(`aria-value${name}`, String(value));
   };
   const set = (value, { keep = true } = {}) => {
     width = held(value);
@@ -272,26 +277,59 @@ export function help() {
       }),
     );
   fill("help-mouse", [
-    [t("turn"), t("leftDrag")], [t("move"), t("rightDrag")], [t("zoom"), t("wheel")], [t("pivot"), t("doubleClick")],
+    [t("turn"), t("leftDrag")],
+    [t("move"), t("rightDrag")],
+    [t("zoom"), t("wheel")],
+    [t("pivot"), t("doubleClick")],
     [t("standThere"), t("doubleClick")],
   ]);
   fill("help-touch", [
-    [t("turn"), t("oneFinger")], [t("move"), t("twoFingers")], [t("zoom"), t("pinch")], [t("lean"), t("twist")], [t("pivot"), t("doubleTap")],
+    [t("turn"), t("oneFinger")],
+    [t("move"), t("twoFingers")],
+    [t("zoom"), t("pinch")],
+    [t("lean"), t("twist")],
+    [t("pivot"), t("doubleTap")],
   ]);
   fill("help-keys", [
-    [t("turn"), t("arrows")], [t("move"), t("shiftArrows")], [t("zoom"), "+ −"], [t("fit"), "F"], [t("views6"), "1 – 7"],
-    [t("viewBack"), "Z"], [t("viewForward"), t("shiftKey", { key: "Z" })], [t("viewSave"), "B"], [t("freely"), "T"], [t("orthographic"), "O"],
-    [t("picture"), "P"], [t("hide"), "H"], [t("help"), "?"],
+    [t("turn"), t("arrows")],
+    [t("move"), t("shiftArrows")],
+    [t("zoom"), "+ −"],
+    [t("fit"), "F"],
+    [t("views6"), "1 – 7"],
+    [t("viewBack"), "Z"],
+    [t("viewForward"), t("shiftKey", { key: "Z" })],
+    [t("viewSave"), "B"],
+    [t("freely"), "T"],
+    [t("orthographic"), "O"],
+    [t("picture"), "P"],
+    [t("hide"), "H"],
+    [t("help"), "?"],
   ]);
   fill("help-walk", [
-    [t("toolWalk"), "W"], [t("walkForward"), "W ↑"], [t("walkBack"), "S ↓"], [t("walkSides"), "A D"], [t("turn"), "← →"], [t("walkRun"), t("shiftKey", { key: "" }).trim()],
-    [t("eyeChange"), "Q E"], [t("walkLeave"), "Esc"],
+    [t("toolWalk"), "W"],
+    [t("walkForward"), "W ↑"],
+    [t("walkBack"), "S ↓"],
+    [t("walkSides"), "A D"],
+    [t("turn"), "← →"],
+    [t("walkRun"), t("shiftKey", { key: "" }).trim()],
+    [t("eyeChange"), "Q E"],
+    [t("walkLeave"), "Esc"],
   ]);
   fill("help-measure", [
-    [t("toolMeasure"), "M"], [t("notePoint"), t("arrows")], [t("measurePick"), t("spaceKey")], [t("measureFinish"), "Enter"], [t("measureBack"), t("backspaceKey")],
-    [t("measureSnap"), t("shiftKey", { key: "" }).trim()], [t("cancel"), "Esc"],
+    [t("toolMeasure"), "M"],
+    [t("notePoint"), t("arrows")],
+    [t("measurePick"), t("spaceKey")],
+    [t("measureFinish"), "Enter"],
+    [t("measureBack"), t("backspaceKey")],
+    [t("measureSnap"), t("shiftKey", { key: "" }).trim()],
+    [t("cancel"), "Esc"],
   ]);
   fill("help-notes", [
-    [t("toolNote"), "N"], [t("notePoint"), t("arrows")], [t("noteChoose"), t("spaceKey")], [t("cancel"), "Esc"], [t("undo"), "Ctrl Z"], [t("redo"), t("shiftKey", { key: "Ctrl Z" })],
+    [t("toolNote"), "N"],
+    [t("notePoint"), t("arrows")],
+    [t("noteChoose"), t("spaceKey")],
+    [t("cancel"), "Esc"],
+    [t("undo"), "Ctrl Z"],
+    [t("redo"), t("shiftKey", { key: "Ctrl Z" })],
   ]);
 }

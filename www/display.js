@@ -7,8 +7,18 @@ import { apply, t } from "./i18n.js";
 
 const $ = (id) => document.getElementById(id);
 const MODE_NAMES = {
-  colour: "modeColor", clay: "modeClay", headlight: "modeHeadlight", raking: "modeRaking", curvature: "modeCurvature", "eye-dome": "modeEyeDome",
-  normals: "modeNormals", height: "modeHeight", distance: "modeDistance", scalar: "modeScalar", level: "modeLevels", error: "modeError",
+  colour: "modeColor",
+  clay: "modeClay",
+  headlight: "modeHeadlight",
+  raking: "modeRaking",
+  curvature: "modeCurvature",
+  "eye-dome": "modeEyeDome",
+  normals: "modeNormals",
+  height: "modeHeight",
+  distance: "modeDistance",
+  scalar: "modeScalar",
+  level: "modeLevels",
+  error: "modeError",
 };
 const USUAL = { light: { azimuth: 315, elevation: 20 }, shading: 0.35, strength: 0.5, radius: 3, background: "auto" };
 export const AXES = { up: [0, 0, 1], north: [0, 1, 0], east: [1, 0, 0] };
@@ -133,7 +143,11 @@ export class Display {
     if (!legend.scale) return;
     const stops = legend.stops.map((c) => `rgb(${c.join(" ")})`);
     $("scale-ramp").style.backgroundImage = `linear-gradient(to right, ${stops.join(", ")})`;
-    for (const [id, value] of [["scale-low", legend.low], ["scale-high", legend.high]]) put(id, Number(value.toPrecision(6)));
+    for (const [id, value] of [
+      ["scale-low", legend.low],
+      ["scale-high", legend.high],
+    ])
+      put(id, Number(value.toPrecision(6)));
     const unit = legend.unit ? `, ${legend.unit}` : "";
     $("scale-low-name").textContent = `${t("legendLow")}${unit}`;
     $("scale-high-name").textContent = `${t("legendHigh")}${unit}`;
@@ -151,7 +165,10 @@ export class Display {
     $("light-ray").setAttribute("d", `M0 0L${(r * Math.sin(a)).toFixed(2)} ${(-r * Math.cos(a)).toFixed(2)}`);
     $("light-handle").setAttribute("transform", `translate(${(r * Math.sin(a)).toFixed(2)} ${(-r * Math.cos(a)).toFixed(2)})`);
     $("light-disc").setAttribute("aria-valuenow", String(Math.round(azimuth)));
-    $("light-disc").setAttribute("aria-valuetext", t("lightValue", { azimuth: format.count(Math.round(azimuth)), elevation: format.count(Math.round(elevation)) }));
+    $("light-disc").setAttribute(
+      "aria-valuetext",
+      t("lightValue", { azimuth: format.count(Math.round(azimuth)), elevation: format.count(Math.round(elevation)) }),
+    );
   }
 
   #light(patch) {
@@ -172,7 +189,11 @@ export class Display {
     on("on-colour", "change", (e) => this.change({ onColour: e.target.checked }));
     for (const name of ["shading", "strength", "radius"]) on(name, "input", (e) => this.change({ [name]: Number(e.target.value) }));
     number("feature", (feature) => feature > 0 && this.change({ feature }));
-    for (const [id, at] of [["scale-low", 0], ["scale-high", 1]]) number(id, (value) => this.#range(at, value));
+    for (const [id, at] of [
+      ["scale-low", 0],
+      ["scale-high", 1],
+    ])
+      number(id, (value) => this.#range(at, value));
     on("scale-reset", "click", () => this.change({ range: undefined, channelRange: undefined }));
     on("channel", "change", (e) => this.change({ channel: e.target.value, channelRange: undefined }));
     on("plane-axis", "change", (e) => this.#plane(e.target.value));
@@ -226,8 +247,10 @@ export class Display {
       const { azimuth, elevation } = { ...USUAL.light, ...this.state.light };
       const step = event.shiftKey ? 15 : 3;
       const patch = {
-        ArrowLeft: { azimuth: azimuth - step }, ArrowRight: { azimuth: azimuth + step },
-        ArrowUp: { elevation: elevation + step }, ArrowDown: { elevation: Math.max(0, elevation - step) },
+        ArrowLeft: { azimuth: azimuth - step },
+        ArrowRight: { azimuth: azimuth + step },
+        ArrowUp: { elevation: elevation + step },
+        ArrowDown: { elevation: Math.max(0, elevation - step) },
       }[event.key];
       if (!patch) return;
       event.preventDefault();

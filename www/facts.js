@@ -45,8 +45,16 @@ export function factsList({ metadata: m, pack }) {
   ];
   const out = document.createDocumentFragment();
   out.append(list(rows));
-  section(out, t("sources"), m.sources.map((s) => [s.name, bytes(s.bytes)]));
-  section(out, t("repairs"), Object.entries(m.repairs).map(([what, n]) => [what.replaceAll("_", " "), count(n)]));
+  section(
+    out,
+    t("sources"),
+    m.sources.map((s) => [s.name, bytes(s.bytes)]),
+  );
+  section(
+    out,
+    t("repairs"),
+    Object.entries(m.repairs).map(([what, n]) => [what.replaceAll("_", " "), count(n)]),
+  );
   return out;
 }
 

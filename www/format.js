@@ -14,12 +14,15 @@ export const isolate = (text) => (isolates ? `\u2066${text}\u2069` : text);
 /** What stands before the decimals. */
 export const separator = () => new Intl.NumberFormat(locale).formatToParts(0.5).find((p) => p.type === "decimal").value;
 
-const fixed = (value, digits) =>
-  new Intl.NumberFormat(locale, { minimumFractionDigits: digits, maximumFractionDigits: digits }).format(value);
+const fixed = (value, digits) => new Intl.NumberFormat(locale, { minimumFractionDigits: digits, maximumFractionDigits: digits }).format(value);
 
 const unit = (value, name, digits) =>
   new Intl.NumberFormat(locale, {
-    style: "unit", unit: name, unitDisplay: "short", minimumFractionDigits: digits, maximumFractionDigits: digits,
+    style: "unit",
+    unit: name,
+    unitDisplay: "short",
+    minimumFractionDigits: digits,
+    maximumFractionDigits: digits,
   }).format(value);
 
 export const count = (n) => new Intl.NumberFormat(locale).format(n);

@@ -39,8 +39,7 @@ export class Input {
     this.pointers = new Map();
     this.lastTap = { time: 0, x: 0, y: 0 };
     this.abort = new AbortController();
-    const listen = (target, type, handler, options = {}) =>
-      target.addEventListener(type, handler.bind(this), { signal: this.abort.signal, ...options });
+    const listen = (target, type, handler, options = {}) => target.addEventListener(type, handler.bind(this), { signal: this.abort.signal, ...options });
     listen(this.canvas, "pointerdown", this.down);
     listen(this.canvas, "pointermove", this.move);
     listen(this.canvas, "pointerup", this.up);
@@ -304,7 +303,7 @@ export class Input {
       "+": () => this.zoom(KEY_ZOOM),
       "=": () => this.zoom(KEY_ZOOM),
       "-": () => this.zoom(1 / KEY_ZOOM),
-      "_": () => this.zoom(1 / KEY_ZOOM),
+      _: () => this.zoom(1 / KEY_ZOOM),
       "?": () => this.actions.help(),
       b: () => this.actions.save(),
       f: () => this.actions.fit(),

@@ -10,8 +10,33 @@
 
 const HERE = new URL("./", import.meta.url);
 const CALLS = [
-  "stats", "info", "getCamera", "setCamera", "getMode", "setMode", "modes", "pick", "view", "fit", "home", "back", "forward", "setTool", "annotations",
-  "addAnnotation", "openAnnotation", "closeAnnotation", "showAnnotations", "measurements", "addMeasurement", "removeMeasurement", "state", "setState", "link", "picture", "setLanguage",
+  "stats",
+  "info",
+  "getCamera",
+  "setCamera",
+  "getMode",
+  "setMode",
+  "modes",
+  "pick",
+  "view",
+  "fit",
+  "home",
+  "back",
+  "forward",
+  "setTool",
+  "annotations",
+  "addAnnotation",
+  "openAnnotation",
+  "closeAnnotation",
+  "showAnnotations",
+  "measurements",
+  "addMeasurement",
+  "removeMeasurement",
+  "state",
+  "setState",
+  "link",
+  "picture",
+  "setLanguage",
 ];
 const EVENTS = ["ready", "frame", "camera", "annotation", "annotations", "measurement", "measurements", "trouble"];
 
@@ -29,7 +54,9 @@ export class KilwaViewerElement extends HTMLElement {
   connectedCallback() {
     if (!this.shadowRoot) {
       const style = new CSSStyleSheet();
-      style.replaceSync(":host { display: block; min-height: 240px; aspect-ratio: 16 / 10; } :host([hidden]) { display: none; } iframe { width: 100%; height: 100%; border: 0; display: block; }");
+      style.replaceSync(
+        ":host { display: block; min-height: 240px; aspect-ratio: 16 / 10; } :host([hidden]) { display: none; } iframe { width: 100%; height: 100%; border: 0; display: block; }",
+      );
       this.attachShadow({ mode: "open" }).adoptedStyleSheets = [style];
     }
     addEventListener("message", this.#onMessage);
@@ -87,7 +114,11 @@ export class KilwaViewerElement extends HTMLElement {
       if (hello !== this.#hello || hello?.heard !== false) return;
       this.#wait();
       this.#lose();
-      hello.end(new Error(`the viewer's page at ${this.#origin} does not answer: it is slow, not there, or does not name ${location.origin} in <meta name="kilwa-origins">`));
+      hello.end(
+        new Error(
+          `the viewer's page at ${this.#origin} does not answer: it is slow, not there, or does not name ${location.origin} in <meta name="kilwa-origins">`,
+        ),
+      );
     }, KilwaViewerElement.patience);
   }
 

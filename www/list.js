@@ -75,7 +75,10 @@ export class EditList {
       this.show(this.items);
     });
     more.setAttribute("aria-expanded", String(isOpen));
-    line.append(act(go, "go", () => this.on.go(item)), more);
+    line.append(
+      act(go, "go", () => this.on.go(item)),
+      more,
+    );
     li.append(line);
     if (isOpen) li.append(this.#strip(item, at, name, act));
     return li;

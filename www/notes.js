@@ -158,7 +158,17 @@ export class Notes {
     if (!Array.isArray(place) || place.length !== 3 || !place.every(Number.isFinite)) throw new TypeError("place: three numbers, metres");
     if (link && !safeLink(link)) throw new TypeError("link: an http or https address");
     const now = new Date().toISOString();
-    const note = { id: `urn:uuid:${unique()}`, title: String(title), text: String(text), link: link && safeLink(link), place, camera, display, created: now, modified: now };
+    const note = {
+      id: `urn:uuid:${unique()}`,
+      title: String(title),
+      text: String(text),
+      link: link && safeLink(link),
+      place,
+      camera,
+      display,
+      created: now,
+      modified: now,
+    };
     this.change([...this.notes, note]);
     return note.id;
   }
@@ -186,26 +196,42 @@ export class Notes {
   #form() {
     const form = $("note-form");
     const { signal } = this.abort;
-    form.addEventListener("submit", (event) => {
-      event.preventDefault();
-      this.#submit();
-    }, { signal });
-    form.addEventListener("keydown", (event) => {
-      if (event.key !== "Escape") return;
-      event.stopPropagation();
-      this.#submit();
-    }, { signal });
+    form.addEventListener(
+      "submit",
+      (event) => {
+        event.preventDefault();
+        this.#submit();
+      },
+      { signal },
+    );
+    form.addEventListener(
+      "keydown",
+      (event) => {
+        if (event.key !== "Escape") return;
+        event.stopPropagation();
+        this.#submit();
+      },
+      { signal },
+    );
     // Kept with every letter, so that a reload loses nothing; one edit to undo when the form is left.
     form.addEventListener("input", () => this.#type(), { signal });
-    $("note-form-camera").addEventListener("click", () => {
-      this.#type(this.now());
-      notice(t("noteCameraKept"));
-    }, { signal });
-    $("note-form-place").addEventListener("click", () => {
-      this.replacing = this.notes.find((n) => n.id === this.editing);
-      this.closeForm();
-      this.tool("note");
-    }, { signal });
+    $("note-form-camera").addEventListener(
+      "click",
+      () => {
+        this.#type(this.now());
+        notice(t("noteCameraKept"));
+      },
+      { signal },
+    );
+    $("note-form-place").addEventListener(
+      "click",
+      () => {
+        this.replacing = this.notes.find((n) => n.id === this.editing);
+        this.closeForm();
+        this.tool("note");
+      },
+      { signal },
+    );
     $("note-form-delete").addEventListener("click", () => this.remove(this.notes.find((n) => n.id === this.editing)), { signal });
   }
 
@@ -230,7 +256,11 @@ export class Notes {
   #type(more = {}) {
     const link = $("note-form-link").value.trim();
     const fields = {
-      title: $("note-form-name").value.trim(), text: $("note-form-text").value, link: safeLink(link) ?? "", modified: new Date().toISOString(), ...more,
+      title: $("note-form-name").value.trim(),
+      text: $("note-form-text").value,
+      link: safeLink(link) ?? "",
+      modified: new Date().toISOString(),
+      ...more,
     };
     this.notes = this.notes.map((n) => (n.id === this.editing ? { ...n, ...fields } : n));
     this.stored = this.notes;
@@ -248,7 +278,11 @@ export class Notes {
     }
     const note = this.notes.find((n) => n.id === this.editing);
     this.closeForm();
-    if (note) this.open(this.notes.find((n) => n.id === note.id), { fly: false });
+    if (note)
+      this.open(
+        this.notes.find((n) => n.id === note.id),
+        { fly: false },
+      );
     $("note-new").focus();
   }
 

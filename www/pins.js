@@ -20,16 +20,20 @@ export class Pins {
     this.roving = 0;
     this.abort = new AbortController();
     // One pin is in the tab order, arrows go to the others.
-    $("pins").addEventListener("keydown", (event) => {
-      const by = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
-      const at = this.pins.findIndex((p) => p.button === event.target);
-      if (!by || at < 0) return;
-      event.preventDefault();
-      event.stopPropagation();
-      this.roving = (at + by + this.pins.length) % this.pins.length;
-      this.#order();
-      this.pins[this.roving].button.focus();
-    }, { signal: this.abort.signal });
+    $("pins").addEventListener(
+      "keydown",
+      (event) => {
+        const by = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+        const at = this.pins.findIndex((p) => p.button === event.target);
+        if (!by || at < 0) return;
+        event.preventDefault();
+        event.stopPropagation();
+        this.roving = (at + by + this.pins.length) % this.pins.length;
+        this.#order();
+        this.pins[this.roving].button.focus();
+      },
+      { signal: this.abort.signal },
+    );
   }
 
   close() {

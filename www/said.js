@@ -21,7 +21,10 @@ export function sentence({ code, values = {} }) {
     const [[kind, value]] = Object.entries(worth);
     return [name, KINDS[kind](value)];
   });
-  return t(code.replace(/-(\w)/g, (_, letter) => letter.toUpperCase()), Object.fromEntries(words));
+  return t(
+    code.replace(/-(\w)/g, (_, letter) => letter.toUpperCase()),
+    Object.fromEntries(words),
+  );
 }
 
 /** Why something failed: of the engine, of the network (loader.js), or of the program itself, which has only its own words. */

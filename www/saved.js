@@ -18,7 +18,10 @@ export function parseViews(json) {
     const camera = view?.camera;
     const isCamera = Array.isArray(camera) && camera.length >= 7 && camera.length <= 9 && camera.every(Number.isFinite) && camera[2] > 0;
     if (!isCamera) throw new Error(t("importBadView", { number: at + 1 }));
-    const name = String(view.name ?? "").trim().slice(0, 200) || t("viewNumber", { number: at + 1 });
+    const name =
+      String(view.name ?? "")
+        .trim()
+        .slice(0, 200) || t("viewNumber", { number: at + 1 });
     const display = view.display && typeof view.display === "object" ? view.display : null;
     return { id: unique(), name, camera, display };
   });

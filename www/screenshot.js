@@ -173,7 +173,11 @@ export class PictureDialog {
     const [{ drawSheet, TYPES }, engine] = await Promise.all([import("./sheet.js"), page.engine()]);
     const paper = $("sheet-paper").value === "custom" ? $("sheet-custom").value : $("sheet-paper").value;
     const asked = {
-      view: $("sheet-view").value, scale: Number($("sheet-scale").value), dpi: Number($("sheet-dpi").value), paper: paper || undefined, title: page.title,
+      view: $("sheet-view").value,
+      scale: Number($("sheet-scale").value),
+      dpi: Number($("sheet-dpi").value),
+      paper: paper || undefined,
+      title: page.title,
       bare: $("sheet-bare").checked,
     };
     const format = $("sheet-format").value;
@@ -196,7 +200,10 @@ export class PictureDialog {
     const isSheet = this.#chosen() === "sheet";
     const [width, height] = this.#size(this.#chosen());
     const options = {
-      width, height, scaleBar: $("picture-scale").checked, transparent: $("picture-clear").checked,
+      width,
+      height,
+      scaleBar: $("picture-scale").checked,
+      transparent: $("picture-clear").checked,
       texts: { Title: title, Software: "Kilwa", Source: location.href },
       onProgress: (part) => ($("picture-bar").value = part),
       signal: this.abort.signal,

@@ -31,7 +31,11 @@ export class Section {
   /** The axes of a box that is turned clockwise. */
   #axes({ turn = 0 }) {
     const [s, c] = [Math.sin((turn * Math.PI) / 180), Math.cos((turn * Math.PI) / 180)];
-    return [[c, -s, 0], [s, c, 0], [0, 0, 1]];
+    return [
+      [c, -s, 0],
+      [s, c, 0],
+      [0, 0, 1],
+    ];
   }
 
   // The panel.
@@ -126,7 +130,11 @@ export class Section {
     if (clipPlane) {
       const { normal, point } = clipPlane;
       const { center } = reach(this.viewer, normal);
-      const at = add(center, normal, normal.reduce((s, n, i) => s + n * (point[i] - center[i]), 0));
+      const at = add(
+        center,
+        normal,
+        normal.reduce((s, n, i) => s + n * (point[i] - center[i]), 0),
+      );
       const move = (by) => ({ clipPlane: { normal, point: add(point, normal, by).map(short) } });
       out.push({ name: t("clipMove"), at, normal, move, value: position(clipPlane, this.viewer) });
     }
@@ -244,7 +252,11 @@ export class Section {
   /** Four edges of a rectangle in the plane, as large as the model seen along the normal. */
   #rectangle({ normal, point }) {
     const { center } = reach(this.viewer, normal);
-    const middle = add(center, normal, normal.reduce((s, n, i) => s + n * (point[i] - center[i]), 0));
+    const middle = add(
+      center,
+      normal,
+      normal.reduce((s, n, i) => s + n * (point[i] - center[i]), 0),
+    );
     const flat = Math.abs(normal[2]) > 0.9;
     const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
     const unit = (v) => v.map((x) => x / Math.hypot(...v));
@@ -254,7 +266,12 @@ export class Section {
       const { low, high } = reach(this.viewer, axis);
       return (high - low) / 2;
     });
-    const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([a, b]) => add(add(middle, u, a * half[0]), v, b * half[1]));
+    const corners = [
+      [-1, -1],
+      [1, -1],
+      [1, 1],
+      [-1, 1],
+    ].map(([a, b]) => add(add(middle, u, a * half[0]), v, b * half[1]));
     return corners.flatMap((c, k) => [c, corners[(k + 1) % 4]]);
   }
 }

@@ -196,7 +196,9 @@ export class Session {
         this.#came();
       };
       const bytes = await this.pack.range(offset, length, controller.signal, {
-        fresh, onPart, ranges: ranges.length > 1 ? ranges.join() : "",
+        fresh,
+        onPart,
+        ranges: ranges.length > 1 ? ranges.join() : "",
       });
       this.suspect = false;
       this.#guarded(() => {

@@ -79,7 +79,10 @@ function paint({ marks, pixelsPerMm: k }, band, { width, top, rows }) {
 
 /** Edges of boxes fall on whole pixels, so that a bar is as long as it says. */
 function paintMark(draw, mark, { k, left, top }) {
-  const grey = (g) => `rgb(${Array(3).fill(Math.round(g * 255)).join(" ")})`;
+  const grey = (g) =>
+    `rgb(${Array(3)
+      .fill(Math.round(g * 255))
+      .join(" ")})`;
   if (mark.is === "box") {
     const [x, y] = mark.at.map((v) => Math.round(v * k));
     const [w, h] = mark.size.map((v) => Math.max(1, Math.round(v * k)));

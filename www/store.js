@@ -45,7 +45,14 @@ export function download(name, blob) {
 }
 
 /** A file name made of a title. */
-export const fileName = (title, ending) => `${title.trim().replace(/[^\p{L}\p{N}]+/gu, "-").replace(/^-|-$/g, "").slice(0, 80) || "kilwa"}${ending}`;
+export const fileName = (title, ending) =>
+  `${
+    title
+      .trim()
+      .replace(/[^\p{L}\p{N}]+/gu, "-")
+      .replace(/^-|-$/g, "")
+      .slice(0, 80) || "kilwa"
+  }${ending}`;
 
 /** The JSON of a file the person chose; errors say what is wrong with it. */
 export async function readJson(file, limit = 16e6) {

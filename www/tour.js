@@ -18,11 +18,15 @@ export class Tour {
     click("note-next", () => this.step(1));
     click("note-edit", () => on.edit(this.note));
     click("note-share", () => on.share(this.note));
-    $("note-card").addEventListener("keydown", (event) => {
-      if (event.key !== "Escape") return;
-      event.stopPropagation();
-      this.close();
-    }, { signal });
+    $("note-card").addEventListener(
+      "keydown",
+      (event) => {
+        if (event.key !== "Escape") return;
+        event.stopPropagation();
+        this.close();
+      },
+      { signal },
+    );
   }
 
   /** Show a note's card; `focus` puts the keyboard on its title. */

@@ -16,7 +16,14 @@ const WIDE = 1.1;
 const USUAL = 0.7;
 
 export const WALK_KEYS = {
-  w: "forward", s: "back", a: "left", d: "right", arrowup: "forward", arrowdown: "back", arrowleft: "turnLeft", arrowright: "turnRight",
+  w: "forward",
+  s: "back",
+  a: "left",
+  d: "right",
+  arrowup: "forward",
+  arrowdown: "back",
+  arrowleft: "turnLeft",
+  arrowright: "turnRight",
 };
 const TURN = 1.4;
 
@@ -34,10 +41,14 @@ export class Walk {
     const options = { signal: this.abort.signal };
     for (const button of $("walk-pad").querySelectorAll("[data-walk]")) {
       const way = button.dataset.walk;
-      button.addEventListener("pointerdown", (event) => {
-        button.setPointerCapture(event.pointerId);
-        this.press(way);
-      }, options);
+      button.addEventListener(
+        "pointerdown",
+        (event) => {
+          button.setPointerCapture(event.pointerId);
+          this.press(way);
+        },
+        options,
+      );
       for (const type of ["pointerup", "pointercancel", "lostpointercapture"]) button.addEventListener(type, () => this.release(way), options);
       // Enter and Space on a button, and a reader's click: one step.
       button.addEventListener("click", (event) => event.detail === 0 && this.step(way), options);

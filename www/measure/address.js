@@ -14,7 +14,10 @@ export function pack(numbers) {
   const bytes = new Uint8Array(numbers.length * 8);
   const view = new DataView(bytes.buffer);
   numbers.forEach((value, at) => view.setFloat64(at * 8, value, true));
-  return btoa(String.fromCharCode(...bytes)).replaceAll("+", "-").replaceAll("/", "_").replace(/=+$/, "");
+  return btoa(String.fromCharCode(...bytes))
+    .replaceAll("+", "-")
+    .replaceAll("/", "_")
+    .replace(/=+$/, "");
 }
 
 /** The numbers again; null where they are none, or not finite. */
@@ -53,7 +56,10 @@ export function write(records) {
 export function read(text) {
   const found = [];
   let left = 0;
-  for (const part of text.slice(0, 4 * LONGEST).split("!").filter(Boolean)) {
+  for (const part of text
+    .slice(0, 4 * LONGEST)
+    .split("!")
+    .filter(Boolean)) {
     const one = readOne(part.split("~"));
     if (one) found.push(one);
     else left += 1;

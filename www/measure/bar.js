@@ -13,10 +13,22 @@ export class Bar {
     const { page } = measure;
     const button = (options) => iconButton({ sheet: "sprite", ...options });
     this.leave = button({ name: "close", key: "measureLeave", onclick: () => page.tool("orbit") });
-    this.snap = button({ name: "magnet", sheet: "measure", key: "measureSnap", "aria-pressed": "false", onclick: () => measure.setSnap(measure.snap === "none" ? "vertex" : "none") });
+    this.snap = button({
+      name: "magnet",
+      sheet: "measure",
+      key: "measureSnap",
+      "aria-pressed": "false",
+      onclick: () => measure.setSnap(measure.snap === "none" ? "vertex" : "none"),
+    });
     this.back = button({ name: "undo", key: "measureBack", onclick: () => this.#then(() => measure.undoPoint(false)) });
     this.finish = button({ name: "check", key: "measureFinish", onclick: () => this.#then(() => measure.finish()) });
-    for (const [element, key] of [[this.leave, "Esc"], [this.snap, "⇧"], [this.back, "⌫"], [this.finish, "⏎"]]) element.dataset.key = key;
+    for (const [element, key] of [
+      [this.leave, "Esc"],
+      [this.snap, "⇧"],
+      [this.back, "⌫"],
+      [this.finish, "⏎"],
+    ])
+      element.dataset.key = key;
     $("measure-bar").replaceChildren(this.snap, this.back, this.finish, this.leave);
     $("measure-bar").addEventListener("keydown", (event) => {
       if (event.key !== "Escape") return;

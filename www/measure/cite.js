@@ -23,5 +23,14 @@ export async function citation(engine, measurement, { kind, unit, lang, publishe
   const title = published || engine.pack.title;
   const capture = Number.isFinite(uncertainty.capture) ? t("citeCapture", { value: isolate(`${uncertainty.capture} m`) }) : t("citeCaptureUnknown");
   const given = date ? t("citeDate", { date: isolate(date) }) : "";
-  return t("citeSentence", { name, tool: kindName(kind), values: values.join(", "), title, identity: isolate(identity), program: isolate(program), capture, date: given });
+  return t("citeSentence", {
+    name,
+    tool: kindName(kind),
+    values: values.join(", "),
+    title,
+    identity: isolate(identity),
+    program: isolate(program),
+    capture,
+    date: given,
+  });
 }

@@ -43,7 +43,10 @@ export class Engine {
   static async open({ pack, head, viewer = () => null, pages = () => new Map(), footer = null, program }) {
     const engine = new Engine(pack, viewer);
     try {
-      program.then((module) => engine.worker.postMessage({ module }), (error) => engine.#lost(error.message));
+      program.then(
+        (module) => engine.worker.postMessage({ module }),
+        (error) => engine.#lost(error.message),
+      );
       await engine.#open(head, pages(), footer);
     } catch (error) {
       engine.close();
@@ -73,7 +76,10 @@ export class Engine {
     const count = Math.ceil(view.getUint32(ENTRIES_AT, true) / PAGE_ENTRIES);
     const wanted = { offset: number(PAGES_AT), count: Math.max(0, count - 1) };
     const ask = async (fresh) => {
-      const parts = [this.#directory(wanted, fresh ? new Map() : kept, fresh), (fresh ? null : given) ?? this.#range(number(FILE_BYTES_AT) - FOOTER_BYTES, FOOTER_BYTES, fresh)];
+      const parts = [
+        this.#directory(wanted, fresh ? new Map() : kept, fresh),
+        (fresh ? null : given) ?? this.#range(number(FILE_BYTES_AT) - FOOTER_BYTES, FOOTER_BYTES, fresh),
+      ];
       const [pages, footer] = await Promise.all(parts);
       // The worker gets copies: the page keeps its own.
       return this.#call("open", [head, pages, footer]);
@@ -106,7 +112,9 @@ export class Engine {
       if (last && last.page + last.pages === page) last.pages += 1;
       else missing.push({ page, pages: 1 });
     }
-    await Promise.all(missing.map(async ({ page, pages }) => out.set(await this.#range(offset + page * PAGE_BYTES, pages * PAGE_BYTES, fresh), page * PAGE_BYTES)));
+    await Promise.all(
+      missing.map(async ({ page, pages }) => out.set(await this.#range(offset + page * PAGE_BYTES, pages * PAGE_BYTES, fresh), page * PAGE_BYTES)),
+    );
     return out;
   }
 
@@ -232,7 +240,10 @@ export class Engine {
   #next() {
     while (this.#running < IN_FLIGHT && this.#queue.length > 0) {
       const newest = Math.max(...this.#queue.map((n) => n.call));
-      const [need] = this.#queue.splice(this.#queue.findIndex((n) => n.call === newest), 1);
+      const [need] = this.#queue.splice(
+        this.#queue.findIndex((n) => n.call === newest),
+        1,
+      );
       this.#fetch(need);
     }
   }

@@ -7,7 +7,9 @@ import { why } from "../said.js";
 import { download, fileName } from "../store.js";
 
 export const FORMATS = [
-  ["json", "fileJson", "application/json"], ["csv", "fileCsv", "text/csv"], ["geojson", "fileGeojson", "application/geo+json"],
+  ["json", "fileJson", "application/json"],
+  ["csv", "fileCsv", "text/csv"],
+  ["geojson", "fileGeojson", "application/geo+json"],
   ["dxf", "fileDxf", "image/vnd.dxf"],
 ];
 const DRAWINGS = { svg: "image/svg+xml", dxf: "image/vnd.dxf" };
@@ -22,7 +24,16 @@ export class Files {
   /** One measurement as in files. */
   measurement({ name, color, hidden, note, task }) {
     const { readings, uncertainty } = task;
-    return { name, ...task.record(), readings, uncertainty: uncertainty ?? this.unknown, color, hidden, ...(note ? { note } : {}), ...(task.date ? { date: task.date } : {}) };
+    return {
+      name,
+      ...task.record(),
+      readings,
+      uncertainty: uncertainty ?? this.unknown,
+      color,
+      hidden,
+      ...(note ? { note } : {}),
+      ...(task.date ? { date: task.date } : {}),
+    };
   }
 
   /** The document of some measurements, those left out whose places are not found yet. */
@@ -31,7 +42,10 @@ export class Files {
     this.unknown = { lattice: 2 ** lattice.step_log2 / Math.sqrt(12), level: 0, capture: null };
     const found = items.filter(({ task }) => task.points.every((p) => p.isFinal));
     return {
-      kilwa: "measurements", version: 1, pack: { identity, title, lattice, ...(crs ? { crs } : {}) }, measurements: found.map((item) => this.measurement(item)),
+      kilwa: "measurements",
+      version: 1,
+      pack: { identity, title, lattice, ...(crs ? { crs } : {}) },
+      measurements: found.map((item) => this.measurement(item)),
     };
   }
 

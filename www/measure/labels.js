@@ -63,7 +63,11 @@ export function arrange(wanted, { room, taken, rings }) {
     const all = [...candidates(at, size, rings)].map((corner, choice) => ({ corner, choice }));
     const order = before >= 0 && all[before] ? [all[before], ...all] : all;
     const near = [...candidates(at, SMALL, 0)].map((corner) => ({ corner, choice: -1 }));
-    const tries = [[order, size, true], [order, size, false], [near, SMALL, false]];
+    const tries = [
+      [order, size, true],
+      [order, size, false],
+      [near, SMALL, false],
+    ];
     let found = null;
     for (const [list, extent, isKind] of tries) {
       for (const { corner, choice } of list) {

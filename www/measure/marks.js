@@ -175,7 +175,10 @@ export class Marks {
       const spot = this.spots.get(source.id);
       if (!spot?.line) continue;
       context.globalAlpha = 1;
-      for (const [color, wide] of [["rgb(255 255 255 / 85%)", 3.5], [source.color, 1.25]]) {
+      for (const [color, wide] of [
+        ["rgb(255 255 255 / 85%)", 3.5],
+        [source.color, 1.25],
+      ]) {
         context.strokeStyle = color;
         context.lineWidth = wide * ratio;
         context.beginPath();
@@ -324,7 +327,10 @@ export class Marks {
       const at = anchorAt ? [anchorAt[0] / ratio, anchorAt[1] / ratio] : [NaN, NaN];
       if (!label || !isOn(...at)) continue;
       const rank = source.chosen ? 0 : source.id === "draft" ? 1 : isHidden ? 3 : 2;
-      const dots = source.dots.map((_, k) => [dotsAt[k * 3] / ratio, dotsAt[k * 3 + 1] / ratio]).filter((p) => isOn(...p)).slice(0, 8);
+      const dots = source.dots
+        .map((_, k) => [dotsAt[k * 3] / ratio, dotsAt[k * 3 + 1] / ratio])
+        .filter((p) => isOn(...p))
+        .slice(0, 8);
       wanted.push({ id: source.id, at, dots, size: this.#size(source.id, label), before: this.spots.get(source.id)?.choice, rank });
     }
     wanted.sort((a, b) => a.rank - b.rank);

@@ -60,8 +60,12 @@ export class Measure {
     // Failures are those of the network or of the program: the next question tries again.
     if (this.current?.closed) this.opened = this.current = null;
     this.opened ??= Engine.open({
-      pack: this.page.pack, head: this.page.headBytes, viewer: () => (this.session?.closed ? null : this.viewer),
-      pages: () => this.session?.pages ?? new Map(), footer: this.page.identity.footer, program: this.page.measuring.program(),
+      pack: this.page.pack,
+      head: this.page.headBytes,
+      viewer: () => (this.session?.closed ? null : this.viewer),
+      pages: () => this.session?.pages ?? new Map(),
+      footer: this.page.identity.footer,
+      program: this.page.measuring.program(),
     }).then(
       (engine) => (this.current = engine),
       (error) => {
@@ -296,7 +300,12 @@ export class Measure {
   #tell(task) {
     const item = this.items.find((i) => i.task === task);
     if (!item) return;
-    const says = { final: () => mainLines(task.tool, task.readings, this.unit).join(", "), refused: task.refusal, missed: () => t("measureMissed"), failed: task.refusal }[task.state];
+    const says = {
+      final: () => mainLines(task.tool, task.readings, this.unit).join(", "),
+      refused: task.refusal,
+      missed: () => t("measureMissed"),
+      failed: task.refusal,
+    }[task.state];
     if (says) this.say(`${item.name}: ${says()}`);
     if (task.isFinal) this.page.api.emit("measurement", this.plain(item));
     if (task.state === "missed") notice(t("measureMissed"), 8000);
@@ -587,7 +596,10 @@ export class Measure {
         return [];
       default: {
         const { provisional } = task;
-        if (task.guess.length > 0) return mainLines(task.tool, task.guess, this.unit).map((line, k, all) => (k === all.length - 1 ? t("refining", { value: `≈ ${line}` }) : `≈ ${line}`));
+        if (task.guess.length > 0)
+          return mainLines(task.tool, task.guess, this.unit).map((line, k, all) =>
+            k === all.length - 1 ? t("refining", { value: `≈ ${line}` }) : `≈ ${line}`,
+          );
         return [provisional ? t("refining", { value: about(provisional.value, provisional.half, this.unit) }) : t("refiningNoValue")];
       }
     }
@@ -613,11 +625,27 @@ export class Measure {
     const drawn = task.lines.length > 0;
     const joins = !["coordinate", "height", "circle", "plane-angle"].includes(task.tool) && !(task.tool === "section" && drawn);
     const planes = task.tool === "plane-angle" ? [dots.slice(0, 3), dots.slice(3)] : task.tool === "height" ? [dots.slice(0, 3)] : [];
-    const paths = drawn ? task.lines : joins ? (dots.length > 1 ? [dots] : []) : planes.filter((p) => p.length > 1).map((p) => (p.length > 2 ? [...p, p[0]] : p));
+    const paths = drawn
+      ? task.lines
+      : joins
+        ? dots.length > 1
+          ? [dots]
+          : []
+        : planes.filter((p) => p.length > 1).map((p) => (p.length > 2 ? [...p, p[0]] : p));
     const closed = joins && !drawn && Boolean(task.kind.closed) && dots.length > 2;
     return {
-      id, name, color, closed, paths, dots, dashed: !isFinal, straight: !drawn, chosen: this.chosen === id, canMove: task.points.length > 0 && !this.draft,
-      label: this.lines(item), anchor: anchorOf(task, dots, drawn),
+      id,
+      name,
+      color,
+      closed,
+      paths,
+      dots,
+      dashed: !isFinal,
+      straight: !drawn,
+      chosen: this.chosen === id,
+      canMove: task.points.length > 0 && !this.draft,
+      label: this.lines(item),
+      anchor: anchorOf(task, dots, drawn),
     };
   }
 
@@ -724,7 +752,18 @@ export class Measure {
   plain(item) {
     const { task } = item;
     const points = task.points.map((p) => p.world);
-    return { id: item.id, name: item.name, tool: task.tool, state: task.state, points, readings: task.readings, refusal: task.refusal?.() ?? null, color: item.color, hidden: item.hidden, note: item.note };
+    return {
+      id: item.id,
+      name: item.name,
+      tool: task.tool,
+      state: task.state,
+      points,
+      readings: task.readings,
+      refusal: task.refusal?.() ?? null,
+      color: item.color,
+      hidden: item.hidden,
+      note: item.note,
+    };
   }
 
   /** Add one for a script; resolves when it is final or refused. */

@@ -81,10 +81,23 @@ export class Task {
 
   /** From a file, the browser's store or an address. `origin` is the lattice's. */
   static of(record, origin) {
-    const { local = [], world = [], rays = [], plane = null, reach = null, interval = null, readings = [], uncertainty = null, date = null, fitted = null } = record;
+    const {
+      local = [],
+      world = [],
+      rays = [],
+      plane = null,
+      reach = null,
+      interval = null,
+      readings = [],
+      uncertainty = null,
+      date = null,
+      fitted = null,
+    } = record;
     const given = local.length > 0 ? local : rays;
     const points = given.map((_, k) =>
-      local[k] ? new Point({ local: local[k], world: world[k] ?? local[k].map((v, i) => v + origin[i]), half: 0 }) : new Point({ ray: rays[k], world: world[k] ?? null }),
+      local[k]
+        ? new Point({ local: local[k], world: world[k] ?? local[k].map((v, i) => v + origin[i]), half: 0 })
+        : new Point({ ray: rays[k], world: world[k] ?? null }),
     );
     const task = new Task({ kind: toolOf(record.kind) ?? toolOfRecord(record), points, plane, reach, interval });
     if (readings.length > 0) Object.assign(task, { readings, uncertainty, date, fitted, state: "final" });

@@ -28,7 +28,10 @@ for (const path of glue) {
 // What the first one needs before it runs, and what the second one needs besides.
 const needs = (entry) => {
   const [, output] = Object.entries(result.metafile.outputs).find(([name]) => basename(name) === entry);
-  return output.imports.filter((use) => use.kind === "import-statement" && !use.external).map((use) => basename(use.path)).sort();
+  return output.imports
+    .filter((use) => use.kind === "import-statement" && !use.external)
+    .map((use) => basename(use.path))
+    .sort();
 };
 const first = needs("boot.js");
 console.log(["boot.js", ...first].join(" "));
