@@ -3,7 +3,7 @@
 
 import assert from "node:assert/strict";
 import { after, before } from "node:test";
-import { launch, open, packFolder, serve, test } from "./harness.mjs";
+import { cameraOf, launch, open, packFolder, serve, test } from "./harness.mjs";
 
 let server;
 let browser;
@@ -192,13 +192,13 @@ test("keys of a single letter can be switched off, and stay off", async () => {
   await page.reload();
   await page.waitForFunction(() => document.body.dataset.state === "ready");
   await page.locator("#canvas").focus();
-  const before = await page.evaluate(() => [...globalThis.kilwa.viewer.camera()].join());
+  const before = (await cameraOf(page)).join();
   for (const key of ["?", "n", "h", "3", "w", "p", "+"]) await page.keyboard.press(key);
-  assert.equal(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()].join()), before);
+  assert.equal((await cameraOf(page)).join(), before);
   assert.ok(await page.locator("#help").isHidden());
   assert.equal(await page.locator("#tool-orbit").getAttribute("aria-pressed"), "true");
   await page.keyboard.press("ArrowLeft");
-  assert.notEqual(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()].join()), before, "arrows are no letters");
+  assert.notEqual((await cameraOf(page)).join(), before, "arrows are no letters");
   await page.locator("#help-open").click();
   await page.locator("#keys-on").check();
   await page.keyboard.press("Escape");

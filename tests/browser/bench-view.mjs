@@ -163,12 +163,15 @@ async function soak(minutes) {
     const waited = await page.evaluate(async ([u, v, w]) => {
       const { viewer, session, info } = globalThis.kilwa;
       const { bounds_min: min, bounds_max: max } = info.metadata;
-      const from = [...viewer.camera()];
-      const goal = [Math.PI + (u - 0.5), 0.2 * v, 0.5 + 8 * w * w, min[0] + u * (max[0] - min[0]), min[1], min[2] + v * (max[2] - min[2]), 0];
+      const from = viewer.camera();
+      const target = [min[0] + u * (max[0] - min[0]), min[1], min[2] + v * (max[2] - min[2])];
+      const goal = { azimuth: Math.PI + (u - 0.5), elevation: 0.2 * v, distance: 0.5 + 8 * w * w };
       const begun = performance.now();
       for (;;) {
         const t = Math.min(1, (performance.now() - begun) / 2000);
-        viewer.setCamera(new Float64Array(goal.map((g, i) => (i === 6 ? 0 : from[i] + (g - from[i]) * t))));
+        const between = (a, b) => a + (b - a) * t;
+        const [azimuth, elevation, distance] = ["azimuth", "elevation", "distance"].map((name) => between(from[name], goal[name]));
+        viewer.setCamera({ ...from, azimuth, elevation, distance, target: target.map((x, i) => between(from.target[i], x)), orthographic: false });
         session.wake();
         if (t === 1) break;
         await new Promise((resolve) => setTimeout(resolve, 50));

@@ -5,7 +5,7 @@ import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
 import { after, before } from "node:test";
-import { launch, measuredPack, open, packFolder, picture, pixels, serve, test, waitFor } from "./harness.mjs";
+import { cameraOf, launch, measuredPack, open, packFolder, picture, pixels, serve, test, waitFor } from "./harness.mjs";
 
 let server;
 let browser;
@@ -183,11 +183,11 @@ test("a lost device is replaced, and camera, shading and section are as they wer
   });
   await page.evaluate(() => {
     const { viewer, look } = globalThis.kilwa;
-    viewer.setCamera(new Float64Array([1, 0.4, 40, 1, 2, 3, 0]));
+    viewer.setCamera({ azimuth: 1, elevation: 0.4, distance: 40, target: [1, 2, 3], orthographic: false, roll: 0, fieldOfView: 0.7 });
     look.change({ mode: "raking", light: { azimuth: 100, elevation: 15 }, clipPlane: { normal: [0, 0, 1], point: [0, 0, 3] } });
   });
   await rest(page);
-  const before = { camera: await page.evaluate(() => [...globalThis.kilwa.viewer.camera()]), state: await state(page), picture: await picture(page) };
+  const before = { camera: await cameraOf(page), state: await state(page), picture: await picture(page) };
   await page.evaluate(() => {
     globalThis.old = globalThis.kilwa.session;
     globalThis.devices.at(-1).destroy();
@@ -195,7 +195,7 @@ test("a lost device is replaced, and camera, shading and section are as they wer
   });
   await page.waitForFunction(() => globalThis.kilwa.session !== globalThis.old, null, { polling: 50 });
   await waitFor(page, "settled");
-  assert.deepEqual(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()]), before.camera);
+  assert.deepEqual(await cameraOf(page), before.camera);
   assert.deepEqual(await state(page), before.state);
   assert.equal((await picture(page)).hash, before.picture.hash, "the same picture as before");
   assert.equal(await page.locator("#clip-plane").isChecked(), true);

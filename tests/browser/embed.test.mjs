@@ -5,7 +5,7 @@ import { readFile, stat } from "node:fs/promises";
 import http from "node:http";
 import path from "node:path";
 import { after, before } from "node:test";
-import { WWW, launch, open, packFolder, picture, serve, test, waitFor } from "./harness.mjs";
+import { WWW, cameraOf, launch, open, packFolder, picture, serve, test, waitFor } from "./harness.mjs";
 
 const TYPES = { ".html": "text/html; charset=utf-8", ".js": "text/javascript", ".css": "text/css", ".json": "application/json", ".wasm": "application/wasm", ".svg": "image/svg+xml" };
 let folder;
@@ -228,7 +228,7 @@ test("on a line so slow that whoever waits is told, the viewer comes later and a
 
 test("messages that are no calls, from other windows or in other shapes, change nothing", async () => {
   const { page, frame, complaints, close } = await embed(hosts.friend);
-  const before = await frame.evaluate(() => [...globalThis.kilwa.viewer.camera()]);
+  const before = await cameraOf(frame);
   await page.evaluate(() => {
     const inner = globalThis.element.shadowRoot.querySelector("iframe").contentWindow;
     for (const message of [null, 1, "view", {}, { kilwa: 1, call: "view" }, { kilwa: 1, id: 1, call: "view", args: "plan" }, { kilwa: 2, id: 1, call: "fit" }, { kilwa: 1, id: 2, call: "__proto__", args: [] }]) inner.postMessage(message, "*");
@@ -236,7 +236,7 @@ test("messages that are no calls, from other windows or in other shapes, change 
   // The frame itself is not its host.
   await frame.evaluate(() => postMessage({ kilwa: 1, id: 9, call: "view", args: ["plan"] }, "*"));
   await page.waitForTimeout(200);
-  assert.deepEqual(await frame.evaluate(() => [...globalThis.kilwa.viewer.camera()]), before);
+  assert.deepEqual(await cameraOf(frame), before);
   assert.deepEqual(complaints, []);
   await close();
 });

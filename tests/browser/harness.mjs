@@ -34,6 +34,12 @@ const FLAGS = [
   "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
 ];
 
+/** A camera as links hold it: nine numbers. */
+export const numbersOf = ({ azimuth, elevation, distance, target, orthographic, roll, fieldOfView }) => [azimuth, elevation, distance, ...target, Number(orthographic), roll, fieldOfView];
+
+/** The camera of a page that shows a model, as numbers. */
+export const cameraOf = async (page) => numbersOf(await page.evaluate(() => globalThis.kilwa.viewer.camera()));
+
 /** A folder with `fort.kilwa` in it. */
 export async function packFolder() {
   const folder = await mkdtemp(path.join(tmpdir(), "kilwa-browser-"));

@@ -93,9 +93,8 @@ test("the same ray gives the same final place at ten zoom levels, cold and warm 
   for (let zoom = 0; zoom < 10; zoom += 1) {
     await page.evaluate((zoom) => {
       const { viewer, session } = globalThis.kilwa;
-      const camera = [...viewer.camera()];
-      camera[2] *= zoom < 5 ? 0.6 : 2.2;
-      viewer.setCamera(new Float64Array(camera));
+      const camera = viewer.camera();
+      viewer.setCamera({ ...camera, distance: camera.distance * (zoom < 5 ? 0.6 : 2.2) });
       session.wake();
     }, zoom);
     if (zoom % 3 === 2) await waitFor(page, "settled"); // else: whatever has come so far

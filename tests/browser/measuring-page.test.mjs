@@ -9,7 +9,7 @@ import { tmpdir } from "node:os";
 import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { KILWA, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
+import { KILWA, cameraOf, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
 
 let server;
 let browser;
@@ -386,7 +386,7 @@ test("a finger that rests gets a loupe above it, and where it is lifted is measu
   const box = await page.locator("#canvas").boundingBox();
   const client = await page.context().newCDPSession(page);
   const touch = (type, x, y) => client.send("Input.dispatchTouchEvent", { type, touchPoints: type === "touchEnd" ? [] : [{ x: box.x + box.width * x, y: box.y + box.height * y }] });
-  const before = await page.evaluate(() => [...globalThis.kilwa.viewer.camera()].join());
+  const before = (await cameraOf(page)).join();
   await touch("touchStart", 0.45, 0.5);
   await page.locator("#loupe").waitFor();
   await touch("touchMove", 0.5, 0.52);
@@ -399,7 +399,7 @@ test("a finger that rests gets a loupe above it, and where it is lifted is measu
   assert.ok(loupe.y + loupe.height < box.y + box.height * 0.52 - 10, "it stands above the finger");
   await touch("touchEnd");
   assert.ok(await page.locator("#loupe").isHidden());
-  assert.equal(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()].join()), before, "aiming turns nothing");
+  assert.equal((await cameraOf(page)).join(), before, "aiming turns nothing");
   await page.touchscreen.tap(box.x + box.width * 0.4, box.y + box.height * 0.5);
   await done(page);
   const [one] = await list(page);
@@ -408,7 +408,7 @@ test("a finger that rests gets a loupe above it, and where it is lifted is measu
   // A finger that moves at once turns the model, also while a tool is in use.
   await Promise.all([touch("touchStart", 0.5, 0.5), touch("touchMove", 0.6, 0.5), touch("touchMove", 0.7, 0.5)]);
   await touch("touchEnd");
-  assert.notEqual(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()].join()), before);
+  assert.notEqual((await cameraOf(page)).join(), before);
   assert.deepEqual(complaints, []);
   await close();
 });

@@ -5,7 +5,7 @@ import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
 import { after, before } from "node:test";
-import { hostile, launch, open, packFolder, picture, serve, stats, test, waitFor } from "./harness.mjs";
+import { cameraOf, hostile, launch, open, packFolder, picture, serve, stats, test, waitFor } from "./harness.mjs";
 
 const HEAD = "bytes=0-65535";
 let folder;
@@ -62,7 +62,7 @@ test("the first picture needs one range request of the pack, and the model then 
 test("keyboard, mouse, wheel and fingers fly the camera, and the error comes back to the target", async () => {
   const { page, complaints, close } = await open(browser, fort("?error=2"), { hasTouch: true });
   const canvas = page.locator("#canvas");
-  const camera = () => page.evaluate(() => [...globalThis.kilwa.viewer.camera()]);
+  const camera = () => cameraOf(page);
   const near = (a, b) => a.every((v, i) => Math.abs(v - b[i]) < 1e-6);
   let last = { camera: await camera(), picture: await picture(page) };
   const step = async (name, act, { moves = true } = {}) => {
@@ -179,7 +179,7 @@ test("the memory limit holds during a flight, and what was forgotten comes back"
   for (let round = 0; round < 2; round += 1) {
     for (const place of places) {
       await page.evaluate((place) => {
-        globalThis.kilwa.viewer.setCamera(new Float64Array([4, 0.5, 5, ...place, 0]));
+        globalThis.kilwa.viewer.setCamera({ azimuth: 4, elevation: 0.5, distance: 5, target: place, orthographic: false, roll: 0, fieldOfView: 0.7 });
         globalThis.kilwa.session.wake();
       }, place);
       await page.waitForTimeout(60);
@@ -340,7 +340,7 @@ test("panels, views, help and hiding work by keyboard, in another language and f
   assert.notEqual((await picture(page)).hash, colour.hash);
   await page.locator("input[name=projection][value=orthographic]").check();
   await page.waitForTimeout(300);
-  assert.equal(await page.evaluate(() => globalThis.kilwa.viewer.camera()[6]), 1);
+  assert.equal(await page.evaluate(() => globalThis.kilwa.viewer.camera().orthographic), true);
   await page.locator("#tab-info").click();
   await page.waitForFunction(() => /\d/.test(document.getElementById("stats").textContent));
   await page.locator("#views-open").click();

@@ -8,7 +8,7 @@ import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
 import { inflateSync } from "node:zlib";
-import { ROOT, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
+import { ROOT, cameraOf, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
 
 const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
 const [SCALE, DPI] = [500, 200];
@@ -111,7 +111,7 @@ function dark({ grey, width }, x, y) {
 test("a plan from the page has the size, the place and the scale of the one that kilwa render draws", async () => {
   const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
   await waitFor(page, "settled");
-  const camera = await page.evaluate(() => [...globalThis.kilwa.viewer.camera()]);
+  const camera = await cameraOf(page);
   const { name, bytes } = await save(page, { view: "plan", format: "png" });
   assert.ok(name.endsWith(".plan-1-500.png"), name);
   const here = png(bytes);
@@ -141,7 +141,7 @@ test("a plan from the page has the size, the place and the scale of the one that
   }
   assert.ok(both > 500, `${both}`);
   assert.ok(differing < both * 0.03, `${differing} of ${both} pixels differ`);
-  assert.deepEqual(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()]), camera, "the view is as it was");
+  assert.deepEqual(await cameraOf(page), camera, "the view is as it was");
   assert.deepEqual(complaints, []);
   await close();
 });

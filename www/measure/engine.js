@@ -36,10 +36,50 @@ const IN_FLIGHT = 6;
 const [FOOTER_BYTES, PAGE_BYTES, PAGE_ENTRIES] = [80, 16_384, 127];
 const [FILE_BYTES_AT, ENTRIES_AT, PAGES_AT] = [64, 84, 112];
 
+/** Before one is open. @type {EnginePack} */
+const NO_PACK = {
+  identity: "",
+  title: "",
+  crs: null,
+  lattice: { origin: [0, 0, 0], step_log2: 0 },
+  step: 1,
+  capture: NaN,
+  bytes: 0,
+  triangles: 0,
+  program: "",
+};
+
 const aborted = () => new DOMException("the question was taken back", "AbortError");
 
+/** @import { EnginePack, Failure, MeasureAnswer, MeasureRecord, PackSource, Progress, Ray, Reading, SheetPlan, Uncertainty, Viewer } from "../types/page.js" */
+
+/**
+ * @typedef {{progress?: (progress: Progress) => void, signal?: AbortSignal}} Asking
+ * @typedef {{need: number, call: number, offset: number, length: number, fresh: boolean}} Need
+ * @typedef {object} Call
+ * @property {(result: any) => void} resolve
+ * @property {(error: unknown) => void} reject
+ * @property {(progress: Progress) => void} progress
+ * @property {AbortController} controller
+ * @property {Failure} [failure] why its bytes did not come
+ */
+
+/**
+ * What is known of a place along a ray before the finest surface is: see the top of this file.
+ * @typedef {{local: number[] | null, world: number[] | null, low: number, high: number, stretches: number, error: number}} Provisional
+ */
+
 export class Engine {
-  /** Open a pack for measuring: what is missing of its directory comes while the program does. */
+  /**
+   * Open a pack for measuring: what is missing of its directory comes while the program does.
+   * @param {object} parts
+   * @param {PackSource} parts.pack
+   * @param {Uint8Array} parts.head
+   * @param {() => Viewer | null} [parts.viewer]
+   * @param {() => Map<number, Uint8Array>} [parts.pages]
+   * @param {Uint8Array | null} [parts.footer]
+   * @param {Promise<WebAssembly.Module>} parts.program
+   */
   static async open({ pack, head, viewer = () => null, pages = () => new Map(), footer = null, program }) {
     const engine = new Engine(pack, viewer);
     try {
@@ -56,26 +96,41 @@ export class Engine {
   }
 
   #calls = 0;
-  #open_ = new Map(); // call → { resolve, reject, progress, controller }
-  #queue = []; // { need, call, offset, length, fresh }
+  /** @type {Map<number, Call>} */
+  #pending = new Map();
+  /** @type {Need[]} */
+  #queue = [];
   #running = 0;
 
+  /**
+   * @param {PackSource} source
+   * @param {() => Viewer | null} viewer
+   */
   constructor(source, viewer) {
     this.source = source;
     this.viewer = viewer;
+    this.closed = false;
+    /** Ends what is fetched while the pack is opened. */
+    this.hold = new AbortController();
+    /** @type {EnginePack} */
+    this.pack = NO_PACK;
     this.fetched = 0;
     this.worker = new Worker(new URL("measure/worker.js", import.meta.url), { type: "module" });
-    this.worker.onmessage = ({ data }) => this.#said(data);
+    this.worker.onmessage = ({ data }) => this.#take(data);
     this.worker.onerror = (event) => this.#lost(event.message || "the measuring worker did not start");
   }
 
+  /**
+   * @param {Uint8Array} head
+   * @param {Map<number, Uint8Array>} kept pages of the directory that the viewer has
+   * @param {Uint8Array | null} given the footer, where it is there
+   */
   async #open(head, kept, given) {
-    this.hold = new AbortController();
     const view = new DataView(head.buffer, head.byteOffset);
-    const number = (at) => Number(view.getBigUint64(at, true));
+    const number = (/** @type {number} */ at) => Number(view.getBigUint64(at, true));
     const count = Math.ceil(view.getUint32(ENTRIES_AT, true) / PAGE_ENTRIES);
     const wanted = { offset: number(PAGES_AT), count: Math.max(0, count - 1) };
-    const ask = async (fresh) => {
+    const ask = async (/** @type {boolean} */ fresh) => {
       const parts = [
         this.#directory(wanted, fresh ? new Map() : kept, fresh),
         (fresh ? null : given) ?? this.#range(number(FILE_BYTES_AT) - FOOTER_BYTES, FOOTER_BYTES, fresh),
@@ -91,11 +146,20 @@ export class Engine {
     });
   }
 
+  /**
+   * @param {number} offset
+   * @param {number} length
+   */
   #range(offset, length, fresh = false) {
     return this.#bytes({ offset, length, fresh }, this.hold.signal, () => {});
   }
 
-  /** Pages of the directory from the second on: those that the viewer has are not fetched again. */
+  /**
+   * Pages of the directory from the second on: those that the viewer has are not fetched again.
+   * @param {{offset: number, count: number}} wanted
+   * @param {Map<number, Uint8Array>} kept
+   * @param {boolean} fresh
+   */
   async #directory({ offset, count }, kept, fresh) {
     const out = new Uint8Array(count * PAGE_BYTES);
     const have = new Uint8Array(count);
@@ -105,6 +169,7 @@ export class Engine {
       out.set(bytes, at - offset);
       have.fill(1, first, first + Math.floor(bytes.length / PAGE_BYTES));
     }
+    /** @type {{page: number, pages: number}[]} */
     const missing = [];
     for (let page = 0; page < count; page += 1) {
       if (have[page]) continue;
@@ -118,13 +183,18 @@ export class Engine {
     return out;
   }
 
-  /** Where a ray meets the finest surface first. */
+  /**
+   * Where a ray meets the finest surface first; null where it meets nothing.
+   * @param {Ray} ray
+   * @param {Asking & {clip?: object | null, snap?: string, within?: number, provisional?: (found: Provisional | null) => void}} how
+   * @returns {Promise<{local: number[], world: number[], normal: number[], ray: Ray, snapped: string | null, fetched: number} | null>}
+   */
   async pick({ origin, direction }, { clip, snap = "none", within, provisional, progress, signal } = {}) {
     signal?.throwIfAborted();
     const viewer = this.viewer();
     if (provisional && viewer) {
-      const said = viewer.provisional(new Float64Array([...origin, ...direction]));
-      provisional(said ? JSON.parse(said) : null);
+      const found = viewer.provisional(new Float64Array([...origin, ...direction]));
+      provisional(found ? JSON.parse(found) : null);
     }
     const state = clip ?? (viewer ? JSON.parse(viewer.displayState()) : {});
     const { clipPlane, clipBox } = state ?? {};
@@ -133,57 +203,91 @@ export class Engine {
     return this.#call("pick", [asked], { progress, signal });
   }
 
-  /** Measure a task of a document. */
+  /**
+   * Measure a task of a document.
+   * @param {MeasureRecord} task
+   * @param {Asking & {unit?: string, level?: number}} how
+   * @returns {Promise<MeasureAnswer>}
+   */
   async measure(task, { unit = "m", level, progress, signal } = {}) {
     signal?.throwIfAborted();
-    if (!(level > 0)) this.#leafless(this.viewer());
+    if (!level) this.#leafless(this.viewer());
     return this.#call("measure", [{ task, unit, level }], { progress, signal });
   }
 
-  /** What the viewer has decoded need not be fetched to find that it holds nothing of the finest surface. */
+  /** What the viewer has decoded need not be fetched to find that it holds nothing of the finest surface. @param {Viewer | null} viewer */
   #leafless(viewer) {
-    if (viewer) this.#call("leafless", [viewer.leafless()]).catch(() => {}); // what comes after says it
+    if (viewer) this.#call("leafless", [viewer.leafless()]).catch(() => {}); // what comes after reports it
   }
 
+  /**
+   * @param {Reading[]} readings
+   * @param {string} unit
+   */
   shown(readings, unit) {
     return this.#call("shown", [readings, unit]);
   }
 
+  /**
+   * @param {MeasureRecord} measurement
+   * @param {{unit?: string}} how
+   * @returns {Promise<string>}
+   */
   cite(measurement, { unit = "m" } = {}) {
     return this.#call("cite", [measurement, unit]);
   }
 
-  /** `size`, `paper`, `pixelsPerMm`, `metresPerPixel`, `marks`, `bands` (how many), `world`, and what is asked for band by band. */
+  /**
+   * `size`, `paper`, `pixelsPerMm`, `metresPerPixel`, `marks`, `bands` (how many), `world`, and what is asked for band by band.
+   * @param {object} asked
+   * @returns {Promise<SheetPlan>}
+   */
   async drawing(asked) {
-    const told = await this.#call("drawing", [asked]);
+    const plan = await this.#call("drawing", [asked]);
     return {
-      ...told,
+      ...plan,
       band: (number) => this.#call("band", [number]),
       strip: (rows, length) => this.#call("strip", [rows, length]),
       end: () => this.#call("drawingEnd", []),
     };
   }
 
+  /**
+   * @param {object} what a document, or an answer with lines
+   * @param {string} format
+   * @param {{scale?: number}} how
+   * @returns {Promise<string>}
+   */
   write(what, format, { scale = 50 } = {}) {
     return this.#call("write", [what, format, scale]);
   }
 
+  /**
+   * @param {string} text
+   * @returns {Promise<{same: boolean, pack: {title: string, identity: string}, measurements: MeasureRecord[]}>}
+   */
   read(text) {
     return this.#call("read", [text]);
   }
 
   close() {
     this.closed = true;
-    this.hold?.abort();
+    this.hold.abort();
     this.worker.terminate();
-    for (const [, entry] of this.#open_) {
+    for (const [, entry] of this.#pending) {
       entry.controller.abort();
       entry.reject(aborted());
     }
-    this.#open_.clear();
+    this.#pending.clear();
     this.#queue = [];
   }
 
+  /**
+   * @param {string} method
+   * @param {unknown[]} args
+   * @param {Asking} how
+   * @returns {Promise<any>}
+   */
   #call(method, args, { progress = () => {}, signal } = {}) {
     if (this.closed) return Promise.reject(aborted());
     const call = (this.#calls += 1);
@@ -195,31 +299,33 @@ export class Engine {
         reject(aborted());
       };
       signal?.addEventListener("abort", cancel, { once: true });
-      const done = (then) => (value) => {
+      const done = (/** @type {(value: any) => void} */ then) => (/** @type {any} */ value) => {
         signal?.removeEventListener("abort", cancel);
         then(value);
       };
-      this.#open_.set(call, { resolve: done(resolve), reject: done(reject), progress, controller });
+      this.#pending.set(call, { resolve: done(resolve), reject: done(reject), progress, controller });
       this.worker.postMessage({ call, method, args });
     });
   }
 
+  /** @param {number} call */
   #end(call) {
-    const entry = this.#open_.get(call);
-    this.#open_.delete(call);
+    const entry = this.#pending.get(call);
+    this.#pending.delete(call);
     this.#queue = this.#queue.filter((n) => n.call !== call);
     entry?.controller.abort();
     return entry;
   }
 
-  #said(data) {
+  /** @param {any} data a message of the worker */
+  #take(data) {
     if (data.need) {
       this.#queue.push(data);
       this.#next();
       return;
     }
     if ("all" in data) {
-      this.#open_.get(data.call)?.progress({ done: data.done, all: data.all });
+      this.#pending.get(data.call)?.progress({ done: data.done, all: data.all });
       return;
     }
     const entry = this.#end(data.call);
@@ -229,11 +335,14 @@ export class Engine {
     else entry?.resolve(data.result);
   }
 
-  /** A worker that ended takes every question with it. */
+  /**
+   * A worker that ended takes every question with it.
+   * @param {string} message
+   */
   #lost(message) {
     this.closed = true;
     this.worker.terminate();
-    for (const call of [...this.#open_.keys()]) this.#end(call)?.reject(new Error(message));
+    for (const call of [...this.#pending.keys()]) this.#end(call)?.reject(new Error(message));
   }
 
   /** The newest question first, its needs in order. */
@@ -248,8 +357,9 @@ export class Engine {
     }
   }
 
+  /** @param {Need} need */
   async #fetch(need) {
-    const entry = this.#open_.get(need.call);
+    const entry = this.#pending.get(need.call);
     if (!entry) return;
     this.#running += 1;
     try {
@@ -264,7 +374,12 @@ export class Engine {
     }
   }
 
-  /** Bytes of the pack; what passes is waited for as long as somebody wants them. */
+  /**
+   * Bytes of the pack; what passes is waited for as long as somebody wants them.
+   * @param {{offset: number, length: number, fresh?: boolean}} need
+   * @param {AbortSignal} signal
+   * @param {(progress: Progress) => void} progress
+   */
   async #bytes({ offset, length, fresh = false }, signal, progress) {
     for (let attempt = 0; ; attempt += 1) {
       try {
@@ -283,7 +398,12 @@ export class Engine {
   }
 }
 
-/** Some seconds, or until the connection is back. */
+/**
+ * Some seconds, or until the connection is back.
+ * @param {number} seconds
+ * @param {AbortSignal} signal
+ * @returns {Promise<void>}
+ */
 function pause(seconds, signal) {
   return new Promise((resolve, reject) => {
     const end = () => {

@@ -4,9 +4,10 @@
 import { build, transform } from "esbuild";
 import { readFile, writeFile } from "node:fs/promises";
 import { basename, join } from "node:path";
+import { fileURLToPath } from "node:url";
 
 const [, , www, out, ...glue] = process.argv;
-const entries = ["boot.js", "app.js", "list.js", "kilwa-viewer.js", "decode-worker.js", "measure/worker.js"];
+const entries = ["boot.js", "app.js", "kilwa-viewer.js", "decode-worker.js", "measure/worker.js"];
 const result = await build({
   entryPoints: entries.map((name) => join(www, name)),
   outdir: out,
@@ -18,6 +19,8 @@ const result = await build({
   charset: "utf8",
   chunkNames: "chunk-[hash]",
   external: ["./decode.js", "../measure.js"],
+  // lit-html lies beside this file.
+  nodePaths: [fileURLToPath(new URL("node_modules", import.meta.url))],
   metafile: true,
   logLevel: "warning",
 });

@@ -128,14 +128,15 @@ fn add_module(page: &mut Page, compiled: &Path, name: &str, tools: &Path, scratc
         fs::remove_dir_all(&bound).with_context(|| format!("cannot empty {}", bound.display()))?;
     }
     let mut bindgen = Bindgen::new();
-    bindgen.input_path(compiled).out_name(name).typescript(false);
+    bindgen.input_path(compiled).out_name(name).typescript(true);
     bindgen
         .web(true)
         .and_then(|b| b.generate(&bound))
         .with_context(|| format!("wasm-bindgen on {}", compiled.display()))?;
     let wasm = format!("{name}_bg.wasm");
     optimise(&bound.join(&wasm), tools, &scratch.join(format!("{name}.opt.wasm")))?;
-    add_folder(page, &bound, "", &|_| true)
+    // The declarations are for the type checker (www/tsconfig.json), not for the page.
+    add_folder(page, &bound, "", &|name| !name.ends_with(".d.ts"))
 }
 
 /// Replaces `module` by what wasm-opt makes of it; `kept` holds the last result, valid while the stamp beside it agrees.
@@ -170,7 +171,7 @@ fn optimise(module: &Path, tools: &Path, kept: &Path) -> Result<()> {
 fn add_static_files(page: &mut Page, www: &Path, prefix: &str) -> Result<()> {
     let belongs = |name: &str| {
         !name.starts_with('.')
-            && !matches!(name, "dist" | "node_modules" | "package.json" | "package-lock.json" | "README.md")
+            && !matches!(name, "dist" | "node_modules" | "package.json" | "tsconfig.json" | "types")
     };
     add_folder(page, www, prefix, &belongs)?;
     if !page.contains_key("index.html") {
