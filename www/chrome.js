@@ -182,7 +182,7 @@ export function menu(button, list, choose) {
   };
   button.addEventListener("click", () => show(Boolean(list.hidden)));
   list.addEventListener("keydown", (event) => {
-    const at = items.findIndex((item) => item === document.activeElement);
+    const at = items.indexOf(/** @type {HTMLElement} */ (document.activeElement));
     const to = { ArrowDown: at + 1, ArrowUp: at - 1, Home: 0, End: items.length - 1 }[event.key];
     if (to !== undefined) items[(to + items.length) % items.length].focus();
     else if (event.key === "Escape") {

@@ -8,9 +8,7 @@ import { readJson } from "./store.js";
 
 /** @import { Ids, IdsOf } from "./types/ids.js" */
 /** @import { Measuring } from "./measuring.js" */
-/** @import { Notes } from "./notes.js" */
-/** @import { Saved } from "./saved.js" */
-/** @import { Scene } from "./scene.js" */
+/** @import { Current } from "./current.js" */
 /** @import { Toolbox } from "./toolbox.js" */
 /** @import { Undo } from "./undo.js" */
 
@@ -19,10 +17,8 @@ const MAX_DOCUMENT = 64e6;
 
 /**
  * @typedef {object} ControlParts
- * @property {() => Scene | null} scene
- * @property {() => Notes | null} notes
- * @property {() => Saved | null} saved
- * @property {import("./input.js").InputActions} actions
+ * @property {Current} current
+ * @property {import("./actions.js").InputActions} actions
  * @property {Measuring} measuring
  * @property {Toolbox} toolbox
  * @property {Undo} undo
@@ -67,27 +63,27 @@ export function connect(parts) {
 }
 
 /** Views and moves of the camera. @param {ControlParts} parts */
-function navigation({ actions, scene, saved }) {
+function navigation({ actions, current }) {
   const look = (/** @type {HTMLElement} */ button) => actions.view(button.dataset.view ?? "");
   chrome.menu($("views-open"), $("views"), look);
   for (const button of /** @type {NodeListOf<HTMLElement>} */ ($("grid-views").querySelectorAll("[data-view]"))) {
     button.addEventListener("click", () => look(button));
   }
   click("fit", actions.fit);
-  click("zoom-in", () => scene()?.input.zoom(0.7));
-  click("zoom-out", () => scene()?.input.zoom(1 / 0.7));
+  click("zoom-in", () => current.scene?.input.zoom(0.7));
+  click("zoom-out", () => current.scene?.input.zoom(1 / 0.7));
   click("view-back", actions.back);
   click("view-forward", actions.forward);
   click("view-save", actions.save);
-  click("saved-export", () => saved()?.export());
+  click("saved-export", () => current.saved?.export());
   $("saved").addEventListener("change", (event) => {
     const field = /** @type {HTMLInputElement} */ (event.target);
-    if (field.name === "turning") scene()?.setFree(field.value === "free");
+    if (field.name === "turning") current.scene?.setFree(field.value === "free");
   });
 }
 
 /** Files, and the notes. @param {ControlParts} parts */
-function documents({ notes, saved, measuring, toolbox, address, openFile }) {
+function documents({ current, measuring, toolbox, address, openFile }) {
   const chosen = (/** @type {IdsOf<HTMLInputElement>} */ id, /** @type {(file: File) => unknown} */ read) => {
     $(id).addEventListener("change", async () => {
       const [file] = $(id).files ?? [];
@@ -95,29 +91,29 @@ function documents({ notes, saved, measuring, toolbox, address, openFile }) {
       if (file) await read(file);
     });
   };
-  chosen("saved-import", (file) => saved()?.import(file));
-  chosen("notes-import", (file) => notes()?.import(file));
+  chosen("saved-import", (file) => current.saved?.import(file));
+  chosen("notes-import", (file) => current.notes?.import(file));
   click("note-new", () => toolbox.choose("note"));
   click("tour-start", () => {
-    const first = notes()?.notes[0];
-    if (first) notes()?.open(first, { focus: true });
+    const first = current.notes?.notes[0];
+    if (first) current.notes?.open(first, { focus: true });
   });
-  click("notes-export", () => notes()?.export());
-  click("notes-published", () => notes()?.revert());
+  click("notes-export", () => current.notes?.export());
+  click("notes-published", () => current.notes?.revert());
   $("notes-shown").addEventListener("change", () => {
-    notes()?.setShown($("notes-shown").checked);
+    current.notes?.setShown($("notes-shown").checked);
     address.later();
   });
-  addEventListener("pagehide", () => notes()?.closeForm());
+  addEventListener("pagehide", () => current.notes?.closeForm());
 
   /** A document that was dropped tells itself what it holds. */
   const readDocument = async (/** @type {File} */ file) => {
-    if (!notes()) return;
+    if (!current.notes) return;
     try {
       const json = await readJson(file, MAX_DOCUMENT);
       if (json?.kilwa === "measurements") await (await measuring.load()).files.read(file);
-      else if (json?.type === "KilwaViews") await saved()?.import(file);
-      else await notes()?.import(file);
+      else if (json?.type === "KilwaViews") await current.saved?.import(file);
+      else await current.notes?.import(file);
     } catch (error) {
       chrome.notice(t("importFailed", { why: error.message }), 12000);
     }

@@ -80,7 +80,8 @@ export class DecodePool {
       this.idle.push(worker);
       return;
     }
-    const job = (this.jobs += 1);
+    this.jobs += 1;
+    const job = this.jobs;
     this.running.set(job, { worker, ...next });
     worker.postMessage({ job, ...next.task }, [next.task.bytes.buffer]);
   }

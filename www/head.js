@@ -1,6 +1,6 @@
 // The first bytes of a pack, which everything waits for: asked for until they come.
 
-import { isPassing } from "./loader.js";
+import { isPassing } from "./answer.js";
 
 /** @import { PackSource, Program } from "./types/page.js" */
 

@@ -1,7 +1,7 @@
 // What the pack is called: links, notes, saved views and measurements name its identity (docs/FORMAT.md, section 7), which its last bytes tell. They are fetched once
 // the first picture is there. Until then, and in links of earlier versions of the page, the header's own hash stands for it.
 
-import { isPassing } from "./loader.js";
+import { isPassing } from "./answer.js";
 
 /** @import { PackSource, Program } from "./types/page.js" */
 

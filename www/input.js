@@ -3,29 +3,9 @@
 import { $ } from "./dom.js";
 import { WALK_KEYS } from "./walk.js";
 
-/** @import { Placing, Tool } from "./types/page.js" */
+/** @import { InputActions } from "./actions.js" */
+/** @import { Tool } from "./types/page.js" */
 /** @typedef {{x: number, y: number, pans: boolean, moved: number, button: number, aims: boolean}} Pointer */
-
-/**
- * What keys and pointers ask for; places are pixels of the picture.
- * @typedef {object} InputActions
- * @property {(x: number, y: number) => void} hover
- * @property {() => void} leave
- * @property {(at: [number, number] | null) => void} aim
- * @property {(x: number, y: number, how: Placing) => void} place
- * @property {(key: string) => boolean} step a key while a place is chosen; false where it means nothing
- * @property {() => void} fit
- * @property {(name: string) => void} view
- * @property {() => void} hide
- * @property {() => void} help
- * @property {() => void} parallel
- * @property {() => void} free
- * @property {(name: Tool) => void} tool
- * @property {() => void} save
- * @property {() => void} picture
- * @property {() => void} back
- * @property {() => void} forward
- */
 
 /** A drag of the whole height of the canvas turns the model by this many radians. */
 const TURN = Math.PI;

@@ -199,7 +199,8 @@ export class KilwaViewerElement extends HTMLElement {
     await this.loaded;
     if (hello !== this.#hello) throw new Error("another model was chosen");
     return new Promise((resolve, reject) => {
-      const id = (this.#last += 1);
+      this.#last += 1;
+      const id = this.#last;
       this.#calls.set(id, { resolve, reject });
       this.#send({ id, call: name, args });
     });

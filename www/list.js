@@ -1,7 +1,6 @@
 // An ordered list that can be edited: each row goes somewhere when pressed, and opens to be renamed, moved or deleted.
 
 import { html, nothing } from "lit-html";
-import { repeat } from "lit-html/directives/repeat.js";
 import { t } from "./i18n.js";
 import { forget, iconButton, keepingFocus, show } from "./view.js";
 
@@ -39,12 +38,7 @@ export class EditList {
   show(items) {
     this.items = items;
     const { lang } = document.documentElement;
-    const rows = () =>
-      repeat(
-        this.items,
-        (item) => item.id,
-        (item, at) => this.#row(item, at),
-      );
+    const rows = () => this.items.map((item, at) => this.#row(item, at));
     keepingFocus(this.element, () => {
       if (this.language !== lang) forget(this.element);
       this.language = lang;

@@ -5,31 +5,12 @@
 // whole file is small: it is read once, front to back, and parts are given out as they come; the coarse levels lie in front. Where it is
 // large it is refused with its size, which the file itself tells where the server does not (docs/FORMAT.md, section 3).
 
+import { contentRange, discard, isSameTag, LENGTH_END, PackError, read, readStart, statedLength } from "./answer.js";
+
 /** What the first request asks for: header, metadata, the first directory page and the coarsest chunks. */
 export const HEAD_BYTES = 65536;
 /** A pack up to this size is taken whole from a server that does not know ranges. */
 export const WHOLE_LIMIT = 64 * 1024 * 1024;
-
-/** Why bytes did not come. `kind`: missing, offline, server, noRange, changed, truncated, closed (with `signIn`, an address or null). */
-export class PackError extends Error {
-  /**
-   * @param {string} kind
-   * @param {string} message
-   * @param {{signIn?: string | null, bytes?: number}} more
-   */
-  constructor(kind, message, { signIn, bytes } = {}) {
-    super(message);
-    this.kind = kind;
-    this.signIn = signIn;
-    this.bytes = bytes;
-  }
-}
-
-/**
- * Whether trying the same again can help.
- * @param {any} error
- */
-export const isPassing = (error) => ["offline", "server", "truncated"].includes(error?.kind);
 
 export class Pack {
   /** @param {URL} url */
@@ -75,7 +56,7 @@ export class Pack {
       }
     }
     const range = contentRange(response);
-    if (!range || range.from !== 0 || range.total === null) {
+    if (range?.from !== 0 || range.total === null) {
       throw new PackError("noRange", "the answer does not say which part of which length it is", { bytes: NaN });
     }
     this.bytes = range.total;
@@ -338,97 +319,4 @@ export class Pack {
       look(this.reading ? null : new PackError("truncated", `${this.arrived} of ${this.bytes} bytes came`));
     });
   }
-}
-
-/**
- * Whether two tags may be of the same file: RFC 9110, 8.8.3.2, weak comparison, for proxies weaken the tags of what they compress, and of that alone. A weak tag promises
- * less; checksums tell what it does not. Where there is none there is nothing to compare.
- * @param {string | null} a
- * @param {string | null} b
- */
-export const isSameTag = (a, b) => !a || !b || a.replace(/^W\//, "") === b.replace(/^W\//, "");
-
-/** Where the file's own length ends in its header, and what it begins with: the same in every version of the format. */
-const LENGTH_END = 72;
-const MAGIC = "KILWAPCK";
-
-/**
- * The length that a pack states; null where these bytes begin none.
- * @param {Uint8Array} first
- */
-function statedLength(first) {
-  if (first.length < LENGTH_END || String.fromCharCode(...first.subarray(0, 8)) !== MAGIC) return null;
-  return Number(new DataView(first.buffer, first.byteOffset).getBigUint64(64, true));
-}
-
-/**
- * The first bytes of an answer: `min` of them and what came along, or all of a shorter one.
- * @param {ReadableStreamDefaultReader<Uint8Array<ArrayBuffer>> | undefined} reader
- * @param {number} min
- */
-async function readStart(reader, min) {
-  let bytes = new Uint8Array();
-  try {
-    while (reader && bytes.length < min) {
-      const { done, value } = await reader.read();
-      if (done) break;
-      const joined = new Uint8Array(bytes.length + value.length);
-      joined.set(bytes);
-      joined.set(value, bytes.length);
-      bytes = joined;
-    }
-  } catch (error) {
-    if (error.name === "AbortError") throw error;
-    throw new PackError("truncated", String(error.message ?? error));
-  }
-  return bytes;
-}
-
-/**
- * `bytes 0-9/100` as numbers; `total` is null where it is `*`; null where there is none.
- * @param {Response} response
- */
-export function contentRange(response) {
-  const match = /^bytes (\d+)-(\d+)\/(\d+|\*)$/.exec(response.headers.get("content-range") ?? "");
-  if (!match) return null;
-  return { from: Number(match[1]), to: Number(match[2]), total: match[3] === "*" ? null : Number(match[3]) };
-}
-
-/**
- * Stop an answer that is not wanted. One whose connection broke already has stopped: its error says nothing more.
- * @param {Response} response
- */
-async function discard(response) {
-  await response.body?.cancel().catch(() => {});
-}
-
-/**
- * All bytes of an answer; fewer or more than `length` is an error.
- * @param {Response} response
- * @param {number} length
- * @param {(count: number, into: Uint8Array<ArrayBuffer>) => void} onProgress
- */
-async function read(response, length, onProgress) {
-  if (!response.body) throw new PackError("truncated", `0 of ${length} bytes came`);
-  const reader = response.body.getReader();
-  const into = new Uint8Array(length);
-  let at = 0;
-  try {
-    for (;;) {
-      const { done, value } = await reader.read();
-      if (done) break;
-      if (at + value.length > length) {
-        await reader.cancel().catch(() => {});
-        throw new PackError("truncated", "more bytes came than were asked for");
-      }
-      into.set(value, at);
-      at += value.length;
-      onProgress(at, into);
-    }
-  } catch (error) {
-    if (error.name === "AbortError" || error instanceof PackError) throw error;
-    throw new PackError("truncated", String(error.message ?? error));
-  }
-  if (at < length) throw new PackError("truncated", `${at} of ${length} bytes came`);
-  return into;
 }

@@ -1,7 +1,8 @@
 // A pack that lies on this computer: chosen or dropped in. The same interface as `Pack` of loader.js, over `Blob.slice`.
 // Nothing of it leaves the computer.
 
-import { HEAD_BYTES, PackError } from "./loader.js";
+import { PackError } from "./answer.js";
+import { HEAD_BYTES } from "./loader.js";
 
 export class LocalPack {
   /** @param {File} file */

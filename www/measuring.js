@@ -1,8 +1,8 @@
 // The way to measuring. Its code (measure/) and the program behind it are loaded when they are first needed: when a tool is chosen, the tab
 // is opened, or the browser or the address has measurements of this pack. Until then it costs nothing.
 
-import { $ } from "./dom.js";
 import { hint, notice, openTab, peek } from "./chrome.js";
+import { $ } from "./dom.js";
 import { t } from "./i18n.js";
 import { why } from "./messages.js";
 import { get } from "./store.js";

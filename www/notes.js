@@ -4,9 +4,9 @@
 // The person's own notes are kept by the browser for each pack. Where the host publishes notes (`?annotations=`), they
 // are shown until the person changes something; from then on the person's copy is, and the published ones can be had back.
 
-import { $ } from "./dom.js";
-import { MAX_NOTES, annotationPage, findNote, parseAnnotations, safeLink, shortId } from "./annotations.js";
+import { annotationPage, findNote, MAX_NOTES, parseAnnotations, safeLink, shortId } from "./annotations.js";
 import { notice, openTab, peek } from "./chrome.js";
+import { $ } from "./dom.js";
 import { t } from "./i18n.js";
 import { EditList, moved } from "./list.js";
 import { Pins } from "./pins.js";
@@ -393,20 +393,4 @@ export class Notes {
     };
     this.undo.do({ undo: () => set(before, stored), redo: () => set(published, null) });
   }
-}
-
-/**
- * Fetch what a host publishes; only from where the page or the pack comes from.
- * @param {string} address
- * @param {string | URL | null} pack
- */
-export async function fetchPublished(address, pack) {
-  const url = new URL(address, pack ?? location.href);
-  const allowed = [location.origin, pack ? new URL(pack, location.href).origin : null];
-  if (!allowed.includes(url.origin)) throw new Error(t("annotationsOrigin", { origin: url.origin }));
-  const response = await fetch(url, { credentials: "same-origin" });
-  if (!response.ok) throw new Error(`${url.pathname}: ${response.status}`);
-  const text = await response.text();
-  if (text.length > FILE_LIMIT) throw new Error(`${url.pathname}: ${text.length} > ${FILE_LIMIT}`);
-  return JSON.parse(text);
 }

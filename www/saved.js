@@ -2,9 +2,9 @@
 //
 // The file: `{"type": "KilwaViews", "version": 1, "pack": identity, "views": [{"name", "camera": [7 to 9 numbers], "display"}]}`.
 
-import { $ } from "./dom.js";
 import { isCamera } from "./camera.js";
 import { notice } from "./chrome.js";
+import { $ } from "./dom.js";
 import { t } from "./i18n.js";
 import { EditList, moved } from "./list.js";
 import { download, fileName, get, put, readJson, unique } from "./store.js";

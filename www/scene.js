@@ -32,7 +32,7 @@ export class Scene {
    * @param {Model} parts.model
    * @param {import("./decode-pool.js").DecodePool} parts.pool
    * @param {import("./session.js").SessionEvents} parts.streaming
-   * @param {import("./input.js").InputActions} parts.actions
+   * @param {import("./actions.js").InputActions} parts.actions
    * @param {SceneEvents} parts.on
    */
   constructor({ canvas, viewer, model, pool, streaming, actions, on }) {

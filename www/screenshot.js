@@ -1,12 +1,12 @@
 // A picture of the view as a PNG, of any size up to 16384 pixels a side: rendered in strips that fit the graphics card and
 // written row by row (png.js), with the scale bar drawn in where it is wanted.
 
-import { $, input } from "./dom.js";
 import { notice } from "./chrome.js";
+import { $, input } from "./dom.js";
 import { count, isolate, niceBelow, round } from "./format.js";
 import { t } from "./i18n.js";
-import { PngWriter } from "./png.js";
 import { why } from "./messages.js";
+import { PngWriter } from "./png.js";
 import { openSink } from "./sink.js";
 import { download, fileName } from "./store.js";
 

@@ -2,10 +2,11 @@
 // (display.js); handles follow the camera with every frame, and each is a slider for the keyboard.
 
 import { cameraKey } from "./camera.js";
+import { number, on, put } from "./display.js";
 import { $ } from "./dom.js";
-import { AXES, axisName, cross, moved, number, on, planeOfPoints, position, put, reach, short, towardsEye } from "./display.js";
 import * as format from "./format.js";
 import { t } from "./i18n.js";
+import { AXES, axisName, cross, moved, planeOfPoints, position, reach, short, towardsEye } from "./planes.js";
 
 /** @import { Box, DisplayState, Plane } from "./types/page.js" */
 /** @import { Scene } from "./scene.js" */
@@ -201,7 +202,8 @@ export class Section {
     const wanted = isOpen ? this.#wanted() : [];
     while (this.handles.length > wanted.length) this.handles.pop()?.button.remove();
     for (const [k, want] of wanted.entries()) {
-      const handle = (this.handles[k] ??= this.#make(k, want));
+      this.handles[k] ??= this.#make(k, want);
+      const handle = this.handles[k];
       Object.assign(handle, want);
       const { button } = handle;
       button.setAttribute("aria-label", want.name);

@@ -1,7 +1,7 @@
 // One open model: carries out what the viewer asks for (fetch, decode) and draws a frame whenever something changed.
 // The viewer (wasm) decides; nothing here knows what a chunk looks like.
 
-import { isPassing } from "./loader.js";
+import { isPassing } from "./answer.js";
 
 /** @import { Command, DecodeCommand, Failure, FrameStats, PackSource, Viewer } from "./types/page.js" */
 /** @typedef {ReturnType<typeof setTimeout> | null} Timer */
@@ -300,7 +300,8 @@ export class Session {
 
   /** @param {DecodeCommand} command */
   async #decode({ chunk, request, offset, length, vertices, triangles, checksum }) {
-    const job = (this.jobs += 1);
+    this.jobs += 1;
+    const job = this.jobs;
     this.decoding.set(chunk, job);
     const source = request === 0 ? this.head : this.answers.get(request);
     const bytes = source?.slice(offset, offset + length) ?? new Uint8Array();

@@ -1,7 +1,7 @@
 // What cannot be shown, why, and what to do: one plate over the empty stage, never over a model.
 
-import { $ } from "./dom.js";
 import { notice } from "./chrome.js";
+import { $ } from "./dom.js";
 import { bytes } from "./format.js";
 import { t } from "./i18n.js";
 

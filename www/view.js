@@ -69,7 +69,8 @@ export function keepingFocus(root, draw) {
   const { id } = row?.dataset ?? {};
   const act = active?.dataset.act;
   draw();
-  if (!active || id === undefined || (document.activeElement === active && !active.disabled)) return;
+  const isThere = document.activeElement === active && row?.dataset.id === id && !active?.disabled;
+  if (!active || id === undefined || isThere) return;
   const rows = `[data-id="${CSS.escape(id)}"]`;
   const again = root.querySelector(`${rows} [data-act="${act}"]:not(:disabled)`) ?? root.querySelector(`${rows} button`) ?? root.querySelector("button");
   /** @type {HTMLElement | null} */ (again)?.focus();

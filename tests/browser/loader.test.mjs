@@ -3,7 +3,8 @@
 import assert from "node:assert/strict";
 import http from "node:http";
 import { after, before, test } from "node:test";
-import { HEAD_BYTES, Pack, WHOLE_LIMIT, isPassing } from "../../www/loader.js";
+import { isPassing } from "../../www/answer.js";
+import { HEAD_BYTES, Pack, WHOLE_LIMIT } from "../../www/loader.js";
 
 const FILE = Buffer.from(Array.from({ length: 300_000 }, (_, i) => (i * 31 + (i >> 8)) & 255));
 let server;

@@ -170,7 +170,7 @@ test("points are taken back and put again while they are drawn, and a tool stays
   await tool(page, "polyline");
   await page.locator("#measure-bar").waitFor();
   await press(page, [0.42, 0.5], [0.5, 0.5]);
-  const drawn = () => page.evaluate(() => globalThis.kilwa.measuring.tools.draft?.points.length ?? null);
+  const drawn = () => page.evaluate(() => globalThis.kilwa.measuring.tools.draft.drawn?.points.length ?? null);
   assert.equal(await drawn(), 2);
   await page.keyboard.press("Backspace");
   assert.equal(await drawn(), 1);

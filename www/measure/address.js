@@ -16,7 +16,7 @@ export const LONGEST = 6000;
 export function pack(numbers) {
   const bytes = new Uint8Array(numbers.length * 8);
   const view = new DataView(bytes.buffer);
-  numbers.forEach((value, at) => view.setFloat64(at * 8, value, true));
+  for (const [at, value] of numbers.entries()) view.setFloat64(at * 8, value, true);
   return btoa(String.fromCharCode(...bytes))
     .replaceAll("+", "-")
     .replaceAll("/", "_")

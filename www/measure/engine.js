@@ -27,7 +27,7 @@
 // Progress: { done, all } bytes, all is 0 where nobody knows; { waiting: seconds } while the connection is gone. A signal that is aborted rejects with
 // an AbortError; a pack that changed or cannot be read with a sentence (`said` where it is the engine's, `kind` where it is the network's). Questions asked last are fetched for first.
 
-import { isPassing } from "../loader.js";
+import { isPassing } from "../answer.js";
 
 /** Requests on their way at a time. */
 const IN_FLIGHT = 6;
@@ -51,23 +51,7 @@ const NO_PACK = {
 
 const aborted = () => new DOMException("the question was taken back", "AbortError");
 
-/** @import { EnginePack, Failure, MeasureAnswer, MeasureRecord, PackSource, Progress, Ray, Reading, SheetPlan, Uncertainty, Viewer } from "../types/page.js" */
-
-/**
- * @typedef {{progress?: (progress: Progress) => void, signal?: AbortSignal}} Asking
- * @typedef {{need: number, call: number, offset: number, length: number, fresh: boolean}} Need
- * @typedef {object} Call
- * @property {(result: any) => void} resolve
- * @property {(error: unknown) => void} reject
- * @property {(progress: Progress) => void} progress
- * @property {AbortController} controller
- * @property {Failure} [failure] why its bytes did not come
- */
-
-/**
- * What is known of a place along a ray before the finest surface is: see the top of this file.
- * @typedef {{local: number[] | null, world: number[] | null, low: number, high: number, stretches: number, error: number}} Provisional
- */
+/** @import { Asking, Call, EnginePack, Need, Provisional, MeasureAnswer, MeasureRecord, PackSource, Progress, Ray, Reading, SheetPlan, Uncertainty, Viewer } from "../types/page.js" */
 
 export class Engine {
   /**
@@ -290,7 +274,8 @@ export class Engine {
    */
   #call(method, args, { progress = () => {}, signal } = {}) {
     if (this.closed) return Promise.reject(aborted());
-    const call = (this.#calls += 1);
+    this.#calls += 1;
+    const call = this.#calls;
     return new Promise((resolve, reject) => {
       const controller = new AbortController();
       const cancel = () => {

@@ -39,7 +39,8 @@ export class Handles {
     while (this.all.length > count) this.all.pop()?.button.remove();
     if (!shape) return;
     for (let index = 0; index < count; index += 1) {
-      const handle = (this.all[index] ??= this.#handle(shape));
+      this.all[index] ??= this.#handle(shape);
+      const handle = this.all[index];
       Object.assign(handle, { shape, index });
       handle.button.setAttribute("aria-label", t("measurePoint", { number: index + 1, name: shape.source.name }));
       handle.button.style.setProperty("--mark", shape.source.color);

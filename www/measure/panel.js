@@ -2,7 +2,6 @@
 // of its measurement.
 
 import { html, nothing } from "lit-html";
-import { repeat } from "lit-html/directives/repeat.js";
 import { $ } from "../dom.js";
 import { niceBelow } from "../format.js";
 import { t } from "../i18n.js";
@@ -126,11 +125,7 @@ export class Panel {
 <table class="measure-table" role="table" ?hidden=${isEmpty}>
 <caption class="hidden">${t("measurements")}</caption>
 <thead class="hidden" role="rowgroup"><tr role="row"><th role="columnheader">${t("name")}</th><th role="columnheader">${t("channel")}</th></tr></thead>
-<tbody role="rowgroup">${repeat(
-      items.all,
-      (item) => item.id,
-      (item, at) => this.rows.row(item, at),
-    )}</tbody>
+<tbody role="rowgroup">${items.all.map((item, at) => this.rows.row(item, at))}</tbody>
 </table>
 <p class="quiet" ?hidden=${!isLong}>${t("measureLinkLong")}</p>
 <p class="actions">${button("undo", () => undo.undo(), undo.done.length === 0, "undo")}${button("redo", () => undo.redo(), undo.undone.length === 0, "redo")}${button("measureDeleteAll", () => items.removeAll(), isEmpty)}</p>

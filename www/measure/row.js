@@ -18,7 +18,7 @@ const PARTS = { lattice: "partLattice", level: "partLevel", capture: "partCaptur
 const STATES = { missed: "stateMissed", failed: "stateFailed", refused: "stateRefused" };
 
 /** @param {Event} event */
-const valueOf = ({ target }) => /** @type {HTMLInputElement | HTMLTextAreaElement} */ (target).value;
+const textOf = ({ target }) => /** @type {HTMLInputElement | HTMLTextAreaElement} */ (target).value;
 
 /**
  * A button with a text.
@@ -56,7 +56,7 @@ export class Rows {
       event.preventDefault();
     };
     // Rows wrap where a value is wide, which takes the roles of a table away: they are stated.
-    const name = html`<span class="swatch" aria-hidden="true" style="--mark: ${item.color}"></span><span class="name" dir="auto">${item.name}</span>${item.hidden ? icon("hide") : nothing}`;
+    const name = html`<span class="swatch" aria-hidden="true" .style=${`--mark: ${item.color}`}></span><span class="name" dir="auto">${item.name}</span>${item.hidden ? icon("hide") : nothing}`;
     return html`<tr role="row" data-id=${item.id} class=${isOpen ? "open" : ""}><th scope="row" role="rowheader"><button type="button" class="go" data-act="go" aria-expanded=${isOpen} @click=${() => choose(item.id)} @keydown=${key}>${name}</button></th><td role="cell">${this.#value(item)}</td></tr>${isOpen ? html`<tr role="row" class="detail" data-id=${item.id}><td role="cell" colspan="2">${this.#detail(item, at)}</td></tr>` : nothing}`;
   }
 
@@ -120,7 +120,7 @@ ${this.#strip(item, at)}
       iconButton(act, { key, click, about, act, disabled, sheet: "measure" });
     const page = (/** @type {string} */ name, /** @type {string} */ key, /** @type {() => void} */ click, { act = name, disabled = false } = {}) =>
       iconButton(name, { key, click, about, act, disabled });
-    const recolor = (/** @type {Event} */ event) => items.update(id, { color: valueOf(event) });
+    const recolor = (/** @type {Event} */ event) => items.update(id, { color: textOf(event) });
     const hide = page(hidden ? "show" : "hide", hidden ? "measureShow" : "measureHide", () => items.update(id, { hidden: !hidden }), { act: "hide" });
     return html`<div class="strip">
 ${own("look", "measureLook", () => sharing.look(item))}
@@ -138,14 +138,14 @@ ${page("delete", "delete", () => items.remove(item))}
   #words({ id, name, note }) {
     const { items } = this.#parts;
     const rename = (/** @type {Event} */ event) => {
-      const given = valueOf(event).trim();
+      const given = textOf(event).trim();
       if (given && given !== name) items.update(id, { name: given });
     };
     const leave = (/** @type {KeyboardEvent} */ event) => {
       if (event.key === "Enter") /** @type {HTMLElement} */ (event.target).blur();
     };
     // The note is kept with every letter, so that a reload loses nothing; one edit to undo when the field is left.
-    return html`<div class="editor"><label><span>${t("name")}</span><input maxlength="200" dir="auto" autocomplete="off" data-act="name" .value=${name} @change=${rename} @keydown=${leave}></label><label><span>${t("note")}</span><textarea rows="2" maxlength="20000" dir="auto" data-act="note" .value=${note} @input=${(/** @type {Event} */ event) => items.type(id, valueOf(event))} @change=${() => items.typed()}></textarea></label></div>`;
+    return html`<div class="editor"><label><span>${t("name")}</span><input maxlength="200" dir="auto" autocomplete="off" data-act="name" .value=${name} @change=${rename} @keydown=${leave}></label><label><span>${t("note")}</span><textarea rows="2" maxlength="20000" dir="auto" data-act="note" .value=${note} @input=${(/** @type {Event} */ event) => items.type(id, textOf(event))} @change=${() => items.typed()}></textarea></label></div>`;
   }
 }
 

@@ -45,7 +45,7 @@ export class Point {
   pick(engine, { clip, snap, onChange }) {
     const { ray } = this;
     if (!ray) return Promise.resolve(false);
-    const provisional = (/** @type {import("./engine.js").Provisional | null} */ p) => {
+    const provisional = (/** @type {import("../types/page.js").Provisional | null} */ p) => {
       if (this.isFinal || !p) return;
       if (p.world) this.world = p.world;
       this.rough = p.local ?? null;

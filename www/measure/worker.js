@@ -35,7 +35,8 @@ const gone = () => new DOMException("the question was taken back", "AbortError")
 function ways(call) {
   /** @type {Fetch} */
   const fetch = (offset, length, fresh) => {
-    const need = (needs += 1);
+    needs += 1;
+    const need = needs;
     const bytes = new Promise((resolve, reject) => {
       if (cancelled.has(call)) reject(gone());
       else waiting.set(need, { call, resolve, reject });

@@ -1,11 +1,10 @@
 // Types that several parts of the page share. Lengths are metres, angles radians, unless a field says otherwise.
 
+import type { Camera, Measurement, Stats } from "../kilwa-viewer.js";
 import type { Viewer } from "../viewer.js";
-import type { Camera, Stats } from "../kilwa-viewer.js";
-import type { Measurement } from "../kilwa-viewer.js";
 
-export type { Camera, Viewer };
 export type { Annotation, Measurement, NewMeasurement, PictureOptions, State } from "../kilwa-viewer.js";
+export type { Camera, Viewer };
 
 /** The module that wasm-bindgen wrote for the viewer, ready to be called. */
 export type Program = typeof import("../viewer.js");
@@ -143,6 +142,7 @@ export interface Note {
   created?: string | null;
   modified?: string | null;
   /** The annotation of the file that it was read from. */
+  // biome-ignore lint/suspicious/noExplicitAny: JSON that others wrote; annotations.js looks at every part of it.
   source?: any;
 }
 
@@ -315,6 +315,41 @@ export interface Progress {
   all?: number;
   /** Seconds until the connection is tried again. */
   waiting?: number | null;
+}
+
+/** How the engine is asked something. */
+export interface Asking {
+  progress?: (progress: Progress) => void;
+  signal?: AbortSignal;
+}
+
+/** Bytes that the engine's worker asks for; `call`: the question that needs them. */
+export interface Need {
+  need: number;
+  call: number;
+  offset: number;
+  length: number;
+  fresh: boolean;
+}
+
+/** A question that is under way. */
+export interface Call {
+  resolve: (result: unknown) => void;
+  reject: (error: unknown) => void;
+  progress: (progress: Progress) => void;
+  controller: AbortController;
+  /** Why its bytes did not come. */
+  failure?: Failure;
+}
+
+/** What is known of a place along a ray before the finest surface is (measure/engine.js). */
+export interface Provisional {
+  local: number[] | null;
+  world: number[] | null;
+  low: number;
+  high: number;
+  stretches: number;
+  error: number;
 }
 
 /** A mark on a drawing to scale: grey 0 to 1, millimetres of paper. */

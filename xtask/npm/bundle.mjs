@@ -1,6 +1,6 @@
 // Bundles the page's modules: few files instead of many, each small. `node bundle.mjs WWW OUT GLUE…`; prints two lines of names: what
-// the page needs before it asks for anything, and what it needs besides before it starts. GLUE are scripts that wasm-bindgen wrote: they stay modules of their own, which program.js and the
-// worker load by address, and are only made smaller.
+// the page needs before it asks for anything, and what it needs besides before it starts. GLUE are scripts that wasm-bindgen wrote: they stay modules of their own,
+// which program.js and the worker load by address, and are only made smaller; so are the style sheets.
 import { build, transform } from "esbuild";
 import { readFile, writeFile } from "node:fs/promises";
 import { basename, join } from "node:path";
@@ -27,6 +27,10 @@ const result = await build({
 for (const path of glue) {
   const { code } = await transform(await readFile(path, "utf8"), { minify: true, format: "esm", target: "es2022", charset: "utf8" });
   await writeFile(join(out, basename(path)), code);
+}
+for (const name of ["style.css", "measure.css"]) {
+  const { code } = await transform(await readFile(join(www, name), "utf8"), { minify: true, loader: "css", target: "es2022", charset: "utf8" });
+  await writeFile(join(out, name), code);
 }
 // What the first one needs before it runs, and what the second one needs besides.
 const needs = (entry) => {
