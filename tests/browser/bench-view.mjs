@@ -111,9 +111,15 @@ async function loads() {
       const s = all[0].stats;
       say(`${name}, ${linkName}: ${(m((l) => l.target) / 1e3).toFixed(2)} s`);
       const cells = [
-        name, linkName, (m((l) => l.first) / 1e3).toFixed(2), (m((l) => l.target) / 1e3).toFixed(2),
-        (m((l) => l.stats.bytesReceived + l.stats.head) / 1e6).toFixed(2), m((l) => l.stats.requests), s.trianglesDrawn,
-        m((l) => l.long.count), (m((l) => l.long.ms) / 1e3).toFixed(2),
+        name,
+        linkName,
+        (m((l) => l.first) / 1e3).toFixed(2),
+        (m((l) => l.target) / 1e3).toFixed(2),
+        (m((l) => l.stats.bytesReceived + l.stats.head) / 1e6).toFixed(2),
+        m((l) => l.stats.requests),
+        s.trianglesDrawn,
+        m((l) => l.long.count),
+        (m((l) => l.long.ms) / 1e3).toFixed(2),
       ];
       console.log(`| ${cells.join(" | ")} |`);
     }
@@ -155,7 +161,7 @@ async function soak(minutes) {
   const waits = [];
   const ends = Date.now() + minutes * 60_000;
   let random = 1;
-  const next = () => ((random = (Math.imul(random, 1664525) + 1013904223) >>> 0) / 2 ** 32);
+  const next = () => (random = (Math.imul(random, 1664525) + 1013904223) >>> 0) / 2 ** 32;
   let round = 0;
   while (Date.now() < ends) {
     const to = [next(), next(), next()];
@@ -197,10 +203,19 @@ async function soak(minutes) {
   await close();
   const sorted = waits.toSorted((a, b) => a - b);
   console.log(`\n### Soak: ${minutes} minutes at 100 Mbit/s, 5 % of the requests refused, 64 MB for the model\n`);
-  console.log(`${waits.length} stops; the target (or what the memory allows) after a stop: median ${(sorted[sorted.length >> 1] / 1e3).toFixed(2)} s, longest ${(sorted.at(-1) / 1e3).toFixed(2)} s.\n`);
-  console.log("| stop | JS heap MB | GPU memory of chunks MB | resident: pages MB | drawing MB | all of the browser MB | failures | received MB |\n|---:|---:|---:|---:|---:|---:|---:|---:|");
+  console.log(
+    `${waits.length} stops; the target (or what the memory allows) after a stop: median ${(sorted[sorted.length >> 1] / 1e3).toFixed(2)} s, longest ${(sorted.at(-1) / 1e3).toFixed(2)} s.\n`,
+  );
+  console.log(
+    "| stop | JS heap MB | GPU memory of chunks MB | resident: pages MB | drawing MB | all of the browser MB | failures | received MB |\n|---:|---:|---:|---:|---:|---:|---:|---:|",
+  );
   for (const [n, heap, gpu, rss, failures, received] of rows) {
-    const cells = [n, ...[heap, gpu, rss.renderer, rss.gpu, rss.all].map((bytes, i) => (bytes / 1e6).toFixed(i < 2 ? 1 : 0)), failures, (received / 1e6).toFixed(0)];
+    const cells = [
+      n,
+      ...[heap, gpu, rss.renderer, rss.gpu, rss.all].map((bytes, i) => (bytes / 1e6).toFixed(i < 2 ? 1 : 0)),
+      failures,
+      (received / 1e6).toFixed(0),
+    ];
     console.log(`| ${cells.join(" | ")} |`);
   }
 }

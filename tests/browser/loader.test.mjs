@@ -131,7 +131,12 @@ test("a whole file that breaks off is asked for again, and a page instead of a p
   behave = (_, response) => {
     response.writeHead(200, { "content-type": "text/html" }).write("<!doctype html>".padEnd(1000, " "));
   };
-  assert.equal(Buffer.from(await new Pack(url).head()).subarray(0, 9).toString(), "<!doctype");
+  assert.equal(
+    Buffer.from(await new Pack(url).head())
+      .subarray(0, 9)
+      .toString(),
+    "<!doctype",
+  );
   behave = (_, response) => response.writeHead(200, { "content-length": 1000 }).end(packOf(300_000).subarray(0, 1000));
   await assert.rejects(new Pack(url).head(), kind("truncated"));
 });
@@ -156,7 +161,11 @@ test("a file that changes between two requests is noticed by tag and by length",
 
 test("weak tags are the same file while they are equal, also where a proxy weakens some of them, and another file when they differ", async () => {
   const tagged = (etag) => good(({ headers }) => ({ headers: { ...headers, etag } }));
-  for (const [first, then] of [['W/"1"', 'W/"1"'], ['"1"', 'W/"1"'], ['W/"1"', '"1"']]) {
+  for (const [first, then] of [
+    ['W/"1"', 'W/"1"'],
+    ['"1"', 'W/"1"'],
+    ['W/"1"', '"1"'],
+  ]) {
     behave = tagged(first);
     const pack = new Pack(url);
     await pack.head();
@@ -269,7 +278,12 @@ function several(asked, change = () => ({})) {
     asked.push(request.headers.range ?? request.url);
     const [, list] = /\.kilwa\/([^?]*)/.exec(request.url) ?? [];
     if (!list) return good(({ headers }) => ({ headers: { ...headers, "kilwa-ranges": "64" } }))(request, response);
-    const body = Buffer.concat(list.split(",").map((r) => r.split("-").map(Number)).map(([a, b]) => FILE.subarray(a, b + 1)));
+    const body = Buffer.concat(
+      list
+        .split(",")
+        .map((r) => r.split("-").map(Number))
+        .map(([a, b]) => FILE.subarray(a, b + 1)),
+    );
     const answer = { status: 200, headers: { etag: '"1"' }, body };
     const changed = { ...answer, ...change(answer) };
     response.writeHead(changed.status, { "content-length": changed.length ?? changed.body.length, ...changed.headers });

@@ -74,7 +74,8 @@ onBoth("walking keeps the eye at its height above the ground, goes where keys an
   await page.evaluate(() => {
     const { viewer, walk } = globalThis.kilwa;
     const ground = (x, y) => viewer.groundBelow(x, y, 30);
-    const isLevel = (x, y) => [0, 1, 2, 3, 4, 5, 6, 7].every((k) => Math.abs(ground(x + 2 * Math.cos(k * 0.8), y + 2 * Math.sin(k * 0.8)) - ground(x, y)) < 0.25);
+    const isLevel = (x, y) =>
+      [0, 1, 2, 3, 4, 5, 6, 7].every((k) => Math.abs(ground(x + 2 * Math.cos(k * 0.8), y + 2 * Math.sin(k * 0.8)) - ground(x, y)) < 0.25);
     for (let r = 0; r < 8; r += 0.5) {
       for (let k = 0; k < 12; k += 1) {
         const [x, y] = [r * Math.cos(k), r * Math.sin(k)];
@@ -348,14 +349,20 @@ test("saved views are kept for the pack: named, renamed, ordered, deleted with u
   await page.locator("#saved-list .go").nth(1).click();
   await rest(page);
   assert.equal((await camera(page))[0], 0, "a saved view is gone to");
-  await page.locator("#saved-import").setInputFiles({ name: "x.json", mimeType: "application/json", buffer: Buffer.from('{"type":"KilwaViews","views":[{"camera":[1,2]}]}') });
+  await page
+    .locator("#saved-import")
+    .setInputFiles({ name: "x.json", mimeType: "application/json", buffer: Buffer.from('{"type":"KilwaViews","views":[{"camera":[1,2]}]}') });
   await page.locator("#notice", { hasText: "view 1 has no usable camera" }).waitFor();
   assert.deepEqual(complaints, []);
   await end();
 });
 
 test("a flight is eased where motion is welcome, and the person can take over at any time", async () => {
-  const { page, complaints, close: end } = await open(browser, fort(), {
+  const {
+    page,
+    complaints,
+    close: end,
+  } = await open(browser, fort(), {
     reducedMotion: "no-preference",
     // A frame is 50 ms on the page's clock, however long a busy machine takes for it.
     before: (page) =>

@@ -54,7 +54,10 @@ test("the first picture needs one range request of the pack, and the model then 
   assert.ok(Math.abs(fine.share - coarse.share) < 0.25 * coarse.share, "the coarse picture stands where the fine one does");
   assert.notEqual(fine.hash, coarse.hash);
   assert.equal(packs.filter((range) => range === HEAD).length, 1);
-  assert.ok(packs.every((range) => /^(bytes=\d+-\d+|\d+-\d+(,\d+-\d+)+)$/.test(range)), "only ranges are asked for");
+  assert.ok(
+    packs.every((range) => /^(bytes=\d+-\d+|\d+-\d+(,\d+-\d+)+)$/.test(range)),
+    "only ranges are asked for",
+  );
   assert.deepEqual(complaints, []);
   await close();
 });
@@ -120,7 +123,11 @@ test("keyboard, mouse, wheel and fingers fly the camera, and the error comes bac
   const pivoted = await step("double click", () => page.mouse.dblclick(...place));
   assert.deepEqual(pivoted.now.camera.slice(0, 2), pivoted.before.camera.slice(0, 2));
 
-  for (const [key, name] of [["1", "plan"], ["3", "east"], ["6", "oblique"]]) {
+  for (const [key, name] of [
+    ["1", "plan"],
+    ["3", "east"],
+    ["6", "oblique"],
+  ]) {
     await step(name, () => page.keyboard.press(key));
   }
   await step("minus, closer again by the button", () => page.locator("#zoom-in").click());
@@ -170,7 +177,12 @@ test("the memory limit holds during a flight, and what was forgotten comes back"
   const places = await page.evaluate(() => {
     const { viewer, session } = globalThis.kilwa;
     const { width, height } = session.canvas;
-    return [[0.3, 0.55], [0.7, 0.55], [0.5, 0.45], [0.5, 0.7]]
+    return [
+      [0.3, 0.55],
+      [0.7, 0.55],
+      [0.5, 0.45],
+      [0.5, 0.7],
+    ]
       .map(([x, y]) => [...viewer.pick(x * width, y * height)].slice(0, 3))
       .filter((place) => place.length === 3);
   });
@@ -255,7 +267,10 @@ test("a silent server at the start, flipped bits, short answers and refusals are
     if (number > 16) return null;
     mishaps += 1;
     return [
-      { body: flip }, { status: 503 }, { body: (b) => b.subarray(0, b.length >> 1), announce: range[1] - range[0] + 1 }, { drop: true },
+      { body: flip },
+      { status: 503 },
+      { body: (b) => b.subarray(0, b.length >> 1), announce: range[1] - range[0] + 1 },
+      { drop: true },
       { body: (b) => b.subarray(1) },
     ][number % 5];
   };
@@ -266,7 +281,10 @@ test("a silent server at the start, flipped bits, short answers and refusals are
   assert.ok(s.failures >= 5, `only ${s.failures} failures were noticed`);
   assert.ok(s.targetReached);
   assert.deepEqual(await picture(page), wanted, "the same picture as from a good server");
-  assert.deepEqual(complaints.filter((c) => !/Failed to load resource/.test(c)), []);
+  assert.deepEqual(
+    complaints.filter((c) => !/Failed to load resource/.test(c)),
+    [],
+  );
   await close();
   proxy.mishap = null;
 });
@@ -399,7 +417,10 @@ test("axe-core finds nothing serious, in both themes, on the list, the viewer, i
       await tab.click();
       found.push(...(await serious(page, `${await tab.getAttribute("id")} ${colorScheme}`)));
     }
-    for (const [button, dialog] of [["#help-open", "#help"], ["#picture-open", "#picture"]]) {
+    for (const [button, dialog] of [
+      ["#help-open", "#help"],
+      ["#picture-open", "#picture"],
+    ]) {
       await page.locator(button).click();
       await page.locator(dialog).waitFor();
       found.push(...(await serious(page, `${dialog} ${colorScheme}`)));

@@ -78,7 +78,12 @@ function tiff(bytes) {
     const entry = at + 2 + n * 12;
     const [tag, type, count] = [bytes.readUInt16LE(entry), bytes.readUInt16LE(entry + 2), bytes.readUInt32LE(entry + 4)];
     const from = count * sizes[type] <= 4 ? entry + 8 : bytes.readUInt32LE(entry + 8);
-    const value = { 3: (p) => bytes.readUInt16LE(p), 4: (p) => bytes.readUInt32LE(p), 5: (p) => bytes.readUInt32LE(p) / bytes.readUInt32LE(p + 4), 12: (p) => bytes.readDoubleLE(p) }[type];
+    const value = {
+      3: (p) => bytes.readUInt16LE(p),
+      4: (p) => bytes.readUInt32LE(p),
+      5: (p) => bytes.readUInt32LE(p) / bytes.readUInt32LE(p + 4),
+      12: (p) => bytes.readDoubleLE(p),
+    }[type];
     fields[tag] = Array.from({ length: count }, (_, k) => value(from + k * sizes[type]));
   }
   return fields;
@@ -190,7 +195,10 @@ test("a plan as GeoTIFF has the tags, and as PNG the world file, that kilwa rend
   assert.deepEqual(here[34735].slice(-4), [3072, 0, 1, 32737]);
   const [[width], [height], [rows]] = [here[256], here[257], here[278]];
   const strips = here[offsets].map((at, k) => inflateSync(saved.bytes.subarray(at, at + here[lengths][k])));
-  assert.equal(strips.reduce((n, s) => n + s.length, 0), width * height * 3);
+  assert.equal(
+    strips.reduce((n, s) => n + s.length, 0),
+    width * height * 3,
+  );
   assert.equal(strips.length, Math.ceil(height / rows));
   const off = Math.max(...[33550, 33922].flatMap((tag) => here[tag].map((v, k) => Math.abs(v - there[tag][k]))));
   console.log(`trust | GeoTIFF of the page beside that of kilwa render, metres | 0 | ${off}`);
@@ -223,7 +231,23 @@ test("on a sheet wider than 16,384 pixels a bar of 10 m measures 10 m to half a 
   assert.ok(Math.abs(long - wanted) <= 0.5 + 1e-9, `${long} instead of ${wanted}`);
   // The same drawing, native: the same columns show the model.
   const out = path.join(path.dirname(pack), "wide.png");
-  await promisify(execFile)(KILWA, ["render", pack, "-o", out, "--force", "--view", "south", "--scale", `1:${scale}`, "--dpi", String(DPI), "--paper", paper.join("x"), "--mode", "colour"]);
+  await promisify(execFile)(KILWA, [
+    "render",
+    pack,
+    "-o",
+    out,
+    "--force",
+    "--view",
+    "south",
+    "--scale",
+    `1:${scale}`,
+    "--dpi",
+    String(DPI),
+    "--paper",
+    paper.join("x"),
+    "--mode",
+    "colour",
+  ]);
   const there = png(await readFile(out));
   assert.deepEqual([here.width, here.height], [there.width, there.height]);
   let [both, differing] = [0, 0];
