@@ -15,9 +15,8 @@ const server = await serve(await packFolder());
 const browser = await launch();
 
 async function onLink([name, link]) {
-  let client;
   const { page, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [1280, 720] });
-  client = await page.context().newCDPSession(page);
+  const client = await page.context().newCDPSession(page);
   await client.send("Network.enable");
   const loaded = new Map();
   let bytes = { program: 0, pack: 0, requests: 0 };

@@ -161,7 +161,10 @@ async function soak(minutes) {
   const waits = [];
   const ends = Date.now() + minutes * 60_000;
   let random = 1;
-  const next = () => (random = (Math.imul(random, 1664525) + 1013904223) >>> 0) / 2 ** 32;
+  const next = () => {
+    random = (Math.imul(random, 1664525) + 1013904223) >>> 0;
+    return random / 2 ** 32;
+  };
   let round = 0;
   while (Date.now() < ends) {
     const to = [next(), next(), next()];

@@ -42,7 +42,11 @@ async function staticHost(extra = {}, meta = () => "") {
     }
   });
   await new Promise((resolve) => host.listen(0, "127.0.0.1", resolve));
-  return { url: `http://127.0.0.1:${host.address().port}`, stop: () => (host.closeAllConnections(), new Promise((resolve) => host.close(resolve))) };
+  const stop = () => {
+    host.closeAllConnections();
+    return new Promise((resolve) => host.close(resolve));
+  };
+  return { url: `http://127.0.0.1:${host.address().port}`, stop };
 }
 
 const HOST_PAGE = '<!doctype html><link rel="icon" href="data:,"><title>host</title><body><script type="module" src="/host.js"></script>';
@@ -94,7 +98,7 @@ test("without a pack the page offers to open one: chosen or dropped in, nothing 
   // Another file in its place: damaged, empty, and the first again, dropped.
   await page.locator("#open-file").setInputFiles({ name: "no.kilwa", mimeType: "", buffer: Buffer.alloc(5000, 65) });
   await waitFor(page, "trouble");
-  assert.match(await page.locator("#trouble").innerText(), /damaged[^]*magic bytes/);
+  assert.match(await page.locator("#trouble").innerText(), /damaged[\s\S]*magic bytes/);
   await page.locator("#open-file").setInputFiles({ name: "no.kilwa", mimeType: "", buffer: Buffer.alloc(0) });
   await waitFor(page, "trouble");
   const pack = (await readFile(path.join(folder, "fort.kilwa"))).toString("base64");

@@ -23,7 +23,10 @@ const DESK = {
 
 function random(seed) {
   let s = seed;
-  return () => (s = (Math.imul(s, 1103515245) + 12345) & 0x7fffffff) / 0x7fffffff;
+  return () => {
+    s = (Math.imul(s, 1103515245) + 12345) & 0x7fffffff;
+    return s / 0x7fffffff;
+  };
 }
 
 /** So many labels of one to four lines somewhere in the picture. */

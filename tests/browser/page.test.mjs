@@ -220,13 +220,13 @@ test("a model that is not there, or is no pack, is said with the next step", asy
     return text;
   };
   assert.match(await trouble(() => ({ status: 404 })), /not there/);
-  assert.match(await trouble(() => ({ body: () => Buffer.alloc(65536, 65) })), /damaged[^]*magic bytes/);
+  assert.match(await trouble(() => ({ body: () => Buffer.alloc(65536, 65) })), /damaged[\s\S]*magic bytes/);
   const flipped = (body) => {
     const bad = Buffer.from(body);
     bad[300] ^= 4;
     return bad;
   };
-  assert.match(await trouble(() => ({ body: flipped })), /damaged[^]*checksum/);
+  assert.match(await trouble(() => ({ body: flipped })), /damaged[\s\S]*checksum/);
   // A copy that ends early: the server says so honestly, and the header knows better.
   const short = ({ range }) => ({
     body: (b) => b.subarray(0, 50_000),
@@ -328,7 +328,7 @@ test("without WebGPU and WebGL 2 there is a sentence, the facts and the download
     };
   };
   const { page, close } = await open(browser, fort(), { wait: "trouble", before: (page) => page.addInitScript(hide) });
-  assert.match(await plate(page), /cannot draw the model[^]*WebGPU[^]*WebGL 2/);
+  assert.match(await plate(page), /cannot draw the model[\s\S]*WebGPU[\s\S]*WebGL 2/);
   assert.ok(await page.locator("#trouble-download").isVisible());
   assert.match(await page.locator("#facts").innerText(), /Triangles/);
   await close();

@@ -42,7 +42,8 @@ function png(bytes) {
   for (let at = 8; at < bytes.length; ) {
     const length = bytes.readUInt32BE(at);
     const name = bytes.toString("latin1", at + 4, at + 8);
-    (chunks[name] ??= []).push(bytes.subarray(at + 8, at + 8 + length));
+    chunks[name] ??= [];
+    chunks[name].push(bytes.subarray(at + 8, at + 8 + length));
     at += length + 12;
   }
   const [head] = chunks.IHDR;

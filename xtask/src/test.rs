@@ -215,8 +215,8 @@ fn page(_: Length) -> Result<Tally> {
     Ok(Tally::default())
 }
 
-/// The page's code: its types (www/tsconfig.json), then how it is written (biome.json), with the browser tests and the tools in JavaScript.
-fn page_code() -> Result<Tally> {
+/// The page's code: its types (www/tsconfig.json), then how it is written (biome.jsonc), with the browser tests and the tools in JavaScript.
+fn page_code(_: Length) -> Result<Tally> {
     let tools = setup::npm_packages("xtask/npm")?;
     let web = root()?.join("target/web");
     let declared = web.join("bindgen/viewer/viewer.d.ts");

@@ -197,8 +197,7 @@ fn optimise(module: &Path, tools: &Path, kept: &Path) -> Result<()> {
 /// The hand-written part of the page: everything under `www/` that is neither output nor a development tool.
 fn add_static_files(page: &mut Page, www: &Path, prefix: &str) -> Result<()> {
     let belongs = |name: &str| {
-        !name.starts_with('.')
-            && !matches!(name, "dist" | "node_modules" | "package.json" | "tsconfig.json" | "types")
+        !name.starts_with('.') && !matches!(name, "dist" | "node_modules" | "package.json" | "tsconfig.json" | "types")
     };
     add_folder(page, www, prefix, &belongs)?;
     if !page.contains_key("index.html") {
@@ -379,8 +378,12 @@ mod tests {
 
     #[test]
     fn only_whole_identifiers_are_renamed() {
-        let names = BTreeMap::from([("__wbg_a_1".to_owned(), "i0".to_owned()), ("__wbg_a_12".to_owned(), "i1".to_owned())]);
-        assert_eq!(renamed("{ __wbg_a_1: f(__wbg_a_12), x__wbg_a_1: 1 } // é", &names), "{ i0: f(i1), x__wbg_a_1: 1 } // é");
+        let names =
+            BTreeMap::from([("__wbg_a_1".to_owned(), "i0".to_owned()), ("__wbg_a_12".to_owned(), "i1".to_owned())]);
+        assert_eq!(
+            renamed("{ __wbg_a_1: f(__wbg_a_12), x__wbg_a_1: 1 } // é", &names),
+            "{ i0: f(i1), x__wbg_a_1: 1 } // é"
+        );
     }
 
     #[test]
