@@ -76,7 +76,7 @@ export function contentRange(response) {
 }
 
 /**
- * Stop an answer that is not wanted. One whose connection broke already has stopped: its error says nothing more.
+ * Stop an answer that is not wanted. Where its connection broke it has stopped already, and the error of stopping it means nothing.
  * @param {Response} response
  */
 export async function discard(response) {

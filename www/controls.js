@@ -106,7 +106,7 @@ function documents({ current, measuring, toolbox, address, openFile }) {
   });
   addEventListener("pagehide", () => current.notes?.closeForm());
 
-  /** A document that was dropped tells itself what it holds. */
+  /** A document that was dropped: its own fields state what it holds. */
   const readDocument = async (/** @type {File} */ file) => {
     if (!current.notes) return;
     try {

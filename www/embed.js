@@ -44,7 +44,7 @@ export function serve(api, calls, { origins = allowedOrigins(), host = parent } 
       send({ id, error: String(error?.message ?? error) });
     }
   });
-  // The page around may have spoken before this one listened. This says nothing but that it does now, so it may go to anyone.
+  // The page around may have spoken before this one listened. This message reveals nothing, so it may go to anyone.
   host.postMessage({ kilwa: 1, event: "listening" }, "*");
   api.on("*", (detail, event) => listening.has(event) && send({ event, detail }));
 }

@@ -1,4 +1,4 @@
-// Lists of facts: what a pack tells of itself.
+// Lists of facts: what a pack states about itself.
 
 import { html, nothing } from "lit-html";
 import { bound, bytes, coordinate, count, extent, length } from "./format.js";

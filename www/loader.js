@@ -3,7 +3,7 @@
 // The first answer fixes the length and the ETag of the file. Every later answer is compared with them, and its length
 // with what was asked for; checksums (in the decoder) catch the rest. A server that ignores Range is put up with where the
 // whole file is small: it is read once, front to back, and parts are given out as they come; the coarse levels lie in front. Where it is
-// large it is refused with its size, which the file itself tells where the server does not (docs/FORMAT.md, section 3).
+// large it is refused with its size, which the file itself states where the server does not (docs/FORMAT.md, section 3).
 
 import { contentRange, discard, isSameTag, LENGTH_END, PackError, read, readStart, statedLength } from "./answer.js";
 
@@ -30,7 +30,7 @@ export class Pack {
     this.reading = null;
     /** Who waits for more of it. @type {Set<(failure: unknown) => void>} */
     this.waiting = new Set();
-    /** While leave to read is asked for. @type {Promise<void> | null} */
+    /** While access is asked for. @type {Promise<void> | null} */
     this.opening = null;
     this.requests = 0;
     this.received = 0;
@@ -86,7 +86,7 @@ export class Pack {
     const etag = response.headers.get("etag");
     if (!isSameTag(this.etag, etag)) {
       await discard(response);
-      // Whether it changed, a single range tells.
+      // Whether it changed shows in the answer to a single range.
       if (ranges) this.#oneByOne("another file");
       throw new PackError("changed", "the ETag of the file changed");
     }
@@ -109,7 +109,7 @@ export class Pack {
   }
 
   /**
-   * One request; where the model is not public and the server tells where to ask, leave is asked for, and the same once more.
+   * One request; where the model is not public and the server names an address that grants access, access is asked for, and the request is made once more.
    * @param {number} offset
    * @param {number} length
    * @param {AbortSignal} [signal]
@@ -132,7 +132,7 @@ export class Pack {
   }
 
   /**
-   * Leave to read the pack, for some minutes: a cookie that scripts do not see.
+   * Access to the pack, for some minutes: a cookie that scripts do not see.
    * @param {URL} url
    */
   async #open(url) {

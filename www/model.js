@@ -20,7 +20,7 @@ export class Model {
     /** The header's hash, under which the browser keeps views, notes and measurements. */
     this.hash = this.info.pack.hash;
     this.identity = new Identity({ pack, head, module, hash: this.hash });
-    /** The shading that is usual for it, once a viewer has told. @type {string | null} */
+    /** The shading that is usual for it, once a viewer is there. @type {string | null} */
     this.usualMode = null;
   }
 

@@ -57,7 +57,7 @@ export async function load(parameters) {
   chosen = await choose(parameters);
   const name = chosen === "webgl" ? "viewer-gl" : "viewer";
   const wasm = fetch(new URL(`${name}_bg.wasm`, import.meta.url));
-  wasm.catch(() => {}); // The script may fail first; what awaits it says so.
+  wasm.catch(() => {}); // The script may fail first; whoever awaits it reports that.
   const address = new URL(`${name}.js`, import.meta.url).href;
   const module = await import(address);
   await module.default({ module_or_path: wasm });

@@ -14,7 +14,7 @@ import { download, fileName, get, put, readJson, unique } from "./store.js";
 const MAX_VIEWS = 1000;
 
 /**
- * Views from a file's JSON; throws a sentence that tells what is wrong and where.
+ * Views from a file's JSON; throws an error whose message names what is wrong and where.
  * @param {any} json
  * @returns {SavedView[]}
  */

@@ -118,7 +118,7 @@ function paintMark(draw, mark, { k, left, top }) {
   }
 }
 
-/** A file of deflated strips: what stands between them the engine says. */
+/** A file of deflated strips: what stands between them comes from the engine. */
 class StripWriter {
   /**
    * @param {SheetPlan} sheet

@@ -1,7 +1,7 @@
 // Where a file goes while it is made: straight to a place that the person chose, where the browser can do that (File System Access), else into parts
 // that the browser keeps on disk when they are many. Nothing here grows with the file.
 
-/** Files that may become larger than this are written where the person says. */
+/** Files that may become larger than this are written where the person chooses. */
 const LARGE = 256e6;
 
 /** Parts of a Blob. */

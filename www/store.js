@@ -1,5 +1,5 @@
 // What the browser keeps for the person: small JSON values in localStorage. Where storage is switched off or full, they
-// last as long as the page, and `put` says so.
+// last as long as the page, and `put` returns false.
 
 /** @type {Map<string, string | null>} */
 const memory = new Map();

@@ -282,7 +282,7 @@ test("a deviation is shown as colours on the model, from its own plane and as fa
     const tools = await kilwa.measuring.load();
     const task = { record: () => ({ tool: "deviation", local, reach: 2 }) };
     const answer = await (await tools.engine).measure(task.record());
-    await tools.colour({ task });
+    await tools.sharing.colour({ task });
     return [JSON.parse(kilwa.viewer.displayState()), JSON.parse(kilwa.viewer.legend()), answer];
   }, local);
   assert.equal(state.mode, "distance");

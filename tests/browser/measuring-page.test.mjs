@@ -223,7 +223,7 @@ test("an address opens the same measurement elsewhere, to the last bit, and one 
   assert.equal((await list(other.page)).length, 1, "what is kept and what the address says are the same measurement");
   await other.page.evaluate(() => {
     const { tools } = globalThis.kilwa.measuring;
-    tools.change(Array.from({ length: 80 }, (_, k) => ({ ...tools.items[0], id: `x${k}` })));
+    tools.list.change(Array.from({ length: 80 }, (_, k) => ({ ...tools.items[0], id: `x${k}` })));
   });
   await other.page.locator("#share").click();
   await other.page.locator("#notice", { hasText: "too many for a link" }).waitFor();

@@ -26,7 +26,7 @@ const isTouch = () => matchMedia("(pointer: coarse)").matches;
  * @property {() => {clipPlane: Plane | null, clipBox: Box | null}} clip what cuts the model
  * @property {() => string} snap what points snap to
  * @property {(tool: Tool, which?: string) => void} tool choose a tool of the page
- * @property {() => {plane: import("./task.js").PlaneChoice, interval: number}} options what the panel says of the tool
+ * @property {() => {plane: import("./task.js").PlaneChoice, interval: number}} options what was chosen for the tool in the panel
  * @property {() => void} changed something that is shown
  * @property {() => void} toolChanged another tool, or another step of it
  * @property {() => void} draw what is drawn over the picture
@@ -199,7 +199,7 @@ export class Draft {
       (isFound) => {
         if (this.isClosed) return;
         if (isFound && point.snapped !== "none") announce(t("measureSnapped", { what: t(SNAPS[point.snapped] ?? "snapVertex") }));
-        // Of what is still being drawn, a point that is nowhere goes; what is in the list tells it itself.
+        // Of what is still being drawn, a point that lies on no surface is removed; in the list it is shown with its measurement.
         if (!isFound && drawn && this.drawn === drawn && drawn.points.includes(point)) {
           drawn.points = drawn.points.filter((p) => p !== point);
           notice(t("measureMissed"), 8000);

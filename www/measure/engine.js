@@ -1,9 +1,6 @@
 // Measuring, as the page sees it: questions go to a worker (measure/worker.js, wasm), bytes are fetched here through the page's own loader.
 //
 // const engine = await Engine.open({ pack, head, viewer, pages, footer, program });
-//   pack    loader.js Pack or LocalPack; head  its first bytes; viewer  a function that gives the wasm Viewer in force, for provisional values;
-//   pages   a function that gives what the viewer has of the directory (offset in the file → bytes); footer  the pack's last bytes, or null;
-//   program  a promise of the compiled module
 // engine.pack        { identity, title, crs, lattice: { origin, step_log2 }, step, capture, bytes, triangles, borders }
 // engine.pick({ origin, direction }, { clip, snap, within, provisional, progress, signal })
 //   → { local, world, normal, ray, snapped: "vertex" | "crease" | "border" | null, fetched }, or null where the ray meets nothing
@@ -14,16 +11,14 @@
 // engine.measure(task, { unit, level, progress, signal })
 //   → { readings, printed: [{ name, text }], parts: [{ what: "lattice" | "level" | "capture", value: metres | null }], uncertainty, remarks, details, task,
 //       lines?: [{ closed, flat, world, elevation? }], title?, layer?, read?: { chunks, bytes, of_chunks, of_bytes }, fetched, provisional }
-//     or { refusal: "English sentence", said: { code, values } }.  `printed` are the very digits of `kilwa measure`; a remark is { code, values, english }.
-//     said.js says both in the language of the page.
+//     or { refusal: "English sentence", said: { code, values } }.  `printed` are the very digits of `kilwa measure`; a remark is { code, values, english };
+//     messages.js has both in the language of the page.
 //   level        how far the points may still be from the finest surface, metres: then the answer is provisional, from the points alone
 // engine.shown(readings, unit)            → printed: the same readings in another unit
-// engine.cite(measurement, { unit })      → one English sentence, that of `kilwa measure --cite`; cite.js says it in the language of the page
+// engine.cite(measurement, { unit })      → one English sentence, that of `kilwa measure --cite`; cite.js writes it in the language of the page
 // engine.write(what, format, { scale })   → text; what: a document (json, csv, geojson, dxf) or an answer with lines (those and svg)
 // engine.read(text)                       → document, with `same`: false where it is of another pack; its points are counted from this pack's origin
 // engine.drawing({ view, scale, dpi, paper, bare, title, format, widest }) → a drawing to scale, for sheet.js; one at a time
-// engine.close()
-//
 // Progress: { done, all } bytes, all is 0 where nobody knows; { waiting: seconds } while the connection is gone. A signal that is aborted rejects with
 // an AbortError; a pack that changed or cannot be read with a sentence (`said` where it is the engine's, `kind` where it is the network's). Questions asked last are fetched for first.
 
@@ -32,7 +27,7 @@ import { isPassing } from "../answer.js";
 /** Requests on their way at a time. */
 const IN_FLIGHT = 6;
 
-/** Bytes of the footer and of a directory page, entries in a page, and where the header says what (docs/FORMAT.md, sections 3, 4 and 7). */
+/** Bytes of the footer and of a directory page, entries in a page, and offsets in the header (docs/FORMAT.md, sections 3, 4 and 7). */
 const [FOOTER_BYTES, PAGE_BYTES, PAGE_ENTRIES] = [80, 16_384, 127];
 const [FILE_BYTES_AT, ENTRIES_AT, PAGES_AT] = [64, 84, 112];
 

@@ -107,7 +107,7 @@ export class Runner {
       task.guess = readings;
       this.changed();
     } catch {
-      // It is a guess: what is final tells what is wrong.
+      // It is a guess: what is wrong is reported with the final value.
     }
   }
 

@@ -32,7 +32,7 @@ const MAX_PIECES = 240;
 const APART = ["coordinate", "height", "circle", "plane-angle"];
 
 /**
- * What a measurement tells now.
+ * The lines of a label: the value, or what is known of it.
  * @param {Task} task
  * @param {string} unit
  * @param {{isDraft?: boolean}} how

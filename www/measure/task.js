@@ -14,7 +14,7 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 /** @param {number[]} v */
 const unit = (v) => v.map((x) => x / Math.hypot(...v));
 
-/** One place. `half`: how far it may be off while it is provisional, metres; null where no number can be said. */
+/** One place. `half`: how far it may be off while it is provisional, metres; null where there is no number for that. */
 export class Point {
   /** @param {{world?: number[] | null, local?: number[] | null, ray?: Ray | null, half?: number | null}} known */
   constructor({ world = null, local = null, ray = null, half = null }) {
@@ -49,7 +49,7 @@ export class Point {
       if (this.isFinal || !p) return;
       if (p.world) this.world = p.world;
       this.rough = p.local ?? null;
-      // Several stretches of the ray: no number can be said.
+      // Several stretches of the ray: there is no number.
       this.half = Number.isFinite(p.low) && Number.isFinite(p.high) ? Math.max(0, (p.high - p.low) / 2) : null;
       onChange();
     };

@@ -52,7 +52,7 @@ export const toolOf = (id) => TOOLS.find((tool) => tool.id === id);
 export const RECORDED = new Set(TOOLS.map((tool) => tool.tool ?? tool.id));
 
 /**
- * The tool that a measurement of a file was made with, as well as the file tells.
+ * The tool that a measurement of a file was made with, as far as the file states it.
  * @param {MeasureRecord} record
  */
 export function toolOfRecord({ tool, local = [] }) {
