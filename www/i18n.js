@@ -5,18 +5,28 @@ import { setLocale } from "./format.js";
 export const LANGUAGES = ["en", "fr", "pt", "sw", "ar"];
 const RIGHT_TO_LEFT = new Set(["ar"]);
 
+/** @type {Record<string, string>} */
 let strings = {};
+/** @type {Set<() => void>} */
 const listeners = new Set();
 
-/** The string of a key, its `{names}` replaced. A key without a string shows itself: a test keeps that from happening. */
+/**
+ * The string of a key, its `{names}` replaced. A key without a string shows itself: a test keeps that from happening.
+ * @param {string} key
+ * @param {Record<string, any>} values
+ * @returns {string}
+ */
 export function t(key, values = {}) {
   return (strings[key] ?? key).replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
 }
 
-/** `?lang=`, else what was chosen before, else what the browser asks for, else English. */
+/**
+ * `?lang=`, else what was chosen before, else what the browser asks for, else English.
+ * @param {URLSearchParams} parameters
+ */
 export function preferred(parameters) {
   const chosen = [parameters.get("lang"), stored(), ...navigator.languages];
-  const found = chosen.map((l) => l?.toLowerCase().split("-")[0]).find((l) => LANGUAGES.includes(l));
+  const found = chosen.map((l) => l?.toLowerCase().split("-")[0]).find((l) => l && LANGUAGES.includes(l));
   return found ?? "en";
 }
 
@@ -28,6 +38,7 @@ function stored() {
   }
 }
 
+/** @param {string} language */
 export function remember(language) {
   try {
     localStorage.setItem("kilwa.language", language);
@@ -36,6 +47,7 @@ export function remember(language) {
   }
 }
 
+/** @param {string} language */
 export async function use(language) {
   const response = await fetch(new URL(`i18n/${language}.json`, import.meta.url));
   if (!response.ok) throw new Error(`i18n/${language}.json: ${response.status}`);
@@ -47,13 +59,18 @@ export async function use(language) {
   for (const listener of listeners) listener();
 }
 
+/** @param {() => void} listener */
 export function onChange(listener) {
   listeners.add(listener);
 }
 
-/** Write the strings into everything below `root`. */
+/**
+ * Write the strings into everything below `root`.
+ * @param {ParentNode} root
+ */
 export function apply(root) {
-  for (const e of root.querySelectorAll("[data-text]")) e.textContent = t(e.dataset.text);
-  for (const e of root.querySelectorAll("[data-label]")) e.setAttribute("aria-label", t(e.dataset.label));
-  for (const e of root.querySelectorAll("[data-aria]")) e.setAttribute("aria-label", t(e.dataset.aria));
+  const all = (/** @type {string} */ name) => /** @type {NodeListOf<HTMLElement>} */ (root.querySelectorAll(`[data-${name}]`));
+  for (const e of all("text")) e.textContent = t(e.dataset.text ?? "");
+  for (const e of all("label")) e.setAttribute("aria-label", t(e.dataset.label ?? ""));
+  for (const e of all("aria")) e.setAttribute("aria-label", t(e.dataset.aria ?? ""));
 }

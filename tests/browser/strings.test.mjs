@@ -19,8 +19,7 @@ async function sources() {
   const own = await Promise.all(names.map((n) => readFile(path.join(WWW, n), "utf8")));
   // The landing page and the server's own pages have elements that name their strings in the same way.
   const folders = ["../archive/src", "../server/src"].map((folder) => path.join(WWW, folder));
-  const rustFiles = async (folder) =>
-    (await readdir(folder, { recursive: true })).filter((n) => n.endsWith(".rs")).map((n) => path.join(folder, n));
+  const rustFiles = async (folder) => (await readdir(folder, { recursive: true })).filter((n) => n.endsWith(".rs")).map((n) => path.join(folder, n));
   const written = (await Promise.all(folders.map(rustFiles))).flat();
   const rust = await Promise.all(written.map((file) => readFile(file, "utf8")));
   return [...own, ...rust.filter((text) => text.includes("data-text")).map((text) => text.replaceAll('\\"', '"'))].join("\n");
@@ -29,7 +28,9 @@ async function sources() {
 /** Codes of the engine's sentences. */
 async function codes() {
   const folders = ["../core/measure/src", "../viewer/measure/src"].map((f) => path.join(WWW, f));
-  const files = (await Promise.all(folders.map(async (f) => (await readdir(f, { recursive: true })).filter((n) => n.endsWith(".rs")).map((n) => path.join(f, n))))).flat();
+  const files = (
+    await Promise.all(folders.map(async (f) => (await readdir(f, { recursive: true })).filter((n) => n.endsWith(".rs")).map((n) => path.join(f, n))))
+  ).flat();
   const text = (await Promise.all(files.map((f) => readFile(f, "utf8")))).join("\n");
   return [...text.matchAll(/Said::new\(\s*"([a-z-]+)"/g)].map((m) => m[1]);
 }

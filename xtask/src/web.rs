@@ -128,14 +128,42 @@ fn add_module(page: &mut Page, compiled: &Path, name: &str, tools: &Path, scratc
         fs::remove_dir_all(&bound).with_context(|| format!("cannot empty {}", bound.display()))?;
     }
     let mut bindgen = Bindgen::new();
-    bindgen.input_path(compiled).out_name(name).typescript(false);
-    bindgen
+    bindgen.input_path(compiled).out_name(name).typescript(true);
+    let mut output = bindgen
         .web(true)
-        .and_then(|b| b.generate(&bound))
+        .and_then(Bindgen::generate_output)
         .with_context(|| format!("wasm-bindgen on {}", compiled.display()))?;
+    // What the module imports is called `__wbg_` and a hash, which do not compress: two letters do.
+    let mut short = BTreeMap::new();
+    for import in output.wasm_mut().imports.iter_mut().filter(|import| import.name.starts_with("__wb")) {
+        let next = format!("i{}", short.len());
+        import.name = short.entry(std::mem::take(&mut import.name)).or_insert(next).clone();
+    }
+    output.emit(&bound).with_context(|| format!("wasm-bindgen cannot write to {}", bound.display()))?;
+    let glue = bound.join(format!("{name}.js"));
+    let text = fs::read_to_string(&glue).with_context(|| format!("wasm-bindgen left no {}", glue.display()))?;
+    fs::write(&glue, renamed(&text, &short))?;
     let wasm = format!("{name}_bg.wasm");
     optimise(&bound.join(&wasm), tools, &scratch.join(format!("{name}.opt.wasm")))?;
-    add_folder(page, &bound, "", &|_| true)
+    // The declarations are for the type checker (www/tsconfig.json), not for the page.
+    add_folder(page, &bound, "", &|name| !name.ends_with(".d.ts"))
+}
+
+/// `text` with other names for some identifiers.
+fn renamed(text: &str, names: &BTreeMap<String, String>) -> String {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '$';
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    while !rest.is_empty() {
+        let word_end = rest.find(|c| !is_part(c)).unwrap_or(rest.len());
+        let (word, after) = rest.split_at(word_end);
+        out.push_str(names.get(word).map_or(word, String::as_str));
+        let gap_end = after.find(is_part).unwrap_or(after.len());
+        let (gap, next) = after.split_at(gap_end);
+        out.push_str(gap);
+        rest = next;
+    }
+    out
 }
 
 /// Replaces `module` by what wasm-opt makes of it; `kept` holds the last result, valid while the stamp beside it agrees.
@@ -169,8 +197,7 @@ fn optimise(module: &Path, tools: &Path, kept: &Path) -> Result<()> {
 /// The hand-written part of the page: everything under `www/` that is neither output nor a development tool.
 fn add_static_files(page: &mut Page, www: &Path, prefix: &str) -> Result<()> {
     let belongs = |name: &str| {
-        !name.starts_with('.')
-            && !matches!(name, "dist" | "node_modules" | "package.json" | "package-lock.json" | "README.md")
+        !name.starts_with('.') && !matches!(name, "dist" | "node_modules" | "package.json" | "tsconfig.json" | "types")
     };
     add_folder(page, www, prefix, &belongs)?;
     if !page.contains_key("index.html") {
@@ -347,6 +374,16 @@ mod tests {
         add_folder(&mut found, &dist, "", &|_| true).unwrap();
         assert_eq!(found, next);
         fs::remove_dir_all(&dist).unwrap();
+    }
+
+    #[test]
+    fn only_whole_identifiers_are_renamed() {
+        let names =
+            BTreeMap::from([("__wbg_a_1".to_owned(), "i0".to_owned()), ("__wbg_a_12".to_owned(), "i1".to_owned())]);
+        assert_eq!(
+            renamed("{ __wbg_a_1: f(__wbg_a_12), x__wbg_a_1: 1 } // é", &names),
+            "{ i0: f(i1), x__wbg_a_1: 1 } // é"
+        );
     }
 
     #[test]

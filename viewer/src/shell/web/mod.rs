@@ -5,6 +5,7 @@
 //! milliseconds. Numbers of bytes and requests are `f64`, exact up to 2^53. Errors are sentences; those that begin with
 //! `nogpu:` mean that nothing can be drawn here.
 
+mod camera;
 mod display;
 mod loss;
 mod navigation;

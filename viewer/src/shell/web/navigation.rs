@@ -1,7 +1,7 @@
 //! Where the viewer looks from: camera, standard views, what is under a pixel.
 
 use super::Viewer;
-use crate::camera::{Camera, DEFAULT_FIELD_OF_VIEW, StandardView};
+use crate::camera::{Camera, StandardView};
 use crate::pick::{Scope, interval, nearest};
 use crate::section::Clip;
 use crate::walk;
@@ -134,39 +134,6 @@ impl Viewer {
     /// Keep the direction and show all of the model.
     pub fn fit(&mut self) {
         self.camera.fit(&self.bounds, self.size());
-    }
-
-    /// The camera: azimuth, elevation (radians), distance, target x, y, z (metres), 1 where parallel, roll and vertical
-    /// opening angle (radians).
-    pub fn camera(&self) -> Vec<f64> {
-        let c = &self.camera;
-        let DVec3 { x, y, z } = c.target;
-        vec![c.azimuth, c.elevation, c.distance, x, y, z, f64::from(c.orthographic), c.roll, c.field_of_view]
-    }
-
-    /// Take a camera that [`Viewer::camera`] gave; false when it is none. Roll and opening angle may be left out.
-    #[wasm_bindgen(js_name = setCamera)]
-    pub fn set_camera(&mut self, camera: &[f64]) -> bool {
-        let &[azimuth, elevation, distance, x, y, z, orthographic, ref rest @ ..] = camera else { return false };
-        let roll = rest.first().copied().unwrap_or(0.0);
-        let field_of_view = rest.get(1).copied().unwrap_or(DEFAULT_FIELD_OF_VIEW);
-        let is_sane = camera.iter().all(|v| v.is_finite())
-            && distance > 0.0
-            && rest.len() <= 2
-            && (0.01..=2.8).contains(&field_of_view);
-        if is_sane {
-            self.camera.azimuth = 0.0;
-            self.camera.elevation = 0.0;
-            self.camera.orbit(azimuth, elevation);
-            self.camera.target = DVec3::new(x, y, z);
-            self.camera.orthographic = orthographic != 0.0;
-            self.camera.distance = distance;
-            self.camera.roll = roll;
-            self.camera.field_of_view = field_of_view;
-            // Brings the distance into its range.
-            self.camera.zoom(1.0, self.camera.target, &self.bounds);
-        }
-        is_sane
     }
 
     /// Metres that one pixel shows at the pivot.
