@@ -169,8 +169,15 @@ fn lints_wasm() -> Result<Tally> {
 }
 
 fn page() -> Result<Tally> {
-    web::run(&web::Args {})?;
-    Ok(Tally::default())
+    web::run(&web::Args::default())?;
+    let mut tally = Tally::default();
+    match web::same_with_trunk()? {
+        Some(files) => println!("trunk builds the same {files} files"),
+        None => {
+            tally.skips.insert("trunk builds the same page: trunk is not installed (cargo install trunk)".to_owned());
+        }
+    }
+    Ok(tally)
 }
 
 /// Arguments that choose what is tested. Every cargo call of these stages uses the same ones, because another choice of packages unifies

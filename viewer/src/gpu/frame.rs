@@ -242,13 +242,7 @@ impl Uniforms {
     }
 
     /// Write a frame's uniforms; `draws` in order of their dynamic offsets.
-    pub(crate) fn write(
-        &mut self,
-        device: &wgpu::Device,
-        queue: &wgpu::Queue,
-        frame: &Frame,
-        draws: &[Draw],
-    ) {
+    pub(crate) fn write(&mut self, device: &wgpu::Device, queue: &wgpu::Queue, frame: &Frame, draws: &[Draw]) {
         queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
         if draws.len() > self.capacity {
             self.capacity = draws.len().next_power_of_two();
