@@ -77,11 +77,7 @@ fn read(camera: &JsValue) -> Option<Given> {
         azimuth: field("azimuth")?,
         elevation: field("elevation")?,
         distance: field("distance")?,
-        target: DVec3::new(
-            number(&target, &0.into())?,
-            number(&target, &1.into())?,
-            number(&target, &2.into())?,
-        ),
+        target: DVec3::new(number(&target, &0.into())?, number(&target, &1.into())?, number(&target, &2.into())?),
         orthographic: Reflect::get(camera, &"orthographic".into()).ok()?.is_truthy(),
         roll: field("roll")?,
         field_of_view: field("fieldOfView")?,
