@@ -1,16 +1,24 @@
-// The strings of the page. Elements name theirs: data-text (content), data-label (name and tooltip), data-aria (name only).
+// The messages of the page, from i18n/LANGUAGE/page.ftl. Elements name theirs: data-text (content), data-label (name and tooltip), data-aria (name only).
 
-import { setLocale } from "./format.js";
+import { count, setLocale } from "./format.js";
 
 export const LANGUAGES = ["en", "fr", "pt", "sw", "ar"];
 const RIGHT_TO_LEFT = new Set(["ar"]);
 
-let strings = {};
+let messages = {};
+let plural;
 const listeners = new Set();
 
-/** The string of a key, its `{names}` replaced. A key without a string shows itself: a test keeps that from happening. */
+/** The message of a key with its values; numbers are written as the language does. A key without a message shows itself: a test keeps that from happening. */
 export function t(key, values = {}) {
-  return (strings[key] ?? key).replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
+  return fill(messages[key] ?? key, values);
+}
+
+/** A message is a text, plural forms of the number that `$` names, or a list of these (i18n/src/message.rs). */
+function fill(message, values) {
+  if (Array.isArray(message)) return message.map((part) => fill(part, values)).join("");
+  if (message.$) return fill(message[plural.select(values[message.$])] ?? message.other, values);
+  return message.replace(/\{(\w+)\}/g, (_, name) => (typeof values[name] === "number" ? count(values[name]) : (values[name] ?? "")));
 }
 
 /** `?lang=`, else what was chosen before, else what the browser asks for, else English. */
@@ -39,7 +47,8 @@ export function remember(language) {
 export async function use(language) {
   const response = await fetch(new URL(`i18n/${language}.json`, import.meta.url));
   if (!response.ok) throw new Error(`i18n/${language}.json: ${response.status}`);
-  strings = await response.json();
+  messages = await response.json();
+  plural = new Intl.PluralRules(language);
   setLocale(language, RIGHT_TO_LEFT.has(language));
   document.documentElement.lang = language;
   document.documentElement.dir = RIGHT_TO_LEFT.has(language) ? "rtl" : "ltr";
@@ -51,7 +60,7 @@ export function onChange(listener) {
   listeners.add(listener);
 }
 
-/** Write the strings into everything below `root`. */
+/** Write the messages into everything below `root`. */
 export function apply(root) {
   for (const e of root.querySelectorAll("[data-text]")) e.textContent = t(e.dataset.text);
   for (const e of root.querySelectorAll("[data-label]")) e.setAttribute("aria-label", t(e.dataset.label));

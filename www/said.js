@@ -5,7 +5,7 @@ import { count, isolate, length } from "./format.js";
 import { t } from "./i18n.js";
 
 const KINDS = {
-  count,
+  count: Number,
   metres: length,
   share: (part) => isolate(`${count(Number((part * 100).toFixed(1)))} %`),
   number: count,

@@ -64,7 +64,7 @@ export function stepText(tool, given, isTouch) {
   const end = t(isTouch ? "stepHold" : "stepEnd");
   const number = count(given + 1);
   if (tool.most === MANY) {
-    const more = given >= tool.least ? t(isTouch ? "stepDoneTouch" : "stepDone") : t("stepLeast", { count: count(tool.least) });
+    const more = given >= tool.least ? t(isTouch ? "stepDoneTouch" : "stepDone") : t("stepLeast", { count: tool.least });
     return `${t("stepTool", { tool: t(tool.key), step: t("stepMany", { press, number }) })} · ${more} · ${end}`;
   }
   const special = tool.steps?.[given];
