@@ -185,7 +185,7 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
     writeln!(
         out,
         "{object}: version {version} published, {}, {}",
-        counted(files, "file", "files"),
+        counted(*files, "file", "files"),
         plan::human(report.bytes)
     )?;
     if report.closed {
