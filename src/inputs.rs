@@ -19,6 +19,7 @@ use kilwa_formats::read::texture::detail::Detail;
 use kilwa_formats::read::{self, Placed, Placement, ReadError, ReadOptions, Replaced};
 use kilwa_formats::{Units, Up};
 use kilwa_pack::metadata::SourceFile;
+use kilwa_pack::plural::counted;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -282,7 +283,10 @@ fn summarised(mut sources: Vec<SourceFile>) -> Vec<SourceFile> {
         let rest = sources.split_off(own);
         let lines = rest.iter().fold(String::new(), |lines, s| lines + &s.sha256 + "  " + &s.name + "\n");
         sources.push(SourceFile {
-            name: format!("{} further files (SHA-256 of their list as sha256sum prints it)", rest.len()),
+            name: format!(
+                "{} (SHA-256 of their list as sha256sum prints it)",
+                counted(rest.len(), "further file", "further files")
+            ),
             bytes: rest.iter().map(|s| s.bytes).sum(),
             sha256: hexadecimal(&Sha256::digest(lines)),
         });

@@ -6,6 +6,7 @@ use crate::source::{FileSource, read_named_text};
 use anyhow::{Context, bail};
 use glam::DVec3;
 use kilwa_pack::Metadata;
+use kilwa_pack::plural::counted;
 use kilwa_stream::{Budgets, Stats};
 use kilwa_viewer::colormap::VIRIDIS;
 use kilwa_viewer::display::{LightAngles, Plane, SectionBox};
@@ -312,11 +313,11 @@ fn report(
     } else {
         writeln!(
             out,
-            "{}: {} x {} pixels, {} triangles, surface within {:.2} px ({:.4} m), {adapter}",
+            "{}: {} x {} pixels, {}, surface within {:.2} px ({:.4} m), {adapter}",
             args.output.display(),
             args.size[0],
             args.size[1],
-            stats.triangles_drawn,
+            counted(stats.triangles_drawn, "triangle", "triangles"),
             stats.worst_pixel_error,
             stats.worst_error_metres,
         )?;

@@ -4,6 +4,7 @@ use super::sweep::FileLeaves;
 use glam::DVec3;
 use kilwa_measure::clip::Clip;
 use kilwa_measure::{Leaves, Place, Space, place};
+use kilwa_pack::plural::counted;
 
 /// What the numbers of a command line mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,6 +44,10 @@ pub(super) async fn places(leaves: &FileLeaves, numbers: &[f64], given: Given) -
 /// Positions from a flat list of numbers.
 pub(super) fn positions(numbers: &[f64]) -> anyhow::Result<Vec<DVec3>> {
     let (positions, rest) = numbers.as_chunks::<3>();
-    anyhow::ensure!(rest.is_empty(), "positions are three numbers each, x y z; {} numbers are given", numbers.len());
+    anyhow::ensure!(
+        rest.is_empty(),
+        "positions are three numbers each, x y z; {} given",
+        counted(numbers.len(), "number is", "numbers are")
+    );
     Ok(positions.iter().copied().map(DVec3::from).collect())
 }

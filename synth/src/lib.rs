@@ -19,6 +19,7 @@ pub use phantom::Phantom;
 
 use glam::DVec3;
 use kilwa_formats::RawMesh;
+use kilwa_pack::plural::counted;
 use piece::{Sink, Site, weld};
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
@@ -95,7 +96,7 @@ pub struct SynthReport {
 #[derive(Debug, thiserror::Error)]
 pub enum SynthError {
     /// Fewer triangles than the shape needs.
-    #[error("{asked} triangles are too few for this shape: ask for at least {fewest}")]
+    #[error("{} too few for this shape: ask for at least {fewest}", counted(*asked, "triangle is", "triangles are"))]
     TooFew {
         /// Asked for.
         asked: u64,
@@ -111,7 +112,7 @@ pub enum SynthError {
         asked: u64,
     },
     /// No blocks, or more than the site can be cut into.
-    #[error("{asked} blocks are not possible: with so many triangles this shape can be cut into 1 to {most}")]
+    #[error("{} not possible: with so many triangles this shape can be cut into 1 to {most}", counted(*asked, "block is", "blocks are"))]
     Blocks {
         /// Asked for.
         asked: u32,

@@ -1,7 +1,7 @@
 //! `cargo xtask web`: the page, ready to be served by any static host, in `www/dist`.
 //!
 //! Input: the crates `kilwa-viewer` (twice: with WebGPU, and with WebGL 2 for browsers without it) and `kilwa-decode`, `kilwa-measure-web`, and the
-//! static files of `www/`. Steps: cargo for wasm32 with the profile `web` (in `target/web` and `target/web-gl`, so that neither a
+//! static files of `www/`, the messages in `i18n/`. Steps: cargo for wasm32 with the profile `web` (in `target/web` and `target/web-gl`, so that neither a
 //! native build waits for it nor one variant replaces the other), wasm-bindgen as a library of exactly the version that the
 //! crates link, wasm-opt from npm's binaryen, a copy of the static files, a `.gz` beside everything that compresses.
 //!
@@ -122,6 +122,7 @@ fn build(dist: &Path, html: Option<Vec<u8>>) -> Result<()> {
     if let Some(html) = html {
         page.insert("index.html".to_owned(), html);
     }
+    add_messages(&mut page)?;
     bundle::bundle(&mut page, &root.join("www"), &tools, &root.join("target/web/bundle"), &glue)?;
     add_compressed(&mut page)?;
     let written = synchronise(dist, &page)?;
@@ -255,6 +256,15 @@ fn add_static_files(page: &mut Page, www: &Path, prefix: &str) -> Result<()> {
     add_folder(page, www, prefix, &belongs)?;
     if !page.contains_key("index.html") {
         bail!("{} has no index.html", www.display());
+    }
+    Ok(())
+}
+
+/// The page's messages, one file for each language, from the Fluent files in `i18n/`.
+fn add_messages(page: &mut Page) -> Result<()> {
+    for code in kilwa_messages::languages() {
+        let messages = kilwa_messages::page_json(code).map_err(anyhow::Error::msg)?;
+        page.insert(format!("i18n/{code}.json"), messages.into_bytes());
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 use super::{Body, MARGIN, Note, Notes, View, same_pack};
 use crate::date::is_day;
 use glam::DVec3;
+use kilwa_pack::plural::counted;
 use serde_json::{Map, Value, json};
 
 /// What a note and a text of it may be for (Web Annotation Data Model, W3C 2017, section 3.3.5).
@@ -61,8 +62,11 @@ impl Notes {
         let links = self.notes.iter().filter(|n| n.links().next().is_some()).count();
         let displays = self.notes.iter().filter(|n| n.view.as_ref().is_some_and(|v| v.display.is_some())).count();
         let parts = [(links, "links"), (displays, "shading and sections")];
-        let said: Vec<String> =
-            parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{what} of {n} notes")).collect();
+        let said: Vec<String> = parts
+            .iter()
+            .filter(|(n, _)| *n > 0)
+            .map(|&(n, what)| format!("{what} of {}", counted(n, "note", "notes")))
+            .collect();
         (!said.is_empty()).then(|| format!("{}, which may tell the place", said.join(" and ")))
     }
 }

@@ -22,6 +22,7 @@ use glam::{DVec3, I64Vec3};
 use kilwa_formats::UNCOLOURED;
 use kilwa_formats::read::sink::{NO_POSITION, NOT_FINITE, UNUSED};
 use kilwa_geometry::Lattice;
+use kilwa_pack::plural::counted;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -80,7 +81,10 @@ pub(super) fn resolve(work: &Work<'_>, spooled: &Spooled, options: &IngestOption
     let Some(mut bounds) = spooled.bounds.filter(|_| spooled.triangles > 0) else {
         let why = match spooled.triangles {
             0 => "the input has no triangles; give a mesh, not a point cloud".to_owned(),
-            n => format!("of {n} triangles none is left: no vertex has a finite position; check the export"),
+            n => format!(
+                "of {} none is left: no vertex has a finite position; check the export",
+                counted(n, "triangle", "triangles")
+            ),
         };
         return Err(BuildError::Empty { why });
     };
@@ -141,8 +145,10 @@ const LOW_CONFIDENCE: &str = "triangles dropped because of --min-confidence";
 const CROPPED: &str = "triangles outside of --crop dropped";
 
 fn nothing_left(triangles: u64, tally: &Tally) -> BuildError {
-    let reasons: Vec<String> = tally.iter().map(|(kind, n, _)| format!("{n} {kind}")).collect();
-    BuildError::Empty { why: format!("of {triangles} triangles none is left ({})", reasons.join("; ")) }
+    let reasons: Vec<String> = tally.iter().map(|(kind, n, _)| format!("{kind}: {n}")).collect();
+    BuildError::Empty {
+        why: format!("of {} none is left ({})", counted(triangles, "triangle", "triangles"), reasons.join("; ")),
+    }
 }
 
 /// What the last pass over the triangles gives.

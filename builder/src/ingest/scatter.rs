@@ -132,11 +132,12 @@ pub(super) fn scatter(work: &Work<'_>, resolved: &Resolved, options: &IngestOpti
         work.stop.check()?;
     }
     if kept == 0 {
-        let why = format!(
-            "all {} triangles collapse on a lattice of {:e} m; give a smaller --step or check --units",
-            resolved.triangles,
-            resolved.lattice.step()
-        );
+        let all = match resolved.triangles {
+            1 => "the only triangle collapses".to_owned(),
+            n => format!("all {n} triangles collapse"),
+        };
+        let step = resolved.lattice.step();
+        let why = format!("{all} on a lattice of {step:e} m; give a smaller --step or check --units");
         return Err(BuildError::Empty { why });
     }
     let (cube_log2, shape) = (resolved.cube_log2, buckets.shape().to_vec());

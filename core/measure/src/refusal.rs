@@ -2,13 +2,14 @@
 
 use crate::said::{Said, Say, Worth};
 use glam::DVec3;
+use kilwa_pack::plural::counted;
 use thiserror::Error;
 
 /// What a tool says instead of a number that would mean nothing.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Refusal {
     /// Not enough points.
-    #[error("{tool} needs at least {needed} points; {given} are given")]
+    #[error("{tool} needs at least {}; {} given", counted(*needed, "point", "points"), counted(*given, "is", "are"))]
     TooFew {
         /// The tool.
         tool: &'static str,
@@ -34,8 +35,9 @@ pub enum Refusal {
     Crossing,
     /// A volume of something that encloses none.
     #[error(
-        "the surface is not closed ({borders} border edges), so that it encloses no volume; draw a region and measure \
-         cut and fill against a plane instead"
+        "the surface is not closed ({}), so that it encloses no volume; draw a region and measure \
+         cut and fill against a plane instead",
+        counted(*borders, "border edge", "border edges")
     )]
     Open {
         /// Edges that only one triangle uses.

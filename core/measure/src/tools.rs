@@ -194,7 +194,7 @@ mod tests {
         let say = |tool: PointTool, points: &[DVec3]| tool.measure(points, &space(), &u).unwrap_err().to_string();
         assert!(say(PointTool::Circle, &line).contains("lie on one line"));
         assert!(say(PointTool::PolygonArea, &line).contains("lie on one line"));
-        assert!(say(PointTool::Distance, &line[..1]).contains("at least 2 points; 1 are given"));
+        assert!(say(PointTool::Distance, &line[..1]).contains("at least 2 points; 1 is given"));
         assert!(say(PointTool::Angle, &[line[0], line[0], line[1]]).contains("same place"));
         assert!(say(PointTool::Coordinate, &[DVec3::new(f64::NAN, 0.0, 0.0)]).contains("finite"));
         let bow = [DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0), DVec3::X, DVec3::Y];

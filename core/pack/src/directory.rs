@@ -6,6 +6,7 @@
 use crate::bytes::Cursor;
 use crate::chunk::{MAX_CHUNK_BYTES, MAX_CHUNK_TRIANGLES, MAX_CHUNK_VERTICES};
 use crate::error::PackError;
+use crate::plural::counted;
 use glam::{DVec3, IVec3};
 use kilwa_geometry::lattice::MAX_COORDINATE;
 use kilwa_geometry::{Aabb, Sphere};
@@ -179,7 +180,11 @@ pub fn parse_page(bytes: &[u8], page: u32, entry_count: u32) -> Result<Vec<Direc
     }
     let expected = entries_in_page(page, entry_count);
     if magic != PAGE_MAGIC || number != page || count != expected {
-        return Err(c.invalid(&format!("it says to be page {number} with {count} entries, {expected} are expected")));
+        return Err(c.invalid(&format!(
+            "it says to be page {number} with {}, {} expected",
+            counted(count, "entry", "entries"),
+            counted(expected, "is", "are")
+        )));
     }
     c.take(PAGE_HEADER_BYTES - 32)?;
     let first = page.saturating_mul(u32::try_from(ENTRIES_PER_PAGE).unwrap_or(u32::MAX));

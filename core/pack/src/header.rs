@@ -2,6 +2,7 @@
 
 use crate::bytes::Cursor;
 use crate::error::PackError;
+use crate::plural::counted;
 use glam::DVec3;
 use kilwa_geometry::{Lattice, lattice::MAX_COORDINATE};
 
@@ -145,7 +146,7 @@ impl Header {
         }
         let (at, length) = self.metadata;
         if at < HEADER_BYTES as u64 || length == 0 || length > MAX_METADATA_BYTES {
-            return bad(format!("metadata of {length} bytes at {at} is not possible"));
+            return bad(format!("metadata of {} at {at} is not possible", counted(length, "byte", "bytes")));
         }
         let last = |(offset, bytes): (u64, u64)| offset.checked_add(bytes).filter(|&end| end <= self.file_bytes);
         let others = u64::from(self.page_count() - 1).saturating_mul(crate::PAGE_BYTES as u64);
@@ -155,7 +156,10 @@ impl Header {
             ("directory pages", (self.other_pages, others)),
         ] {
             if last(range).is_none() {
-                return bad(format!("{what} would lie outside the file of {} bytes", self.file_bytes));
+                return bad(format!(
+                    "{what} would lie outside the file of {}",
+                    counted(self.file_bytes, "byte", "bytes")
+                ));
             }
         }
         Ok(())

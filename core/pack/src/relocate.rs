@@ -5,6 +5,7 @@
 //! areas and volumes stay what they were. The new pack is another pack, with an identity of its own (FORMAT section 7).
 //! Chunks are encoded again only where channels are left out.
 
+use crate::plural::counted;
 use crate::{Attributes, DirectoryEntry, Header, Metadata, PackError, PackWriter, Reader, Source};
 use glam::DVec3;
 use kilwa_geometry::Lattice;
@@ -55,8 +56,9 @@ pub fn relocate_with_channels<S: Source, W: Write, T: Read + Write + Seek>(
     }
     let (mut header, mut metadata) = moved(reader, origin);
     let kept: Option<Vec<_>> = keep.iter().map(|&k| metadata.scalars.get(k).cloned()).collect();
-    metadata.scalars =
-        kept.ok_or_else(|| PackError::invalid("channels", format!("the pack has {all} scalar channels")))?;
+    metadata.scalars = kept.ok_or_else(|| {
+        PackError::invalid("channels", format!("the pack has {}", counted(all, "scalar channel", "scalar channels")))
+    })?;
     let scalars = u8::try_from(keep.len()).map_err(|_| PackError::invalid("channels", "there are too many"))?;
     header.attributes = Attributes { scalars, ..header.attributes };
     revise(&mut metadata);

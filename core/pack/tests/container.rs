@@ -304,7 +304,7 @@ fn the_writer_refuses_what_a_reader_would() {
     let mut writer = begin(vec![root.clone(), child(0, 1.0, &[0])]).expect("begins");
     assert!(writer.chunk(&encoded[1..]).is_err(), "not the announced bytes");
     writer.chunk(&encoded).expect("writes");
-    assert!(writer.finish().expect_err("refused").to_string().contains("1 chunks written, 2 announced"));
+    assert!(writer.finish().expect_err("refused").to_string().contains("1 chunk written, 2 announced"));
     assert_eq!(checksum(&encoded), root.checksum);
 }
 

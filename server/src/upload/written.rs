@@ -3,6 +3,7 @@
 
 use glam::DVec3;
 use kilwa_archive::metadata::plain_accuracy;
+use kilwa_pack::plural::counted;
 use kilwa_pack::{Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, Reader, Source, relocate};
 use std::io::{self, Write};
 
@@ -75,10 +76,16 @@ fn check_numbers(m: &Metadata, header: &Header) -> Result<(), String> {
         return Err(format!("the repair {kind:?} of its pack has a number in its name"));
     }
     if m.vertices > header.stored_vertices || m.vertices > m.triangles.saturating_mul(3) {
-        return Err(format!("its pack states {} vertices, more than its triangles can have", m.vertices));
+        return Err(format!(
+            "its pack states {}, more than its triangles can have",
+            counted(m.vertices, "vertex", "vertices")
+        ));
     }
     if m.border_edges > m.triangles.saturating_mul(3) {
-        return Err(format!("its pack states {} border edges, more than its triangles have edges", m.border_edges));
+        return Err(format!(
+            "its pack states {}, more than its triangles have edges",
+            counted(m.border_edges, "border edge", "border edges")
+        ));
     }
     m.capture_accuracy.map_or(Ok(()), plain_accuracy).map_err(|what| format!("capture_accuracy of its pack {what}"))
 }

@@ -367,7 +367,7 @@ async fn announced_numbers_are_compared_with_the_files() {
         version
     };
     let open = || Version::new("fort", 1, pack(true_place(), &[]));
-    let what = "preview.glb has 1 triangles with an error of 0 m";
+    let what = "preview.glb has 1 triangle with an error of 0 m";
     are_refused(vec![
         (announced(withheld(pack(MIDDLE, &[])), 1, 39.600_27), what),
         (announced(withheld(pack(MIDDLE, &[])), 9_009_946, 0.0), what),

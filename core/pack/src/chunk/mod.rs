@@ -9,6 +9,7 @@ mod predict;
 mod range;
 
 use crate::error::PackError;
+use crate::plural::counted;
 use kilwa_geometry::Mesh;
 use kilwa_geometry::lattice::MAX_COORDINATE;
 
@@ -204,10 +205,10 @@ pub fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -> Resul
         || declared.vertices as usize > 3 * declared.triangles as usize
     {
         return bad(format!(
-            "{} triangles and {} vertices cannot be in {} bytes",
-            declared.triangles,
-            declared.vertices,
-            bytes.len()
+            "{} and {} cannot be in {}",
+            counted(declared.triangles, "triangle", "triangles"),
+            counted(declared.vertices, "vertex", "vertices"),
+            counted(bytes.len(), "byte", "bytes")
         ));
     }
     let chunk = payload::decode(bytes, declared, attributes)?;
@@ -232,7 +233,11 @@ fn check(chunk: &Chunk, attributes: Attributes) -> Result<(), PackError> {
         return bad(format!("{} triangles and {vertices} vertices are too many", mesh.triangles.len()));
     }
     if vertices > mesh.triangles.len().saturating_mul(3) {
-        return bad(format!("{vertices} vertices, more than its {} triangles can use", mesh.triangles.len()));
+        return bad(format!(
+            "{}, more than its {} can use",
+            counted(vertices, "vertex", "vertices"),
+            counted(mesh.triangles.len(), "triangle", "triangles")
+        ));
     }
     if mesh.normals.len() != vertices
         || mesh.colors.len() != if attributes.colors { vertices } else { 0 }
@@ -259,7 +264,7 @@ fn check(chunk: &Chunk, attributes: Attributes) -> Result<(), PackError> {
         next = next.saturating_add(patch.count);
     }
     if next as usize != mesh.triangles.len() {
-        return bad(format!("its patches hold {next} triangles of {}", mesh.triangles.len()));
+        return bad(format!("its patches hold {} of {}", counted(next, "triangle", "triangles"), mesh.triangles.len()));
     }
     Ok(())
 }
