@@ -5,10 +5,14 @@ import { count, setLocale } from "./format.js";
 export const LANGUAGES = ["en", "fr", "pt", "sw", "ar"];
 const RIGHT_TO_LEFT = new Set(["ar"]);
 
-/** @type {Record<string, any>} */
+/**
+ * A message: a text, plural forms of the number that `$` names, or a list of these (i18n/src/message.rs).
+ * @typedef {string | { $: string, [category: string]: Pattern } | Pattern[]} Pattern
+ */
+
+/** @type {Record<string, Pattern>} */
 let messages = {};
-/** @type {Intl.PluralRules} */
-let plural;
+let plural = new Intl.PluralRules("en");
 /** @type {Set<() => void>} */
 const listeners = new Set();
 
@@ -23,14 +27,13 @@ export function t(key, values = {}) {
 }
 
 /**
- * A message is a text, plural forms of the number that `$` names, or a list of these (i18n/src/message.rs).
- * @param {any} message
+ * @param {Pattern} message
  * @param {Record<string, any>} values
  * @returns {string}
  */
 function fill(message, values) {
   if (Array.isArray(message)) return message.map((part) => fill(part, values)).join("");
-  if (message.$) return fill(message[plural.select(values[message.$])] ?? message.other, values);
+  if (typeof message === "object") return fill(message[plural.select(values[message.$])] ?? message.other, values);
   return message.replace(/\{(\w+)\}/g, (_, name) => (typeof values[name] === "number" ? count(values[name]) : (values[name] ?? "")));
 }
 
