@@ -4,7 +4,7 @@
 use std::fmt::{self, Display};
 
 /// `one` for 1, `other` for every other number: `plural(n, "is", "are")`.
-pub fn plural<N: PartialEq + From<u8>>(n: N, one: &'static str, other: &'static str) -> &'static str {
+pub fn plural<N: PartialEq + From<u8> + Copy>(n: N, one: &'static str, other: &'static str) -> &'static str {
     if n == N::from(1) { one } else { other }
 }
 
