@@ -60,8 +60,8 @@ pub fn page_json(code: &str) -> Result<String, String> {
     let source =
         SOURCES.iter().find(|s| s.code == code).ok_or_else(|| format!("{code} is not one of the languages"))?;
     let messages = message::parse(source.page).map_err(|why| format!("i18n/{code}/page.ftl: {why}"))?;
-    Ok(serde_json::Value::from_iter(messages.iter().map(|(key, message)| (key.as_str(), message.to_json())))
-        .to_string())
+    let all = messages.iter().map(|(key, message)| (key.as_str(), message.to_json()));
+    Ok(all.collect::<serde_json::Value>().to_string())
 }
 
 /// The portal's messages, in the order of [`languages`].

@@ -166,7 +166,7 @@ impl Message {
                     }
                     let forms = forms.iter().map(|(category, form)| (name(*category).to_owned(), form.to_json()));
                     let by = std::iter::once(("$".to_owned(), json!(by)));
-                    parts.push(Map::from_iter(by.chain(forms)).into());
+                    parts.push(by.chain(forms).collect::<Map<_, _>>().into());
                 }
             }
         }
