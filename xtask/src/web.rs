@@ -145,7 +145,9 @@ pub(crate) fn same_with_trunk() -> Result<Option<usize>> {
     }
     let root = root()?;
     let other = root.join("target/trunk");
-    run_command(command("trunk", &["build", "--release", "--dist"])?.arg(&other).current_dir(&root))?;
+    let mut trunk = command("trunk", &["build", "--release", "--dist"])?;
+    // trunk 0.21 takes no other value than a word.
+    run_command(trunk.arg(&other).env("NO_COLOR", "true"))?;
     let (mut ours, mut theirs) = (Page::new(), Page::new());
     add_folder(&mut ours, &root.join("www/dist"), "", &|_| true)?;
     add_folder(&mut theirs, &other, "", &|_| true)?;
