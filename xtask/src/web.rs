@@ -1,7 +1,7 @@
 //! `cargo xtask web`: the page, ready to be served by any static host, in `www/dist`.
 //!
 //! Input: the crates `kilwa-viewer` (twice: with WebGPU, and with WebGL 2 for browsers without it) and `kilwa-decode`, `kilwa-measure-web`, and the
-//! static files of `www/`. Steps: cargo for wasm32 with the profile `web` (in `target/web` and `target/web-gl`, so that neither a
+//! static files of `www/`, the messages in `i18n/`. Steps: cargo for wasm32 with the profile `web` (in `target/web` and `target/web-gl`, so that neither a
 //! native build waits for it nor one variant replaces the other), wasm-bindgen as a library of exactly the version that the
 //! crates link, wasm-opt from npm's binaryen, a copy of the static files, a `.gz` beside everything that compresses.
 //!
@@ -127,6 +127,7 @@ fn build(dist: &Path, html: Option<Vec<u8>>) -> Result<Page> {
     if let Some(html) = html {
         page.insert("index.html".to_owned(), html);
     }
+    add_messages(&mut page)?;
     bundle::bundle(&mut page, &root.join("www"), &tools, &root.join("target/web/bundle"), &glue)?;
     add_compressed(&mut page)?;
     let written = synchronise(dist, &page)?;
@@ -188,14 +189,42 @@ fn add_module(page: &mut Page, compiled: &Path, name: &str, tools: &Path, scratc
         fs::remove_dir_all(&bound).with_context(|| format!("cannot empty {}", bound.display()))?;
     }
     let mut bindgen = Bindgen::new();
-    bindgen.input_path(compiled).out_name(name).typescript(false);
-    bindgen
+    bindgen.input_path(compiled).out_name(name).typescript(true);
+    let mut output = bindgen
         .web(true)
-        .and_then(|b| b.generate(&bound))
+        .and_then(Bindgen::generate_output)
         .with_context(|| format!("wasm-bindgen on {}", compiled.display()))?;
+    // What the module imports is called `__wbg_` and a hash, which do not compress: two letters do.
+    let mut short = BTreeMap::new();
+    for import in output.wasm_mut().imports.iter_mut().filter(|import| import.name.starts_with("__wb")) {
+        let next = format!("i{}", short.len());
+        import.name = short.entry(std::mem::take(&mut import.name)).or_insert(next).clone();
+    }
+    output.emit(&bound).with_context(|| format!("wasm-bindgen cannot write to {}", bound.display()))?;
+    let glue = bound.join(format!("{name}.js"));
+    let text = fs::read_to_string(&glue).with_context(|| format!("wasm-bindgen left no {}", glue.display()))?;
+    fs::write(&glue, renamed(&text, &short))?;
     let wasm = format!("{name}_bg.wasm");
     optimise(&bound.join(&wasm), tools, &scratch.join(format!("{name}.opt.wasm")))?;
-    add_folder(page, &bound, "", &|_| true)
+    // The declarations are for the type checker (www/tsconfig.json), not for the page.
+    add_folder(page, &bound, "", &|name| !name.ends_with(".d.ts"))
+}
+
+/// `text` with other names for some identifiers.
+fn renamed(text: &str, names: &BTreeMap<String, String>) -> String {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '$';
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    while !rest.is_empty() {
+        let word_end = rest.find(|c| !is_part(c)).unwrap_or(rest.len());
+        let (word, after) = rest.split_at(word_end);
+        out.push_str(names.get(word).map_or(word, String::as_str));
+        let gap_end = after.find(is_part).unwrap_or(after.len());
+        let (gap, next) = after.split_at(gap_end);
+        out.push_str(gap);
+        rest = next;
+    }
+    out
 }
 
 /// Replaces `module` by what wasm-opt makes of it; `kept` holds the last result, valid while the stamp beside it agrees.
@@ -229,12 +258,20 @@ fn optimise(module: &Path, tools: &Path, kept: &Path) -> Result<()> {
 /// The hand-written part of the page: everything under `www/` that is neither output nor a development tool.
 fn add_static_files(page: &mut Page, www: &Path, prefix: &str) -> Result<()> {
     let belongs = |name: &str| {
-        !name.starts_with('.')
-            && !matches!(name, "dist" | "node_modules" | "package.json" | "package-lock.json" | "README.md")
+        !name.starts_with('.') && !matches!(name, "dist" | "node_modules" | "package.json" | "tsconfig.json" | "types")
     };
     add_folder(page, www, prefix, &belongs)?;
     if !page.contains_key("index.html") {
         bail!("{} has no index.html", www.display());
+    }
+    Ok(())
+}
+
+/// The page's messages, one file for each language, from the Fluent files in `i18n/`.
+fn add_messages(page: &mut Page) -> Result<()> {
+    for code in kilwa_messages::languages() {
+        let messages = kilwa_messages::page_json(code).map_err(anyhow::Error::msg)?;
+        page.insert(format!("i18n/{code}.json"), messages.into_bytes());
     }
     Ok(())
 }
@@ -407,6 +444,16 @@ mod tests {
         add_folder(&mut found, &dist, "", &|_| true).unwrap();
         assert_eq!(found, next);
         fs::remove_dir_all(&dist).unwrap();
+    }
+
+    #[test]
+    fn only_whole_identifiers_are_renamed() {
+        let names =
+            BTreeMap::from([("__wbg_a_1".to_owned(), "i0".to_owned()), ("__wbg_a_12".to_owned(), "i1".to_owned())]);
+        assert_eq!(
+            renamed("{ __wbg_a_1: f(__wbg_a_12), x__wbg_a_1: 1 } // é", &names),
+            "{ i0: f(i1), x__wbg_a_1: 1 } // é"
+        );
     }
 
     #[test]

@@ -5,7 +5,7 @@ use super::target::{texture, view_of};
 use crate::clip::ClipTransform;
 use crate::options::{Background, RenderOptions};
 use crate::section::Clip;
-use kilwa_geometry::distance::dot;
+use glam::DVec3;
 use kilwa_stream::{Projection, View};
 
 /// Range of the error view's scale: a tenth of a millimetre to a metre, log2 of metres.
@@ -64,7 +64,7 @@ pub struct Draw {
 /// The uniforms of a frame.
 pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits) -> Frame {
     let clip = ClipTransform::new(view, options.tile);
-    let light: [f64; 3] = std::array::from_fn(|i| 0.62 * view.up[i] - 0.48 * view.right[i] - 0.62 * view.forward[i]);
+    let light = 0.62 * view.up - 0.48 * view.right - 0.62 * view.forward;
     let (top, bottom) = match options.background {
         Background::Flat(c) => (opaque(c), opaque(c)),
         Background::Gradient(top, bottom) => (opaque(top), opaque(bottom)),
@@ -76,7 +76,7 @@ pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits)
     });
     let mode = crate::Mode::ALL.iter().position(|(m, _)| *m == options.mode).unwrap_or(0);
     let (per_depth, per_pixel, depth) = footprint(view);
-    let cell = clip.cell.map(f64::from);
+    let cell = clip.cell.as_dvec3();
     let range_scale = reciprocal(options.scale.range[1] - options.scale.range[0]);
     let scalar_scale = reciprocal(f64::from(options.scalar_range[1] - options.scalar_range[0]));
     let flags = u32::from(options.clip.plane.is_some())
@@ -92,9 +92,9 @@ pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits)
         right: four(view.right, per_depth),
         up: four(view.up, per_pixel),
         depth,
-        plane: four(options.scale.normal, dot(options.scale.normal, cell) - options.scale.offset),
+        plane: four(options.scale.normal, options.scale.normal.dot(cell) - options.scale.offset),
         clip: half_spaces(&options.clip, cell),
-        cell: clip.cell,
+        cell: clip.cell.to_array(),
         mode: mode as u32,
         tile_scale: scale,
         tile_shift: shift,
@@ -127,8 +127,8 @@ pub struct TargetTraits {
     pub smooth_cut: bool,
 }
 
-fn four(v: [f64; 3], w: f64) -> [f32; 4] {
-    [v[0] as f32, v[1] as f32, v[2] as f32, w as f32]
+fn four(v: DVec3, w: f64) -> [f32; 4] {
+    v.extend(w).as_vec4().to_array()
 }
 
 /// 1 over the length of a scale; a scale without length is a step.
@@ -151,13 +151,13 @@ fn footprint(view: &View) -> (f64, f64, [f32; 4]) {
 }
 
 /// The half-spaces of a cut, counted from the cell: the plane, then the box.
-fn half_spaces(clip: &Clip, cell: [f64; 3]) -> [[f32; 4]; 7] {
+fn half_spaces(clip: &Clip, cell: DVec3) -> [[f32; 4]; 7] {
     let mut out = [[0.0; 4]; 7];
     let plane = clip.plane.iter().map(|p| (0, p));
     let faces = clip.bounds.iter().flat_map(|b| (1..).zip(&b.faces));
     for (slot, half) in plane.chain(faces) {
         // The subtraction in f64: close to the cell, where f32 is fine, stays what matters.
-        out[slot] = four(half.normal, half.offset - dot(half.normal, cell));
+        out[slot] = four(half.normal, half.offset - half.normal.dot(cell));
     }
     out
 }
