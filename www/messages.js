@@ -8,7 +8,7 @@ import { t } from "./i18n.js";
 
 /** How a value is written, by its kind. @type {Record<string, (value: any) => string>} */
 const KINDS = {
-  count,
+  count: Number,
   metres: length,
   share: (part) => isolate(`${count(Number((part * 100).toFixed(1)))} %`),
   number: count,

@@ -9,7 +9,7 @@ import { tmpdir } from "node:os";
 import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { KILWA, cameraOf, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
+import { KILWA, WWW, cameraOf, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
 
 let server;
 let browser;
@@ -299,8 +299,14 @@ test("a file reads back to the last bit, here and by kilwa measure, and one of a
 });
 
 test("what the engine remarks, refuses and cannot read is said in the language of the page, also after it is changed", async () => {
-  const strings = async (lang) => JSON.parse(await readFile(new URL(`../../www/i18n/${lang}.json`, import.meta.url), "utf8"));
-  const pattern = (text) => new RegExp(text.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{\w+\}/g, ".+"));
+  const strings = async (lang) => JSON.parse(await readFile(path.join(WWW, `i18n/${lang}.json`), "utf8"));
+  // Any number may be any form of its message.
+  const source = (message) => {
+    if (Array.isArray(message)) return message.map(source).join("");
+    if (typeof message === "object") return `(?:${Object.entries(message).filter(([key]) => key !== "$").map(([, form]) => source(form)).join("|")})`;
+    return message.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{\w+\}/g, ".+");
+  };
+  const pattern = (message) => new RegExp(source(message));
   const { page, complaints, close } = await open(browser, fort("?error=8&lang=fr"), tab);
   const { bounds_min: low, bounds_max: high } = await page.evaluate(() => globalThis.kilwa.info.metadata);
   const middle = low.map((v, i) => (v + high[i]) / 2);

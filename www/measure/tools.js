@@ -79,7 +79,7 @@ export function stepText(tool, given, isTouch) {
   const end = t(isTouch ? "stepHold" : "stepEnd");
   const number = count(given + 1);
   if (tool.max === MANY) {
-    const more = given >= tool.min ? t(isTouch ? "stepDoneTouch" : "stepDone") : t("stepLeast", { count: count(tool.min) });
+    const more = given >= tool.min ? t(isTouch ? "stepDoneTouch" : "stepDone") : t("stepLeast", { count: tool.min });
     return `${t("stepTool", { tool: t(tool.key), step: t("stepMany", { press, number }) })} · ${more} · ${end}`;
   }
   const special = tool.steps?.[given];

@@ -211,8 +211,15 @@ fn lints_wasm(_: Length) -> Result<Tally> {
 }
 
 fn page(_: Length) -> Result<Tally> {
-    web::run(&web::Args {})?;
-    Ok(Tally::default())
+    web::run(&web::Args::default())?;
+    let mut tally = Tally::default();
+    match web::same_with_trunk()? {
+        Some(files) => println!("trunk builds the same {files} files"),
+        None => {
+            tally.skips.insert("trunk builds the same page: trunk is not installed (cargo install trunk)".to_owned());
+        }
+    }
+    Ok(tally)
 }
 
 /// The page's code: its types (www/tsconfig.json), then how it is written (biome.jsonc), with the browser tests and the tools in JavaScript.

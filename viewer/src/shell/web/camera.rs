@@ -2,6 +2,7 @@
 
 use super::{Viewer, set};
 use crate::camera::Camera;
+use glam::DVec3;
 use js_sys::{Array, Object, Reflect};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
@@ -35,7 +36,7 @@ impl Viewer {
         }
         set(&object, "fieldOfView", &field_of_view.into())?;
         set(&object, "orthographic", &orthographic.into())?;
-        set(&object, "target", &target.map(JsValue::from).into_iter().collect::<Array>())?;
+        set(&object, "target", &target.to_array().map(JsValue::from).into_iter().collect::<Array>())?;
         Ok(object.into())
     }
 
@@ -62,7 +63,7 @@ struct Given {
     azimuth: f64,
     elevation: f64,
     distance: f64,
-    target: [f64; 3],
+    target: DVec3,
     orthographic: bool,
     roll: f64,
     field_of_view: f64,
@@ -76,7 +77,7 @@ fn read(camera: &JsValue) -> Option<Given> {
         azimuth: field("azimuth")?,
         elevation: field("elevation")?,
         distance: field("distance")?,
-        target: [number(&target, &0.into())?, number(&target, &1.into())?, number(&target, &2.into())?],
+        target: DVec3::new(number(&target, &0.into())?, number(&target, &1.into())?, number(&target, &2.into())?),
         orthographic: Reflect::get(camera, &"orthographic".into()).ok()?.is_truthy(),
         roll: field("roll")?,
         field_of_view: field("fieldOfView")?,

@@ -284,7 +284,7 @@ impl Viewer {
 }
 
 fn bounds(metadata: &Metadata) -> Bounds {
-    Bounds { min: metadata.bounds_min, max: metadata.bounds_max }
+    Bounds { min: metadata.bounds_min.into(), max: metadata.bounds_max.into() }
 }
 
 fn set(object: &Object, name: &str, value: &JsValue) -> Result<(), JsValue> {
