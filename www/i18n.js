@@ -31,7 +31,9 @@ export function t(key, values = {}) {
 function fill(message, values) {
   if (Array.isArray(message)) return message.map((part) => fill(part, values)).join("");
   if (message.$) return fill(message[plural.select(values[message.$])] ?? message.other, values);
-  return message.replace(/\{(\w+)\}/g, (_, name) => (typeof values[name] === "number" ? count(values[name]) : (values[name] ?? "")));
+  return message.replace(/\{(\w+)\}/g, (/** @type {string} */ _, /** @type {string} */ name) =>
+    typeof values[name] === "number" ? count(values[name]) : (values[name] ?? ""),
+  );
 }
 
 /**

@@ -303,7 +303,11 @@ test("what the engine remarks, refuses and cannot read is said in the language o
   // Any number may be any form of its message.
   const source = (message) => {
     if (Array.isArray(message)) return message.map(source).join("");
-    if (typeof message === "object") return `(?:${Object.entries(message).filter(([key]) => key !== "$").map(([, form]) => source(form)).join("|")})`;
+    if (typeof message === "object")
+      return `(?:${Object.entries(message)
+        .filter(([key]) => key !== "$")
+        .map(([, form]) => source(form))
+        .join("|")})`;
     return message.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{\w+\}/g, ".+");
   };
   const pattern = (message) => new RegExp(source(message));

@@ -75,11 +75,37 @@ test("a message takes the plural form of its number, in every language", async (
   globalThis.fetch = async (address) => ({ ok: true, json: () => messages(path.basename(address.pathname, ".json")) });
   const { t, use } = await import(path.join(WWW, "i18n.js"));
   const deleted = {
-    en: [[0, "0 measurements were deleted."], [1, "1 measurement was deleted."], [2, "2 measurements were deleted."], [1000, "1,000 measurements were deleted."]],
-    fr: [[0, "0 mesure supprimée."], [1, "1 mesure supprimée."], [2, "2 mesures supprimées."], [1_000_000, "1\u202f000\u202f000 de mesures supprimées."]],
-    pt: [[0, "0 medição apagada."], [1, "1 medição apagada."], [3, "3 medições apagadas."]],
-    sw: [[0, "Vipimo 0 vimefutwa."], [1, "Kipimo 1 kimefutwa."], [11, "Vipimo 11 vimefutwa."]],
-    ar: [[0, "لم يُحذف أي قياس."], [1, "حُذف قياس واحد."], [2, "حُذف قياسان."], [3, "حُذفت 3 قياسات."], [11, "حُذف 11 قياسًا."], [100, "حُذف 100 قياس."], [103, "حُذفت 103 قياسات."]],
+    en: [
+      [0, "0 measurements were deleted."],
+      [1, "1 measurement was deleted."],
+      [2, "2 measurements were deleted."],
+      [1000, "1,000 measurements were deleted."],
+    ],
+    fr: [
+      [0, "0 mesure supprimée."],
+      [1, "1 mesure supprimée."],
+      [2, "2 mesures supprimées."],
+      [1_000_000, "1\u202f000\u202f000 de mesures supprimées."],
+    ],
+    pt: [
+      [0, "0 medição apagada."],
+      [1, "1 medição apagada."],
+      [3, "3 medições apagadas."],
+    ],
+    sw: [
+      [0, "Vipimo 0 vimefutwa."],
+      [1, "Kipimo 1 kimefutwa."],
+      [11, "Vipimo 11 vimefutwa."],
+    ],
+    ar: [
+      [0, "لم يُحذف أي قياس."],
+      [1, "حُذف قياس واحد."],
+      [2, "حُذف قياسان."],
+      [3, "حُذفت 3 قياسات."],
+      [11, "حُذف 11 قياسًا."],
+      [100, "حُذف 100 قياس."],
+      [103, "حُذفت 103 قياسات."],
+    ],
   };
   for (const [language, all] of Object.entries(deleted)) {
     await use(language);
@@ -125,7 +151,10 @@ test("every message of the portal is used somewhere", async () => {
   assert.ok(keys.length > 100);
   // Sizes and formats are named by what is shown.
   const made = (key) => (key.startsWith("size-") && rust.includes(`"${key.slice(5)}"`)) || (key.endsWith("What") && rust.includes(`"${key.slice(0, -4)}"`));
-  assert.deepEqual(keys.filter((key) => !rust.includes(`"${key}"`) && !made(key)), []);
+  assert.deepEqual(
+    keys.filter((key) => !rust.includes(`"${key}"`) && !made(key)),
+    [],
+  );
 });
 
 test("no page file holds an inline script, style or handler", async () => {
