@@ -198,7 +198,8 @@ fn add_module(page: &mut Page, compiled: &Path, name: &str, tools: &Path, scratc
     let mut short = BTreeMap::new();
     for import in output.wasm_mut().imports.iter_mut().filter(|import| import.name.starts_with("__wb")) {
         let next = format!("i{}", short.len());
-        import.name = short.entry(std::mem::take(&mut import.name)).or_insert(next).clone();
+        let long = std::mem::take(&mut import.name);
+        short.entry(long).or_insert(next).clone_into(&mut import.name);
     }
     output.emit(&bound).with_context(|| format!("wasm-bindgen cannot write to {}", bound.display()))?;
     let glue = bound.join(format!("{name}.js"));
