@@ -482,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn another_pack_or_build_is_not_mistaken_for_the_one_that_was_killed() {
+    fn another_pack_or_build_is_not_mistaken_for_the_killed_one() {
         type Spoil<'a> = (&'a [&'a str], &'a dyn Fn(&Path));
         let spoils: [Spoil<'_>; 4] = [
             (&["--resume"], &|f| std::fs::write(f.join("a.kilwa"), "my thesis").unwrap()),
@@ -502,7 +502,7 @@ mod tests {
     }
 
     #[test]
-    fn folders_that_a_build_made_for_its_scratch_files_are_removed_and_others_stay() {
+    fn only_scratch_folders_made_by_the_build_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         std::fs::write(at("a.obj"), TRIANGLE).unwrap();

@@ -552,14 +552,14 @@ mod tests {
     }
 
     #[test]
-    fn the_order_of_arguments_does_not_matter() {
+    fn the_result_does_not_depend_on_the_order_of_arguments() {
         let site = three();
         assert_eq!(site.names(&["b.obj", "a.obj"]), ["a.obj", "b.obj"]);
         assert_eq!(site.names(&["a.obj", "b.obj"]), ["a.obj", "b.obj"]);
     }
 
     #[test]
-    fn folders_give_every_mesh_by_content_and_patterns_what_fits() {
+    fn folders_give_every_file_with_mesh_content_and_patterns_every_match() {
         let site = three();
         std::fs::create_dir(site.path("further")).unwrap();
         std::fs::write(site.path("further/d.obj"), TRIANGLE).unwrap();
@@ -571,7 +571,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_twice_or_no_mesh_is_refused_by_name() {
+    fn inputs_that_are_missing_repeated_or_no_mesh_are_refused_by_name() {
         let site = three();
         assert!(site.refusal(&["none.obj"]).contains("none.obj cannot be opened"));
         assert!(site.refusal(&["x*.obj"]).contains("no file fits"));
@@ -631,7 +631,7 @@ mod tests {
     }
 
     #[test]
-    fn coordinates_go_through_the_matrix_the_origin_and_the_units_in_this_order() {
+    fn coordinates_are_transformed_by_matrix_then_origin_then_units() {
         let site = three();
         std::fs::write(site.path("a.xf"), "# scan a\n0 -1 0 10\n1 0 0 20\n0 0 1 30\n0 0 0 1\n").unwrap();
         let place = |args: &[&str], p: [f64; 3]| site.find(args).unwrap().files[0].placement.place(p);
@@ -656,7 +656,7 @@ mod tests {
     }
 
     #[test]
-    fn matrices_that_are_none_are_refused_with_the_reason() {
+    fn invalid_matrices_are_refused_with_the_reason() {
         let site = three();
         for (text, reason) in [
             ("1 2 3", "has 3 numbers"),
@@ -671,7 +671,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gltf_is_y_up_where_nobody_says_otherwise() {
+    fn a_gltf_is_y_up_by_default() {
         let gltf = r#"{"asset":{"version":"2.0"},"meshes":[],"accessors":[]}"#;
         let site = Site::new(&[("a.gltf", gltf), ("b.obj", TRIANGLE)]);
         let ups = |args: &[&str]| site.find(args).unwrap().files.iter().map(|f| f.up).collect::<Vec<_>>();
@@ -680,7 +680,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_content_at_the_same_place_is_refused_and_elsewhere_it_is_not() {
+    fn the_same_content_is_refused_at_the_same_position_and_accepted_elsewhere() {
         let site = three();
         let two = site.find(&["a.obj", "b.obj"]).unwrap();
         let message = format!("{:#}", two.sources(&Silent, &Stop::default()).unwrap_err());
@@ -711,7 +711,7 @@ mod tests {
     }
 
     #[test]
-    fn thousands_of_sources_are_named_as_far_as_there_is_room_and_summed_up() {
+    fn thousands_of_sources_are_named_as_far_as_space_allows_and_then_counted() {
         let source = |i: u64| SourceFile { name: format!("block_{i:05}.ply"), bytes: i, sha256: format!("{i:064x}") };
         let few: Vec<SourceFile> = (0..100).map(source).collect();
         assert_eq!(summarised(few.clone()), few);

@@ -228,7 +228,7 @@ mod tests {
     use kilwa_archive::metadata::AgentKind;
 
     #[test]
-    fn answers_fill_the_file_and_wrong_ones_are_asked_again() {
+    fn answers_fill_the_file_and_invalid_ones_are_asked_again() {
         let answers = "\nsecret\nCC BY 4.0\nMuseum\nRüther, Heinz\nZamani Project\n\nAmina Juma\nx\n\n\nOmar\no\n\nA fort.\n\nKilwa\nTanzania\nTZ\n2009-7\n2009-07\nscan\nmiles\nmm\n";
         let mut known = Known { title: Some("Fort".to_owned()), ..Known::default() };
         let mut shown = Vec::new();

@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn no_other_user_can_look_into_a_temporary_folder() {
+    fn no_other_user_can_read_a_temporary_folder() {
         let folder = super::private_folder("kilwa-").unwrap();
         assert_eq!(folder.path().metadata().unwrap().permissions().mode() & 0o777, 0o700);
     }

@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_goes_to_zero_and_the_reference_system_goes() {
+    fn redaction_moves_the_centre_to_zero_and_removes_the_reference_system() {
         let work = tempfile::tempdir().expect("a folder");
         let (from, to) = (far_pack(work.path()), work.path().join("near.kilwa"));
         let out = redact(&from, &to, Place::Nowhere, "A cave", &[]).expect("redacts");
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn two_models_in_one_cell_stand_at_the_same_place() {
+    fn two_models_redacted_to_one_cell_have_the_same_position() {
         let work = tempfile::tempdir().expect("a folder");
         let from = far_pack(work.path());
         let to = work.path().join("cell.kilwa");

@@ -34,7 +34,7 @@ fn text(path: &Path) -> &str {
 }
 
 #[test]
-fn users_and_tokens_are_added_listed_and_taken_away() {
+fn users_and_tokens_are_added_listed_and_removed() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("access.json");
     let file = text(&path);
@@ -62,7 +62,7 @@ fn users_and_tokens_are_added_listed_and_taken_away() {
 }
 
 #[test]
-fn what_cannot_be_done_is_said_and_changes_nothing() {
+fn an_impossible_change_is_refused_with_the_reason_and_changes_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("access.json");
     let file = text(&path);
@@ -157,7 +157,7 @@ fn a_change_keeps_links_and_permissions() {
 
 #[cfg(unix)]
 #[test]
-fn a_pipe_in_place_of_the_file_is_named_and_not_waited_for() {
+fn a_pipe_in_place_of_the_file_is_refused_without_blocking() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("access.json");
     assert!(Command::new("mkfifo").arg(&path).status().expect("starts").success());
@@ -178,7 +178,7 @@ fn a_pipe_in_place_of_the_file_is_named_and_not_waited_for() {
 /// Files that a person names are read when they are files: devices and pipes have no end.
 #[cfg(unix)]
 #[test]
-fn devices_and_pipes_are_no_files_to_read() {
+fn devices_and_pipes_are_refused_as_input() {
     let folder = tempfile::tempdir().expect("a folder");
     let pipe = folder.path().join("pipe");
     assert!(Command::new("mkfifo").arg(&pipe).status().expect("starts").success());

@@ -108,7 +108,7 @@ fn interrupt(child: &Child) {
 }
 
 #[test]
-fn fifty_random_kills_do_not_change_the_bytes_and_nothing_stands_under_the_final_name() {
+fn fifty_random_kills_do_not_change_the_bytes_and_leave_no_partial_file_under_the_final_name() {
     let site = Site::new();
     let mut random = Random(7);
     let (mut kills, mut finished) = (0, 0);
@@ -159,7 +159,7 @@ fn threads_memory_and_resuming_do_not_change_the_bytes() {
 }
 
 #[test]
-fn ctrl_c_stops_cleanly_and_says_how_to_go_on() {
+fn ctrl_c_stops_cleanly_and_says_how_to_resume() {
     let site = Site::new();
     for at in ["journal", "corners", "level-02.shared"] {
         let stopped = site.stopped_at(at, &[]);
@@ -175,7 +175,7 @@ fn ctrl_c_stops_cleanly_and_says_how_to_go_on() {
 }
 
 #[test]
-fn another_build_is_not_resumed_and_its_scratch_files_stay() {
+fn another_build_is_not_resumed_and_its_scratch_files_are_kept() {
     let site = Site::new();
     site.stopped_at("level-01.patches", &[]);
     let refused = |args: &[&str], says: &str| {
@@ -206,7 +206,7 @@ fn another_build_is_not_resumed_and_its_scratch_files_stay() {
 
 /// As `cp -p` or `rsync -t` leave a file.
 #[test]
-fn an_input_changed_with_the_same_length_and_time_is_noticed_and_an_identical_copy_is_accepted() {
+fn an_input_changed_with_the_same_length_and_time_is_detected_and_an_identical_copy_accepted() {
     let site = Site::new();
     let (mesh, other) = (site.path("fort.ply"), site.path("other.ply"));
     let before = std::fs::read(&mesh).unwrap();
@@ -241,7 +241,7 @@ fn an_input_changed_with_the_same_length_and_time_is_noticed_and_an_identical_co
 }
 
 #[test]
-fn damaged_scratch_files_are_noticed_and_what_they_were_for_is_done_again() {
+fn damaged_scratch_files_are_detected_and_their_stage_is_repeated() {
     let site = Site::new();
     // Each with a way to spoil it: cut, or one bit in the middle.
     for (file, cut) in [
@@ -279,7 +279,7 @@ fn damaged_scratch_files_are_noticed_and_what_they_were_for_is_done_again() {
 /// A pack is written under a temporary name first; what stands there must not lead it into somebody else's file.
 #[cfg(unix)]
 #[test]
-fn a_link_under_the_temporary_name_is_refused_and_what_it_leads_to_stays() {
+fn a_link_under_the_temporary_name_is_refused_and_its_target_is_kept() {
     let folder = tempfile::tempdir().unwrap();
     let (precious, part) = (folder.path().join("precious"), folder.path().join(".a.kilwa.part"));
     let made = kilwa(folder.path(), &["synth", "wall", "--triangles", "2000", "-o", "wall.ply"]).output().unwrap();
@@ -331,7 +331,7 @@ fn a_link_in_place_of_the_scratch_folder_is_refused_and_its_target_is_kept() {
 /// A bad output is refused before the build starts, and a pack that was written is not reported as missing.
 #[cfg(unix)]
 #[test]
-fn a_broken_link_is_refused_as_output_and_an_unlistable_folder_is_no_failure() {
+fn a_broken_link_is_refused_as_output_and_an_unlistable_folder_is_accepted() {
     use std::os::unix::fs::{PermissionsExt, symlink};
     let folder = tempfile::tempdir().unwrap();
     let run = |args: &[&str]| kilwa(folder.path(), args).output().unwrap();
@@ -428,7 +428,7 @@ fn robbed_of_its_disk(site: &Site, disk: &Disk, at: &str) -> Output {
 }
 
 #[test]
-fn a_disk_that_is_too_small_is_refused_beforehand_and_one_that_fills_up_is_a_clear_error() {
+fn a_disk_too_small_is_refused_beforehand_and_one_that_fills_up_is_a_clear_error() {
     let site = Site::new();
     let Some(small) = Disk::mount(site.path("small"), "1m") else { return };
     let refused = site.build(&["--scratch", "small"]).output().unwrap();

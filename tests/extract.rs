@@ -82,7 +82,7 @@ fn edge_uses(mesh: &RawMesh) -> BTreeMap<[[u64; 3]; 2], u32> {
 }
 
 #[test]
-fn every_format_gives_back_the_finest_level_as_far_as_it_holds_it() {
+fn every_format_contains_the_finest_level_as_far_as_it_can_represent_it() {
     let work = tempfile::tempdir().unwrap();
     let lattice = lattice(torus());
     let whole = work.path().join("whole.ply");
@@ -114,7 +114,7 @@ fn every_format_gives_back_the_finest_level_as_far_as_it_holds_it() {
 }
 
 #[test]
-fn what_was_extracted_builds_to_the_same_finest_level() {
+fn an_extracted_mesh_builds_to_the_same_finest_level() {
     let work = tempfile::tempdir().unwrap();
     let step = json(&["info", text(torus())])["lattice_step"].to_string();
     let whole = work.path().join("whole.ply");
@@ -131,7 +131,7 @@ fn what_was_extracted_builds_to_the_same_finest_level() {
 }
 
 #[test]
-fn no_cut_cracks_in_any_format() {
+fn no_cut_has_cracks_in_any_format() {
     let work = tempfile::tempdir().unwrap();
     for limit in ["0.1", "0.02", "0.005", "0"] {
         for name in ["a.obj", "a.stl", "a.glb"] {
@@ -146,7 +146,7 @@ fn no_cut_cracks_in_any_format() {
 }
 
 #[test]
-fn boxes_that_tile_the_model_give_every_triangle_once_and_whole() {
+fn boxes_that_tile_the_model_give_every_triangle_exactly_once() {
     let work = tempfile::tempdir().unwrap();
     let out = work.path().join("part.ply");
     let [x, y, z] = FAR;
@@ -184,7 +184,7 @@ fn boxes_that_tile_the_model_give_every_triangle_once_and_whole() {
 }
 
 #[test]
-fn max_triangles_keeps_its_promise_on_three_meshes_or_says_so() {
+fn max_triangles_is_respected_on_three_meshes_or_refused() {
     let work = tempfile::tempdir().unwrap();
     let out = work.path().join("a.stl");
     let mut kept = 0;
@@ -215,7 +215,7 @@ fn max_triangles_keeps_its_promise_on_three_meshes_or_says_so() {
 }
 
 #[test]
-fn a_glb_is_valid_and_has_the_place_and_the_colours_of_the_pack() {
+fn a_glb_is_valid_and_has_the_position_and_colours_of_the_pack() {
     let work = tempfile::tempdir().unwrap();
     let out = work.path().join("a.glb");
     succeeds(&["extract", text(torus()), "-o", text(&out), "--max-error", "0.01"]);
@@ -241,7 +241,7 @@ fn a_glb_is_valid_and_has_the_place_and_the_colours_of_the_pack() {
 }
 
 #[test]
-fn what_cannot_be_written_is_refused_by_name_before_anything_is_written() {
+fn unwritable_output_is_refused_by_name_before_anything_is_written() {
     let work = tempfile::tempdir().unwrap();
     for (name, part) in [("a.gltf", ".glb"), ("a.nxz", "cannot write .nxz"), ("a", "ends in .ply, .obj")] {
         let out = work.path().join(name);
@@ -266,7 +266,7 @@ fn what_cannot_be_written_is_refused_by_name_before_anything_is_written() {
 }
 
 #[test]
-fn the_ply_reader_of_the_tests_agrees_on_what_a_box_holds() {
+fn the_ply_reader_of_the_tests_agrees_on_the_contents_of_a_box() {
     let work = tempfile::tempdir().unwrap();
     let out = work.path().join("part.ply");
     let [x, y, z] = FAR;

@@ -41,7 +41,7 @@ fn a_mesh_is_described_in_words_and_as_json() {
 }
 
 #[test]
-fn what_is_neither_a_pack_nor_a_mesh_is_refused() {
+fn a_file_that_is_neither_pack_nor_mesh_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("notes.txt");
     std::fs::write(&path, "no mesh").unwrap();

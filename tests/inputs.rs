@@ -17,7 +17,7 @@ fn blocks(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn a_site_in_blocks_gives_the_same_bytes_in_any_order_as_a_folder_and_as_a_pattern() {
+fn a_site_in_blocks_gives_the_same_bytes_in_any_order_from_a_folder_and_from_a_pattern() {
     let folder = tempfile::tempdir().unwrap();
     let mut files = blocks(folder.path());
     let site = folder.path().join("site");
@@ -124,7 +124,7 @@ fn ninety_six_blocks_in_any_order_are_the_whole_mesh_without_a_seam_at_any_level
 }
 
 #[test]
-fn blocks_that_were_moved_apart_close_up_again_by_their_matrices() {
+fn blocks_moved_apart_are_rejoined_by_their_matrices() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     // Two halves of a square, the second written 100 further on and mirrored.

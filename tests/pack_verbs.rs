@@ -52,7 +52,7 @@ fn of_ply(ply: &Ply, lattice: &Lattice) -> Vec<[Corner; 3]> {
 }
 
 #[test]
-fn a_full_extract_gives_back_every_triangle_with_its_colours() {
+fn a_full_extract_contains_every_triangle_with_its_colours() {
     let folder = tempfile::tempdir().unwrap();
     let (mesh, pack) = torus();
     let lattice = lattice(pack);
@@ -75,7 +75,7 @@ fn a_full_extract_gives_back_every_triangle_with_its_colours() {
 }
 
 #[test]
-fn coarser_extracts_have_no_cracks_and_keep_their_promise() {
+fn coarser_extracts_have_no_cracks_and_stay_within_their_error() {
     let folder = tempfile::tempdir().unwrap();
     let (_, pack) = torus();
     let out = folder.path().join("coarse.ply");
@@ -100,7 +100,7 @@ fn coarser_extracts_have_no_cracks_and_keep_their_promise() {
 
 /// A model of some dozens of diamonds: with few, the next step of refinement is too large for most limits.
 #[test]
-fn a_limit_of_triangles_is_kept_and_used_to_two_thirds() {
+fn a_triangle_limit_is_respected_and_used_to_at_least_two_thirds() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pack_verbs");
     let pack = built_once(&folder, "large", |to| Input::torus(1280, 128, [0.0; 3]).write(to), &[]);
     let work = tempfile::tempdir().unwrap();
@@ -147,7 +147,7 @@ fn comes_back_whole(input: &Path) -> bool {
 }
 
 #[test]
-fn every_shared_ply_comes_back_whole_or_is_refused_by_name() {
+fn every_shared_ply_round_trips_or_is_refused_by_name() {
     let Some(listed) = shared("LIST.sha256") else { return };
     let mut files = Vec::new();
     plys(listed.parent().unwrap(), &mut files);
@@ -159,7 +159,7 @@ fn every_shared_ply_comes_back_whole_or_is_refused_by_name() {
 }
 
 #[test]
-fn fewer_bits_are_within_half_a_quantum_at_the_finest_level_and_the_pack_says_so() {
+fn rounding_to_fewer_bits_is_within_half_a_quantum_and_recorded_in_the_pack() {
     let folder = tempfile::tempdir().unwrap();
     let (mesh, exact) = torus();
     let input = folder.path().join("torus.ply");
@@ -212,7 +212,7 @@ fn fewer_bits_are_within_half_a_quantum_at_the_finest_level_and_the_pack_says_so
 }
 
 #[test]
-fn info_says_what_is_in_the_pack() {
+fn info_describes_the_pack() {
     let (mesh, pack) = torus();
     let info = json(&["info", text(pack)]);
     assert_eq!(info["metadata"]["triangles"], mesh.triangles.len());
@@ -337,7 +337,7 @@ fn verify_does_not_read_a_file_that_is_not_a_pack() {
 /// `kilwa info x | head -1` is no failure, whoever reads first.
 #[test]
 #[cfg(unix)]
-fn a_closed_pipe_is_no_failure_but_damage_stays_one() {
+fn a_closed_pipe_does_not_hide_damage() {
     let folder = tempfile::tempdir().unwrap();
     let (_, pack) = torus();
     let damaged = folder.path().join("damaged.kilwa");

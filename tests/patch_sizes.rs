@@ -14,7 +14,7 @@ fn spread(mut all: Vec<u64>) -> serde_json::Value {
 }
 
 #[test]
-fn build_and_info_tell_how_large_patches_and_chunks_are_and_what_could_not_be_simplified() {
+fn build_and_info_report_patch_and_chunk_sizes_and_what_could_not_be_simplified() {
     let folder = tempfile::tempdir().unwrap();
     let (ply, pack) = (folder.path().join("fort.ply"), folder.path().join("fort.kilwa"));
     succeeds(&["synth", "fort", "--triangles", "60000", "-o", text(&ply)]);

@@ -74,16 +74,16 @@ fn every_file_is_built_or_refused(extensions: &[&str], least: (usize, usize)) {
 }
 
 #[test]
-fn every_real_obj_is_built_and_verified_or_refused_in_plain_words() {
+fn every_real_obj_is_built_and_verified_or_refused_with_a_plain_message() {
     every_file_is_built_or_refused(&["obj"], (70, 85));
 }
 
 #[test]
-fn every_real_stl_is_built_and_verified_or_refused_in_plain_words() {
+fn every_real_stl_is_built_and_verified_or_refused_with_a_plain_message() {
     every_file_is_built_or_refused(&["stl"], (20, 20));
 }
 
 #[test]
-fn every_real_gltf_is_built_and_verified_or_refused_in_plain_words() {
+fn every_real_gltf_is_built_and_verified_or_refused_with_a_plain_message() {
     every_file_is_built_or_refused(&["gltf", "glb"], (70, 300));
 }

@@ -78,7 +78,7 @@ fn refused(input: &Path, folder: &Path) -> String {
 }
 
 #[test]
-fn every_real_ply_gives_its_triangles_back_or_is_refused_with_place_and_reason() {
+fn every_real_ply_round_trips_or_is_refused_with_position_and_reason() {
     let data = root().join("../shared/data");
     if !data.is_dir() {
         println!("skipped: {} is not here", data.display());
@@ -104,7 +104,7 @@ fn every_real_ply_gives_its_triangles_back_or_is_refused_with_place_and_reason()
 
 /// Each file of the corpus says in a comment what becomes of it: `refused: WORDS` or `repaired: WORDS`.
 #[test]
-fn every_malformed_ply_is_refused_or_repaired_as_it_says() {
+fn every_malformed_ply_is_refused_or_repaired_as_expected() {
     let mut all = Vec::new();
     plys(&root().join("tests/malformed"), &mut all);
     assert!(all.len() >= 35);
@@ -125,7 +125,7 @@ fn every_malformed_ply_is_refused_or_repaired_as_it_says() {
 }
 
 #[test]
-fn a_binary_ply_cut_at_any_byte_is_refused_and_leaves_nothing() {
+fn a_binary_ply_truncated_at_any_byte_is_refused_and_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let work = folder.path().join("work");
     std::fs::create_dir(&work).unwrap();
@@ -149,7 +149,7 @@ fn a_binary_ply_cut_at_any_byte_is_refused_and_leaves_nothing() {
 }
 
 #[test]
-fn the_name_may_be_in_capitals() {
+fn a_file_name_in_capitals_is_accepted() {
     let folder = tempfile::tempdir().unwrap();
     let work = folder.path().join("work");
     std::fs::create_dir(&work).unwrap();
@@ -182,7 +182,7 @@ fn one_bad_file_among_several_stops_the_build() {
 /// Only things made in the test's own folder are given as output: a build that replaced a device of the machine would
 /// break the machine.
 #[test]
-fn what_is_not_a_file_is_never_replaced() {
+fn an_output_that_is_not_a_regular_file_is_never_replaced() {
     let input = root().join("tests/malformed/repaired_quad.ply");
     let folder = tempfile::tempdir().unwrap();
     let (inner, pipe) = (folder.path().join("a.kilwa"), folder.path().join("pipe.kilwa"));
@@ -208,7 +208,7 @@ fn large_enough(folder: &Path) -> PathBuf {
 
 /// The system refuses to let any file grow beyond 8 blocks of 512 bytes: writing fails in the middle, as on a full disk.
 #[test]
-fn a_disk_that_fills_up_leaves_nothing_under_the_final_name() {
+fn a_disk_that_fills_up_leaves_no_file_under_the_final_name() {
     let folder = tempfile::tempdir().unwrap();
     let work = folder.path().join("work");
     std::fs::create_dir(&work).unwrap();
@@ -232,7 +232,7 @@ fn a_disk_that_fills_up_leaves_nothing_under_the_final_name() {
 
 /// The same on a file system that is really full, where one can be made.
 #[test]
-fn a_full_file_system_leaves_nothing_under_the_final_name() {
+fn a_full_file_system_leaves_no_file_under_the_final_name() {
     let folder = tempfile::tempdir().unwrap();
     let input = large_enough(folder.path());
     let small = folder.path().join("small");

@@ -27,7 +27,7 @@ fn get(address: SocketAddr, path: &str) -> String {
 }
 
 #[test]
-fn it_prints_its_address_answers_and_ends_well_at_sigterm() {
+fn the_server_prints_its_address_answers_and_exits_with_success_at_sigterm() {
     let dir = tempfile::tempdir().unwrap();
     page(dir.path());
     std::fs::write(dir.path().join("broken.kilwa"), "no pack").unwrap();
@@ -44,7 +44,7 @@ fn it_prints_its_address_answers_and_ends_well_at_sigterm() {
 }
 
 #[test]
-fn what_cannot_be_served_is_said() {
+fn a_folder_that_cannot_be_served_is_refused_with_the_reason() {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().to_str().unwrap();
     let no_page = refused(&[folder], dir.path());
@@ -65,7 +65,7 @@ fn what_cannot_be_served_is_said() {
 }
 
 #[test]
-fn secret_files_in_the_served_folder_are_refused_and_nothing_is_created_there() {
+fn secret_files_in_the_served_folder_are_refused_and_nothing_is_created_in_it() {
     let dir = tempfile::tempdir().unwrap();
     page(dir.path());
     let (models, elsewhere) = (dir.path().join("models"), dir.path().join("elsewhere"));

@@ -44,7 +44,7 @@ fn utm_writes_doubles_and_names_the_reference_system() {
 }
 
 #[test]
-fn blocks_are_numbered_files_that_hold_all_triangles() {
+fn blocks_are_numbered_files_that_together_hold_all_triangles() {
     let folder = folder();
     let said = |extra: &[&str], name: &str| {
         let path = folder.path().join(name);
@@ -58,7 +58,7 @@ fn blocks_are_numbered_files_that_hold_all_triangles() {
 }
 
 #[test]
-fn what_cannot_be_written_is_said_by_name_and_leaves_nothing() {
+fn an_unwritable_output_is_reported_by_name_and_leaves_no_file() {
     let folder = folder();
     let missing = folder.path().join("no/such/a.ply");
     let error = fails(&["synth", "wall", "--triangles", "3000", "-o", text(&missing)]);
@@ -69,7 +69,7 @@ fn what_cannot_be_written_is_said_by_name_and_leaves_nothing() {
 }
 
 #[test]
-fn a_count_that_is_none_is_a_usage_error() {
+fn an_invalid_count_is_a_usage_error() {
     for count in ["many", "-5", "1.5M", "99999999999G", ""] {
         let output = kilwa(&["synth", "wall", "--triangles", count, "-o", "never.ply"]);
         assert_eq!(output.status.code(), Some(2), "{count:?}");

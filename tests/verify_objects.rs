@@ -187,7 +187,7 @@ fn a_changed_byte_of_any_file_is_found_and_named() {
 }
 
 #[test]
-fn what_is_missing_or_too_much_is_named_and_all_of_it() {
+fn all_missing_and_extra_files_are_named() {
     let shelf = tempfile::tempdir().unwrap();
     publish(shelf.path(), "fort", 1);
     let object = publish(shelf.path(), "fort", 2);
@@ -223,7 +223,7 @@ fn what_is_missing_or_too_much_is_named_and_all_of_it() {
 }
 
 #[test]
-fn records_that_do_not_agree_and_links_that_lead_nowhere_are_named() {
+fn contradictory_records_and_broken_links_are_named() {
     let shelf = tempfile::tempdir().unwrap();
     let object = publish(shelf.path(), "fort", 1);
     // As somebody would who writes checksums anew after a change.
@@ -271,7 +271,7 @@ fn records_that_do_not_agree_and_links_that_lead_nowhere_are_named() {
 }
 
 #[test]
-fn a_failed_check_is_a_problem_in_json_too() {
+fn a_failed_check_is_reported_as_a_problem_in_json() {
     let folder = tempfile::tempdir().unwrap();
     let (none, notes) = (folder.path().join("none.kilwa"), folder.path().join("notes.txt"));
     fs::write(&notes, "years of work\n").unwrap();
@@ -320,7 +320,7 @@ fn is_explained(target: &Path, name: &str) -> bool {
 }
 
 #[test]
-fn an_interrupted_withdrawal_is_explained_and_damage_in_it_is_damage() {
+fn an_interrupted_withdrawal_is_explained_and_damage_in_it_is_reported() {
     let (mut bags, mut copies, mut damaged) = (0, 0, 0);
     for changes in (0..).step_by(4) {
         let folder = tempfile::tempdir().unwrap();
@@ -366,7 +366,7 @@ fn an_interrupted_withdrawal_is_explained_and_damage_in_it_is_damage() {
 }
 
 #[test]
-fn a_bag_is_checked_by_its_lists_and_by_its_object() {
+fn a_bag_is_checked_against_its_manifests_and_its_object() {
     let shelf = tempfile::tempdir().unwrap();
     publish(shelf.path(), "fort", 1);
     let bag = wrap(shelf.path());
@@ -451,7 +451,7 @@ fn answer(
 }
 
 #[test]
-fn an_address_is_checked_as_a_folder_is() {
+fn an_address_is_checked_like_a_folder() {
     let shelf = tempfile::tempdir().unwrap();
     let object = publish(shelf.path(), "fort", 1);
     publish(shelf.path(), "mosque", 1);
@@ -492,7 +492,7 @@ fn an_address_is_checked_as_a_folder_is() {
 }
 
 #[test]
-fn what_a_list_no_longer_names_is_still_checked_and_missing_only_if_the_server_says_so() {
+fn units_no_longer_listed_are_still_checked_and_missing_only_if_the_server_says_so() {
     static IS_BROKEN: AtomicBool = AtomicBool::new(false);
     let folder = tempfile::tempdir().unwrap();
     let (shelf, state) = (folder.path().join("shelf"), folder.path().join("state"));
@@ -527,7 +527,7 @@ fn what_a_list_no_longer_names_is_still_checked_and_missing_only_if_the_server_s
 }
 
 #[test]
-fn an_address_that_cannot_be_asked_is_refused_with_the_reason() {
+fn an_unreachable_address_is_refused_with_the_reason() {
     let shelf = tempfile::tempdir().unwrap();
     publish(shelf.path(), "fort", 1);
     let (count, circle) = server(shelf.path(), |_, _| Behaviour::Redirects);
@@ -594,7 +594,7 @@ fn links_and_special_files_are_named_and_never_followed() {
 /// The same for a manifest, and for files that the server reads beside objects and packs.
 #[cfg(unix)]
 #[test]
-fn links_and_special_files_beside_objects_and_packs_are_damage() {
+fn links_and_special_files_beside_objects_and_packs_are_reported_as_damage() {
     let shelf = tempfile::tempdir().unwrap();
     publish(shelf.path(), "fort", 1);
     fs::create_dir(shelf.path().join("tower")).unwrap();
@@ -699,7 +699,7 @@ fn an_object_that_this_user_cannot_read_is_unreadable_and_not_missing() {
 
 #[cfg(unix)]
 #[test]
-fn another_users_unfinished_publication_is_noted_even_if_it_cannot_be_read() {
+fn an_unreadable_unfinished_publication_of_another_user_is_reported() {
     use std::os::unix::fs::PermissionsExt as _;
     let shelf = tempfile::tempdir().unwrap();
     fs::set_permissions(shelf.path(), fs::Permissions::from_mode(0o755)).unwrap();

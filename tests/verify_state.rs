@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::fs;
 
 #[test]
-fn a_folder_is_checked_unit_by_unit_and_a_night_goes_on_where_it_was_stopped() {
+fn a_folder_is_checked_unit_by_unit_and_a_stopped_run_resumes() {
     let shelf = tempfile::tempdir().unwrap();
     let state = shelf.path().join("state");
     for slug in ["a", "b", "c"] {
@@ -52,7 +52,7 @@ fn a_folder_is_checked_unit_by_unit_and_a_night_goes_on_where_it_was_stopped() {
 
 /// Regardless of the file's time, which can be set back.
 #[test]
-fn anything_changed_since_is_checked_again_however_recently_it_was_checked() {
+fn changed_units_are_checked_again_even_if_recently_checked() {
     let folder = tempfile::tempdir().unwrap();
     let (shelf, state) = (folder.path().join("shelf"), folder.path().join("state"));
     fs::create_dir(&shelf).unwrap();

@@ -116,7 +116,7 @@ fn said(output: &Output) -> String {
 }
 
 #[test]
-fn a_pack_behind_a_certificate_is_verified_where_its_authority_is_known_and_damage_is_named() {
+fn a_pack_over_https_is_verified_if_its_certificate_authority_is_known_and_damage_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let authority = Authority::new(folder.path());
     let bytes = pack();
@@ -133,7 +133,7 @@ fn a_pack_behind_a_certificate_is_verified_where_its_authority_is_known_and_dama
 }
 
 #[test]
-fn a_certificate_of_an_unknown_authority_another_name_or_the_past_is_refused_with_the_reason() {
+fn a_certificate_that_is_untrusted_expired_or_for_another_name_is_refused_with_the_reason() {
     let folder = tempfile::tempdir().expect("a folder");
     let authority = Authority::new(folder.path());
     let other = tempfile::tempdir().expect("a folder");
@@ -154,7 +154,7 @@ fn a_certificate_of_an_unknown_authority_another_name_or_the_past_is_refused_wit
 }
 
 #[test]
-fn from_https_nobody_is_led_to_http() {
+fn redirects_from_https_to_http_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let authority = Authority::new(folder.path());
     let port = serve(pack(), authority.vouches("localhost", 2099));

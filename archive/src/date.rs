@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn dates_of_other_forms_are_understood_and_said_in_ours() {
+    fn dates_in_other_forms_are_recognised_and_the_message_gives_the_iso_form() {
         for (text, said) in [
             ("21.7.2009", "write 2009-07-21"),
             ("21/07/2009", "write 2009-07-21"),

@@ -123,7 +123,7 @@ pub(crate) fn is_whole(object: &Path) -> u32 {
 }
 
 #[test]
-fn versions_are_added_and_what_is_there_never_changes() {
+fn versions_are_added_and_published_files_never_change() {
     let shelf = tempfile::tempdir().unwrap();
     let object = publish(shelf.path(), 1, &|_| Ok(())).unwrap();
     let first = tree(&object.join("v1"));
@@ -136,7 +136,7 @@ fn versions_are_added_and_what_is_there_never_changes() {
 }
 
 #[test]
-fn a_failure_at_any_step_leaves_what_was_there_and_nothing_else() {
+fn a_failure_at_any_step_leaves_the_folder_as_it_was() {
     for version in [1, 2] {
         for step in 0.. {
             let shelf = tempfile::tempdir().unwrap();
@@ -175,7 +175,7 @@ fn a_failure_at_any_step_leaves_what_was_there_and_nothing_else() {
 }
 
 #[test]
-fn a_version_that_is_there_is_never_touched_whoever_put_it_there() {
+fn an_existing_version_is_never_touched_whoever_published_it() {
     let shelf = tempfile::tempdir().unwrap();
     let object = publish(shelf.path(), 1, &|_| Ok(())).unwrap();
     // As somebody copies the next version from elsewhere, its manifest last.
@@ -189,7 +189,7 @@ fn a_version_that_is_there_is_never_touched_whoever_put_it_there() {
 }
 
 #[test]
-fn a_version_that_somebody_else_has_published_meanwhile_is_refused_and_theirs_stays() {
+fn a_version_published_meanwhile_by_another_program_is_kept_and_ours_refused() {
     let shelf = tempfile::tempdir().unwrap();
     let object = publish(shelf.path(), 1, &|_| Ok(())).unwrap();
     let lock = Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap();
@@ -204,7 +204,7 @@ fn a_version_that_somebody_else_has_published_meanwhile_is_refused_and_theirs_st
 }
 
 #[test]
-fn what_another_program_is_making_is_left_alone() {
+fn unfinished_work_of_another_program_is_left_alone() {
     let shelf = tempfile::tempdir().unwrap();
     for version in [1, 2] {
         let lock = Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap();
@@ -248,7 +248,7 @@ fn no_other_user_can_read_a_closed_model_while_it_is_published() {
 
 #[cfg(unix)]
 #[test]
-fn a_failure_at_any_step_leaves_the_permissions_that_the_manifest_asks_for() {
+fn after_a_failure_at_any_step_permissions_match_the_manifest() {
     for history in HISTORIES.into_iter().filter(|history| history.len() > 1) {
         let (last, (state, earlier)) = (history.len().try_into().unwrap(), history.split_last().unwrap());
         let before = |shelf: &Path| {
@@ -291,7 +291,7 @@ fn modes_of_packs(object: &Path) -> Vec<u32> {
 
 #[cfg(unix)]
 #[test]
-fn geometry_that_is_not_public_is_not_for_other_users_of_the_computer() {
+fn other_users_of_the_computer_cannot_read_geometry_that_is_not_public() {
     use AccessState::{Embargo, Public, Restricted};
     use std::os::unix::fs::PermissionsExt;
     let shelf = tempfile::tempdir().unwrap();
@@ -313,7 +313,7 @@ const NOBODY: u32 = 65_534;
 /// Run as another user by the tests below: publishes a version, public or not.
 #[cfg(unix)]
 #[test]
-fn publishes_as_another_user() {
+fn helper_process_that_publishes_as_another_user() {
     let Ok(text) = std::env::var(AS) else { return };
     let parts: Vec<&str> = text.splitn(3, ' ').collect();
     let state = if parts[1] == "public" { AccessState::Public } else { AccessState::Restricted };
@@ -342,7 +342,7 @@ fn publish_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<()
 fn try_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<(bool, String)> {
     use std::os::unix::process::CommandExt as _;
     let mut command = std::process::Command::new(std::env::current_exe().unwrap());
-    command.args(["--exact", "draft::tests::publishes_as_another_user", "--test-threads=1"]);
+    command.args(["--exact", "draft::tests::helper_process_that_publishes_as_another_user", "--test-threads=1"]);
     command.env(AS, format!("{version} {state} {}", shelf.display())).current_dir("/").uid(NOBODY).gid(NOBODY);
     let output = command.output().ok()?;
     let said = String::from_utf8_lossy(&output.stdout).into_owned();

@@ -233,7 +233,7 @@ const KILL: &str = "KILWA_TEST_KILL_AT";
 
 /// Run by the other tests in a process of its own: does it, and dies at a step.
 #[test]
-fn dies_at_a_step() {
+fn helper_process_that_dies_at_a_step() {
     let Ok(text) = std::env::var(KILL) else { return };
     let parts: Vec<&str> = text.splitn(3, ' ').collect();
     let (what, step): (usize, u32) = (parts[0].parse().unwrap(), parts[1].parse().unwrap());
@@ -261,7 +261,7 @@ fn dying(by: &[&str], what: What, step: u32, folder: &Path) -> ExitStatus {
         None => Command::new(program),
     };
     command
-        .args(["--exact", "kill_tests::dies_at_a_step", "--quiet", "--test-threads=1"])
+        .args(["--exact", "kill_tests::helper_process_that_dies_at_a_step", "--quiet", "--test-threads=1"])
         .env(KILL, format!("{number} {step} {}", folder.display()))
         .stdout(Stdio::null())
         .stderr(Stdio::null())

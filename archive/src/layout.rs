@@ -213,7 +213,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_title_becomes_a_name_for_an_address() {
+    fn a_title_becomes_a_slug() {
         let of = |t: &str| Slug::of_title(t).to_string();
         assert_eq!(of("Gereza, Kilwa Kisiwani"), "gereza-kilwa-kisiwani");
         assert_eq!(of("  Château d’Œuf — Nº 3 "), "chateau-doeuf-n-3");

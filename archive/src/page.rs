@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_has_as_much_of_the_notes_as_fits_and_says_where_the_rest_is() {
+    fn a_page_has_as_many_notes_as_fit_and_links_to_the_rest() {
         let said = of(&["Coral <rag>".to_owned()]);
         assert!(said.contains("<li><p>Coral &lt;rag&gt;</p></li>") && !said.contains("in the file"), "{said}");
         // Each a third of the page's room, escaped.

@@ -192,7 +192,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_spelling_that_is_about_becomes_the_canonical_address() {
+    fn every_known_spelling_of_a_rights_statement_becomes_its_canonical_address() {
         for (given, uri) in [
             ("CC BY 4.0", "https://creativecommons.org/licenses/by/4.0/"),
             ("cc-by-nc-sa-4.0", "https://creativecommons.org/licenses/by-nc-sa/4.0/"),
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_in_no_list_is_refused_with_the_nearest() {
+    fn an_unknown_rights_statement_is_refused_with_the_nearest_known_one() {
         for (given, near) in [
             ("CC BY 5.0", Some("CC BY 4.0")),
             ("CC-BY 4", Some("CC BY 4.0")),

@@ -335,7 +335,7 @@ mod tests {
     use crate::manifest::tests::sample;
 
     #[test]
-    fn a_page_of_somebody_elses_is_left_as_it_is() {
+    fn a_page_that_kilwa_did_not_write_is_left_unchanged() {
         let shelf = tempfile::tempdir().unwrap();
         assert!(check(shelf.path()).is_ok());
         for name in ["feed.xml", "index.html"] {
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_becomes_a_catalogue_a_feed_a_list_and_a_sitemap() {
+    fn a_folder_gets_a_catalogue_page_a_feed_a_list_and_a_sitemap() {
         let shelf = tempfile::tempdir().unwrap();
         let put = |slug: &str, change: &dyn Fn(&mut Manifest)| {
             let mut m = sample();

@@ -25,7 +25,7 @@ fn with_two_versions() -> tempfile::TempDir {
 }
 
 #[test]
-fn files_go_outside_and_words_stay() {
+fn a_withdrawal_moves_the_files_and_keeps_the_metadata() {
     let (shelf, keep) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     for version in [1, 2] {
         publish(shelf.path(), version, &|_| Ok(())).unwrap();
@@ -45,7 +45,7 @@ fn files_go_outside_and_words_stay() {
 }
 
 #[test]
-fn what_somebody_else_keeps_under_the_name_is_left_as_it_is() {
+fn a_foreign_file_of_the_same_name_is_left_unchanged() {
     let (shelf, keep) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     publish(shelf.path(), 1, &|_| Ok(())).unwrap();
     let before = tree(shelf.path());
@@ -57,7 +57,7 @@ fn what_somebody_else_keeps_under_the_name_is_left_as_it_is() {
 }
 
 #[test]
-fn no_file_is_removed_that_is_not_kept() {
+fn no_file_is_removed_unless_its_copy_is_kept() {
     let (shelf, keep) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     publish(shelf.path(), 1, &|_| Ok(())).unwrap();
     let kept = withdrawn(shelf.path(), keep.path()).unwrap();
@@ -101,7 +101,7 @@ fn a_resumed_withdrawal_keeps_the_page_as_it_is_now() {
 }
 
 #[test]
-fn nothing_was_changed_is_printed_only_if_true_and_a_rerun_finishes() {
+fn the_message_nothing_was_changed_is_true_and_a_rerun_finishes() {
     let run = |folder: &Path, steps: Steps<'_>| ended(&folder.join("shelf"), &folder.join("keep"), steps);
     let whole = with_two_versions();
     let done = run(whole.path(), &|_| Ok(())).unwrap();
@@ -156,7 +156,7 @@ fn failing_at_the_manifest(then: &dyn Fn()) -> impl Fn(&str) -> io::Result<()> +
 }
 
 #[test]
-fn a_failed_withdrawal_removes_what_it_began_and_nothing_that_was_there() {
+fn a_failed_withdrawal_removes_only_its_own_unfinished_files() {
     let folder = with_two_versions();
     let (shelf, keep) = (folder.path().join("shelf"), folder.path().join("keep"));
     fs::create_dir_all(keep.join("empty")).unwrap();
@@ -180,7 +180,7 @@ fn a_failed_withdrawal_removes_what_it_began_and_nothing_that_was_there() {
 }
 
 #[test]
-fn what_a_failed_withdrawal_cannot_remove_is_named() {
+fn files_that_a_failed_withdrawal_cannot_remove_are_named() {
     let folder = with_two_versions();
     let (shelf, keep) = (folder.path().join("shelf"), folder.path().join("keep"));
     let before = tree(&shelf);
@@ -224,7 +224,7 @@ fn the_next_command_removes_leftovers_even_if_everything_is_withdrawn() {
 
 #[cfg(unix)]
 #[test]
-fn no_file_is_moved_to_where_a_web_server_would_still_serve_it() {
+fn no_file_is_moved_into_a_folder_that_a_web_server_would_serve() {
     use std::os::unix::fs::symlink;
     let folder = with_two_versions();
     let at = |path: &str| folder.path().join(path);

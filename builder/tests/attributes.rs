@@ -69,7 +69,7 @@ fn normals_continue_across_chunks_at_every_level() {
 }
 
 #[test]
-fn places_with_two_colours_keep_both_at_every_level() {
+fn positions_with_two_colours_keep_both_at_every_level() {
     const SIDES: [[u8; 3]; 2] = [[200, 20, 20], [20, 20, 200]];
     let n = 160;
     let mut mesh = square(n, |x, _| SIDES[usize::from(x > n / 2)]);
@@ -105,7 +105,7 @@ fn places_with_two_colours_keep_both_at_every_level() {
 }
 
 #[test]
-fn colours_average_in_linear_light_from_level_to_level() {
+fn colours_are_averaged_in_linear_light_between_levels() {
     let mut random = Random(3);
     let pack = open(&build(square(160, |_, _| if random.next() & 1 == 0 { [40; 3] } else { [220; 3] }), 0));
     let linear = |c: u8| (f64::from(c) / 255.0).powf(2.2);

@@ -89,7 +89,7 @@ fn first_request(bytes: &[u8], pack: &Opened) -> Cut {
 }
 
 #[test]
-fn a_hundred_thousand_islands_are_built_and_the_first_request_shows_all_of_the_site() {
+fn a_site_of_a_hundred_thousand_islands_is_built_and_its_first_request_shows_all_of_it() {
     let raw = islands();
     let options = BuildOptions { title: "islands".into(), ..BuildOptions::default() };
     let (triangles, positions) = (raw.triangles.clone(), raw.positions.clone());

@@ -77,7 +77,7 @@ impl Progress for StopAt<'_> {
 }
 
 #[test]
-fn a_build_stopped_at_any_moment_goes_on_to_the_same_bytes() {
+fn a_build_stopped_at_any_moment_resumes_to_the_same_bytes() {
     let raw = wall(10_000);
     let expected = undisturbed(&raw, 1, 1 << 32);
     let mut random = Random(5);
@@ -107,7 +107,7 @@ fn a_build_stopped_at_any_moment_goes_on_to_the_same_bytes() {
 }
 
 #[test]
-fn a_full_output_is_an_error_that_keeps_nothing_wrong_and_the_scratch_files_are_counted() {
+fn a_full_output_disk_is_an_error_that_leaves_no_wrong_file_and_scratch_files_are_counted() {
     struct Full(u64);
     impl std::io::Write for Full {
         fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
@@ -172,7 +172,7 @@ fn damaged(bytes: &[u8], is_text: bool, is_moved: bool) -> Vec<u8> {
 }
 
 #[test]
-fn a_damaged_file_is_detected_before_a_stage_uses_it_and_is_made_again() {
+fn a_damaged_scratch_file_is_detected_before_use_and_made_again() {
     let raw = wall(4000);
     let expected = undisturbed(&raw, 1, 1 << 32);
     let stages: [(&str, &[&str]); 4] = [

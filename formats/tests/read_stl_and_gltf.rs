@@ -70,7 +70,7 @@ fn every_stl_has_the_triangles_that_the_reference_finds() {
 }
 
 #[test]
-fn every_gltf_is_read_or_refused_with_a_message_for_people() {
+fn every_gltf_is_read_or_refused_with_a_plain_message() {
     let Some(folder) = data() else { return };
     let mut all = Vec::new();
     files(&folder, "gltf", &mut all);
@@ -109,7 +109,7 @@ fn every_gltf_is_read_or_refused_with_a_message_for_people() {
 
 /// A mesh and its Draco form, made by the same program, have the same triangles within the quantisation.
 #[test]
-fn a_draco_file_has_the_surface_of_its_plain_form() {
+fn a_draco_file_has_the_same_surface_as_its_uncompressed_form() {
     let Some(folder) = data() else { return };
     let read = |name: &str| read_mesh(&folder.join("IIIF+3d/assets/whale").join(name), &mut |_, _| {}).unwrap();
     let (plain, packed) = (read("whale_cranium.glb"), read("whale_cranium_draco.glb"));
@@ -175,7 +175,7 @@ const MALFORMED: &[(&str, &str)] = &[
 ];
 
 #[test]
-fn every_malformed_stl_and_gltf_is_refused_or_repaired_as_the_table_says() {
+fn every_malformed_stl_and_gltf_is_refused_or_repaired_as_the_table_states() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/malformed");
     let mut all = Vec::new();
     for extension in ["stl", "gltf", "glb"] {

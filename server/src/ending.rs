@@ -81,7 +81,7 @@ mod tests {
     use std::sync::mpsc;
 
     #[tokio::test]
-    async fn it_is_told_once_and_truly() {
+    async fn the_end_of_a_response_is_reported_once_and_correctly() {
         let (send, ended) = mpsc::channel();
         let wrap = |body: Body| {
             let send = send.clone();

@@ -193,7 +193,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn figures_add_up() {
+    fn metrics_add_up() {
         let m = Metrics::default();
         let one = Answered { route: "pack", status: 206, bytes: 10, took: Duration::from_millis(3), complete: true };
         m.answered(one);

@@ -125,7 +125,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_a_plain_request_id_is_taken_over() {
+    fn only_a_plain_request_id_is_accepted() {
         assert_eq!(request_id(Some("abcd-EF_01")), "abcd-EF_01");
         let long = "x".repeat(65);
         for bad in [None, Some("short"), Some("has space in it"), Some("line\nbreak----"), Some(long.as_str())] {
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn addresses_are_of_few_kinds() {
+    fn addresses_are_grouped_into_few_kinds() {
         for (path, kind) in [
             ("/", "list"),
             ("/m/fort", "page"),

@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn only_its_own_origin_may_frame_it_unless_told() {
+    fn only_its_own_origin_may_frame_the_page_by_default() {
         assert!(Policy::default().header().ends_with("; frame-ancestors 'self'"));
         assert_eq!(Policy::default().meta(), "");
         let p = policy(

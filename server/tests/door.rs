@@ -100,7 +100,7 @@ fn change(file: &Path, how: impl FnOnce(&mut Accounts)) {
 }
 
 #[tokio::test]
-async fn who_was_granted_it_signs_in_opens_it_and_gets_its_bytes() {
+async fn a_granted_reader_signs_in_opens_the_model_and_gets_its_bytes() {
     let m = Museum::new();
     let refused = m.fetch(&m.address, "").await;
     assert_eq!(refused.status, StatusCode::UNAUTHORIZED);
@@ -131,7 +131,7 @@ async fn who_was_granted_it_signs_in_opens_it_and_gets_its_bytes() {
 }
 
 #[tokio::test]
-async fn a_capability_ends_and_the_next_continues_without_signing_in_again() {
+async fn an_expired_capability_is_renewed_without_signing_in_again() {
     let m = Museum::new();
     let session = m.sign_in("amina", "a long sentence").await.expect("signs in");
     let capability = cookie(&m.post("/cave/open", &[("cookie", &session)], "").await).unwrap();
@@ -146,7 +146,7 @@ async fn a_capability_ends_and_the_next_continues_without_signing_in_again() {
 }
 
 #[tokio::test]
-async fn nobody_else_gets_a_byte() {
+async fn nobody_without_a_grant_gets_a_byte() {
     let m = Museum::new();
     let other = m.sign_in("omar", "another sentence").await.expect("signs in");
     assert_eq!(m.post("/cave/open", &[("cookie", &other)], "").await.status, StatusCode::FORBIDDEN);
@@ -177,7 +177,7 @@ async fn nobody_else_gets_a_byte() {
 }
 
 #[tokio::test]
-async fn an_embargo_opens_to_everybody_with_its_first_second() {
+async fn an_embargoed_model_opens_to_everybody_when_the_embargo_ends() {
     let m = Museum::new();
     let tomb = kilwa_archive::Manifest::parse(&get(&m.app, "/tomb/manifest.json").await.body).unwrap();
     let tomb = format!("/tomb/{}", tomb.versions[0].pack.url);
@@ -206,7 +206,7 @@ async fn a_token_is_for_programs_and_works_until_it_is_revoked() {
 }
 
 #[tokio::test]
-async fn what_is_taken_back_is_closed_at_once_and_a_lost_file_lets_nobody_in() {
+async fn a_revoked_grant_takes_effect_at_once_and_a_lost_accounts_file_lets_nobody_in() {
     let m = Museum::new();
     let session = m.sign_in("amina", "a long sentence").await.expect("signs in");
     let capability = cookie(&m.post("/cave/open", &[("cookie", &session)], "").await).unwrap();
@@ -229,7 +229,7 @@ async fn what_is_taken_back_is_closed_at_once_and_a_lost_file_lets_nobody_in() {
 }
 
 #[tokio::test]
-async fn guessing_is_slowed_down_and_written_down_without_the_guesses() {
+async fn password_guessing_is_slowed_down_and_logged_without_the_guesses() {
     let m = Museum::new();
     let mut statuses = Vec::new();
     for i in 0..8 {
@@ -278,7 +278,7 @@ async fn no_other_site_can_sign_a_reader_in_or_out_or_send_them_elsewhere() {
 }
 
 #[tokio::test]
-async fn without_accounts_there_is_no_door() {
+async fn without_accounts_there_is_no_sign_in() {
     let m = Museum::new();
     let site = Site::new(Catalogue::open(&m.folder.path().join("models")).unwrap(), page());
     let app = app(site);
@@ -287,7 +287,7 @@ async fn without_accounts_there_is_no_door() {
 }
 
 #[tokio::test]
-async fn a_clock_that_is_wrong_lets_nobody_in_that_it_should_not_and_the_server_says_so() {
+async fn a_wrong_clock_grants_no_access_and_the_server_reports_it() {
     let m = Museum::new();
     let tomb = kilwa_archive::Manifest::parse(&get(&m.app, "/tomb/manifest.json").await.body).unwrap();
     let tomb = format!("/tomb/{}", tomb.versions[0].pack.url);
@@ -349,7 +349,7 @@ async fn begin(app: &Router) -> (String, String) {
 }
 
 #[tokio::test]
-async fn a_session_and_what_it_opened_end_with_signing_out() {
+async fn signing_out_ends_the_session_and_the_access_it_gave() {
     let m = Museum::new();
     let [(one, opened), (two, other)] = [begin(&m.app).await, begin(&m.app).await];
     let out = m.post("/sign-out", &[("cookie", &one)], "").await;
@@ -376,7 +376,7 @@ async fn a_session_and_what_it_opened_end_with_signing_out() {
 }
 
 #[tokio::test]
-async fn the_one_who_keeps_the_accounts_ends_sessions_everywhere() {
+async fn the_administrator_can_end_sessions_on_every_server() {
     let m = Museum::new();
     let (session, capability) = begin(&m.app).await;
     change(&m.accounts(), |a| a.sign_out("amina").unwrap());
@@ -395,7 +395,7 @@ async fn the_one_who_keeps_the_accounts_ends_sessions_everywhere() {
 }
 
 #[tokio::test]
-async fn a_restart_revives_no_session_and_servers_share_a_folder_of_them() {
+async fn a_restart_revives_no_ended_session_and_servers_share_a_session_folder() {
     let m = Museum::new();
     let opens = |app: Router, session: String| async move { post(&app, "/cave/open", &session, "").await.status };
     // In memory a restart ends all, and no server knows the sessions of another.
@@ -435,7 +435,7 @@ fn begin_directly(m: &Museum, folder: &Path) -> (String, String) {
 }
 
 #[tokio::test]
-async fn where_a_session_cannot_be_kept_or_ended_the_reader_is_told() {
+async fn a_reader_is_informed_if_a_session_cannot_be_stored_or_ended() {
     let m = Museum::new();
     let folder = m.folder.path().join("sessions");
     let app = another(&m, Sessions::in_folder(&folder).unwrap());
@@ -483,7 +483,7 @@ async fn signing_out_works_or_reports_that_it_failed() {
 }
 
 #[tokio::test]
-async fn an_unreadable_list_of_sessions_is_reported_and_no_session_ends() {
+async fn an_unreadable_session_folder_is_reported_and_ends_no_session() {
     let m = Museum::new();
     let (folder, moved) = (m.folder.path().join("sessions"), m.folder.path().join("moved"));
     let app = another(&m, Sessions::in_folder(&folder).unwrap());

@@ -76,7 +76,7 @@ impl Archive {
 }
 
 #[tokio::test]
-async fn a_form_leads_to_a_page_that_waits_and_to_the_file() {
+async fn the_form_leads_to_a_waiting_page_and_then_to_the_file() {
     let a = archive();
     let form = get(&a.app, "/fort/extract").await;
     assert_eq!(form.status, 200);
@@ -123,7 +123,7 @@ async fn a_form_leads_to_a_page_that_waits_and_to_the_file() {
 /// The server sends a file of the cache only if it is the one that it made.
 #[cfg(unix)]
 #[tokio::test]
-async fn a_changed_file_in_the_cache_is_made_again() {
+async fn a_modified_file_in_the_cache_is_made_again() {
     let a = archive();
     let (form, name) = ("format=stl&detail=whole", "/fort/extract/v2-whole.stl");
     let make = async || {
@@ -158,7 +158,7 @@ async fn a_changed_file_in_the_cache_is_made_again() {
 }
 
 #[tokio::test]
-async fn what_nobody_asked_for_and_what_is_no_order_is_refused_with_a_sentence() {
+async fn unrequested_extracts_and_invalid_names_are_refused_with_a_message() {
     let a = archive();
     let never = get(&a.app, "/fort/extract/v1-whole.ply").await;
     assert_eq!(never.status, 404);
@@ -201,7 +201,7 @@ async fn what_nobody_asked_for_and_what_is_no_order_is_refused_with_a_sentence()
 }
 
 #[tokio::test]
-async fn an_extract_is_for_whoever_may_have_the_model_and_needs_no_script() {
+async fn extracts_need_access_to_the_model_and_no_script() {
     let a = archive();
     let closed = get(&a.app, "/cave/extract").await;
     assert_eq!(closed.status, 403);
@@ -231,7 +231,7 @@ async fn an_extract_is_for_whoever_may_have_the_model_and_needs_no_script() {
 }
 
 #[tokio::test]
-async fn a_models_page_leads_to_its_downloads() {
+async fn the_page_of_a_model_links_to_its_downloads() {
     let a = archive();
     let plain = get(&a.app, "/m/plain").await.text();
     assert!(plain.contains("href=\"/plain/extract\""), "{plain}");
@@ -244,7 +244,7 @@ async fn a_models_page_leads_to_its_downloads() {
 }
 
 #[tokio::test]
-async fn a_network_has_its_share_of_the_queue_and_is_told_why_and_when_to_come_again() {
+async fn a_network_over_its_share_of_the_queue_learns_why_and_when_to_retry() {
     let a = archive();
     a.fake.waits(true);
     let order = |triangles: usize, client: &str, accept: &str| {

@@ -59,7 +59,7 @@ fn change_access(models: &Path, slug: &str, access: Access) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_transfer_ends_when_access_does_and_others_go_on() {
+async fn a_transfer_ends_when_access_ends_and_others_continue() {
     let folder = tempfile::tempdir().unwrap();
     let models = folder.path().join("models");
     std::fs::create_dir(&models).unwrap();
@@ -233,7 +233,7 @@ fn must_end(address: &str, who: Who, change: Change) -> bool {
 
 /// Every address that serves a model, and every way in which access to it can end.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn every_transfer_of_a_model_ends_when_a_request_for_it_would_be_refused() {
+async fn every_transfer_of_a_model_ends_once_a_request_for_it_would_be_refused() {
     let folder = tempfile::tempdir().unwrap();
     let (models, file) = (folder.path().join("models"), folder.path().join("access.json"));
     std::fs::create_dir(&models).unwrap();

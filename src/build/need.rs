@@ -204,7 +204,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn headers_say_how_much_room_is_needed_and_are_not_believed_beyond_the_file() {
+    fn the_space_needed_is_estimated_from_headers_limited_by_the_file_size() {
         let header = |faces: u64| {
             format!(
                 "ply\nformat binary_little_endian 1.0\nelement vertex 500\nproperty float x\nproperty float y\nproperty float \
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn too_little_room_is_refused_with_numbers() {
+    fn too_little_disk_space_is_refused_with_numbers() {
         let folder = tempfile::tempdir().unwrap();
         let need = Need { scratch_bytes: 1 << 58, pack_bytes: 1 << 50 };
         let error = need.check(folder.path(), folder.path(), 0).unwrap_err().to_string();

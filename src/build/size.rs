@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_are_read_as_people_write_them() {
+    fn sizes_are_parsed_as_people_write_them() {
         for (text, is) in [("300M", 300 << 20), ("1G", 1 << 30), ("2.5GiB", 5 << 29), ("1000", 1000), ("1 gb", 1 << 30)]
         {
             assert_eq!(bytes(text), Ok(is), "{text}");

@@ -272,7 +272,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_token_goes_in_the_clear_to_this_computer_only() {
+    fn a_token_is_sent_unencrypted_only_to_this_computer() {
         for good in
             ["https://museum.example/", "http://localhost:8080", "http://127.0.0.1:9/", "http://[::1]:80/", "HTTPS://x"]
         {

@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_that_was_stopped_is_gone_on_with_and_a_torn_line_is_passed_over() {
+    fn a_stopped_run_is_resumed_and_a_torn_line_is_skipped() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("state");
         let mut state = State::open(&path, "here", true, None, &[]).unwrap();
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_checked_lately_is_left_out() {
+    fn recently_checked_units_are_skipped() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("state");
         let mut state = State::open(&path, "here", false, None, &[]).unwrap();
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn states_of_earlier_versions_are_read_and_their_units_checked_again() {
+    fn state_files_of_earlier_versions_are_read_and_their_units_checked_again() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("state");
         let old = |at: u64| {
@@ -398,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn files_of_others_are_not_overwritten() {
+    fn foreign_files_are_not_overwritten() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("thesis.txt");
         fs::write(&path, "years of work\n").unwrap();

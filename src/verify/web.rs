@@ -280,7 +280,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_address_is_a_folder_and_a_file() {
+    fn an_address_is_divided_into_folder_and_file() {
         for (address, base, name) in [
             ("https://a.example/", "https://a.example/", ""),
             ("https://a.example", "https://a.example/", ""),

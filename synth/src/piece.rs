@@ -155,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tiling_has_the_count_asked_for_and_follows_the_shape() {
+    fn a_tiling_has_the_requested_count_and_follows_the_shape() {
         assert_eq!(tiling(96, 60.0, 40.0), (12, 8));
         assert_eq!(tiling(7, 10.0, 5.0), (7, 1));
         assert_eq!(tiling(1, 10.0, 5.0), (1, 1));

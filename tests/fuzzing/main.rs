@@ -155,46 +155,46 @@ fn go_on(name: &str, body: Body, seeds: Vec<Vec<u8>>, current: &Current) -> u64 
 }
 
 #[test]
-fn any_bytes_are_a_ply_or_refused() {
+fn any_bytes_are_read_as_ply_or_refused() {
     fuzz("ply");
 }
 
 #[test]
-fn any_bytes_are_an_obj_or_refused() {
+fn any_bytes_are_read_as_obj_or_refused() {
     fuzz("obj");
 }
 
 #[test]
-fn any_bytes_are_an_stl_or_refused() {
+fn any_bytes_are_read_as_stl_or_refused() {
     fuzz("stl");
 }
 
 #[test]
-fn any_bytes_are_a_gltf_or_refused() {
+fn any_bytes_are_read_as_gltf_or_refused() {
     fuzz("gltf");
 }
 
 #[test]
-fn any_bytes_are_a_pack_or_refused() {
+fn any_bytes_are_read_as_a_pack_or_refused() {
     fuzz("open_pack");
 }
 
 #[test]
-fn any_bytes_are_a_chunk_or_refused() {
+fn any_bytes_are_read_as_a_chunk_or_refused() {
     fuzz("decode_chunk");
 }
 
 #[test]
-fn any_bytes_are_metadata_or_refused() {
+fn any_bytes_are_read_as_metadata_or_refused() {
     fuzz("metadata");
 }
 
 #[test]
-fn any_bytes_are_a_manifest_or_refused() {
+fn any_bytes_are_read_as_a_manifest_or_refused() {
     fuzz("manifest");
 }
 
 #[test]
-fn any_bytes_are_notes_or_refused() {
+fn any_bytes_are_read_as_notes_or_refused() {
     fuzz("notes");
 }

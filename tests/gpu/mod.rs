@@ -324,7 +324,7 @@ fn ball_view(center: [i32; 3], radius: f64, distance: f64, turn: f64, size: [u32
 }
 
 #[test]
-fn far_out_on_the_lattice_nothing_shakes() {
+fn far_out_on_the_lattice_nothing_jitters() {
     // Twice the same ball, once near the lattice's origin and once near 2^29 on every axis, as UTM coordinates come.
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
@@ -352,7 +352,7 @@ fn far_out_on_the_lattice_nothing_shakes() {
 }
 
 #[test]
-fn what_the_streamer_draws_is_what_the_ray_caster_sees() {
+fn the_streamer_draws_what_the_ray_caster_sees() {
     let raw = mesh(Shape::Fort, &SynthOptions::new(30_000)).expect("a fort");
     let world = World::build(raw, 400);
     let size = [128, 96];
@@ -371,7 +371,7 @@ fn what_the_streamer_draws_is_what_the_ray_caster_sees() {
 }
 
 #[test]
-fn tiles_make_up_the_whole_picture() {
+fn tiles_together_equal_the_whole_picture() {
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
     let center = [1 << 20; 3];
@@ -404,7 +404,7 @@ fn tiles_make_up_the_whole_picture() {
 }
 
 #[test]
-fn every_mode_colours_the_model_and_leaves_the_background() {
+fn every_mode_colours_the_model_and_not_the_background() {
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
     let center = [1 << 20; 3];
@@ -439,7 +439,7 @@ fn every_mode_colours_the_model_and_leaves_the_background() {
 }
 
 #[test]
-fn chunks_that_are_not_there_are_left_out_and_evicted_ones_free_their_memory() {
+fn missing_chunks_are_skipped_and_evicted_ones_free_their_memory() {
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
     let chunk = ball([1 << 20; 3], 50_000.0, 20);

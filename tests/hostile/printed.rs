@@ -88,7 +88,7 @@ impl Site {
 }
 
 #[test]
-fn every_verb_shows_what_a_pack_says_of_itself_without_acting_on_the_terminal() {
+fn no_verb_lets_metadata_of_a_pack_control_the_terminal() {
     let site = Site::new();
     for name in &names() {
         let pack = site.pack(name);
@@ -117,7 +117,7 @@ fn every_verb_shows_what_a_pack_says_of_itself_without_acting_on_the_terminal() 
 }
 
 #[test]
-fn error_messages_never_control_the_terminal_whatever_the_file_name() {
+fn file_names_in_error_messages_never_control_the_terminal() {
     let site = Site::new();
     for name in &names() {
         let missing = site.path(&format!("{name}.kilwa"));
@@ -202,7 +202,7 @@ fn gltf(uri: &str, kind: &str, image: &str) -> String {
 }
 
 #[test]
-fn names_in_meshes_are_quoted_without_acting_on_the_terminal() {
+fn names_in_meshes_never_control_the_terminal() {
     let site = Site::new();
     let mut trials = 0;
     for name in &names() {
@@ -223,7 +223,7 @@ fn names_in_meshes_are_quoted_without_acting_on_the_terminal() {
 /// The log of a server, whatever it is asked for and whatever it serves.
 #[cfg(unix)]
 #[test]
-fn the_log_of_a_server_does_not_act_on_the_terminal() {
+fn the_server_log_never_controls_the_terminal() {
     let site = Site::new();
     let www = site.path("www");
     std::fs::create_dir(&www).unwrap();

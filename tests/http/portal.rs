@@ -79,7 +79,7 @@ async fn round(mut r: Reader, packs: &[String], bytes: &[u8]) -> Reader {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_crowd_of_readers_gets_every_page_and_every_byte_and_leaves_nothing_behind() {
+async fn many_readers_get_every_page_and_byte_without_leaking_resources() {
     let (readers, rounds) = if full() { (500, 12) } else { (30, 3) };
     let bytes: &'static [u8] = Vec::leak(noise(1 << 20, 17));
     let cache = tempfile::tempdir().unwrap();

@@ -112,7 +112,7 @@ async fn check(name: &str, server: &Server, proxy: SocketAddr, bytes: &[u8]) {
 }
 
 #[tokio::test]
-async fn nginx_with_the_documented_configuration_changes_nothing() {
+async fn responses_are_unchanged_behind_nginx_as_documented() {
     if !is_here("nginx", "-v") {
         return;
     }
@@ -144,7 +144,7 @@ async fn nginx_with_the_documented_configuration_changes_nothing() {
 }
 
 #[tokio::test]
-async fn caddy_with_the_documented_configuration_changes_nothing() {
+async fn responses_are_unchanged_behind_caddy_as_documented() {
     if !is_here("caddy", "version") {
         return;
     }

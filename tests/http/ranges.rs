@@ -111,7 +111,7 @@ const CONDITIONS: [(&str, &str, Wanted); 31] = [
 ];
 
 #[tokio::test]
-async fn every_row_of_the_table_is_answered_exactly() {
+async fn every_request_in_the_table_is_answered_exactly() {
     let bytes = noise(LENGTH, 3);
     let server = Server::start(&[("fort", &bytes)], &[]);
     let mut client = Client::connect(server.address).await.unwrap();
@@ -221,7 +221,7 @@ const SEVERAL: [(&str, &[(usize, usize)]); 24] = [
 ];
 
 #[tokio::test]
-async fn several_ranges_have_an_address_and_are_answered_in_its_order() {
+async fn several_ranges_in_an_address_are_answered_in_order() {
     let bytes = noise(LENGTH, 3);
     let server = Server::start(&[("fort", &bytes)], &[]);
     let mut client = Client::connect(server.address).await.unwrap();

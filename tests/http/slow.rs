@@ -70,7 +70,7 @@ async fn creeping(
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn requests_that_never_end_are_closed_and_others_do_not_notice() {
+async fn endless_requests_are_closed_without_affecting_others() {
     let (sockets, limit, pause) = if full() { (2000, "10", 5000) } else { (200, "1", 300) };
     let bytes = noise(9_000_000, 5);
     let server = Server::start(&[("fort", &bytes)], &["--header-timeout", limit]);
@@ -116,7 +116,7 @@ async fn requests_that_never_end_are_closed_and_others_do_not_notice() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn slow_readers_cost_little_memory() {
+async fn slow_readers_use_little_memory() {
     let readers = if full() { 1000 } else { 100 };
     let bytes = noise(48 << 20, 7);
     let server = Server::start(&[("fort", &bytes)], &[]);
@@ -156,7 +156,7 @@ async fn slow_readers_cost_little_memory() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_reader_that_takes_nothing_is_dropped() {
+async fn a_stalled_reader_is_disconnected() {
     let bytes = noise(24 << 20, 9);
     let server = Server::start(&[("fort", &bytes)], &["--write-timeout", "1"]);
     let readers = 20;

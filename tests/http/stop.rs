@@ -9,7 +9,7 @@ use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::sync::Barrier;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn sigterm_completes_or_cuts_every_transfer() {
+async fn sigterm_completes_or_aborts_every_transfer() {
     let transfers = if full() { 100 } else { 20 };
     let bytes: &'static [u8] = Vec::leak(noise(16 << 20, 17));
     let mut server = Server::start(&[("fort", bytes)], &["--shutdown", "5"]);

@@ -219,7 +219,7 @@ async fn held(server: &Server, before: f64, address: &str) -> Option<f64> {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn no_address_gets_an_answer_out_of_proportion_and_slow_readers_of_the_worst_cost_little_memory() {
+async fn no_request_gets_a_disproportionate_response_and_slow_readers_use_little_memory() {
     let (objects, mixtures) = if full() { (2_000, 5_000) } else { (150, 300) };
     let (server, _state) = museum(objects);
     noticed(server.address, objects).await;

@@ -20,7 +20,7 @@ fn verified(folder: &Path) -> (bool, String) {
 }
 
 #[test]
-fn an_object_interrupted_around_the_manifest_is_sound_and_verify_explains() {
+fn an_object_interrupted_around_the_manifest_is_valid_and_verify_explains_it() {
     let bench = Bench::new();
     let object = bench.published(&other_pack(), LEAST, &[]);
     let old = ["manifest.json", "index.html"].map(|name| (name, std::fs::read(object.join(name)).unwrap()));
@@ -91,7 +91,7 @@ fn seed() -> u32 {
 }
 
 #[test]
-fn the_program_killed_before_any_rename_leaves_a_sound_archive_and_goes_on() {
+fn a_kill_before_any_rename_leaves_a_valid_archive_and_a_rerun_finishes() {
     let works = Command::new("strace").args(["-f", "-qq", "-o", "/dev/null", "true"]).status();
     if !works.is_ok_and(|status| status.success()) {
         println!("skipped: killing the program before renames: strace is not installed, or may not trace programs");

@@ -45,7 +45,7 @@ pub(crate) fn file(bench: &Bench, notes: &Value) -> PathBuf {
 }
 
 #[test]
-fn notes_are_part_of_the_version_of_its_lists_and_of_its_page() {
+fn notes_are_part_of_the_version_its_checksum_lists_and_its_page() {
     let bench = Bench::new();
     let notes = file(&bench, &annotations(&pack()));
     let object = bench.published(&pack(), FULL, &["--notes", text(&notes)]);
@@ -83,7 +83,7 @@ fn notes_are_part_of_the_version_of_its_lists_and_of_its_page() {
 }
 
 #[test]
-fn in_the_scene_of_iiif_notes_stand_where_they_stand_on_the_preview() {
+fn notes_have_the_same_position_in_the_iiif_scene_and_the_preview() {
     let bench = Bench::new();
     let notes = file(&bench, &annotations(&pack()));
     let object = bench.published(&pack(), FULL, &["--notes", text(&notes)]);
@@ -123,7 +123,7 @@ fn in_the_scene_of_iiif_notes_stand_where_they_stand_on_the_preview() {
 }
 
 #[test]
-fn notes_that_cannot_be_are_refused_with_the_note_and_what_to_do() {
+fn invalid_notes_are_refused_with_their_number_and_what_to_do() {
     let bench = Bench::new();
     let refused = |notes: &str, more: &[&str]| {
         let path = bench.path("bad.json");
@@ -165,7 +165,7 @@ fn notes_that_cannot_be_are_refused_with_the_note_and_what_to_do() {
 }
 
 #[test]
-fn notes_of_another_pack_are_told() {
+fn notes_of_another_pack_are_reported() {
     let bench = Bench::new();
     let mut notes = annotations(&pack());
     notes["items"][0]["target"]["state"][0]["identity"] = "0123456789abcdef0123456789abcdef".into();
@@ -175,7 +175,7 @@ fn notes_of_another_pack_are_told() {
 }
 
 #[test]
-fn a_further_version_says_what_becomes_of_the_notes() {
+fn a_further_version_must_state_whether_notes_are_kept() {
     let bench = Bench::new();
     let notes = file(&bench, &annotations(&pack()));
     let object = bench.published(&pack(), FULL, &["--notes", text(&notes)]);
@@ -204,7 +204,7 @@ fn a_further_version_says_what_becomes_of_the_notes() {
 }
 
 #[test]
-fn notes_of_a_model_whose_place_was_taken_out_go_on_with_it() {
+fn notes_of_a_redacted_model_carry_over_to_its_next_version() {
     let bench = Bench::new();
     let notes = file(&bench, &annotations(&pack()));
     let object = bench.published(&pack(), FULL, &["--notes", text(&notes), "--redact-location"]);
@@ -240,7 +240,7 @@ fn notes_of_a_model_whose_place_was_taken_out_go_on_with_it() {
 }
 
 #[test]
-fn notes_on_a_closed_model_are_not_told_by_what_is_open() {
+fn notes_on_a_closed_model_are_not_revealed_by_public_files() {
     let bench = Bench::new();
     let notes = file(&bench, &annotations(&other_pack()));
     let closed = format!("{LEAST}[access]\nstate = \"restricted\"\nreason = \"Rock art\"\n");
@@ -252,7 +252,7 @@ fn notes_on_a_closed_model_are_not_told_by_what_is_open() {
 }
 
 #[test]
-fn notes_that_do_not_belong_to_the_version_are_found_by_verify() {
+fn verify_finds_notes_that_do_not_belong_to_the_version() {
     let bench = Bench::new();
     let notes = file(&bench, &annotations(&other_pack()));
     let object = bench.published(&other_pack(), LEAST, &["--notes", text(&notes)]);

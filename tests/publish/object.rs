@@ -5,7 +5,7 @@ use crate::support::{json, succeeds, text};
 use std::process::Command;
 
 #[test]
-fn an_object_holds_everything_and_every_file_is_under_a_checksum() {
+fn an_object_is_complete_and_every_file_has_a_checksum() {
     let bench = Bench::new();
     let object = bench.published(&pack(), FULL, &["--site", "--bag"]);
     assert_eq!(object, bench.path("site/gereza"));
@@ -93,7 +93,7 @@ fn the_same_inputs_give_the_same_bytes() {
 }
 
 #[test]
-fn the_day_comes_from_the_option_the_metadata_source_date_epoch_or_the_clock_in_this_order() {
+fn the_date_comes_from_the_option_the_metadata_source_date_epoch_or_the_clock_in_this_order() {
     let bench = Bench::new();
     let undated = LEAST.replace("published = 2026-11-21\n", "");
     let day = |more: &[&str], text_: &str, epoch: Option<&str>| {
@@ -129,7 +129,7 @@ fn the_day_comes_from_the_option_the_metadata_source_date_epoch_or_the_clock_in_
 }
 
 #[test]
-fn versions_are_added_with_what_is_new_and_the_old_ones_stay_as_they_are() {
+fn a_new_version_adds_only_new_files_and_earlier_versions_are_unchanged() {
     let bench = Bench::new();
     let object = bench.published(&pack(), FULL, &[]);
     let first = tree(&object.join("v1"));
@@ -186,7 +186,7 @@ fn a_dry_run_shows_every_field_and_writes_nothing() {
 }
 
 #[test]
-fn the_reason_of_a_withdrawal_states_no_place_that_is_withheld() {
+fn the_reason_for_a_withdrawal_must_not_reveal_a_withheld_location() {
     let bench = Bench::new();
     bench.published(&pack(), FULL, &["--redact-location"]);
     let (site, keep) = (bench.path("site"), bench.path("keep"));
@@ -207,7 +207,7 @@ fn the_reason_of_a_withdrawal_states_no_place_that_is_withheld() {
 }
 
 #[test]
-fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
+fn a_withdrawn_object_keeps_its_metadata_and_a_page_that_says_why() {
     let bench = Bench::new();
     let object = bench.published(&pack(), FULL, &["--bag", "--site"]);
     let pack_file = json_of(&object.join("manifest.json"))["versions"][0]["pack"]["url"].as_str().unwrap().to_owned();
@@ -299,7 +299,7 @@ fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
 }
 
 #[test]
-fn init_writes_a_file_that_publish_takes_when_the_rights_are_filled_in() {
+fn a_file_written_by_init_is_accepted_by_publish_once_the_rights_are_filled_in() {
     let bench = Bench::new();
     let path = bench.path("new.toml");
     succeeds(&["metadata", "init", text(&pack()), "-o", text(&path)]);

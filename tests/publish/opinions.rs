@@ -121,7 +121,7 @@ print(json.dumps(out))
 "#;
 
 #[test]
-fn second_implementations_take_everything() {
+fn independent_validators_accept_every_record() {
     let bench = Bench::new();
     bench.published(&pack(), FULL, &["--bag", "--site"]);
     let Some(said) = python(PROGRAM, &bench.path("site")) else { return };
@@ -172,7 +172,7 @@ fn second_implementations_take_everything() {
 }
 
 #[test]
-fn the_validator_of_khronos_takes_the_preview() {
+fn the_khronos_validator_accepts_the_preview() {
     let validator = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser/node_modules/gltf-validator/index.js");
     if !validator.is_file() {
         println!("skipped: {} is not here (cargo xtask test installs it)", validator.display());
@@ -188,7 +188,7 @@ fn the_validator_of_khronos_takes_the_preview() {
 }
 
 #[test]
-fn the_least_metadata_gives_valid_records_too() {
+fn minimal_metadata_gives_valid_records() {
     let bench = Bench::new();
     let object = bench.published(&other_pack(), LEAST, &["--bag", "--site"]);
     assert!(!object.join("v1/oembed.json").exists(), "oEmbed needs an address");
@@ -212,7 +212,7 @@ fn the_least_metadata_gives_valid_records_too() {
 }
 
 #[test]
-fn what_is_changed_afterwards_is_noticed_by_them() {
+fn independent_validators_detect_later_changes() {
     let bench = Bench::new();
     let object = bench.published(&other_pack(), LEAST, &["--bag"]);
     // The bag shares its files: what changes there changes here, and bagit sees it.

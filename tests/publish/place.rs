@@ -60,7 +60,7 @@ fn metadata() -> String {
 }
 
 #[test]
-fn the_traces_are_found_where_they_are() {
+fn the_search_for_traces_finds_known_traces() {
     let traces = traces(&survey());
     for form in [
         "565977",
@@ -112,7 +112,7 @@ fn the_traces_are_found_where_they_are() {
 }
 
 #[test]
-fn no_file_tells_where_it_was() {
+fn no_file_reveals_the_original_location() {
     let survey = survey();
     let traces = traces(&survey);
     let bench = Bench::new();
@@ -157,7 +157,7 @@ fn no_file_tells_where_it_was() {
 }
 
 #[test]
-fn channels_are_left_out_unless_they_are_named_and_hold_no_coordinates() {
+fn channels_are_dropped_unless_named_and_free_of_coordinates() {
     let bench = Bench::new();
     let survey = survey();
     let dry = bench.publish(&survey, &metadata(), &["--redact-location", "--dry-run"]);
@@ -185,7 +185,7 @@ fn channels_are_left_out_unless_they_are_named_and_hold_no_coordinates() {
 }
 
 #[test]
-fn every_text_that_tells_the_place_is_refused_with_its_line() {
+fn every_text_that_reveals_the_location_is_refused_with_its_line() {
     let bench = Bench::new();
     let hidden = metadata();
     // A text of FULL, what is put in its place, and the field that is named.
@@ -237,7 +237,7 @@ fn every_text_that_tells_the_place_is_refused_with_its_line() {
 }
 
 #[test]
-fn what_was_published_with_its_place_cannot_be_hidden_by_a_further_version() {
+fn a_published_location_cannot_be_hidden_by_a_further_version() {
     let bench = Bench::new();
     bench.published(&pack(), FULL, &[]);
     let said = bench.refused(&pack(), FULL, &["--redact-location", "--version-note", "hide", "--date", "2026-12-01"]);
@@ -256,7 +256,7 @@ fn what_was_published_with_its_place_cannot_be_hidden_by_a_further_version() {
 }
 
 #[test]
-fn a_cell_tells_the_region_and_nothing_finer() {
+fn a_cell_reveals_the_region_and_nothing_finer() {
     let bench = Bench::new();
     let survey = survey();
     let notes = notes::file(&bench, &notes::annotations(&survey));

@@ -5,7 +5,7 @@ use crate::support::text;
 use std::process::Command;
 
 #[test]
-fn missing_and_wrong_metadata_is_told_with_line_field_and_what_to_write() {
+fn missing_and_wrong_metadata_is_reported_with_line_field_and_what_to_write() {
     let bench = Bench::new();
     for (from, to, said) in [
         ("title = \"Fort\"\n", "", "title: every model needs a title"),
@@ -45,7 +45,7 @@ fn missing_and_wrong_metadata_is_told_with_line_field_and_what_to_write() {
 }
 
 #[test]
-fn a_model_that_does_not_lie_in_its_reference_system_is_refused() {
+fn a_model_outside_its_reference_system_is_refused() {
     let bench = Bench::new();
     let (input, wrong) = (bench.path("t.ply"), bench.path("wrong.kilwa"));
     crate::support::Input::torus(20, 12, [1.0, 2.0, 3.0]).write(&input);
@@ -71,7 +71,7 @@ fn a_pack_that_fails_verification_is_refused() {
 }
 
 #[test]
-fn a_name_that_another_model_has_is_refused_with_how_to_go_on() {
+fn a_name_used_by_another_model_is_refused_with_what_to_do() {
     let bench = Bench::new();
     let object = bench.published(&other_pack(), LEAST, &[]);
     let other = LEAST.replace("title = \"Fort\"", "slug = \"fort\"\ntitle = \"A mosque\"");
@@ -113,7 +113,7 @@ fn a_name_that_another_model_has_is_refused_with_how_to_go_on() {
 }
 
 #[test]
-fn another_model_with_the_same_title_is_told_by_its_size_its_place_and_its_identifier() {
+fn another_model_with_the_same_title_is_recognised_by_size_position_and_identifier() {
     let bench = Bench::new();
     let build = |name: &str, scale: f64, origin: [f64; 3], more: &[&str]| {
         let (input, pack) = (bench.path("t.ply"), bench.path(name));
@@ -144,7 +144,7 @@ fn another_model_with_the_same_title_is_told_by_its_size_its_place_and_its_ident
 }
 
 #[test]
-fn a_folder_that_cannot_be_written_to_is_told_before_the_pack_is_read() {
+fn a_folder_that_is_not_writable_is_reported_before_the_pack_is_read() {
     let bench = Bench::new();
     let (metadata, www) = (bench.metadata(LEAST), bench.path("www"));
     for to in ["/proc/kilwa/objects", text(&metadata)] {
@@ -165,7 +165,7 @@ fn a_folder_that_cannot_be_written_to_is_told_before_the_pack_is_read() {
 
 /// On a file system of 4 MB of its own, where the test may make one.
 #[test]
-fn a_disk_without_room_is_told_before_anything_is_written() {
+fn a_disk_without_space_is_reported_before_anything_is_written() {
     let bench = Bench::new();
     let (disk, metadata, www, pack) = (bench.path("disk"), bench.metadata(LEAST), bench.path("www"), other_pack());
     std::fs::create_dir(&disk).unwrap();
@@ -195,7 +195,7 @@ fn a_disk_without_room_is_told_before_anything_is_written() {
 /// without the check of free space before.
 #[cfg(unix)]
 #[test]
-fn a_disk_that_fills_half_way_leaves_nothing() {
+fn a_disk_that_fills_up_half_way_leaves_no_files() {
     let bench = Bench::new();
     bench.published(&pack(), FULL, &[]);
     let before = tree(&bench.path("site"));

@@ -36,7 +36,7 @@ fn at(site: &Path, intent: &Intent) -> impl Fn(&FileSaid) -> PathBuf + use<> {
 
 /// Run by the next test in a process of its own, to be killed.
 #[test]
-fn publishes_until_it_is_killed() {
+fn helper_process_that_publishes_until_it_is_killed() {
     let Ok(text) = std::env::var(CLIENT) else { return };
     let parts: Vec<&str> = text.splitn(4, ' ').collect();
     drop(publish(parts[0], parts[1], parts[2].parse().unwrap(), Path::new(parts[3]), once()));
@@ -44,7 +44,7 @@ fn publishes_until_it_is_killed() {
 
 pub(crate) fn killed_client(address: &str, token: &str, number: u32, site: &Path, after: Duration) {
     let mut child = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "cuts::publishes_until_it_is_killed", "--quiet"])
+        .args(["--exact", "cuts::helper_process_that_publishes_until_it_is_killed", "--quiet"])
         .env(CLIENT, format!("{address} {token} {number} {}", site.display()))
         .stdout(Stdio::null())
         .stderr(Stdio::null())
@@ -89,7 +89,7 @@ pub(crate) fn portal(address: std::net::SocketAddr) -> usize {
 }
 
 #[test]
-fn cut_off_fifty_times_there_is_the_old_object_or_the_new_one_and_at_the_end_the_bytes_of_publishing_here() {
+fn an_upload_interrupted_fifty_times_shows_the_old_or_new_object_and_ends_with_the_bytes_of_a_local_publication() {
     let site = local();
     let mut dice = Dice(0x1234_5678_9abc_def1);
     let mut server = Server::start();
@@ -162,7 +162,7 @@ fn cut_off_fifty_times_there_is_the_old_object_or_the_new_one_and_at_the_end_the
 }
 
 #[test]
-fn a_line_that_breaks_again_and_again_is_waited_for_in_one_run() {
+fn one_run_survives_a_connection_that_breaks_repeatedly() {
     let site = local();
     let server = Server::start();
     let proxy = Proxy::before(server.address);

@@ -56,7 +56,7 @@ fn versions(of: &BTreeMap<String, Vec<u8>>) -> usize {
 }
 
 #[test]
-fn cut_off_at_random_the_store_has_the_old_object_or_the_new_one_and_at_the_end_the_bytes_of_publishing_here() {
+fn a_publication_to_a_store_interrupted_at_random_shows_the_old_or_new_object_and_ends_with_the_bytes_of_a_local_one() {
     let Some(bucket) = Bucket::start("cut_off_at_random_the_store_has_the_old_object…") else { return };
     let site = local();
     let mut dice = Dice(0x0dd0_5eed_1234_5679);

@@ -36,7 +36,7 @@ fn said(output: &Output) -> String {
 }
 
 #[test]
-fn killed_while_it_sends_the_same_command_ends_it_with_the_bytes_of_publishing_here_and_once() {
+fn a_command_killed_while_sending_is_finished_once_by_a_rerun_with_the_bytes_of_a_local_publication() {
     let site = local();
     let server = Server::start();
     let (folder, metadata, www) = bench(METADATA);
@@ -89,7 +89,7 @@ fn the_same_command_finishes_what_a_killed_server_left_undone() {
 }
 
 #[test]
-fn an_upload_without_its_location_is_accepted_and_one_with_it_in_a_text_is_not_sent() {
+fn an_upload_without_its_location_is_accepted_and_one_that_reveals_it_is_not_sent() {
     let server = Server::start();
     let (folder, metadata, www) = bench(METADATA);
     let (to, notes) = (format!("http://{}/", server.address), folder.path().join("notes.json"));
@@ -125,7 +125,7 @@ fn an_upload_without_its_location_is_accepted_and_one_with_it_in_a_text_is_not_s
 }
 
 #[test]
-fn what_cannot_be_sent_is_refused_with_what_to_do() {
+fn an_impossible_upload_is_refused_with_what_to_do() {
     let server = Server::start();
     let (folder, metadata, www) = bench(METADATA);
     let to = format!("http://{}/", server.address);
@@ -151,7 +151,7 @@ fn what_cannot_be_sent_is_refused_with_what_to_do() {
 }
 
 #[test]
-fn a_token_for_this_computer_goes_through_no_proxy() {
+fn a_token_for_this_computer_is_not_sent_through_a_proxy() {
     let server = Server::start();
     let (_folder, file, www) = bench(METADATA);
     let proxy = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
@@ -167,7 +167,7 @@ fn a_token_for_this_computer_goes_through_no_proxy() {
 }
 
 #[test]
-fn a_file_that_changes_while_it_is_sent_is_named_and_not_sent_for_ever() {
+fn a_file_that_changes_while_it_is_sent_is_reported_and_not_resent_forever() {
     let (site, server, folder) = (local(), Server::start(), tempfile::tempdir().unwrap());
     let intent = super::intent(&site, 1);
     let changed = folder.path().join("changed");

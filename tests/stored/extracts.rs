@@ -43,7 +43,7 @@ impl Reader {
 }
 
 #[test]
-fn an_extract_of_a_pack_in_a_store_is_that_of_the_folder_and_a_small_one_takes_a_small_part_of_the_pack() {
+fn an_extract_from_a_store_equals_one_from_a_folder_and_a_small_one_reads_little_of_the_pack() {
     let Some(mut bucket) = Bucket::start("an_extract_of_a_pack_in_a_store_is_that_of_the_folder…") else { return };
     let keeper = Keeper::of(&bucket);
     let (local, pack) = (keeper.publish_here(), std::fs::read(large()).unwrap());

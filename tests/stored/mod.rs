@@ -142,7 +142,7 @@ fn grown(object: &Path, pack: &[u8]) -> String {
 
 /// `KILWA_SOAK=1 KILWA_MOTO=… cargo nextest run --test stored slow_readers --no-capture`; archived in docs/bench.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn slow_readers_of_a_pack_in_a_store_cost_little_memory() {
+async fn slow_readers_of_a_pack_in_a_store_use_little_memory() {
     // The store of the test holds the rest of each answer in its own memory: 100 times this.
     const PACK: usize = 24 << 20;
     if std::env::var_os("KILWA_SOAK").is_none() {
@@ -211,7 +211,7 @@ fn done(output: &Output) -> serde_json::Value {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_is_published_to_a_store_is_found_opened_and_read_from_it_and_a_second_version_follows() {
+async fn an_object_published_to_a_store_can_be_found_opened_and_read_and_gets_a_second_version() {
     let Some(bucket) = Bucket::start("what_is_published_to_a_store_is_found_opened…") else { return };
     let keeper = Keeper::of(&bucket);
     let bytes = std::fs::read(pack()).unwrap();
@@ -257,7 +257,7 @@ async fn what_is_published_to_a_store_is_found_opened_and_read_from_it_and_a_sec
 }
 
 #[test]
-fn what_cannot_be_is_said_with_what_to_do_and_without_the_keys() {
+fn an_unusable_store_is_refused_with_what_to_do_and_without_the_keys() {
     let Some(bucket) = Bucket::start("what_cannot_be_is_said_with_what_to_do…") else { return };
     let keeper = Keeper::of(&bucket);
     let refused = |command: &mut Command| {

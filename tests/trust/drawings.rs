@@ -34,7 +34,7 @@ print(json.dumps(out))
 ";
 
 #[test]
-fn drawings_measure_on_paper_what_they_say() {
+fn drawings_are_to_scale_on_paper() {
     let p = phantom("cube", "utm");
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
@@ -81,7 +81,7 @@ fn drawings_measure_on_paper_what_they_say() {
 }
 
 #[test]
-fn drawings_that_cannot_be_are_refused_with_what_would() {
+fn impossible_drawings_are_refused_with_a_possible_alternative() {
     let p = phantom("cube", "origin");
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("x.png");

@@ -100,7 +100,7 @@ impl Page {
 }
 
 #[test]
-fn the_page_gives_the_digits_of_the_command_line_for_every_tool() {
+fn the_page_gives_the_same_digits_as_the_command_line_for_every_tool() {
     let folder = tempfile::tempdir().unwrap();
     let (mut tools, mut differing) = (0, 0);
     for place in ["origin", "utm"] {
@@ -136,7 +136,7 @@ impl Page {
 }
 
 #[test]
-fn refusals_of_the_page_are_the_sentences_of_the_command_line() {
+fn refusals_in_the_page_match_the_command_line() {
     let page = Page::open(&phantom("cube", "origin").pack);
     let say = |task: Value| page.measure(&task)["refusal"].as_str().unwrap_or_default().to_owned();
     assert!(say(value!({ "tool": "angle", "local": [[0, 0, 0], [0, 0, 0], [1, 0, 0]] })).contains("same place"));
@@ -158,7 +158,7 @@ fn fort() -> PathBuf {
 }
 
 #[test]
-fn a_section_in_the_page_fetches_the_leaves_along_the_cut_and_nothing_else() {
+fn a_section_in_the_page_fetches_only_the_leaves_along_the_cut() {
     let pack = fort();
     let page = Page::open(&pack);
     let open = Open::of(&pack);
@@ -197,7 +197,7 @@ fn a_section_in_the_page_fetches_the_leaves_along_the_cut_and_nothing_else() {
 }
 
 #[test]
-fn damaged_bytes_are_fetched_again_and_never_measured() {
+fn damaged_bytes_are_refetched_and_never_measured() {
     let pack = phantom("sphere", "origin").pack;
     let sound = Page::open(&pack).measure(&value!({ "tool": "volume" }));
     let page = Page::open(&pack);
@@ -238,7 +238,7 @@ fn drawn(open: &Open, cut: &Cut) -> (Vec<DrawPatch>, Vec<GpuChunk>) {
 }
 
 #[test]
-fn what_the_viewer_says_before_the_finest_surface_is_there_contains_the_final_pick_also_where_it_is_cut() {
+fn the_provisional_interval_of_the_viewer_contains_the_final_pick_also_at_cuts() {
     let mut random = Numbers(77);
     let (mut picks, mut outside, mut one) = (0, 0, 0);
     for (shape, place) in [("stepped-wall", "origin"), ("sphere", "utm"), ("bent-wall", "far")] {
@@ -293,7 +293,7 @@ fn finest(open: &Open, ray: Ray, clip: Clip) -> Option<f64> {
 }
 
 #[test]
-fn a_pick_in_the_page_is_the_pick_of_the_command_line() {
+fn a_pick_in_the_page_equals_that_of_the_command_line() {
     let p = phantom("sphere", "utm");
     let page = Page::open(&p.pack);
     let open = Open::of(&p.pack);

@@ -56,7 +56,7 @@ pub(crate) fn reading(of: &Value, name: &str) -> f64 {
 }
 
 #[test]
-fn distances_are_within_the_lattice_everywhere() {
+fn distances_are_exact_to_the_lattice_everywhere() {
     let tan = 1.0 / 3f64.sqrt();
     let cases: [(&str, P, P); 7] = [
         ("cube", [0.0, 0.0, 0.0], [1.0, 1.0, 1.0]),
@@ -97,7 +97,7 @@ fn distances_are_within_the_lattice_everywhere() {
 }
 
 #[test]
-fn areas_are_right_for_upright_oblique_and_bent_surfaces() {
+fn areas_are_correct_for_upright_oblique_and_curved_surfaces() {
     for (place, _) in PLACES {
         let mut worst = 0.0f64;
         for shape in ["cube", "ramp", "cylinder", "sphere", "stepped-wall", "bent-wall"] {
@@ -135,7 +135,7 @@ fn areas_are_right_for_upright_oblique_and_bent_surfaces() {
 }
 
 #[test]
-fn volumes_are_right_to_a_millionth_beyond_the_lattice() {
+fn volumes_are_correct_to_a_millionth_beyond_the_lattice() {
     for (place, _) in PLACES {
         let mut worst = 0.0f64;
         for shape in ["cube", "ramp", "cylinder", "sphere", "stepped-wall", "bent-wall"] {
@@ -152,7 +152,7 @@ fn volumes_are_right_to_a_millionth_beyond_the_lattice() {
 }
 
 #[test]
-fn the_same_phantom_measures_the_same_wherever_it_stands() {
+fn measurements_do_not_depend_on_the_position_of_the_phantom() {
     // The places are whole steps apart in x and y; in z of "utm" the lattice falls otherwise.
     for shape in ["cube", "sphere"] {
         let (a, b) = (phantom(shape, "origin"), phantom(shape, "far"));
@@ -170,7 +170,7 @@ fn the_same_phantom_measures_the_same_wherever_it_stands() {
 }
 
 #[test]
-fn angles_are_right_to_a_microradian_beyond_the_lattice() {
+fn angles_are_correct_to_a_microradian_beyond_the_lattice() {
     for (place, _) in PLACES {
         let ramp = phantom("ramp", place);
         let on = |x: f64, y: f64| [x, y, x / 3f64.sqrt()];
@@ -188,7 +188,7 @@ fn angles_are_right_to_a_microradian_beyond_the_lattice() {
 }
 
 #[test]
-fn circles_have_their_radius() {
+fn fitted_circles_have_the_true_radius() {
     for (place, _) in PLACES {
         let p = phantom("cylinder", place);
         // Corners of the tessellation at the height of the rim.
@@ -205,7 +205,7 @@ fn circles_have_their_radius() {
 }
 
 #[test]
-fn sections_lie_where_the_tessellated_phantom_is_cut() {
+fn sections_match_the_analytic_section_of_the_tessellated_phantom() {
     // Planes at 30° or more to every face that they cut: there a step of the lattice moves the line by two at most.
     let level = [0.0, 0.0, 1.0];
     let cases: [(&str, P, P); 5] = [

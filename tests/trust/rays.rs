@@ -68,7 +68,7 @@ impl Open {
 }
 
 #[test]
-fn ten_thousand_rays_find_what_looking_at_every_triangle_finds() {
+fn ten_thousand_rays_agree_with_testing_every_triangle() {
     let mut random = Numbers(11);
     let (mut wrong, mut rays, mut hits) = (0, 0, 0);
     for (shape, place) in [("stepped-wall", "origin"), ("sphere", "utm"), ("bent-wall", "far"), ("ramp", "utm")] {
@@ -88,7 +88,7 @@ fn ten_thousand_rays_find_what_looking_at_every_triangle_finds() {
 }
 
 #[test]
-fn picks_never_return_what_is_clipped_away() {
+fn picks_never_return_clipped_geometry() {
     let mut random = Numbers(12);
     let open = Open::of(&phantom("stepped-wall", "utm").pack);
     let all: Vec<[P; 3]> = open.finest().map(|t| t.map(|c| c.map(f64::from))).collect();
@@ -110,7 +110,7 @@ fn picks_never_return_what_is_clipped_away() {
 }
 
 #[test]
-fn one_ray_gives_the_same_digits_in_whatever_order_chunks_arrive() {
+fn a_ray_gives_the_same_digits_for_any_arrival_order_of_chunks() {
     // Zoom, cache and network change which chunks are there first, and nothing else.
     let open = Open::of(&phantom("bent-wall", "utm").pack);
     let mut random = Numbers(13);

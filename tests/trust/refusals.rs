@@ -4,7 +4,7 @@ use super::phantoms::phantom;
 use crate::support::{fails, kilwa, text};
 
 #[test]
-fn what_means_nothing_is_refused_with_a_sentence() {
+fn meaningless_measurements_are_refused_with_a_message() {
     let cube = phantom("cube", "origin");
     let pack = text(&cube.pack);
     let asked = std::cell::Cell::new(0usize);

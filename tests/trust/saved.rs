@@ -38,7 +38,7 @@ pub(crate) fn save_all(p: &Phantom, to: &Path) -> usize {
 }
 
 #[test]
-fn measurements_saved_at_the_same_time_are_all_kept() {
+fn concurrently_saved_measurements_are_all_kept() {
     let folder = tempfile::tempdir().unwrap();
     let (file, p) = (folder.path().join("all.json"), phantom("cube", "origin"));
     let save = || {
@@ -83,7 +83,7 @@ fn saving_in_a_locked_folder_prints_that_it_waits() {
 }
 
 #[test]
-fn every_tool_is_saved_and_measures_the_same_to_the_last_bit() {
+fn every_saved_tool_measures_the_same_to_the_last_bit() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("all.json");
     let mut differing = 0;
@@ -143,7 +143,7 @@ fn exports_open_in_other_programs() {
 }
 
 #[test]
-fn a_document_of_the_first_release_still_opens() {
+fn a_document_of_the_first_release_opens() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/compat/measurements-1.json");
     let bytes = std::fs::read(file).unwrap();
     let document = kilwa_measure::Document::parse(&bytes).unwrap();

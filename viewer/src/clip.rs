@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn the_axis_lands_in_the_middle_and_depth_is_near_over_distance() {
+    fn the_axis_projects_to_the_centre_and_depth_is_near_over_distance() {
         let t = ClipTransform::new(&view(), None);
         let [x, y, z, w] = apply(&t, [1000, -1000, 300]);
         assert!((x / w).abs() < 1e-3 && (y / w).abs() < 1e-3);
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn far_away_eyes_keep_the_cell_in_range() {
+    fn distant_cameras_keep_the_cell_in_range() {
         let mut v = view();
         v.eye = [1e12, -1e12, 0.0];
         v.anchor = v.eye;

@@ -329,7 +329,7 @@ mod tests {
     const BOUNDS: Bounds = Bounds { min: [0.0, 0.0, 2.0], max: [30.0, 20.0, 12.0] };
 
     #[test]
-    fn what_is_usual_takes_no_room_and_everything_else_comes_back() {
+    fn default_settings_are_omitted_and_all_others_round_trip() {
         assert_eq!(Display::default().to_json(), "{}");
         assert_eq!(Display::from_json("{}").unwrap(), Display::default());
         let display = Display {
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_by_name() {
+    fn invalid_settings_are_refused_by_name() {
         for (text, name) in [
             (r#"{"mode":"pretty"}"#, "mode"),
             (r#"{"shading":2}"#, "shading"),
@@ -365,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn scales_span_the_model_unless_told_otherwise() {
+    fn scales_span_the_model_by_default() {
         let of = |json: &str| {
             let d = Display::from_json(json).unwrap();
             (d.scale_plane(&BOUNDS), d.scale_range(&BOUNDS))
@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn the_channel_asked_for_is_shown_else_confidence_else_the_first() {
+    fn the_requested_channel_is_shown_or_confidence_or_the_first() {
         let names = ["intensity", "Confidence"];
         assert_eq!(Display::default().channel_index(&names), Some(1));
         let asked = Display { channel: Some("intensity".to_owned()), ..Display::default() };

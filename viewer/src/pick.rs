@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_holds_the_pick_and_ends_at_the_first_finest_triangle() {
+    fn the_interval_contains_the_pick_and_ends_at_the_first_finest_triangle() {
         let mesh = squares();
         let bounds = Aabb { min: [0, 10, 0], max: [8, 20, 8] };
         let ray = Ray { origin: [4.0, 0.0, 5.0], direction: [0.0, 2.0, 0.0] };

@@ -10,7 +10,7 @@ fn parse(name: &str, source: &str) -> naga::Module {
 }
 
 #[test]
-fn every_shader_is_valid_with_no_capability_beyond_the_baseline() {
+fn every_shader_is_valid_within_the_baseline_capabilities() {
     for (name, source) in SHADERS {
         let module = parse(name, source);
         let mut validator =
@@ -33,7 +33,7 @@ fn no_shader_needs_more_than_webgl2_has() {
 }
 
 #[test]
-fn every_entry_point_becomes_glsl_of_webgl2() {
+fn every_entry_point_translates_to_webgl2_glsl() {
     use naga::back::glsl;
     for (name, source) in SHADERS {
         let module = parse(name, source);
@@ -83,7 +83,7 @@ fn as_owned(uniform: &UniformBytes) -> Vec<(String, usize, usize)> {
 }
 
 #[test]
-fn uniforms_lie_in_memory_as_the_shaders_read_them() {
+fn uniforms_have_the_memory_layout_the_shaders_expect() {
     let view = View {
         eye: [0.0; 3],
         right: [1.0, 0.0, 0.0],
@@ -108,7 +108,7 @@ fn uniforms_lie_in_memory_as_the_shaders_read_them() {
 }
 
 #[test]
-fn vertex_attributes_tile_the_vertex_of_the_pack() {
+fn vertex_attributes_cover_the_vertex_of_the_pack() {
     let mut at = 0;
     for attribute in pool::ATTRIBUTES {
         assert_eq!(attribute.offset, at);

@@ -71,7 +71,7 @@ mod tests {
     use super::Claims;
 
     #[test]
-    fn a_claim_is_read_from_its_line_and_nothing_else_is_one() {
+    fn only_lines_of_the_suite_are_read_as_measured_properties() {
         let mut claims = Claims::of("trust");
         assert!(!claims.read("test x ... trust | right angle, rad | 9.776e-4 | 0.000e0"));
         assert!(claims.read("trust | two | parts") && claims.read("test trust::x ... ok"));

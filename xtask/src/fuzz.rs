@@ -29,15 +29,15 @@ pub(crate) struct Args {
 
 /// Targets, and the tests of `tests/fuzzing` that run their bodies.
 const TARGETS: [(&str, &str); 9] = [
-    ("ply", "any_bytes_are_a_ply_or_refused"),
-    ("obj", "any_bytes_are_an_obj_or_refused"),
-    ("stl", "any_bytes_are_an_stl_or_refused"),
-    ("gltf", "any_bytes_are_a_gltf_or_refused"),
-    ("open_pack", "any_bytes_are_a_pack_or_refused"),
-    ("decode_chunk", "any_bytes_are_a_chunk_or_refused"),
-    ("metadata", "any_bytes_are_metadata_or_refused"),
-    ("manifest", "any_bytes_are_a_manifest_or_refused"),
-    ("notes", "any_bytes_are_notes_or_refused"),
+    ("ply", "any_bytes_are_read_as_ply_or_refused"),
+    ("obj", "any_bytes_are_read_as_obj_or_refused"),
+    ("stl", "any_bytes_are_read_as_stl_or_refused"),
+    ("gltf", "any_bytes_are_read_as_gltf_or_refused"),
+    ("open_pack", "any_bytes_are_read_as_a_pack_or_refused"),
+    ("decode_chunk", "any_bytes_are_read_as_a_chunk_or_refused"),
+    ("metadata", "any_bytes_are_read_as_metadata_or_refused"),
+    ("manifest", "any_bytes_are_read_as_a_manifest_or_refused"),
+    ("notes", "any_bytes_are_read_as_notes_or_refused"),
 ];
 
 /// Targets that run at a time.

@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_command_leaves_behind_is_not_waited_for() {
+    fn background_processes_of_a_command_are_not_waited_for() {
         let mut child = 0;
         let ended = watch(&mut shell("sleep 3000 & echo $!"), HOUR, |line| {
             child = line.parse().unwrap();
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn what_hangs_is_stopped_with_all_that_it_started() {
+    fn a_hanging_command_is_stopped_with_its_children() {
         let mut child: u32 = 0;
         let ended = watch(&mut shell("sh -c 'sleep 3000 & echo $!; wait'; echo never"), Duration::ZERO, |line| {
             assert_ne!(line, "never");

@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_test_printed_under_nextest_is_not_counted_again() {
+    fn output_printed_by_a_test_under_nextest_is_not_counted_again() {
         let counts = read(&[
             "        PASS [   0.021s] ( 1/14) kilwa-pack tests::reads",
             "  stdout \u{2500}\u{2500}\u{2500}",
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn node_is_read_in_both_of_its_forms() {
+    fn both_output_forms_of_node_are_parsed() {
         assert_eq!(
             read(&["# tests 4", "# pass 2", "# fail 1", "# cancelled 1", "# skipped 0", "# duration_ms 12.5"]),
             (2, 2, 0)
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn plain_lines_count_and_sentences_about_numbers_do_not() {
+    fn result_lines_count_and_other_sentences_with_numbers_do_not() {
         assert_eq!(read(&["12 passed, 1 failed, 2 skipped", "3 passed, 0 failed"]), (15, 1, 2));
         assert_eq!(
             read(&["3 passed the gate, 0 failed", "# pass the salt", "Summary of 3 passed, 1 failed"]),
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_skip_is_kept_by_name_once_wherever_the_runner_puts_it() {
+    fn a_skipped_test_is_recorded_once_by_name() {
         let mut tally = Tally::default();
         tally.read("test reads_horse ... SKIPPED: reads_horse: ../shared/data is not there");
         tally.read("    SKIPPED: reads_horse: ../shared/data is not there");

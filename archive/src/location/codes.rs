@@ -598,7 +598,7 @@ mod tests {
 
     /// Examples of the specifications.
     #[test]
-    fn codes_decode_as_their_specifications_say() {
+    fn location_codes_decode_as_specified() {
         let close =
             |a: [f64; 2], b: [f64; 2]| assert!((a[0] - b[0]).abs() < 0.01 && (a[1] - b[1]).abs() < 0.01, "{a:?} {b:?}");
         close(area(geohash("u4pruydqqvj")), [57.649_11, 10.407_44]);

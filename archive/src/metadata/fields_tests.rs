@@ -20,7 +20,7 @@ fn title_rights_and_units_are_enough() {
 }
 
 #[test]
-fn without_them_each_is_named_with_what_to_write() {
+fn each_missing_field_is_named_with_what_to_write() {
     let all = said("");
     assert!(all.contains("title: every model needs a title"), "{all}");
     assert!(all.contains("rights: add a line [rights]") && all.contains("CC BY 4.0"), "{all}");
@@ -37,7 +37,7 @@ fn without_them_each_is_named_with_what_to_write() {
 }
 
 #[test]
-fn every_mistake_is_told_with_line_and_field_in_order() {
+fn every_mistake_is_reported_in_order_with_line_and_field() {
     let text = format!(
         "{LEAST}crs = \"EPSG:4326\"\nunitz = 1\n[[creators]]\nnmae = \"x\"\norcid = \"0000-0002-1825-0098\"\n[place]\nlatitude = 91\nlongitude = \"39\"\n\
          country = \"Tanzania\"\n[capture]\ndate = 2009-02-30\naccuracy = 0\n"
@@ -68,14 +68,14 @@ fn every_mistake_is_told_with_line_and_field_in_order() {
 }
 
 #[test]
-fn text_that_is_no_toml_is_told_with_its_line_and_how_it_is_written() {
+fn invalid_toml_is_reported_with_its_line_and_the_correct_form() {
     assert!(said("title = Fort\n").starts_with("line 1: ") && said("title = Fort\n").contains("quotation marks"));
     assert!(said("\ntitle: \"Fort\"\n").starts_with("line 2: ") && said("\ntitle: \"Fort\"").contains("equals sign"));
     assert!(said("title = \"a\"\ntitle = \"b\"").contains("line 2"));
 }
 
 #[test]
-fn dates_identifiers_and_people_are_checked_and_made_alike() {
+fn dates_identifiers_and_people_are_checked_and_normalised() {
     let m = Metadata::parse(&format!(
         "identifier = \"doi:10.5281/zenodo.123\"\npublished = 2026-11-21\nurl = \"https://a.org/fort\"\n{LEAST}\
          [[creators]]\nname = \"Rüther, Heinz\"\norcid = \"0000-0002-1825-0097\"\n[[creators]]\nname = \"Zamani\"\nkind = \"organisation\"\n\
@@ -114,7 +114,7 @@ fn dates_identifiers_and_people_are_checked_and_made_alike() {
 }
 
 #[test]
-fn what_tells_the_place_can_be_taken_away() {
+fn fields_that_reveal_the_location_can_be_removed() {
     let text = format!(
         "{LEAST}crs = \"EPSG:32737\"\n[place]\nname = \"A cave\"\nlatitude = -8.95\nlongitude = 39.5\nuri = \"https://www.wikidata.org/wiki/Q1\"\n"
     );

@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_field_whose_block_is_a_comment_is_told_with_both_lines() {
+    fn a_field_under_a_commented_out_table_is_reported_with_both_lines() {
         // Unknown in the block before it, known there, and there for the second time.
         for (more, field) in [
             ("# [place]\nlatitude = -8.9\n", "place.latitude"),
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn quotation_marks_of_word_processors_and_bare_dates_are_named() {
+    fn typographic_quotation_marks_and_unquoted_dates_are_reported_by_name() {
         let curly = Metadata::parse("title = “Fort”\n").unwrap_err().to_string();
         assert!(curly.contains("line 1") && curly.contains("word processor"), "{curly}");
         for (text, meant) in [("21.11.2026", "2026-11-21"), ("21/11/2026", "2026-11-21")] {

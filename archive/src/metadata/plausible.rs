@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_right_is_passed_over_in_silence() {
+    fn correct_metadata_gives_no_warnings() {
         for place in [
             "country = \"TZ\"\nlatitude = -8.9577\nlongitude = 39.5228",
             "country = \"PE\"\nlatitude = -13.2\nlongitude = -72.5",
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn signs_codes_units_and_days_that_are_hardly_meant_are_said() {
+    fn implausible_signs_codes_units_and_dates_give_warnings() {
         let place = |text: &str| said(&format!("[place]\n{text}\n"), None);
         assert!(place("country = \"XX\"").contains("no country's code"));
         assert!(place("country = \"TZ\"\nlatitude = 8.9577\nlongitude = 39.5").contains("south of the equator"));
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn every_code_stands_in_one_list() {
+    fn every_code_is_in_exactly_one_list() {
         let all: Vec<&str> = [SOUTH, BOTH, NORTH].iter().flat_map(|l| l.split_whitespace()).collect();
         let set: std::collections::BTreeSet<&str> = all.iter().copied().collect();
         assert_eq!((all.len(), set.len()), (250, 250), "249 of ISO 3166-1, and XK");

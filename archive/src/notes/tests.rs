@@ -27,7 +27,7 @@ fn refused(items: &Value) -> String {
 }
 
 #[test]
-fn what_the_page_saves_is_read_and_written_in_one_form() {
+fn notes_saved_by_the_page_are_read_and_written_in_one_form() {
     let notes = Notes::parse(&page(&json!([note("Gate", [1.0, 2.0, 3.0]), note("Well", [4.0, 5.0, 6.5])]))).unwrap();
     assert_eq!((notes.notes.len(), notes.left_out), (2, 0));
     let gate = &notes.notes[0];
@@ -50,7 +50,7 @@ fn what_the_page_saves_is_read_and_written_in_one_form() {
 }
 
 #[test]
-fn collections_lists_and_single_annotations_are_read_too() {
+fn collections_lists_and_single_annotations_are_read() {
     let one = note("Gate", [1.0, 2.0, 3.0]);
     let forms = [
         json!([one]),
@@ -83,7 +83,7 @@ fn nested(levels: usize, values: &str) -> String {
 }
 
 #[test]
-fn notes_that_would_grow_when_they_are_written_are_refused_and_never_held() {
+fn notes_whose_written_form_would_be_too_large_are_refused_without_allocating_it() {
     // As long as is possible, and thirty times as long when each zero has a line of its own.
     let wide = nested(DEEPEST - 1, &vec!["0"; 7_000_000].join(","));
     assert!(wide.len() as u64 <= NOTES_MAX);
@@ -98,7 +98,7 @@ fn notes_that_would_grow_when_they_are_written_are_refused_and_never_held() {
 }
 
 #[test]
-fn what_is_nested_deeper_than_can_be_read_again_is_refused_with_its_note() {
+fn nesting_too_deep_to_be_read_again_is_refused_with_its_note() {
     let parsed = |levels: usize| Notes::parse(nested(levels, "0").as_bytes());
     for levels in [DEEPEST, 124] {
         let said = parsed(levels).unwrap_err().to_string();
@@ -130,7 +130,7 @@ fn a_duplicate_key_is_refused() {
 type Change = fn(&mut Value);
 
 #[test]
-fn what_cannot_be_is_refused_with_its_note_and_what_to_do() {
+fn invalid_notes_are_refused_with_the_note_and_what_to_do() {
     let changed = |change: &dyn Fn(&mut Value)| {
         let mut bad = note("Bad", [1.0, 2.0, 3.0]);
         change(&mut bad);
@@ -179,7 +179,7 @@ fn what_cannot_be_is_refused_with_its_note_and_what_to_do() {
 }
 
 #[test]
-fn a_place_beside_the_model_is_refused_and_one_of_a_coarse_level_is_not() {
+fn a_position_outside_the_model_is_refused_and_one_on_a_coarse_level_is_accepted() {
     let at = |place: [f64; 3]| {
         let notes = Notes::parse(&page(&json!([note("Gate", [3.0; 3]), note("Well", place)]))).unwrap();
         notes.within([0.0; 3], [10.0, 10.0, 4.0]).map_err(|e| e.to_string())
@@ -194,7 +194,7 @@ fn a_place_beside_the_model_is_refused_and_one_of_a_coarse_level_is_not() {
 }
 
 #[test]
-fn packs_that_notes_were_made_on_are_told_apart() {
+fn notes_are_matched_to_the_pack_they_were_made_on() {
     let notes = Notes::parse(&page(&json!([note("Gate", [0.0; 3]), note("Well", [1.0; 3])]))).unwrap();
     assert!(notes.strangers(&[IDENTITY]).is_empty());
     assert!(notes.strangers(&[&IDENTITY[..12]]).is_empty(), "twelve digits tell");
@@ -202,7 +202,7 @@ fn packs_that_notes_were_made_on_are_told_apart() {
 }
 
 #[test]
-fn without_its_place_a_note_keeps_words_and_view_and_nothing_that_tells_it() {
+fn a_note_without_its_location_keeps_text_and_view_and_nothing_that_reveals_it() {
     let offset = [565_977.25, 9_009_946.5, 31.75];
     let true_place = [565_980.123_456_789, 9_009_950.5, 33.0];
     let mut gate = note("Gate", true_place);
@@ -238,7 +238,7 @@ fn without_its_place_a_note_keeps_words_and_view_and_nothing_that_tells_it() {
 }
 
 #[test]
-fn without_its_place_nothing_is_kept_that_might_be_any_text() {
+fn a_note_without_its_location_keeps_no_unknown_text_fields() {
     let uuid = "urn:uuid:0B6FF3F0-5c3a-4c1f-9d53-8a5d00c0ffee";
     let with = |change: &dyn Fn(&mut Value)| {
         let mut one = note("Gate", [1.0; 3]);
@@ -305,7 +305,7 @@ fn without_its_place_nothing_is_kept_that_might_be_any_text() {
 }
 
 #[test]
-fn words_that_give_the_location_away_are_refused_with_their_note() {
+fn text_that_reveals_the_location_is_refused_with_its_note() {
     let location = Location::of([[565_950.0, 9_009_900.0, 0.0], [566_000.0, 9_009_990.0, 20.0]], None, None);
     let said = Notes::parse(&page(&json!([note("Gate/565977", [0.0; 3])])))
         .unwrap()
@@ -333,7 +333,7 @@ fn words_that_give_the_location_away_are_refused_with_their_note() {
 
 proptest! {
     #[test]
-    fn the_same_notes_are_the_same_bytes(
+    fn the_same_notes_give_the_same_bytes(
         titles in proptest::collection::vec("[^\\x00-\\x1f\\x7f-\\x9f]{1,20}", 1..5),
         at in proptest::collection::vec(proptest::array::uniform3(-1e7..1e7f64), 5),
         offset in proptest::array::uniform3(-1e7..1e7f64),
@@ -358,7 +358,7 @@ proptest! {
     }
 
     #[test]
-    fn a_scene_is_the_model_turned_so_that_y_is_up(
+    fn the_iiif_scene_has_y_up(
         a in proptest::array::uniform3(-1e3..1e3f64), b in proptest::array::uniform3(-1e3..1e3f64), origin in proptest::array::uniform3(-1e3..1e3f64),
     ) {
         let (p, q) = (scene_point(a, origin), scene_point(b, origin));
@@ -370,7 +370,7 @@ proptest! {
     }
 
     #[test]
-    fn no_bytes_stop_the_reader(text in ".{0,300}") {
+    fn no_bytes_make_the_reader_panic_or_hang(text in ".{0,300}") {
         let _ = Notes::parse(text.as_bytes());
     }
 }

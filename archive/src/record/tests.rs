@@ -95,7 +95,7 @@ fn the_same_publication_gives_the_same_bytes() {
 }
 
 #[test]
-fn what_xml_and_tex_keep_for_themselves_is_escaped() {
+fn special_characters_of_xml_and_tex_are_escaped() {
     let dc = text(DUBLIN_CORE);
     assert!(dc.contains("Gereza &lt;Kilwa&gt; &amp; &quot;fort&quot;") && !dc.contains("<Kilwa>"), "{dc}");
     let bib = text(CITATIONS[1]);
@@ -107,7 +107,7 @@ fn what_xml_and_tex_keep_for_themselves_is_escaped() {
 }
 
 #[test]
-fn a_citation_names_makers_year_title_version_publisher_and_doi() {
+fn a_citation_has_creators_year_title_version_publisher_and_doi() {
     let said = citation(&full());
     assert_eq!(
         said,
@@ -120,7 +120,7 @@ fn a_citation_names_makers_year_title_version_publisher_and_doi() {
 }
 
 #[test]
-fn addresses_are_complete_where_the_place_is_known_and_relative_else() {
+fn addresses_are_absolute_if_the_site_is_known_and_relative_otherwise() {
     assert!(text(IIIF).contains("\"https://museum.example/gereza/v2/preview.glb\""));
     let mut p = full();
     p.metadata.url = None;
@@ -132,7 +132,7 @@ fn addresses_are_complete_where_the_place_is_known_and_relative_else() {
 }
 
 #[test]
-fn europeana_gets_the_viewer_the_model_and_who_provides_it_and_what_it_would_refuse_is_said() {
+fn the_edm_record_has_viewer_model_and_provider_and_warns_of_what_europeana_refuses() {
     let edm = text(EDM);
     for part in [
         "<edm:isShownBy rdf:resource=\"https://museum.example/gereza/v2/oembed.json\"/>",

@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn a_build_goes_on_after_its_last_stage_and_old_files_are_gone() {
+    fn a_build_resumes_after_its_last_stage_and_removes_old_files() {
         let scratch = Scratch::temporary().unwrap();
         drop(with_stages(&scratch, 4));
         let journal = resume(&scratch, plan()).unwrap();
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_short_missing_or_damaged_file_costs_one_stage() {
+    fn a_short_missing_or_damaged_file_repeats_one_stage() {
         for spoil in 0..3 {
             let scratch = Scratch::temporary().unwrap();
             drop(with_stages(&scratch, 4));

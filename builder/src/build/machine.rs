@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn this_machine_says_what_it_has() {
+    fn memory_cpu_time_and_disk_space_of_this_machine_are_detected() {
         if !cfg!(target_os = "linux") {
             eprintln!("skipped: /proc is Linux's");
             return;

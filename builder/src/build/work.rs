@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn jobs_under_way_together_never_cost_more_than_the_memory_and_all_are_done_in_order() {
+    fn parallel_jobs_never_exceed_the_memory_and_finish_in_order() {
         for threads in [1, 3, 8] {
             let (now, most) = (AtomicU64::new(0), AtomicU64::new(0));
             let cost = |i: usize| [10, 45, 20, 500][i % 4];
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_begun_after_a_stop() {
+    fn no_job_starts_after_a_stop() {
         let begun = AtomicU64::new(0);
         let result = with_work(2, |work, stop| {
             work.run_jobs(

@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn the_grid_agrees_with_the_walk_and_the_shape_makes_the_same_buckets() {
+    fn the_grid_agrees_with_the_tree_walk_and_gives_the_same_buckets() {
         for cube_log2 in [4, 7, 12, 30] {
             let mut s = samples(3000, 1 << cube_log2);
             let buckets = Buckets::divide(cube_log2, &mut s, 3, 500);
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_at_one_place_do_not_divide_for_ever() {
+    fn coincident_samples_do_not_subdivide_forever() {
         let mut s = vec![[30, 60, 90]; 5000];
         assert_eq!(Buckets::divide(20, &mut s, 10, 100).len(), 6);
     }

@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_wider_than_the_model_is_refused() {
+    fn a_lattice_spacing_wider_than_the_model_is_refused() {
         let measured = Measured { bounds: [[0.0; 3], [1.0; 3]], first: 0.1, median: 0.5 };
         for log2 in [3, 32, 40, 63, 64, 100, 1023] {
             let refused = choose(&measured, Some(libm::scalbn(1.0, log2)));
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn rounding_through_the_provisional_lattice_is_snapping_exactly_ties_included() {
+    fn rounding_through_the_provisional_lattice_equals_direct_snapping_ties_included() {
         let mut state = 1;
         for (offset, size) in [([0.0; 3], 7.3), ([512_345.678, 4_649_776.25, -31.0], 220.0), ([-3.0, 1e-3, 0.5], 1e-4)]
         {
@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn percentiles_of_the_histogram_are_those_of_the_sorted_list_within_a_class() {
+    fn percentiles_of_the_histogram_match_the_sorted_list_within_one_bin() {
         let mut state = 5;
         let (mut lengths, mut sorted) = (Lengths::default(), Vec::new());
         for _ in 0..5000 {

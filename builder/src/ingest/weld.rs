@@ -150,7 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn equal_words_are_one_vertex_and_equal_places_one_point() {
+    fn equal_keys_are_one_vertex_and_equal_positions_one_point() {
         let mut weld = Weld::new(4, 0);
         let mut numbers = Vec::new();
         for round in 0..2 {

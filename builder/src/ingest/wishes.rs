@@ -147,7 +147,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_class_of_a_size_is_the_smallest_edge_of_which_it_is_twice_at_most() {
+    fn the_class_of_a_size_is_the_smallest_edge_at_least_half_as_long() {
         for size in 1..5000u32 {
             let edge = 1u32 << class(size);
             assert!(size <= 2 * edge && (edge == 1 || size > edge), "{size}");

@@ -134,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_come_back_bit_for_bit_and_damage_is_noticed() {
+    fn results_round_trip_bit_for_bit_and_damage_is_detected() {
         let scratch = Scratch::temporary().unwrap();
         let one = |n: u32| Refined {
             diamond: n,

@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_follow_from_the_tree_and_not_from_the_order_of_wishes() {
+    fn node_numbers_depend_on_the_tree_and_not_on_the_order_of_split_requests() {
         let a = Partition::of_wishes(10, wishes());
         let b = Partition::of_wishes(10, wishes().into_iter().rev());
         assert_eq!(a.tetrahedra.len(), b.tetrahedra.len());
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_name_each_other_and_leaves_stand_in_the_order_of_a_walk() {
+    fn node_numbers_are_consistent_and_leaves_are_in_traversal_order() {
         let p = Partition::of_wishes(10, wishes());
         for (i, t) in (0u32..).zip(&p.tetrahedra) {
             let d = &p.diamonds[t.diamond as usize];

@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tree_comes_back_and_damage_is_noticed() {
+    fn a_tree_round_trips_and_damage_is_detected() {
         // A path of ever smaller diamonds.
         let mut wishes = Vec::new();
         let mut tetra = Tetra::roots(10)[2];

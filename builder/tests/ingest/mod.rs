@@ -128,7 +128,7 @@ fn meshes() -> Vec<(&'static str, RawMesh)> {
 }
 
 #[test]
-fn memory_and_threads_do_not_matter() {
+fn the_result_does_not_depend_on_memory_or_threads() {
     for (name, mesh) in meshes() {
         let leaf_triangles = 300;
         let reference = run(&[&mesh], &Case { memory: LARGE, threads: 1, leaf_triangles });
@@ -140,7 +140,7 @@ fn memory_and_threads_do_not_matter() {
 }
 
 #[test]
-fn it_is_what_a_plain_construction_in_memory_gives() {
+fn an_ingest_equals_a_simple_construction_in_memory() {
     for (name, mesh) in meshes() {
         for memory in [LARGE, TINY] {
             let leaf_triangles = 300;
@@ -216,7 +216,7 @@ fn shuffled(mesh: &RawMesh, seed: u64) -> RawMesh {
 }
 
 #[test]
-fn the_order_of_vertices_triangles_and_inputs_does_not_matter() {
+fn the_result_does_not_depend_on_the_order_of_vertices_triangles_and_inputs() {
     for (name, mesh) in meshes() {
         let case = |memory| Case { memory, threads: 2, leaf_triangles: 300 };
         let reference = run(&[&mesh], &case(LARGE));
@@ -254,7 +254,7 @@ fn grid(n: u32, edge: f64) -> RawMesh {
 }
 
 #[test]
-fn joined_files_with_more_channels_than_a_pack_holds_are_refused_by_name() {
+fn inputs_with_more_channels_together_than_a_pack_holds_are_refused_by_name() {
     let mut raw = grid(1, 1.0);
     raw.scalars = (0..20).map(|i| (format!("channel{i}"), vec![0.0; 3])).collect();
     let error = refused(&raw, None);
@@ -262,7 +262,7 @@ fn joined_files_with_more_channels_than_a_pack_holds_are_refused_by_name() {
 }
 
 #[test]
-fn a_vertex_far_astray_is_refused_instead_of_ruining_the_lattice() {
+fn an_outlying_vertex_is_refused_instead_of_coarsening_the_lattice() {
     let raw = grid(10, 0.01);
     assert_eq!(refused(&raw, None), "");
     for astray in [1e8, 1e12, 1e300, f64::MAX, -f64::MAX] {
@@ -291,7 +291,7 @@ fn a_mesh_too_small_for_a_lattice_is_reported_as_too_small() {
 }
 
 #[test]
-fn the_step_that_a_refusal_names_can_be_used() {
+fn the_lattice_spacing_suggested_by_a_refusal_works() {
     let raw = grid(80, 0.1);
     let error = refused(&raw, Some(2f64.powi(-40)));
     let named: f64 =
@@ -302,7 +302,7 @@ fn the_step_that_a_refusal_names_can_be_used() {
 }
 
 #[test]
-fn coincident_triangles_and_fans_do_not_divide_for_ever() {
+fn coincident_triangles_and_fans_do_not_subdivide_forever() {
     for memory in [LARGE, TINY] {
         let case = Case { memory, threads: 2, leaf_triangles: 100 };
         let mut raw = grid(12, 0.1);
@@ -325,7 +325,7 @@ fn coincident_triangles_and_fans_do_not_divide_for_ever() {
 }
 
 #[test]
-fn vertices_that_are_not_finite_drop_their_triangles_and_nothing_else() {
+fn only_triangles_with_vertices_that_are_not_finite_are_dropped() {
     let mut raw = grid(30, 0.1);
     for (v, x) in [(0, f64::NAN), (301, f64::INFINITY), (302, f64::NEG_INFINITY)] {
         raw.positions[v][v % 3] = x;
@@ -340,7 +340,7 @@ fn vertices_that_are_not_finite_drop_their_triangles_and_nothing_else() {
 }
 
 #[test]
-fn a_triangle_that_names_a_vertex_its_input_does_not_have_is_an_error_that_says_which() {
+fn a_triangle_with_an_index_out_of_range_is_an_error_that_names_it() {
     let (scratch, raw) = (Scratch::temporary().unwrap(), grid(3, 0.1));
     let mut spool = Spool::create(&scratch, Path::new("first.ply")).unwrap();
     spool.add(&raw).unwrap();
@@ -353,7 +353,7 @@ fn a_triangle_that_names_a_vertex_its_input_does_not_have_is_an_error_that_says_
 }
 
 #[test]
-fn crop_and_confidence_drop_triangles_and_count_them() {
+fn triangles_removed_by_crop_and_confidence_are_counted() {
     let mut raw = grid(30, 0.1);
     let confidence = (0..raw.positions.len()).map(|v| if v % 300 < 3 { 0.1 } else { 0.9 }).collect();
     raw.scalars.push(("confidence".into(), confidence));
@@ -377,7 +377,7 @@ fn crop_and_confidence_drop_triangles_and_count_them() {
 }
 
 #[test]
-fn attributes_of_several_inputs_are_joined_and_what_is_missing_is_counted() {
+fn attributes_of_several_inputs_are_combined_and_missing_ones_counted() {
     let (mut coloured, mut plain) = (grid(4, 0.1), grid(4, 0.1));
     plain.positions.iter_mut().for_each(|p| p[0] += 0.4);
     coloured.colors = vec![[10, 20, 30]; 48];
@@ -411,7 +411,7 @@ fn attributes_of_several_inputs_are_joined_and_what_is_missing_is_counted() {
 }
 
 #[test]
-fn small_components_are_dropped_with_everything_they_had_and_nothing_else() {
+fn only_small_components_are_dropped_and_they_leave_nothing_behind() {
     // A wall with islands of 1 to 40 triangles scattered before it.
     let base = wall(20_000);
     let mut raw = base.clone();
@@ -469,7 +469,7 @@ fn the_estimated_noise_is_that_of_the_surface() {
 }
 
 #[test]
-fn triangles_that_stand_twice_and_neighbours_that_face_apart_are_counted() {
+fn duplicate_triangles_and_inconsistent_orientation_are_counted() {
     let mut raw = closed(8_000);
     for t in [10, 500, 2000] {
         let [a, b, c] = raw.triangles[t];
@@ -496,7 +496,7 @@ impl kilwa_builder::Progress for StopAt {
 }
 
 #[test]
-fn an_ingest_that_was_stopped_in_any_stage_goes_on_and_gives_the_same() {
+fn an_ingest_stopped_in_any_stage_resumes_with_the_same_result() {
     let mesh = with_holes(20_000);
     let reference = run(&[&mesh], &Case { memory: LARGE, threads: 2, leaf_triangles: 300 });
     for stage in ["finding corners", "sorting into regions", "joining triangles", "filling leaves"] {
@@ -518,7 +518,7 @@ fn an_ingest_that_was_stopped_in_any_stage_goes_on_and_gives_the_same() {
 
 /// More triangles at a few places than a chunk holds: no later stage can divide them.
 #[test]
-fn a_leaf_that_no_chunk_holds_is_refused_whatever_the_memory() {
+fn a_leaf_too_large_for_a_chunk_is_refused_with_any_amount_of_memory() {
     for places in [1u32, 60] {
         let mut mesh = RawMesh::default();
         // The last one is far away, so that all others are in one leaf.

@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn no_point_of_a_ball_that_is_removed_stays() {
+    fn no_point_of_a_clipped_ball_remains() {
         // A grid of balls and of points in each.
         let plane = HalfSpace { normal: [0.6, 0.0, 0.8], offset: 30.0 };
         let clips = [

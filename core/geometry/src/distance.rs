@@ -133,7 +133,7 @@ mod tests {
         }
 
         #[test]
-        fn the_closest_point_beats_a_dense_sampling_of_the_triangle(p in point(), a in point(), b in point(), c in point()) {
+        fn the_closest_point_is_at_least_as_close_as_any_of_a_dense_sampling(p in point(), a in point(), b in point(), c in point()) {
             let d = point_triangle_squared(p, [a, b, c]).sqrt();
             let mut best = f64::MAX;
             for i in 0..=40 {

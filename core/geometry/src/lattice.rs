@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn snapping_is_within_half_a_step_also_at_utm_offsets() {
+    fn snapping_moves_points_by_at_most_half_a_spacing_also_at_utm_offsets() {
         let lattice = Lattice { origin: [500_000.0, 4_649_776.0, 123.456], step_log2: -13 };
         for i in 0..1000 {
             let w =
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn snapping_refuses_nan_and_outside() {
+    fn snapping_refuses_nan_and_points_outside() {
         let lattice = Lattice { origin: [0.0; 3], step_log2: 0 };
         assert_eq!(lattice.snap([f64::NAN, 0.0, 0.0]), None);
         assert_eq!(lattice.snap([-1.0, 0.0, 0.0]), None);

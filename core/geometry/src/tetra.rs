@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn every_point_falls_into_a_child_that_contains_it() {
+    fn every_point_is_assigned_to_a_child_that_contains_it() {
         let mut seed = 7u64;
         let mut random = || {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn the_stretches_of_a_ray_are_where_its_points_stay() {
+    fn the_intervals_of_a_ray_contain_exactly_its_unclipped_points() {
         let faces = box_faces([1.0, 2.0, 3.0], [4.0, 6.0, 2.0], 0.4);
         let plane = Some(HalfSpace { normal: [0.6, 0.0, 0.8], offset: 4.0 });
         let mut state = 1u64;
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn plane_and_box_both_take_away() {
+    fn plane_and_box_are_both_applied() {
         let plane = Some(HalfSpace { normal: [1.0, 0.0, 0.0], offset: 0.0 });
         let faces = box_faces([0.0; 3], [2.0; 3], 0.0);
         let clip = Clip { plane, bounds: Some(ClipBox { faces, remove_inside: false }) };

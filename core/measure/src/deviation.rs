@@ -119,7 +119,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tilted_square_deviates_by_the_deviation_of_a_uniform_distribution() {
+    fn the_deviation_of_a_tilted_square_is_that_of_a_uniform_distribution() {
         let floor = Plane::new([0.0; 3], [0.0, 0.0, 1.0]).unwrap();
         let (a, b, c, d) = ([0.0, 0.0, -1.0], [2.0, 0.0, 1.0], [2.0, 1.0, 1.0], [0.0, 1.0, -1.0]);
         let mut sum = Deviation::new(1.0);

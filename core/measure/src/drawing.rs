@@ -121,7 +121,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_scale_bar_is_round_and_fits_the_paper() {
+    fn a_scale_bar_has_a_round_length_and_fits_the_paper() {
         let mut d = square();
         for (scale, bar) in [(50.0, 2.0), (1.0, 0.05), (100.0, 5.0), (200.0, 10.0), (20.0, 1.0), (1000.0, 50.0)] {
             d.scale = scale;

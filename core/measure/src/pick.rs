@@ -119,7 +119,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn clipped_triangles_are_passed_through_and_order_does_not_matter() {
+    fn rays_pass_through_clipped_triangles_in_any_order() {
         let near = [[0, 0, 10], [100, 0, 10], [0, 100, 10]];
         let far = [[0, 0, 20], [100, 0, 20], [0, 100, 20]];
         let twin = [[0, 0, 20], [100, 0, 20], [100, -100, 20]];
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn boxes_come_in_the_order_that_the_ray_meets_them() {
+    fn boxes_are_visited_in_the_order_the_ray_meets_them() {
         let b = |z: i32| Aabb { min: [0, 0, z], max: [10, 10, z + 5] };
         let (far, near, aside) = (b(50), b(20), Aabb { min: [90, 0, 0], max: [99, 9, 9] });
         let ray = Ray { origin: [5.0, 5.0, 0.0], direction: [0.0, 0.0, 2.0] };

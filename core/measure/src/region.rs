@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_beyond_the_reach_is_left_out_and_boxes_that_miss_are_known() {
+    fn geometry_outside_the_region_is_left_out_and_boxes_that_miss_it_are_skipped() {
         let plane = Plane::new([0.0; 3], [0.0, 0.0, 1.0]).unwrap();
         let square = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
         let region = Region::new(plane, &square, 0.5).unwrap();

@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_triangle_outside_the_ball_is_not_looked_at() {
+    fn a_triangle_outside_the_ball_is_ignored() {
         assert!(within_reach([50.0, 95.0, 0.0], &STEP[2], 5.0) && !within_reach([50.0, 94.0, 0.0], &STEP[2], 5.0));
     }
 }

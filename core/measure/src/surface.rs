@@ -78,7 +78,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn the_tree_finds_what_looking_at_every_triangle_finds(seed in any::<u64>(), o in prop::array::uniform3(-10.0f64..266.0), d in prop::array::uniform3(-1.0f64..1.0)) {
+        fn the_tree_agrees_with_testing_every_triangle(seed in any::<u64>(), o in prop::array::uniform3(-10.0f64..266.0), d in prop::array::uniform3(-1.0f64..1.0)) {
             let s = Surface::new(soup(seed, 300));
             let ray = Ray { origin: o, direction: d };
             let slow = s.triangles().iter().enumerate()

@@ -110,7 +110,7 @@ mod tests {
     use crate::drawing::tests::square;
 
     #[test]
-    fn ten_metres_at_one_to_fifty_are_two_hundred_millimetres_and_names_are_escaped() {
+    fn ten_metres_at_1_to_50_are_200_millimetres_and_names_are_escaped() {
         let svg = square().to_svg().unwrap();
         assert!(svg.contains("Gate &lt;west&gt; &amp; tower"));
         let polygon = svg.lines().find(|l| l.starts_with("<polygon")).unwrap();

@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn every_tool_gives_its_numbers_with_their_uncertainty() {
+    fn every_tool_reports_values_with_uncertainty() {
         let wall = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 0.0, 3.0]];
         assert_eq!(read(PointTool::Coordinate, &wall[1..2])[0], "x 500004.0000 ± 0.0020 m");
         assert_eq!(read(PointTool::Distance, &[wall[0], wall[2]])[0], "straight 5.0000 ± 0.0029 m");
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn points_that_mean_nothing_are_refused_with_a_sentence() {
+    fn degenerate_points_are_refused_with_a_message() {
         let u = Uncertainty::finest(space().step(), None);
         let line = [[0.0; 3], [1.0, 1.0, 1.0], [2.0, 2.0, 2.0], [3.0, 3.0, 3.0]];
         let say = |tool: PointTool, points: &[Vec3]| tool.measure(points, &space(), &u).unwrap_err().to_string();

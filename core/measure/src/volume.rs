@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cube_far_from_the_origin_has_its_volume_and_without_a_face_none() {
+    fn a_cube_far_from_the_origin_has_its_volume_and_an_open_one_is_refused() {
         let at = [500_000.0, 4_649_776.0, 123.456];
         let mut v = Enclosed::new(at);
         for t in cube(at, 1.0) {
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn cut_and_fill_of_a_wedge_are_its_halves_and_an_overhang_counts_its_material_only() {
+    fn cut_and_fill_of_a_wedge_are_its_halves_and_an_overhang_counts_only_its_material() {
         let floor = Plane::new([0.0, 0.0, 0.0], [0.0, 0.0, 1.0]).unwrap();
         let square = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
         let region = Region::new(floor, &square, 10.0).unwrap();

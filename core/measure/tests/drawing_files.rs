@@ -53,7 +53,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn a_tiff_holds_the_rows_and_the_place_that_went_in(width in 20.0..60.0f64, height in 20.0..300.0f64, dpi in 25u32..150) {
+    fn a_tiff_holds_the_given_rows_and_georeference(width in 20.0..60.0f64, height in 20.0..300.0f64, dpi in 25u32..150) {
         let sheet = plan([width, height], dpi);
         let place = GeoReference::of(&sheet, Some("EPSG:32737")).expect("a plan");
         let (bytes, pixels) = file(&sheet, Form::Tiff, Some(place.clone()));
@@ -76,7 +76,7 @@ proptest! {
     }
 
     #[test]
-    fn a_pdf_names_every_object_where_it_is_and_its_strips_are_the_rows(width in 20.0..60.0f64, height in 20.0..300.0f64) {
+    fn the_cross_reference_table_of_a_pdf_is_exact_and_its_strips_hold_the_rows(width in 20.0..60.0f64, height in 20.0..300.0f64) {
         let sheet = plan([width, height], 60);
         let (bytes, pixels) = file(&sheet, Form::Pdf, None);
         let end = bytes.len().saturating_sub(40);
@@ -104,7 +104,7 @@ fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {
 }
 
 #[test]
-fn a_picture_that_classic_offsets_may_not_reach_is_a_bigtiff_and_its_strips_are_small() {
+fn a_picture_too_large_for_classic_offsets_is_a_bigtiff_with_small_strips() {
     let sheet = plan([6_000.0, 1_000.0], 400);
     let size = sheet.pixels().expect("not too fine");
     assert!(u64::from(size[0]) * u64::from(size[1]) * 3 > 3_900_000_000);
@@ -129,7 +129,7 @@ fn a_picture_that_classic_offsets_may_not_reach_is_a_bigtiff_and_its_strips_are_
 }
 
 #[test]
-fn the_parts_of_all_bands_cover_the_frame_once_and_no_band_grows_with_the_sheet() {
+fn all_bands_cover_the_frame_once_and_their_size_does_not_grow_with_the_sheet() {
     for (paper, dpi, widest) in [([300.0, 200.0], 100, 256), ([2_000.0, 60.0], 600, 2048), ([20.0, 20.0], 25, 64)] {
         let sheet =
             Sheet::new(View::South, CORNERS, (1000.0, dpi), Some(&Paper::Custom(paper)), true).expect("a sheet");

@@ -37,7 +37,7 @@ fn forged(bytes: &[u8], change: impl Fn(&mut [u8])) -> Vec<u8> {
 }
 
 #[test]
-fn a_pack_reads_back_as_written() {
+fn a_pack_round_trips() {
     let attributes = Attributes { colors: true, scalars: 1 };
     let bytes = crate::common::pack(300, 6, attributes);
     let reader = Reader::open(SliceSource(&bytes)).expect("opens");
@@ -51,7 +51,7 @@ fn a_pack_reads_back_as_written() {
 }
 
 #[test]
-fn one_request_gives_a_picture() {
+fn one_request_is_enough_for_a_first_picture() {
     // Metadata as long as possible: 64 KiB.
     let mut metadata = crate::common::metadata(COLORED, 32);
     metadata.title = "x".repeat(64_000);
@@ -88,7 +88,7 @@ fn one_request_gives_a_picture() {
 }
 
 #[test]
-fn a_short_head_says_how_much_is_needed() {
+fn a_truncated_header_reports_how_many_bytes_are_needed() {
     let bytes = crate::common::pack(5, 3, COLORED);
     let needed = {
         let header = Header::parse(&bytes).expect("header");
@@ -241,7 +241,7 @@ fn another_major_version_is_refused_by_its_number_and_a_minor_one_read() {
 }
 
 #[test]
-fn other_files_are_no_packs() {
+fn files_of_other_formats_are_refused_as_packs() {
     for bytes in [&b""[..], b"ply\nformat ascii 1.0\n", b"KILWA", b"KILWAPCX", &[0; 1000]] {
         let e = Reader::open(SliceSource(bytes)).err().expect("refused");
         assert!(matches!(e, PackError::Magic | PackError::Truncated { .. }), "{e}");
@@ -249,7 +249,7 @@ fn other_files_are_no_packs() {
 }
 
 #[test]
-fn pages_of_another_pack_are_noticed() {
+fn pages_of_another_pack_are_detected() {
     let a = crate::common::pack(300, 2, COLORED);
     let b = crate::common::pack(300, 3, COLORED);
     let (ha, hb) = (Header::parse(&a).expect("header"), Header::parse(&b).expect("header"));
@@ -347,7 +347,7 @@ fn a_model_of_another_size_than_announced_is_found() {
 }
 
 #[test]
-fn lies_of_the_directory_are_found_by_verify() {
+fn false_values_in_the_directory_are_found_by_verify() {
     let chunk = {
         let mut c = crate::common::height_field(4, 2, 1, COLORED);
         c.patches[0].diamond = 1;
@@ -380,7 +380,7 @@ fn lies_of_the_directory_are_found_by_verify() {
 }
 
 #[test]
-fn children_are_told_with_a_bound_of_their_errors_that_holds_and_is_close() {
+fn the_error_bound_of_children_holds_and_is_tight() {
     use kilwa_pack::directory::link_children;
     let mut random = 0x2545_f491u32;
     let mut next = || {

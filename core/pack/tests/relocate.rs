@@ -32,7 +32,7 @@ fn every_chunk_is_the_same_and_only_origin_and_metadata_differ() {
 }
 
 #[test]
-fn the_bounds_move_with_the_lattice_in_whole_steps() {
+fn the_bounds_move_with_the_lattice_by_whole_spacings() {
     let old = open(crate::common::pack(3, 6, COLOURED));
     let steps = |m: [f64; 3], origin: [f64; 3]| [0, 1, 2].map(|k| ((m[k] - origin[k]) * 8192.0).round());
     let wanted = steps(old.metadata().bounds_max, old.header().lattice.origin);
@@ -58,7 +58,7 @@ fn without_channels(mut chunk: kilwa_pack::Chunk, keep: &[usize]) -> kilwa_pack:
 }
 
 #[test]
-fn channels_that_are_not_kept_are_gone_and_everything_else_is_the_same() {
+fn dropped_channels_are_removed_and_everything_else_is_unchanged() {
     let old = open(crate::common::pack(30, 9, Attributes { colors: true, scalars: 3 }));
     for keep in [&[][..], &[1], &[2, 0], &[0, 1, 2]] {
         let mut scratch = std::io::Cursor::new(Vec::new());

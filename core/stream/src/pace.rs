@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slower_device_comes_to_sixty_frames_a_second_while_it_moves() {
+    fn a_slower_device_reaches_sixty_frames_a_second_in_motion() {
         for full_ms in [20.0, 30.0, 45.0, 55.0] {
             let mut pace = Pace::new(1.0);
             let times = fly(&mut pace, full_ms, 0.0, 20_000.0);
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_at_rest_gets_what_is_asked_for_and_keeps_it_however_long_frames_take() {
+    fn a_camera_at_rest_gets_and_keeps_the_requested_detail_however_long_frames_take() {
         let mut pace = Pace::new(1.5);
         fly(&mut pace, 200.0, 0.0, 5000.0);
         assert!(pace.factor() > 2.0);
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn pauses_say_nothing_about_frame_times() {
+    fn pauses_do_not_count_as_frame_times() {
         let mut pace = Pace::new(1.0);
         for k in 0..50 {
             // A key pressed every half second: a frame at once, and some until the camera counts as resting.

@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn a_glide_goes_on_and_a_rest_predicts_nothing() {
+    fn a_glide_is_extrapolated_and_a_camera_at_rest_predicts_nothing() {
         let mut p = Predictor::default();
         assert_eq!(p.update(0.0, &at(0.0)), None);
         assert_eq!(p.update(20.0, &at(1.0)), None, "one movement may be a jump");

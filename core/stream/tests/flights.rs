@@ -162,7 +162,7 @@ fn little_memory() {
 }
 
 #[test]
-fn while_a_camera_glides_what_it_will_see_is_loaded() {
+fn a_gliding_camera_loads_what_it_will_see() {
     // The same flight with and without the frames between, by which the movement is known.
     let pack = Pack::random(9, 400);
     let flight = flight();
@@ -179,7 +179,7 @@ fn while_a_camera_glides_what_it_will_see_is_loaded() {
 }
 
 #[test]
-fn a_step_between_frames_changes_nothing_about_what_a_glide_will_see() {
+fn a_step_between_frames_does_not_change_the_prediction_of_a_glide() {
     let pack = Pack::random(9, 400);
     let flight = flight();
     let streamer = Streamer::new(&pack.head, pack.head_bytes, Budgets::default());

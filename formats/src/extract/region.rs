@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn six_numbers_make_a_box_and_others_are_explained() {
+    fn six_numbers_make_a_box_and_other_input_is_refused_with_the_reason() {
         assert_eq!("-1,0,0,1,2.5,1e2".parse::<Region>().unwrap().max, [1.0, 2.5, 100.0]);
         for text in ["", "1,2,3", "1,2,3,4,5,six", "0,0,0,1,1,nan", "0,0,0,1,1,1,1"] {
             assert!(text.parse::<Region>().unwrap_err().contains("six numbers"), "{text}");
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn the_centroid_decides() {
+    fn a_triangle_is_inside_a_box_if_its_centroid_is() {
         let region = Steps { min: [0.0; 3], max: [4.0, 4.0, 0.0] };
         assert!(region.holds([[0, 0, 0], [9, 0, 0], [3, 9, 0]]), "its centroid is 4 3 0");
         assert!(!region.holds([[0, 0, 0], [9, 0, 0], [4, 9, 0]]));

@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn normals_that_only_some_vertices_have_are_dropped_and_counted() {
+    fn normals_of_only_some_vertices_are_dropped_and_counted() {
         let mut s = sink(&[[0.0; 3]]);
         let positions = &[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
         s.vertices(&VertexBlock { positions, normals: &[[0.0, 0.0, 1.0]; 2], ..VertexBlock::default() }).unwrap();
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn an_input_of_which_no_triangle_is_left_is_refused_with_the_reasons() {
+    fn an_input_left_without_triangles_is_refused_with_the_reasons() {
         let mut s = sink(&[[0.0; 3], [NAN; 3]]);
         s.triangles(&[[0, 0, 1], [0, 1, 7]], &[]).unwrap();
         let text = s.into_mesh().unwrap_err().to_string();

@@ -182,20 +182,20 @@ mod tests {
     }
 
     #[test]
-    fn the_content_decides_and_not_the_name() {
+    fn the_format_is_recognised_by_content_not_by_name() {
         assert!(message(b"# red\nnewmtl red\nKd 1 0 0\n", "scan.obj").contains("Wavefront material library"));
         assert!(message(b"glTF\x02\0\0\0", "scan.ply").contains("GLB"));
         assert!(message(b"LASF....", "scan.ply").contains("LAS"));
     }
 
     #[test]
-    fn a_refusal_says_what_is_read_and_what_to_do() {
+    fn a_refusal_lists_the_supported_formats_and_what_to_do() {
         let text = message(b"PK\x03\x04....", "site.zip");
         assert!(text.contains("site.zip") && text.contains("reads PLY") && text.contains("Unpack it"), "{text}");
     }
 
     #[test]
-    fn an_empty_file_and_noise_are_refused_too() {
+    fn an_empty_file_and_noise_are_refused() {
         assert!(message(b"", "a.ply").contains("0 bytes"));
         assert!(message(&[0, 1, 2, 3], "a.dat").contains("does not know"));
         assert!(message(b"plywood is not a mesh", "a.ply").contains("does not begin with a line \"ply\""));

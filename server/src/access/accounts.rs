@@ -472,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn they_read_back_and_no_secret_can_be_read() {
+    fn accounts_round_trip_and_reveal_no_secret() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("access.json");
         let mut accounts = some();
@@ -532,7 +532,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_password_and_a_grant_taken_away_end_sessions_and_a_further_grant_does_not() {
+    fn a_new_password_or_a_revoked_grant_ends_sessions_and_an_additional_grant_does_not() {
         let mut accounts = some();
         let begin = |a: &Accounts| {
             let holder = Holder { who: "amina".to_owned(), session: "0".repeat(32) };
@@ -566,7 +566,7 @@ mod tests {
     }
 
     #[test]
-    fn a_token_works_until_its_day_and_not_after_it_is_revoked() {
+    fn a_token_works_until_it_expires_or_is_revoked() {
         let mut accounts = some();
         let token = accounts.add_token("robot", Purpose::Publish, 30, NOW).expect("makes");
         let id = accounts.users()[1].tokens[0].id.clone();
@@ -580,7 +580,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_with_a_reason() {
+    fn invalid_accounts_are_refused_with_the_reason() {
         let mut accounts = some();
         let said = |r: Result<(), AccountsError>| r.expect_err("refused").to_string();
         assert!(said(accounts.set_user("Amina!", &Grant::All, None)).contains("cannot be a name"));

@@ -141,7 +141,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn a_full_disk_loses_no_count() {
+    fn entries_lost_on_a_full_disk_are_counted() {
         // /dev/full is a disk that is always full; opened for appending, written by nobody.
         let full = Path::new("/dev/full");
         if !full.exists() {
@@ -158,7 +158,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_pipe_that_nobody_reads_is_refused_and_one_with_a_reader_taken() {
+    fn a_pipe_without_a_reader_is_refused_and_one_with_a_reader_accepted() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("audit");
         assert!(std::process::Command::new("mkfifo").arg(&path).status().expect("starts").success());

@@ -120,7 +120,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn a_full_disk_is_told_apart() {
+    fn a_full_disk_is_distinguished_from_other_failures() {
         let pack = Pack::here(Path::new("none.kilwa"));
         let full = ExtractError::Scratch(io::Error::from_raw_os_error(28));
         assert_eq!(failure(&pack, &full), Failure::Full);

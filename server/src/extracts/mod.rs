@@ -538,7 +538,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_order_is_made_once_and_others_wait_their_turn() {
+    fn the_same_extract_is_made_once_and_other_jobs_wait_their_turn() {
         let (_dir, fake, extracts) = shop(1 << 20, 1);
         let ask = |n| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), "net");
         for _ in 0..5 {
@@ -558,7 +558,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_beside_what_is_being_made_waits() {
+    fn a_job_that_does_not_fit_beside_running_jobs_waits() {
         let room = order(1000).room(1000);
         let (_dir, fake, extracts) = shop(room * 2 + room / 2, 4);
         let within = |n: u32| Order { format: Format::Ply, detail: Detail::Error(f64::from(n) / 1e6) };
@@ -576,7 +576,7 @@ mod tests {
     }
 
     #[test]
-    fn one_network_that_asks_for_all_it_can_has_its_share_and_others_are_next() {
+    fn a_network_with_many_requests_gets_its_share_and_other_networks_are_next() {
         let (_dir, fake, extracts) = shop(1 << 20, 1);
         let ask = |n, net: &str| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), net);
         let taken = (0..100).filter(|n| ask(*n, "greedy").is_ok()).count();
@@ -604,7 +604,7 @@ mod tests {
     }
 
     #[test]
-    fn the_queue_ends_somewhere_and_so_does_what_a_network_may_begin() {
+    fn the_queue_and_the_jobs_of_a_network_are_limited() {
         let (_dir, fake, extracts) = shop(1 << 20, 1);
         let ask = |n, net: &str| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), net);
         ask(0, "first").unwrap();
@@ -628,7 +628,7 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_go_when_the_cache_is_full_and_what_is_not_ours_stays() {
+    fn a_full_cache_evicts_its_oldest_files_and_keeps_foreign_files() {
         let (dir, fake, extracts) = shop(2500, 1);
         std::fs::write(dir.path().join("cache/notes.ply"), vec![0; 5000]).unwrap();
         fake.waits(false);
@@ -645,7 +645,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_is_told_and_not_tried_again_at_once() {
+    fn a_failure_is_reported_and_not_retried_at_once() {
         let (_dir, fake, extracts) = shop(1000, 1);
         fake.fails(Failure::Full);
         fake.waits(false);

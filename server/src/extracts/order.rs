@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_is_an_order_and_back_and_nothing_else_is_one() {
+    fn job_names_round_trip_and_other_names_are_refused() {
         for name in ["v1-whole.ply", "v12-100000.glb", "v1-0.01m.stl", "v3-0.000001m.obj"] {
             let (version, order) = Order::parse(name).unwrap();
             assert_eq!(order.name(version), name);
@@ -170,7 +170,7 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn any_name_is_read_or_refused(name in "v?[0-9]{0,12}[-.]?[a-z0-9.\\-+]{0,24}(\\.(ply|glb|obj|stl))?") {
+        fn any_name_is_parsed_or_refused(name in "v?[0-9]{0,12}[-.]?[a-z0-9.\\-+]{0,24}(\\.(ply|glb|obj|stl))?") {
             if let Some((version, order)) = Order::parse(&name) {
                 proptest::prop_assert_eq!(order.name(version), name);
                 proptest::prop_assert!(!order.key("hash").contains(['/', '\\']));
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_may_be_every_triangle_and_scratch_is_counted() {
+    fn an_error_limit_may_need_every_triangle_and_scratch_space_is_counted() {
         let order = |detail| Order { format: Format::Stl, detail };
         let whole = order(Detail::Whole).estimate(1_000_000);
         assert_eq!(order(Detail::Error(0.000_001)).estimate(1_000_000), whole);
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_people_type_is_understood_or_refused() {
+    fn typed_limits_are_parsed_or_refused() {
         assert_eq!(Detail::triangles("1 000,000"), Some(Detail::Triangles(1_000_000)));
         assert_eq!(Detail::error(" 0,01 "), Some(Detail::Error(0.01)));
         for bad in ["", "0", "-1", "x", "1e5"] {

@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_before_enough_was_measured_and_then_a_range() {
+    fn no_estimate_is_given_before_enough_was_measured_and_then_a_range() {
         let mut pace = Pace::default();
         let second = Duration::from_secs(1);
         for seconds in [10, 40] {
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn a_job_that_runs_tells_for_itself() {
+    fn a_running_job_is_estimated_from_its_own_progress() {
         let pace = Pace::default();
         let second = Duration::from_secs(1);
         assert_eq!(pace.of_running(1000, (second * 9, 0.05)), None);

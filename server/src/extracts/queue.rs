@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn networks_take_turns_whoever_asked_first_and_for_how_many() {
+    fn networks_take_turns_regardless_of_order_and_number_of_their_requests() {
         let jobs = [("a", "a1"), ("a", "a2"), ("a", "a3"), ("a", "a4"), ("b", "b1"), ("c", "c1"), ("b", "b2")];
         let mut queue = with(&jobs);
         for (key, before) in [("a1", 0), ("b1", 1), ("c1", 2), ("a2", 3), ("b2", 4), ("a4", 6)] {
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_comes_while_another_is_served_is_next() {
+    fn a_network_that_arrives_while_another_is_served_is_next() {
         let mut queue = with(&[("a", "a1"), ("a", "a2"), ("a", "a3")]);
         queue.begin("a", "a1");
         queue.push("b", "b1").unwrap();
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_worker_is_left_for_others_where_there_are_several() {
+    fn one_of_several_workers_is_kept_free_for_other_networks() {
         let mut queue = with(&[("a", "a1"), ("a", "a2"), ("a", "a3")]);
         queue.begin("a", "a1");
         assert_eq!(queue.next(2), None, "the second worker is for others");
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_limited_for_each_and_for_all_and_what_waits_can_be_joined() {
+    fn the_queue_is_limited_per_network_and_in_total_and_a_waiting_job_can_be_joined() {
         let mut queue = Queue::default();
         for number in 0..SHARE {
             queue.push("greedy", &format!("g{number}")).unwrap();
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crowd_of_new_networks_keeps_nobody_from_their_turn() {
+    fn many_new_networks_do_not_delay_anyone_already_waiting() {
         let mut queue = with(&[("a", "a1"), ("a", "a2")]);
         let mut waited = 0;
         for number in 0..50 {

@@ -88,7 +88,7 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     #[test]
-    fn a_crowd_shares_a_few_connections_and_a_panic_gives_its_place_back() {
+    fn many_readers_share_a_few_connections_and_a_panic_returns_its_connection() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("index.sqlite");
         drop(schema::open(&file).unwrap());

@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_known_stays_only_while_the_manifest_hides_no_more_than_before() {
+    fn a_known_entry_is_kept_only_while_the_manifest_hides_no_more_than_before() {
         let mut connection = super::super::schema::in_memory().unwrap();
         let transaction = connection.transaction().unwrap();
         let old = seen(&|_| (), true).entry.unwrap();

@@ -298,7 +298,7 @@ mod tests {
     const GOOD: &str = "[[collection]]\nslug = \"kilwa\"\ntitle = \"Kilwa\"\nmembers = [\"b\", \"a\"]\n";
 
     #[test]
-    fn a_file_is_read_with_its_order_and_every_mistake_is_named() {
+    fn collections_are_read_in_order_and_every_mistake_is_named() {
         let all = parse(GOOD).unwrap();
         assert_eq!(
             (all[0].members.as_slice(), all[0].language.as_str()),
@@ -321,7 +321,7 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn any_text_is_read_or_refused(cut in 0usize..80, more in ".{0,40}") {
+        fn any_text_is_parsed_or_refused(cut in 0usize..80, more in ".{0,40}") {
             let cut = (0..=cut.min(GOOD.len())).rev().find(|at| GOOD.is_char_boundary(*at)).unwrap_or(0);
             for text in [format!("{}{more}{}", &GOOD[..cut], &GOOD[cut..]), format!("{}{more}", &GOOD[..cut]), more] {
                 if let Ok(all) = parse(&text) {
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_damaged_leaves_what_was_read_before() {
+    fn a_damaged_file_keeps_the_collections_read_before() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join(FILE);
         let look = |c: &Collections| {

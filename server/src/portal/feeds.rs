@@ -128,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sitemap_comes_in_pieces_that_are_one_document() {
+    fn the_pieces_of_a_sitemap_form_one_document() {
         let sets: Vec<Collection> = (0..450)
             .map(|n| format!("[[collection]]\nslug = \"s{n}\"\ntitle = \"S\"\nmembers = []\n"))
             .flat_map(|text| super::super::collections::parse(&text).unwrap())

@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn every_place_is_a_dot_or_part_of_one_and_is_listed() {
+    fn every_location_is_in_a_dot_of_the_map_and_in_the_list() {
         let places: Vec<Located> = (0..300)
             .map(|i| place(&format!("m{i}"), f64::from(i % 17) * 0.9 - 12.0, f64::from(i % 31) * 1.1 + 20.0))
             .collect();
@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn looking_closer_ends_where_places_are_the_same() {
+    fn zooming_in_ends_where_locations_are_equal() {
         let near = [place("a", -8.96, 39.51), place("b", -8.9601, 39.5101)];
         let html = shown(&near, None);
         assert!(html.contains("href=\"#places\"") && !html.contains("box="), "{html}");
@@ -376,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_is_a_box_or_nothing() {
+    fn a_bounding_box_is_parsed_or_refused() {
         assert!(Window::parse("-10,-5.5,10,20").is_some());
         for bad in ["", "1,2,3", "10,0,5,1", "0,0,nan,1", "-190,0,1,1", "0,0,1,1,1", "a,b,c,d", "0,0,1,91"] {
             assert_eq!(Window::parse(bad), None, "{bad}");
@@ -386,14 +386,14 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn any_box_gives_a_page(text in "[-0-9.,eE]{0,40}", lat in -90.0..=90.0f64, lon in -180.0..=180.0f64) {
+        fn any_bounding_box_gives_a_page(text in "[-0-9.,eE]{0,40}", lat in -90.0..=90.0f64, lon in -180.0..=180.0f64) {
             let html = shown(&[place("a", lat, lon), place("b", -lat, lon / 2.0)], Window::parse(&text));
             proptest::prop_assert!(html.ends_with("</html>\n") && !html.contains("NaN") && !html.contains("inf"));
         }
     }
 
     #[test]
-    fn distances_are_true_in_the_middle_of_the_map() {
+    fn distances_are_exact_at_the_centre_of_the_map() {
         let p = Projection::of(Window([0.0, 50.0, 20.0, 60.0]));
         let [x0, y0] = p.at([10.0, 55.0]);
         let (east, north) = (p.at([10.1, 55.0])[0] - x0, y0 - p.at([10.0, 55.1])[1]);

@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn questions_are_about_pages_of_this_site() {
+    fn oembed_accepts_only_pages_of_this_site() {
         let base = "https://a.example";
         let ask = |query: &str| question(base, query);
         let q =

@@ -227,7 +227,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_that_follow_each_other_are_fetched_together_and_not_without_end() {
+    fn consecutive_blocks_are_fetched_together_up_to_a_limit() {
         assert_eq!(runs([1, 2, 3, 7, 9, 10]), [1..4, 7..8, 9..11]);
         let long = runs(0..40);
         assert_eq!((long.len(), long.last()), (3, Some(&(32..40))));
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_held_never_takes_more_than_its_room_and_the_last_asked_for_stays() {
+    fn the_block_cache_never_exceeds_its_size_and_keeps_the_latest_blocks() {
         let folder = tempfile::tempdir().unwrap();
         let file = tempfile::tempfile_in(folder.path()).unwrap();
         let mut held = Held { file, places: HashMap::new(), used: BTreeMap::new(), clock: 0 };

@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_without_rights_and_a_store_with_trouble_are_told_apart() {
+    fn a_file_without_permission_is_distinguished_from_a_failing_store() {
         assert!(Refused("the store says 403 Forbidden (AccessDenied)".to_owned()).hint().contains("rights"));
         let trouble = io::Error::from(Refused("the store says 500 Internal Server Error (InternalError)".to_owned()));
         assert!(hint(&trouble).contains("trouble") && !hint(&trouble).contains("rights"));

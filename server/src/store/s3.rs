@@ -588,7 +588,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn addresses_have_a_bucket_and_perhaps_a_prefix() {
+    fn addresses_have_a_bucket_and_an_optional_prefix() {
         assert_eq!(parse("s3://museum"), Some(("museum", "")));
         assert_eq!(parse("s3://museum/"), Some(("museum", "")));
         assert_eq!(parse("s3://museum.tz/a/b/"), Some(("museum.tz", "a/b")));

@@ -188,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn packs_and_metadata_of_versions_are_kept_and_nothing_else() {
+    fn only_packs_and_metadata_of_versions_are_kept() {
         for kept in ["v1/pack.abc.kilwa", "v12/metadata/metadata.json"] {
             assert!(is_kept(kept), "{kept}");
         }

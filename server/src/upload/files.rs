@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_is_no_picture_and_a_preview_leads_nowhere() {
+    fn an_html_page_is_refused_as_a_picture_and_a_preview_with_external_references_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path().join("x");
         let said = |path: &str, bytes: &[u8]| {
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn notes_are_taken_in_the_form_in_which_they_are_written_only() {
+    fn notes_are_accepted_only_in_the_form_kilwa_writes() {
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path().join("x");
         let said = |bytes: &[u8], location_redacted: bool| {

@@ -23,7 +23,7 @@ fn put(bucket: &mut Bucket, folder: &Path, text: &str) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn collections_lie_beside_the_objects_follow_what_is_put_there_and_outlive_a_mistake() {
+async fn collections_in_the_store_follow_changes_and_survive_a_mistake() {
     let Some(mut bucket) = Bucket::start("collections_lie_beside_the_objects…") else { return };
     let said = Said::listen();
     let (dir, drafts) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
@@ -56,7 +56,7 @@ async fn collections_lie_beside_the_objects_follow_what_is_put_there_and_outlive
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn while_the_store_is_away_or_refuses_them_the_collections_stay_and_nobody_waits() {
+async fn collections_are_kept_and_nobody_waits_while_the_store_is_unavailable_or_refuses() {
     let Some(mut bucket) = Bucket::start("while_the_store_is_away_or_refuses_them_the_collections_stay…") else {
         return;
     };

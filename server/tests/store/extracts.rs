@@ -73,7 +73,7 @@ async fn made(app: &Router, uri: &str) -> Answer {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn every_extract_is_of_the_bytes_of_a_folder_for_the_same_readers_and_a_part_is_fetched_for_a_part() {
+async fn extracts_from_a_store_equal_those_of_a_folder_and_partial_ones_fetch_partial_packs() {
     let Some(mut bucket) = Bucket::start("every_extract_is_of_the_bytes_of_a_folder…") else { return };
     let (dir, caches) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     archive(dir.path());
@@ -121,7 +121,7 @@ async fn every_extract_is_of_the_bytes_of_a_folder_for_the_same_readers_and_a_pa
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_store_that_goes_away_halts_a_mesh_which_says_so_and_goes_on() {
+async fn an_extract_pauses_while_the_store_is_unavailable_reports_it_and_continues() {
     let Some(mut bucket) = Bucket::start("a_store_that_goes_away_halts_a_mesh…") else { return };
     let (dir, cache) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let bytes = noise(6_000_000, 3);
@@ -159,7 +159,7 @@ async fn a_store_that_goes_away_halts_a_mesh_which_says_so_and_goes_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_pack_that_is_refused_or_another_or_has_no_room_is_an_answer_and_can_be_asked_for_again() {
+async fn an_extract_of_a_refused_changed_or_too_large_pack_is_answered_and_can_be_retried() {
     let Some(mut bucket) = Bucket::start("a_pack_that_is_refused_or_another…") else { return };
     let (dir, caches) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let bytes = noise(3_000_000, 3);

@@ -191,7 +191,7 @@ async fn every_address_answers_from_the_store_as_from_the_folder() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn one_object_of_a_store_can_be_served_by_itself_and_many_readers_at_once_get_their_bytes() {
+async fn a_single_object_of_a_store_can_be_served_to_many_concurrent_readers() {
     let Some(mut bucket) = Bucket::start("one_object_of_a_store_can_be_served_by_itself…") else { return };
     let dir = tempfile::tempdir().unwrap();
     let bytes = noise(2_000_000, 9);
@@ -218,7 +218,7 @@ async fn one_object_of_a_store_can_be_served_by_itself_and_many_readers_at_once_
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_changes_in_the_store_shows_and_is_never_mixed_with_what_was_listed() {
+async fn changes_in_the_store_appear_and_are_never_mixed_with_the_previous_listing() {
     let Some(mut bucket) = Bucket::start("what_changes_in_the_store_shows…") else { return };
     let dir = tempfile::tempdir().unwrap();
     let (old, new) = (noise(1_500_000, 1), noise(1_500_000, 2));
@@ -272,7 +272,7 @@ async fn until<T, F: Future<Output = Option<T>>>(mut ask: impl FnMut() -> F) -> 
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn while_the_store_is_away_readers_are_told_and_what_is_held_is_served() {
+async fn while_the_store_is_unavailable_readers_are_informed_and_cached_files_are_served() {
     let Some(mut bucket) = Bucket::start("while_the_store_is_away_readers_are_told…") else { return };
     let said = Said::listen();
     let dir = tempfile::tempdir().unwrap();
@@ -343,7 +343,7 @@ async fn while_the_store_is_away_readers_are_told_and_what_is_held_is_served() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_transfer_that_is_cut_ends_early_or_is_carried_on_and_never_looks_complete() {
+async fn an_interrupted_transfer_ends_early_or_resumes_and_never_looks_complete() {
     let Some(mut bucket) = Bucket::start("a_transfer_that_is_cut_ends_early…") else { return };
     let dir = tempfile::tempdir().unwrap();
     let bytes = noise(4_000_000, 5);
@@ -374,7 +374,7 @@ async fn a_transfer_that_is_cut_ends_early_or_is_carried_on_and_never_looks_comp
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_file_that_the_store_refuses_takes_nothing_else_away_and_is_there_as_soon_as_it_is_given() {
+async fn a_file_refused_by_the_store_affects_no_other_and_is_served_once_readable() {
     let Some(mut bucket) = Bucket::start("a_file_that_the_store_refuses_takes_nothing_else_away…") else { return };
     let said = Said::listen();
     let dir = tempfile::tempdir().unwrap();
@@ -417,7 +417,7 @@ async fn a_file_that_the_store_refuses_takes_nothing_else_away_and_is_there_as_s
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_object_whose_manifest_is_refused_stays_known_or_is_named_and_comes_when_it_is_given() {
+async fn an_object_with_a_refused_manifest_stays_known_or_is_reported_and_returns_once_readable() {
     let Some(mut bucket) = Bucket::start("an_object_whose_manifest_is_refused_stays_known…") else { return };
     let dir = tempfile::tempdir().unwrap();
     archive(dir.path());
@@ -454,7 +454,7 @@ async fn an_object_whose_manifest_is_refused_stays_known_or_is_named_and_comes_w
 }
 
 #[test]
-fn a_store_that_cannot_be_served_is_named_with_what_to_do_and_without_keys() {
+fn a_store_that_cannot_be_served_is_refused_with_what_to_do_and_without_keys() {
     let Some(mut bucket) = Bucket::start("a_store_that_cannot_be_served_is_named…") else { return };
     let dir = tempfile::tempdir().unwrap();
     object(dir.path(), "fort", &[noise(3000, 1)], public());

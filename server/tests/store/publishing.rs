@@ -52,7 +52,7 @@ fn send_to(bucket: &Bucket, name: &str, shelf: &Path, version: u32) -> Result<Se
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_version_is_sent_whole_and_only_against_what_it_was_made_against() {
+async fn a_version_is_published_whole_and_only_on_the_manifest_it_was_made_for() {
     let Some(bucket) = Bucket::start("a_version_is_sent_whole_and_only_against…") else { return };
     // Long enough for parts.
     let packs = [noise(20_000_000, 1), noise(300_000, 2), noise(300_000, 3)];
@@ -84,7 +84,7 @@ async fn a_version_is_sent_whole_and_only_against_what_it_was_made_against() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn cut_off_anywhere_it_shows_the_old_object_or_the_new_one_and_goes_on() {
+async fn a_publication_interrupted_anywhere_shows_the_old_or_the_new_object_and_resumes() {
     let Some(bucket) = Bucket::start("cut_off_anywhere_it_shows_the_old_object…") else { return };
     let packs = [noise(100_000, 1), noise(100_000, 2)];
     let (first, second) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
@@ -115,7 +115,7 @@ async fn cut_off_anywhere_it_shows_the_old_object_or_the_new_one_and_goes_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn cut_off_between_landing_page_and_manifest_the_page_shown_is_the_one_that_the_manifest_names() {
+async fn interrupted_between_landing_page_and_manifest_the_page_matches_the_manifest() {
     let Some(bucket) = Bucket::start("cut_off_between_landing_page_and_manifest…") else { return };
     let packs = [noise(1000, 1), noise(1000, 2)];
     let shelves = [1, 2].map(|version: usize| {
@@ -149,7 +149,7 @@ async fn cut_off_between_landing_page_and_manifest_the_page_shown_is_the_one_tha
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_somebody_else_published_meanwhile_stays_as_it_is() {
+async fn a_version_published_meanwhile_by_another_is_left_unchanged() {
     let Some(bucket) = Bucket::start("what_somebody_else_published_meanwhile…") else { return };
     let first = noise(100_000, 1);
     // Before anything of ours is sent, and when some of it is.
@@ -186,7 +186,7 @@ async fn what_somebody_else_published_meanwhile_stays_as_it_is() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_file_that_is_under_way_while_somebody_else_publishes_is_not_put_over_theirs() {
+async fn a_file_sent_during_another_publication_does_not_overwrite_it() {
     let Some(bucket) = Bucket::start("a_file_that_is_under_way_while_somebody_else_publishes…") else { return };
     let first = noise(100_000, 1);
     let (ours, theirs) = ([first.clone(), noise(100_000, 2)], [first.clone(), noise(100_000, 4)]);

@@ -93,7 +93,7 @@ async fn concurrent_versions_are_never_mixed() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_command_started_again_while_it_still_runs_publishes_one_version_and_not_a_mixture() {
+async fn a_command_started_twice_publishes_one_version_and_no_mixture() {
     let Some(bucket) = Bucket::start("a_command_started_again…") else { return };
     let options = options(&bucket, "twice", LEASE);
     // The same pack with the same metadata, with two different posters.

@@ -28,7 +28,7 @@ fn is_list(line: &str) -> bool {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_warm_start_asks_for_the_list_alone_and_a_cold_one_twice_for_each_object() {
+async fn a_warm_start_requests_only_the_list_and_a_cold_one_two_files_per_object() {
     let Some(mut bucket) = Bucket::start("a_warm_start_asks_for_the_list_alone…") else { return };
     let (dir, home) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let file = home.path().join("index.sqlite");

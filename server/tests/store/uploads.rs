@@ -193,7 +193,7 @@ async fn seen(bucket: &Bucket) -> Option<BTreeMap<String, Bytes>> {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_is_sent_is_in_the_store_as_it_would_be_in_a_folder_and_shows_at_once() {
+async fn an_upload_to_a_store_equals_one_to_a_folder_and_is_served_at_once() {
     let Some(bucket) = Bucket::start("what_is_sent_is_in_the_store_as_it_would_be_in_a_folder…") else { return };
     let (store, folder) = (Museum::over(&bucket, PATIENCE), Museum::over_folder());
     for (number, words) in [(1, "With a tower."), (2, "With a cistern.")] {
@@ -225,8 +225,8 @@ async fn what_is_sent_is_in_the_store_as_it_would_be_in_a_folder_and_shows_at_on
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_store_that_goes_away_is_told_of_and_waited_for() {
-    let Some(bucket) = Bucket::start("a_store_that_goes_away_is_told_of_and_waited_for") else { return };
+async fn an_unavailable_store_is_reported_and_waited_for() {
+    let Some(bucket) = Bucket::start("an_unavailable_store_is_reported_and_waited_for") else { return };
     let museum = Museum::over(&bucket, SHORT);
     museum.send_all(&version(1, "With a tower.")).await;
     bucket.line.down();
@@ -253,7 +253,7 @@ async fn a_store_that_goes_away_is_told_of_and_waited_for() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_store_that_does_not_let_itself_be_written_to_is_named_and_what_was_sent_stays() {
+async fn a_read_only_store_is_reported_and_uploaded_files_are_kept() {
     let Some(bucket) = Bucket::start("a_store_that_does_not_let_itself_be_written_to…") else { return };
     let dir = tempfile::tempdir().unwrap();
     let store = bucket.open(SHELF, PATIENCE).unwrap();
@@ -282,7 +282,7 @@ async fn a_store_that_does_not_let_itself_be_written_to_is_named_and_what_was_se
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn cut_off_fifty_times_on_either_side_the_store_has_the_old_object_or_the_new_one_whole() {
+async fn interrupted_fifty_times_on_either_side_the_store_has_the_whole_old_or_new_object() {
     let Some(bucket) = Bucket::start("cut_off_fifty_times_on_either_side…") else { return };
     let (museum, folder) = (Museum::over(&bucket, SHORT), Museum::over_folder());
     let mut x = 0x1234_5678_9abc_def1_u64;

@@ -197,7 +197,7 @@ fn tree(folder: &Path) -> std::collections::BTreeMap<String, Vec<u8>> {
 }
 
 #[tokio::test]
-async fn what_is_sent_whole_is_published_served_and_written_down() {
+async fn a_complete_upload_is_published_served_and_logged() {
     let m = Museum::new();
     let version = Version::new("fort", 1, fort_pack());
     let (code, said) = m.publish(&version).await;
@@ -228,7 +228,7 @@ async fn what_is_sent_whole_is_published_served_and_written_down() {
 }
 
 #[tokio::test]
-async fn only_a_token_for_publishing_of_somebody_who_was_granted_the_object_publishes() {
+async fn publishing_needs_a_publishing_token_of_a_user_with_a_grant_for_the_object() {
     let m = Museum::new();
     let fort = Version::new("fort", 1, fort_pack()).intent;
     for (token, code) in [
@@ -266,7 +266,7 @@ async fn only_a_token_for_publishing_of_somebody_who_was_granted_the_object_publ
 }
 
 #[tokio::test]
-async fn a_file_is_gone_on_with_where_it_broke_off_and_nowhere_else() {
+async fn an_interrupted_file_resumes_only_where_it_stopped() {
     let m = Museum::new();
     let version = Version::new("fort", 1, fort_pack());
     let (pack, name) = (&version.files[0], &version.intent.files[0].sha256);
@@ -317,7 +317,7 @@ async fn a_file_is_gone_on_with_where_it_broke_off_and_nowhere_else() {
 }
 
 #[tokio::test]
-async fn what_cannot_be_is_refused_before_a_byte_is_sent() {
+async fn an_invalid_announcement_is_refused_before_a_byte_is_sent() {
     let m = Museum::new();
     let change = |how: &dyn Fn(&mut Version)| {
         let mut version = Version::new("fort", 1, fort_pack());
@@ -408,7 +408,7 @@ async fn what_cannot_be_is_refused_before_a_byte_is_sent() {
 }
 
 #[tokio::test]
-async fn what_arrives_otherwise_than_it_was_said_is_never_published() {
+async fn files_that_differ_from_the_announcement_are_never_published() {
     let m = Museum::new();
     let version = Version::new("fort", 1, fort_pack());
     let poster = &version.intent.files[1];
@@ -458,7 +458,7 @@ async fn a_link_in_the_folder_of_an_upload_leads_nowhere() {
 }
 
 #[tokio::test]
-async fn a_model_that_seems_to_be_another_is_no_version_of_this_one() {
+async fn a_model_that_appears_to_be_a_different_one_is_refused_as_a_version() {
     let m = Museum::new();
     assert_eq!(m.publish(&Version::new("fort", 1, fort_pack())).await.1.version, 1);
     let mut mosque = Version::new("fort", 2, pack_in("mosque", None));
@@ -473,7 +473,7 @@ async fn a_model_that_seems_to_be_another_is_no_version_of_this_one() {
 }
 
 #[tokio::test]
-async fn an_upload_never_opens_what_is_closed() {
+async fn an_upload_never_makes_a_closed_model_public() {
     let closed = |number: u32, access: &str| {
         let mut version = Version::new("fort", number, fort_pack());
         version.intent.metadata = Metadata::parse(&format!("{METADATA}{access}")).unwrap();
@@ -504,7 +504,7 @@ async fn an_upload_never_opens_what_is_closed() {
 }
 
 #[tokio::test]
-async fn a_defect_while_it_is_verified_ends_the_upload_and_it_can_be_gone_on_with_or_given_up() {
+async fn a_crash_during_verification_ends_the_upload_which_can_be_resumed_or_abandoned() {
     let (m, version) = (Museum::new(), Version::new("fort", 1, fort_pack()));
     m.falls.store(true, Ordering::Relaxed);
     let (code, said) = m.publish(&version).await;
@@ -520,7 +520,7 @@ async fn a_defect_while_it_is_verified_ends_the_upload_and_it_can_be_gone_on_wit
 
 #[cfg(unix)]
 #[tokio::test]
-async fn what_has_a_name_in_a_version_too_is_not_appended_to() {
+async fn a_file_hard_linked_into_a_version_is_not_appended_to() {
     let (m, version) = (Museum::new(), Version::new("fort", 1, fort_pack()));
     let (pack, name) = (&version.files[0], &version.intent.files[0].sha256);
     m.begin(&m.robot, &version.intent).await;
@@ -534,7 +534,7 @@ async fn what_has_a_name_in_a_version_too_is_not_appended_to() {
 }
 
 #[tokio::test]
-async fn what_was_sent_is_checked_to_its_last_byte_while_somebody_else_publishes_to_the_folder() {
+async fn uploads_are_checked_to_the_last_byte_during_other_publications() {
     let m = Museum::new();
     let other = kilwa_archive::lock::Lock::take(&m.models()).unwrap();
     let mut bytes = fort_pack();
@@ -559,7 +559,7 @@ async fn what_was_sent_is_checked_to_its_last_byte_while_somebody_else_publishes
 }
 
 #[tokio::test]
-async fn who_publishes_many_versions_lets_others_go_between_them() {
+async fn a_publisher_of_many_versions_lets_others_in_between() {
     let m = Museum::new();
     m.waits.store(true, Ordering::Relaxed);
     for slug in ["fort", "wall", "tower"] {

@@ -63,7 +63,7 @@ async fn the_same_command_finishes_a_version_interrupted_after_its_manifest() {
 }
 
 #[tokio::test]
-async fn a_file_in_the_way_is_reported_without_the_paths_of_the_server() {
+async fn an_obstructing_file_is_reported_without_paths_of_the_server() {
     let m = Museum::new();
     let inside = m.folder.path().to_str().unwrap();
     assert_eq!(m.publish(&numbered(1)).await.1.version, 1);

@@ -493,7 +493,7 @@ async fn a_drawing_whose_pixels_are_compressed_in_another_way_is_refused_by_name
 
 /// Without a place, with a channel of the surface, in a cell; and where nothing is announced as withheld, nothing is searched for.
 #[tokio::test]
-async fn a_version_whose_announcement_is_true_is_published() {
+async fn a_version_that_matches_its_announcement_is_published() {
     let m = Museum::new();
     let mut cell = withheld(pack_at("Fort", Some("EPSG:32737"), at(550_000.0, 9_050_000.0, 0.0), &[]));
     cell.intent.location_cell = Some(100_000.0);

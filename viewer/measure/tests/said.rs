@@ -175,7 +175,7 @@ fn places(text: &str) -> BTreeSet<String> {
 }
 
 #[test]
-fn every_code_has_a_text_in_all_five_languages_with_a_place_for_each_value_and_no_other() {
+fn every_code_has_a_text_in_all_five_languages_with_exactly_its_placeholders() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../www/i18n");
     let mut codes = BTreeMap::new();
     for one in all() {

@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unchanged_mesh_carries_its_bounds_and_nothing_more() {
+    fn an_unchanged_mesh_keeps_its_bound() {
         let m = ground(3, 20, false);
         let given = vec![Bound { out: 1.5, back: 2.5 }; m.triangle_count()];
         let simplified = simplify(&m, &nothing(), m.triangle_count(), Precision::default());
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn where_thousands_of_islands_are_left_out_the_bound_says_so() {
+    fn the_bound_includes_thousands_of_omitted_islands() {
         let mut m = Mesh::default();
         for i in 0..1500i32 {
             let at = [(i * 7919) % 10_007, (i * 104_729) % 10_009, (i * 1299) % 5003];

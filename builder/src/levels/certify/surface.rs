@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbours_are_found_at_hubs_as_everywhere() {
+    fn neighbours_are_found_at_vertices_of_very_high_degree() {
         let mut state = 3u32;
         let mut random = |n: u32| {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

@@ -488,7 +488,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_value_does_not_spread_and_equal_values_and_colours_stay_equal() {
+    fn missing_values_do_not_spread_and_equal_values_and_colours_stay_equal() {
         let fine = sheet(16);
         let coarse = simplify(&fine, &Locked::default(), 8, Precision::default()).mesh;
         assert!(coarse.triangle_count() <= 16, "{}", coarse.triangle_count());
@@ -547,7 +547,7 @@ mod tests {
     }
 
     #[test]
-    fn points_of_three_triangles_do_not_get_stuck() {
+    fn vertices_with_three_triangles_do_not_block_simplification() {
         // A point in the middle of every triangle: no edge between other points can collapse before these are gone.
         let mut fine = pillow(16);
         for t in 0..fine.triangle_count() {
@@ -564,7 +564,7 @@ mod tests {
     }
 
     #[test]
-    fn every_fine_point_is_merged_into_one_that_has_a_triangle() {
+    fn every_fine_vertex_is_merged_into_a_vertex_with_a_triangle() {
         // A sheet with flaps: triangles that hang on by one edge, and two by one point.
         let mut fine = sheet(12);
         let n = fine.positions.len() as u32;
@@ -585,7 +585,7 @@ mod tests {
     }
 
     #[test]
-    fn locked_points_keep_their_place_and_their_edges() {
+    fn locked_vertices_keep_position_and_edges() {
         let fine = sheet(12);
         let locked: Locked = fine.positions.iter().copied().filter(|p| p[0] == 60).collect();
         let coarse = simplify(&fine, &locked, 10, Precision::default()).mesh;

@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn places_that_were_made_have_zeros_at_their_end_and_more_where_it_is_rougher() {
+    fn new_positions_are_rounded_more_coarsely_where_the_surface_is_rougher() {
         let mut last = 0;
         for rough in [17, 67, 257] {
             let fine = sheet(24, rough);
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn locked_places_do_not_move_and_a_plane_stays_one() {
+    fn locked_positions_do_not_move_and_a_plane_stays_flat() {
         let fine = sheet(24, 257);
         let locked: FxHashSet<LatticePoint> = fine.positions.iter().copied().filter(|p| p[0] < 3000).collect();
         let coarse = simplify(&fine, &locked, 300, Precision::default()).mesh;

@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_smallest_paper_that_holds_it_is_taken_turned_where_needed_and_too_much_is_refused_with_a_hint() {
+    fn the_smallest_paper_that_fits_is_chosen_and_a_drawing_too_large_is_refused_with_a_hint() {
         assert_eq!(choose(None, [200.0, 100.0], false, 50.0).unwrap().0, [297.0, 210.0]);
         assert_eq!(choose(None, [100.0, 210.0], false, 50.0).unwrap().0, [210.0, 297.0]);
         let said = choose(None, [3000.0, 100.0], false, 50.0).unwrap_err().to_string();
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn paper_is_named_or_measured() {
+    fn paper_is_given_by_name_or_by_size() {
         assert_eq!(Paper::parse("a3"), Ok(Paper::Iso([420.0, 297.0])));
         assert_eq!(Paper::parse("900x600mm"), Ok(Paper::Custom([900.0, 600.0])));
         assert_eq!(Paper::parse("fit"), Ok(Paper::Fit));

@@ -97,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_mesh_counts_as_often_as_nodes_show_it() {
+    fn a_mesh_counts_once_for_each_node_that_uses_it() {
         let json = |nodes: &str, bytes: u64| {
             format!(
                 r#"{{"accessors":[{{"count":300}},{{"count":900}}],"buffers":[{{"byteLength":{bytes}}}],"meshes":[

@@ -71,7 +71,7 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
 }
 
 #[test]
-fn ten_thousand_damaged_files_do_no_harm() {
+fn ten_thousand_damaged_files_cause_no_panic() {
     let mut random = Random(5);
     let (mut read, mut refused) = (0, 0);
     for i in 0..10_000 {

@@ -160,7 +160,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn options_before_the_name_of_a_picture_are_understood_and_the_name_may_hold_spaces() {
+    fn options_before_an_image_name_are_parsed_and_the_name_may_contain_spaces() {
         let library: Arc<Path> = Path::new("a.mtl").into();
         let map = |line: &[u8]| map(line, &library, 1);
         let name = |line: &str| map(line.as_bytes()).unwrap();
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn one_number_is_a_grey() {
+    fn a_single_colour_number_is_a_grey() {
         assert_eq!(color(b"0.5"), Some([128; 3]));
         assert_eq!(color(b"1 0 2"), Some([255, 0, 255]));
         assert_eq!(color(b"xyz 1 2 3"), None);

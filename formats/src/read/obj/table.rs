@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scratch_file_that_cannot_be_made_is_said_with_its_folder() {
+    fn a_scratch_file_that_cannot_be_created_is_reported_with_its_folder() {
         let scratch = Scratch { folder: Path::new("/nowhere/at/all"), file: Path::new("a.obj") };
         let mut table: Table<'_, 8192> = Table::new(scratch, 0);
         let error = (0..100).find_map(|_| table.push(&[0; 8192]).err()).unwrap().to_string();

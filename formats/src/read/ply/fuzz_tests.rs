@@ -158,7 +158,7 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
 }
 
 #[test]
-fn twenty_thousand_damaged_files_do_no_harm() {
+fn twenty_thousand_damaged_files_cause_no_panic() {
     let seeds = seeds();
     for seed in &seeds {
         assert!(check(seed), "{}", String::from_utf8_lossy(seed));
@@ -179,7 +179,7 @@ fn twenty_thousand_damaged_files_do_no_harm() {
 }
 
 #[test]
-fn noise_behind_a_sound_header_does_no_harm() {
+fn noise_after_a_valid_header_causes_no_panic() {
     let mut random = Random(3);
     for i in 0..3000 {
         let seed = &seeds()[i % 4];

@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_every_format_are_decoded() {
+    fn images_of_every_format_are_decoded() {
         for format in [ImageFormat::Png, ImageFormat::Jpeg, ImageFormat::WebP, ImageFormat::Tiff] {
             let texture =
                 Texture::decode(&encoded(format, 16, 8, |_, _| [200, 100, 50]), TEXTURE_BYTES, u64::MAX, |_| ())
@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn between_texels_light_is_averaged_and_not_levels() {
+    fn interpolation_between_texels_is_in_linear_light() {
         let bytes = encoded(ImageFormat::Png, 2, 1, |x, _| if x == 0 { [0; 3] } else { [255; 3] });
         let t = Texture::decode(&bytes, TEXTURE_BYTES, u64::MAX, |_| ()).unwrap();
         assert_eq!(t.sample([0.5, 0.5], [Wrap::Clamp; 2]), [188; 3]);
@@ -347,14 +347,14 @@ mod tests {
     }
 
     #[test]
-    fn every_level_survives_light_and_back() {
+    fn every_srgb_level_survives_conversion_to_linear_light_and_back() {
         for level in 0..=255 {
             assert_eq!(srgb_from_light(light_from_srgb(level)), level);
         }
     }
 
     #[test]
-    fn a_picture_beyond_the_limit_or_damaged_is_refused_with_the_reason() {
+    fn an_image_that_is_too_large_or_damaged_is_refused_with_the_reason() {
         let bytes = encoded(ImageFormat::Png, 64, 32, |_, _| [1; 3]);
         let text = Texture::decode(&bytes, 3 * 2047, u64::MAX, |_| ()).unwrap_err().to_string();
         assert!(text.contains("64 × 32 = 2048 texels") && text.contains("at most 2047"), "{text}");
@@ -368,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_leave_when_they_take_too_much_and_come_back_when_asked_for() {
+    fn images_are_evicted_when_memory_is_short_and_decoded_again_when_needed() {
         let bytes = encoded(ImageFormat::Png, 10, 10, |_, _| [7; 3]);
         let mut textures = Textures::new(700);
         let mut loads = 0;
