@@ -243,7 +243,7 @@ mod tests {
         assert!((middle[0] - 525_000.0).abs() < 0.01 && (middle[1] - 9_015_000.0).abs() < 0.01, "{middle:?}");
         assert_eq!((m.crs.as_deref(), m.bounds_min[2]), (Some("EPSG:32737"), 0.0));
         let to = work.path().join("x");
-        let said = redact(&from, &to, Place::Cell(2.0), "A cave", &[]).expect_err("too small").to_string();
-        assert!(said.contains("larger than the model"), "{said}");
+        let message = redact(&from, &to, Place::Cell(2.0), "A cave", &[]).expect_err("too small").to_string();
+        assert!(message.contains("larger than the model"), "{message}");
     }
 }

@@ -1,4 +1,4 @@
-//! `kilwa access`: accounts are made and changed, and no secret is shown but a new token, once.
+//! `kilwa access`: accounts are created and changed, and the only secret ever shown is a new token, once.
 
 use std::io::Write;
 use std::path::Path;
@@ -12,7 +12,7 @@ fn kilwa(args: &[&str], input: &str) -> Output {
         .stderr(Stdio::piped())
         .spawn()
         .expect("starts");
-    // A program that asks for nothing may be gone already.
+    // A program that reads no input may have ended already.
     child.stdin.take().expect("piped").write_all(input.as_bytes()).ok();
     child.wait_with_output().expect("ends")
 }
@@ -40,9 +40,9 @@ fn users_and_tokens_are_added_listed_and_removed() {
     let file = text(&path);
     done(&["access", "init", file], "");
     assert!(done(&["access", "list", file], "").contains("Nobody yet"));
-    let said =
+    let output =
         done(&["access", "user", file, "amina", "--object", "gereza", "--object", "husuni"], "a long sentence\n");
-    assert!(said.contains("amina is added") && said.contains("gereza, husuni"), "{said}");
+    assert!(output.contains("amina is added") && output.contains("gereza, husuni"), "{output}");
     done(&["access", "user", file, "robot", "--all", "--no-password"], "");
     let token = done(&["access", "token", file, "robot", "--for", "publish", "--days", "30"], "");
     assert!(token.starts_with("kilwa-") && token.trim().len() == 70, "{token}");
@@ -78,8 +78,8 @@ fn an_impossible_change_is_refused_with_the_reason_and_changes_nothing() {
         (vec!["access", "token", file, "nobody"], "", "nobody yet"),
         (vec!["access", "revoke", file, "123"], "", "no token 123"),
     ] {
-        let said = refused(&args, input);
-        assert!(said.contains(why), "{args:?}: {said}");
+        let message = refused(&args, input);
+        assert!(message.contains(why), "{args:?}: {message}");
         assert_eq!(std::fs::read(&path).expect("reads"), before, "{args:?}");
     }
     std::fs::write(&path, "{ half").expect("writes");
@@ -175,7 +175,7 @@ fn a_pipe_in_place_of_the_file_is_refused_without_blocking() {
     }
 }
 
-/// Files that a person names are read when they are files: devices and pipes have no end.
+/// Only regular files are read: devices and pipes have no end.
 #[cfg(unix)]
 #[test]
 fn devices_and_pipes_are_refused_as_input() {

@@ -1,5 +1,5 @@
-//! What every verb of `kilwa` owes its user: help, exit codes (0 done, 1 the input or the world is wrong, 2 usage), and a
-//! message that names the file it is about.
+//! Properties of every verb of `kilwa`: help, exit codes (0 success, 1 failure, 2 wrong usage), and messages that name the
+//! file they are about.
 
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -20,7 +20,7 @@ fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// A call with a file that is not there: the arguments in which `{in}` and `{out}` stand for paths in an empty folder.
+/// A call with a file that is not there: in the arguments `{in}` and `{out}` are paths in an empty folder.
 fn calls_without_input() -> [(&'static str, Vec<&'static str>); 7] {
     [
         ("build", vec!["{in}.ply", "-o", "{out}.kilwa"]),
@@ -213,7 +213,7 @@ fn a_mesh_goes_through_every_verb_and_comes_back_whole() {
     succeed(&["extract", &pack, "-o", &whole]);
     assert_eq!(ply_count(&whole, "face"), triangles, "extract gives back every triangle");
 
-    // What comes out goes in again.
+    // The extract is a valid input.
     let again = folder.path().join("again.kilwa").display().to_string();
     succeed(&["build", &whole, "-o", &again]);
     assert_eq!(json(&succeed(&["verify", &again, "--json"]))["triangles"], triangles);

@@ -1,5 +1,5 @@
-//! `kilwa extract` in every format: what goes out comes in again, no cut cracks, boxes tile the model, `--max-triangles`
-//! keeps its promise, and nothing is overwritten.
+//! `kilwa extract` in every format: extracts can be read again, no cut has cracks, boxes tile the model, `--max-triangles`
+//! is respected, and nothing is overwritten.
 
 use crate::support::{Input, Ply, built_once, fails, json, kilwa, succeeds, text};
 use kilwa_formats::RawMesh;
@@ -58,7 +58,7 @@ fn read(path: &Path) -> RawMesh {
     read_mesh(path, &mut |_, _| {}).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Positions as the world has them: GLB has y up, an STL may be relative to a point.
+/// Positions in world coordinates: GLB has y up, an STL may be relative to a point.
 fn to_world(report: &serde_json::Value) -> impl Fn([f64; 3]) -> [f64; 3] + use<> {
     let y_up = report["format"] == "glb";
     let offset = [0, 1, 2].map(|k| report["offset"][k].as_f64().unwrap_or(0.0));
@@ -174,10 +174,10 @@ fn boxes_that_tile_the_model_give_every_triangle_exactly_once() {
     let found = part["triangles"].as_u64().unwrap();
     assert!((40_000..=60_000).contains(&found), "the count is of what lies in the box: {found}");
     let nowhere = work.path().join("nowhere.ply");
-    let said = fails(&["extract", text(torus()), "-o", text(&nowhere), "--box", "0,0,0,1,1,1"]);
+    let message = fails(&["extract", text(torus()), "-o", text(&nowhere), "--box", "0,0,0,1,1,1"]);
     assert!(
-        said.contains("no triangle has its centroid in the box 0,0,0,1,1,1; it spans") && !nowhere.exists(),
-        "{said}"
+        message.contains("no triangle has its centroid in the box 0,0,0,1,1,1; it spans") && !nowhere.exists(),
+        "{message}"
     );
     let usage = kilwa(&["extract", text(torus()), "-o", text(&nowhere), "--box", "1,2,3"]);
     assert_eq!(usage.status.code(), Some(2));
@@ -202,12 +202,16 @@ fn max_triangles_is_respected_on_three_meshes_or_refused() {
                 "--max-triangles",
                 &limit.to_string(),
             ]);
-            let said = String::from_utf8_lossy(&output.stderr).into_owned();
-            let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect(&said);
+            let message = String::from_utf8_lossy(&output.stderr).into_owned();
+            let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect(&message);
             let found = report["triangles"].as_u64().unwrap();
             let promise = found <= limit && (found * 3 >= limit * 2 || report["max_error"] == 0.0);
-            assert!(promise || said.contains("triangles"), "{}: {found} of {limit} without a word", pack.display());
-            assert!(found <= limit || said.contains("coarsest"), "{}: {found} of {limit}: {said}", pack.display());
+            assert!(promise || message.contains("triangles"), "{}: {found} of {limit} without a word", pack.display());
+            assert!(
+                found <= limit || message.contains("coarsest"),
+                "{}: {found} of {limit}: {message}",
+                pack.display()
+            );
             kept += u32::from(promise);
         }
     }
@@ -253,8 +257,8 @@ fn unwritable_output_is_refused_by_name_before_anything_is_written() {
 
     let pack = work.path().join("pack.ply");
     std::fs::copy(torus(), &pack).unwrap();
-    let said = fails(&["extract", text(&pack), "-o", text(&work.path().join("./pack.ply")), "--force"]);
-    assert!(said.contains("is an input of this command"), "{said}");
+    let message = fails(&["extract", text(&pack), "-o", text(&work.path().join("./pack.ply")), "--force"]);
+    assert!(message.contains("is an input of this command"), "{message}");
     assert_eq!(std::fs::read(&pack).unwrap(), std::fs::read(torus()).unwrap());
 
     std::fs::write(&stl, "precious").unwrap();
@@ -380,9 +384,12 @@ fn coordinates_that_a_format_cannot_represent_are_refused_and_others_stay_distin
                 }
                 std::fs::remove_file(&out).unwrap();
             } else {
-                let said = fails(&args);
-                assert!(said.contains("a.kilwa") && said.contains(&format!("2^{step_log2} m")), "{case}: {said}");
-                assert!(said.contains("instead") || said.contains("no other format"), "{case}: {said}");
+                let message = fails(&args);
+                assert!(
+                    message.contains("a.kilwa") && message.contains(&format!("2^{step_log2} m")),
+                    "{case}: {message}"
+                );
+                assert!(message.contains("instead") || message.contains("no other format"), "{case}: {message}");
                 assert!(!out.exists(), "{case}");
             }
         }

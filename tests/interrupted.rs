@@ -42,9 +42,9 @@ fn leaves_nothing(folder: &Path, args: &[&str]) {
                 }
                 return false;
             }
-            let said = String::from_utf8_lossy(&output.stderr);
-            assert!(left.is_empty(), "{args:?}, {signal}: {left:?}: {said}");
-            assert_eq!(output.status.code(), Some(code), "{args:?}, {signal}: {said}");
+            let message = String::from_utf8_lossy(&output.stderr);
+            assert!(left.is_empty(), "{args:?}, {signal}: {left:?}: {message}");
+            assert_eq!(output.status.code(), Some(code), "{args:?}, {signal}: {message}");
             true
         });
         assert!(caught, "{args:?} was always faster than {signal}");

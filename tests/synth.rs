@@ -24,34 +24,34 @@ fn names(folder: &Path) -> Vec<String> {
 fn a_phantom_is_written_with_the_documented_properties_and_counted() {
     let folder = folder();
     let path = folder.path().join("ball.ply");
-    let said = succeeds(&["synth", "phantom", "--shape", "sphere", "--triangles", "5k", "-o", text(&path)]);
+    let output = succeeds(&["synth", "phantom", "--shape", "sphere", "--triangles", "5k", "-o", text(&path)]);
     let header = header(&path);
     assert!(header.contains("property float x\nproperty float y\nproperty float z\nproperty uchar red"), "{header}");
     assert!(header.contains("property list uchar int vertex_indices"), "{header}");
     let faces = header.lines().find_map(|l| l.strip_prefix("element face ")).unwrap();
-    assert!(said.contains(&format!("{faces} triangles")), "{said}");
+    assert!(output.contains(&format!("{faces} triangles")), "{output}");
 }
 
 #[test]
 fn utm_writes_doubles_and_names_the_reference_system() {
     let folder = folder();
     let path = folder.path().join("far.ply");
-    let said = json(&["synth", "wall", "--utm", "--triangles", "3000", "-o", text(&path)]);
+    let report = json(&["synth", "wall", "--utm", "--triangles", "3000", "-o", text(&path)]);
     let header = header(&path);
     assert!(header.contains("property double x") && header.contains("EPSG:32737"), "{header}");
-    assert_eq!(said["crs"], "EPSG:32737");
-    assert_eq!(said["bytes"].as_u64().unwrap(), std::fs::metadata(&path).unwrap().len());
+    assert_eq!(report["crs"], "EPSG:32737");
+    assert_eq!(report["bytes"].as_u64().unwrap(), std::fs::metadata(&path).unwrap().len());
 }
 
 #[test]
 fn blocks_are_numbered_files_that_together_hold_all_triangles() {
     let folder = folder();
-    let said = |extra: &[&str], name: &str| {
+    let report = |extra: &[&str], name: &str| {
         let path = folder.path().join(name);
         json(&[&["synth", "fort", "--triangles", "8000", "-o", text(&path)], extra].concat())
     };
-    let cut = said(&["--blocks", "4"], "part.ply");
-    let whole = said(&[], "whole.ply");
+    let cut = report(&["--blocks", "4"], "part.ply");
+    let whole = report(&[], "whole.ply");
     assert_eq!(names(folder.path()), ["part_000.ply", "part_001.ply", "part_002.ply", "part_003.ply", "whole.ply"]);
     assert_eq!(cut["triangles"], whole["triangles"]);
     assert!(cut["vertices"].as_u64() > whole["vertices"].as_u64(), "no border vertex is doubled");

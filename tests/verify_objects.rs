@@ -218,8 +218,8 @@ fn all_missing_and_extra_files_are_named() {
     let cut = found["problems"].to_string();
     assert!(cut.contains("truncated") && cut.contains("SHA-256"), "{cut}");
     assert!(found["notes"][0].as_str().unwrap().contains(".kilwa-abc"));
-    let said = fails(&["verify", text(&object)]);
-    assert!(["notes.txt", "thumbs.db", "v3/x", "truncated"].iter().all(|part| said.contains(part)), "{said}");
+    let message = fails(&["verify", text(&object)]);
+    assert!(["notes.txt", "thumbs.db", "v3/x", "truncated"].iter().all(|part| message.contains(part)), "{message}");
 }
 
 #[test]
@@ -307,16 +307,16 @@ pub(crate) fn withdraw_with(shelf: &Path, keep: &Path, changes: usize) -> Result
         count.set(count.get() + 1);
         if count.get() > changes { Err(std::io::Error::other("cut off")) } else { Ok(()) }
     };
-    let said = Withdrawal { reason: "asked to", day: "2026-11-22" };
-    withdraw(&Folders::lock(shelf, keep, &slug, &|_| (), &steps)?, &slug, &said, &steps).map(drop)
+    let withdrawal = Withdrawal { reason: "asked to", day: "2026-11-22" };
+    withdraw(&Folders::lock(shelf, keep, &slug, &|_| (), &steps)?, &slug, &withdrawal, &steps).map(drop)
 }
 
 /// Whether `kilwa verify` finds nothing wrong and explains that a withdrawal of `name` was interrupted.
 fn is_explained(target: &Path, name: &str) -> bool {
-    let said = report(&[text(target)], 0);
-    assert!(said["sound"] == true && problems(&said).is_empty(), "{said}");
+    let result = report(&[text(target)], 0);
+    assert!(result["sound"] == true && problems(&result).is_empty(), "{result}");
     let of_name = |note: &str| note.contains(name) && note.contains("a withdrawal is in progress or was interrupted");
-    said["notes"].as_array().unwrap().iter().filter_map(|note| note.as_str()).any(of_name)
+    result["notes"].as_array().unwrap().iter().filter_map(|note| note.as_str()).any(of_name)
 }
 
 #[test]
@@ -386,7 +386,7 @@ fn a_bag_is_checked_against_its_manifests_and_its_object() {
     assert!(problems(&report(&[text(&bag)], 1)).contains(&("data/extra".to_owned(), "extra".to_owned())));
 }
 
-/// A server of a folder that misbehaves as it is told: how many requests came, and its address.
+/// A server of a folder that misbehaves as configured; returns a counter of requests and its address.
 fn server(folder: &Path, behave: fn(usize, &str) -> Behaviour) -> (Arc<AtomicUsize>, String) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("http://{}/", listener.local_addr().unwrap());
@@ -541,7 +541,7 @@ fn an_unreachable_address_is_refused_with_the_reason() {
     assert_eq!(kilwa(&["verify", text(empty.path()), "--state", "x", "--older-than", "0"]).status.code(), Some(2));
 }
 
-/// What is checked is what a server would serve: plain files below the folder, whatever links say.
+/// Only what a server would serve is checked: regular files below the folder, never links.
 #[cfg(unix)]
 #[test]
 fn links_and_special_files_are_named_and_never_followed() {
@@ -711,8 +711,8 @@ fn an_unreadable_unfinished_publication_of_another_user_is_reported() {
         println!("skipped: a folder of another user: this test cannot run the program as another user");
         return;
     };
-    let said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
+    let printed = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
     fs::set_permissions(&closed, fs::Permissions::from_mode(0o700)).unwrap();
-    assert!(output.status.success(), "{said}");
-    assert!(said.contains(".kilwa-fort--aB3dEf belongs to a publication that is in progress"), "{said}");
+    assert!(output.status.success(), "{printed}");
+    assert!(printed.contains(".kilwa-fort--aB3dEf belongs to a publication that is in progress"), "{printed}");
 }

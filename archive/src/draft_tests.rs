@@ -11,12 +11,12 @@ pub(crate) fn slug() -> Slug {
     Slug::new("fort").unwrap()
 }
 
-/// Publish version `version` with some files; the words in them tell versions apart.
+/// Publish version `version` with some files whose text differs between versions.
 pub(crate) fn publish(shelf: &Path, version: u32, steps: Steps<'_>) -> Result<PathBuf, DraftError> {
     publish_as(shelf, version, steps, AccessState::Public)
 }
 
-/// The same, for those who may see what is `state`.
+/// The same, with the access state `state`.
 pub(crate) fn publish_as(
     shelf: &Path,
     version: u32,
@@ -154,19 +154,22 @@ fn a_failure_at_any_step_leaves_the_folder_as_it_was() {
                     assert!(step > 5, "{step} steps are too few");
                     break;
                 }
-                // The manifest was replaced: it is the new object, and whoever comes next puts the page in its place.
+                // The manifest was replaced: it is the new object, and the next command replaces the page.
                 Err(e @ DraftError::Unfinished { .. }) => {
-                    let said = e.to_string();
-                    assert!(said.contains("the version is published") && said.contains("same command again"), "{said}");
-                    assert!(!said.contains("nothing was changed"), "{said}");
+                    let message = e.to_string();
+                    assert!(
+                        message.contains("the version is published") && message.contains("same command again"),
+                        "{message}"
+                    );
+                    assert!(!message.contains("nothing was changed"), "{message}");
                     settle(&Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap(), &slug(), &|_| Ok(())).unwrap();
                     let whole = tempfile::tempdir().unwrap();
                     (1..=version).for_each(|v| drop(publish(whole.path(), v, &|_| Ok(())).unwrap()));
                     assert!(tree(shelf.path()) == tree(whole.path()), "step {step} of version {version}: {e}");
                 }
                 Err(e) => {
-                    let said = e.to_string();
-                    assert!(said.contains("Make room") && said.contains("nothing was changed"), "{said}");
+                    let message = e.to_string();
+                    assert!(message.contains("Make room") && message.contains("nothing was changed"), "{message}");
                     assert!(tree(shelf.path()) == before, "step {step} of version {version}: {e}");
                 }
             }
@@ -178,7 +181,7 @@ fn a_failure_at_any_step_leaves_the_folder_as_it_was() {
 fn an_existing_version_is_never_touched_whoever_published_it() {
     let shelf = tempfile::tempdir().unwrap();
     let object = publish(shelf.path(), 1, &|_| Ok(())).unwrap();
-    // As somebody copies the next version from elsewhere, its manifest last.
+    // The next version copied from elsewhere, its manifest last.
     let (theirs, copied) = (object.join("v2"), "of theirs");
     fs::create_dir(&theirs).unwrap();
     fs::write(theirs.join("a.txt"), copied).unwrap();
@@ -301,7 +304,7 @@ fn other_users_of_the_computer_cannot_read_geometry_that_is_not_public() {
         publish_as(shelf.path(), version, &|_| Ok(()), state).unwrap();
         assert_eq!(modes_of_packs(&object), wanted, "version {version}");
     }
-    // Words and pictures are for everybody, whatever the model is.
+    // Text and pictures are public even if the model is not.
     assert_eq!(fs::metadata(object.join("v3/a.txt")).unwrap().permissions().mode() & 0o777, 0o644);
 }
 
@@ -332,8 +335,8 @@ fn shelf_of_another_user(group: u32) -> Option<tempfile::TempDir> {
 /// Publish as that user, who is in no group but their own; `None` if this program cannot run as another user.
 #[cfg(unix)]
 fn publish_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<()> {
-    let (is_published, said) = try_as_another_user(shelf, version, state)?;
-    assert!(is_published, "{said}");
+    let (is_published, output) = try_as_another_user(shelf, version, state)?;
+    assert!(is_published, "{output}");
     Some(())
 }
 
@@ -345,8 +348,8 @@ fn try_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<(bool,
     command.args(["--exact", "draft::tests::helper_process_that_publishes_as_another_user", "--test-threads=1"]);
     command.env(AS, format!("{version} {state} {}", shelf.display())).current_dir("/").uid(NOBODY).gid(NOBODY);
     let output = command.output().ok()?;
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    Some((output.status.success() && said.contains("1 passed"), said))
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    Some((output.status.success() && printed.contains("1 passed"), printed))
 }
 
 #[cfg(unix)]
@@ -408,7 +411,7 @@ fn closed_files_are_owner_only_if_the_owner_is_not_in_the_group_of_the_folder() 
     }
 }
 
-/// A file of somebody else counts as closed only if nobody but its owner and the group of the folder can read it.
+/// A file of another user counts as closed only if nobody but its owner and the group of the folder can read it.
 #[cfg(unix)]
 #[test]
 fn a_file_of_another_user_that_others_can_read_is_refused_by_name() {
@@ -430,11 +433,11 @@ fn a_file_of_another_user_that_others_can_read_is_refused_by_name() {
         let pack = find_pack(&object);
         chown(&pack, Some(0), Some(group)).ok()?;
         fs::set_permissions(&pack, fs::Permissions::from_mode(mode)).unwrap();
-        let (is_published, said) = try_as_another_user(shelf.path(), 2, "restricted")?;
-        assert_eq!(is_published, is_closed, "group {group}, {mode:o}: {said}");
+        let (is_published, output) = try_as_another_user(shelf.path(), 2, "restricted")?;
+        assert_eq!(is_published, is_closed, "group {group}, {mode:o}: {output}");
         assert_eq!(is_whole(&object), if is_closed { 2 } else { 1 });
-        let is_named = said.contains(pack.to_str().unwrap()) && said.contains("belongs to another user");
-        assert_eq!(is_named, !is_closed, "group {group}, {mode:o}: {said}");
+        let is_named = output.contains(pack.to_str().unwrap()) && output.contains("belongs to another user");
+        assert_eq!(is_named, !is_closed, "group {group}, {mode:o}: {output}");
         Some(())
     });
     if tried.is_none() {

@@ -223,8 +223,8 @@ mod tests {
             assert!(Slug::new(good).is_ok());
         }
         for bad in ["", "A", "a--b", "-a", "a-", "a/b", "..", "v1", "viewer", "a b", "ä"] {
-            let said = Slug::new(bad).unwrap_err().to_string();
-            assert!(said.contains("for example"), "{said}");
+            let message = Slug::new(bad).unwrap_err().to_string();
+            assert!(message.contains("for example"), "{message}");
         }
     }
 

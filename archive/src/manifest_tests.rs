@@ -89,7 +89,7 @@ fn changing_any_byte_breaks_the_seal() {
         changed[at] ^= 1;
         assert_ne!(seal_of(&changed), Seal::Whole, "byte {at}");
     }
-    // One without a seal is read, as earlier ones are.
+    // A manifest without a seal is accepted, like those of earlier versions.
     let text = unsealed(&bytes).unwrap().0;
     assert_eq!((seal_of(&text), Manifest::parse(&text)), (Seal::None, Ok(sample())));
 }

@@ -234,8 +234,8 @@ mod tests {
             ("all rights reserved", None),
             ("https://example.org/licence", None),
         ] {
-            let said = Rights::parse(given).unwrap_err();
-            assert!(near.is_none_or(|n| said.contains(n)) && said.contains("rightsstatements.org"), "{said}");
+            let message = Rights::parse(given).unwrap_err();
+            assert!(near.is_none_or(|n| message.contains(n)) && message.contains("rightsstatements.org"), "{message}");
         }
     }
 }

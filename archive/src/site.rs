@@ -340,8 +340,8 @@ mod tests {
         assert!(check(shelf.path()).is_ok());
         for name in ["feed.xml", "index.html"] {
             fs::write(shelf.path().join(name), "<h1>My museum</h1>").unwrap();
-            let said = check(shelf.path()).unwrap_err().to_string();
-            assert!(said.contains("is not from kilwa") && said.contains("--site"), "{said}");
+            let message = check(shelf.path()).unwrap_err().to_string();
+            assert!(message.contains("is not from kilwa") && message.contains("--site"), "{message}");
         }
         fs::write(shelf.path().join("index.html"), catalogue(&[])).unwrap();
         assert!(check(shelf.path()).is_ok(), "ours is written anew");

@@ -69,7 +69,7 @@ fn covered(triangles: &[([LatticePoint; 3], u8)], lattice: &Lattice) -> f64 {
     fields.len() as f64 / 256.0
 }
 
-/// What the first request gives: the chunks that end within it, and of them the finest cut that they allow.
+/// The chunks that the first request contains whole, and the finest cut that they allow.
 fn first_request(bytes: &[u8], pack: &Opened) -> Cut {
     let first = &bytes[..bytes.len().min(HEAD_BYTES as usize)];
     let head = parse_head(first).expect("the first request holds header, metadata and page 0");

@@ -63,7 +63,7 @@ fn table(folder: &Path) -> BTreeMap<String, Row> {
     rows
 }
 
-/// What a mesh promises, whatever the file.
+/// Properties of every mesh that is read.
 fn check_invariants(mesh: &RawMesh, name: &str) {
     let n = mesh.positions.len();
     assert!(mesh.positions.iter().flatten().all(|v| v.is_finite()), "{name}: positions are finite");

@@ -34,7 +34,7 @@ fn reference(folder: &Path, path: &Path) -> Option<usize> {
     row.split('|').nth(6)?.trim().parse().ok()
 }
 
-/// What a mesh promises, whatever the file.
+/// Properties of every mesh that is read.
 fn check_invariants(mesh: &RawMesh, name: &str) {
     let n = mesh.positions.len();
     assert!(mesh.positions.iter().flatten().all(|v| v.is_finite()), "{name}: positions are finite");
@@ -128,8 +128,8 @@ fn a_draco_file_has_the_same_surface_as_its_uncompressed_form() {
     assert!((a / b - 1.0).abs() < 0.01, "{a} {b}");
 }
 
-/// What is said of each damaged file of `tests/malformed`: of a refused one in the message, of a repaired one in the
-/// findings (empty: it needs no repair, though it looks as if).
+/// What is reported of each damaged file of `tests/malformed`: in the message if refused, in the findings if repaired
+/// (empty: it looks damaged but needs no repair).
 const MALFORMED: &[(&str, &str)] = &[
     ("accessor_beyond_view.gltf", "accessors[0]: found 5 elements"),
     ("accessor_count_2_64.gltf", "accessors[0]"),
@@ -187,13 +187,16 @@ fn every_malformed_stl_and_gltf_is_refused_or_repaired_as_the_table_states() {
             Ok(mesh) => {
                 assert!(name.starts_with("repaired_"), "{name} was read");
                 check_invariants(&mesh, name);
-                let said: Vec<&str> = mesh.findings.iter().map(|(kind, _, _)| kind).collect();
-                assert!(said.iter().any(|s| s.contains(words)) || words.is_empty(), "{name}: {words:?} in {said:?}");
+                let kinds: Vec<&str> = mesh.findings.iter().map(|(kind, _, _)| kind).collect();
+                assert!(kinds.iter().any(|s| s.contains(words)) || words.is_empty(), "{name}: {words:?} in {kinds:?}");
             }
             Err(e) => {
-                let said = e.to_string();
-                assert!(!name.starts_with("repaired_") && said.contains(words), "{name}: expected {words:?} in {said}");
-                assert!(said.contains(name), "names the file: {said}");
+                let message = e.to_string();
+                assert!(
+                    !name.starts_with("repaired_") && message.contains(words),
+                    "{name}: expected {words:?} in {message}"
+                );
+                assert!(message.contains(name), "names the file: {message}");
             }
         }
     }

@@ -1,4 +1,4 @@
-//! What is not public is opened to whoever is granted it, for as long as is said, and to nobody else.
+//! Models that are not public are available only to users with a grant, and only until it expires.
 
 use crate::common::{Answer, ask, get, object, pack, page, public};
 use axum::Router;
@@ -50,8 +50,8 @@ impl Museum {
         accounts.create(&folder.path().join("access.json")).unwrap();
         let clock = Arc::new(AtomicU64::new(NOW));
         let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
-        let told = Arc::clone(&clock);
-        site.clock = Clock::new(move || told.load(Ordering::Relaxed));
+        let time = Arc::clone(&clock);
+        site.clock = Clock::new(move || time.load(Ordering::Relaxed));
         let door = Door::open(&folder.path().join("access.json"), Some(&folder.path().join("audit.jsonl"))).unwrap();
         site.door = Some(Arc::new(door));
         let address = format!("/cave/{}", cave.versions[0].pack.url);
@@ -106,9 +106,13 @@ async fn a_granted_reader_signs_in_opens_the_model_and_gets_its_bytes() {
     assert_eq!(refused.status, StatusCode::UNAUTHORIZED);
     assert_eq!(refused.header("kilwa-open"), "/cave/open");
     assert!(refused.text().contains("Graves.") && get(&m.app, "/cave/").await.status == StatusCode::OK);
-    let told = m.post("/cave/open", &[], "").await;
-    assert_eq!(told.status, StatusCode::UNAUTHORIZED);
-    assert!(told.text().contains("/sign-in?next=%2Fcave%2F") && told.text().contains("Graves."), "{}", told.text());
+    let response = m.post("/cave/open", &[], "").await;
+    assert_eq!(response.status, StatusCode::UNAUTHORIZED);
+    assert!(
+        response.text().contains("/sign-in?next=%2Fcave%2F") && response.text().contains("Graves."),
+        "{}",
+        response.text()
+    );
 
     let session = m.sign_in("amina", "a long sentence").await.expect("signs in");
     assert_eq!(m.fetch(&m.address, &session).await.status, StatusCode::UNAUTHORIZED, "a session alone gets no bytes");
@@ -166,7 +170,7 @@ async fn nobody_without_a_grant_gets_a_byte() {
         assert_eq!(m.fetch(&m.address, text).await.status, StatusCode::UNAUTHORIZED, "{text}");
     }
     assert_eq!(m.fetch("/packs/cave.kilwa", &capability).await.status, StatusCode::FORBIDDEN);
-    // Ranges of what is closed are closed.
+    // Ranges of a closed model are refused.
     for ranges in ["0-9", "0-9,20-29", "x", ""] {
         let closed = m.fetch(&format!("{}/{ranges}", m.address), "").await;
         assert_eq!((closed.status, closed.header("kilwa-ranges")), (StatusCode::UNAUTHORIZED, ""), "{ranges}");
@@ -213,7 +217,7 @@ async fn a_revoked_grant_takes_effect_at_once_and_a_lost_accounts_file_lets_nobo
     assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::OK);
     change(&m.accounts(), |a| a.set_user("amina", &Grant::Objects(Vec::new()), None).unwrap());
     assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED);
-    // A grant that comes back revives nothing; a further one ends nothing.
+    // A restored grant revives no session; an additional one ends none.
     change(&m.accounts(), |a| a.set_user("amina", &Grant::Objects(vec!["cave".to_owned()]), None).unwrap());
     assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED);
     assert_eq!(m.post("/cave/open", &[("cookie", &session)], "").await.status, StatusCode::UNAUTHORIZED);
@@ -297,7 +301,7 @@ async fn a_wrong_clock_grants_no_access_and_the_server_reports_it() {
     let with_token = || async { ask(&m.app, "GET", &m.address, &[("authorization", &bearer)]).await.status };
     let (day, new_year) = (86_400, 1_798_761_600);
     assert_eq!(with_token().await, StatusCode::OK);
-    // Back, to before everything was given, and to 1970: nothing that was given later works, and the embargo stays.
+    // Set back, to before everything was issued and to 1970: nothing issued later works, and the embargo holds.
     for back in [NOW - 2 * day, 0] {
         m.clock.store(back, Ordering::Relaxed);
         assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED, "{back}");
@@ -308,7 +312,7 @@ async fn a_wrong_clock_grants_no_access_and_the_server_reports_it() {
         assert!(closed.text().contains("Public from 2027-01-01"), "{}", closed.text());
         assert_eq!(get(&m.app, "/fort/").await.status, StatusCode::OK, "what is public stays so");
     }
-    // Forth and back again around the end of the embargo: it is closed whenever the clock says so.
+    // Forward and back again around the end of the embargo: access always follows the clock.
     for (now, status) in
         [(new_year, StatusCode::OK), (new_year - 1, StatusCode::UNAUTHORIZED), (NOW, StatusCode::UNAUTHORIZED)]
     {
@@ -316,15 +320,18 @@ async fn a_wrong_clock_grants_no_access_and_the_server_reports_it() {
         assert_eq!(get(&m.app, &tomb).await.status, status, "{now}");
     }
     assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::OK, "right again, as before");
-    // What is given while the clock is ahead is worth nothing when it is right.
+    // Sessions issued while the clock is ahead are invalid once it is correct.
     m.clock.store(NOW + 400 * day, Ordering::Relaxed);
     assert_eq!(with_token().await, StatusCode::UNAUTHORIZED, "the token has ended");
     let ahead = m.sign_in("amina", "a long sentence").await.expect("signs in");
     m.clock.store(NOW, Ordering::Relaxed);
     assert_eq!(m.post("/cave/open", &[("cookie", &ahead)], "").await.status, StatusCode::UNAUTHORIZED);
     let door = Door::open(&m.accounts(), None).unwrap();
-    let said = door.doubt_of_clock(NOW - 2 * day).expect("a doubt");
-    assert!(said.contains("the clock of this computer says 2026-11-19") && said.contains("set right"), "{said}");
+    let message = door.doubt_of_clock(NOW - 2 * day).expect("a doubt");
+    assert!(
+        message.contains("the clock of this computer says 2026-11-19") && message.contains("set right"),
+        "{message}"
+    );
     assert_eq!(door.doubt_of_clock(NOW), None);
 }
 
@@ -361,7 +368,7 @@ async fn signing_out_ends_the_session_and_the_access_it_gave() {
     assert_eq!(m.post("/cave/open", &[("cookie", &one)], "").await.status, StatusCode::UNAUTHORIZED);
     assert!(!m.fetch("/sign-in", &one).await.text().contains("signed in as"));
     assert!(m.fetch("/sign-in", &two).await.text().contains("signed in as amina"));
-    // Once more, without a session and with one that never was, is no error.
+    // Signing out again, without a session or with an unknown one, is no error.
     for cookie in [&one, "", "kilwa_session=k2.9999999999.amina.00.00"] {
         assert_eq!(m.post("/sign-out", &[("cookie", cookie)], "").await.status, StatusCode::SEE_OTHER, "{cookie}");
     }
@@ -467,7 +474,7 @@ async fn signing_out_works_or_reports_that_it_failed() {
     // Without a session there is nothing to end.
     assert_eq!(m.post("/sign-out", &[], "").await.status, StatusCode::SEE_OTHER);
     keep(&before);
-    assert_eq!(opens(&session).await, StatusCode::NO_CONTENT, "the session goes on, as the answer said");
+    assert_eq!(opens(&session).await, StatusCode::NO_CONTENT, "the session continues, as the response states");
     assert_eq!(m.post("/sign-out", &[("cookie", &session)], "").await.status, StatusCode::SEE_OTHER);
     assert_eq!(opens(&session).await, StatusCode::UNAUTHORIZED);
     // A clock that is wrong for an hour hides a session, but does not end it.

@@ -1,4 +1,4 @@
-//! Meshes for other programs: asked for by a form, waited for by a page, given as a file, to whoever may have the model.
+//! Meshes for other programs: requested by a form, made while a page waits, sent as a file, to readers with access to the model.
 
 #[path = "../src/extracts/fake.rs"]
 #[allow(dead_code, reason = "the tests of the module use all of it")]
@@ -179,11 +179,11 @@ async fn unrequested_extracts_and_invalid_names_are_refused_with_a_message() {
         "format=exe&detail=whole",
         "format=ply&detail=error&error=nan",
     ] {
-        let said = a.post("/fort/extract", "", bad).await;
-        assert_eq!(said.status, 422, "{bad}");
-        assert!(said.text().contains("That is no size"), "{bad}: {}", said.text());
+        let answer = a.post("/fort/extract", "", bad).await;
+        assert_eq!(answer.status, 422, "{bad}");
+        assert!(answer.text().contains("That is no size"), "{bad}: {}", answer.text());
     }
-    // Within next to nothing is every triangle.
+    // A tiny error limit means every triangle.
     for large in ["format=obj&detail=whole", "format=obj&detail=error&error=0.000001"] {
         let large = a.post("/fort/extract", "", large).await;
         assert_eq!(large.status, 422);
@@ -235,7 +235,7 @@ async fn the_page_of_a_model_links_to_its_downloads() {
     let a = archive();
     let plain = get(&a.app, "/m/plain").await.text();
     assert!(plain.contains("href=\"/plain/extract\""), "{plain}");
-    // Without a cache there is nothing to lead to.
+    // Without a cache there are no extracts to link to.
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("plain.kilwa"), pack("Plain pack")).unwrap();
     let app = app(Site::new(Catalogue::open(folder.path()).unwrap(), page()));
@@ -249,7 +249,7 @@ async fn a_network_over_its_share_of_the_queue_learns_why_and_when_to_retry() {
     a.fake.waits(true);
     let order = |triangles: usize, client: &str, accept: &str| {
         let request = Request::post("/fort/extract").header("host", "museum.example").header("accept", accept);
-        // What stands before the last was said by the client itself.
+        // Everything before the last entry was supplied by the client itself.
         let request = request.header("x-forwarded-for", format!("203.0.113.{}, {client}", triangles % 250));
         let form = format!("format=ply&detail=triangles&triangles={triangles}");
         let (app, request) = (a.app.clone(), request.body(Body::from(form)).unwrap());
@@ -274,8 +274,8 @@ async fn a_network_over_its_share_of_the_queue_learns_why_and_when_to_retry() {
     let workers = std::thread::available_parallelism().unwrap().get();
     assert!(taken.len() <= 4 + workers, "{taken:?}");
     let json = order(200, "2001:db8:1:2::1", "application/json").await;
-    let said: serde_json::Value = serde_json::from_slice(&json.body).unwrap();
-    assert_eq!((json.status.as_u16(), said["seconds"].as_u64()), (429, json.header("retry-after").parse().ok()));
+    let report: serde_json::Value = serde_json::from_slice(&json.body).unwrap();
+    assert_eq!((json.status.as_u16(), report["seconds"].as_u64()), (429, json.header("retry-after").parse().ok()));
     // Another network is next, whatever the first asked for.
     assert_eq!(order(300, "2001:db8:1:3::1", "text/html").await.status, 303);
     let stands = |name: &str| {
@@ -283,12 +283,12 @@ async fn a_network_over_its_share_of_the_queue_learns_why_and_when_to_retry() {
         async move { ask(&app, "GET", &format!("/fort/extract/v2-{name}.ply"), &[("accept", "application/json")]).await }
     };
     let next = stands("300").await;
-    let said: serde_json::Value = serde_json::from_slice(&next.body).unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&next.body).unwrap();
     assert_eq!(next.status, 202);
-    assert!(said["state"] == "running" || said["before"] == 0, "{said}");
+    assert!(report["state"] == "running" || report["before"] == 0, "{report}");
     let last = taken.last().unwrap();
-    let said: serde_json::Value = serde_json::from_slice(&stands(&last.to_string()).await.body).unwrap();
-    assert!(said["state"] == "waiting" && said["seconds"].is_null(), "nothing was measured yet: {said}");
+    let report: serde_json::Value = serde_json::from_slice(&stands(&last.to_string()).await.body).unwrap();
+    assert!(report["state"] == "waiting" && report["seconds"].is_null(), "nothing was measured yet: {report}");
     let page = get(&a.app, &format!("/fort/extract/v2-{last}.ply?page=1")).await.text();
     assert!(page.contains("before it.") && page.contains("cannot be estimated yet"), "{page}");
     a.fake.waits(false);

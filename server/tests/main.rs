@@ -1,4 +1,4 @@
-//! The server from outside: requests to a site over a folder or a store, without a socket unless one is meant.
+//! Integration tests of the server: requests to a site over a folder or a store, without a socket unless one is meant.
 
 mod common;
 mod door;

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Longer than the server trusts what it saw.
+/// Longer than the server relies on an earlier look at the folder.
 const NOTICED: Duration = Duration::from_millis(1100);
 
 #[tokio::test]
@@ -127,7 +127,7 @@ async fn only_what_was_published_is_served() {
         assert_eq!(a.status, 404, "{name}");
         assert!(!a.text().contains("secret"), "{name}");
     }
-    // A list of checksums that is not the manifest's answers for nothing.
+    // A list of checksums other than the manifest's proves nothing.
     write(fort.join("v1/checksums.sha256"), "").unwrap();
     let app = site(dir.path());
     assert_eq!(get(&app, &format!("/fort/{}", manifest.versions[0].pack.url)).await.status, 404);
@@ -204,7 +204,7 @@ async fn no_link_and_no_special_file_is_followed_anywhere() {
         let a = get(&app, address).await;
         assert!(!a.text().contains("SECRET"), "{address}");
     }
-    // What is really there is served all the same.
+    // Real files are served as before.
     assert_eq!(get(&app, "/packs/plain.kilwa").await.status, 200);
     assert_eq!(get(&app, &format!("/fort/{}", pack_of(&fort))).await.status, 200);
 }

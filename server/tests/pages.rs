@@ -24,7 +24,7 @@ async fn the_list_names_every_model_and_why_a_broken_one_is_refused() {
     assert!(!html.contains("<script"), "the list needs no script");
     let json = get(&app, "/models.json").await.text();
     assert!(json.contains("\"slug\":\"cut\"") && json.contains("\"triangles\":1"));
-    // What only has the ending of a pack is not given out; what is a pack, as far as it goes, is for its readers to judge.
+    // A file that only has the extension of a pack is not served; a pack that begins correctly is.
     assert_eq!(get(&app, "/packs/text.kilwa").await.status, 404);
     assert_eq!(get(&app, "/packs/cut.kilwa").await.status, 200);
     write(dir.path().join("text.kilwa"), &good).unwrap();

@@ -1,4 +1,4 @@
-//! The portal: what people search and other systems read, over objects as publishing writes them.
+//! The portal, for people and for other systems, over published objects.
 
 use crate::common::{Answer, ask, get, object, pack, page, public};
 use axum::body::{Body, Bytes};
@@ -69,7 +69,7 @@ fn titles(a: &Answer) -> Vec<&'static str> {
         .collect()
 }
 
-/// What absolute addresses are made of is named, so that a cache keeps answers to different hosts apart.
+/// `Vary` names the headers that absolute addresses depend on, so that a cache separates responses for different hosts.
 #[tokio::test]
 async fn responses_vary_by_host_unless_the_site_address_is_configured() {
     let dir = tempfile::tempdir().unwrap();
@@ -197,7 +197,7 @@ async fn the_map_shows_only_public_locations() {
     });
     let app = portal(dir.path());
     let with_hidden = get(&app, "/map").await.text();
-    assert_eq!(with_hidden, whole.text(), "not even a gap, another middle or a number tells of them");
+    assert_eq!(with_hidden, whole.text(), "not even a gap, another middle or a number reveals them");
     assert!(with_hidden.contains("href=\"/gereza/\"") && with_hidden.contains("href=\"/songo/\""));
     assert!(with_hidden.contains("Models on the map: 2") && with_hidden.contains("class=\"land\""));
     assert!(!with_hidden.contains("<script") && !with_hidden.contains(" style="));
@@ -494,7 +494,7 @@ async fn long_records_shorten_the_pages_of_a_harvest() {
     for n in 0..20 {
         let slug = format!("fort-{n:02}");
         published(dir.path(), &slug, |_| {});
-        // Of the one that is too long only the least is told.
+        // Of a record that is too long only the minimum is sent.
         let length = if n == 3 { 200_000 } else { 60_000 };
         let record = format!("<dc>{}</dc>", "x".repeat(length));
         let list = dir.path().join(&slug).join("v1/checksums.sha256");

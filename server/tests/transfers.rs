@@ -137,7 +137,7 @@ fn mesh(to: &Path) -> Result<(), Failure> {
     std::fs::write(to, noise(FILE, 3)).map_err(|e| Failure::Other(e.to_string()))
 }
 
-/// Who reads.
+/// The reader.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Who {
     /// Anybody.

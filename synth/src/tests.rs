@@ -1,4 +1,4 @@
-//! What synthetic sites promise, checked as properties.
+//! Properties of synthetic sites.
 
 use super::*;
 use std::collections::{BTreeMap, HashMap};

@@ -1,4 +1,4 @@
-//! What each mode promises, as a property that can fail; the oracle is the ray-caster or the picture of another setting.
+//! Properties of each mode; the oracle is the ray-caster or the picture of another setting.
 
 use super::*;
 use kilwa_viewer::Image;
@@ -109,7 +109,7 @@ fn raking_light_brightens_faces_towards_it_and_darkens_others() {
         let [br, bg, bb] = linear([200.0, 180.0, 150.0]);
         assert!((r / g - br / bg).abs() < 0.05 && (b / g - bb / bg).abs() < 0.05, "{r} {g} {b}");
     }
-    // With the view: from the left of the picture, wherever the camera stands.
+    // Relative to the view: from the left of the picture, for any camera.
     let light = Light { azimuth: f64::to_radians(270.0), elevation: 0.2, with_view: true };
     for standard in [StandardView::Plan, StandardView::North, StandardView::East] {
         let image = ball.image(&view_from(standard, 4.0, SIZE), &RenderOptions { light, ..options(Mode::Raking) });

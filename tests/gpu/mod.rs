@@ -1,7 +1,7 @@
 //! Frames of the GPU against a ray-caster on the CPU, over the same cut. No stored image.
 //!
 //! Runs on llvmpipe where there is no graphics card (Debian: mesa-vulkan-drivers). Without any adapter these tests
-//! fail: green on nothing would be a lie.
+//! fail, because passing without a test would be misleading.
 
 mod display;
 mod raycast;

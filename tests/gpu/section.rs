@@ -1,4 +1,4 @@
-//! Cuts: what is removed is seen nowhere, what stays is seen as the ray-caster sees it, and a line follows the cut.
+//! Cuts: removed geometry is invisible, the rest is what the ray-caster sees, and a line follows the cut.
 
 use super::*;
 use kilwa_viewer::pick::{Scope, nearest};

@@ -3,7 +3,7 @@
 use crate::support::{Input, kilwa, succeeds, text};
 use std::path::Path;
 
-/// Triangles that no tree and no weld can tell apart, or that all meet somewhere.
+/// Triangles that no tree and no weld can separate, or that all meet in one vertex.
 const SHAPES: [&str; 9] = [
     "the same corners",
     "stacked",
@@ -117,7 +117,7 @@ fn repeated(before: &str, part: impl Fn(usize) -> String, after: &str) -> String
     text + after
 }
 
-/// JSON of glTF of which a few bytes stand for many.
+/// glTF JSON in which a few bytes expand to many.
 fn documents(each: &mut dyn FnMut(&str, String)) {
     let asset = r#"{"asset":{"version":"2.0"},"#;
     let list = |name: &str, part: &'static str| repeated(&format!("{asset}\"{name}\":["), |_| part.to_owned(), "]}");

@@ -1,4 +1,4 @@
-//! What a mesh names is read from its own folder only, unless the user insists.
+//! Files named by a mesh are read only from its own folder, unless the user allows others.
 
 use crate::support::{fails, kilwa, succeeds, text};
 use std::path::{Path, PathBuf};
@@ -246,7 +246,7 @@ fn a_pattern_follows_no_link_out_of_its_folder() {
         assert!(!pack.exists(), "{pattern}");
     }
     succeeds(&["build", text(&site.path("blocks/?.obj")), "-o", text(&pack), "--allow-outside"]);
-    // What the user names as it is, is meant: a link to a file or a folder.
+    // A path named by the user is followed even if it is a link to a file or a folder.
     for given in ["blocks/x.obj", "blocks/linked", "blocks/linked/*.obj", "si*/*.obj"] {
         succeeds(&["build", text(&site.path(given)), "-o", text(&pack), "--force"]);
     }
@@ -258,7 +258,7 @@ fn a_pattern_follows_no_link_out_of_its_folder() {
 fn a_mesh_opened_through_a_link_uses_files_beside_its_target() {
     use std::os::unix::fs::symlink;
     let site = Site::new();
-    // Whoever made the mesh names what lies beside the link.
+    // The mesh names files beside the link.
     std::fs::create_dir(site.path("private")).unwrap();
     std::fs::rename(site.path("secret.mtl"), site.path("private/secret.mtl")).unwrap();
     site.obj("mtllib private/secret.mtl");

@@ -1,11 +1,11 @@
-//! Names from files, packs and arguments: none of them acts on the terminal of whoever looks.
+//! No name in a file, pack or argument controls the terminal of the reader.
 
 use crate::support::{Input, kilwa, text};
 use std::io::{Read, Write};
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 
-/// What terminals and readers act on: colours, titles, the cursor, links, the clipboard, other directions of text, the
+/// Sequences that terminals and readers interpret: colours, titles, the cursor, links, the clipboard, other directions of text, the
 /// eight-bit forms of these, delete, backspace, carriage return.
 const HOSTILE: [&str; 12] = [
     "\u{1b}[31mred",
@@ -27,7 +27,7 @@ fn names() -> Vec<String> {
     HOSTILE.chunks(4).map(|some| some.join(" ")).collect()
 }
 
-/// Whatever was printed has no more than lines, tabs and letters.
+/// Checks that the output has only lines, tabs and printable characters.
 fn is_plain(output: &Output, what: &str) -> String {
     let mut both = String::new();
     for bytes in [&output.stdout, &output.stderr] {
@@ -81,8 +81,8 @@ impl Site {
             .collect();
         std::fs::write(&mesh, format!("{head}end_header\n{}\n", rows.join("\n"))).unwrap();
         let built = kilwa(&["build", text(&mesh), "-o", text(&pack), "--force", "--title", name, "--crs", name]);
-        let said = is_plain(&built, "build");
-        assert!(built.status.success(), "{said}");
+        let output = is_plain(&built, "build");
+        assert!(built.status.success(), "{output}");
         pack
     }
 }
@@ -220,7 +220,7 @@ fn names_in_meshes_never_control_the_terminal() {
     println!("{trials} outputs");
 }
 
-/// The log of a server, whatever it is asked for and whatever it serves.
+/// The log of a server under hostile requests and packs.
 #[cfg(unix)]
 #[test]
 fn the_server_log_never_controls_the_terminal() {

@@ -1,4 +1,4 @@
-//! What a request and a client may cost, and what happens beyond.
+//! Limits of requests and clients, and what happens beyond them.
 
 use super::client::{Client, loopback};
 use super::noise;
@@ -28,9 +28,9 @@ async fn excessive_requests_are_refused_with_the_right_status() {
     ] {
         let mut client = Client::connect(server.address).await.unwrap();
         let answer = client.send(request.as_bytes(), false).await;
-        let said: String = request.chars().take(60).collect();
-        let answer = answer.unwrap_or_else(|e| panic!("{said:?}: {e}"));
-        assert!(wanted.contains(&answer.status), "{said:?}: {}", answer.head);
+        let excerpt: String = request.chars().take(60).collect();
+        let answer = answer.unwrap_or_else(|e| panic!("{excerpt:?}: {e}"));
+        assert!(wanted.contains(&answer.status), "{excerpt:?}: {}", answer.head);
     }
     assert_eq!(Client::connect(server.address).await.unwrap().get("/healthz", "").await.unwrap().status, 200);
 }

@@ -1,4 +1,4 @@
-//! The log: a line for each request, with its name, and nothing that has to stay secret.
+//! The log: a line for each request, with its id, and no secrets.
 
 use super::client::Client;
 use super::noise;

@@ -41,5 +41,5 @@ async fn many_viewers_are_served_without_errors_or_leaks() {
         quantile(&crowd.times, 0.5),
         quantile(&crowd.times, 0.99)
     );
-    crowd.claim(&server, 16.0, 0).await;
+    crowd.check_bounds(&server, 16.0, 0).await;
 }

@@ -1,4 +1,4 @@
-//! Cut off fifty times, at random bytes and steps: nobody ever sees half of a version, and at the end the whole of it is there.
+//! Interrupted fifty times, at random bytes and steps: nobody ever sees part of a version, and in the end it is complete.
 
 use super::proxy::Proxy;
 use super::send::{Patience, Sender};
@@ -14,10 +14,10 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 const CUTS: u32 = 50;
-/// What the client that is to be killed is told in its environment.
+/// Environment variables for the client that will be killed.
 const CLIENT: &str = "KILWA_TEST_CLIENT";
 
-/// One attempt: whatever breaks, breaks it off.
+/// One attempt, ended by the first failure.
 pub(crate) fn once() -> Patience {
     Patience { attempts: 1, first: Duration::ZERO, longest: Duration::ZERO }
 }
@@ -34,7 +34,7 @@ fn at(site: &Path, intent: &Intent) -> impl Fn(&FileSaid) -> PathBuf + use<> {
     move |file| folder.join(&file.path)
 }
 
-/// Run by the next test in a process of its own, to be killed.
+/// Helper that the next test runs in a separate process and kills.
 #[test]
 fn helper_process_that_publishes_until_it_is_killed() {
     let Ok(text) = std::env::var(CLIENT) else { return };
@@ -105,7 +105,7 @@ fn an_upload_interrupted_fifty_times_shows_the_old_or_new_object_and_ends_with_t
             let proxy = Proxy::before(server.address);
             let address = format!("http://{}", proxy.address);
             match kind {
-                // The line breaks after so many bytes, of the request or of the answer.
+                // The connection breaks after so many bytes, of the request or of the answer.
                 0 => {
                     proxy.allow(bytes as i64);
                     done = publish(&address, &server.token, number, &site, once()).is_ok();
@@ -139,7 +139,7 @@ fn an_upload_interrupted_fifty_times_shows_the_old_or_new_object_and_ends_with_t
             assert_eq!(publish(&address, &server.token, 1, &site, Patience::default()), Ok(1));
         }
         while cuts < wanted {
-            // It is published: what comes after is told so, however it is cut.
+            // It is published: later attempts learn so, however they are interrupted.
             let proxy = Proxy::before(server.address);
             proxy.allow(1 + dice.below(3000) as i64);
             drop(publish(&format!("http://{}", proxy.address), &server.token, number, &site, once()));
@@ -148,7 +148,7 @@ fn an_upload_interrupted_fifty_times_shows_the_old_or_new_object_and_ends_with_t
             kinds[0] += 1;
         }
     }
-    println!("{cuts} cuts: {} of the line, {} of the client, {} of the server", kinds[0], kinds[1], kinds[2]);
+    println!("{cuts} cuts: {} of the connection, {} of the client, {} of the server", kinds[0], kinds[1], kinds[2]);
     assert_eq!(cuts, CUTS);
     let (here, there) = (tree(&site.join("fort"), true), tree(&server.folder().join("fort"), false));
     assert_eq!(here.keys().collect::<Vec<_>>(), there.keys().collect::<Vec<_>>());
@@ -172,21 +172,21 @@ fn one_run_survives_a_connection_that_breaks_repeatedly() {
     let intent = intent(&site, 1);
     let sender = Sender::new(&address, server.token.clone(), patience);
     let waits = std::cell::Cell::new(0);
-    let told = |told: super::send::Told<'_>| {
-        if let super::send::Told::Waits(..) = told {
+    let on_progress = |progress: super::send::Told<'_>| {
+        if let super::send::Told::Waits(..) = progress {
             waits.set(waits.get() + 1);
             left.allow(300_000);
         }
     };
-    let published = sender.publish(&intent, &at(&site, &intent), &told).unwrap();
+    let published = sender.publish(&intent, &at(&site, &intent), &on_progress).unwrap();
     assert_eq!((published.version, published.already), (1, false));
     assert!(waits.get() >= 2, "{} waits", waits.get());
 }
 
-/// Whatever status the last upload ended with, it can be repeated, even if that status otherwise means "try again later".
+/// An upload can be repeated whatever status the last one ended with, even if that status otherwise means "try again later".
 #[test]
 fn a_failed_upload_can_be_repeated_unless_the_server_refuses_to_answer() {
-    let answer = |said: &'static str| {
+    let answer = |response: &'static str| {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = format!("http://{}", listener.local_addr().unwrap());
         let server = std::thread::spawn(move || {
@@ -196,10 +196,10 @@ fn a_failed_upload_can_be_repeated_unless_the_server_refuses_to_answer() {
                 let length = stream.read(&mut buffer).unwrap();
                 asked.extend_from_slice(&buffer[..length]);
             }
-            let length = said.len();
+            let length = response.len();
             write!(
                 stream,
-                "HTTP/1.1 503 Service Unavailable\r\nTus-Resumable: 1.0.0\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n{said}"
+                "HTTP/1.1 503 Service Unavailable\r\nTus-Resumable: 1.0.0\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n{response}"
             )
             .unwrap();
         });

@@ -1,5 +1,5 @@
-//! Publishing to a server, cut off in every way: `kilwa serve` as a process that is killed and started again, a line that breaks at any byte,
-//! a client that is killed.
+//! Publishing to a server with interruptions of every kind: a `kilwa serve` that is killed and restarted, a connection that breaks at
+//! any byte, a client that is killed.
 //!
 //! What is sent is made once by `kilwa publish` to a folder; what the server has at the end must be the same bytes.
 
@@ -66,7 +66,7 @@ pub(crate) fn local() -> PathBuf {
     site
 }
 
-/// What is meant with version `number` of the object in `site`, made of what is published there.
+/// The announcement of version `number` of the object published in `site`.
 pub(crate) fn intent(site: &Path, number: u32) -> Intent {
     let object = site.join("fort");
     let manifest = Manifest::parse(&std::fs::read(object.join("manifest.json")).unwrap()).unwrap();
@@ -89,7 +89,7 @@ pub(crate) fn intent(site: &Path, number: u32) -> Intent {
             || *p == "preview.glb"
             || *p == "annotations.json"
     };
-    let said = |path: &String| {
+    let listed = |path: &String| {
         let bytes = std::fs::read(folder.join(path)).unwrap();
         FileSaid { path: path.clone(), bytes: bytes.len() as u64, sha256: sha256(&bytes) }
     };
@@ -119,7 +119,7 @@ pub(crate) fn intent(site: &Path, number: u32) -> Intent {
             .filter(|p| p.starts_with("drawings/") && Path::new(p).extension().is_some_and(|e| e == "png"))
             .map(drawing)
             .collect(),
-        files: parts.iter().filter(is_sent).map(said).collect(),
+        files: parts.iter().filter(is_sent).map(listed).collect(),
     }
 }
 
@@ -164,7 +164,7 @@ impl Server {
         self.dir.path().join(name)
     }
 
-    /// Kill it, as a power cut would, and start it again.
+    /// Kill it without warning and start it again.
     pub(crate) fn restart(&mut self) {
         self.kill();
         let path = |name: &str| self.path(name);

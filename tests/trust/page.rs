@@ -1,7 +1,7 @@
 //! The page's face of measuring, without a browser: the same questions through the sans-I/O surface that its worker uses, over a network that
 //! answers late, against what the command line prints. The browser's own test is tests/browser/measure.test.mjs.
 
-use super::claim_none;
+use super::check_none;
 use super::oracle::Numbers;
 use super::phantoms::phantom;
 use super::rays::Open;
@@ -126,7 +126,7 @@ fn the_page_gives_the_same_digits_as_the_command_line_for_every_tool() {
             }
         }
     }
-    claim_none("answers of the page's engine that differ from the command line in a digit", tools, differing);
+    check_none("answers of the page's engine that differ from the command line in a digit", tools, differing);
 }
 
 impl Page {
@@ -167,7 +167,7 @@ fn a_section_in_the_page_fetches_only_the_leaves_along_the_cut() {
         .filter(|(_, c)| c.patches.iter().all(|p| p.diamond != NO_DIAMOND))
         .map(|(i, _)| i)
         .collect();
-    // What the viewer has decoded it tells.
+    // The viewer reports what it has decoded.
     page.store.borrow_mut().are_leafless(leafless.iter().copied());
     let x = f64::midpoint(page.index.metadata().bounds_min[0], page.index.metadata().bounds_max[0]);
     let lattice = page.index.header().lattice;
@@ -279,7 +279,7 @@ fn the_provisional_interval_of_the_viewer_contains_the_final_pick_also_at_cuts()
             }
         }
     }
-    claim_none("intervals of the viewer, clipped or not, that do not contain the final pick", picks, outside);
+    check_none("intervals of the viewer, clipped or not, that do not contain the final pick", picks, outside);
     assert!(one > 100, "{one}");
 }
 
@@ -323,5 +323,5 @@ fn a_pick_in_the_page_equals_that_of_the_command_line() {
         differing += usize::from(native["printed"] != here["printed"]);
     }
     assert!(hits > 5, "{hits}");
-    claim_none("picks of the page's engine that differ from the command line in a digit", hits, differing);
+    check_none("picks of the page's engine that differ from the command line in a digit", hits, differing);
 }

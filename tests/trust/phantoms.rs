@@ -1,12 +1,12 @@
-//! Analytic solids: lengths, areas, angles, volumes, sections, wherever in the world they stand.
+//! Analytic solids: lengths, areas, angles, volumes and sections, at any position.
 
 use super::oracle::{P, area, cut, dot, length, perimeter, six_volume, sub, to_segment};
-use super::{claim, claim_none};
+use super::{check_bound, check_none};
 use crate::support::{Input, Ply, built_once, json, succeeds, text};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// Where phantoms stand: at the origin, at UTM coordinates, 10^7 m away.
+/// Positions of the phantoms: at the origin, at UTM coordinates, 10^7 m away.
 pub(crate) const PLACES: [(&str, P); 3] =
     [("origin", [0.0; 3]), ("utm", [500_000.0, 4_649_776.0, 123.456]), ("far", [1e7, -1e7, 1e7])];
 
@@ -92,7 +92,11 @@ fn distances_are_exact_to_the_lattice_everywhere() {
             worst = worst.max((reading(&found, "vertical") - d[2]).abs() / p.step);
             worst = worst.max((reading(&found, "horizontal") - d[0].hypot(d[1])).abs() / p.step);
         }
-        claim(&format!("distance between corners of phantoms, {place}, in lattice steps"), 3f64.sqrt() + 1e-5, worst);
+        check_bound(
+            &format!("distance between corners of phantoms, {place}, in lattice steps"),
+            3f64.sqrt() + 1e-5,
+            worst,
+        );
     }
 }
 
@@ -108,29 +112,29 @@ fn areas_are_correct_for_upright_oblique_and_curved_surfaces() {
             let bound: f64 = p.triangles.iter().map(|t| perimeter(*t)).sum::<f64>() * 0.5 * 3f64.sqrt() * 0.5 * p.step;
             worst = worst.max((reading(&found, "surface") - true_area).abs() / bound);
         }
-        claim(&format!("surface area of phantoms, {place}, share of what the lattice explains"), 1.0, worst);
+        check_bound(&format!("surface area of phantoms, {place}, share of what the lattice explains"), 1.0, worst);
         let cube = phantom("cube", place);
         let side = [[0.2, 0.0, 0.2], [0.8, 0.0, 0.2], [0.8, 0.0, 0.8], [0.2, 0.0, 0.8]];
         let wall = measure(&cube, &["area"], &side);
         let error = |name: &str, right: f64| (reading(&wall, name) - right).abs();
-        claim(
+        check_bound(
             &format!("upright wall of 0.36 m², in its plane, {place}, m²"),
             2.4 * cube.step,
             error("fitted plane", 0.36),
         );
-        claim(
+        check_bound(
             &format!("upright wall of 0.36 m², surface inside, {place}, m²"),
             2.4 * cube.step,
             error("surface", 0.36),
         );
-        claim(&format!("upright wall of 0.36 m², in plan, {place}, m²"), 2.4 * cube.step, error("plan", 0.0));
+        check_bound(&format!("upright wall of 0.36 m², in plan, {place}, m²"), 2.4 * cube.step, error("plan", 0.0));
         let ramp = phantom("ramp", place);
         let on = |x: f64, y: f64| [x, y, x / 3f64.sqrt()];
         let slope = measure(&ramp, &["area"], &[on(0.5, 0.2), on(1.5, 0.2), on(1.5, 0.8), on(0.5, 0.8)]);
         let right = 0.6 / (std::f64::consts::PI / 6.0).cos();
         let error = |name: &str, right: f64| (reading(&slope, name) - right).abs();
-        claim(&format!("ramp of 30°, surface inside, {place}, m²"), 4.0 * ramp.step, error("surface", right));
-        claim(&format!("ramp of 30°, in plan, {place}, m²"), 4.0 * ramp.step, error("plan", 0.6));
+        check_bound(&format!("ramp of 30°, surface inside, {place}, m²"), 4.0 * ramp.step, error("surface", right));
+        check_bound(&format!("ramp of 30°, in plan, {place}, m²"), 4.0 * ramp.step, error("plan", 0.6));
     }
 }
 
@@ -147,7 +151,7 @@ fn volumes_are_correct_to_a_millionth_beyond_the_lattice() {
             let found = reading(&measure(&p, &["volume"], &[]), "volume");
             worst = worst.max((found - true_volume).abs() / bound);
         }
-        claim(&format!("volume of phantoms, {place}, share of what the lattice explains and 1e-6"), 1.0, worst);
+        check_bound(&format!("volume of phantoms, {place}, share of what the lattice explains and 1e-6"), 1.0, worst);
     }
 }
 
@@ -161,7 +165,7 @@ fn measurements_do_not_depend_on_the_position_of_the_phantom() {
         };
         let (a, b) = (of(&a), of(&b));
         let apart = ((a.0 - b.0) / a.0).abs().max(((a.1 - b.1) / a.1).abs());
-        claim(
+        check_bound(
             &format!("area and volume of the {shape} at the origin and 10^7 m away, relative difference"),
             1e-6,
             apart,
@@ -179,11 +183,11 @@ fn angles_are_correct_to_a_microradian_beyond_the_lattice() {
         let found = measure(&ramp, &["angle", "--planes"], &[slope, floor].concat());
         let error = (reading(&found, "angle") - std::f64::consts::FRAC_PI_6).abs();
         // Two planes over a metre at least, each tilted by a step at most.
-        claim(&format!("angle of the ramp of 30° with its floor, {place}, rad"), 2.0 * ramp.step + 1e-6, error);
+        check_bound(&format!("angle of the ramp of 30° with its floor, {place}, rad"), 2.0 * ramp.step + 1e-6, error);
         let cube = phantom("cube", place);
         let corner = measure(&cube, &["angle"], &[[1.0, 0.0, 0.0], [0.0; 3], [0.0, 1.0, 0.0]]);
         let error = (reading(&corner, "angle") - std::f64::consts::FRAC_PI_2).abs();
-        claim(&format!("right angle of the cube, {place}, rad"), 2.0 * cube.step + 1e-6, error);
+        check_bound(&format!("right angle of the cube, {place}, rad"), 2.0 * cube.step + 1e-6, error);
     }
 }
 
@@ -196,7 +200,7 @@ fn fitted_circles_have_the_true_radius() {
             p.triangles.iter().flatten().filter(|v| v[2] > 3.999_99 && v[0].hypot(v[1]) > 1.999_99).copied().collect();
         let points: Vec<P> = rim.iter().step_by(rim.len() / 12).copied().collect();
         let found = reading(&measure(&p, &["circle"], &points), "radius");
-        claim(
+        check_bound(
             &format!("radius of the cylinder's rim, {place}, in lattice steps"),
             3f64.sqrt(),
             (found - 2.0).abs() / p.step,
@@ -244,11 +248,11 @@ fn sections_match_the_analytic_section_of_the_tessellated_phantom() {
                 worst = worst.max(nearest(middle, &mine) / p.step);
             }
         }
-        claim(
+        check_bound(
             &format!("sections against those of the tessellated phantoms, {place}, in lattice steps"),
             3f64.sqrt(),
             worst,
         );
-        claim_none(&format!("sections of closed phantoms that are open, {place}"), 5, open);
+        check_none(&format!("sections of closed phantoms that are open, {place}"), 5, open);
     }
 }

@@ -1,6 +1,6 @@
 //! Picks: the same triangle as looking at every triangle finds, at any distance of the eye, never clipped geometry.
 
-use super::claim_none;
+use super::check_none;
 use super::oracle::{Numbers, P, dot, length, sub};
 use super::phantoms::phantom;
 use kilwa_geometry::distance::ray_triangle;
@@ -84,7 +84,7 @@ fn ten_thousand_rays_agree_with_testing_every_triangle() {
         }
     }
     assert!(hits > rays / 2, "{hits}");
-    claim_none("rays whose pick differs from looking at every triangle", rays, wrong);
+    check_none("rays whose pick differs from looking at every triangle", rays, wrong);
 }
 
 #[test]
@@ -105,8 +105,8 @@ fn picks_never_return_clipped_geometry() {
         clipped += usize::from(found.is_some_and(|p| plane.distance(p.point) < 0.0));
         wrong += usize::from(found.map(|p| p.t.to_bits()) != slow.map(f64::to_bits));
     }
-    claim_none("picks of clipped geometry", rays, clipped);
-    claim_none("picks behind a clip plane that differ from looking at every triangle", rays, wrong);
+    check_none("picks of clipped geometry", rays, clipped);
+    check_none("picks behind a clip plane that differ from looking at every triangle", rays, wrong);
 }
 
 #[test]
@@ -136,5 +136,5 @@ fn a_ray_gives_the_same_digits_for_any_arrival_order_of_chunks() {
             different += usize::from(again != first);
         }
     }
-    claim_none("picks along 200 rays whose digits depend on the order of arrival", 2000, different);
+    check_none("picks along 200 rays whose digits depend on the order of arrival", 2000, different);
 }

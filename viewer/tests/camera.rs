@@ -1,4 +1,4 @@
-//! Claims about the camera.
+//! Properties of the camera.
 
 use kilwa_geometry::Lattice;
 use kilwa_geometry::distance::{cross, dot, sub};

@@ -6,7 +6,7 @@ use kilwa_stream::DrawPatch;
 use kilwa_viewer::renderer::IMAGE_FORMAT;
 use kilwa_viewer::{Background, Bounds, Camera, Gpu, Image, Prefer, RenderOptions, Renderer, StandardView};
 
-/// A white square that stands askew.
+/// A white square, rotated.
 fn square() -> Chunk {
     let mut chunk = Chunk::default();
     chunk.mesh.positions = vec![[1000, 5000, 2000], [8000, 5000, 1000], [9000, 5000, 8000], [2000, 5000, 9000]];

@@ -1,4 +1,4 @@
-//! Without a GPU: every shader is sound WGSL, stays inside WebGL2, and agrees with Rust about memory.
+//! Without a GPU: every shader is valid WGSL, stays within WebGL2, and agrees with Rust about memory layout.
 
 use kilwa_stream::{Projection, View};
 use kilwa_viewer::RenderOptions;

@@ -177,8 +177,8 @@ fn bench_quality(args: &Quality) -> Result<()> {
         run_command(&mut command(&program, &["extract", &pack, "--force", "-o", &fine])?)?;
         let all = ply_faces(Path::new(&fine))?;
         for half in 1..=4 {
-            let most = (all >> half).to_string();
-            let extract = ["extract", &pack, "--max-triangles", &most, "--force", "--json", "-o", &coarse];
+            let limit = (all >> half).to_string();
+            let extract = ["extract", &pack, "--max-triangles", &limit, "--force", "--json", "-o", &coarse];
             let report = output(&mut command(&program, &extract)?)?;
             let certified = number_of(&report, "\"max_error\"");
             let line = output(command(&deviation.to_string_lossy(), &[])?.args([&fine, &coarse]))?;

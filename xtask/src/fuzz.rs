@@ -119,7 +119,7 @@ fn by_coverage(targets: &[&'static str], seconds: u64) -> Result<()> {
     if failed.is_empty() { Ok(()) } else { bail!("{}", failed.join("\n")) }
 }
 
-/// One target; its output goes to a file, what it says of a failure and its last figures are shown.
+/// One target; its output goes to a file, and the report of a failure and its last figures are shown.
 fn one(root: &Path, corpus: &Path, name: &'static str, seconds: u64) -> Result<()> {
     let artifacts = root.join("tests/fuzz/artifacts").join(name);
     std::fs::create_dir_all(&artifacts).with_context(|| format!("cannot make {}", artifacts.display()))?;
@@ -131,12 +131,12 @@ fn one(root: &Path, corpus: &Path, name: &'static str, seconds: u64) -> Result<(
     let both = file.try_clone().context("the log cannot be shared")?;
     let status = fuzz.stdin(Stdio::null()).stdout(both).stderr(file).status();
     let status = status.with_context(|| format!("cannot start `{}`", shown(&fuzz)))?;
-    let said = std::fs::read(&log).map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).unwrap_or_default();
-    let last = said.lines().rev().find(|line| line.starts_with("Done ")).unwrap_or("no figures");
+    let log_text = std::fs::read(&log).map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).unwrap_or_default();
+    let last = log_text.lines().rev().find(|line| line.starts_with("Done ")).unwrap_or("no figures");
     if status.success() {
         println!("{name}: {last}");
         return Ok(());
     }
-    let kept = said.lines().find(|line| line.contains("Test unit written to")).unwrap_or("no input was kept");
-    bail!("{kept}; all that it said is in {}", log.display())
+    let kept = log_text.lines().find(|line| line.contains("Test unit written to")).unwrap_or("no input was kept");
+    bail!("{kept}; its full output is in {}", log.display())
 }

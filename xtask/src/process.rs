@@ -11,7 +11,7 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long nothing may come from a command that has ended before what it left behind is no longer listened to; and how often it is looked at.
+/// How long the output of an ended command may be silent before its background processes are ignored, and how often this is checked.
 const QUIET: Duration = Duration::from_secs(2);
 
 /// The repository root: the folder above `xtask/`.
@@ -178,7 +178,7 @@ pub(crate) fn watch(command: &mut Command, limit: Duration, mut each: impl FnMut
     })
 }
 
-/// Ends a process and all that it has started, as far as `ps` can tell.
+/// Ends a process and all its descendants, as far as `ps` lists them.
 fn stop_tree(child: &mut Child) {
     let listing = Command::new("ps").args(["-A", "-o", "pid=,ppid="]).output().map(|o| o.stdout).unwrap_or_default();
     let listing = String::from_utf8_lossy(&listing);

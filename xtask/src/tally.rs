@@ -1,5 +1,5 @@
 //! Reads the results that test runners print: cargo test, cargo nextest, node --test (TAP and spec), and the plain line
-//! `N passed, N failed, N skipped`; and collects by name what the tests themselves say they skipped.
+//! `N passed, N failed, N skipped`; and collects by name the tests that report themselves as skipped.
 //!
 //! Input: the output of a run, line by line. Invariant: only a runner's own closing line counts, which begins at the margin (that of nextest
 //! excepted, which indents its own and, deeper, what the tests printed, another runner's closing line included), so that nothing is
@@ -19,7 +19,7 @@ pub(crate) struct Tally {
     pub(crate) failed: u64,
     /// Tests that a runner left out (ignored, filtered by the author).
     pub(crate) left_out: u64,
-    /// What tests said they skipped, sorted, each once; with the test's name where the runner tells.
+    /// What tests report as skipped, sorted, each once; with the test's name if the runner prints it.
     pub(crate) skips: BTreeSet<String>,
     /// The test whose output follows (nextest's heading).
     current: String,
@@ -115,7 +115,7 @@ fn is_plain(line: &str) -> bool {
     pairs && (words.len() == 4 || (words.len() == 6 && number(4) && word(5, "skipped")))
 }
 
-/// True for what nextest shows of a test that said nothing: its headings and blank lines.
+/// True for what nextest shows of a test without output: its headings and blank lines.
 pub(crate) fn is_noise(line: &str) -> bool {
     let text = line.trim();
     let is_heading = text.starts_with("stdout \u{2500}") || text == "running 1 test" || text.is_empty();

@@ -46,7 +46,7 @@ const BUILDS: [Build; 2] = [
     },
 ];
 
-/// What wasm-opt is told. The features are those rustc uses for this target plus `+simd128` of .cargo/config.toml.
+/// Options of wasm-opt. The features are those rustc uses for this target plus `+simd128` of .cargo/config.toml.
 const WASM_OPT: [&str; 9] = [
     "-Oz",
     "--enable-simd",

@@ -1,7 +1,7 @@
 use super::*;
 use proptest::prelude::*;
 
-/// A fort in UTM 37 S, and what its metadata say.
+/// A fort in UTM 37 S and its metadata.
 const BOUNDS: [[f64; 3]; 2] = [[565_950.0, 9_009_900.0, 2.0], [566_000.0, 9_009_990.0, 20.0]];
 
 fn place(latitude: f64, longitude: f64) -> Place {
@@ -107,7 +107,7 @@ const PLANTED: &[&str] = &[
     "9.9513 gon",
     "537.4 minutes south",
     "wd:Q12345",
-    // Digits that are no decimal ones, and encodings.
+    // Non-decimal digits, and encodings.
     "\u{2079}\u{2070}\u{2070}\u{2079}\u{2079}\u{2074}\u{2076}",
     "\u{2089}\u{2080}\u{2080}\u{2089}\u{2089}\u{2084}\u{2086}",
     "\u{2468}\u{24ea}\u{24ea}\u{2468}\u{2468}\u{2463}\u{2465}",
@@ -474,7 +474,7 @@ fn ordinary_sentences_are_accepted() {
         assert!(refused.is_empty(), "{} of {}: {refused:#?}", refused.len(), ORDINARY.len());
     }
     let local = Location::of([[0.0; 3], [50.0; 3]], None, None);
-    assert!(local.find("1505 and 12.5").is_none(), "local coordinates tell nothing");
+    assert!(local.find("1505 and 12.5").is_none(), "local coordinates reveal nothing");
 }
 
 /// What looks like a date is still found if the place is known.
@@ -486,7 +486,7 @@ fn an_angle_that_could_be_a_date_is_found_if_it_is_near_the_location() {
     }
 }
 
-/// In slugs and titles, hyphens may stand for decimal points or spaces.
+/// In slugs and titles, hyphens may mean decimal points or spaces.
 #[test]
 fn coordinates_with_hyphens_are_found_in_names() {
     for name in [
@@ -550,7 +550,7 @@ fn every_recognisable_form_is_found_even_if_the_location_is_unknown() {
     let unknown = Location::unknown();
     let missed: Vec<&str> = PLANTED.iter().copied().filter(|text| unknown.find(text).is_none()).collect();
     assert_eq!(missed, FORMLESS, "{missed:#?}");
-    // Whatever is refused for another place is refused without one too.
+    // Text that is refused for another location is also refused if none is known.
     let elsewhere = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(61.5, 121.5)));
     for text in PLANTED.iter().chain(ORDINARY) {
         assert!(elsewhere.find(text).is_none() || unknown.find(text).is_some(), "{text}");
@@ -695,8 +695,8 @@ fn if_the_location_is_unknown_the_form_alone_decides() {
     for text in ["EPSG:4326", "WGS 84 (EPSG:3857)", "projected with UTM", "123,456 vertices and 1,234,567 triangles"] {
         assert!(unknown.find(text).is_none(), "{text}");
     }
-    let told = Location::unknown().with_known_system();
-    assert!(told.find("EPSG:32737, UTM zone 37S").is_none() && told.find("565977 9009946").is_some());
+    let projected = Location::unknown().with_known_system();
+    assert!(projected.find("EPSG:32737, UTM zone 37S").is_none() && projected.find("565977 9009946").is_some());
 }
 
 /// If time grew with the square of the length, the first of these texts would take more than ten minutes, and nextest would end the test.

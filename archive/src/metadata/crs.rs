@@ -98,13 +98,13 @@ mod tests {
         }
         assert_eq!(normalise("Local"), Ok(None));
         assert!(normalise("PROJCRS[\"x\"]").unwrap().is_some());
-        for (bad, said) in [
+        for (bad, expected) in [
             ("32737", "write \"EPSG:32737\""),
             ("EPSG:4326", "degrees"),
             ("EPSG:99999", "no EPSG code"),
             ("UTM 37S", "EPSG code such as"),
         ] {
-            assert!(normalise(bad).unwrap_err().contains(said), "{bad}");
+            assert!(normalise(bad).unwrap_err().contains(expected), "{bad}");
         }
     }
 

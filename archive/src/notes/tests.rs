@@ -3,7 +3,7 @@ use proptest::prelude::*;
 
 const IDENTITY: &str = "9c7c0123456789abcdef0123456789ab";
 
-/// As the page writes it.
+/// A note as the page writes it.
 fn page(items: &Value) -> Vec<u8> {
     json!({ "@context": CONTEXT, "type": "AnnotationPage", "items": items }).to_string().into_bytes()
 }
@@ -72,7 +72,7 @@ fn collections_lists_and_single_annotations_are_read() {
     assert_eq!(Notes::parse(&page(&named)).unwrap().notes[0].id, gate.id, "the same file, the same names");
 }
 
-/// A note beside whose words stand so many levels of lists, with these values in the innermost.
+/// A note with `levels` nested lists beside its text, with these values in the innermost one.
 fn nested(levels: usize, values: &str) -> String {
     let target = note("Gate", [1.0, 2.0, 3.0])["target"].take();
     format!(
@@ -84,13 +84,13 @@ fn nested(levels: usize, values: &str) -> String {
 
 #[test]
 fn notes_whose_written_form_would_be_too_large_are_refused_without_allocating_it() {
-    // As long as is possible, and thirty times as long when each zero has a line of its own.
+    // As long as possible, and thirty times as long with each zero on its own line.
     let wide = nested(DEEPEST - 1, &vec!["0"; 7_000_000].join(","));
     assert!(wide.len() as u64 <= NOTES_MAX);
     let notes = Notes::parse(wide.as_bytes()).unwrap();
-    // Were they written, their length is told, not the gigabytes of a list of their bytes.
-    let said = notes.to_bytes("pack.kilwa", IDENTITY).map(|bytes| bytes.len()).unwrap_err().to_string();
-    assert!(said.contains("would be longer than 16000000 bytes") && said.contains("leave some out"), "{said}");
+    // On success only the length is printed, not gigabytes of bytes.
+    let message = notes.to_bytes("pack.kilwa", IDENTITY).map(|bytes| bytes.len()).unwrap_err().to_string();
+    assert!(message.contains("would be longer than 16000000 bytes") && message.contains("leave some out"), "{message}");
     let mut written = write::Bounded::default();
     let page = write::Page { notes: &notes.notes, pack_file: "pack.kilwa", identity: IDENTITY };
     assert!(serde_json::to_writer_pretty(&mut written, &page).is_err());
@@ -101,12 +101,12 @@ fn notes_whose_written_form_would_be_too_large_are_refused_without_allocating_it
 fn nesting_too_deep_to_be_read_again_is_refused_with_its_note() {
     let parsed = |levels: usize| Notes::parse(nested(levels, "0").as_bytes());
     for levels in [DEEPEST, 124] {
-        let said = parsed(levels).unwrap_err().to_string();
-        assert!(said.contains("note 1: what it says is nested deeper than 32 levels"), "{said}");
+        let message = parsed(levels).unwrap_err().to_string();
+        assert!(message.contains("note 1: what it says is nested deeper than 32 levels"), "{message}");
     }
     let bytes = parsed(DEEPEST - 1).unwrap().to_bytes("pack.kilwa", IDENTITY).unwrap();
     assert_eq!(Notes::parse(&bytes).unwrap(), parsed(DEEPEST - 1).unwrap(), "what is taken is read again");
-    // Also in what is kept of its target.
+    // Also in the parts of its target that are kept.
     let mut deep = note("Gate", [1.0; 3]);
     deep["target"]["state"][1]["display"]["x"] = (0..30).fold(json!(0), |inner, _| json!([inner]));
     assert!(refused(&json!([deep])).contains("nested deeper"));
@@ -155,9 +155,9 @@ fn invalid_notes_are_refused_with_the_note_and_what_to_do() {
         (|v| v["id"] = "urn:uuid:Gate".into(), "notes 1 and 2 have the same id"),
         (|v| v["body"] = json!([{ "type": "Choice", "items": [] }]), "choice or composite"),
     ];
-    for (change, said) in table {
+    for (change, expected) in table {
         let message = changed(&change);
-        assert!(message.contains(said), "{said} in {message}");
+        assert!(message.contains(expected), "{expected} in {message}");
     }
     let empty = changed(&|v| (v["label"], v["body"]) = (json!(""), json!([])));
     assert!(empty.contains("note 2 says nothing") && empty.contains("delete it"), "{empty}");
@@ -172,7 +172,7 @@ fn invalid_notes_are_refused_with_the_note_and_what_to_do() {
     assert!(parse("[1]").contains("annotation 1 is no object"));
     assert!(refused(&Value::Array(vec![json!({}); MOST + 1])).contains("5001 annotations are too many"));
     assert!(Notes::parse(&vec![b' '; NOTES_MAX as usize + 1]).unwrap_err().to_string().contains("too long"));
-    // All problems at once, and no more lines than a person reads.
+    // All problems at once, in no more lines than a person would read.
     let many =
         refused(&Value::Array((0..30).map(|i| json!({ "id": i, "target": note("x", [0.0; 3])["target"] })).collect()));
     assert!(many.lines().count() == 11 && many.contains("and 20 more"), "{many}");
@@ -185,10 +185,10 @@ fn a_position_outside_the_model_is_refused_and_one_on_a_coarse_level_is_accepted
         notes.within([0.0; 3], [10.0, 10.0, 4.0]).map_err(|e| e.to_string())
     };
     assert!(at([10.1, 5.0, 4.1]).is_ok());
-    let said = at([5.0, 12.0, 1.0]).unwrap_err();
+    let message = at([5.0, 12.0, 1.0]).unwrap_err();
     assert!(
-        said.contains("note 2 (\"Well\"): 5 12 1 is outside of the model") && said.contains("other coordinates"),
-        "{said}"
+        message.contains("note 2 (\"Well\"): 5 12 1 is outside of the model") && message.contains("other coordinates"),
+        "{message}"
     );
     assert!(at([5.0, 5.0, -9_009_000.0]).is_err());
 }
@@ -197,7 +197,7 @@ fn a_position_outside_the_model_is_refused_and_one_on_a_coarse_level_is_accepted
 fn notes_are_matched_to_the_pack_they_were_made_on() {
     let notes = Notes::parse(&page(&json!([note("Gate", [0.0; 3]), note("Well", [1.0; 3])]))).unwrap();
     assert!(notes.strangers(&[IDENTITY]).is_empty());
-    assert!(notes.strangers(&[&IDENTITY[..12]]).is_empty(), "twelve digits tell");
+    assert!(notes.strangers(&[&IDENTITY[..12]]).is_empty(), "twelve digits are enough");
     assert_eq!(notes.strangers(&["0123456789abcdef0123456789abcdef"]).into_iter().collect::<Vec<_>>(), [(IDENTITY, 2)]);
 }
 
@@ -216,22 +216,22 @@ fn a_note_without_its_location_keeps_text_and_view_and_nothing_that_reveals_it()
     assert_eq!(near, [2.873_457, 4.0, 1.25], "to a micrometre");
     let bytes = hidden.to_bytes("pack.kilwa", "0123456789abcdef").unwrap();
     let text = String::from_utf8(bytes.clone()).unwrap();
-    for told in ["5659", "90099", "8.9577", "kisiwani", "example.org", "clay", IDENTITY, "homepage", "cached"] {
-        assert!(!text.contains(told), "{told} in {text}");
+    for secret in ["5659", "90099", "8.9577", "kisiwani", "example.org", "clay", IDENTITY, "homepage", "cached"] {
+        assert!(!text.contains(secret), "{secret} in {text}");
     }
     for kept in ["Gate", "Coral rag", "M. Juma", "2026-11-20", "0123456789abcdef"] {
         assert!(text.contains(kept), "{kept} in {text}");
     }
     let camera = hidden.notes[0].view.as_ref().unwrap().camera.as_ref().unwrap();
     assert_eq!(camera[3..6], near, "it is looked at as before");
-    // Twice is once: so a server sees that nothing is left in it.
+    // Redacting is idempotent, so a server can check that nothing is left.
     let again = Notes::parse(&bytes).unwrap().without_place([0.0; 3], &[]);
     assert_eq!(again.to_bytes("pack.kilwa", "0123456789abcdef").unwrap(), bytes);
     assert_ne!(
         notes.clone().without_place([0.0; 3], &[]).to_bytes("p", "i").unwrap(),
         notes.to_bytes("p", "i").unwrap()
     );
-    // What was made on a model whose place was taken out before stands there already.
+    // Notes made on a redacted model already have its coordinates.
     let there =
         Notes::parse(&page(&json!([note("Gate", [2.0, 3.0, 4.0])]))).unwrap().without_place(offset, &[IDENTITY]);
     assert_eq!(there.notes[0].place, [2.0, 3.0, 4.0]);
@@ -250,15 +250,15 @@ fn a_note_without_its_location_keeps_no_unknown_text_fields() {
         let value: Value = serde_json::from_slice(&bytes).unwrap();
         value["items"][0].clone()
     };
-    for telling in ["565977 9009946", "565977-9009946", "565977", "-8.9577", "2026-11-20T565977", "5659-77-90"] {
+    for revealing in ["565977 9009946", "565977-9009946", "565977", "-8.9577", "2026-11-20T565977", "5659-77-90"] {
         let one = with(&|v| {
             for key in ["created", "modified", "motivation"] {
-                v[key] = telling.into();
+                v[key] = revealing.into();
             }
-            v["body"][0]["purpose"] = telling.into();
-            v["id"] = format!("urn:uuid:{}", telling.replace(' ', "-")).into();
+            v["body"][0]["purpose"] = revealing.into();
+            v["id"] = format!("urn:uuid:{}", revealing.replace(' ', "-")).into();
         });
-        assert!(!one.to_string().contains(telling), "{telling} in {one}");
+        assert!(!one.to_string().contains(revealing), "{revealing} in {one}");
         assert_eq!((&one["motivation"], &one["body"][0]["purpose"]), (&json!("describing"), &json!("describing")));
         assert!(one["id"].as_str().unwrap().starts_with("urn:kilwa:note:"), "{one}");
     }
@@ -307,28 +307,28 @@ fn a_note_without_its_location_keeps_no_unknown_text_fields() {
 #[test]
 fn text_that_reveals_the_location_is_refused_with_its_note() {
     let location = Location::of([[565_950.0, 9_009_900.0, 0.0], [566_000.0, 9_009_990.0, 20.0]], None, None);
-    let said = Notes::parse(&page(&json!([note("Gate/565977", [0.0; 3])])))
+    let message = Notes::parse(&page(&json!([note("Gate/565977", [0.0; 3])])))
         .unwrap()
         .check_words(&location)
         .unwrap_err()
         .to_string();
-    assert!(said.contains("\"565977\" is a map coordinate of the model"), "{said}");
+    assert!(message.contains("\"565977\" is a map coordinate of the model"), "{message}");
     let tongue = |language: &str| {
         let mut one = note("Gate", [0.0; 3]);
         one["body"][0]["language"] = language.into();
         Notes::parse(&page(&json!([one]))).unwrap().check_words(&location)
     };
     for none in ["x-565977", "x-65977099", "x-895611-3960023", "sw-565977", "en-x-kilwa", "565", "sw-565"] {
-        let said = tongue(none).unwrap_err().to_string();
-        assert!(said.contains("is not a registered language"), "{none}: {said}");
+        let message = tongue(none).unwrap_err().to_string();
+        assert!(message.contains("is not a registered language"), "{none}: {message}");
     }
     for registered in ["en", "sw", "pt-BR", "zh-Hant-TW", "zh-yue", "es-419", "de-CH-1901", "sr-Latn"] {
         assert_eq!(tongue(registered), Ok(()), "{registered}");
     }
     let mut bare = note("", [0.0; 3]);
     bare["body"] = json!(["https://example.org/gate"]);
-    let said = Notes::parse(&page(&json!([bare]))).unwrap().check_words(&location).unwrap_err().to_string();
-    assert!(said.contains("nothing but links"), "{said}");
+    let message = Notes::parse(&page(&json!([bare]))).unwrap().check_words(&location).unwrap_err().to_string();
+    assert!(message.contains("nothing but links"), "{message}");
 }
 
 proptest! {

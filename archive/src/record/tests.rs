@@ -108,9 +108,9 @@ fn special_characters_of_xml_and_tex_are_escaped() {
 
 #[test]
 fn a_citation_has_creators_year_title_version_publisher_and_doi() {
-    let said = citation(&full());
+    let text = citation(&full());
     assert_eq!(
-        said,
+        text,
         "Rüther, H. {. and Zamani Project (2026): Gereza <Kilwa> & \"fort\" (version 2) [3D model]. Museum & Sons. https://doi.org/10.1234/abc_d"
     );
     let mut p = full();
@@ -148,13 +148,13 @@ fn the_edm_record_has_viewer_model_and_provider_and_warns_of_what_europeana_refu
     }
     let full = full();
     assert_eq!(europeana_lacks(&full.metadata, &full.rights), Vec::<String>::new());
-    let least = Metadata::parse("title = \"Fort\"\n[rights]\nuri = \"UND\"\n[model]\nunits = \"m\"\n").unwrap();
+    let minimal = Metadata::parse("title = \"Fort\"\n[rights]\nuri = \"UND\"\n[model]\nunits = \"m\"\n").unwrap();
     let rights = Rights::parse("UND").unwrap();
-    let lacks = europeana_lacks(&least, &rights);
+    let lacks = europeana_lacks(&minimal, &rights);
     for what in ["url:", "publisher:", "rights.uri: Europeana refuses UND", "object.kind"] {
         assert!(lacks.iter().any(|l| l.starts_with(what)), "{what} in {lacks:?}");
     }
-    // Without an address there is no viewer to embed, and nothing says that there is.
+    // Without an address there is no viewer to embed, and no record mentions one.
     let mut p = full;
     (p.metadata.url, p.metadata.publisher, p.metadata.rights.holder) = (None, None, None);
     let edm = edm::edm(&p);

@@ -150,7 +150,7 @@ fn no_other_user_can_read_a_temporary_folder() {
     assert_eq!(scratch.folder().metadata().unwrap().permissions().mode() & 0o777, 0o700);
 }
 
-/// A folder of meshes from somebody else, or a shared one, may contain anything where the scratch folder will be.
+/// A folder of meshes from another person, or a shared one, may contain anything where the scratch folder will be.
 #[cfg(unix)]
 #[test]
 fn a_folder_that_was_not_made_by_a_build_is_refused_and_left_unchanged() {
@@ -201,7 +201,7 @@ fn a_refusal_says_what_is_wrong_with_the_folder() {
     assert!(damaged.contains("`lock` is damaged, or was not written by a build"), "{damaged}");
     let gone = refused(&|f| std::fs::remove_file(f.join("lock")).unwrap());
     assert!(gone.contains("contains journal but not the file `lock`"), "{gone}");
-    // As a build leaves it that found somebody else's folder in its own.
+    // The state after a build that found a foreign folder in its own.
     let theirs = refused(&|f| {
         std::fs::create_dir(f.join("theirs")).unwrap();
         Scratch::open(f).unwrap().discard(|_| true).unwrap();

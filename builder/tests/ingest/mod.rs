@@ -1,5 +1,5 @@
-//! The ingest gives the same tree and the same leaf patches whatever the memory, the threads and the order of the input,
-//! and they are what a plain construction in memory gives.
+//! The ingest gives the same tree and the same leaf patches for any memory, threads and order of the input, and they equal
+//! those of a simple construction in memory.
 
 mod plain;
 
@@ -15,7 +15,7 @@ use plain::{partition, plain};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// A corner with all that it carries.
+/// A corner with all its attributes.
 type Corner = ([i32; 3], [u8; 3], [i16; 2], Vec<u32>);
 
 /// Triangles with their border bits.
@@ -31,7 +31,7 @@ fn triangles_of(m: &Mesh) -> Triangles {
     m.triangles.iter().zip(&m.borders).map(|(t, b)| (t.map(|v| corner(m, v)), *b)).collect()
 }
 
-/// What a run gave, in a form that can be compared.
+/// The result of a run, in a comparable form.
 #[derive(PartialEq)]
 struct Outcome {
     surface: Surface,
@@ -270,7 +270,7 @@ fn an_outlying_vertex_is_refused_instead_of_coarsening_the_lattice() {
         raw.positions[0] = [astray, 0.0, 0.0];
         let error = refused(&raw, None);
         assert!(error.contains("m wide"), "{astray}: {error}");
-        // One that no triangle uses does no harm.
+        // An unused one is harmless.
         raw.positions[0] = [0.0; 3];
         raw.positions.push([astray, 0.0, 0.0]);
         let case = Case { memory: LARGE, threads: 2, leaf_triangles: 2048 };
@@ -397,7 +397,7 @@ fn attributes_of_several_inputs_are_combined_and_missing_ones_counted() {
     let colors: std::collections::BTreeSet<[u8; 3]> =
         one.leaves.iter().flat_map(|(_, m)| m.colors.iter().copied()).collect();
     assert_eq!(colors.len(), 2);
-    // Alone, an alpha of 1 throughout says nothing; and an intensity is shown as grey.
+    // A constant alpha of 1 is dropped, and an intensity is shown as grey.
     let mut scan = grid(20, 0.1);
     let n = scan.positions.len();
     scan.scalars =

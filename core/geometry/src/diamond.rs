@@ -135,9 +135,9 @@ mod tests {
                 next.extend(t.children().map(|c| (c, Some(key))));
             }
             for (key, found) in &parents {
-                let mut said: Vec<_> = key.parents(LOG2);
-                said.sort();
-                assert_eq!(said, found.iter().copied().collect::<Vec<_>>(), "level {l} {key:?}");
+                let mut parents: Vec<_> = key.parents(LOG2);
+                parents.sort();
+                assert_eq!(parents, found.iter().copied().collect::<Vec<_>>(), "level {l} {key:?}");
                 if key.midpoint.iter().all(|&x| x > 0 && x < side) {
                     assert_eq!(tets[key], [6, 4, 8][usize::from(l) % 3], "{key:?}");
                 }

@@ -15,7 +15,7 @@ use tiff::tags::Tag;
 
 const CORNERS: ([f64; 3], [f64; 3]) = ([500_000.0, 4_649_776.0, 100.0], [500_007.0, 4_649_779.0, 103.0]);
 
-/// A plan so large on paper, mm.
+/// A plan of this size on paper, mm.
 fn plan(paper: [f64; 2], dpi: u32) -> Sheet {
     Sheet::new(View::Plan, CORNERS, (1000.0, dpi), Some(&Paper::Custom(paper)), true).expect("a sheet")
 }
@@ -26,7 +26,7 @@ fn packed(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().expect("memory")
 }
 
-/// A file as whoever writes one makes it, and its pixels.
+/// A drawing file and its pixels.
 fn file(sheet: &Sheet, form: Form, place: Option<GeoReference>) -> (Vec<u8>, Vec<u8>) {
     let [width, height] = sheet.pixels().expect("not too fine");
     let mut writer = Writer::new(form, sheet, &Layout::default(), "Gereza (çé)", place).expect("not too fine");

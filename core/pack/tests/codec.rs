@@ -257,7 +257,7 @@ fn a_closed_surface_costs_few_bits_for_its_connectivity() {
 }
 
 /// Coarse forms may be rounded to multiples of a power of two: then the zeros must not be paid for, and vertices that
-/// are not rounded must come back all the same.
+/// are not rounded must round-trip as well.
 #[test]
 fn rounded_values_take_fewer_bytes_and_round_trip() {
     let fine = height_field(40, 3, 7, COLORED);
@@ -307,6 +307,6 @@ fn a_hundred_thousand_flipped_bits_and_ten_thousand_cuts_never_panic() {
         let length = random.below(small_bytes.len() as u64) as usize;
         assert!(decode(&small_bytes[..length], declared(&small), attributes).is_err(), "cut at {length}");
     }
-    // Raw bits are whatever they are; a chunk's checksum guards them.
+    // Raw bits can have any value; only the checksum of the chunk protects them.
     println!("{harmless} of 98,000 decode to something");
 }

@@ -1,4 +1,4 @@
-//! What must hold of every cut.
+//! Properties of every cut.
 
 use kilwa_geometry::{Aabb, Sphere};
 use kilwa_pack::cut::{Cut, coarse_triangles};
@@ -102,7 +102,7 @@ fn a_limit_below_the_coarsest_cut_gives_the_coarsest_cut() {
     assert_eq!(cut, Cut::coarsest(&entries));
 }
 
-/// Patches that stand for each entry, in the chunks of its parents.
+/// Patches in the chunks of the parents that represent each entry.
 fn tables(entries: &[DirectoryEntry], coarse: &[u64]) -> Vec<Vec<PatchRange>> {
     let mut tables = vec![Vec::new(); entries.len()];
     for (i, entry) in (0u32..).zip(entries).skip(1) {
@@ -147,7 +147,7 @@ fn a_set_of_nodes_without_a_parent_is_no_cut() {
     assert!(Cut::from_refined(&entries, [0, 100]).is_none(), "no such entry");
 }
 
-/// In a tree whose chunks hold what their diamonds' coarse forms are replaced by, every cut draws each place once.
+/// In a tree whose chunks hold the refinements of their diamonds' coarse forms, every cut covers each place once.
 #[test]
 fn coarse_triangles_are_summed_from_the_patch_tables() {
     let reader =

@@ -1,4 +1,4 @@
-//! A pack moved to another place is the same model, and nothing in it tells the old place.
+//! A relocated pack is the same model and reveals nothing of its former location.
 
 use kilwa_pack::{Attributes, Metadata, Reader, SliceSource, relocate};
 
@@ -46,8 +46,8 @@ fn a_damaged_chunk_is_named_and_not_copied() {
     let at = open(bytes.clone()).entries()[3].offset as usize + 9;
     bytes[at] ^= 1;
     let old = open(bytes);
-    let said = relocate(&old, Vec::new(), [0.0; 3], |_| ()).map(drop).expect_err("damaged").to_string();
-    assert!(said.contains("chunk 3"), "{said}");
+    let message = relocate(&old, Vec::new(), [0.0; 3], |_| ()).map(drop).expect_err("damaged").to_string();
+    assert!(message.contains("chunk 3"), "{message}");
 }
 
 /// Every vertex of a chunk as its position and colour: what must survive when channels are left out.

@@ -1,4 +1,4 @@
-//! Claims about the streamer under random packs, cameras, latencies and failures.
+//! Properties of the streamer under random packs, cameras, latencies and failures.
 
 use crate::support::{Faults, Pack, Random, World, random_view};
 use kilwa_stream::{Budgets, Clip, Command, Event, Step, Streamer, View, length_of};
@@ -185,14 +185,19 @@ fn ancestors_that_are_not_shown_are_not_loaded_before_visible_chunks() {
     let (mut with, mut without) = (0, 0);
     for seed in 0..40 {
         let view = View { clip: Clip::default(), ..random_view(&mut Random(seed)) };
-        let told = until_the_target(&Pack::random(seed, 400).telling(true), &view);
-        let untold = until_the_target(&Pack::random(seed, 400).telling(false), &view);
-        assert_eq!(told.1, untold.1, "both show the same in the end, seed {seed}");
-        assert!(told.0 <= untold.0, "{} bytes where the directory tells, {} where not, seed {seed}", told.0, untold.0);
-        (with, without) = (with + told.0, without + untold.0);
+        let listed = until_the_target(&Pack::random(seed, 400).listing_children(true), &view);
+        let unlisted = until_the_target(&Pack::random(seed, 400).listing_children(false), &view);
+        assert_eq!(listed.1, unlisted.1, "both show the same in the end, seed {seed}");
+        assert!(
+            listed.0 <= unlisted.0,
+            "{} bytes where the directory lists children, {} where not, seed {seed}",
+            listed.0,
+            unlisted.0
+        );
+        (with, without) = (with + listed.0, without + unlisted.0);
     }
-    println!("{with} bytes of chunks where the directory tells children, {without} where it does not");
-    assert!(with * 10 < without * 9, "{with} bytes where the directory tells children, {without} where it does not");
+    println!("{with} bytes of chunks where the directory lists children, {without} where it does not");
+    assert!(with * 10 < without * 9, "{with} bytes where the directory lists children, {without} where it does not");
 }
 
 #[test]
@@ -228,7 +233,7 @@ fn multirange_requests_need_fewer_requests_and_fewer_bytes() {
     let (mut several, mut one) = ((0, 0), (0, 0));
     for seed in 0..40 {
         let view = View { clip: Clip::default(), ..random_view(&mut Random(seed)) };
-        let pack = Pack::random(seed, 400).telling(true);
+        let pack = Pack::random(seed, 400).listing_children(true);
         let cost = |ranges| {
             let budgets = Budgets { ranges, ..Budgets::default() };
             let landed = settle(&pack, &view, budgets);
@@ -338,7 +343,7 @@ fn the_pixel_error_covers_every_displacement_that_can_be_seen() {
             continue;
         }
         seen += 1;
-        assert!(view.may_see(&sphere), "a visible point lies in a ball that is said to be invisible");
+        assert!(view.may_see(&sphere), "a visible point lies in a ball that is reported as invisible");
         let moved = (a[0] - b[0]).hypot(a[1] - b[1]);
         assert!(moved <= bound * (1.0 + 1e-4) + 1e-9, "moved {moved} px, bound {bound}");
     }

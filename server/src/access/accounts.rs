@@ -582,13 +582,15 @@ mod tests {
     #[test]
     fn invalid_accounts_are_refused_with_the_reason() {
         let mut accounts = some();
-        let said = |r: Result<(), AccountsError>| r.expect_err("refused").to_string();
-        assert!(said(accounts.set_user("Amina!", &Grant::All, None)).contains("cannot be a name"));
-        assert!(said(accounts.set_user("a", &Grant::Objects(vec!["../x".to_owned()]), None)).contains("for example"));
+        let refusal = |r: Result<(), AccountsError>| r.expect_err("refused").to_string();
+        assert!(refusal(accounts.set_user("Amina!", &Grant::All, None)).contains("cannot be a name"));
+        assert!(
+            refusal(accounts.set_user("a", &Grant::Objects(vec!["../x".to_owned()]), None)).contains("for example")
+        );
         let everything = Grant::Objects(vec!["fort".to_owned(), "*".to_owned()]);
-        assert!(said(accounts.set_user("a", &everything, None)).contains("for example"));
-        assert!(said(accounts.set_user("a", &Grant::All, Some("short"))).contains("8 characters"));
-        assert!(said(accounts.remove_user("b")).contains("amina, robot"));
+        assert!(refusal(accounts.set_user("a", &everything, None)).contains("for example"));
+        assert!(refusal(accounts.set_user("a", &Grant::All, Some("short"))).contains("8 characters"));
+        assert!(refusal(accounts.remove_user("b")).contains("amina, robot"));
         let key = "0".repeat(64);
         for (text, why) in [
             ("", "line 1"),
@@ -600,8 +602,8 @@ mod tests {
                 "twice",
             ),
         ] {
-            let said = Accounts::parse(text.as_bytes()).expect_err("refused");
-            assert!(said.contains(why), "{text}: {said}");
+            let message = Accounts::parse(text.as_bytes()).expect_err("refused");
+            assert!(message.contains(why), "{text}: {message}");
         }
         let secret = "{\"kilwa_access\":1,\"key\":\"not-to-be-seen\",\"users\":[";
         assert!(!Accounts::parse(secret.as_bytes()).expect_err("cut").contains("not-to-be-seen"));

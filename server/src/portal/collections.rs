@@ -305,7 +305,7 @@ mod tests {
             (&["b".to_owned(), "a".to_owned()][..], "en")
         );
         assert_eq!(parse("").unwrap(), []);
-        for (bad, said) in [
+        for (bad, expected) in [
             ("[[collection]]\nslug = \"a\"\n", "line"),
             ("[[collection]]\nslug = \"A b\"\ntitle = \"x\"\nmembers = []\n", "collection \"A b\""),
             (&format!("{GOOD}{GOOD}"), "two collections"),
@@ -315,7 +315,7 @@ mod tests {
             (&format!("{GOOD}order = 1\n"), "line 5"),
         ] {
             let e = parse(bad).unwrap_err();
-            assert!(e.contains(said), "{bad}: {e}");
+            assert!(e.contains(expected), "{bad}: {e}");
         }
     }
 

@@ -1,4 +1,4 @@
-//! Versions that are sent to a store: whole or not at all, whoever else does the same and wherever it is cut off.
+//! Versions sent to a store appear whole or not at all, also with concurrent publishers and interruptions anywhere.
 
 use super::bucket::Bucket;
 use super::{PATIENCE, SHORT};
@@ -94,10 +94,10 @@ async fn a_publication_interrupted_anywhere_shows_the_old_or_the_new_object_and_
         // Answers are short: so many bytes of them are so many steps.
         let mut cut = 0;
         for i in 0..10 {
-            bucket.line.cut_after(i * 700 * i64::from(version));
+            bucket.proxy.cut_after(i * 700 * i64::from(version));
             let sent = send(&bucket, shelf, version);
-            bucket.line.down();
-            bucket.line.up();
+            bucket.proxy.down();
+            bucket.proxy.up();
             let now = shown(&bucket, &packs).await.unwrap_or(0);
             cut += u32::from(sent.is_err());
             assert!(now == version || (now == version - 1 && sent.is_err()), "cut {i}: {now}, {sent:?}");
@@ -132,10 +132,10 @@ async fn interrupted_between_landing_page_and_manifest_the_page_matches_the_mani
     assert!(send(&bucket, shelves[0].path(), 1).is_ok());
     let running = served();
     assert!(get(&running, "/fort/").await.text().contains("version 1"));
-    bucket.line.refuse("PUT /museum/shelf/fort/manifest.json");
+    bucket.proxy.refuse("PUT /museum/shelf/fort/manifest.json");
     let sent = send(&bucket, shelves[1].path(), 2);
     assert!(sent.is_err(), "{sent:?}");
-    bucket.line.allow();
+    bucket.proxy.allow();
     for app in [&running, &served()] {
         let manifest = Manifest::parse(&get(app, "/fort/manifest.json").await.body).unwrap();
         assert_eq!(manifest.current, 1);
@@ -174,11 +174,11 @@ async fn a_version_published_meanwhile_by_another_is_left_unchanged() {
         if at == 0 {
             publish(0);
         }
-        let told = |_: &str| {
+        let report = |_: &str| {
             heard.set(heard.get() + 1);
             publish(heard.get());
         };
-        let late = store.send(&slug, shelves[1].path(), 2, &against, &told).unwrap_err().to_string();
+        let late = store.send(&slug, shelves[1].path(), 2, &against, &report).unwrap_err().to_string();
         assert!(late.contains("somebody else"), "{late}");
         assert!(heard.get() >= at);
         assert_eq!(shown_at(&bucket, &name, &theirs).await, Some(2));
@@ -199,16 +199,16 @@ async fn a_file_sent_during_another_publication_does_not_overwrite_it() {
     let (slug, fetched) = (Slug::new("fort").unwrap(), tempfile::tempdir().unwrap());
     let store = bucket.open("s3://museum/shelf", PATIENCE).unwrap();
     let against = store.fetch(&slug, fetched.path()).unwrap();
-    // Ours has looked at everything and is on its way; then theirs is published, whole.
-    bucket.line.hold("PUT /museum/shelf/fort/v2/poster.jpg");
+    // Our publication has compared everything and is sending; then theirs is published, whole.
+    bucket.proxy.hold("PUT /museum/shelf/fort/v2/poster.jpg");
     let late = std::thread::scope(|scope| {
         let sending = scope.spawn(|| store.send(&slug, shelves[1].path(), 2, &against, &|_| ()));
-        bucket.line.wait_until_held();
+        bucket.proxy.wait_until_held();
         let direct = bucket.open_directly("s3://museum/shelf", PATIENCE).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let before = direct.fetch(&slug, folder.path()).unwrap();
         assert!(direct.send(&slug, shelves[2].path(), 2, &before, &|_| ()).is_ok());
-        bucket.line.allow();
+        bucket.proxy.allow();
         sending.join().unwrap().unwrap_err().to_string()
     });
     assert!(late.contains("somebody else"), "{late}");

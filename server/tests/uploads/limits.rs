@@ -1,4 +1,4 @@
-//! What uploads may take of the disk, and how many may be begun.
+//! Limits of uploads: disk space and number.
 
 use super::{Museum, NOW};
 use crate::common::get;
@@ -17,13 +17,13 @@ async fn a_disk_full_at_any_step_publishes_nothing_keeps_received_files_and_resu
     for allowed in (0..).step_by(3) {
         let m = Museum::new();
         m.steps.store(allowed, Ordering::Relaxed);
-        let (code, said) = m.publish(&version).await;
-        if said.state == State::Published {
+        let (code, upload) = m.publish(&version).await;
+        if upload.state == State::Published {
             break;
         }
         full += 1;
-        assert_eq!(code, StatusCode::INSUFFICIENT_STORAGE, "step {allowed}: {said:?}");
-        let why = said.error.unwrap_or_default();
+        assert_eq!(code, StatusCode::INSUFFICIENT_STORAGE, "step {allowed}: {upload:?}");
+        let why = upload.error.unwrap_or_default();
         assert!(why.contains("no room") && why.contains("run the same command again"), "{why}");
         // After the manifest, only the page and the permissions are missing, and the message says so.
         let is_published = why.contains("the version is published, but not all of its files are in place");
@@ -85,7 +85,7 @@ async fn announced_space_is_reserved_until_the_upload_is_abandoned() {
     assert_eq!(both.status, StatusCode::INSUFFICIENT_STORAGE, "together they would fill the disk");
     assert!(both.text().contains("for other uploads"), "{}", both.text());
     assert_eq!(m.begin(&m.robot, &Version::new("tower", 1, fort_pack()).intent).await.status, StatusCode::CREATED);
-    // Announcing it again is not sending it.
+    // Announcing it again does not count as sending.
     at(3000);
     assert_eq!(m.begin(&m.robot, &large("fort").intent).await.status, StatusCode::CREATED);
     at(2 * 3600);

@@ -1,4 +1,4 @@
-//! A version that claims to be without its location is looked through: texts, channels, pictures, preview.
+//! A version announced as without its location is searched for it: texts, channels, pictures, preview.
 
 use super::Museum;
 use crate::common::pack_at;
@@ -9,7 +9,7 @@ use kilwa_server::upload::wire::State;
 use serde_json::{Value, json};
 use std::io::Write as _;
 
-/// A version that is said to be without its location, with the pictures that `kilwa publish` makes.
+/// A version announced as without its location, with the pictures that `kilwa publish` makes.
 fn withheld(pack: Vec<u8>) -> Version {
     let mut version = Version::new("fort", 1, pack);
     version.intent.location_redacted = true;

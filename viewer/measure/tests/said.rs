@@ -1,4 +1,4 @@
-//! Whatever the engine says has a text in every language of the page, with a place for each of its values.
+//! Every message of the engine has a text in every language of the page, with a placeholder for each of its values.
 
 use kilwa_measure::record::{Document, DocumentError};
 use kilwa_measure::sheet::SheetError;
@@ -179,16 +179,16 @@ fn every_code_has_a_text_in_all_five_languages_with_exactly_its_placeholders() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../www/i18n");
     let mut codes = BTreeMap::new();
     for one in all() {
-        let said = one.said();
-        assert!(!one.to_string().is_empty(), "{} has no English", said.code);
+        let message = one.said();
+        assert!(!one.to_string().is_empty(), "{} has no English", message.code);
         assert!(
-            said.code.split('-').all(|w| !w.is_empty() && w.bytes().all(|b| b.is_ascii_lowercase())),
+            message.code.split('-').all(|w| !w.is_empty() && w.bytes().all(|b| b.is_ascii_lowercase())),
             "{}",
-            said.code
+            message.code
         );
-        let names: BTreeSet<String> = said.values.keys().map(|n| (*n).to_owned()).collect();
-        if let Some(before) = codes.insert(said.code, names.clone()) {
-            assert_eq!(before, names, "{} has the same values always", said.code);
+        let names: BTreeSet<String> = message.values.keys().map(|n| (*n).to_owned()).collect();
+        if let Some(before) = codes.insert(message.code, names.clone()) {
+            assert_eq!(before, names, "{} has the same values always", message.code);
         }
     }
     assert!(codes.len() > 35, "{}", codes.len());

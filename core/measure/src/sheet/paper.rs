@@ -116,8 +116,8 @@ mod tests {
     fn the_smallest_paper_that_fits_is_chosen_and_a_drawing_too_large_is_refused_with_a_hint() {
         assert_eq!(choose(None, [200.0, 100.0], false, 50.0).unwrap().0, [297.0, 210.0]);
         assert_eq!(choose(None, [100.0, 210.0], false, 50.0).unwrap().0, [210.0, 297.0]);
-        let said = choose(None, [3000.0, 100.0], false, 50.0).unwrap_err().to_string();
-        assert!(said.contains("1:200 would fit"), "{said}");
+        let message = choose(None, [3000.0, 100.0], false, 50.0).unwrap_err().to_string();
+        assert!(message.contains("1:200 would fit"), "{message}");
         let (paper, frame) = choose(Some(&Paper::Fit), [3000.0, 100.0], false, 50.0).unwrap();
         assert!(paper[0] > 3000.0 && frame.width > 3000.0);
         assert_eq!(choose(Some(&Paper::Fit), [30.0, 20.0], true, 50.0).unwrap().0, [30.0, 20.0]);

@@ -122,23 +122,23 @@ fn integers_may_be_written_with_a_decimal_point() {
     scene.0["bufferViews"][0]["buffer"] = json!(0.0);
     assert_eq!(scene.mesh().positions, plain.mesh().positions);
     scene.0["accessors"][0]["count"] = json!(3.5);
-    let said = scene.refusal();
-    assert!(said.contains("accessors[0].count") && said.contains("expected a whole number"), "{said}");
+    let message = scene.refusal();
+    assert!(message.contains("accessors[0].count") && message.contains("expected a whole number"), "{message}");
 }
 
 #[test]
 fn json_that_is_not_gltf_is_refused_with_a_plain_message() {
-    let said = |text: &str| read_bytes(text.as_bytes()).unwrap_err().to_string();
+    let refusal = |text: &str| read_bytes(text.as_bytes()).unwrap_err().to_string();
     for (text, words) in [
         (r#"{"asset": {"version": "2.0"}, "meshes": {}}"#, "expected a list"),
         (r#"{"asset": {"version": "2.0"}, "nodes": [7]}"#, "expected an object"),
         (r#"{"asset": {"version": "2.0"}, "nodes": [none]}"#, "one of the words true, false and null"),
         (r#"{"asset": {"version": "2.0"}, "nodes": ["#, "the end of the text"),
     ] {
-        let said = said(text);
-        assert!(said.contains(words), "{said}");
+        let message = refusal(text);
+        assert!(message.contains(words), "{message}");
         for jargon in ["usize", "u64", "struct", "EOF", "ident"] {
-            assert!(!said.split(|c: char| !c.is_alphanumeric()).any(|word| word == jargon), "{said}");
+            assert!(!message.split(|c: char| !c.is_alphanumeric()).any(|word| word == jargon), "{message}");
         }
     }
 }
@@ -446,7 +446,7 @@ fn meshopt_views_decode_with_their_filters() {
     let Ok(packed) = packed else { panic!("{packed:?}") };
     let view = scene.view(&packed);
     let about = json!({"buffer": view, "byteLength": packed.len(), "byteStride": 12, "count": 3, "mode": "ATTRIBUTES"});
-    // As a writer with a fallback does: the plain buffer is not there.
+    // As in files with a fallback: the uncompressed buffer is missing.
     scene.push("buffers", json!({"byteLength": 36}));
     scene.at("/bufferViews")[0] = json!({"buffer": view + 1, "byteLength": 36, "byteStride": 12,
         "extensions": {"EXT_meshopt_compression": about}});

@@ -1,4 +1,4 @@
-//! What the OBJ reader promises, claim by claim.
+//! Properties of the OBJ reader.
 
 use crate::RawMesh;
 use crate::read::texture::detail::Detail;
@@ -126,7 +126,7 @@ fn corners_of_every_form_and_negative_indices_name_the_same_vertices() {
         assert_eq!(mesh.positions, expected.positions[..3]);
         assert_eq!(mesh.normals, [[0.0, 0.0, 1.0]; 3]);
     }
-    // Negative indices count from where they stand.
+    // Negative indices count back from the line they are on.
     let two = ok("v 9 9 9\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 5 5 5\nv 6 5 5\nv 5 6 5\nf -3 -2 -1\n");
     assert_eq!(two.triangles, [[1, 2, 3], [4, 5, 6]]);
 }
@@ -291,10 +291,10 @@ fn a_missing_or_damaged_image_is_counted_once_with_the_reason() {
     let mtl = b"newmtl a\nmap_Kd gone.jpg\nnewmtl b\nmap_Kd bad.png\n";
     let mesh = in_folder(&[("a.obj", obj.as_bytes()), ("a.mtl", mtl), ("bad.png", b"\x89PNG nothing")]);
     assert_eq!(mesh.triangles.len(), 2);
-    let told = places(&mesh, "pictures left out");
+    let reported = places(&mesh, "pictures left out");
     assert!(
-        told.len() == 2 && told[0].contains("gone.jpg: it is missing") && told[1].contains("bad.png: "),
-        "{told:?}"
+        reported.len() == 2 && reported[0].contains("gone.jpg: it is missing") && reported[1].contains("bad.png: "),
+        "{reported:?}"
     );
 }
 
@@ -345,7 +345,7 @@ fn triangles_are_split_until_no_edge_spans_more_texels_and_the_colours_follow_th
 
 #[test]
 fn corners_evicted_from_the_cache_are_duplicated_and_the_mesh_is_unchanged() {
-    // A strip of more corners than are remembered, walked so that each edge comes back late.
+    // A strip with more corners than the cache holds, in an order that revisits each edge late.
     let n = 3000;
     let mut obj = "vn 0 0 1\n".to_owned();
     for i in 0..=n {

@@ -1,4 +1,4 @@
-//! What the PLY reader promises, claim by claim.
+//! Properties of the PLY reader.
 
 use super::super::{ReadError, read_mesh, read_mesh_from};
 use crate::RawMesh;
@@ -449,7 +449,7 @@ fn strips_flip_every_other_triangle_and_restart_after_minus_one() {
     };
     let mesh = ok(strips("int", "9 0 1 2 3 4 -1 0 1 2"));
     assert_eq!(mesh.triangles, [[0, 1, 2], [2, 1, 3], [2, 3, 4], [0, 1, 2]]);
-    // Without a sign all bits set begin anew; empty triangles join strips and keep the turn.
+    // For unsigned types all bits set restart the strip; empty triangles join strips and keep the orientation.
     assert_eq!(ok(strips("uint", "9 0 1 2 3 4 4294967295 0 1 2")).triangles, mesh.triangles);
     let joined = ok(strips("int", "8 0 1 2 2 1 1 3 2"));
     assert_eq!(joined.triangles, [[0, 1, 2], [3, 1, 2]]);

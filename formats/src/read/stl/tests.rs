@@ -25,10 +25,10 @@ const FACET: &str =
 type Facet = ([f32; 3], [[f32; 3]; 3], u16);
 
 /// A binary file: free text, the count in the header, facets.
-fn binary(header: &[u8], said: u32, facets: &[Facet]) -> Vec<u8> {
+fn binary(header: &[u8], announced: u32, facets: &[Facet]) -> Vec<u8> {
     let mut bytes = header.to_vec();
     bytes.resize(80, b' ');
-    bytes.extend(said.to_le_bytes());
+    bytes.extend(announced.to_le_bytes());
     for (normal, corners, attribute) in facets {
         for x in normal.iter().chain(corners.iter().flatten()) {
             bytes.extend(x.to_le_bytes());
@@ -168,11 +168,11 @@ fn text_that_is_not_stl_is_refused_with_its_line() {
         ("vertex 1 0 0", "vertex 1 0", "line 6", "vertex"),
         (" endloop", "banana endloop", "line 7", "banana"),
     ] {
-        let said = refusal(format!("solid\n{}endsolid", FACET.replace(from, to)).as_bytes());
-        assert!(said.contains(line) && said.contains(found) && said.contains("a.stl"), "{said}");
+        let message = refusal(format!("solid\n{}endsolid", FACET.replace(from, to)).as_bytes());
+        assert!(message.contains(line) && message.contains(found) && message.contains("a.stl"), "{message}");
     }
-    let said = refusal(b"solid\nfacet normal 0 0 1\nouter loop\nvertex 1 2");
-    assert!(said.contains("the end of the file"), "{said}");
+    let message = refusal(b"solid\nfacet normal 0 0 1\nouter loop\nvertex 1 2");
+    assert!(message.contains("the end of the file"), "{message}");
 }
 
 #[test]
