@@ -122,9 +122,9 @@ fn a_kill_before_any_rename_leaves_a_valid_archive_and_a_rerun_finishes() {
         [(&publish, "rename"), (&withdraw, "rename"), (&withdraw, "unlink"), (&withdraw, "rmdir"), (&withdraw, "mkdir")]
     {
         let mut deaths = 0;
-        // Drawing takes long, and is done before the last five.
+        // Drawing takes long, and is done before the last three.
         let soak = std::env::var_os("KILWA_SOAK").is_some();
-        let first_call = if soak || *command == withdraw { 1 } else { calls(command, call, &bench.path("log")) - 4 };
+        let first_call = if soak || *command == withdraw { 1 } else { calls(command, call, &bench.path("log")) - 2 };
         // Only some of the many calls; each seed chooses others.
         let every = if soak || !["unlink", "mkdir"].contains(&call) { 1 } else { 3 };
         for nth in (first_call + seed % every..).step_by(every as usize) {

@@ -701,8 +701,8 @@ fn if_the_location_is_unknown_the_form_alone_decides() {
 
 /// If time grew with the square of the length, the first of these texts would take more than ten minutes, and nextest would end the test.
 #[test]
-fn search_time_is_linear_in_the_length_of_any_text() {
-    const LENGTH: usize = 1_200_000;
+fn time_grows_linearly_with_the_length_of_a_text_of_any_shape() {
+    let length = if std::env::var_os("KILWA_SOAK").is_some() { 1_200_000 } else { 600_000 };
     for piece in [
         "1",
         "7 ",
@@ -735,7 +735,7 @@ fn search_time_is_linear_in_the_length_of_any_text() {
         "&plus;",
         "0+",
     ] {
-        let text = piece.repeat(LENGTH.div_ceil(piece.len()));
+        let text = piece.repeat(usize::div_ceil(length, piece.len()));
         // What is found does not matter here, only how long it takes.
         drop(Location::unknown().find(&text));
         if matches!(piece, "1-") {
