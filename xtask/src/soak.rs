@@ -6,6 +6,7 @@
 
 use crate::bench::archive;
 use crate::process::{Ended, cargo, root, watch};
+use crate::properties::Properties;
 use crate::test::{LONG_VARIABLE, SUITE_LIMIT};
 use anyhow::Result;
 use std::fmt::Write as _;
