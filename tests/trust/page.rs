@@ -67,7 +67,7 @@ impl Fetch for Line {
         Late { turns: offset.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 61, bytes }
     }
 
-    fn tell(&self, _done: u64, _all: u64) {}
+    fn report_progress(&self, _done: u64, _all: u64) {}
 }
 
 /// What the page has of a pack.

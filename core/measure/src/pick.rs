@@ -1,6 +1,6 @@
 //! Rays and what they meet: the final pick, on the finest surface, the same at every zoom.
 //!
-//! A [`Picker`] is told which chunks there are, asks for those that the ray can meet, nearest first, and is handed their
+//! A [`Picker`] is given the existing chunks, requests those that the ray can meet, nearest first, and is handed their
 //! triangles. Everything in lattice steps and `f64`. Where triangles are met at the very same place (along a shared edge), the one whose
 //! corners come first in the order of lattice points counts, so that the answer does not depend on chunks or their order.
 

@@ -6,9 +6,9 @@
 //! double as it was written; JavaScript does so too.
 
 use crate::drawing::short;
+use crate::message::{Message, MessageValue, ToMessage};
 use crate::plane::Plane;
 use crate::quantity::Uncertainty;
-use crate::said::{Said, Say, Worth};
 use crate::space::Space;
 use crate::unit::{LengthUnit, Reading};
 use kilwa_geometry::Lattice;
@@ -191,18 +191,18 @@ pub enum DocumentError {
     Newer(u32),
 }
 
-impl Say for DocumentError {
-    fn said(&self) -> Said {
-        let count = |n: usize| Worth::Count(n as u64);
+impl ToMessage for DocumentError {
+    fn message(&self) -> Message {
+        let count = |n: usize| MessageValue::Count(n as u64);
         match self {
             Self::TooLong { bytes } => {
-                Said::new("document-too-long", [("bytes", count(*bytes)), ("most", count(MAX_BYTES))])
+                Message::new("document-too-long", [("bytes", count(*bytes)), ("most", count(MAX_BYTES))])
             }
-            Self::Json(e) => Said::new("document-json", [("line", count(e.line())), ("column", count(e.column()))]),
-            Self::Other(kind) => Said::new("document-other", [("kind", Worth::Word(kind.clone()))]),
-            Self::Newer(version) => Said::new(
+            Self::Json(e) => Message::new("document-json", [("line", count(e.line())), ("column", count(e.column()))]),
+            Self::Other(kind) => Message::new("document-other", [("kind", MessageValue::Word(kind.clone()))]),
+            Self::Newer(version) => Message::new(
                 "document-newer",
-                [("version", Worth::Count((*version).into())), ("known", Worth::Count(VERSION.into()))],
+                [("version", MessageValue::Count((*version).into())), ("known", MessageValue::Count(VERSION.into()))],
             ),
         }
     }

@@ -2,7 +2,7 @@
 
 use kilwa_measure::record::{Document, DocumentError};
 use kilwa_measure::sheet::SheetError;
-use kilwa_measure::{Failure, Refusal, Remark, Say};
+use kilwa_measure::{Failure, Refusal, Remark, ToMessage};
 use kilwa_measure_web::question::QuestionError;
 use kilwa_pack::PackError;
 use serde_json::Value;
@@ -144,18 +144,18 @@ fn questions() -> Vec<QuestionError> {
     all
 }
 
-fn all() -> Vec<Box<dyn Say>> {
+fn all() -> Vec<Box<dyn ToMessage>> {
     let failures = vec![
         Failure::Refused(Refusal::Gap),
         Failure::Pack(PackError::Checksum { what: "chunk 3".to_owned() }),
         Failure::Source("gone".to_owned()),
     ];
-    let mut all: Vec<Box<dyn Say>> = Vec::new();
-    all.extend(refusals().into_iter().map(|x| Box::new(x) as Box<dyn Say>));
-    all.extend(remarks().into_iter().map(|x| Box::new(x) as Box<dyn Say>));
-    all.extend(sheets().into_iter().map(|x| Box::new(x) as Box<dyn Say>));
-    all.extend(questions().into_iter().map(|x| Box::new(x) as Box<dyn Say>));
-    all.extend(failures.into_iter().map(|x| Box::new(x) as Box<dyn Say>));
+    let mut all: Vec<Box<dyn ToMessage>> = Vec::new();
+    all.extend(refusals().into_iter().map(|x| Box::new(x) as Box<dyn ToMessage>));
+    all.extend(remarks().into_iter().map(|x| Box::new(x) as Box<dyn ToMessage>));
+    all.extend(sheets().into_iter().map(|x| Box::new(x) as Box<dyn ToMessage>));
+    all.extend(questions().into_iter().map(|x| Box::new(x) as Box<dyn ToMessage>));
+    all.extend(failures.into_iter().map(|x| Box::new(x) as Box<dyn ToMessage>));
     all
 }
 
@@ -179,7 +179,7 @@ fn every_code_has_a_text_in_all_five_languages_with_exactly_its_placeholders() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../www/i18n");
     let mut codes = BTreeMap::new();
     for one in all() {
-        let message = one.said();
+        let message = one.message();
         assert!(!one.to_string().is_empty(), "{} has no English", message.code);
         assert!(
             message.code.split('-').all(|w| !w.is_empty() && w.bytes().all(|b| b.is_ascii_lowercase())),
