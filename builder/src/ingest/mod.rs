@@ -29,12 +29,12 @@ mod leaves;
 mod resolve;
 mod scatter;
 mod spill;
+mod split_requests;
 pub mod spool;
 pub mod surface;
 mod tally;
 mod topology;
 mod weld;
-mod wishes;
 mod words;
 
 use crate::build::options::BuildError;
@@ -95,7 +95,7 @@ pub fn ingest(
     let mut stages = Stages { work, unchecked: BTreeMap::new() };
     let known = Known::find(&mut stages, spooled, options)?;
     let key = |(level, midpoint): &(u8, [i32; 3])| DiamondKey { level: *level, midpoint: *midpoint };
-    let mut tree = leaves::tree_of(known.resolved.cube_log2, known.topology.wishes.iter().map(key));
+    let mut tree = leaves::tree_of(known.resolved.cube_log2, known.topology.split_requests.iter().map(key));
     // The files that this stage writes carry their own checksums.
     let leaves = stages.run("leaves", &[topology::WELDED, topology::REPLIES], &[""; 0], || {
         let buckets = Buckets::of_shape(known.scattered.cube_log2, known.scattered.shape.clone());

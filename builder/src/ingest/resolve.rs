@@ -237,9 +237,9 @@ impl<'a> Run<'a> {
     fn range(&self) -> u64 {
         let bits = 8 * self.used.len() as u64 + self.spooled.triangles / 8;
         let blocks = (2 * block(self.work, self.layout) * (4 * self.layout.triangle() + 16)) as u64;
-        let room = (self.work.memory / 8 * 7).saturating_sub(bits + blocks) / (4 * self.layout.vertex() as u64);
+        let capacity = (self.work.memory / 8 * 7).saturating_sub(bits + blocks) / (4 * self.layout.vertex() as u64);
         // Ever more passes would take for ever: 64 of them at most.
-        room.max(self.spooled.vertices.div_ceil(64)).clamp(1, self.spooled.vertices)
+        capacity.max(self.spooled.vertices.div_ceil(64)).clamp(1, self.spooled.vertices)
     }
 
     /// Stream the triangles past the vertices; `keep` are the bits of those that are kept, where they are known.

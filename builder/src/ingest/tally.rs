@@ -49,8 +49,8 @@ impl Tally {
     fn merge_one(&mut self, kind: &str, n: u64, places: &[String]) {
         let entry = self.0.entry(kind.to_owned()).or_default();
         entry.0 += n;
-        let room = PLACES_KEPT.saturating_sub(entry.1.len());
-        entry.1.extend(places.iter().take(room).cloned());
+        let remaining = PLACES_KEPT.saturating_sub(entry.1.len());
+        entry.1.extend(places.iter().take(remaining).cloned());
     }
 
     /// How often `kind` was found.

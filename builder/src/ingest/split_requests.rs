@@ -57,7 +57,7 @@ impl Above {
 }
 
 /// The triangles of a bucket.
-pub(super) struct Wishes<'a> {
+pub(super) struct SplitRequests<'a> {
     /// Sums of corners.
     pub(super) sums: &'a [[u32; 3]],
     /// Longest side of the box round each triangle, in steps.
@@ -68,7 +68,7 @@ pub(super) struct Wishes<'a> {
     pub(super) keys: Vec<DiamondKey>,
 }
 
-impl Wishes<'_> {
+impl SplitRequests<'_> {
     /// The split requests inside a bucket whose tetrahedron is `tetra`.
     pub(super) fn collect(&mut self, tetra: &Tetra) -> Above {
         let mut order: Vec<u32> = (0..self.sums.len() as u32).collect();
