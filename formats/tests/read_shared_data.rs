@@ -89,11 +89,11 @@ fn every_ply_is_read_as_the_reference_reads_it_or_refused_with_a_reason() {
             Ok(mesh) => {
                 read += 1;
                 println!("read    {name}: {} vertices, {} triangles", mesh.positions.len(), mesh.triangles.len());
-                for (kind, n, places) in mesh.findings.iter() {
+                for (kind, n, places) in mesh.diagnostics.iter() {
                     println!("          {n} {kind}: {}", places.join("; "));
                 }
                 check_invariants(&mesh, &name);
-                let f = |kind| mesh.findings.count(kind);
+                let f = |kind| mesh.diagnostics.count(kind);
                 if !row.parsed {
                     continue;
                 }
@@ -171,8 +171,8 @@ fn every_obj_is_read_as_the_reference_reads_it_or_refused_with_a_reason() {
                 read += 1;
                 check_invariants(&mesh, &name);
                 let row = &table[&name];
-                let dropped = mesh.findings.count("triangles that name a vertex twice dropped")
-                    + mesh.findings.count("triangles dropped because a corner has no finite position");
+                let dropped = mesh.diagnostics.count("triangles that name a vertex twice dropped")
+                    + mesh.diagnostics.count("triangles dropped because a corner has no finite position");
                 if let (true, Some(triangles)) = (row.parsed, row.triangles) {
                     assert_eq!(mesh.triangles.len() as u64 + dropped, triangles, "{name}: triangles");
                 }

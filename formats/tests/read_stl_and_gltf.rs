@@ -47,7 +47,7 @@ fn check_invariants(mesh: &RawMesh, name: &str) {
 
 fn report(path: &Path, mesh: &RawMesh) {
     println!("read    {}: {} triangles", path.display(), mesh.triangles.len());
-    for (kind, n, places) in mesh.findings.iter() {
+    for (kind, n, places) in mesh.diagnostics.iter() {
         println!("          {n} {kind}: {}", places.join("; "));
     }
 }
@@ -128,7 +128,7 @@ fn a_draco_file_has_the_same_surface_as_its_uncompressed_form() {
     assert!((a / b - 1.0).abs() < 0.01, "{a} {b}");
 }
 
-/// What is reported of each damaged file of `tests/malformed`: in the message if refused, in the findings if repaired
+/// What is reported of each damaged file of `tests/malformed`: in the message if refused, in the diagnostics if repaired
 /// (empty: it looks damaged but needs no repair).
 const MALFORMED: &[(&str, &str)] = &[
     ("accessor_beyond_view.gltf", "accessors[0]: found 5 elements"),
@@ -187,7 +187,7 @@ fn every_malformed_stl_and_gltf_is_refused_or_repaired_as_the_table_states() {
             Ok(mesh) => {
                 assert!(name.starts_with("repaired_"), "{name} was read");
                 check_invariants(&mesh, name);
-                let kinds: Vec<&str> = mesh.findings.iter().map(|(kind, _, _)| kind).collect();
+                let kinds: Vec<&str> = mesh.diagnostics.iter().map(|(kind, _, _)| kind).collect();
                 assert!(kinds.iter().any(|s| s.contains(words)) || words.is_empty(), "{name}: {words:?} in {kinds:?}");
             }
             Err(e) => {

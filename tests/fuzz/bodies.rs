@@ -8,7 +8,7 @@ use kilwa_archive::layout::safe;
 use kilwa_archive::notes::Body as NoteBody;
 use kilwa_archive::rights::Rights;
 use kilwa_archive::{Checksums, Manifest, Metadata, Notes};
-use kilwa_formats::Findings;
+use kilwa_formats::Diagnostics;
 use kilwa_formats::RawMesh;
 use kilwa_formats::read::{
     Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, gltf, obj, read_mesh_from, stl,
@@ -58,8 +58,8 @@ fn sound(mesh: &RawMesh) -> String {
     assert!(mesh.normals.is_empty() || mesh.normals.len() == n);
     assert!(mesh.scalars.iter().all(|(_, values)| values.len() == n));
     let mut kind = format!("{} {} {}", mesh.colors.len().min(1), mesh.normals.len().min(1), mesh.scalars.len());
-    for (finding, _, _) in mesh.findings.iter() {
-        kind.push_str(finding);
+    for (diagnostic, _, _) in mesh.diagnostics.iter() {
+        kind.push_str(diagnostic);
     }
     kind
 }
@@ -159,8 +159,8 @@ impl MeshSink for Limited {
     fn vertex_count(&self) -> u64 {
         self.0.vertex_count()
     }
-    fn findings(&mut self) -> &mut Findings {
-        self.0.findings()
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        self.0.diagnostics()
     }
 }
 

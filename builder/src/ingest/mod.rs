@@ -40,7 +40,7 @@ mod words;
 use crate::build::options::BuildError;
 use crate::build::precision::Precision;
 use crate::build::work::Work;
-use crate::ingest::surface::{Finding, Ingested, LEAVES, SHARED, Surface};
+use crate::ingest::surface::{Diagnostic, Ingested, LEAVES, SHARED, Surface};
 use crate::scratch::{PatchFile, Records, Scratch, ScratchError, Sum, seal, unseal};
 use buckets::Buckets;
 use crowded::Crowd;
@@ -177,8 +177,8 @@ impl Known {
         tally.merge(&scattered.tally);
         tally.add_many(WELDED_VERTICES, resolved.used.saturating_sub(topology.counts.vertices));
         let channel = |c: &spool::Channel| ScalarChannel { name: c.name.clone(), min: c.min, max: c.max };
-        let finding = |(kind, count, places): (&str, u64, &[String])| {
-            (kind.to_owned(), Finding { count, places: places.to_vec() })
+        let diagnostic = |(kind, count, places): (&str, u64, &[String])| {
+            (kind.to_owned(), Diagnostic { count, places: places.to_vec() })
         };
         Surface {
             lattice: resolved.lattice,
@@ -198,7 +198,7 @@ impl Known {
             short_edge: resolved.first,
             noise: topology.roughness * resolved.lattice.step() * DEVIATION_PER_MEDIAN,
             sources,
-            findings: tally.iter().map(finding).collect::<BTreeMap<_, _>>(),
+            diagnostics: tally.iter().map(diagnostic).collect::<BTreeMap<_, _>>(),
         }
     }
 }

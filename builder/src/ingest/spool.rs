@@ -14,7 +14,7 @@ use super::tally::Tally;
 use crate::scratch::{Scratch, ScratchError};
 use kilwa_formats::ReadError;
 use kilwa_formats::read::sink::{MeshSink, NO_POSITION, TWICE, VertexBlock};
-use kilwa_formats::{Findings, RawMesh};
+use kilwa_formats::{Diagnostics, RawMesh};
 use kilwa_geometry::normal;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -143,8 +143,8 @@ pub struct Spool {
     /// Vertices without colour in inputs that have no coloured triangles.
     uncoloured: u64,
     with_normal: u64,
-    /// Findings of the current input.
-    findings: Findings,
+    /// Diagnostics of the current input.
+    diagnostics: Diagnostics,
     tally: Tally,
     cache: Vec<(u64, Vec<[f64; 3]>)>,
 }
@@ -167,7 +167,7 @@ impl Spool {
             declared: Vec::new(),
             uncoloured: 0,
             with_normal: 0,
-            findings: Findings::default(),
+            diagnostics: Diagnostics::default(),
             tally: Tally::default(),
             cache: Vec::new(),
             scratch: scratch.clone(),
@@ -216,7 +216,7 @@ impl Spool {
             self.tally.add_many(NO_SCALAR, here);
         }
         self.tally.add_many(FACE_COLOR, c.coloured_triangles);
-        self.tally.take(&std::mem::take(&mut self.findings));
+        self.tally.take(&std::mem::take(&mut self.diagnostics));
         Ok(())
     }
 
@@ -275,7 +275,7 @@ impl Spool {
             let wide: Vec<[u64; 3]> = block.iter().map(|t| t.map(u64::from)).collect();
             self.triangles(&wide, &[])?;
         }
-        self.findings.merge(mesh.findings.clone());
+        self.diagnostics.merge(mesh.diagnostics.clone());
         Ok(())
     }
 }
@@ -404,7 +404,7 @@ impl MeshSink for Spool {
                 }
             } else {
                 let place = || format!("vertex {} ({} {} {})", number + i as u64, p[0], p[1], p[2]);
-                self.findings.add(NO_POSITION, place);
+                self.diagnostics.add(NO_POSITION, place);
             }
         }
         self.positions.push(block.positions.iter().map(row_of_position))?;
@@ -455,7 +455,7 @@ impl MeshSink for Spool {
         for (i, t) in triangles.iter().enumerate() {
             c.delivered += 1;
             if t[0] == t[1] || t[1] == t[2] || t[2] == t[0] {
-                self.findings.add(TWICE, || format!("triangle of the vertices {}, {} and {}", t[0], t[1], t[2]));
+                self.diagnostics.add(TWICE, || format!("triangle of the vertices {}, {} and {}", t[0], t[1], t[2]));
                 continue;
             }
             let largest = t[0].max(t[1]).max(t[2]);
@@ -507,8 +507,8 @@ impl MeshSink for Spool {
         self.positions.rows() - self.current.first_vertex
     }
 
-    fn findings(&mut self) -> &mut Findings {
-        &mut self.findings
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        &mut self.diagnostics
     }
 }
 

@@ -156,7 +156,7 @@ fn an_ingest_equals_a_simple_construction_in_memory() {
             assert!((s.median_edge / expected.median_edge - 1.0).abs() < 2e-3, "{name}");
             let bounds = expected.mesh.bounds();
             assert_eq!(s.bounds, [bounds.min, bounds.max], "{name}");
-            let count = |kind: &str| s.findings.get(kind).map_or(0, |f| f.count);
+            let count = |kind: &str| s.diagnostics.get(kind).map_or(0, |f| f.count);
             assert_eq!(count("triangles dropped because they collapse on the lattice"), expected.collapsed, "{name}");
             assert_eq!(count("vertices welded because they are equal on the lattice"), expected.welded, "{name}");
             let theirs: BTreeMap<Tetra, Triangles> = tree
@@ -275,7 +275,7 @@ fn an_outlying_vertex_is_refused_instead_of_coarsening_the_lattice() {
         raw.positions.push([astray, 0.0, 0.0]);
         let case = Case { memory: LARGE, threads: 2, leaf_triangles: 2048 };
         let found = run(&[&raw], &case);
-        assert_eq!(found.surface.findings["vertices that no triangle uses"].count, 1);
+        assert_eq!(found.surface.diagnostics["vertices that no triangle uses"].count, 1);
         raw.positions.pop();
         assert!(found.leaves == run(&[&raw], &case).leaves, "{astray}");
     }
@@ -333,9 +333,9 @@ fn only_triangles_with_vertices_that_are_not_finite_are_dropped() {
     for memory in [LARGE, TINY] {
         let found = run(&[&raw], &Case { memory, threads: 2, leaf_triangles: 100 }).surface;
         assert_eq!(found.triangles, 900 - 2);
-        let dropped = &found.findings["triangles dropped because a corner has no finite position"];
+        let dropped = &found.diagnostics["triangles dropped because a corner has no finite position"];
         assert_eq!((dropped.count, dropped.places.clone()), (2, vec!["triangle 0".into(), "triangle 100".into()]));
-        assert_eq!(found.findings["vertices without a finite position dropped"].count, 3);
+        assert_eq!(found.diagnostics["vertices without a finite position dropped"].count, 3);
     }
 }
 
@@ -362,7 +362,7 @@ fn triangles_removed_by_crop_and_confidence_are_counted() {
         let crop = Some([[-1.0, -1.0, -1.0], [1.0, 0.5, 1.0]]);
         let o = IngestOptions { crop, min_confidence: Some(0.5), ..options(100) };
         let found = try_run(&[&raw], &case, &o).unwrap();
-        let n = |kind: &str| found.surface.findings.get(kind).map_or(0, |f| f.count);
+        let n = |kind: &str| found.surface.diagnostics.get(kind).map_or(0, |f| f.count);
         // Centroids lie a third of an edge inside: 10 columns and 5 rows, less those of low confidence among them.
         assert_eq!(n("triangles dropped because of --min-confidence"), 9);
         let low_inside = 1;
@@ -390,7 +390,7 @@ fn attributes_of_several_inputs_are_combined_and_missing_ones_counted() {
     let names: Vec<&str> = one.surface.scalars.iter().map(|s| s.name.as_str()).collect();
     assert_eq!(names, ["a", "alpha", "b"]);
     assert_eq!((one.surface.scalars[2].min, one.surface.scalars[2].max), (0.0, 2.0));
-    let n = |kind: &str| one.surface.findings.get(kind).map_or(0, |f| f.count);
+    let n = |kind: &str| one.surface.diagnostics.get(kind).map_or(0, |f| f.count);
     assert_eq!(n("vertices without colour beside coloured ones, shown grey"), 48);
     assert_eq!(n("vertices without a scalar that other files have, set to 0"), 3 * 48);
     assert_eq!(n("normals dropped and computed anew, because other files have none"), 48);
@@ -438,7 +438,7 @@ fn only_small_components_are_dropped_and_they_leave_nothing_behind() {
         assert_eq!(all.surface.triangles - found.surface.triangles, dropped);
         assert_eq!(found.surface.components, 12);
         let kind = "triangles of components smaller than --drop-islands-below dropped";
-        assert_eq!(found.surface.findings[kind].count, dropped);
+        assert_eq!(found.surface.diagnostics[kind].count, dropped);
         let alone = with(IngestOptions { drop_islands_below: Some(41), ..below }, &raw);
         let expected = with(IngestOptions { step: Some(2f64.powi(-12)), ..options(300) }, &base);
         assert_eq!(alone.surface.border_edges, expected.surface.border_edges);

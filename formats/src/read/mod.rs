@@ -5,7 +5,7 @@
 //!
 //! Invariants: a reader delivers vertices and triangles in the order of the file and holds nothing that grows with the
 //! mesh; at least one triangle is delivered, or the file is refused. [`read_mesh`] keeps all in memory, with what
-//! [`MemorySink`] promises. Whatever was dropped or repaired is in the findings, with a count and the first places.
+//! [`MemorySink`] promises. Whatever was dropped or repaired is in the diagnostics, with a count and the first places.
 //!
 //! Failures: the file cannot be opened or read; it is of another format; it is damaged or cut; it has no triangles.
 //! Memory is bounded by what the file really holds, never by what its header claims.

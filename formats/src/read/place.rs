@@ -6,7 +6,7 @@
 
 use super::ReadError;
 use super::sink::{MeshSink, VertexBlock};
-use crate::Findings;
+use crate::Diagnostics;
 use crate::{Units, Up};
 
 /// An affine map of space that can be undone: `p` becomes `rows · (p, 1)`.
@@ -171,8 +171,8 @@ impl MeshSink for Placed<'_> {
         self.sink.vertex_count()
     }
 
-    fn findings(&mut self) -> &mut Findings {
-        self.sink.findings()
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        self.sink.diagnostics()
     }
 }
 

@@ -179,7 +179,7 @@ impl Delivery<'_, '_, '_> {
     ) -> Result<(), ReadError> {
         for [a, b, c] in triangles.drain(..) {
             if a == b || b == c || c == a {
-                self.sink.findings().add(TWICE, || format!("triangle of the vertices {a}, {b} and {c}"));
+                self.sink.diagnostics().add(TWICE, || format!("triangle of the vertices {a}, {b} and {c}"));
                 continue;
             }
             let mut made = |v: u64| run.made(v, &mut self.buffers, &self.context);
@@ -207,7 +207,7 @@ impl Delivery<'_, '_, '_> {
         let size = run.size;
         let texels = |a: &Made, b: &Made| Run::texels(size, a, b);
         if [(0, 1), (1, 2), (2, 0)].iter().any(|&(i, k)| detail.is_beyond(texels(&made[i], &made[k]))) {
-            self.sink.findings().add_many("triangles that span too many texels to be split for all of them", 1);
+            self.sink.diagnostics().add_many("triangles that span too many texels to be split for all of them", 1);
         }
         run.shared.clear();
         if run.remembered.len() >= REMEMBERED {
@@ -241,7 +241,7 @@ impl Delivery<'_, '_, '_> {
             run.triangles.push(numbers);
             self.hand_on(run, PENDING)
         })?;
-        self.sink.findings().add_many("triangles split so that they keep their pictures", u64::from(parts > 1));
+        self.sink.diagnostics().add_many("triangles split so that they keep their pictures", u64::from(parts > 1));
         Ok(())
     }
 
@@ -286,7 +286,7 @@ impl Delivery<'_, '_, '_> {
 #[derive(Default)]
 pub(super) struct Nowhere {
     count: u64,
-    findings: crate::Findings,
+    diagnostics: crate::Diagnostics,
 }
 
 impl MeshSink for Nowhere {
@@ -312,7 +312,7 @@ impl MeshSink for Nowhere {
         self.count
     }
 
-    fn findings(&mut self) -> &mut crate::Findings {
-        &mut self.findings
+    fn diagnostics(&mut self) -> &mut crate::Diagnostics {
+        &mut self.diagnostics
     }
 }

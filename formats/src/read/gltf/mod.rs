@@ -140,16 +140,16 @@ fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailin
     let Container { json, binary, trailing } = container::open(source, total, options.document, &context)?;
     let root = parse(json, options.document, &context)?;
     refuse_pictures_outside(&root, &context)?;
-    let findings = sink.findings();
-    findings.add_many("bytes behind the end that the header of the GLB gives left out", trailing);
-    findings.add_many("animations left out; the rest pose is taken", root.animations.len() as u64);
-    let placed = scene::placed(&root, findings, &context)?;
+    let diagnostics = sink.diagnostics();
+    diagnostics.add_many("bytes behind the end that the header of the GLB gives left out", trailing);
+    diagnostics.add_many("animations left out; the rest pose is taken", root.animations.len() as u64);
+    let placed = scene::placed(&root, diagnostics, &context)?;
     let mut in_scene = vec![false; root.meshes.len()];
     for place in &placed {
         in_scene[place.mesh] = true;
     }
     let unused = in_scene.iter().filter(|used| !**used).count();
-    findings.add_many("meshes that do not stand in the scene left out", unused as u64);
+    diagnostics.add_many("meshes that do not stand in the scene left out", unused as u64);
 
     let buffers = Buffers::new(source, total, binary, &root, options.document, progress);
     let colored = is_colored(&root, &in_scene, &context)?;

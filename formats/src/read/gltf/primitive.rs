@@ -16,7 +16,7 @@ use std::collections::HashMap;
 /// Elements read at a time.
 const BLOCK: u64 = 1 << 16;
 
-/// Finding: a primitive that is no surface.
+/// Diagnostic: a primitive that is no surface.
 const NO_SURFACE: &str = "primitives of points or lines left out";
 
 /// What is needed beside the primitive in hand.
@@ -100,18 +100,18 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
     ) -> Result<(), ReadError> {
         let Some(mode) = Mode::of(primitive.mode) else {
             if primitive.mode <= 3 {
-                self.sink.findings().add(NO_SURFACE, || part.to_owned());
+                self.sink.diagnostics().add(NO_SURFACE, || part.to_owned());
                 return Ok(());
             }
             let found = format!("the mode {}", primitive.mode);
             return Err(self.context.part(part.to_owned(), found, "a mode of 0 to 6"));
         };
         if !primitive.attributes.contains_key("POSITION") {
-            self.sink.findings().add("primitives without positions left out", || part.to_owned());
+            self.sink.diagnostics().add("primitives without positions left out", || part.to_owned());
             return Ok(());
         }
         if !primitive.targets.is_empty() {
-            self.sink.findings().add("primitives with morph targets taken as they stand", || part.to_owned());
+            self.sink.diagnostics().add("primitives with morph targets taken as they stand", || part.to_owned());
         }
         let material = Material::of(self.root, primitive, part, &self.context)?;
         if self.detailing.is_some_and(|d| d.notes) && material.texture.is_none() {
@@ -240,7 +240,7 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
         let first = self.sink.vertex_count();
         if material.texture.is_some() && columns.coordinates.is_none() {
             let kind = "primitives with a picture and no texture coordinates; the picture is left out";
-            self.sink.findings().add(kind, || part.to_owned());
+            self.sink.diagnostics().add(kind, || part.to_owned());
         }
         let (mut values, mut linear) = (Vec::new(), Vec::new());
         let mut at = 0;
@@ -290,10 +290,10 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
         let (root, buffers, context) = (self.root, &mut self.buffers, &self.context);
         let most = self.textures.file_bytes();
         let load = || image_bytes(root, texture.image, buffers, most, context);
-        let findings = self.sink.findings();
+        let diagnostics = self.sink.diagnostics();
         self.textures.get(texture.image, load, |why| {
             let kind = "pictures that cannot be read; what they cover has the colour of its material";
-            findings.add(kind, || format!("images[{}]: {why}", texture.image));
+            diagnostics.add(kind, || format!("images[{}]: {why}", texture.image));
         })
     }
 
@@ -346,7 +346,7 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
         take(self, &mut triangles)?;
         if assembler.is_incomplete() {
             let kind = "primitives whose last indices make no triangle; they are left out";
-            self.sink.findings().add(kind, || part.to_owned());
+            self.sink.diagnostics().add(kind, || part.to_owned());
         }
         Ok(())
     }

@@ -288,7 +288,7 @@ fn textured_triangles_are_split_together_with_their_neighbours() {
     read_into_with(&path, &options, &mut sink, &mut |_, _| {}).unwrap();
     let mesh = sink.into_mesh().unwrap();
     assert!(mesh.triangles.len() > 2 * 64, "{}", mesh.triangles.len());
-    assert_eq!(mesh.findings.count("triangles split so that they keep their pictures"), 3);
+    assert_eq!(mesh.diagnostics.count("triangles split so that they keep their pictures"), 3);
 
     let at = |v: u32| mesh.positions[v as usize];
     let mut edges: BTreeMap<[[u64; 3]; 2], i32> = BTreeMap::new();
@@ -348,7 +348,7 @@ fn a_missing_image_leaves_the_material_colour_and_is_counted() {
     scene.0["images"][0] = json!({"uri": "not_here.png"});
     let mesh = scene.mesh();
     assert_eq!(mesh.colors[0], [255; 3]);
-    let (kind, n, places) = mesh.findings.iter().find(|(kind, _, _)| kind.starts_with("pictures")).unwrap();
+    let (kind, n, places) = mesh.diagnostics.iter().find(|(kind, _, _)| kind.starts_with("pictures")).unwrap();
     assert!(n == 1 && places[0].contains("not_here.png"), "{kind}: {places:?}");
 }
 
@@ -407,7 +407,7 @@ fn strips_and_fans_become_triangles_and_points_are_counted() {
     let points = json!({"mode": 0, "attributes": {"POSITION": 0}});
     scene.at("/meshes/0/primitives").as_array_mut().unwrap().push(points);
     let mesh = scene.mesh();
-    assert_eq!((mesh.triangles.len(), mesh.findings.count("primitives of points or lines left out")), (1, 1));
+    assert_eq!((mesh.triangles.len(), mesh.diagnostics.count("primitives of points or lines left out")), (1, 1));
 }
 
 #[test]

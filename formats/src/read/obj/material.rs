@@ -4,7 +4,7 @@
 //! colour it has. What cannot be understood is counted with its line, and the rest is read.
 
 use super::lines::{Lines, number, numbers, word};
-use crate::Findings;
+use crate::Diagnostics;
 use crate::read::ReadError;
 use crate::read::texture::Wrap;
 use std::collections::{BTreeMap, HashMap};
@@ -44,7 +44,7 @@ pub(super) fn read(
     library: &Path,
     used: &BTreeMap<String, u64>,
     materials: &mut HashMap<String, Material>,
-    findings: &mut Findings,
+    diagnostics: &mut Diagnostics,
 ) -> Result<(), ReadError> {
     let library: Arc<Path> = library.into();
     let mut names: usize = materials.values().filter_map(|m| m.map.as_ref()).map(|map| map.name.len()).sum();
@@ -85,7 +85,7 @@ pub(super) fn read(
         };
         if !understood {
             let place = || format!("{}, line {line_number}", library.display());
-            findings.add("colours of materials that cannot be understood", place);
+            diagnostics.add("colours of materials that cannot be understood", place);
         }
     }
     keep(current);

@@ -25,7 +25,7 @@ fn refusal(text: &str) -> String {
 }
 
 fn places(mesh: &RawMesh, kind: &str) -> Vec<String> {
-    mesh.findings.iter().find(|(k, ..)| *k == kind).map(|(_, _, p)| p.to_vec()).unwrap_or_default()
+    mesh.diagnostics.iter().find(|(k, ..)| *k == kind).map(|(_, _, p)| p.to_vec()).unwrap_or_default()
 }
 
 const SQUARE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
@@ -136,7 +136,7 @@ fn texture_coordinates_and_normals_that_do_not_exist_are_counted_and_left_out() 
     let mesh = ok(&format!("{SQUARE}vn 0 0 1\nf 1/7/1 2/8/1 3/9/2\n"));
     assert_eq!(mesh.triangles.len(), 1);
     let kind = "texture coordinates and normals named by faces that do not exist";
-    assert_eq!(mesh.findings.count(kind), 4);
+    assert_eq!(mesh.diagnostics.count(kind), 4);
 }
 
 #[test]
@@ -181,7 +181,7 @@ fn vertices_that_are_not_finite_are_dropped_with_their_triangles() {
             .map(|row| row.split(' ').fold("f".to_owned(), |line, v| line + " " + v + normal));
         let mesh = ok(&format!("v 0 0 0\nv nan 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\n{}\n", faces.join("\n")));
         assert_eq!(mesh.triangles.len(), 1);
-        assert_eq!(mesh.findings.count("triangles dropped because a corner has no finite position"), 3);
+        assert_eq!(mesh.diagnostics.count("triangles dropped because a corner has no finite position"), 3);
     }
 }
 
@@ -207,10 +207,10 @@ fn vertex_colours_range_to_1_or_to_255() {
         assert_eq!(unit.colors, expected, "{face}");
         let bytes = ok(&format!("v 0 0 0 255 0 51\nv 1 0 0 0 255 0\nv 0 1 0 0 0 255\n{face}"));
         assert_eq!(bytes.colors, expected);
-        assert_eq!(bytes.findings.count("colours rounded to 8 bits"), 0);
+        assert_eq!(bytes.diagnostics.count("colours rounded to 8 bits"), 0);
     }
     let grey = ok("v 0 0 0 1 0 0\nv 1 0 0\nv 0 1 0 0 0 1\nf 1 2 3\n");
-    assert_eq!(grey.findings.count("vertices without colour beside coloured ones, shown grey"), 1);
+    assert_eq!(grey.diagnostics.count("vertices without colour beside coloured ones, shown grey"), 1);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use super::elements::{Columns, Cursor, Row, Rows};
 use super::plan::Field;
 use super::scalar::Scalar;
 use super::{Place, ReadError};
-use crate::Findings;
+use crate::Diagnostics;
 use crate::read::source::{Source, quote};
 
 /// A word longer than this is no number.
@@ -110,7 +110,7 @@ impl<'s, 'a> Ascii<'s, 'a> {
     }
 
     /// Go to the next word, over line ends and comment lines; `false` at the end of the file.
-    fn seek_row(&mut self, findings: &mut Findings) -> Result<bool, ReadError> {
+    fn seek_row(&mut self, diagnostics: &mut Diagnostics) -> Result<bool, ReadError> {
         loop {
             if self.seek_word()? {
                 if !matches!(self.source.available().first(), Some(b'c' | b'o')) {
@@ -121,7 +121,7 @@ impl<'s, 'a> Ascii<'s, 'a> {
                     return Ok(true);
                 }
                 let line = self.line;
-                findings.add("comment lines among the data passed over", || format!("line {line}"));
+                diagnostics.add("comment lines among the data passed over", || format!("line {line}"));
             } else if self.source.available().is_empty() {
                 return Ok(false);
             }
@@ -185,8 +185,8 @@ impl Rows for Ascii<'_, '_> {
         self.source.go_to(cursor.offset)
     }
 
-    fn begin(&mut self, row: Row<'_>, findings: &mut Findings) -> Result<(), ReadError> {
-        if self.seek_row(findings)? {
+    fn begin(&mut self, row: Row<'_>, diagnostics: &mut Diagnostics) -> Result<(), ReadError> {
+        if self.seek_row(diagnostics)? {
             return Ok(());
         }
         let Row { element, number } = row;
@@ -226,10 +226,10 @@ impl Rows for Ascii<'_, '_> {
         Ok(())
     }
 
-    fn end(&mut self, _: Row<'_>, findings: &mut Findings) -> Result<(), ReadError> {
+    fn end(&mut self, _: Row<'_>, diagnostics: &mut Diagnostics) -> Result<(), ReadError> {
         let line = self.line;
         if self.leave_line()? > 0 {
-            findings.add("lines with more words than the header declares", || format!("line {line}"));
+            diagnostics.add("lines with more words than the header declares", || format!("line {line}"));
         }
         Ok(())
     }
@@ -256,10 +256,10 @@ impl Rows for Ascii<'_, '_> {
         Ok(false)
     }
 
-    fn finish(&mut self, findings: &mut Findings) -> Result<(), ReadError> {
-        while self.seek_row(findings)? {
+    fn finish(&mut self, diagnostics: &mut Diagnostics) -> Result<(), ReadError> {
+        while self.seek_row(diagnostics)? {
             let line = self.line;
-            findings.add("lines after the last element ignored", || format!("line {line}"));
+            diagnostics.add("lines after the last element ignored", || format!("line {line}"));
             self.leave_line()?;
         }
         Ok(())

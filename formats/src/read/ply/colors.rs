@@ -5,7 +5,7 @@
 //! colours are handed on. Values are taken as sRGB.
 
 use super::scalar::Scalar;
-use crate::Findings;
+use crate::Diagnostics;
 
 /// Colours of one element: their type, and what they have been found to run to.
 #[derive(Debug, Clone, Copy)]
@@ -21,26 +21,27 @@ pub(super) fn needs_scan(kind: Scalar) -> bool {
 
 impl Scale {
     /// The scale where `max` is the largest value in the file.
-    pub(super) fn new(kind: Scalar, max: f32, findings: &mut Findings) -> Self {
+    pub(super) fn new(kind: Scalar, max: f32, diagnostics: &mut Diagnostics) -> Self {
         let full = full_scale(kind, max);
         if kind != Scalar::U8 && full == 255.0 {
-            findings.add("colours of a wide type read as 0 to 255, because none is larger", || kind.name().to_owned());
+            diagnostics
+                .add("colours of a wide type read as 0 to 255, because none is larger", || kind.name().to_owned());
         }
         Self { kind, full }
     }
 
     /// One colour; what is lost by rounding is counted.
     #[inline]
-    pub(super) fn color(self, color: [f64; 3], findings: &mut Findings) -> [u8; 3] {
+    pub(super) fn color(self, color: [f64; 3], diagnostics: &mut Diagnostics) -> [u8; 3] {
         match self.kind {
-            Scalar::U8 => color.map(|v| byte(v, findings)),
+            Scalar::U8 => color.map(|v| byte(v, diagnostics)),
             // Some writers say char and mean uchar.
-            Scalar::I8 => self.round(color.map(|v| if v < 0.0 { v + 256.0 } else { v } as f32), findings),
-            _ => self.round(color.map(|v| v as f32), findings),
+            Scalar::I8 => self.round(color.map(|v| if v < 0.0 { v + 256.0 } else { v } as f32), diagnostics),
+            _ => self.round(color.map(|v| v as f32), diagnostics),
         }
     }
 
-    fn round(self, color: [f32; 3], findings: &mut Findings) -> [u8; 3] {
+    fn round(self, color: [f32; 3], diagnostics: &mut Diagnostics) -> [u8; 3] {
         let mut off = 0.0f32;
         let mut outside = false;
         let bytes = color.map(|component| {
@@ -53,8 +54,8 @@ impl Scale {
             }
             byte as u8 // NaN becomes 0
         });
-        findings.add_many("colours rounded to 8 bits", u64::from(off > 0.01));
-        findings.add_many("colours outside their range clamped", u64::from(outside));
+        diagnostics.add_many("colours rounded to 8 bits", u64::from(off > 0.01));
+        diagnostics.add_many("colours outside their range clamped", u64::from(outside));
         bytes
     }
 }
@@ -72,16 +73,16 @@ pub(super) fn full_scale(kind: Scalar, max: f32) -> f32 {
 
 /// A colour component of 8 bits; only text can hold another value.
 #[inline]
-fn byte(value: f64, findings: &mut Findings) -> u8 {
+fn byte(value: f64, diagnostics: &mut Diagnostics) -> u8 {
     let byte = value as u8;
     if f64::from(byte) == value {
         return byte;
     }
     if (0.0..=255.0).contains(&value) {
-        findings.add_many("colours rounded to 8 bits", 1);
+        diagnostics.add_many("colours rounded to 8 bits", 1);
         value.round() as u8
     } else {
-        findings.add_many("colours outside their range clamped", 1);
+        diagnostics.add_many("colours outside their range clamped", 1);
         byte
     }
 }

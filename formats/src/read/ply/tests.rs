@@ -51,7 +51,7 @@ fn attributed(more: &[&str], values: [&str; 3]) -> String {
 }
 
 fn places(mesh: &RawMesh, kind: &str) -> Vec<String> {
-    mesh.findings.iter().find(|(k, ..)| *k == kind).map(|(_, _, p)| p.to_vec()).unwrap_or_default()
+    mesh.diagnostics.iter().find(|(k, ..)| *k == kind).map(|(_, _, p)| p.to_vec()).unwrap_or_default()
 }
 
 // Encodings and headers.
@@ -126,7 +126,7 @@ fn elements_that_are_not_kept_are_named() {
     assert_eq!(places(&mesh, "properties of the vertices not kept"), ["extra"]);
     assert_eq!(places(&mesh, "properties of the faces not kept"), ["flag, weight"]);
     assert_eq!(places(&mesh, "elements of the file not kept"), ["other (2 rows)"]);
-    assert_eq!(mesh.findings.count("properties of the faces not kept"), 2);
+    assert_eq!(mesh.diagnostics.count("properties of the faces not kept"), 2);
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn text_may_have_any_line_ends_spaces_blank_lines_comments_and_exponents() {
         plain.replace("format", "comment a\nobj_info b\n  format").replace("100 0 0", "comment here\n100 0 0");
     let commented = ok(commented);
     assert_eq!(commented.triangles, mesh.triangles);
-    assert_eq!(commented.findings.count("comment lines among the data passed over"), 1);
+    assert_eq!(commented.diagnostics.count("comment lines among the data passed over"), 1);
 }
 
 #[test]
@@ -185,10 +185,10 @@ fn extra_values_in_a_row_are_skipped_and_counted() {
 fn rows_beyond_the_declared_ones_are_counted() {
     let mesh = ok(text(&XYZ, &CORNERS, &TRIANGLE) + "3 2 1 0\n3 2 1 0\n");
     assert_eq!(mesh.triangles.len(), 1);
-    assert_eq!(mesh.findings.count("lines after the last element ignored"), 2);
+    assert_eq!(mesh.diagnostics.count("lines after the last element ignored"), 2);
     let mut binary = encoded("binary_little_endian", ["short", "double", "uchar", "int"]);
     binary.extend([1, 2, 3]);
-    assert_eq!(ok(binary).findings.count("bytes after the last element ignored"), 3);
+    assert_eq!(ok(binary).diagnostics.count("bytes after the last element ignored"), 3);
 }
 
 #[test]
@@ -347,9 +347,9 @@ fn vertices_without_a_finite_position_are_dropped_with_their_triangles_and_count
         let mesh = ok(text(&XYZ, &vertices, &["3 0 1 2", "3 0 2 3", "3 2 4 3", "4 0 1 4 3"]));
         assert_eq!(mesh.positions, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]], "{bad}");
         assert_eq!(mesh.triangles, [[0, 1, 2], [1, 3, 2]], "{bad}");
-        assert_eq!(mesh.findings.count("vertices without a finite position dropped"), 1);
+        assert_eq!(mesh.diagnostics.count("vertices without a finite position dropped"), 1);
         assert!(places(&mesh, "vertices without a finite position dropped")[0].starts_with("vertex 1 "));
-        assert_eq!(mesh.findings.count("triangles dropped because a corner has no finite position"), 3);
+        assert_eq!(mesh.diagnostics.count("triangles dropped because a corner has no finite position"), 3);
     }
 }
 
@@ -374,7 +374,7 @@ fn degenerate_faces_are_dropped_and_counted() {
 #[test]
 fn unused_vertices_are_kept_and_counted() {
     let mesh = ok(text(&XYZ, &["0 0 0", "5 5 5", "1 0 0", "0 1 0"], &["3 0 2 3"]));
-    assert_eq!((mesh.positions.len(), mesh.findings.count("vertices that no triangle uses")), (4, 1));
+    assert_eq!((mesh.positions.len(), mesh.diagnostics.count("vertices that no triangle uses")), (4, 1));
 }
 
 #[test]
@@ -430,7 +430,7 @@ fn a_triangle_with_an_index_out_of_range_is_refused_anywhere_in_a_block() {
     };
     for big in [false, true] {
         assert_eq!(ok(good(big, n, 0)).triangles.len(), n as usize);
-        assert_eq!(ok(good(big, 9_999, 2)).findings.count("triangles that name a vertex twice dropped"), 1);
+        assert_eq!(ok(good(big, 9_999, 2)).diagnostics.count("triangles that name a vertex twice dropped"), 1);
         for at in [0, 9_999, n - 1] {
             for index in [4, u32::MAX] {
                 let message = refusal(good(big, at, index));
@@ -453,7 +453,7 @@ fn strips_flip_every_other_triangle_and_restart_after_minus_one() {
     assert_eq!(ok(strips("uint", "9 0 1 2 3 4 4294967295 0 1 2")).triangles, mesh.triangles);
     let joined = ok(strips("int", "8 0 1 2 2 1 1 3 2"));
     assert_eq!(joined.triangles, [[0, 1, 2], [3, 1, 2]]);
-    assert_eq!(joined.findings.count("empty triangles that join strips dropped"), 4);
+    assert_eq!(joined.diagnostics.count("empty triangles that join strips dropped"), 4);
     assert!(refusal(strips("int", "3 0 1 5")).contains("vertex index 5 in tristrips 0"));
     assert!(refusal(strips("int", "3 0 1 -2")).contains("vertex index -2"));
 }
@@ -488,8 +488,8 @@ fn colours_of_every_type_give_the_same_result() {
             let properties: Vec<&str> = properties.iter().map(String::as_str).collect();
             let mesh = ok(attributed(&properties, values));
             assert_eq!(mesh.colors, expected, "{kind} {names:?}");
-            assert_eq!(mesh.findings.count("colours rounded to 8 bits"), 0, "{kind}");
-            assert_eq!(mesh.findings.count("colours outside their range clamped"), 0, "{kind}");
+            assert_eq!(mesh.diagnostics.count("colours rounded to 8 bits"), 0, "{kind}");
+            assert_eq!(mesh.diagnostics.count("colours outside their range clamped"), 0, "{kind}");
         }
     }
 }
@@ -502,14 +502,14 @@ fn colours_that_eight_bits_cannot_hold_are_counted() {
         ok(attributed(&properties.iter().map(String::as_str).collect::<Vec<_>>(), values))
     };
     let mesh = read("float", ["0.5 0 0", "1 1 1", "0.001 0 0"]);
-    assert_eq!((mesh.colors[0][0], mesh.findings.count("colours rounded to 8 bits")), (128, 2));
+    assert_eq!((mesh.colors[0][0], mesh.diagnostics.count("colours rounded to 8 bits")), (128, 2));
     let mesh = read("float", ["1.5 -0.2 0", "nan 1 1", "0 0 0"]);
     assert_eq!((mesh.colors[0], mesh.colors[1]), ([255, 0, 0], [0, 255, 255]));
-    assert_eq!(mesh.findings.count("colours outside their range clamped"), 2);
+    assert_eq!(mesh.diagnostics.count("colours outside their range clamped"), 2);
     let mesh = read("uchar", ["300 -5 12.4", "0 0 0", "0 0 0"]);
     assert_eq!(mesh.colors[0], [255, 0, 12]);
-    assert_eq!(mesh.findings.count("colours outside their range clamped"), 2);
-    assert_eq!(mesh.findings.count("colours rounded to 8 bits"), 1);
+    assert_eq!(mesh.diagnostics.count("colours outside their range clamped"), 2);
+    assert_eq!(mesh.diagnostics.count("colours rounded to 8 bits"), 1);
 }
 
 #[test]
@@ -535,7 +535,7 @@ fn normals_of_any_type_are_kept_as_given() {
     let mesh = ok(attributed(&["char nx", "char ny", "char nz"], ["0 0 127", "0 -127 0", "64 0 0"]));
     assert_eq!(mesh.normals, [[0.0, 0.0, 127.0], [0.0, -127.0, 0.0], [64.0, 0.0, 0.0]]);
     let mesh = ok(attributed(&["float nx", "float ny", "float nz"], ["0 0 nan", "0 1 0", "1 0 0"]));
-    assert_eq!((mesh.normals[0], mesh.findings.count("normals that are not finite set to zero")), ([0.0; 3], 1));
+    assert_eq!((mesh.normals[0], mesh.diagnostics.count("normals that are not finite set to zero")), ([0.0; 3], 1));
 }
 
 #[test]
@@ -588,7 +588,7 @@ fn faces_keep_their_colours_by_splitting_vertices_only_where_colours_meet() {
     }
     let corner = |t: usize, k: usize| two.positions[two.triangles[t][k] as usize];
     assert_eq!((corner(1, 0), corner(1, 1), corner(1, 2)), ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]));
-    assert_eq!(two.findings.count("vertices split so that faces keep their colours"), 2);
+    assert_eq!(two.diagnostics.count("vertices split so that faces keep their colours"), 2);
 }
 
 #[test]

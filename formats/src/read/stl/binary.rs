@@ -66,12 +66,14 @@ pub(super) fn read(bytes: &mut Bytes<'_>, start: &[u8], facets: &mut Facets<'_>)
     let wanted = if said == 0 { whole } else { said.min(whole) };
     if said == 0 && whole > 0 {
         facets
-            .findings()
+            .diagnostics()
             .add("headers that count no facets; those that are there were read", || format!("{whole} facets"));
     }
-    facets.findings().add_many("facets that the header counts and the file does not have", said.saturating_sub(whole));
+    facets
+        .diagnostics()
+        .add_many("facets that the header counts and the file does not have", said.saturating_sub(whole));
     let left = there - wanted * FACET as u64;
-    facets.findings().add_many("bytes after the last facet left out", left);
+    facets.diagnostics().add_many("bytes after the last facet left out", left);
 
     let colors = match Colors::of_header(start.get(..HEADER).unwrap_or_default()) {
         Colors::Magics(object) if all_attributes_are_zero(bytes, wanted)? => Colors::Object(object),
@@ -83,7 +85,7 @@ pub(super) fn read(bytes: &mut Bytes<'_>, start: &[u8], facets: &mut Facets<'_>)
         let got = bytes.fill(&mut facet)?;
         if got < FACET {
             // The file has become shorter since its length was taken.
-            facets.findings().add_many("facets that the header counts and the file does not have", wanted - number);
+            facets.diagnostics().add_many("facets that the header counts and the file does not have", wanted - number);
             break;
         }
         let (normal, corners, attribute) = parse(&facet);

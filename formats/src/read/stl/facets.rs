@@ -4,7 +4,7 @@ use super::super::{MeshSink, ReadError, VertexBlock};
 
 /// Facets in a block.
 const BLOCK: usize = 1 << 14;
-/// Finding: the given normal points away from the side from which the corners run counter-clockwise.
+/// Diagnostic: the given normal points away from the side from which the corners run counter-clockwise.
 pub(super) const CONTRADICTS: &str = "facets whose normal contradicts the order of their corners; the order counts";
 
 /// Collects facets and hands them on.
@@ -26,9 +26,9 @@ impl<'a> Facets<'a> {
         self.delivered
     }
 
-    /// The findings of the sink.
-    pub(super) fn findings(&mut self) -> &mut crate::Findings {
-        self.sink.findings()
+    /// The diagnostics of the sink.
+    pub(super) fn diagnostics(&mut self) -> &mut crate::Diagnostics {
+        self.sink.diagnostics()
     }
 
     /// Add a facet. A block has facets with a colour or without one, never both.
@@ -53,7 +53,7 @@ impl<'a> Facets<'a> {
         let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         let lengths = libm::sqrt(dot(normal, normal) * dot(cross, cross));
         if lengths > 0.0 && dot(normal, cross) < -0.5 * lengths {
-            self.findings().add(CONTRADICTS, place);
+            self.diagnostics().add(CONTRADICTS, place);
         }
     }
 

@@ -53,14 +53,14 @@ fn a_wrong_facet_count_is_reported_and_the_existing_facets_are_read() {
     let facets = [(UP, CORNERS, 0); 3];
     let mesh = read(&binary(b"scan", 10, &facets)).unwrap();
     assert_eq!(mesh.triangles.len(), 3);
-    assert_eq!(mesh.findings.count("facets that the header counts and the file does not have"), 7);
+    assert_eq!(mesh.diagnostics.count("facets that the header counts and the file does not have"), 7);
     let mesh = read(&binary(b"scan", 0, &facets)).unwrap();
     assert_eq!(mesh.triangles.len(), 3);
     let mut bytes = binary(b"scan", 2, &facets);
     bytes.extend(b"abc");
     let mesh = read(&bytes).unwrap();
     assert_eq!(mesh.triangles.len(), 2);
-    assert_eq!(mesh.findings.count("bytes after the last facet left out"), 53);
+    assert_eq!(mesh.diagnostics.count("bytes after the last facet left out"), 53);
 }
 
 #[test]
@@ -99,10 +99,10 @@ fn a_facet_without_a_magics_colour_takes_the_header_colour() {
 fn normals_that_contradict_the_winding_are_counted_and_the_winding_decides() {
     let down = [0.0, 0.0, -1.0];
     let mesh = read(&binary(b"x", 3, &[(UP, CORNERS, 0), (down, CORNERS, 0), ([0.0; 3], CORNERS, 0)])).unwrap();
-    assert_eq!(mesh.findings.count(CONTRADICTS), 1);
+    assert_eq!(mesh.diagnostics.count(CONTRADICTS), 1);
     assert_eq!(mesh.triangles[1], [3, 4, 5]);
     let mesh = text(&format!("solid\n{}endsolid", FACET.replace("0 0 1", "0 0 -1")));
-    assert_eq!(mesh.findings.count(CONTRADICTS), 1);
+    assert_eq!(mesh.diagnostics.count(CONTRADICTS), 1);
 }
 
 #[test]
@@ -132,7 +132,7 @@ fn several_solids_with_any_names_are_one_mesh() {
     );
     let mesh = text(&file);
     assert_eq!(mesh.triangles.len(), 2);
-    assert_eq!(mesh.findings.iter().count(), 0, "{:?}", mesh.findings);
+    assert_eq!(mesh.diagnostics.iter().count(), 0, "{:?}", mesh.diagnostics);
 }
 
 #[test]
@@ -146,8 +146,8 @@ fn a_missing_endfacet_and_a_missing_end_are_repaired_and_counted() {
     let file = format!("solid\n{0}{0}", FACET.replace(" endfacet\n", ""));
     let mesh = text(&file);
     assert_eq!(mesh.triangles.len(), 2);
-    assert_eq!(mesh.findings.count("facets without endfacet"), 2);
-    assert_eq!(mesh.findings.count("solids without an end; the file may be cut"), 1);
+    assert_eq!(mesh.diagnostics.count("facets without endfacet"), 2);
+    assert_eq!(mesh.diagnostics.count("solids without an end; the file may be cut"), 1);
 }
 
 #[test]
@@ -157,8 +157,8 @@ fn facets_without_exactly_three_corners_become_fans_or_are_dropped() {
     let mesh = text(&format!("solid\n{quad}{two}endsolid"));
     assert_eq!(mesh.triangles.len(), 2);
     assert_eq!(mesh.positions[3..], [[0.0; 3], [0.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]);
-    assert_eq!(mesh.findings.count("facets of more than three corners cut as fans"), 1);
-    assert_eq!(mesh.findings.count("facets of fewer than three corners dropped"), 1);
+    assert_eq!(mesh.diagnostics.count("facets of more than three corners cut as fans"), 1);
+    assert_eq!(mesh.diagnostics.count("facets of fewer than three corners dropped"), 1);
 }
 
 #[test]
