@@ -450,10 +450,10 @@ fn own_matrix(input: &Path, allow_outside: bool) -> anyhow::Result<Placement> {
 /// The matrix in a file.
 fn matrix(file: &Path) -> anyhow::Result<Placement> {
     /// More is no matrix.
-    const MOST: u64 = 64 * 1024;
+    const MAX: u64 = 64 * 1024;
     let mut text = String::new();
     read::open_regular(file)
-        .and_then(|(f, _)| f.take(MOST).read_to_string(&mut text))
+        .and_then(|(f, _)| f.take(MAX).read_to_string(&mut text))
         .with_context(|| format!("cannot read {}", file.display()))?;
     let words = text.lines().flat_map(|line| line.split('#').next().unwrap_or_default().split_whitespace());
     let mut numbers = Vec::new();

@@ -448,7 +448,7 @@ fn limits(args: &Args) -> Limits {
     };
     // A connection and the file that it sends, and some for the program itself.
     let wanted = u64::from(connections) * 2 + 128;
-    if let Some(files) = files_at_most(wanted).filter(|files| *files < wanted) {
+    if let Some(files) = max_files(wanted).filter(|files| *files < wanted) {
         limits.connections = usize::try_from(files.saturating_sub(128) / 2).unwrap_or(usize::MAX).max(1);
         tracing::warn!(
             "the system allows {files} open files, so {} connections at once instead of {connections}; \
@@ -461,7 +461,7 @@ fn limits(args: &Args) -> Limits {
 
 /// Raise the limit of open files as far as needed and allowed; what it is then.
 #[cfg(unix)]
-fn files_at_most(wanted: u64) -> Option<u64> {
+fn max_files(wanted: u64) -> Option<u64> {
     use nix::sys::resource::{Resource, getrlimit, setrlimit};
     let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE).ok()?;
     let raised = wanted.min(hard);
@@ -469,7 +469,7 @@ fn files_at_most(wanted: u64) -> Option<u64> {
 }
 
 #[cfg(not(unix))]
-fn files_at_most(_wanted: u64) -> Option<u64> {
+fn max_files(_wanted: u64) -> Option<u64> {
     None
 }
 

@@ -52,10 +52,10 @@ impl Connections {
     }
 
     /// Count a new connection, unless its address has `most` already (0: no limit).
-    pub(crate) fn enter(self: &Arc<Self>, address: IpAddr, most: usize) -> Option<Arc<Link>> {
+    pub(crate) fn enter(self: &Arc<Self>, address: IpAddr, max: usize) -> Option<Arc<Link>> {
         let mut table = self.table.lock().unwrap_or_else(PoisonError::into_inner);
         let count = table.by_address.entry(counted_as(address)).or_default();
-        if most > 0 && *count >= most {
+        if max > 0 && *count >= max {
             return None;
         }
         *count += 1;

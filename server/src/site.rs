@@ -208,9 +208,9 @@ fn questions(behind_proxy: bool) -> Router<Site> {
 
 /// Headers that every answer carries, and requests that nothing here takes.
 async fn manners(State(Manner { policy, vary }): State<Manner>, request: Request, next: Next) -> Response {
-    let most = if upload::is_upload(request.uri().path()) { upload::BODY_MAX } else { BODY_LIMIT };
+    let max = if upload::is_upload(request.uri().path()) { upload::BODY_MAX } else { BODY_LIMIT };
     let mut response = match request.body().size_hint().upper() {
-        Some(length) if length <= most => next.run(request).await,
+        Some(length) if length <= max => next.run(request).await,
         // What is not read cannot be followed by another request.
         _ => (StatusCode::PAYLOAD_TOO_LARGE, [(CONNECTION, "close")], "413 Payload Too Large\n").into_response(),
     };

@@ -15,7 +15,7 @@ const PACK_BYTES: (u64, u64) = (12, 1 << 16);
 /// Bytes for each triangle that the levels need at most beside each other: leaves, two levels, chunks, records: an estimate; whole builds were seen to use 97 to 100 with what reading leaves.
 const LEVEL_BYTES: u64 = 80;
 /// The longest JSON of a glTF that is looked at.
-const MOST_JSON: u64 = 64 << 20;
+const MAX_JSON: u64 = 64 << 20;
 /// More vertices or triangles than any mesh has; what a file claims beyond them is not calculated with.
 const COUNT_MAX: u64 = 1 << 40;
 /// What the tree and the journal take in any case.
@@ -108,7 +108,7 @@ fn json_length(start: &[u8], bytes: u64) -> Option<u64> {
     } else {
         return None;
     };
-    (length <= bytes.min(MOST_JSON)).then_some(length)
+    (length <= bytes.min(MAX_JSON)).then_some(length)
 }
 
 /// What the accessors of a glTF say, compressed or not, of each mesh as often as it is shown.
@@ -177,14 +177,14 @@ fn ply(start: &[u8], bytes: u64) -> Count {
     let (vertices, faces) = (vertices.min(bytes / 6), faces.min(bytes / 4));
     if faces > 0 && corner > 0 {
         // Polygons: as many triangles as their corners make, which the length tells, or for text the vertices.
-        let most = if header.contains("format ascii") {
+        let max = if header.contains("format ascii") {
             faces.max(vertices.min(faces).saturating_mul(2))
         } else {
             let corners =
                 bytes.saturating_sub((header.len() + END.len()) as u64 + vertices * vertex + faces * face) / corner;
             corners.saturating_sub(faces * 2)
         };
-        triangles = faces.max(most);
+        triangles = faces.max(max);
     }
     Count { vertices, triangles: triangles.min(bytes / 4), attributes }
 }

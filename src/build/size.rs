@@ -19,12 +19,12 @@ pub(crate) fn bytes(text: &str) -> Result<u64, String> {
 }
 
 /// The smallest budget that a build accepts: less does not hold one diamond.
-pub(crate) const LEAST_MEMORY: u64 = 100 << 20;
+pub(crate) const MIN_MEMORY: u64 = 100 << 20;
 
 /// Bytes of memory for a build.
 pub(crate) fn memory(text: &str) -> Result<u64, String> {
     let size = bytes(text)?;
-    if size < LEAST_MEMORY {
+    if size < MIN_MEMORY {
         return Err(format!("{text} is too little to build with; give 100M or more"));
     }
     Ok(size)

@@ -111,9 +111,9 @@ pub(super) fn print(args: &super::Args, plan: &Plan) -> anyhow::Result<()> {
 /// For people.
 fn text(plan: &Plan) -> String {
     let rows = rows(plan);
-    let short = |t: &str, most: usize| {
+    let short = |t: &str, max: usize| {
         let t = t.replace('\n', " ");
-        if t.chars().count() > most { format!("{}…", t.chars().take(most - 1).collect::<String>()) } else { t }
+        if t.chars().count() > max { format!("{}…", t.chars().take(max - 1).collect::<String>()) } else { t }
     };
     let heads = ["field", "value", "Dublin Core", "DataCite", "Europeana", "schema.org"];
     let cells: Vec<[String; 6]> = rows

@@ -68,7 +68,7 @@ pub(super) fn weld<S: Sink>(
     sink: &mut S,
     progress: &mut dyn FnMut(u64),
 ) -> Result<usize, S::Error> {
-    let mut most = 0;
+    let mut max = 0;
     let mut shared: HashMap<u64, (u32, u32)> = HashMap::new();
     let (mut next, mut written) = (0_u32, 0_u64);
     let mut local: Vec<Option<u32>> = Vec::new();
@@ -96,10 +96,10 @@ pub(super) fn weld<S: Sink>(
             }
             progress(written);
         }
-        most = most.max(shared.len());
+        max = max.max(shared.len());
         shared.retain(|_, (_, last)| *last > slab);
     }
-    Ok(most)
+    Ok(max)
 }
 
 /// The index of a vertex in the stream, putting it out where it is new.

@@ -464,13 +464,13 @@ fn begins(text: &[char], at: usize, word: &str) -> bool {
 /// A latitude beside a longitude of whichever place: with letters or words that name the axes, or with so many digits that they can be nothing else.
 fn stated(text: &[char], numbers: &[Number], angles: &[Angle]) -> Option<(usize, usize)> {
     let named = |wanted: Axis| -> Vec<(usize, usize)> {
-        let most = if wanted == Axis::Latitude { 90.0 } else { 180.0 };
+        let max = if wanted == Axis::Latitude { 90.0 } else { 180.0 };
         let decimal = numbers.iter().filter(|n| {
-            n.value <= most
+            n.value <= max
                 && (n.decimals >= BESIDE_DECIMALS || is_degree(text, n))
                 && axis_of(text, n.from, n.to) == Some(wanted)
         });
-        let sixty = angles.iter().filter(|a| a.value <= most && a.is_marked && a.axis == Some(wanted));
+        let sixty = angles.iter().filter(|a| a.value <= max && a.is_marked && a.axis == Some(wanted));
         let mut all: Vec<_> = decimal.map(Placed::span).chain(sixty.map(Placed::span)).collect();
         all.sort_unstable();
         all

@@ -156,8 +156,8 @@ fn in_address(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
 /// Whether a sexagesimal angle is unlikely to be a time or a date: it has unit signs, or all three parts and the letter of an axis.
 /// Three numbers that look like a date or a version do not count if only a direction word or an initial follows.
 fn is_angle(text: &[char], a: &Angle) -> bool {
-    let most = if a.axis == Some(Axis::Latitude) { 90.0 } else { 180.0 };
-    if a.value > most {
+    let max = if a.axis == Some(Axis::Latitude) { 90.0 } else { 180.0 };
+    if a.value > max {
         return false;
     }
     if a.is_marked {

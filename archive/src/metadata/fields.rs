@@ -222,11 +222,11 @@ fn place(t: Table<'_, '_>) -> Place {
         }
         is_code.then(|| f.value.to_uppercase())
     });
-    let degrees = |key: &'static str, most: f64| {
+    let degrees = |key: &'static str, max: f64| {
         let f = t.number(key)?;
-        let is_right = f.value.abs() <= most;
+        let is_right = f.value.abs() <= max;
         if !is_right {
-            t.wrong(key, f.at, format!("degrees from -{most} to {most} are wanted"));
+            t.wrong(key, f.at, format!("degrees from -{max} to {max} are wanted"));
         }
         is_right.then_some(f.value)
     };

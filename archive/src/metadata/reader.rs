@@ -141,9 +141,9 @@ impl<'a, 'i> Table<'a, 'i> {
                 return None;
             }
         };
-        let most = if is_long { TEXT_MAX } else { LINE_MAX };
-        if text.len() > most {
-            self.wrong(key, at, format!("it is {} bytes long; {most} are possible", text.len()));
+        let max = if is_long { TEXT_MAX } else { LINE_MAX };
+        if text.len() > max {
+            self.wrong(key, at, format!("it is {} bytes long; {max} are possible", text.len()));
             return None;
         }
         if let Some(c) = text.chars().find(|c| c.is_control() && !(is_long && matches!(c, '\n' | '\t'))) {

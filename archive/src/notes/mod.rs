@@ -26,7 +26,7 @@ use thiserror::Error;
 /// Longest file, bytes: the page reads no longer one.
 pub const NOTES_MAX: u64 = 16_000_000;
 /// Most annotations of a file, as in the page.
-pub const MOST: usize = 5000;
+pub const MAX_ANNOTATIONS: usize = 5000;
 /// Longest title, text, and address or id, in the units of JavaScript's strings (UTF-16), as in the page.
 const LONGEST: [usize; 3] = [200, 20_000, 2000];
 /// How far from the model's box a place may be, of the box's diagonal: a coarse level, on which a place may have been chosen, reaches beyond the finest one.

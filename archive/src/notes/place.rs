@@ -145,13 +145,13 @@ fn is_moment(text: &str) -> bool {
     let zone = clock.find(['Z', '+', '-']).unwrap_or(clock.len());
     let (time, zone) = clock.split_at(zone);
     let (time, fraction) = time.split_once('.').map_or((time, None), |(time, fraction)| (time, Some(fraction)));
-    let digits = |text: &str, most: u32| {
-        text.len() == 2 && text.bytes().all(|b| b.is_ascii_digit()) && text.parse::<u32>().is_ok_and(|n| n <= most)
+    let digits = |text: &str, max: u32| {
+        text.len() == 2 && text.bytes().all(|b| b.is_ascii_digit()) && text.parse::<u32>().is_ok_and(|n| n <= max)
     };
     // A leap second is the sixtieth.
-    let is_clock = |text: &str, most: [u32; 3]| {
+    let is_clock = |text: &str, max: [u32; 3]| {
         let parts: Vec<&str> = text.split(':').collect();
-        (2..=most.len()).contains(&parts.len()) && parts.iter().zip(most).all(|(part, most)| digits(part, most))
+        (2..=max.len()).contains(&parts.len()) && parts.iter().zip(max).all(|(part, max)| digits(part, max))
     };
     let is_zone = match zone.strip_prefix(['+', '-']) {
         Some(hours) => hours.len() == 5 && is_clock(hours, [23, 59, 59]),

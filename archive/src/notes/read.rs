@@ -1,7 +1,8 @@
 //! Reading Web Annotations as notes: strictly, all problems at once, each with its note.
 
 use super::{
-    Body, DEEPEST, LONGEST, MOST, NOTES_MAX, Note, Notes, NotesError, PACK_STATE, VIEW_STATE, View, Words, name_of,
+    Body, DEEPEST, LONGEST, MAX_ANNOTATIONS, NOTES_MAX, Note, Notes, NotesError, PACK_STATE, VIEW_STATE, View, Words,
+    name_of,
 };
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
@@ -28,8 +29,11 @@ impl Notes {
             ))
         })?;
         let items = items_of(value)?;
-        if items.len() > MOST {
-            return Err(NotesError::one(format!("{} annotations are too many; {MOST} are possible", items.len())));
+        if items.len() > MAX_ANNOTATIONS {
+            return Err(NotesError::one(format!(
+                "{} annotations are too many; {MAX_ANNOTATIONS} are possible",
+                items.len()
+            )));
         }
         let (mut notes, mut left_out, mut problems) = (Vec::new(), 0, Vec::new());
         let mut ids: BTreeMap<String, usize> = BTreeMap::new();
@@ -334,11 +338,11 @@ fn link(address: &str, purpose: String) -> Result<Body, String> {
 }
 
 /// A text or texts by language, no longer than `most`.
-fn words(value: &Value, most: usize) -> Result<Words, String> {
+fn words(value: &Value, max: usize) -> Result<Words, String> {
     let text = |text: &str| {
         let length = text.encode_utf16().count();
-        if length > most {
-            return Err(format!("{length} characters are too long; {most} are possible"));
+        if length > max {
+            return Err(format!("{length} characters are too long; {max} are possible"));
         }
         if text.chars().any(|c| c.is_control() && !"\n\r\t".contains(c)) {
             return Err("it has characters in it that are no text".to_owned());

@@ -170,7 +170,7 @@ fn invalid_notes_are_refused_with_the_note_and_what_to_do() {
     assert!(parse("{\"type\":\"AnnotationCollection\",\"first\":\"https://a/1\"}").contains("other addresses"));
     assert!(parse("{\"items\":[],\"next\":\"https://a/2\"}").contains("other addresses"));
     assert!(parse("[1]").contains("annotation 1 is no object"));
-    assert!(refused(&Value::Array(vec![json!({}); MOST + 1])).contains("5001 annotations are too many"));
+    assert!(refused(&Value::Array(vec![json!({}); MAX_ANNOTATIONS + 1])).contains("5001 annotations are too many"));
     assert!(Notes::parse(&vec![b' '; NOTES_MAX as usize + 1]).unwrap_err().to_string().contains("too long"));
     // All problems at once, in no more lines than a person would read.
     let many =

@@ -85,8 +85,8 @@ impl BuildOptions {
         let options = [("--color-bits", self.color_bits, COLOR_BITS), ("--normal-bits", self.normal_bits, NORMAL_BITS)];
         for (option, bits, range) in options {
             if !range.contains(&bits) {
-                let (least, most) = range.into_inner();
-                return Err(BuildError::Bits { option, bits, least, most });
+                let (min, max) = range.into_inner();
+                return Err(BuildError::Bits { option, bits, min, max });
             }
         }
         Ok(())
@@ -120,16 +120,16 @@ pub enum BuildError {
         why: String,
     },
     /// So many bits cannot be kept.
-    #[error("{option} {bits} cannot be used: give {least} to {most}")]
+    #[error("{option} {bits} cannot be used: give {min} to {max}")]
     Bits {
         /// Name of the option.
         option: &'static str,
         /// The bits asked for.
         bits: u8,
         /// Fewest.
-        least: u8,
+        min: u8,
         /// Most.
-        most: u8,
+        max: u8,
     },
     /// The mesh is too small for any lattice.
     #[error("the mesh is too small: {why}")]

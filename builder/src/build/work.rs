@@ -141,19 +141,19 @@ mod tests {
     #[test]
     fn parallel_jobs_never_exceed_the_memory_and_finish_in_order() {
         for threads in [1, 3, 8] {
-            let (now, most) = (AtomicU64::new(0), AtomicU64::new(0));
+            let (now, max) = (AtomicU64::new(0), AtomicU64::new(0));
             let cost = |i: usize| [10, 45, 20, 500][i % 4];
             let done = with_work(threads, |work, _| {
                 work.run_jobs(200, 100, cost, |i| {
                     let sum = now.fetch_add(cost(i).min(100), Ordering::SeqCst) + cost(i).min(100);
-                    most.fetch_max(sum, Ordering::SeqCst);
+                    max.fetch_max(sum, Ordering::SeqCst);
                     std::thread::yield_now();
                     now.fetch_sub(cost(i).min(100), Ordering::SeqCst);
                     Ok(i * 2)
                 })
             });
             assert_eq!(done.unwrap(), (0..200).map(|i| i * 2).collect::<Vec<_>>());
-            assert!(most.into_inner() <= 100);
+            assert!(max.into_inner() <= 100);
         }
     }
 

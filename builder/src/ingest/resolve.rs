@@ -446,8 +446,8 @@ impl<'a> Run<'a> {
             tally.add(NOT_FINITE, || format!("triangle {number}"));
             return false;
         }
-        if let (Some(at), Some(least)) = (self.confidence, self.options.min_confidence)
-            && vertices.clone().any(|c| f32::from_bits(c[at]) < least)
+        if let (Some(at), Some(lowest)) = (self.confidence, self.options.min_confidence)
+            && vertices.clone().any(|c| f32::from_bits(c[at]) < lowest)
         {
             tally.add_many(LOW_CONFIDENCE, 1);
             return false;

@@ -26,7 +26,7 @@ pub(super) const TRIANGLES: &str = "triangles";
 pub(super) const TRIANGLE_COLORS: &str = "triangle-colors";
 
 /// Most vertices that a build numbers.
-const MOST_VERTICES: u64 = u32::MAX as u64 - 1;
+const MAX_VERTICES: u64 = u32::MAX as u64 - 1;
 /// Vertices in a block of the cache for [`MeshSink::positions`].
 const CACHE_BLOCK: u64 = 1 << 12;
 /// Blocks in that cache: 6 MiB.
@@ -390,8 +390,8 @@ impl MeshSink for Spool {
 
     fn vertices(&mut self, block: &VertexBlock<'_>) -> Result<(), ReadError> {
         let (before, n) = (self.positions.rows(), block.positions.len() as u64);
-        if before + n > MOST_VERTICES {
-            let what = format!("with it there are more than {MOST_VERTICES} vertices: build parts of the site");
+        if before + n > MAX_VERTICES {
+            let what = format!("with it there are more than {MAX_VERTICES} vertices: build parts of the site");
             return Err(ReadError::TooLarge { file: self.current.path.clone(), what });
         }
         let [min, max] = &mut self.bounds;
@@ -461,7 +461,7 @@ impl MeshSink for Spool {
             let largest = t[0].max(t[1]).max(t[2]);
             if c.largest.is_none_or(|l| largest > l.0) {
                 c.largest = Some((largest, c.delivered - 1));
-                if largest > MOST_VERTICES {
+                if largest > MAX_VERTICES {
                     let (file, vertices) = (c.path.clone(), self.positions.rows() - c.first_vertex);
                     return Err(ReadError::Index { file, triangle: c.delivered - 1, vertex: largest, vertices });
                 }

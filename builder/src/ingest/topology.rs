@@ -40,7 +40,7 @@ const ROUGHNESS_SAMPLE: u64 = 16;
 /// Distances are counted in parts of a step.
 const ROUGHNESS_PARTS: f64 = 4096.0;
 /// Most triangles of a bucket: what fits beside the bits of an edge's name.
-const MOST: usize = 1 << 28;
+const MAX: usize = 1 << 28;
 
 /// Numbers of the whole model.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -261,8 +261,8 @@ impl Local {
         let mut words = Vec::new();
         scattered.own.read(files.0, bucket, &mut words)?;
         let n = words.len() / layout.triangle();
-        if n > MOST {
-            let why = format!("{n} triangles at one place, which space cannot divide; at most {MOST}");
+        if n > MAX {
+            let why = format!("{n} triangles at one place, which space cannot divide; at most {MAX}");
             return Err(BuildError::TooLarge { why });
         }
         let mut local = Self::weld(&words, layout, bucket as u32);

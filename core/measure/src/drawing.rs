@@ -81,9 +81,9 @@ impl Drawing {
 
     /// Length of the scale bar, metres: 1, 2 or 5 times a power of ten, at most 80 mm on paper, more than 30.
     pub fn scale_bar(&self) -> f64 {
-        let most = 0.08 * self.scale;
-        let power = libm::pow(10.0, libm::floor(libm::log10(most)));
-        [5.0, 2.0, 1.0].into_iter().map(|k| k * power).find(|x| *x <= most).unwrap_or(power)
+        let max = 0.08 * self.scale;
+        let power = libm::pow(10.0, libm::floor(libm::log10(max)));
+        [5.0, 2.0, 1.0].into_iter().map(|k| k * power).find(|x| *x <= max).unwrap_or(power)
     }
 }
 

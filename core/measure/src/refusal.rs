@@ -82,14 +82,14 @@ pub enum Refusal {
     },
     /// Contours that are none or too many.
     #[error(
-        "an interval of {metres} m is not possible: it must be positive and give at most {most} contours between {low} \
+        "an interval of {metres} m is not possible: it must be positive and give at most {max} contours between {low} \
          and {high} m"
     )]
     Interval {
         /// What was given.
         metres: f64,
         /// Most contours.
-        most: usize,
+        max: usize,
         /// The lowest point, world height.
         low: f64,
         /// The highest.
@@ -119,11 +119,11 @@ impl ToMessage for Refusal {
             Self::NoPlane { .. } => Message::new("refuse-no-plane", []),
             Self::Waits => Message::new("refuse-waits", []),
             Self::Reach { .. } => Message::new("refuse-reach", []),
-            Self::Interval { metres: interval, most, low, high } => Message::new(
+            Self::Interval { metres: interval, max, low, high } => Message::new(
                 "refuse-interval",
                 [
                     metres("interval", interval),
-                    ("most", MessageValue::Count(most as u64)),
+                    ("most", MessageValue::Count(max as u64)),
                     metres("low", low),
                     metres("high", high),
                 ],

@@ -89,9 +89,9 @@ fn distance(points: &[Vec3], closed: bool, point: &Uncertainty) -> Result<Vec<Re
         all.extend(readings([("ends", Length)], points, point, |p| path::length(p, false).map(|l| [l.ends]))?);
     }
     // At a distance of nothing the derivative vanishes, the uncertainty does not.
-    let least = std::f64::consts::SQRT_2 * point.combined();
+    let min = std::f64::consts::SQRT_2 * point.combined();
     for r in &mut all {
-        r.quantity.uncertainty = r.quantity.uncertainty.max(if r.quantity.value == 0.0 { least } else { 0.0 });
+        r.quantity.uncertainty = r.quantity.uncertainty.max(if r.quantity.value == 0.0 { min } else { 0.0 });
     }
     Ok(all)
 }

@@ -112,8 +112,8 @@ impl Pace {
         self.changed_at = now_ms;
         let excess = self.smooth / AIM_MS;
         if excess > 1.15 {
-            let most = if self.smooth > FLOOR_MS { RESCUE } else { COMFORT.max(self.factor) };
-            let next = (self.factor * libm::sqrt(excess).min(2.0)).min(most);
+            let max = if self.smooth > FLOOR_MS { RESCUE } else { COMFORT.max(self.factor) };
+            let next = (self.factor * libm::sqrt(excess).min(2.0)).min(max);
             if next > self.factor {
                 self.remember(now_ms);
                 self.factor = next;

@@ -41,7 +41,7 @@ pub(super) trait Encoder {
     }
 
     /// Vertices that can be named.
-    fn most_vertices(&self) -> u32 {
+    fn max_vertices(&self) -> u32 {
         u32::MAX
     }
 

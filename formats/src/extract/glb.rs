@@ -85,7 +85,7 @@ impl Glb {
 
 impl Encoder for Glb {
     /// The largest index stands for "begin again".
-    fn most_vertices(&self) -> u32 {
+    fn max_vertices(&self) -> u32 {
         u32::MAX - 1
     }
 

@@ -59,7 +59,7 @@ impl Ply {
 
 impl Encoder for Ply {
     /// Indices are `int`.
-    fn most_vertices(&self) -> u32 {
+    fn max_vertices(&self) -> u32 {
         i32::MAX as u32
     }
 

@@ -166,7 +166,7 @@ impl State {
 /// The cache, and what is being made for it.
 pub struct Extracts {
     cache: PathBuf,
-    most_bytes: u64,
+    max_bytes: u64,
     workers: usize,
     extractor: Arc<Extractor>,
     /// Asked how much room the disk of a folder has.
@@ -178,19 +178,19 @@ pub struct Extracts {
 type Space = Box<dyn Fn(&Path) -> Option<u64> + Send + Sync>;
 
 impl Extracts {
-    /// With a cache in the folder `cache`, which is made where it is missing, of at most `most_bytes`.
+    /// With a cache in the folder `cache`, which is made where it is missing, of at most `max_bytes`.
     ///
     /// # Errors
     /// If the folder cannot be created or listed.
-    pub fn open(cache: PathBuf, most_bytes: u64) -> std::io::Result<Arc<Self>> {
-        Self::with_extractor(cache, most_bytes, Arc::new(mesh::extract))
+    pub fn open(cache: PathBuf, max_bytes: u64) -> std::io::Result<Arc<Self>> {
+        Self::with_extractor(cache, max_bytes, Arc::new(mesh::extract))
     }
 
     /// As [`Extracts::open`], with meshes that `extractor` makes.
     ///
     /// # Errors
     /// As [`Extracts::open`].
-    pub fn with_extractor(cache: PathBuf, most_bytes: u64, extractor: Arc<Extractor>) -> std::io::Result<Arc<Self>> {
+    pub fn with_extractor(cache: PathBuf, max_bytes: u64, extractor: Arc<Extractor>) -> std::io::Result<Arc<Self>> {
         create(&cache)?;
         for entry in std::fs::read_dir(&cache)? {
             let entry = entry?;
@@ -204,7 +204,7 @@ impl Extracts {
         }
         let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let space = Box::new(|at: &Path| fs4::available_space(at).ok());
-        let extracts = Self { cache, most_bytes, workers, extractor, space, state: Mutex::default() };
+        let extracts = Self { cache, max_bytes, workers, extractor, space, state: Mutex::default() };
         extracts.tidy(None);
         Ok(Arc::new(extracts))
     }
@@ -219,14 +219,14 @@ impl Extracts {
     }
 
     /// Bytes that the cache may hold.
-    pub(crate) fn most_bytes(&self) -> u64 {
-        self.most_bytes
+    pub(crate) fn max_bytes(&self) -> u64 {
+        self.max_bytes
     }
 
     /// Bytes that an order of a pack of so many triangles takes while it is made: of the mesh, and of what is read of a pack in a store.
     pub(crate) fn room(&self, pack: &Pack, triangles: u64, order: Order) -> [u64; 2] {
         let mesh = order.room(triangles);
-        [mesh, pack.room(mesh, self.most_bytes)]
+        [mesh, pack.room(mesh, self.max_bytes)]
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -352,7 +352,7 @@ impl Extracts {
                 };
                 // Whatever is in the cache already goes for it; what is being made beside it does not. Alone it always fits.
                 let room = beside.saturating_add(total(job.room));
-                if beside > 0 && room > self.most_bytes {
+                if beside > 0 && room > self.max_bytes {
                     return;
                 }
                 job.phase = Phase::Running(Instant::now());
@@ -446,7 +446,7 @@ impl Extracts {
         files.sort();
         let mut total: u64 = files.iter().map(|(_, bytes, _)| bytes).sum();
         for (_, bytes, path) in files {
-            if total <= self.most_bytes {
+            if total <= self.max_bytes {
                 break;
             }
             if new.is_some_and(|new| path == self.path(new)) {
@@ -529,10 +529,10 @@ mod tests {
     }
 
     /// With a fake that waits to be released.
-    fn shop(most: u64, workers: usize) -> (tempfile::TempDir, Arc<Fake>, Arc<Extracts>) {
+    fn shop(max: u64, workers: usize) -> (tempfile::TempDir, Arc<Fake>, Arc<Extracts>) {
         let dir = tempfile::tempdir().unwrap();
         let fake = Arc::new(Fake::waiting());
-        let mut extracts = Extracts::with_extractor(dir.path().join("cache"), most, fake.extractor()).unwrap();
+        let mut extracts = Extracts::with_extractor(dir.path().join("cache"), max, fake.extractor()).unwrap();
         Arc::get_mut(&mut extracts).unwrap().workers = workers;
         (dir, fake, extracts)
     }

@@ -122,7 +122,7 @@ impl Order {
     /// What the file will be about as long as, at most. What is made beside it while it is written is as long again: see [`Self::room`].
     pub(crate) fn estimate(self, triangles: u64) -> u64 {
         let written = match self.detail {
-            Detail::Triangles(most) => most.min(triangles),
+            Detail::Triangles(max) => max.min(triangles),
             // How many are within an error is known only when it is done: where it is small, all of them.
             Detail::Whole | Detail::Error(_) => triangles,
         };

@@ -8,7 +8,7 @@ use std::time::Duration;
 const REMEMBERED: usize = 16;
 const ENOUGH: usize = 3;
 /// No job is said to take less, seconds: starting and writing take their time.
-const LEAST: f64 = 1.0;
+const MIN: f64 = 1.0;
 /// Share of a job that must be done before its own progress says when it ends.
 const TELLING: f64 = 0.1;
 /// How far its own progress is trusted.
@@ -49,7 +49,7 @@ impl Pace {
         }
         let pick = |start: f64, pick: fn(f64, f64) -> f64| self.0.iter().copied().fold(start, pick);
         let range = [pick(f64::INFINITY, f64::min), pick(0.0, f64::max)];
-        Some(range.map(|rate| (rate * bytes as f64).max(LEAST)))
+        Some(range.map(|rate| (rate * bytes as f64).max(MIN)))
     }
 
     /// Seconds that are left of a job that runs, with the share of it that is done.

@@ -11,8 +11,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Room on the disk for what is read of a pack in a store, at most and at least, bytes.
-const MOST: u64 = 1 << 30;
-const LEAST: u64 = 16 << 20;
+const MAX: u64 = 1 << 30;
+const MIN: u64 = 16 << 20;
 
 /// A pack that lies somewhere.
 #[derive(Debug, Clone)]
@@ -50,11 +50,11 @@ impl Pack {
     }
 
     /// Room that reading it takes, bytes, where `beside` of `most` are for something else; at least what it cannot do without.
-    pub(crate) fn room(&self, beside: u64, most: u64) -> u64 {
+    pub(crate) fn room(&self, beside: u64, max: u64) -> u64 {
         let Some(identity) = &self.identity else { return 0 };
         let whole = identity.bytes().div_ceil(BLOCK).saturating_mul(BLOCK);
-        let good = (most / 4).clamp(LEAST, MOST).min(most.saturating_sub(beside));
-        whole.min(good.max(LEAST))
+        let good = (max / 4).clamp(MIN, MAX).min(max.saturating_sub(beside));
+        whole.min(good.max(MIN))
     }
 
     /// The same, to be held in `folder`.

@@ -74,8 +74,8 @@ pub(crate) fn form(about: &About, reader: &Reader<'_>, said: Said, asked: Option
         Said::Nothing => None,
         Said::Wrong => Some(l.t("extractWrong").to_owned()),
         Said::Refused(refusal) => Some(why(reader, refusal)),
-        Said::TooLarge(size, most) => {
-            Some(l.with("extractTooLarge", &[("size", &l.size(size)), ("most", &l.size(most))]))
+        Said::TooLarge(size, max) => {
+            Some(l.with("extractTooLarge", &[("size", &l.size(size)), ("most", &l.size(max))]))
         }
         Said::Unknown => Some(l.t("extractUnknown").to_owned()),
     };

@@ -63,9 +63,9 @@ impl Queue {
 
     /// Network and key of the job whose turn it is, where `workers` make them.
     pub(super) fn next(&self, workers: usize) -> Option<(String, String)> {
-        let most = workers.saturating_sub(1).max(1);
+        let max = workers.saturating_sub(1).max(1);
         let running = |network: &str| self.running.get(network).copied().unwrap_or(0);
-        let may = self.lines.iter().filter(|(network, _)| running(network) < most);
+        let may = self.lines.iter().filter(|(network, _)| running(network) < max);
         // The first of those that have the fewest running.
         let (network, line) = may.min_by_key(|(network, _)| running(network))?;
         Some((network.clone(), line.front()?.clone()))

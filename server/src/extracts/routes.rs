@@ -111,9 +111,9 @@ pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, re
     };
     let triangles = asked.about.triangles;
     let [mesh, read] = asked.extracts.room(&asked.pack.0, triangles, order);
-    let (size, most) = (mesh.saturating_add(read), asked.extracts.most_bytes());
-    if size > most {
-        let said = form(&asked.about, &reader, Said::TooLarge(size, most), Some(order));
+    let (size, max) = (mesh.saturating_add(read), asked.extracts.max_bytes());
+    if size > max {
+        let said = form(&asked.about, &reader, Said::TooLarge(size, max), Some(order));
         return html(&asked, said, StatusCode::UNPROCESSABLE_ENTITY, headers);
     }
     let (extracts, pack) = (Arc::clone(&asked.extracts), asked.pack.clone());

@@ -65,7 +65,7 @@ impl Facets {
     }
 
     /// How many of these objects have each value: the `most` most frequent of each facet, of `only` one where that is said.
-    pub(super) fn count(&self, objects: &[i64], only: Option<Facet>, most: usize) -> FacetCounts {
+    pub(super) fn count(&self, objects: &[i64], only: Option<Facet>, max: usize) -> FacetCounts {
         let mut counts = vec![0_u64; self.values.len()];
         for object in objects {
             let Ok(at) = self.objects.binary_search(object) else { continue };
@@ -85,7 +85,7 @@ impl Facets {
         }
         for counts in facets.values_mut() {
             counts.sort_by(|a, b| b.count.cmp(&a.count).then_with(|| a.value.cmp(&b.value)));
-            counts.truncate(most);
+            counts.truncate(max);
         }
         facets
     }

@@ -84,8 +84,8 @@ impl Projection {
     fn corners(&self) -> [[f64; 2]; 2] {
         let half = [WIDTH / 2.0 / self.scale / self.squeeze, HEIGHT / 2.0 / self.scale];
         let end = |sign: f64| {
-            let most = [180.0, 90.0];
-            [0, 1].map(|k: usize| (self.middle[k] + sign * half[k]).clamp(-most[k], most[k]))
+            let max = [180.0, 90.0];
+            [0, 1].map(|k: usize| (self.middle[k] + sign * half[k]).clamp(-max[k], max[k]))
         };
         [end(-1.0), end(1.0)]
     }

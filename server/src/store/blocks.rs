@@ -202,17 +202,17 @@ impl Source for Blocks {
 
     fn expect(&self, stretches: &[(u64, usize)]) {
         // No more than stays until it is read.
-        let most = (self.room / 2).max(1) as usize;
+        let max = (self.room / 2).max(1) as usize;
         let mut wanted = BTreeSet::new();
         for (offset, length) in stretches {
             let end = offset.saturating_add(*length as u64).min(self.identity.bytes());
             wanted.extend(offset / BLOCK..end.div_ceil(BLOCK));
-            if wanted.len() > most {
+            if wanted.len() > max {
                 break;
             }
         }
         let missing =
-            self.with(|held| Ok(wanted.into_iter().take(most).filter(|n| !held.places.contains_key(n)).collect()));
+            self.with(|held| Ok(wanted.into_iter().take(max).filter(|n| !held.places.contains_key(n)).collect()));
         let missing: Vec<u64> = missing.unwrap_or_default();
         // A single one is fetched as soon when it is read, which also says what goes wrong.
         if missing.len() > 1 {

@@ -45,7 +45,7 @@ use std::time::Duration;
 /// Folders below a version folder are looked into down to this depth.
 const DEPTH: usize = 6;
 /// A version with more files than this is no work of `kilwa publish`; it is not served, and that is logged.
-const MOST_FILES: usize = 20_000;
+const MAX_FILES: usize = 20_000;
 /// Requests to a store at once when many objects are looked at.
 const AT_ONCE: usize = 24;
 /// What is seen of the folder is trusted so long.
@@ -152,10 +152,10 @@ impl Place {
     }
 
     /// All of a file of at most `most` bytes that was listed as `identity`: from the folder as it is now, from the store as it was listed.
-    pub(crate) fn read_listed(&self, identity: &Identity, most: u64) -> io::Result<Bytes> {
+    pub(crate) fn read_listed(&self, identity: &Identity, max: u64) -> io::Result<Bytes> {
         match self {
-            Self::Path(path) => plain_file::read(plain_file::open_direct(path)?, most).map(Bytes::from),
-            Self::Key(store, key) => store.read_listed(key, identity, most),
+            Self::Path(path) => plain_file::read(plain_file::open_direct(path)?, max).map(Bytes::from),
+            Self::Key(store, key) => store.read_listed(key, identity, max),
         }
     }
 

@@ -11,7 +11,7 @@ use super::http::{Connector, Seen};
 use super::outage::{Away, Outage};
 use super::refused::{Refusals, Refused, is_refused};
 use super::survey::Survey;
-use super::{DEPTH, Identity, MOST_FILES, blocks};
+use super::{DEPTH, Identity, MAX_FILES, blocks};
 use axum::body::Bytes;
 use futures_util::stream::{self, BoxStream};
 use futures_util::{StreamExt as _, TryStreamExt as _};
@@ -262,15 +262,15 @@ impl S3 {
     }
 
     /// All of a small file, as it is now.
-    pub(super) fn read(self: &Arc<Self>, key: &str, most: u64) -> io::Result<Vec<u8>> {
+    pub(super) fn read(self: &Arc<Self>, key: &str, max: u64) -> io::Result<Vec<u8>> {
         let identity = self.identity(key)?;
-        self.read_listed(key, &identity, most).map(Vec::from)
+        self.read_listed(key, &identity, max).map(Vec::from)
     }
 
     /// All of a small file as it was listed; from memory, where it is held.
-    pub(super) fn read_listed(self: &Arc<Self>, key: &str, identity: &Identity, most: u64) -> io::Result<Bytes> {
-        if identity.bytes() > most {
-            return Err(io::Error::other(format!("longer than {most} bytes")));
+    pub(super) fn read_listed(self: &Arc<Self>, key: &str, identity: &Identity, max: u64) -> io::Result<Bytes> {
+        if identity.bytes() > max {
+            return Err(io::Error::other(format!("longer than {max} bytes")));
         }
         if let Some(bytes) = lock(&self.held).get(key, identity) {
             return Ok(bytes);
@@ -406,10 +406,10 @@ impl S3 {
         let path = self.at(key)?;
         let below = path.clone();
         let listed: Vec<ObjectMeta> = self.wait(key, move |store| async move {
-            store.client.list(Some(&path)).take(MOST_FILES + 1).try_collect().await
+            store.client.list(Some(&path)).take(MAX_FILES + 1).try_collect().await
         })?;
-        if listed.len() > MOST_FILES {
-            return Err(io::Error::other(format!("more than {MOST_FILES} files; the rest is not served")));
+        if listed.len() > MAX_FILES {
+            return Err(io::Error::other(format!("more than {MAX_FILES} files; the rest is not served")));
         }
         let name = |meta: &ObjectMeta| {
             let parts: Vec<String> = meta.location.prefix_match(&below)?.map(|p| p.as_ref().to_owned()).collect();

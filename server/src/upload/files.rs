@@ -34,7 +34,7 @@ pub(super) fn is_expected(path: &str) -> bool {
 }
 
 /// Most bytes of such a file.
-pub(super) fn most(path: &str) -> u64 {
+pub(super) fn max_bytes(path: &str) -> u64 {
     match path {
         PREVIEW => PREVIEW_MAX,
         WORLD => TEXT_MAX,

@@ -234,10 +234,10 @@ impl Intent {
             if !paths.insert(file.path.as_str()) {
                 return Err(Refusal::content(format!("{} is there twice", file.path)));
             }
-            let most = if is_pack { limits.version_bytes } else { super::files::most(&file.path) };
-            if file.bytes == 0 || file.bytes > most {
+            let max = if is_pack { limits.version_bytes } else { super::files::max_bytes(&file.path) };
+            if file.bytes == 0 || file.bytes > max {
                 let status = axum::http::StatusCode::PAYLOAD_TOO_LARGE;
-                let said = format!("{} has {} bytes; from 1 to {most} are possible", file.path, file.bytes);
+                let said = format!("{} has {} bytes; from 1 to {max} are possible", file.path, file.bytes);
                 return Err(Refusal::new(status, said));
             }
             total = total.saturating_add(file.bytes);

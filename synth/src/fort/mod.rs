@@ -110,7 +110,7 @@ impl Fort {
     }
 
     /// The largest number of tiles along one side.
-    pub(super) fn most_tiles(&self) -> u32 {
+    pub(super) fn max_tiles(&self) -> u32 {
         self.blocks[0]
     }
 

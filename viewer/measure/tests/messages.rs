@@ -35,7 +35,7 @@ fn refusals() -> Vec<Refusal> {
         Refusal::NoPlane { tool: "a section" },
         Refusal::Waits,
         Refusal::Reach { metres: -1.0 },
-        Refusal::Interval { metres: 0.0, most: 10, low: 1.0, high: 2.0 },
+        Refusal::Interval { metres: 0.0, max: 10, low: 1.0, high: 2.0 },
     ];
     for one in &all {
         match one {

@@ -1,7 +1,7 @@
 //! Convex polygons in the plane of a triangle, and cutting them along lines.
 
 /// Most corners a piece may have; one that would get more is not cut.
-const MOST: usize = 12;
+const MAX: usize = 12;
 
 /// A point in the plane.
 pub(super) type Point2 = [f64; 2];
@@ -9,7 +9,7 @@ pub(super) type Point2 = [f64; 2];
 /// A convex polygon, counter-clockwise.
 #[derive(Clone, Copy)]
 pub(super) struct Polygon {
-    corners: [Point2; MOST],
+    corners: [Point2; MAX],
     count: u8,
 }
 
@@ -55,7 +55,7 @@ impl Line {
 
 impl Polygon {
     pub(super) fn triangle(corners: [Point2; 3]) -> Self {
-        let mut all = [[0.0; 2]; MOST];
+        let mut all = [[0.0; 2]; MAX];
         all[..3].copy_from_slice(&corners);
         Self { corners: all, count: 3 }
     }
@@ -65,7 +65,7 @@ impl Polygon {
     }
 
     fn empty() -> Self {
-        Self { corners: [[0.0; 2]; MOST], count: 0 }
+        Self { corners: [[0.0; 2]; MAX], count: 0 }
     }
 
     fn push(&mut self, p: Point2) {
@@ -76,7 +76,7 @@ impl Polygon {
     /// Divide along a line.
     pub(super) fn cut(&self, line: &Line) -> Cut {
         let n = usize::from(self.count);
-        let mut sides = [0.0; MOST];
+        let mut sides = [0.0; MAX];
         let (mut inside, mut outside) = (false, false);
         for (s, p) in sides.iter_mut().zip(self.corners()) {
             *s = line.side(p);
@@ -90,7 +90,7 @@ impl Polygon {
             return Cut::Outside;
         }
         // Each part gets at most two corners more than it keeps.
-        if n + 2 > MOST {
+        if n + 2 > MAX {
             return Cut::Full;
         }
         let (mut left, mut right) = (Self::empty(), Self::empty());

@@ -13,7 +13,7 @@ use super::view::{Frame, ON_LINE, Seen};
 use kilwa_geometry::distance::{Vec3, cross, dot, point_triangle_squared, sub};
 
 /// Opposite triangles after which the walk is given up.
-const MOST_TRIANGLES: usize = 48;
+const MAX_TRIANGLES: usize = 48;
 /// Pieces below this share of the limit are taken as they are seen, however steep.
 const EXACT: f64 = 0.5;
 /// Squared cosine above which the height over a triangle is taken for the distance to it: at most a tenth more.
@@ -81,7 +81,7 @@ impl<'a> Walker<'a> {
         self.walk += 1;
         self.visited.clear();
         let hints = names.map(|p| self.hints[p as usize]);
-        for start in hints.into_iter().filter(|h| *h != NONE).chain(starts).take(MOST_TRIANGLES) {
+        for start in hints.into_iter().filter(|h| *h != NONE).chain(starts).take(MAX_TRIANGLES) {
             if !self.visited.add(start) {
                 continue;
             }
@@ -100,7 +100,7 @@ impl<'a> Walker<'a> {
         while let Some(&c) = self.visited.list.get(next) {
             next += 1;
             // One of its edges crosses the triangle, so it lies over it; anything else is not to be trusted.
-            if next > MOST_TRIANGLES || !matches!(self.visit(c, walk), Visit::Over) {
+            if next > MAX_TRIANGLES || !matches!(self.visit(c, walk), Visit::Over) {
                 return false;
             }
         }

@@ -13,13 +13,13 @@ use kilwa_geometry::lattice::MAX_COORDINATE;
 /// One fine triangle in so many tells how rough the surface is.
 const SAMPLE: usize = 4;
 /// Most zeros that the codec saves.
-const MOST: u32 = 15;
+const MAX: u32 = 15;
 
 impl Simplifier<'_> {
     /// Round the places that were made to multiples of a power of two, at most their [roughness](Self::roughness), each to
     /// the corner of its cell that suits its quadric best of those that turn no triangle over.
     pub(super) fn settle(&mut self) {
-        let grain = (libm::log2(self.roughness().max(1.0)) as u32).min(MOST);
+        let grain = (libm::log2(self.roughness().max(1.0)) as u32).min(MAX);
         if grain == 0 {
             return;
         }

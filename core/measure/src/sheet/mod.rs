@@ -250,7 +250,7 @@ impl Sheet {
     /// Left, top, right, bottom of the frame in whole pixels of a picture of this size.
     pub fn window(&self, size: [u32; 2]) -> [u32; 4] {
         let (f, scale) = (self.frame, self.pixels_per_mm());
-        let pixel = |mm: f64, most: u32| ((mm * scale).round().max(0.0) as u32).min(most);
+        let pixel = |mm: f64, max: u32| ((mm * scale).round().max(0.0) as u32).min(max);
         let [width, height] = size;
         [pixel(f.left, width), pixel(f.top, height), pixel(f.left + f.width, width), pixel(f.top + f.height, height)]
     }

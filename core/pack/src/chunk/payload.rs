@@ -26,8 +26,8 @@ pub(super) fn with_patches(patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
     out.extend_from_slice(body);
     // A decoder allocates for no more than so many triangles per byte: an absurdly regular chunk is padded.
     let triangles: u64 = patches.iter().map(|p| u64::from(p.count)).sum();
-    let least = usize::try_from(triangles.div_ceil(MAX_PER_BYTE as u64)).unwrap_or(0);
-    out.resize(out.len().max(least), 0);
+    let min = usize::try_from(triangles.div_ceil(MAX_PER_BYTE as u64)).unwrap_or(0);
+    out.resize(out.len().max(min), 0);
     out
 }
 

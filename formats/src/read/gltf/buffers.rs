@@ -65,7 +65,7 @@ pub(super) struct Buffers<'a> {
     stores: Vec<Option<Store>>,
     decoded: Vec<(usize, Rc<Vec<u8>>)>,
     /// The most bytes that decoded views may take together.
-    most: u64,
+    max: u64,
     /// Told with bytes done and bytes in all.
     progress: &'a mut super::super::OnProgress<'a>,
     done: u64,
@@ -79,11 +79,11 @@ impl<'a> Buffers<'a> {
         total: u64,
         binary: Option<(u64, u64)>,
         root: &Root,
-        most: u64,
+        max: u64,
         progress: &'a mut super::super::OnProgress<'a>,
     ) -> Self {
         let stores = root.buffers.iter().map(|_| None).collect();
-        Self { source, binary, stores, decoded: Vec::new(), most, progress, done: 0, total, told: 0 }
+        Self { source, binary, stores, decoded: Vec::new(), max, progress, done: 0, total, told: 0 }
     }
 
     /// Bytes of the file and of those beside it that were opened.
@@ -92,8 +92,8 @@ impl<'a> Buffers<'a> {
     }
 
     /// The most bytes that what is decoded may take.
-    pub(super) fn most(&self) -> u64 {
-        self.most
+    pub(super) fn max(&self) -> u64 {
+        self.max
     }
 
     /// Tell the progress that all is read.
@@ -114,13 +114,13 @@ impl<'a> Buffers<'a> {
                 return Ok(ViewBytes::Decoded(Rc::clone(bytes)));
             }
             let size = packed.count.saturating_mul(packed.byte_stride);
-            if size > self.most {
-                let found = format!("a compressed view of {size} bytes; at most {} fit in memory", self.most);
+            if size > self.max {
+                let found = format!("a compressed view of {size} bytes; at most {} fit in memory", self.max);
                 let expected = "a smaller one; give a larger --memory, or export the file without compression";
                 return Err(context.part(part(), found, expected));
             }
             let kept = |all: &[(usize, Rc<Vec<u8>>)]| all.iter().map(|(_, bytes)| bytes.len() as u64).sum::<u64>();
-            while self.decoded.len() == KEPT || kept(&self.decoded) > self.most - size {
+            while self.decoded.len() == KEPT || kept(&self.decoded) > self.max - size {
                 self.decoded.remove(0);
             }
             let bytes = Rc::new(self.decode(root, packed, &part(), context)?);

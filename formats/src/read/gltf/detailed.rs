@@ -253,8 +253,8 @@ impl Delivery<'_, '_, '_> {
     }
 
     /// Hand on what waits, where it is `most` or more.
-    pub(super) fn hand_on(&mut self, run: &mut Run<'_>, most: usize) -> Result<(), ReadError> {
-        if run.waiting.len() >= most && !run.waiting.is_empty() {
+    pub(super) fn hand_on(&mut self, run: &mut Run<'_>, max: usize) -> Result<(), ReadError> {
+        if run.waiting.len() >= max && !run.waiting.is_empty() {
             let positions: Vec<[f64; 3]> = run.waiting.iter().map(|m| m.position).collect();
             let normals: Vec<[f32; 3]> = run.waiting.iter().filter_map(|m| Some(m.normal?.map(|x| x as f32))).collect();
             let colors: Vec<[u8; 3]> = if self.colored { self.colors_of(run) } else { Vec::new() };
@@ -262,7 +262,7 @@ impl Delivery<'_, '_, '_> {
             self.sink.vertices(&block)?;
             run.waiting.clear();
         }
-        if run.triangles.len() >= most {
+        if run.triangles.len() >= max {
             self.deliver(&mut run.triangles)?;
         }
         Ok(())

@@ -194,13 +194,13 @@ fn refuse_pictures_outside(root: &Root, context: &Context<'_>) -> Result<(), Rea
 }
 
 /// Read the JSON: first what tells other versions apart, because their JSON has another form.
-fn parse(mut json: Vec<u8>, most: u64, context: &Context<'_>) -> Result<Root, ReadError> {
+fn parse(mut json: Vec<u8>, max: u64, context: &Context<'_>) -> Result<Root, ReadError> {
     // Some writers pad the JSON chunk with zeros instead of spaces.
     json.truncate(json.iter().rposition(|b| *b != 0).map_or(0, |last| last + 1));
     if without_mark(&json).len() < json.len() {
         json.drain(..json.len() - without_mark(&json).len());
     }
-    tally::check(&json, most, context)?;
+    tally::check(&json, max, context)?;
     let head: Head = deserialize(&json, context)?;
     let needs = |needs: String, way_out| ReadError::Needs { file: context.path.to_owned(), needs, way_out };
     if head.geometric_error.is_some() {

@@ -288,8 +288,8 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
     /// The decoded picture of a texture; where it cannot be had, that is counted once.
     pub(super) fn picture(&mut self, texture: &Texture) -> Option<&Picture> {
         let (root, buffers, context) = (self.root, &mut self.buffers, &self.context);
-        let most = self.textures.file_bytes();
-        let load = || image_bytes(root, texture.image, buffers, most, context);
+        let max = self.textures.file_bytes();
+        let load = || image_bytes(root, texture.image, buffers, max, context);
         let diagnostics = self.sink.diagnostics();
         self.textures.get(texture.image, load, |why| {
             let kind = "pictures that cannot be read; what they cover has the colour of its material";
@@ -407,7 +407,7 @@ fn image_bytes(
     root: &Root,
     index: usize,
     buffers: &mut Buffers<'_>,
-    most: u64,
+    max: u64,
     context: &Context<'_>,
 ) -> Result<Vec<u8>, Refusal> {
     let none = |why: &str| Refusal::Unreadable(why.to_owned());
@@ -415,9 +415,9 @@ fn image_bytes(
     let text = |e: ReadError| none(&e.to_string());
     if let Some(view) = image.buffer_view {
         let view = buffers.view(root, view, context).map_err(text)?;
-        if view.len() > most {
+        if view.len() > max {
             let why = format!(
-                "images[{index}] has {} bytes, of which only {most} fit in memory; give a larger --memory",
+                "images[{index}] has {} bytes, of which only {max} fit in memory; give a larger --memory",
                 view.len()
             );
             return Err(Refusal::Memory(why));
@@ -430,5 +430,5 @@ fn image_bytes(
         return Ok(bytes);
     }
     let path = buffers::locate(uri, &part, context).map_err(text)?;
-    context.companions.read(&path, most).map_err(|e| Refusal::of_file(&path, &e))
+    context.companions.read(&path, max).map_err(|e| Refusal::of_file(&path, &e))
 }

@@ -193,9 +193,9 @@ impl<'s, 'p> Corners<'s, 'p> {
     fn picture(&mut self) -> Option<(&Texture, &Map)> {
         let Paint::Picture(number, map) = &self.paint else { return None };
         let (name, file) = &self.pictures[*number];
-        let (companions, most) = (self.companions, self.textures.file_bytes());
+        let (companions, max) = (self.companions, self.textures.file_bytes());
         let load = || match file {
-            Some(file) => companions.read(file, most).map_err(|e| Refusal::of_file(file, &e)),
+            Some(file) => companions.read(file, max).map_err(|e| Refusal::of_file(file, &e)),
             None => Err(Refusal::Unreadable("it is missing".to_owned())),
         };
         let diagnostics = &mut self.diagnostics;

@@ -121,7 +121,7 @@ fn map(mut rest: &[u8], library: &Arc<Path>, line: u64) -> Option<Map> {
     };
     loop {
         let (option, after) = word(rest);
-        let (least, most) = match option {
+        let (min, max) = match option {
             b"-blendu" | b"-blendv" | b"-cc" | b"-clamp" | b"-texres" | b"-imfchan" | b"-bm" | b"-boost" | b"-type" => {
                 (1, 1)
             }
@@ -131,11 +131,11 @@ fn map(mut rest: &[u8], library: &Arc<Path>, line: u64) -> Option<Map> {
         };
         let mut values = Vec::new();
         rest = after;
-        while values.len() < most {
+        while values.len() < max {
             let (value, after) = word(rest);
             // The last word is the name, though it be a number.
             let is_last = after.trim_ascii().is_empty();
-            if value.is_empty() || is_last || (values.len() >= least && number(value).is_none()) {
+            if value.is_empty() || is_last || (values.len() >= min && number(value).is_none()) {
                 break;
             }
             values.push(value);

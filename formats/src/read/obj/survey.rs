@@ -9,8 +9,8 @@ use crate::read::ReadError;
 use std::collections::BTreeMap;
 
 /// Names of materials and libraries kept, and the bytes that either may take together.
-const MOST_NAMES: usize = 1 << 16;
-const MOST_BYTES: usize = 16 << 20;
+const MAX_NAMES: usize = 1 << 16;
+const MAX_BYTES: usize = 16 << 20;
 
 /// Names, each with the line that it stands in first.
 #[derive(Debug, Default)]
@@ -22,7 +22,7 @@ pub(super) struct Names {
 
 impl Names {
     fn add(&mut self, rest: &[u8], line: u64) {
-        if self.lines.len() >= MOST_NAMES || self.bytes >= MOST_BYTES {
+        if self.lines.len() >= MAX_NAMES || self.bytes >= MAX_BYTES {
             return;
         }
         let name = text(&rest[..rest.len().min(LONGEST_NAME)]);

@@ -126,8 +126,8 @@ pub fn split<V: Vertex, E>(
     let levels = [0, 1, 2].map(|k| detail.level(corners[k].position(), corners[(k + 1) % 3].position()));
     // Where the picture is too large to follow, distances in it are made smaller, so that halving comes to an end.
     let longest = [0, 1, 2].map(|k| texels(&corners[k], &corners[(k + 1) % 3])).into_iter().fold(0.0, f64::max);
-    let most = detail.texels * f64::from(1u32 << detail.deepest);
-    let scale = if longest > most { most / longest } else { 1.0 };
+    let max = detail.texels * f64::from(1u32 << detail.deepest);
+    let scale = if longest > max { max / longest } else { 1.0 };
     let texels = |a: &V, b: &V| texels(a, b) * scale;
     // Edge k runs from corner k to corner k + 1.
     let mut parts = vec![(corners, levels)];
@@ -158,7 +158,7 @@ pub struct Shared {
 
 impl Shared {
     /// Numbers remembered at a time; a vertex that was forgotten is made again, and welded later.
-    const MOST: usize = 1 << 16;
+    const MAX: usize = 1 << 16;
 
     /// Forget all.
     pub fn clear(&mut self) {
@@ -172,7 +172,7 @@ impl Shared {
 
     /// Remember it.
     pub fn insert(&mut self, position: [f64; 3], number: u64) {
-        if self.numbers.len() >= Self::MOST {
+        if self.numbers.len() >= Self::MAX {
             self.numbers.clear();
         }
         self.numbers.insert(position.map(f64::to_bits), number);

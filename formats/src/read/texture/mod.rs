@@ -88,7 +88,7 @@ impl Texture {
     ///
     /// # Errors
     /// [`Refusal`]: it is damaged, of another format, or larger than that.
-    pub fn decode(bytes: &[u8], most: u64, memory: u64, make_room: impl FnOnce(u64)) -> Result<Self, Refusal> {
+    pub fn decode(bytes: &[u8], max: u64, memory: u64, make_room: impl FnOnce(u64)) -> Result<Self, Refusal> {
         let damaged = |e: ImageError| match e {
             ImageError::Limits(_) => too_little(memory, "more bytes"),
             e => Refusal::Unreadable(format!("it cannot be decoded: {e}")),
@@ -107,8 +107,8 @@ impl Texture {
         let mut decoder = reader.into_decoder().map_err(damaged)?;
         let (width, height) = decoder.dimensions();
         let texels = u64::from(width) * u64::from(height);
-        if texels == 0 || texels > most / 3 {
-            let why = format!("it has {width} × {height} = {texels} texels; at most {} are read", most / 3);
+        if texels == 0 || texels > max / 3 {
+            let why = format!("it has {width} × {height} = {texels} texels; at most {} are read", max / 3);
             return Err(Refusal::Unreadable(why));
         }
         let need = room::needed(format, bytes, texels, decoder.color_type());
@@ -178,7 +178,7 @@ fn neighbours(coordinate: f64, n: usize, wrap: Wrap) -> (usize, usize, f64) {
 #[derive(Debug)]
 pub struct Textures {
     /// Bytes that one may take.
-    most: u64,
+    max: u64,
     /// Bytes that all together may take, beside the one in use.
     kept: u64,
     held: u64,
@@ -203,14 +203,14 @@ enum Entry {
 
 impl Textures {
     /// Room for pictures of `most` bytes each and together, at 3 a texel.
-    pub fn new(most: u64) -> Self {
-        Self { most, kept: most, held: 0, memory: u64::MAX, short: None, clock: 0, entries: Vec::new() }
+    pub fn new(max: u64) -> Self {
+        Self { max, kept: max, held: 0, memory: u64::MAX, short: None, clock: 0, entries: Vec::new() }
     }
 
     /// The same, but together they take up to `kept` bytes, or as much as one.
     #[must_use]
     pub fn keeping(self, kept: u64) -> Self {
-        Self { kept: kept.min(self.most), ..self }
+        Self { kept: kept.min(self.max), ..self }
     }
 
     /// The same, but decoding one takes at most so many bytes of memory, with those that are held.
@@ -221,7 +221,7 @@ impl Textures {
 
     /// The most bytes that the file of one may have.
     pub fn file_bytes(&self) -> u64 {
-        self.most.min(self.memory / 2)
+        self.max.min(self.memory / 2)
     }
 
     /// Why the mesh cannot be read with this memory, where a picture was refused for it.
@@ -268,8 +268,8 @@ impl Textures {
 
     fn loaded(&mut self, load: impl FnOnce() -> Result<Vec<u8>, Refusal>) -> Result<Texture, Refusal> {
         let bytes = load()?;
-        let (most, memory) = (self.most, self.memory);
-        Texture::decode(&bytes, most, memory, |need| self.leave(need, memory))
+        let (max, memory) = (self.max, self.memory);
+        Texture::decode(&bytes, max, memory, |need| self.leave(need, memory))
     }
 
     fn make_room(&mut self, bytes: u64) {
@@ -277,8 +277,8 @@ impl Textures {
     }
 
     /// Those used longest ago leave, until so many bytes more are at most `most` together.
-    fn leave(&mut self, bytes: u64, most: u64) {
-        while self.held.saturating_add(bytes) > most {
+    fn leave(&mut self, bytes: u64, max: u64) {
+        while self.held.saturating_add(bytes) > max {
             let age = |e: &Entry| if let Entry::In { used, .. } = e { Some(*used) } else { None };
             let oldest = (0..self.entries.len()).filter_map(|i| age(&self.entries[i]).map(|a| (a, i))).min();
             let Some((_, i)) = oldest else { return };
