@@ -138,7 +138,7 @@ const OBJ_REFUSED: &[(&str, &str)] = &[
     ("box_UTF16BE.obj", "UTF-16"),
     // Reads its colours from a folder beside its own; `--allow-outside` takes it.
     ("box-external-resources/box-external-resources.obj", "outside of the folder"),
-    ("ObjImporter/Test/empty.obj", "its content tells nothing"),
+    ("ObjImporter/Test/empty.obj", "its content does not look like one"),
     ("invalid/malformed.obj", "line 23: found vertex index 12"),
     ("issue-140-zero-face-idx.obj", "line 16: found vertex index 0"),
     ("testdata/inf_nan.obj", "of its 1 triangles none is left"),

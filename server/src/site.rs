@@ -159,7 +159,7 @@ pub fn app(site: Site) -> Router {
         .merge(questions(site.behind_proxy))
         .merge(upload::routes::routes())
         .fallback(|| async { lost() })
-        .layer(from_fn_with_state(place, store::tell))
+        .layer(from_fn_with_state(place, store::report_outage))
         .layer(from_fn_with_state(counting, count))
         .layer(from_fn(recheck::watch))
         .layer(from_fn_with_state(manner, manners))

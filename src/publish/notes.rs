@@ -121,6 +121,6 @@ pub(super) fn left_out(plan: &Plan) -> Vec<String> {
     let Some(notes) = &plan.given.notes else { return Vec::new() };
     let without = (notes.left_out > 0)
         .then(|| format!("{} annotations of the notes, which name no point on a model", notes.left_out));
-    let telling = plan.given.place.and_then(|_: Place| notes.telling());
-    without.into_iter().chain(telling).collect()
+    let revealing = plan.given.place.and_then(|_: Place| notes.revealing());
+    without.into_iter().chain(revealing).collect()
 }

@@ -1,7 +1,7 @@
 //! `kilwa publish --to https://…`: made here as for a folder, then sent to a server, which verifies it and publishes it.
 
 use super::plan::{Given, Plan};
-use super::send::{Patience, Sender, Told, is_loopback};
+use super::send::{Patience, SendEvent, Sender, is_loopback};
 use super::write::{picture, spinner, without_place};
 use super::{Args, Report, mapping, notes};
 use crate::redact::Place;
@@ -113,7 +113,7 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
     let place =
         |file: &FileSaid| -> PathBuf { if file.sha256 == pack_sum { pack.clone() } else { work.join(&file.path) } };
     let progress = Progress::new();
-    let published = sender.publish(&intent, &place, &|told| progress.tell(&told));
+    let published = sender.publish(&intent, &place, &|event| progress.show(&event));
     let published = published.map_err(anyhow::Error::msg).with_context(|| plan.at.clone())?;
     progress.0.finish_and_clear();
     let now = manifest(sender, &intent.slug, &plan.at)?;
@@ -246,11 +246,11 @@ impl Progress {
         Self(bar)
     }
 
-    fn tell(&self, told: &Told<'_>) {
-        match told {
-            Told::Sent(done, of) => self.at("sending", *done, *of),
-            Told::Verified(done, of) => self.at("the server verifies", *done, *of),
-            Told::Waits(why, pause) => {
+    fn show(&self, event: &SendEvent<'_>) {
+        match event {
+            SendEvent::Sent(done, of) => self.at("sending", *done, *of),
+            SendEvent::Verified(done, of) => self.at("the server verifies", *done, *of),
+            SendEvent::Waits(why, pause) => {
                 let line = format!("kilwa: {why}; trying again in {} s", pause.as_secs_f32().ceil());
                 self.0.suspend(|| crate::terminal::say!("{line}"));
             }

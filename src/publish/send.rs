@@ -46,7 +46,7 @@ impl Default for Patience {
 
 /// What is told on the way.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Told<'a> {
+pub(crate) enum SendEvent<'a> {
     /// So many of so many bytes are there.
     Sent(u64, u64),
     /// The server has verified so many of so many bytes.
@@ -181,9 +181,9 @@ impl Sender {
         &self,
         intent: &Intent,
         at: &dyn Fn(&FileSaid) -> PathBuf,
-        told: &dyn Fn(Told<'_>),
+        report: &dyn Fn(SendEvent<'_>),
     ) -> Result<Published, String> {
-        self.persist(told, || self.attempt(intent, at, told).map_err(|e| self.looked_at(e, intent, at)))
+        self.persist(report, || self.attempt(intent, at, report).map_err(|e| self.looked_at(e, intent, at)))
     }
 
     /// When files arrive altered again, whether they are still what was announced.
@@ -210,7 +210,11 @@ impl Sender {
     }
 
     /// Try until it is done, refused, or nothing gets on for long.
-    fn persist<T>(&self, told: &dyn Fn(Told<'_>), attempt: impl Fn() -> Result<T, Failure>) -> Result<T, String> {
+    fn persist<T>(
+        &self,
+        report: &dyn Fn(SendEvent<'_>),
+        attempt: impl Fn() -> Result<T, Failure>,
+    ) -> Result<T, String> {
         let (mut tries, mut wait) = (0, self.patience.first);
         loop {
             let (why, after) = match attempt() {
@@ -231,7 +235,7 @@ impl Sender {
                 ));
             }
             let pause = wait.max(after.unwrap_or_default()).min(self.patience.longest);
-            told(Told::Waits(&why, pause));
+            report(SendEvent::Waits(&why, pause));
             sleep(pause);
             wait *= 2;
         }
@@ -241,7 +245,7 @@ impl Sender {
         &self,
         intent: &Intent,
         at: &dyn Fn(&FileSaid) -> PathBuf,
-        told: &dyn Fn(Told<'_>),
+        report: &dyn Fn(SendEvent<'_>),
     ) -> Result<Published, Failure> {
         let text = serde_json::to_vec(intent).map_err(|e| Failure::Final(e.to_string()))?;
         let begun =
@@ -250,13 +254,13 @@ impl Sender {
         let lacking = begun.lacks.iter().map(|l| l.bytes.saturating_sub(l.offset)).sum::<u64>().min(all);
         let mut progressed = lacking < self.lacking.replace(lacking);
         let sent = Cell::new(all - lacking);
-        told(Told::Sent(sent.get(), all));
+        report(SendEvent::Sent(sent.get(), all));
         for lack in &begun.lacks {
             let file = intent.files.iter().find(|f| f.sha256 == lack.sha256);
             let file = file.ok_or_else(|| Failure::Final("the server asks for a file that there is not".to_owned()))?;
             let advance = |n: u64| {
                 sent.set(sent.get() + n);
-                told(Told::Sent(sent.get(), all));
+                report(SendEvent::Sent(sent.get(), all));
             };
             self.send(&intent.slug, lack, &at(file), &advance).map_err(|e| with_progress(e, &mut progressed))?;
             progressed = true;
@@ -272,8 +276,8 @@ impl Sender {
             match now.state {
                 State::Published => return Ok(Published { version: now.version, already: now.already }),
                 State::Verifying => match &now.waits {
-                    Some(why) => told(Told::Waits(why, pause)),
-                    None => told(Told::Verified(now.done, now.of)),
+                    Some(why) => report(SendEvent::Waits(why, pause)),
+                    None => report(SendEvent::Verified(now.done, now.of)),
                 },
                 State::Refused => return Err(passing(now.error.unwrap_or_default())),
                 State::Sending | State::Ready => return Err(passing("the server began anew")),

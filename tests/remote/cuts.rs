@@ -172,8 +172,8 @@ fn one_run_survives_a_connection_that_breaks_repeatedly() {
     let intent = intent(&site, 1);
     let sender = Sender::new(&address, server.token.clone(), patience);
     let waits = std::cell::Cell::new(0);
-    let on_progress = |progress: super::send::Told<'_>| {
-        if let super::send::Told::Waits(..) = progress {
+    let on_progress = |progress: super::send::SendEvent<'_>| {
+        if let super::send::SendEvent::Waits(..) = progress {
             waits.set(waits.get() + 1);
             left.allow(300_000);
         }

@@ -127,7 +127,7 @@ pub struct Location {
     /// The code of the reference system, where that is withheld, too.
     epsg: Option<String>,
     /// Whether the reference system is told.
-    is_system_told: bool,
+    is_system_known: bool,
     /// Whether coordinates are refused by their form alone, as nothing else is known.
     is_unknown: bool,
     /// The box of the model in its reference system, metres; for channels.
@@ -163,7 +163,7 @@ impl Location {
     #[must_use]
     pub fn with_known_system(mut self) -> Self {
         self.epsg = None;
-        self.is_system_told = true;
+        self.is_system_known = true;
         self
     }
 
@@ -278,7 +278,7 @@ impl Location {
             .or_else(|| codes::near(text, &self.sites, &self.squares).map(says(Kind::Code)))
             .or_else(|| self.system(text, &numbers).map(says(Kind::ReferenceSystem)))
             .or_else(|| {
-                let form = whichever::Form { is_system_told: self.is_system_told, is_written };
+                let form = whichever::Form { is_system_known: self.is_system_known, is_written };
                 let found = || whichever::found(text, &numbers, &angles, form);
                 let (from, to, kind) = if self.is_unknown { found()? } else { return None };
                 Some(Finding { found: shown(text, from, to), kind })
@@ -368,7 +368,7 @@ impl Location {
     }
 
     fn system(&self, text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
-        if self.is_system_told {
+        if self.is_system_known {
             return None;
         }
         let is_own = |zone: u32| self.squares.iter().any(|s| s.zone() == zone);

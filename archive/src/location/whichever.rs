@@ -30,7 +30,7 @@ type Found = (usize, usize, Kind);
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Form {
     /// Whether the reference system is given.
-    pub(super) is_system_told: bool,
+    pub(super) is_system_known: bool,
     /// Whether the text is unchanged; otherwise its hyphens were replaced by points or spaces.
     pub(super) is_written: bool,
 }
@@ -42,8 +42,9 @@ pub(super) fn found(text: &[char], numbers: &[Number], angles: &[Angle], form: F
         let zone = || zones(text, numbers).next().map(|(_, from, to)| (from, to));
         epsg(text).or_else(zone).map(|(from, to)| (from, to, Kind::RegionalSystem))
     };
-    let told = if form.is_system_told { None } else { system() };
-    told.or_else(|| degrees(text, numbers, angles, form).map(coordinates))
+    let from_system = if form.is_system_known { None } else { system() };
+    from_system
+        .or_else(|| degrees(text, numbers, angles, form).map(coordinates))
         .or_else(|| eastings(text, numbers).map(coordinates))
         .or_else(|| {
             let code = grid_reference(text)

@@ -104,7 +104,7 @@ mod tests {
                 message.contains(field) && message.contains("which is a comment") && message.contains("away too"),
                 "{message}"
             );
-            assert_eq!(message.matches("line ").count(), 3, "told once: {message}");
+            assert_eq!(message.matches("line ").count(), 3, "reported once: {message}");
         }
         let other = "# [place]\n# latitude = 1\n# holder = \"x\"\ncrs = \"EPSG:32737\"\n";
         assert!(Metadata::parse(&format!("{MINIMAL}{other}")).is_ok(), "a field of the block that it stands in");

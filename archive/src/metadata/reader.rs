@@ -120,10 +120,10 @@ impl<'a, 'i> Table<'a, 'i> {
         let text = text.trim();
         let is_example = text.len() > 2 && text.starts_with('<') && text.ends_with('>') || EXAMPLES.contains(&text);
         if is_example {
-            let told = format!(
+            let message = format!(
                 "{text} is still the example of the template; write what is true of this model, without < and >, or put a # before the line"
             );
-            self.wrong(key, at, told);
+            self.wrong(key, at, message);
         }
         is_example
     }

@@ -37,11 +37,11 @@ const DEEPEST: usize = 32;
 /// Digits of an identity that tell packs apart, as in links of the page.
 const DIGITS: usize = 12;
 /// Problems that are told; of more only the number is.
-const TOLD: usize = 10;
+const SHOWN_MAX: usize = 10;
 
 /// Why notes are refused.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error("{}", told(.0))]
+#[error("{}", listed(.0))]
 pub struct NotesError(Vec<String>);
 
 impl NotesError {
@@ -50,10 +50,10 @@ impl NotesError {
     }
 }
 
-fn told(problems: &[String]) -> String {
-    let mut said = problems.iter().take(TOLD).cloned().collect::<Vec<_>>().join("\n  ");
-    if problems.len() > TOLD {
-        let _ = write!(said, "\n  and {} more", problems.len() - TOLD);
+fn listed(problems: &[String]) -> String {
+    let mut said = problems.iter().take(SHOWN_MAX).cloned().collect::<Vec<_>>().join("\n  ");
+    if problems.len() > SHOWN_MAX {
+        let _ = write!(said, "\n  and {} more", problems.len() - SHOWN_MAX);
     }
     said
 }

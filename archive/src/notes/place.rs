@@ -56,13 +56,13 @@ impl Notes {
     }
 
     /// What [`Self::without_place`] would leave out, for people; empty where nothing.
-    pub fn telling(&self) -> Option<String> {
+    pub fn revealing(&self) -> Option<String> {
         let links = self.notes.iter().filter(|n| n.links().next().is_some()).count();
         let displays = self.notes.iter().filter(|n| n.view.as_ref().is_some_and(|v| v.display.is_some())).count();
         let parts = [(links, "links"), (displays, "shading and sections")];
         let said: Vec<String> =
             parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{what} of {n} notes")).collect();
-        (!said.is_empty()).then(|| format!("{}, which may tell the place", said.join(" and ")))
+        (!said.is_empty()).then(|| format!("{}, which may reveal the location", said.join(" and ")))
     }
 }
 

@@ -125,12 +125,12 @@ pub(crate) fn children_of(entries: &[DirectoryEntry]) -> Vec<Option<Children>> {
             }
         }
     }
-    let told = |(&(first, last, count, error), entry): (&(u32, u32, u32, f32), &DirectoryEntry)| {
+    let children_of = |(&(first, last, count, error), entry): (&(u32, u32, u32, f32), &DirectoryEntry)| {
         let (count, pages) = (u8::try_from(count).ok()?, u8::try_from(page_of(last) - page_of(first)).ok()?);
         let children = Children { first, count, pages, is_whole: false, share: u16::MAX };
         (count > 0 && pages < WHOLE).then(|| children.bounding(error, entry.error))
     };
-    found.iter().zip(entries).map(told).collect()
+    found.iter().zip(entries).map(children_of).collect()
 }
 
 impl DirectoryEntry {

@@ -92,10 +92,11 @@ pub fn directory(entries: &[DirectoryEntry]) -> Result<(), PackError> {
         }
     }
     for (index, (entry, found)) in entries.iter().zip(children_of(entries)).enumerate() {
-        let told = entry.children.map(|c| Children { is_whole: false, ..c });
-        if told.is_some() && told != found {
-            let why =
-                format!("the children that it tells ({told:?}) are not those that name it as a parent ({found:?})");
+        let listed = entry.children.map(|c| Children { is_whole: false, ..c });
+        if listed.is_some() && listed != found {
+            let why = format!(
+                "the children that it lists ({listed:?}) are not those that name it as their parent ({found:?})"
+            );
             return Err(PackError::invalid(format!("directory entry {index}"), why));
         }
     }

@@ -189,8 +189,8 @@ impl Streamer {
             }
             let of_patches = node.patches.iter().map(|p| p.diamond).filter(|&d| d < self.header.entry_count);
             let of_patches = of_patches.map(Nodes::page_of).filter(|&page| !self.nodes.has_page(page));
-            let told = self.nodes.pages_of_children(index).filter(|&page| page < page_count);
-            for page in of_patches.chain(told) {
+            let listed = self.nodes.pages_of_children(index).filter(|&page| page < page_count);
+            for page in of_patches.chain(listed) {
                 let best = needed.entry(page).or_insert(rank);
                 if rank.total_cmp(best).is_gt() {
                     *best = rank;

@@ -66,7 +66,7 @@ const SIGNATURES: &[(&[u8], Known)] = &[
 
 /// What a file whose content tells nothing calls itself.
 const BY_NAME: &[(&str, Known)] = &[
-    ("obj", ("named as a Wavefront OBJ mesh, but its content tells nothing", EXPORT)),
+    ("obj", ("named as a Wavefront OBJ mesh, but its content does not look like one", EXPORT)),
     ("stl", ("named as an STL mesh, but its content is not one (it may be cut)", EXPORT)),
     ("glb", ("named as a glTF binary, but its content is not one", EXPORT)),
     ("gltf", ("named as a glTF scene, but its content is not one", EXPORT)),

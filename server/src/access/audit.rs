@@ -82,8 +82,8 @@ impl Audit {
         line.push('\n');
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if state.lost > 0 {
-            let told = format!("{{\"at\":{},\"action\":\"lost\",\"records\":{}}}\n", event.at, state.lost);
-            line.insert_str(0, &told);
+            let entry = format!("{{\"at\":{},\"action\":\"lost\",\"records\":{}}}\n", event.at, state.lost);
+            line.insert_str(0, &entry);
         }
         // One write: lines of two programs that append do not mix.
         match state.file.write_all(line.as_bytes()) {

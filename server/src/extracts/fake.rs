@@ -13,7 +13,7 @@ pub(crate) const BYTES: usize = 1000;
 pub(crate) struct Fake {
     /// Whether it waits, and fails.
     orders: Mutex<(bool, Option<Failure>)>,
-    told: Condvar,
+    changed: Condvar,
     /// How many meshes it was let make.
     pub(crate) made: AtomicU32,
 }
@@ -29,7 +29,7 @@ impl Fake {
     /// Whether it waits from now on.
     pub(crate) fn waits(&self, waits: bool) {
         self.orders.lock().expect("no panic").0 = waits;
-        self.told.notify_all();
+        self.changed.notify_all();
     }
 
     /// It fails from now on.
@@ -55,7 +55,7 @@ impl Fake {
     ) -> Result<(), Failure> {
         progress(0.25);
         let orders =
-            self.told.wait_while(self.orders.lock().expect("no panic"), |(waits, _)| *waits).expect("no panic");
+            self.changed.wait_while(self.orders.lock().expect("no panic"), |(waits, _)| *waits).expect("no panic");
         self.made.fetch_add(1, Ordering::SeqCst);
         if let Some(failure) = &orders.1 {
             return Err(failure.clone());

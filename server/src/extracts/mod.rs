@@ -48,8 +48,8 @@ const LATEST: u64 = 600;
 const WHILE: Duration = Duration::from_secs(600);
 /// Networks that are remembered; an older one is forgotten for a new one.
 const NETWORKS: usize = 10_000;
-/// A failure is told for so long.
-const TOLD: Duration = Duration::from_secs(600);
+/// How long a failure is reported.
+const FAILURE_SHOWN: Duration = Duration::from_secs(600);
 /// Where something could not be made, the same is not tried again before this.
 const AGAIN: Duration = Duration::from_secs(10);
 /// Prefix of the names of folders in which meshes are being made.
@@ -290,7 +290,9 @@ impl Extracts {
         let now = Instant::now();
         {
             let mut state = self.lock();
-            state.jobs.retain(|_, job| !matches!(&job.phase, Phase::Failed(_, at) if now.duration_since(*at) > TOLD));
+            state.jobs.retain(
+                |_, job| !matches!(&job.phase, Phase::Failed(_, at) if now.duration_since(*at) > FAILURE_SHOWN),
+            );
             match state.jobs.get(&key).map(|job| &job.phase) {
                 Some(Phase::Waiting) => {
                     state.queue.join(network, &key);

@@ -183,10 +183,10 @@ pub(crate) async fn file(
         Err(status) => return plain(status).into_response(),
     };
     let wants_page = given.get("page").is_some();
-    let told = told(&standing);
+    let report = status_json(&standing);
     let shown = |stage_: &Stage, status: StatusCode| {
         if wants_json(headers) {
-            let mut response = (status, axum::Json(&told)).into_response();
+            let mut response = (status, axum::Json(&report)).into_response();
             insert(&mut response, CACHE_CONTROL, "no-store");
             keep(&mut response, &asked);
             return response;
@@ -249,7 +249,7 @@ fn wants_json(headers: &HeaderMap) -> bool {
 }
 
 /// How an order stands, for programs: `seconds` is a range in which it will probably be there, where that can be said.
-fn told(standing: &Standing) -> Value {
+fn status_json(standing: &Standing) -> Value {
     let seconds = |wait: &Option<Wait>| wait.map(|w| [w.from.as_secs(), w.to.as_secs()]);
     match standing {
         Standing::Waiting(before, wait) => json!({ "state": "waiting", "before": before, "seconds": seconds(wait) }),

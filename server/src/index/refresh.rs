@@ -194,8 +194,8 @@ fn stays(connection: &Connection, slug: &str, seen: &Seen) -> Result<bool, Index
         Err(_) => return Ok(true),
         Ok(new) => new,
     };
-    let told = |e: &Entry| (e.access.clone(), e.version, e.location_redacted);
-    Ok(search::entry(connection, slug)?.is_some_and(|old| told(&old) == told(new)))
+    let shown = |e: &Entry| (e.access.clone(), e.version, e.location_redacted);
+    Ok(search::entry(connection, slug)?.is_some_and(|old| shown(&old) == shown(new)))
 }
 
 /// The index is another one now.

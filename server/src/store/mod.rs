@@ -22,7 +22,7 @@ pub use s3::{S3, S3Options, StoreError};
 
 pub(crate) use blocks::{BLOCK, Blocks};
 pub(crate) use folder::{Identity, read_small, warn_of, warn_once};
-pub(crate) use outage::{is_away, tell};
+pub(crate) use outage::{is_away, report_outage};
 pub(crate) use refused::{hint, is_refused};
 pub(crate) use s3::{HELD_MAX, is_changed};
 pub(crate) use survey::Survey;

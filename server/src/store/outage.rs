@@ -94,7 +94,7 @@ impl Outage {
 }
 
 /// Say in a 503 that the store is the reason, and when to come again; also where it refuses one file alone.
-pub(crate) async fn tell(State(place): State<Place>, request: Request, next: Next) -> Response {
+pub(crate) async fn report_outage(State(place): State<Place>, request: Request, next: Next) -> Response {
     let wants_page =
         request.headers().get(ACCEPT).and_then(|v| v.to_str().ok()).is_some_and(|v| v.contains("text/html"));
     let slug = slug_of(request.uri().path());

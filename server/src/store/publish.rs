@@ -97,7 +97,7 @@ impl S3 {
         shelf: &Path,
         version: u32,
         against: &Against,
-        told: &dyn Fn(&str),
+        on_send: &dyn Fn(&str),
     ) -> io::Result<Sent> {
         let (object, folder) = (shelf.join(slug.as_str()), version_folder(version));
         let mut files = BTreeMap::new();
@@ -111,7 +111,7 @@ impl S3 {
         }
         for (name, identity) in &files {
             let key = format!("{slug}/{folder}/{name}");
-            told(&key);
+            on_send(&key);
             let path = object.join(&folder).join(name);
             let (_, sum) = sha256_of(File::open(&path)?)?;
             claim.renew().map_err(or_others)?;
@@ -131,7 +131,7 @@ impl S3 {
         }
         self.keep_page(slug, read_small(&object.join(PAGE), SMALL_FILE_MAX)?)?;
         for name in [PAGE, MANIFEST] {
-            told(&format!("{slug}/{name}"));
+            on_send(&format!("{slug}/{name}"));
             let bytes = read_small(&object.join(name), SMALL_FILE_MAX)?;
             // The page is not under the manifest's condition: nothing is replaced once somebody else has published.
             if name == PAGE {

@@ -307,14 +307,14 @@ impl S3 {
         let path = self.at(key)?;
         let result = match self.get(&path, identity, range).await {
             Ok(result) => result,
-            Err(e) => return Err(self.told(key, e).await),
+            Err(e) => return Err(self.explained(key, e).await),
         };
         let (store, key) = (Arc::clone(self), key.to_owned());
-        let told = move |e| {
+        let explain = move |e| {
             let (store, key) = (Arc::clone(&store), key.clone());
-            async move { Err(store.told(&key, e).await) }
+            async move { Err(store.explained(&key, e).await) }
         };
-        Ok(result.into_stream().or_else(told).boxed())
+        Ok(result.into_stream().or_else(explain).boxed())
     }
 
     /// Stretches of a file as it was listed, several at once, each whole. Blocks.
@@ -382,7 +382,7 @@ impl S3 {
     ) -> io::Result<Option<Identity>> {
         match self.client.head(path).await {
             Ok(meta) => Ok(Some(identity_of(&meta))),
-            Err(e) => match self.told(&format!("{name}/{MANIFEST}"), e).await {
+            Err(e) => match self.explained(&format!("{name}/{MANIFEST}"), e).await {
                 e if e.kind() == io::ErrorKind::NotFound => Ok(None),
                 e if is_refused(&e) => {
                     let unknown = || Identity::of_store(1, None, SystemTime::UNIX_EPOCH);
@@ -442,7 +442,7 @@ impl S3 {
             async move {
                 match work.await {
                     Ok(done) => Ok(done),
-                    Err(e) => Err(store.told(&key, e).await),
+                    Err(e) => Err(store.explained(&key, e).await),
                 }
             }
         })
@@ -463,7 +463,7 @@ impl S3 {
     }
 
     /// An error in our words. One that is the store's begins an outage; where the store answers otherwise, it is this key's alone.
-    pub(super) async fn told(self: &Arc<Self>, key: &str, e: Error) -> io::Error {
+    pub(super) async fn explained(self: &Arc<Self>, key: &str, e: Error) -> io::Error {
         match e {
             Error::NotFound { ref source, .. } if !source.to_string().contains("NoSuchBucket") => {
                 io::Error::new(io::ErrorKind::NotFound, "it is not in the store")
@@ -487,9 +487,9 @@ impl S3 {
     }
 
     /// What was seen, with the store's own word for it where it gives one. The rest of its words may repeat what was signed.
-    fn reason(&self, told: &str) -> String {
+    fn reason(&self, body: &str) -> String {
         let seen = self.seen.last();
-        let word = told.split_once("<Code>").and_then(|(_, rest)| rest.split_once("</Code>")).map(|(code, _)| code);
+        let word = body.split_once("<Code>").and_then(|(_, rest)| rest.split_once("</Code>")).map(|(code, _)| code);
         match word.filter(|code| code.len() <= 64 && code.bytes().all(|b| b.is_ascii_alphanumeric())) {
             Some("NoSuchBucket") => "the store has no such bucket".to_owned(),
             Some(code) => format!("{seen} ({code})"),

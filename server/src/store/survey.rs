@@ -139,7 +139,7 @@ impl S3 {
                         part.seen.extend(names.iter().take(before).filter(|n| !passed.contains(n)).cloned());
                         return Ok(part);
                     }
-                    Some(Err(e)) => return Err(self.told("", e).await),
+                    Some(Err(e)) => return Err(self.explained("", e).await),
                 };
                 let Some((object, path)) = relative(&meta, below) else { continue };
                 if format!("{object}/") > format!("{last}/") {

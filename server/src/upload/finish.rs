@@ -280,10 +280,10 @@ fn check_pack(staging: &Staging, intent: &Intent, said: &FileSaid, done: &Atomic
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get().div_ceil(2));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|e| Refusal::disk("start threads", &io::Error::other(e)))?;
-    let told = |n: u64| {
+    let on_read = |n: u64| {
         done.fetch_add(n, Ordering::Relaxed);
     };
-    let checked = pool.install(|| sound::check(&source, &told));
+    let checked = pool.install(|| sound::check(&source, &on_read));
     let checked = checked.map_err(failed)?;
     if checked.sha256.as_ref() != Some(&said.sha256) {
         return Err(altered(staging, said));

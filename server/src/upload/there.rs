@@ -91,10 +91,10 @@ impl Uploads {
         let (Some(store), Some((against, _))) = (&self.store, &there.stored) else { return Ok(()) };
         let manifest = there.shelf.join(slug.as_str()).join(MANIFEST);
         let manifest = fs::read(manifest).map_err(|e| Refusal::disk("read the version", &e))?;
-        let told = |key: &str| job.sends(key);
+        let on_send = |key: &str| job.sends(key);
         let sent = waiting(job, || {
             (self.steps)("send")?;
-            match store.send(slug, &there.shelf, version, against, &told) {
+            match store.send(slug, &there.shelf, version, against, &on_send) {
                 Ok(_) => Ok(()),
                 // What cut the line may have cut off no more than the answer to the last step.
                 Err(e) if !is_away(&e) && has_manifest(store, slug, &manifest)? => Ok(()),

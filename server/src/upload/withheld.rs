@@ -83,8 +83,8 @@ pub(super) fn check_pack<S: Source + Sync>(intent: &Intent, reader: &Reader<S>) 
     }
     written::check(reader).map_err(|what| claimed(&what))?;
     let surveyed = channels::survey(reader).map_err(|e| format!("the pack: {e}"))?;
-    let told = surveyed.iter().find_map(|c| Some((&c.name, c.gives_away(&Location::unknown())?)));
-    match told {
+    let revealing = surveyed.iter().find_map(|c| Some((&c.name, c.gives_away(&Location::unknown())?)));
+    match revealing {
         Some((name, why)) => Err(claimed(&format!("its scalar channel {name:?} {why}"))),
         None => Ok(()),
     }

@@ -70,7 +70,7 @@ pub(super) struct Buffers<'a> {
     progress: &'a mut super::super::OnProgress<'a>,
     done: u64,
     total: u64,
-    told: u64,
+    reported: u64,
 }
 
 impl<'a> Buffers<'a> {
@@ -83,7 +83,7 @@ impl<'a> Buffers<'a> {
         progress: &'a mut super::super::OnProgress<'a>,
     ) -> Self {
         let stores = root.buffers.iter().map(|_| None).collect();
-        Self { source, binary, stores, decoded: Vec::new(), max, progress, done: 0, total, told: 0 }
+        Self { source, binary, stores, decoded: Vec::new(), max, progress, done: 0, total, reported: 0 }
     }
 
     /// Bytes of the file and of those beside it that were opened.
@@ -215,8 +215,8 @@ impl<'a> Buffers<'a> {
             let source = std::io::ErrorKind::UnexpectedEof.into();
             return Err(ReadError::Io { file: context.path.to_owned(), offset, source });
         }
-        if self.done - self.told >= 1 << 20 {
-            self.told = self.done;
+        if self.done - self.reported >= 1 << 20 {
+            self.reported = self.done;
             (self.progress)(self.done.min(self.total), self.total);
         }
         Ok(())

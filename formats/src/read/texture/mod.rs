@@ -84,7 +84,7 @@ fn too_little(memory: u64, need: &str) -> Refusal {
 
 impl Texture {
     /// Decode a picture that takes up to `most` bytes at 3 a texel, and up to `memory` while it is decoded; `make_room` is
-    /// told beforehand how many.
+    /// reported beforehand how many.
     ///
     /// # Errors
     /// [`Refusal`]: it is damaged, of another format, or larger than that.
@@ -386,10 +386,10 @@ mod tests {
             assert!(one.get(number, || Ok(bytes.clone()), |_| ()).is_some());
             assert_eq!(one.held, 300, "the one in use, and no other");
         }
-        let mut told = 0;
+        let mut reported = 0;
         for _ in 0..2 {
-            assert!(textures.get(9, || Err(Refusal::Unreadable("gone".to_owned())), |_| told += 1).is_none());
+            assert!(textures.get(9, || Err(Refusal::Unreadable("gone".to_owned())), |_| reported += 1).is_none());
         }
-        assert_eq!(told, 1);
+        assert_eq!(reported, 1);
     }
 }
