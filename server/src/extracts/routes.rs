@@ -1,10 +1,10 @@
 //! Answers about extracts. Who may have the pack may have an extract of it: for everybody where it is public, for whoever holds a capability or a
 //! token where it is not; a visitor who is signed in and granted it gets the capability here, so that no script is needed, and it is recorded.
 
-use super::order::{Detail, Format, Order};
+use super::job_spec::{Detail, Format, JobSpec};
 use super::pace::Wait;
 use super::page::{About, Said, Stage, closed, form, stage, why};
-use super::{Extracts, Failure, Pack, Refusal, Standing};
+use super::{Extracts, Failure, JobStatus, Pack, Refusal};
 use crate::access::{Verdict, verdict};
 use crate::catalogue::Model;
 use crate::content::{ASK_AGAIN, Source, answer, insert, plain, text};
@@ -105,25 +105,25 @@ pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, re
         Err(refused) => return refused,
     };
     let reader = given.reader();
-    let Some(order) = order(&given) else {
+    let Some(spec) = spec(&given) else {
         let html_ = form(&asked.about, &reader, Said::Wrong, None);
         return html(&asked, html_, StatusCode::UNPROCESSABLE_ENTITY, headers);
     };
     let triangles = asked.about.triangles;
-    let [mesh, read] = asked.extracts.room(&asked.pack.0, triangles, order);
+    let [mesh, read] = asked.extracts.room(&asked.pack.0, triangles, spec);
     let (size, max) = (mesh.saturating_add(read), asked.extracts.max_bytes());
     if size > max {
-        let said = form(&asked.about, &reader, Said::TooLarge(size, max), Some(order));
+        let said = form(&asked.about, &reader, Said::TooLarge(size, max), Some(spec));
         return html(&asked, said, StatusCode::UNPROCESSABLE_ENTITY, headers);
     }
     let (extracts, pack) = (Arc::clone(&asked.extracts), asked.pack.clone());
-    let taken = blocking(move || extracts.ask((&pack.0, &pack.1), triangles, order, &network)).await;
+    let taken = blocking(move || extracts.ask((&pack.0, &pack.1), triangles, spec, &network)).await;
     match taken {
         Err(status) => plain(status).into_response(),
-        Ok(Err(refusal)) => busy(&asked, &reader, order, refusal, headers),
+        Ok(Err(refusal)) => busy(&asked, &reader, spec, refusal, headers),
         Ok(Ok(())) => {
             let lang = reader.lang.map(|lang| format!("&lang={}", encoded(lang))).unwrap_or_default();
-            let to = format!("/{slug}/extract/{}?page=1{lang}", order.name(asked.about.version));
+            let to = format!("/{slug}/extract/{}?page=1{lang}", spec.name(asked.about.version));
             let mut response = StatusCode::SEE_OTHER.into_response();
             insert(&mut response, LOCATION, &to);
             keep(&mut response, &asked);
@@ -132,7 +132,7 @@ pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, re
     }
 }
 
-fn busy(asked: &Asked, reader: &Reader<'_>, order: Order, refusal: Refusal, headers: &HeaderMap) -> Response {
+fn busy(asked: &Asked, reader: &Reader<'_>, spec: JobSpec, refusal: Refusal, headers: &HeaderMap) -> Response {
     let (status, seconds) = match refusal {
         Refusal::Busy(seconds) => (StatusCode::SERVICE_UNAVAILABLE, seconds),
         Refusal::Share(seconds) | Refusal::TooMany(seconds) => (StatusCode::TOO_MANY_REQUESTS, seconds),
@@ -143,14 +143,14 @@ fn busy(asked: &Asked, reader: &Reader<'_>, order: Order, refusal: Refusal, head
         insert(&mut response, CACHE_CONTROL, "no-store");
         response
     } else {
-        html(asked, form(&asked.about, reader, Said::Refused(refusal), Some(order)), status, headers)
+        html(asked, form(&asked.about, reader, Said::Refused(refusal), Some(spec)), status, headers)
     };
     insert(&mut response, RETRY_AFTER, &seconds.to_string());
     response
 }
 
 /// What the form holds.
-fn order(given: &Given) -> Option<Order> {
+fn spec(given: &Given) -> Option<JobSpec> {
     let format = Format::of(given.get("format")?)?;
     let detail = match given.get("detail")? {
         "whole" => Detail::Whole,
@@ -158,7 +158,7 @@ fn order(given: &Given) -> Option<Order> {
         "error" => Detail::error(given.get("error")?)?,
         _ => return None,
     };
-    Some(Order { format, detail })
+    Some(JobSpec { format, detail })
 }
 
 /// `GET /<slug>/extract/<name>`: the file, or with `?page=1` the page that leads to it.
@@ -172,18 +172,18 @@ pub(crate) async fn file(
     let (parts, _) = request.into_parts();
     let headers = &parts.headers;
     let given = Given::of(&site, parts.uri.query().unwrap_or_default(), headers).await;
-    let Some((version, order)) = Order::parse(&name) else { return lost() };
+    let Some((version, spec)) = JobSpec::parse(&name) else { return lost() };
     let asked = match admit(&site, &slug, Some(version), headers, address, &given).await {
         Ok(asked) => asked,
         Err(refused) => return refused,
     };
     let (extracts, hash) = (Arc::clone(&asked.extracts), Arc::clone(&asked.pack.1));
-    let standing = match blocking(move || extracts.standing(&hash, order)).await {
-        Ok(standing) => standing,
+    let job_status = match blocking(move || extracts.job_status(&hash, spec)).await {
+        Ok(job_status) => job_status,
         Err(status) => return plain(status).into_response(),
     };
     let wants_page = given.get("page").is_some();
-    let report = status_json(&standing);
+    let report = status_json(&job_status);
     let shown = |stage_: &Stage, status: StatusCode| {
         if wants_json(headers) {
             let mut response = (status, axum::Json(&report)).into_response();
@@ -191,42 +191,41 @@ pub(crate) async fn file(
             keep(&mut response, &asked);
             return response;
         }
-        html(&asked, stage(&asked.about, &given.reader(), order, stage_), status, headers)
+        html(&asked, stage(&asked.about, &given.reader(), spec, stage_), status, headers)
     };
-    match standing {
-        Standing::Waiting(before, wait) => soon(shown(&Stage::Waiting(before, wait), StatusCode::ACCEPTED), wait),
+    match job_status {
+        JobStatus::Waiting(before, wait) => soon(shown(&Stage::Waiting(before, wait), StatusCode::ACCEPTED), wait),
         // It goes on when the store answers again.
-        Standing::Running(_, fetched @ Some(_), _) if is_away(&site) => {
+        JobStatus::Running(_, fetched @ Some(_), _) if is_away(&site) => {
             later(shown(&Stage::Halted(fetched), StatusCode::SERVICE_UNAVAILABLE))
         }
-        Standing::Running(percent, fetched, wait) => {
+        JobStatus::Running(percent, fetched, wait) => {
             soon(shown(&Stage::Running(percent, fetched, wait), StatusCode::ACCEPTED), wait)
         }
-        Standing::Failed(Failure::Away) => later(shown(&Stage::Failed(Failure::Away), StatusCode::SERVICE_UNAVAILABLE)),
-        Standing::Failed(Failure::Full) => shown(&Stage::Failed(Failure::Full), StatusCode::INSUFFICIENT_STORAGE),
-        Standing::Failed(failure) => {
+        JobStatus::Failed(Failure::Away) => {
+            later(shown(&Stage::Failed(Failure::Away), StatusCode::SERVICE_UNAVAILABLE))
+        }
+        JobStatus::Failed(Failure::Full) => shown(&Stage::Failed(Failure::Full), StatusCode::INSUFFICIENT_STORAGE),
+        JobStatus::Failed(failure) => {
             // It may be another file by now than the one that was listed.
             objects::forget(&asked.model);
             shown(&Stage::Failed(failure), StatusCode::INTERNAL_SERVER_ERROR)
         }
-        Standing::Unknown => html(
-            &asked,
-            form(&asked.about, &given.reader(), Said::Unknown, Some(order)),
-            StatusCode::NOT_FOUND,
-            headers,
-        ),
-        Standing::Ready(path) => {
+        JobStatus::Unknown => {
+            html(&asked, form(&asked.about, &given.reader(), Said::Unknown, Some(spec)), StatusCode::NOT_FOUND, headers)
+        }
+        JobStatus::Ready(path) => {
             let extracts = Arc::clone(&asked.extracts);
             match blocking(move || extracts.open_ready(&path)).await {
                 Ok(Ok(content)) if wants_page => shown(&Stage::Ready(content.bytes()), StatusCode::OK),
                 Ok(Ok(content)) => {
-                    let sent = send(&asked, order, &name, content, &method, headers).await;
+                    let sent = send(&asked, spec, &name, content, &method, headers).await;
                     objects::while_allowed(sent, &name, &asked.model, &site.clock, site.door.as_ref(), headers)
                 }
                 // It went for others in this moment.
                 _ => html(
                     &asked,
-                    form(&asked.about, &given.reader(), Said::Unknown, Some(order)),
+                    form(&asked.about, &given.reader(), Said::Unknown, Some(spec)),
                     StatusCode::NOT_FOUND,
                     headers,
                 ),
@@ -248,21 +247,21 @@ fn wants_json(headers: &HeaderMap) -> bool {
         .is_some_and(|accepted| accepted.split(',').any(|kind| kind.trim().starts_with("application/json")))
 }
 
-/// How an order stands, for programs: `seconds` is a range in which it will probably be there, where that can be said.
-fn status_json(standing: &Standing) -> Value {
+/// The status of a job, for programs: `seconds` is the estimated range of the wait, if known.
+fn status_json(status: &JobStatus) -> Value {
     let seconds = |wait: &Option<Wait>| wait.map(|w| [w.from.as_secs(), w.to.as_secs()]);
-    match standing {
-        Standing::Waiting(before, wait) => json!({ "state": "waiting", "before": before, "seconds": seconds(wait) }),
-        Standing::Running(percent, fetched, wait) => {
+    match status {
+        JobStatus::Waiting(before, wait) => json!({ "state": "waiting", "before": before, "seconds": seconds(wait) }),
+        JobStatus::Running(percent, fetched, wait) => {
             json!({ "state": "running", "percent": percent, "fetched": fetched, "seconds": seconds(wait) })
         }
-        Standing::Ready(_) => json!({ "state": "ready" }),
-        Standing::Failed(Failure::Full) => json!({ "state": "failed", "error": "the server's disk is full" }),
-        Standing::Failed(Failure::Away) => {
+        JobStatus::Ready(_) => json!({ "state": "ready" }),
+        JobStatus::Failed(Failure::Full) => json!({ "state": "failed", "error": "the server's disk is full" }),
+        JobStatus::Failed(Failure::Away) => {
             json!({ "state": "failed", "error": "the archive's storage does not answer" })
         }
-        Standing::Failed(Failure::Other(_)) => json!({ "state": "failed", "error": "the file could not be made" }),
-        Standing::Unknown => json!({ "state": "unknown", "error": "this file was not requested" }),
+        JobStatus::Failed(Failure::Other(_)) => json!({ "state": "failed", "error": "the file could not be made" }),
+        JobStatus::Unknown => json!({ "state": "unknown", "error": "this file was not requested" }),
     }
 }
 
@@ -276,16 +275,16 @@ fn is_away(site: &Site) -> bool {
     site.catalogue.place().store().is_some_and(|store| store.away().is_some())
 }
 
-/// The file, whole or a range of it. The same pack and order give the same bytes, so their hash is a strong tag.
+/// The file, whole or a range of it. The same pack and job give the same bytes, so their hash is a strong tag.
 async fn send(
     asked: &Asked,
-    order: Order,
+    spec: JobSpec,
     name: &str,
     content: Content,
     method: &Method,
     headers: &HeaderMap,
 ) -> Response {
-    let hash = blake3::hash(order.key(&asked.pack.1).as_bytes()).to_hex();
+    let hash = blake3::hash(spec.key(&asked.pack.1).as_bytes()).to_hex();
     let kind = content_type(name);
     let source =
         Source { bytes: content.bytes(), content, hash: hash.as_str().into(), content_type: kind, cache: ASK_AGAIN };

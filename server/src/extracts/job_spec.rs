@@ -89,18 +89,18 @@ impl fmt::Display for Detail {
 
 /// What is asked for of a pack.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Order {
+pub(crate) struct JobSpec {
     pub(crate) format: Format,
     pub(crate) detail: Detail,
 }
 
-impl Order {
+impl JobSpec {
     /// Its name in addresses, for a version.
     pub(crate) fn name(self, version: u32) -> String {
         format!("v{version}-{}.{}", self.detail, self.format.ending())
     }
 
-    /// The version and the order of a name.
+    /// The version and the job of a name.
     pub(crate) fn parse(name: &str) -> Option<(u32, Self)> {
         let (version, rest) = name.strip_prefix('v')?.split_once('-')?;
         let (detail, ending) = rest.rsplit_once('.')?;
@@ -109,9 +109,9 @@ impl Order {
             None if detail == "whole" => Detail::Whole,
             None => Detail::Triangles(detail.parse().ok().filter(|n| *n > 0)?),
         };
-        let (version, order) = (version.parse().ok()?, Self { format: Format::of(ending)?, detail });
+        let (version, spec) = (version.parse().ok()?, Self { format: Format::of(ending)?, detail });
         // One name for one file.
-        (order.name(version) == name).then_some((version, order))
+        (spec.name(version) == name).then_some((version, spec))
     }
 
     /// Its name in the cache, for a pack by its hash.
@@ -142,8 +142,8 @@ mod tests {
     #[test]
     fn job_names_round_trip_and_other_names_are_refused() {
         for name in ["v1-whole.ply", "v12-100000.glb", "v1-0.01m.stl", "v3-0.000001m.obj"] {
-            let (version, order) = Order::parse(name).unwrap();
-            assert_eq!(order.name(version), name);
+            let (version, spec) = JobSpec::parse(name).unwrap();
+            assert_eq!(spec.name(version), name);
         }
         for bad in [
             "",
@@ -164,27 +164,27 @@ mod tests {
             "v1-whole.ply/..",
             "v1-20000m.ply",
         ] {
-            assert_eq!(Order::parse(bad), None, "{bad}");
+            assert_eq!(JobSpec::parse(bad), None, "{bad}");
         }
     }
 
     proptest::proptest! {
         #[test]
         fn any_name_is_parsed_or_refused(name in "v?[0-9]{0,12}[-.]?[a-z0-9.\\-+]{0,24}(\\.(ply|glb|obj|stl))?") {
-            if let Some((version, order)) = Order::parse(&name) {
-                proptest::prop_assert_eq!(order.name(version), name);
-                proptest::prop_assert!(!order.key("hash").contains(['/', '\\']));
+            if let Some((version, spec)) = JobSpec::parse(&name) {
+                proptest::prop_assert_eq!(spec.name(version), name);
+                proptest::prop_assert!(!spec.key("hash").contains(['/', '\\']));
             }
         }
     }
 
     #[test]
     fn an_error_limit_may_need_every_triangle_and_scratch_space_is_counted() {
-        let order = |detail| Order { format: Format::Stl, detail };
-        let whole = order(Detail::Whole).estimate(1_000_000);
-        assert_eq!(order(Detail::Error(0.000_001)).estimate(1_000_000), whole);
-        assert!(order(Detail::Triangles(10)).estimate(1_000_000) < whole);
-        assert!(order(Detail::Whole).room(1_000_000) >= 2 * whole);
+        let spec = |detail| JobSpec { format: Format::Stl, detail };
+        let whole = spec(Detail::Whole).estimate(1_000_000);
+        assert_eq!(spec(Detail::Error(0.000_001)).estimate(1_000_000), whole);
+        assert!(spec(Detail::Triangles(10)).estimate(1_000_000) < whole);
+        assert!(spec(Detail::Whole).room(1_000_000) >= 2 * whole);
     }
 
     #[test]
