@@ -5,7 +5,7 @@
 //! What cannot be read stays in the list with the reason, so that nothing vanishes silently.
 
 use crate::access::{Clock, Verdict, verdict};
-use crate::holding::{Holding, Tables};
+use crate::object_files::{ObjectFiles, Tables};
 use crate::store::{self, Identity, Place, S3, Survey, is_away, is_refused, is_silent};
 use axum::http::StatusCode;
 use kilwa_archive::Manifest;
@@ -106,7 +106,7 @@ pub(crate) enum Kind {
 /// What the list shows of an object.
 #[derive(Debug)]
 pub(crate) struct Object {
-    pub(crate) holding: Arc<Holding>,
+    pub(crate) files: Arc<ObjectFiles>,
     pub(crate) title: String,
     pub(crate) rights: Option<String>,
     pub(crate) access: Option<Access>,
@@ -501,8 +501,8 @@ fn object_of(
     survey: &Survey,
     tables: &Arc<Tables>,
 ) -> std::io::Result<Arc<Model>> {
-    let holding = Holding::new(place.clone(), Arc::clone(tables));
-    let mut object = Object { holding, title: String::new(), rights: None, access: None, pack: None };
+    let files = ObjectFiles::new(place.clone(), Arc::clone(tables));
+    let mut object = Object { files, title: String::new(), rights: None, access: None, pack: None };
     let (mut bytes, mut summary, mut is_unsure) = (0, Err("it was withdrawn".to_owned()), false);
     let read = place.join(MANIFEST).read_listed(identity, SMALL_FILE_MAX);
     match read.and_then(|bytes| Manifest::parse(&bytes).map_err(std::io::Error::other)) {

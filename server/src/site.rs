@@ -327,7 +327,7 @@ pub(crate) async fn find(site: &Site, slug: &str) -> Result<Arc<Model>, StatusCo
 async fn has_notes(model: &Model) -> bool {
     match &model.kind {
         Kind::Pack { notes, .. } => notes.is_some(),
-        Kind::Object(object) => objects::has_notes(&object.holding).await,
+        Kind::Object(object) => objects::has_notes(&object.files).await,
     }
 }
 

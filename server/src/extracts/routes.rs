@@ -328,7 +328,7 @@ async fn admit(
         |status: StatusCode| if status == StatusCode::NOT_FOUND { lost() } else { plain(status).into_response() };
     let model = find(site, slug).await.map_err(or_lost)?;
     let manifest = match model.object() {
-        Some(object) => Some(objects::manifest_of(&object.holding).await.map_err(or_lost)?),
+        Some(object) => Some(objects::manifest_of(&object.files).await.map_err(or_lost)?),
         None => None,
     };
     let verdict = manifest.as_ref().map(|manifest| verdict(&manifest.access, &site.clock));
@@ -363,7 +363,7 @@ type Found = (About, (Pack, Arc<str>));
 
 async fn of_object(model: &Arc<Model>, version: Option<u32>) -> Result<Found, StatusCode> {
     let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
-    let found = objects::pack_of(&object.holding, version).await?;
+    let found = objects::pack_of(&object.files, version).await?;
     let slug = &model.slug;
     let about = About {
         slug: slug.clone(),

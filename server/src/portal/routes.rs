@@ -354,7 +354,7 @@ impl oai::Source for Archive {
 
     fn dublin_core(&self, slug: &str) -> Option<String> {
         let model = self.site.catalogue.model(slug)?;
-        let table = model.object()?.holding.table().ok()?;
+        let table = model.object()?.files.table().ok()?;
         let version = table.manifest.current()?;
         let entry = table.get(&format!("{}/{DUBLIN_CORE}", version.folder))?;
         let bytes = Some(entry).filter(|e| e.identity().bytes() <= oai::RECORD_MAX)?.read().ok()?;

@@ -114,32 +114,32 @@ impl Table {
 /// Tables that are held: the most recent ones, so that an archive of any size costs no more memory than a few hundred objects.
 #[derive(Debug, Default)]
 pub(crate) struct Tables {
-    recent: Mutex<VecDeque<Weak<Holding>>>,
+    recent: Mutex<VecDeque<Weak<ObjectFiles>>>,
 }
 
 impl Tables {
     /// One more; those that are too many are forgotten.
-    fn keep(&self, holding: &Arc<Holding>) {
+    fn keep(&self, files: &Arc<ObjectFiles>) {
         let mut recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
-        recent.push_back(Arc::downgrade(holding));
+        recent.push_back(Arc::downgrade(files));
         let surplus = recent.len().saturating_sub(HELD);
         let old: Vec<_> = recent.drain(..surplus).collect();
         drop(recent);
-        for holding in old.iter().filter_map(Weak::upgrade) {
-            holding.forget();
+        for files in old.iter().filter_map(Weak::upgrade) {
+            files.forget();
         }
     }
 }
 
 /// One object's folder.
 #[derive(Debug)]
-pub(crate) struct Holding {
+pub(crate) struct ObjectFiles {
     folder: Place,
     current: Mutex<Option<(Arc<Table>, Instant)>>,
     tables: Arc<Tables>,
 }
 
-impl Holding {
+impl ObjectFiles {
     pub(crate) fn new(folder: Place, tables: Arc<Tables>) -> Arc<Self> {
         Arc::new(Self { folder, current: Mutex::new(None), tables })
     }
