@@ -4,7 +4,7 @@ use crate::new_file::PrivateFolder;
 use anyhow::Context;
 use kilwa_pack::visible::visible;
 use kilwa_server::access::Sessions;
-use kilwa_server::door::Door;
+use kilwa_server::auth::Auth;
 use kilwa_server::extracts::Extracts;
 use kilwa_server::index::Index;
 use kilwa_server::store::{Place, S3, S3Options};
@@ -209,7 +209,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     site.collections = args.catalogue.collections.clone().map(Collections::new).or_else(beside).map(Arc::new);
     let cache = extracts(&args.extracts)?;
     site.extracts = cache.as_ref().map(|(_, extracts)| Arc::clone(extracts));
-    site.door = door(&args.access, &args.path)?;
+    site.auth = auth(&args.access, &args.path)?;
     site.behind_proxy = args.reports.behind_proxy;
     site.metrics_for = match args.reports.metrics {
         MetricsFor::Local => Audience::Local,
@@ -345,7 +345,7 @@ fn service_folder(variable: &str, name: &str) -> Option<PathBuf> {
 }
 
 /// The accounts, which must not be in the served folder.
-fn door(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Arc<Door>>> {
+fn auth(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Arc<Auth>>> {
     let Some(file) = &args.access else { return Ok(None) };
     // Checked before any of them is created.
     for secret in [Some(file), args.audit.as_ref(), args.sessions.as_ref()].into_iter().flatten() {
@@ -364,12 +364,12 @@ fn door(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Ar
         Sessions::in_folder(folder).with_context(|| format!("cannot keep sessions in {}", folder.display()))
     };
     let sessions = args.sessions.as_ref().map(kept).transpose()?;
-    let door = Door::open(file, args.audit.as_deref())?.with_sessions(sessions.unwrap_or_default());
+    let auth = Auth::open(file, args.audit.as_deref())?.with_sessions(sessions.unwrap_or_default());
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs());
-    if let Some(doubt) = door.doubt_of_clock(now) {
+    if let Some(doubt) = auth.doubt_of_clock(now) {
         tracing::error!("{doubt}");
     }
-    Ok(Some(Arc::new(door)))
+    Ok(Some(Arc::new(auth)))
 }
 
 /// The real path of a file or folder, which need not exist yet.

@@ -5,15 +5,15 @@
 //! | `/<slug>/` | its landing page, `no-cache` |
 //! | `/<slug>/manifest.json`, other files of the root | as they are now, tag from their content, `no-cache` |
 //! | `/<slug>/v1/…` | a file of a version: tag its SHA-256, ranges, `immutable`; of a pack, with ranges behind it, these |
-//! | geometry under an embargo or restricted | 403 with the reason; where people can sign in, 401, and for those let in the file ([`crate::door`]) |
+//! | geometry under an embargo or restricted | 403 with the reason; where people can sign in, 401, and for those let in the file ([`crate::auth`]) |
 //! | anything of what was withdrawn | 410, with the landing page as its tombstone |
 
 use crate::access::{Clock, Verdict, verdict};
+use crate::auth::Auth;
 use crate::catalogue::Model;
 use crate::content::{
     ASK_AGAIN, FOR_EVER, Source, answer, condition, insert, offer_pieces, pieces, plain, share, share_ranges, text,
 };
-use crate::door::Door;
 use crate::html;
 use crate::object_files::{Entry, ObjectFiles, Table};
 use crate::packs::blocking;
@@ -46,7 +46,7 @@ pub(crate) async fn respond(
     model: &Model,
     name: &str,
     clock: &Clock,
-    door: Option<&Arc<Door>>,
+    auth: Option<&Arc<Auth>>,
     method: &Method,
     headers: &HeaderMap,
 ) -> Response<Body> {
@@ -58,13 +58,13 @@ pub(crate) async fn respond(
             Verdict::Gone(why) => Ok(gone(&object.files, &table, name, &why).await),
             Verdict::WithoutGeometry(why) if is_geometry(name) => {
                 let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
-                match door {
-                    Some(door) if lets_out(door, headers, &model.slug, content, clock).await => {
+                match auth {
+                    Some(auth) if lets_out(auth, headers, &model.slug, content, clock).await => {
                         let asked = Asked { files: &object.files, table: &table, ranges, method, headers };
                         file(&asked, name)
                             .await
                             .map(keep_nowhere)
-                            .map(|r| while_allowed(r, name, model, clock, Some(door), headers))
+                            .map(|r| while_allowed(r, name, model, clock, Some(auth), headers))
                     }
                     Some(_) => Ok(locked(&model.slug, &why)),
                     None => Ok(withheld(&why)),
@@ -72,7 +72,7 @@ pub(crate) async fn respond(
             }
             _ => {
                 let asked = Asked { files: &object.files, table: &table, ranges, method, headers };
-                file(&asked, name).await.map(|r| while_allowed(r, name, model, clock, door, headers))
+                file(&asked, name).await.map(|r| while_allowed(r, name, model, clock, auth, headers))
             }
         },
         Err(status) => Err(status),
@@ -93,13 +93,13 @@ pub(crate) fn while_allowed(
     name: &str,
     model: &Model,
     clock: &Clock,
-    door: Option<&Arc<Door>>,
+    auth: Option<&Arc<Auth>>,
     headers: &HeaderMap,
 ) -> Response<Body> {
     // These two remain of a withdrawn object.
     let Some(object) = model.object().filter(|_| ![MANIFEST, PAGE].contains(&name)) else { return response };
     let (files, slug, has_geometry) = (Arc::clone(&object.files), model.slug.clone(), is_geometry(name));
-    let (clock, door, headers) = (clock.clone(), door.cloned(), headers.clone());
+    let (clock, auth, headers) = (clock.clone(), auth.cloned(), headers.clone());
     let may_go_on = move || {
         let Ok(table) = files.table() else { return false };
         match verdict(&table.manifest.access, &clock) {
@@ -110,8 +110,8 @@ pub(crate) fn while_allowed(
                 let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
                 let now = clock.seconds();
                 // A visitor who receives the capability with this answer sends it only with the next request.
-                let is_visitor = |door: &Door| door.visitor(&headers, now).is_some_and(|v| door.sees(&v.who, &slug));
-                door.as_ref().is_some_and(|door| door.lets_out(&headers, &slug, content, now) || is_visitor(door))
+                let is_visitor = |auth: &Auth| auth.visitor(&headers, now).is_some_and(|v| auth.sees(&v.who, &slug));
+                auth.as_ref().is_some_and(|auth| auth.lets_out(&headers, &slug, content, now) || is_visitor(auth))
             }
         }
     };
@@ -380,11 +380,11 @@ pub(crate) fn whole(bytes: impl Into<Bytes>, kind: &str, method: &Method, header
     response
 }
 
-/// What the door says; it may have to read its file.
-pub(crate) async fn lets_out(door: &Arc<Door>, headers: &HeaderMap, slug: &str, content: &str, clock: &Clock) -> bool {
-    let (door, headers, now) = (Arc::clone(door), headers.clone(), clock.seconds());
+/// The decision of [`Auth`], which may have to read its file.
+pub(crate) async fn lets_out(auth: &Arc<Auth>, headers: &HeaderMap, slug: &str, content: &str, clock: &Clock) -> bool {
+    let (auth, headers, now) = (Arc::clone(auth), headers.clone(), clock.seconds());
     let (slug, content) = (slug.to_owned(), content.to_owned());
-    blocking(move || door.lets_out(&headers, &slug, &content, now)).await.unwrap_or(false)
+    blocking(move || auth.lets_out(&headers, &slug, &content, now)).await.unwrap_or(false)
 }
 
 /// What is not for everybody is kept by nobody on the way.

@@ -11,7 +11,7 @@ use axum::http::Request;
 use fake::Fake;
 use kilwa_archive::manifest::{Access, AccessState};
 use kilwa_server::access::{Accounts, Grant};
-use kilwa_server::door::Door;
+use kilwa_server::auth::Auth;
 use kilwa_server::extracts::{Detail, Extractor, Extracts, Failure, Format, Pack};
 use kilwa_server::{Catalogue, Clock, Site, app};
 use std::sync::Arc;
@@ -43,7 +43,7 @@ fn archive() -> Archive {
     let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
     site.clock = Clock::new(|| 1_795_262_400);
     site.behind_proxy = true;
-    site.door = Some(Arc::new(Door::open(&folder.path().join("access.json"), None).unwrap()));
+    site.auth = Some(Arc::new(Auth::open(&folder.path().join("access.json"), None).unwrap()));
     let cache = folder.path().join("cache");
     site.extracts = Some(Extracts::with_extractor(cache, 140_000_000, fake.extractor()).unwrap());
     Archive { app: app(site), fake, folder }

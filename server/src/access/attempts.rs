@@ -1,4 +1,4 @@
-//! Brakes on guessing: after some failures, whoever goes on has to wait, twice as long each time.
+//! Rate limits on guessing: after some failures further attempts must wait, twice as long each time.
 //!
 //! Counted by address and by name, so that neither one address trying many names nor many addresses trying one name gets far. Memory is
 //! bounded: the longest idle is forgotten first. Times are seconds since any beginning, handed in.

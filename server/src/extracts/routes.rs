@@ -6,9 +6,9 @@ use super::pace::Wait;
 use super::page::{About, Said, Stage, closed, form, stage, why};
 use super::{Extracts, Failure, JobStatus, Pack, Refusal};
 use crate::access::{Verdict, verdict};
+use crate::auth::routes::{capability, from_here};
 use crate::catalogue::Model;
 use crate::content::{ASK_AGAIN, Source, answer, insert, plain, text};
-use crate::door::routes::{capability, from_here};
 use crate::objects;
 use crate::observe::client_of;
 use crate::packs::blocking;
@@ -220,7 +220,7 @@ pub(crate) async fn file(
                 Ok(Ok(content)) if wants_page => shown(&Stage::Ready(content.bytes()), StatusCode::OK),
                 Ok(Ok(content)) => {
                     let sent = send(&asked, spec, &name, content, &method, headers).await;
-                    objects::while_allowed(sent, &name, &asked.model, &site.clock, site.door.as_ref(), headers)
+                    objects::while_allowed(sent, &name, &asked.model, &site.clock, site.auth.as_ref(), headers)
                 }
                 // It went for others in this moment.
                 _ => html(
@@ -345,8 +345,8 @@ async fn admit(
     asked.is_closed = true;
     // Capabilities are for the content of the current version, as in `objects`.
     let content = manifest.current().map(|v| v.pack.sha256.clone()).unwrap_or_default();
-    if let Some(door) = &site.door {
-        if objects::lets_out(door, headers, slug, &content, &site.clock).await {
+    if let Some(auth) = &site.auth {
+        if objects::lets_out(auth, headers, slug, &content, &site.clock).await {
             return Ok(asked);
         }
         if let Some(Some(cookie)) = capability(site, headers, slug, &content, address).await {
@@ -354,7 +354,7 @@ async fn admit(
             return Ok(asked);
         }
     }
-    let sign_in = site.door.as_ref().map(|_| format!("/sign-in?next={}", encoded(&format!("/{slug}/extract"))));
+    let sign_in = site.auth.as_ref().map(|_| format!("/sign-in?next={}", encoded(&format!("/{slug}/extract"))));
     let said = closed(&asked.about, &given.reader(), &why, sign_in.as_deref());
     Err(html(&asked, said, StatusCode::FORBIDDEN, headers))
 }

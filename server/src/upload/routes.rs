@@ -5,9 +5,9 @@ use super::staging::{Part, Staging, none};
 use super::wire::{Intent, State as At, Status};
 use super::{Refusal, Uploads, lock};
 use crate::access::audit::Action;
+use crate::auth::{Auth, Publisher};
 use crate::catalogue::Catalogue;
 use crate::content::{insert, text};
-use crate::door::{Door, Publisher};
 use crate::index::Index;
 use crate::observe::client_of;
 use crate::packs::blocking;
@@ -55,7 +55,7 @@ pub(crate) fn routes() -> Router<Site> {
 /// Who asks, and the folder that takes uploads.
 struct Allowed {
     uploads: Arc<Uploads>,
-    door: Arc<Door>,
+    auth: Arc<Auth>,
     who: String,
     address: String,
     now: u64,
@@ -68,7 +68,7 @@ async fn allowed(
     headers: &HeaderMap,
     slug: Option<&str>,
 ) -> Result<Allowed, Refusal> {
-    let (Some(uploads), Some(door)) = (site.uploads.clone(), site.door.clone()) else {
+    let (Some(uploads), Some(auth)) = (site.uploads.clone(), site.auth.clone()) else {
         let said = "this server takes no uploads; whoever keeps it starts it with `kilwa serve --accept-uploads --access FILE`";
         return Err(Refusal::new(StatusCode::NOT_IMPLEMENTED, said));
     };
@@ -77,7 +77,7 @@ async fn allowed(
         return Err(none());
     }
     let now = site.clock.seconds();
-    let (asked, headers, object, network) = (Arc::clone(&door), headers.clone(), slug.map(str::to_owned), client.1);
+    let (asked, headers, object, network) = (Arc::clone(&auth), headers.clone(), slug.map(str::to_owned), client.1);
     let publisher = blocking(move || asked.publisher(&headers, object.as_deref(), &network, now)).await;
     let publisher = publisher.map_err(|status| Refusal::new(status, "the server cannot tell who asks"))?;
     let who = match publisher {
@@ -92,7 +92,7 @@ async fn allowed(
         }
         Publisher::NotGranted(who) => {
             let slug = slug.unwrap_or_default();
-            door.record(Action::Refused, Some(&who), &client.0, Some(slug), now);
+            auth.record(Action::Refused, Some(&who), &client.0, Some(slug), now);
             let said = format!(
                 "{who} was not granted {slug}: `kilwa access user FILE {who} --object {slug} --no-password`, or --all"
             );
@@ -104,7 +104,7 @@ async fn allowed(
             return Err(Refusal { retry_after: Some(seconds), ..refusal });
         }
     };
-    Ok(Allowed { uploads, door, who, address: client.0, now })
+    Ok(Allowed { uploads, auth, who, address: client.0, now })
 }
 
 /// `POST /uploads`
@@ -205,7 +205,7 @@ async fn finish(State(site): State<Site>, Path(slug): Path<String>, request: Req
 
 /// Verify and publish what lies there, on a thread of its own.
 async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCode, Status), Refusal> {
-    let Allowed { uploads, door, who, address, now } = allowed;
+    let Allowed { uploads, auth, who, address, now } = allowed;
     if let Some(job) = uploads.job(&slug).filter(|j| j.who == who && j.is_running()) {
         return Ok(job.status());
     }
@@ -226,7 +226,7 @@ async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCod
                 Ok(done) => {
                     show(&catalogue, index.as_deref());
                     if !done.already {
-                        door.published(&who, &address, &slug, done.version, now);
+                        auth.published(&who, &address, &slug, done.version, now);
                     }
                 }
                 Err(refusal) => tracing::warn!("{slug} was not published: {}", refusal.why),

@@ -11,7 +11,7 @@ use futures_util::stream;
 use kilwa_archive::Manifest;
 use kilwa_archive::checksums::{Checksums, sha256};
 use kilwa_server::access::{Accounts, Grant, Purpose};
-use kilwa_server::door::Door;
+use kilwa_server::auth::Auth;
 use kilwa_server::index::Index;
 use kilwa_server::store::{Place, S3, S3Options};
 use kilwa_server::upload::wire::{State, Status};
@@ -78,7 +78,7 @@ impl Museum {
         let robot = accounts.add_token("robot", Purpose::Publish, 30, NOW).unwrap();
         let file = folder.path().join("access.json");
         accounts.create(&file).unwrap();
-        site.door = Some(Arc::new(Door::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap()));
+        site.auth = Some(Arc::new(Auth::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap()));
         site.clock = Clock::new(|| NOW);
         Self { app: app(site), robot, folder }
     }

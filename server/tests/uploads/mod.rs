@@ -11,7 +11,7 @@ use axum::body::Body;
 use axum::http::{Method, Request, StatusCode};
 use kilwa_archive::{Manifest, Metadata};
 use kilwa_server::access::{Accounts, Grant, Purpose};
-use kilwa_server::door::Door;
+use kilwa_server::auth::Auth;
 use kilwa_server::upload::wire::{Intent, State, Status};
 use kilwa_server::upload::{UploadLimits, Uploads};
 use kilwa_server::{Catalogue, Clock, Site, app};
@@ -64,7 +64,7 @@ impl Museum {
         let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
         let time = Arc::clone(&clock);
         site.clock = Clock::new(move || time.load(Ordering::Relaxed));
-        site.door = Some(Arc::new(Door::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap()));
+        site.auth = Some(Arc::new(Auth::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap()));
         let steps = Arc::new(AtomicU64::new(u64::MAX));
         let left = Arc::clone(&steps);
         let falls = Arc::new(AtomicBool::new(false));

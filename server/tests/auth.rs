@@ -6,7 +6,7 @@ use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use kilwa_archive::manifest::{Access, AccessState};
 use kilwa_server::access::{Accounts, AccountsError, Grant, Purpose, Sessions};
-use kilwa_server::door::Door;
+use kilwa_server::auth::Auth;
 use kilwa_server::{Catalogue, Clock, Site, app};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -52,8 +52,8 @@ impl Museum {
         let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
         let time = Arc::clone(&clock);
         site.clock = Clock::new(move || time.load(Ordering::Relaxed));
-        let door = Door::open(&folder.path().join("access.json"), Some(&folder.path().join("audit.jsonl"))).unwrap();
-        site.door = Some(Arc::new(door));
+        let auth = Auth::open(&folder.path().join("access.json"), Some(&folder.path().join("audit.jsonl"))).unwrap();
+        site.auth = Some(Arc::new(auth));
         let address = format!("/cave/{}", cave.versions[0].pack.url);
         Self { app: app(site), clock, folder, token, bytes, address }
     }
@@ -326,20 +326,20 @@ async fn a_wrong_clock_grants_no_access_and_the_server_reports_it() {
     let ahead = m.sign_in("amina", "a long sentence").await.expect("signs in");
     m.clock.store(NOW, Ordering::Relaxed);
     assert_eq!(m.post("/cave/open", &[("cookie", &ahead)], "").await.status, StatusCode::UNAUTHORIZED);
-    let door = Door::open(&m.accounts(), None).unwrap();
-    let message = door.doubt_of_clock(NOW - 2 * day).expect("a doubt");
+    let auth = Auth::open(&m.accounts(), None).unwrap();
+    let message = auth.doubt_of_clock(NOW - 2 * day).expect("a doubt");
     assert!(
         message.contains("the clock of this computer says 2026-11-19") && message.contains("set right"),
         "{message}"
     );
-    assert_eq!(door.doubt_of_clock(NOW), None);
+    assert_eq!(auth.doubt_of_clock(NOW), None);
 }
 
 /// Another server over the same accounts and models, with sessions kept elsewhere.
 fn another(m: &Museum, sessions: Sessions) -> Router {
     let mut site = Site::new(Catalogue::open(&m.folder.path().join("models")).unwrap(), page());
     site.clock = Clock::new(|| NOW);
-    site.door = Some(Arc::new(Door::open(&m.accounts(), None).unwrap().with_sessions(sessions)));
+    site.auth = Some(Arc::new(Auth::open(&m.accounts(), None).unwrap().with_sessions(sessions)));
     app(site)
 }
 

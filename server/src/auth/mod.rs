@@ -1,4 +1,4 @@
-//! The door: who a visitor is, and what is opened to whom of what is not public.
+//! Authentication: who a visitor is, and which closed models are open to them.
 //!
 //! | URL | what |
 //! |---|---|
@@ -36,8 +36,8 @@ const PACK_COOKIE: &str = "kilwa_pack";
 /// Longest cookie header that is looked at, bytes.
 const COOKIES_MAX: usize = 8192;
 
-/// Accounts, brakes and the record.
-pub struct Door {
+/// Accounts, rate limits and the audit log.
+pub struct Auth {
     file: PathBuf,
     known: Mutex<Known>,
     addresses: Mutex<Attempts>,
@@ -52,7 +52,7 @@ struct Known {
     looked: Instant,
 }
 
-impl Door {
+impl Auth {
     /// With the accounts in `file`, and a record in `audit` where one is wanted.
     ///
     /// # Errors
