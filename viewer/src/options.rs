@@ -62,8 +62,8 @@ impl Mode {
         Self::ALL.iter().find(|(mode, _)| *mode == self).map_or("colour", |(_, name)| name)
     }
 
-    /// Whether it looks at the neighbourhood of a pixel, and so needs the relief pass.
-    pub fn needs_relief(self) -> bool {
+    /// Whether it looks at the neighbourhood of a pixel, and so needs the depth and normal pass.
+    pub fn needs_depth_normal(self) -> bool {
         matches!(self, Self::Curvature | Self::EyeDome)
     }
 
