@@ -216,7 +216,7 @@ fn question(
                 *value = Some(right);
                 return Ok(());
             }
-            Err(said) => writeln!(out, "  {said}")?,
+            Err(problem) => writeln!(out, "  {problem}")?,
         }
     }
 }

@@ -142,9 +142,9 @@ mod tests {
         let input = at("in");
         let check = |name: &str| check_output(&at(name), true, [input.as_path()]);
         for name in ["in", "link", "hard", "folder/in"] {
-            let said = check(name).unwrap_err().to_string();
-            assert!(said.contains(name) && said.contains("an input of this command"), "{said}");
-            assert!(said.contains(&*at("in").to_string_lossy()), "{said}");
+            let message = check(name).unwrap_err().to_string();
+            assert!(message.contains(name) && message.contains("an input of this command"), "{message}");
+            assert!(message.contains(&*at("in").to_string_lossy()), "{message}");
         }
         assert!(check("other").is_ok() && check("new").is_ok());
         assert!(check_output(&at("other"), false, []).unwrap_err().to_string().contains("--force"));

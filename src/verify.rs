@@ -199,9 +199,9 @@ fn print_problems(
         return Ok(());
     }
     let text = format!("{name}: {}\n{}", many(problems, "problem"), report.problems_from(before));
-    let mut said = Ok(());
-    progress.above(|| said = crate::terminal::out().write_all(text.as_bytes()));
-    Ok(said?)
+    let mut result = Ok(());
+    progress.above(|| result = crate::terminal::out().write_all(text.as_bytes()));
+    Ok(result?)
 }
 
 /// The units in the state that no longer exist, except the bag of a withdrawn object, which the withdrawal removes. Files beside objects
@@ -235,7 +235,7 @@ fn say(args: &Args, checked: &Checked, report: &Report) -> anyhow::Result<()> {
     // What was skipped has no figures of its own.
     let single = single && report.skipped == 0;
     let mut out = crate::terminal::out();
-    let said = if args.json {
+    let result = if args.json {
         let value = if single { of_pack(report) } else { report.to_json() };
         writeln!(out, "{}", crate::terminal::json_text(&value)?)
     } else {
@@ -249,7 +249,7 @@ fn say(args: &Args, checked: &Checked, report: &Report) -> anyhow::Result<()> {
         }
     };
     if report.count() == 0 {
-        return Ok(said?);
+        return Ok(result?);
     }
     // Damage is what counts, even where nobody listens to the report.
     if units > 1 {

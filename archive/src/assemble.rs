@@ -253,8 +253,8 @@ pub fn agree(m: &Metadata, pack: &kilwa_pack::Metadata) -> Result<Option<String>
         ));
     }
     let in_pack = match &pack.crs {
-        Some(text) => crs::normalise(text).map_err(|said| {
-            format!("the pack's reference system; build it again with the right --crs, or without: {said}")
+        Some(text) => crs::normalise(text).map_err(|message| {
+            format!("the pack's reference system; build it again with the right --crs, or without: {message}")
         })?,
         None => None,
     };
@@ -275,10 +275,10 @@ pub fn agree(m: &Metadata, pack: &kilwa_pack::Metadata) -> Result<Option<String>
         crs::holds(text, pack.bounds_min, pack.bounds_max)?;
     }
     let accuracy = m.capture.as_ref().and_then(|c| c.accuracy);
-    if let (Some(said), Some(built)) = (accuracy, pack.capture_accuracy)
-        && said != built
+    if let (Some(given), Some(built)) = (accuracy, pack.capture_accuracy)
+        && given != built
     {
-        return Err(format!("capture.accuracy is {said} m, and the pack says {built} m; correct one of them"));
+        return Err(format!("capture.accuracy is {given} m, and the pack says {built} m; correct one of them"));
     }
     Ok(in_pack)
 }
@@ -327,8 +327,8 @@ pub fn further(m: &Manifest, v: &Following<'_>) -> Result<String, String> {
         return Err(format!(
             "{at} is {}, and this version would be {}; that opens its earlier versions too. Write the same [access] in the metadata; \
              if it is to be opened, whoever keeps the folder or store does so there: kilwa publish --to DIR --open-access",
-            said_of(was),
-            said_of(is)
+            access_text(was),
+            access_text(is)
         ));
     }
     let doubts = if v.same_object { Vec::new() } else { doubts(m, v) };
@@ -382,7 +382,7 @@ fn closedness<'a>(state: AccessState, until: Option<&'a str>, today: &str) -> (u
     }
 }
 
-fn said_of((rank, until): (u8, &str)) -> String {
+fn access_text((rank, until): (u8, &str)) -> String {
     match rank {
         0 => "public".to_owned(),
         1 => format!("under embargo until {until}"),

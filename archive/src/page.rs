@@ -132,13 +132,13 @@ fn facts(p: &Publication) -> String {
 fn closed(m: &Metadata) -> String {
     let Some(access) = m.access.as_ref().filter(|a| a.state != AccessState::Public) else { return String::new() };
     let until = access.until.as_ref().filter(|_| access.state == AccessState::Embargo);
-    let said = match until {
+    let text = match until {
         Some(day) => format!("The model is public from {} on, 00:00 UTC.", escape(day)),
         None => "The model itself is not public.".to_owned(),
     };
     let more = [&access.reason, &access.contact].into_iter().flatten();
     let more = more.fold(String::new(), |s, text| s + "<br>" + &escape(text));
-    format!("<p class=\"prose access\" dir=\"auto\"><strong>{said}</strong>{more}</p>\n")
+    format!("<p class=\"prose access\" dir=\"auto\"><strong>{text}</strong>{more}</p>\n")
 }
 
 /// What the panel shows below the pack's own facts: text, rights, citation, files, versions.

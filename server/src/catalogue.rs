@@ -254,8 +254,8 @@ impl Catalogue {
         let listing = catalogue.listing();
         let refused = listing.models.values().next().filter(|_| listing.models.values().all(|m| m.is_unsure));
         if let Some(why) = refused.and_then(|model| model.summary.as_ref().err()) {
-            let said = format!("{why}; every object is refused: see AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY");
-            return Err(silent(std::io::Error::other(said)));
+            let message = format!("{why}; every object is refused: see AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY");
+            return Err(silent(std::io::Error::other(message)));
         }
         Ok(catalogue)
     }

@@ -161,10 +161,10 @@ pub(crate) fn lost() -> String {
 }
 
 /// The page while the archive's storage does not answer.
-pub(crate) fn away(said: &str) -> String {
+pub(crate) fn away(sentence: &str) -> String {
     format!(
         "{HEAD}<title>Please come again - Kilwa</title>\n</head>\n<body class=\"list\">\n<main>\n<h1>This cannot be shown now</h1>\n\
-         <p class=\"lead\">{said} <a href=\"/\">See all models</a>.</p>\n</main>\n</body>\n</html>\n"
+         <p class=\"lead\">{sentence} <a href=\"/\">See all models</a>.</p>\n</main>\n</body>\n</html>\n"
     )
 }
 

@@ -63,12 +63,12 @@ pub(crate) async fn observe(State(observer): State<Observer>, request: Request, 
 /// that was said by the client).
 fn client(request: &Request, behind_proxy: bool) -> Option<IpAddr> {
     // Proxies that do not replace the header add a line of their own at the end.
-    let said = || {
+    let forwarded = || {
         let last = request.headers().get_all(&FORWARDED_FOR).iter().next_back()?.to_str().ok()?;
         last.rsplit(',').next()?.trim().parse().ok()
     };
     let socket = request.extensions().get::<Peer>().map(|peer| peer.0);
-    if behind_proxy { said().or(socket) } else { socket }
+    if behind_proxy { forwarded().or(socket) } else { socket }
 }
 
 /// The same as text for the record, and as it is counted (IPv6: its /64).

@@ -104,8 +104,8 @@ fn flatten(value: &Value, name: &str, known: &str, rows: &mut Vec<Row>) {
 
 /// Say it as was asked.
 pub(super) fn print(args: &super::Args, plan: &Plan) -> anyhow::Result<()> {
-    let said = if args.json { format!("{:#}", json(plan)) } else { text(plan) };
-    Ok(writeln!(crate::terminal::out(), "{said}")?)
+    let text = if args.json { format!("{:#}", json(plan)) } else { text(plan) };
+    Ok(writeln!(crate::terminal::out(), "{text}")?)
 }
 
 /// For people.

@@ -232,13 +232,13 @@ impl Plan {
         let scalars = given.of_pack.scalars.iter().map(|s| s.name.as_str());
         let names: Vec<&str> =
             scalars.filter(|n| given.place.is_some() && !given.keep_channels.iter().any(|k| k == n)).collect();
-        let said = || {
+        let warning = || {
             format!(
                 "the scalar channels {}, which may hold coordinates; --keep-channel NAME keeps one that does not",
                 names.join(", ")
             )
         };
-        (!names.is_empty()).then(said).into_iter().collect()
+        (!names.is_empty()).then(warning).into_iter().collect()
     }
 
     /// What is hardly meant.
@@ -356,7 +356,7 @@ fn read_metadata_text(file: &Path) -> anyhow::Result<(Metadata, String)> {
         in_file()
     );
     let bytes = read_named(file, METADATA_MAX)?;
-    let text = in_utf8(bytes).map_err(|said| anyhow::anyhow!("{}: {said}", in_file()))?;
+    let text = in_utf8(bytes).map_err(|message| anyhow::anyhow!("{}: {message}", in_file()))?;
     let metadata = Metadata::parse(&text);
     let metadata = metadata.map_err(|problems| anyhow::anyhow!("{} cannot be used:\n  {problems}", in_file()))?;
     Ok((metadata, text))

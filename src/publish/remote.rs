@@ -12,7 +12,7 @@ use kilwa_archive::assemble::is_metadata;
 use kilwa_archive::checksums::{sha256, sha256_of};
 use kilwa_archive::layout::{ANNOTATIONS, MANIFEST, METADATA, pack_name};
 use kilwa_archive::{Manifest, PackEntry};
-use kilwa_server::upload::wire::{Drawing, FORM, FileSaid, Intent, PreviewSaid};
+use kilwa_server::upload::wire::{AnnouncedFile, AnnouncedPreview, Drawing, FORM, Intent};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -86,10 +86,10 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
         std::fs::write(work.join(ANNOTATIONS), noted).context("cannot write the notes to the temporary folder")?;
         paths.push(ANNOTATIONS.to_owned());
     }
-    let mut files = vec![FileSaid { path: pack_name(&pack_sum), bytes, sha256: pack_sum.clone() }];
+    let mut files = vec![AnnouncedFile { path: pack_name(&pack_sum), bytes, sha256: pack_sum.clone() }];
     for path in &paths {
         let (bytes, sha256) = hashed(&work.join(path))?;
-        files.push(FileSaid { path: path.clone(), bytes, sha256 });
+        files.push(AnnouncedFile { path: path.clone(), bytes, sha256 });
     }
     let facts = &plan.facts;
     let intent = Intent {
@@ -106,12 +106,13 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
         kept_channels: plan.given.keep_channels.clone(),
         same_object: args.same_object,
         metadata: facts.metadata.clone(),
-        preview: pictured.preview.map(|p| PreviewSaid { triangles: p.triangles, error: p.error }),
+        preview: pictured.preview.map(|p| AnnouncedPreview { triangles: p.triangles, error: p.error }),
         drawings: pictured.drawings.iter().map(|(p, w)| Drawing { path: p.clone(), words: w.clone() }).collect(),
         files,
     };
-    let place =
-        |file: &FileSaid| -> PathBuf { if file.sha256 == pack_sum { pack.clone() } else { work.join(&file.path) } };
+    let place = |file: &AnnouncedFile| -> PathBuf {
+        if file.sha256 == pack_sum { pack.clone() } else { work.join(&file.path) }
+    };
     let progress = Progress::new();
     let published = sender.publish(&intent, &place, &|event| progress.show(&event));
     let published = published.map_err(anyhow::Error::msg).with_context(|| plan.at.clone())?;

@@ -7,7 +7,7 @@
 //! Stands by itself (with `distrust`), so that tests can drive it without a command line.
 
 use kilwa_archive::checksums::sha256_of;
-use kilwa_server::upload::wire::{FileSaid, Intent, Lacking, State, Status};
+use kilwa_server::upload::wire::{AnnouncedFile, Intent, Lacking, State, Status};
 use std::cell::Cell;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -180,14 +180,14 @@ impl Sender {
     pub(crate) fn publish(
         &self,
         intent: &Intent,
-        at: &dyn Fn(&FileSaid) -> PathBuf,
+        at: &dyn Fn(&AnnouncedFile) -> PathBuf,
         report: &dyn Fn(SendEvent<'_>),
     ) -> Result<Published, String> {
         self.persist(report, || self.attempt(intent, at, report).map_err(|e| self.looked_at(e, intent, at)))
     }
 
     /// When files arrive altered again, whether they are still what was announced.
-    fn looked_at(&self, e: Failure, intent: &Intent, at: &dyn Fn(&FileSaid) -> PathBuf) -> Failure {
+    fn looked_at(&self, e: Failure, intent: &Intent, at: &dyn Fn(&AnnouncedFile) -> PathBuf) -> Failure {
         if !matches!(e, Failure::Altered(_)) {
             return e;
         }
@@ -200,8 +200,8 @@ impl Sender {
             match File::open(&path).and_then(|f| sha256_of(BufReader::with_capacity(1 << 20, f))) {
                 Ok((_, sum)) if sum == file.sha256 => {}
                 Ok(_) => {
-                    let said = "the file changed while it was sent; run the same command again when nothing writes to it any more";
-                    return Failure::Final(format!("{}: {said}", path.display()));
+                    let message = "the file changed while it was sent; run the same command again when nothing writes to it any more";
+                    return Failure::Final(format!("{}: {message}", path.display()));
                 }
                 Err(e) => return Failure::Final(format!("{}: {e}", path.display())),
             }
@@ -244,7 +244,7 @@ impl Sender {
     fn attempt(
         &self,
         intent: &Intent,
-        at: &dyn Fn(&FileSaid) -> PathBuf,
+        at: &dyn Fn(&AnnouncedFile) -> PathBuf,
         report: &dyn Fn(SendEvent<'_>),
     ) -> Result<Published, Failure> {
         let text = serde_json::to_vec(intent).map_err(|e| Failure::Final(e.to_string()))?;
@@ -319,8 +319,8 @@ impl Sender {
                     continue;
                 }
                 // The file, or all of the upload, is at another place than was thought.
-                460 => return Err(Failure::Altered(said(response))),
-                404 | 409 => return Err(with_progress(passing(said(response)), &mut progressed)),
+                460 => return Err(Failure::Altered(text_of(response))),
+                404 | 409 => return Err(with_progress(passing(text_of(response)), &mut progressed)),
                 _ => return Err(with_progress(self.refused(response), &mut progressed)),
             }
             at += length as u64;
@@ -386,8 +386,8 @@ impl Sender {
                 })
             }
             // After a restart it knows of nothing until it is begun again; what was damaged on the way is sent again.
-            460 if !is_first => Err(Failure::Altered(said(response))),
-            404 if !is_first => Err(passing(said(response))),
+            460 if !is_first => Err(Failure::Altered(text_of(response))),
+            404 if !is_first => Err(passing(text_of(response))),
             _ => Err(self.refused(response)),
         }
     }
@@ -401,7 +401,7 @@ impl Sender {
             let to = header("location").unwrap_or_default();
             return Failure::Final(format!("{} leads to {to}; give the address that is meant with --to", self.base));
         }
-        let why = said(response);
+        let why = text_of(response);
         match status.as_u16() {
             408 | 423 | 425 | 429 | 500 | 502..=506 | 508..=599 => Failure::Passing { why, after, progressed: false },
             _ => Failure::Final(why),
@@ -434,7 +434,7 @@ fn body(mut response: Response<Body>) -> Result<Vec<u8>, Failure> {
 }
 
 /// What the server says, in its words where it has some.
-fn said(response: Response<Body>) -> String {
+fn text_of(response: Response<Body>) -> String {
     let status = response.status();
     let value = body(response).ok().and_then(|b| kilwa_pack::json::from_slice::<serde_json::Value>(&b).ok());
     let error = value.as_ref().and_then(|v| v.get("error")).and_then(serde_json::Value::as_str);

@@ -468,8 +468,8 @@ impl Check<'_> {
         let path = version.pack.url.clone();
         let mut differ = |what: &str, of_pack: &str, of_manifest: &str| {
             if of_pack != of_manifest {
-                let said = format!("its {what} is {of_pack}; {MANIFEST} says {of_manifest}");
-                self.add(&path, Kind::Incomplete, said);
+                let message = format!("its {what} is {of_pack}; {MANIFEST} says {of_manifest}");
+                self.add(&path, Kind::Incomplete, message);
             }
         };
         differ("identity", checked.identity.as_deref().unwrap_or_default(), &version.pack.identity);

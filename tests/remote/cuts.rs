@@ -6,7 +6,7 @@ use super::{Dice, Server, intent, local, tree};
 use crate::support::succeeds;
 use kilwa_archive::Manifest;
 use kilwa_archive::checksums::{Checksums, sha256};
-use kilwa_server::upload::wire::{FileSaid, Intent};
+use kilwa_server::upload::wire::{AnnouncedFile, Intent};
 use std::io::{Read as _, Write as _};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -29,7 +29,7 @@ pub(crate) fn publish(address: &str, token: &str, number: u32, site: &Path, pati
 }
 
 /// Where the files of a version lie.
-fn at(site: &Path, intent: &Intent) -> impl Fn(&FileSaid) -> PathBuf + use<> {
+fn at(site: &Path, intent: &Intent) -> impl Fn(&AnnouncedFile) -> PathBuf + use<> {
     let folder = site.join("fort").join(format!("v{}", intent.version));
     move |file| folder.join(&file.path)
 }

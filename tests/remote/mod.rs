@@ -16,7 +16,7 @@ use crate::support::{Input, built_once, serving, succeeds, text};
 use kilwa_archive::checksums::sha256;
 use kilwa_archive::{Manifest, Metadata};
 use kilwa_server::access::{Accounts, Grant, Purpose};
-use kilwa_server::upload::wire::{Drawing, FORM, FileSaid, Intent, PreviewSaid};
+use kilwa_server::upload::wire::{AnnouncedFile, AnnouncedPreview, Drawing, FORM, Intent};
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -91,7 +91,7 @@ pub(crate) fn intent(site: &Path, number: u32) -> Intent {
     };
     let listed = |path: &String| {
         let bytes = std::fs::read(folder.join(path)).unwrap();
-        FileSaid { path: path.clone(), bytes: bytes.len() as u64, sha256: sha256(&bytes) }
+        AnnouncedFile { path: path.clone(), bytes: bytes.len() as u64, sha256: sha256(&bytes) }
     };
     let html = std::fs::read_to_string(object.join("index.html")).unwrap();
     let words = |path: &str| {
@@ -110,7 +110,7 @@ pub(crate) fn intent(site: &Path, number: u32) -> Intent {
         kept_channels: Vec::new(),
         same_object: false,
         metadata,
-        preview: Some(PreviewSaid {
+        preview: Some(AnnouncedPreview {
             triangles: preview["triangles"].as_u64().unwrap(),
             error: preview["error_m"].as_f64().unwrap(),
         }),

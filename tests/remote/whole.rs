@@ -177,7 +177,7 @@ fn a_file_that_changes_while_it_is_sent_is_reported_and_not_resent_forever() {
     let (first, longest) = (Duration::ZERO, Duration::ZERO);
     let patience = super::send::Patience { attempts: 10, first, longest };
     let sender = super::send::Sender::new(&format!("http://{}", server.address), server.token.clone(), patience);
-    let at = |file: &kilwa_server::upload::wire::FileSaid| {
+    let at = |file: &kilwa_server::upload::wire::AnnouncedFile| {
         if file.path == "poster.jpg" { changed.clone() } else { site.join("fort/v1").join(&file.path) }
     };
     let why = sender.publish(&intent, &at, &|_| ()).unwrap_err();

@@ -148,9 +148,9 @@ impl Location {
         all.add_map([min[0], min[1]], [max[0], max[1]]);
         all.add_last_five([min[0], min[1]], [max[0], max[1]]);
         all.epsg = crs.and_then(|c| c.strip_prefix("EPSG:")).map(str::to_owned);
-        let said = place.map(|p| [p.latitude, p.longitude]).unwrap_or_default();
-        all.degrees.extend(said.iter().flatten());
-        if let [Some(lat), Some(lon)] = said {
+        let given = place.map(|p| [p.latitude, p.longitude]).unwrap_or_default();
+        all.degrees.extend(given.iter().flatten());
+        if let [Some(lat), Some(lon)] = given {
             all.add_site([lat, lon], [0.0; 2]);
         }
         if let Some(site) = crs.and_then(|crs| degrees_of_box(crs, bounds)) {

@@ -223,8 +223,8 @@ fn lettered(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
 fn geohash(text: &[char]) -> Option<(usize, usize)> {
     let all = lower(text, 0, text.len());
     let (before, behind) = all.split_at(all.find("geohash")?);
-    let said = behind.get(7..)?.trim_start_matches(|c: char| !c.is_alphanumeric());
-    let code: String = said.chars().take_while(char::is_ascii_alphanumeric).collect();
+    let rest = behind.get(7..)?.trim_start_matches(|c: char| !c.is_alphanumeric());
+    let code: String = rest.chars().take_while(char::is_ascii_alphanumeric).collect();
     let from = before.chars().count();
     (code.len() >= 4 && code.chars().any(|c| c.is_ascii_digit())).then_some((from, from + 20))
 }

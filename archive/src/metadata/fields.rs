@@ -151,7 +151,7 @@ fn rights_field(t: &Table<'_, '_>) -> Option<RightsField> {
     if given.is_none() {
         table.missing("uri", &wanted);
     }
-    let uri = given.and_then(|f| Rights::parse(&f.value).map_err(|said| table.wrong("uri", f.at, said)).ok());
+    let uri = given.and_then(|f| Rights::parse(&f.value).map_err(|message| table.wrong("uri", f.at, message)).ok());
     let (holder, statement) = (table.text("holder").map(|f| f.value), table.paragraphs("statement"));
     table.finish();
     Some(RightsField { uri: uri?.uri, holder, statement })
@@ -177,8 +177,8 @@ fn model(t: &Table<'_, '_>) -> Option<Model> {
     let crs = table.text("crs").and_then(|f| match crs::normalise(&f.value) {
         Ok(None) => Some("local".to_owned()),
         Ok(crs) => crs,
-        Err(said) => {
-            table.wrong("crs", f.at, said);
+        Err(message) => {
+            table.wrong("crs", f.at, message);
             None
         }
     });

@@ -285,9 +285,9 @@ impl Metadata {
     /// Every field that does not, with what to do.
     pub fn check(&self) -> Result<(), String> {
         let text = toml::to_string(self).map_err(|e| e.to_string())?;
-        let said =
+        let failed =
             |p: Problems| p.0.iter().map(|p| format!("{}: {}", p.field, p.message)).collect::<Vec<_>>().join("; ");
-        if Self::parse(&text).map_err(said)? == *self {
+        if Self::parse(&text).map_err(failed)? == *self {
             Ok(())
         } else {
             Err("a field is not in the form that kilwa writes".to_owned())

@@ -51,11 +51,11 @@ impl NotesError {
 }
 
 fn listed(problems: &[String]) -> String {
-    let mut said = problems.iter().take(SHOWN_MAX).cloned().collect::<Vec<_>>().join("\n  ");
+    let mut list = problems.iter().take(SHOWN_MAX).cloned().collect::<Vec<_>>().join("\n  ");
     if problems.len() > SHOWN_MAX {
-        let _ = write!(said, "\n  and {} more", problems.len() - SHOWN_MAX);
+        let _ = write!(list, "\n  and {} more", problems.len() - SHOWN_MAX);
     }
-    said
+    list
 }
 
 /// A text, in no named language or in several.
@@ -189,8 +189,8 @@ impl Note {
 
     /// A name made of what it says: the same note at the same place of the list has the same.
     fn derived_id(&self, number: usize) -> String {
-        let said = json!([number, self.label.as_ref().map(Words::json), self.bodies_json(), self.place]);
-        let sum = sha256(said.to_string().as_bytes());
+        let content = json!([number, self.label.as_ref().map(Words::json), self.bodies_json(), self.place]);
+        let sum = sha256(content.to_string().as_bytes());
         format!("urn:kilwa:note:{}", sum.get(..32).unwrap_or_default())
     }
 
@@ -285,10 +285,10 @@ impl Notes {
                 ));
                 continue;
             }
-            let said = |words: &Words| -> Vec<String> { words.all().into_iter().map(|(_, t)| t.to_owned()).collect() };
-            let labels = note.label.iter().flat_map(said);
+            let texts = |words: &Words| -> Vec<String> { words.all().into_iter().map(|(_, t)| t.to_owned()).collect() };
+            let labels = note.label.iter().flat_map(texts);
             let texts = note.bodies.iter().flat_map(|b| match b {
-                Body::Text { words, .. } => said(words),
+                Body::Text { words, .. } => texts(words),
                 Body::Link { .. } => Vec::new(),
             });
             for text in labels.chain(texts).chain(note.creators()) {

@@ -60,9 +60,9 @@ impl Notes {
         let links = self.notes.iter().filter(|n| n.links().next().is_some()).count();
         let displays = self.notes.iter().filter(|n| n.view.as_ref().is_some_and(|v| v.display.is_some())).count();
         let parts = [(links, "links"), (displays, "shading and sections")];
-        let said: Vec<String> =
+        let kinds: Vec<String> =
             parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{what} of {n} notes")).collect();
-        (!said.is_empty()).then(|| format!("{}, which may reveal the location", said.join(" and ")))
+        (!kinds.is_empty()).then(|| format!("{}, which may reveal the location", kinds.join(" and ")))
     }
 }
 

@@ -52,14 +52,14 @@ impl Totals {
     /// [`PackError::Invalid`] when a triangle or border is missing or stands there twice, or the model is not as large as
     /// the metadata says.
     pub fn agree(&self, header: &Header, metadata: &Metadata) -> Result<(), PackError> {
-        for (what, found, said) in [
+        for (what, found, announced) in [
             ("chunks", self.chunks, u64::from(header.entry_count)),
             ("triangles of the finest level", self.finest_triangles, header.triangles),
             ("stored triangles", self.stored_triangles, header.stored_triangles),
             ("border edges of the finest level", self.finest_borders, metadata.border_edges),
         ] {
-            if found != said {
-                return Err(PackError::invalid("pack", format!("{found} {what} are there, {said} are announced")));
+            if found != announced {
+                return Err(PackError::invalid("pack", format!("{found} {what} are there, {announced} are announced")));
             }
         }
         if self.finest_bounds.is_empty() {

@@ -4,7 +4,7 @@
 //! `Sec-Fetch-Site`), and what comes from elsewhere is refused, so that no other page can sign a reader in or out. Passwords are hashed on
 //! threads of their own, a few at a time: who guesses keeps nobody else from reading.
 
-use super::page::{Said, form};
+use super::page::{Message, form};
 use super::{Auth, PACK_COOKIE, SESSION_COOKIE};
 use crate::access::audit::Action;
 use crate::access::capability::{LIFE, SESSION};
@@ -46,8 +46,8 @@ pub(crate) async fn ask(State(site): State<Site>, RawQuery(query): RawQuery, hea
     let (now, asked) = (site.clock.seconds(), headers.clone());
     let visitor = blocking(move || auth.visitor(&asked, now)).await.ok().flatten();
     match visitor {
-        Some(holder) => answer(form(language, Said::Done, next, Some(&holder.who)), StatusCode::OK, &headers),
-        None => answer(form(language, Said::Nothing, next, None), StatusCode::OK, &headers),
+        Some(holder) => answer(form(language, Message::Done, next, Some(&holder.who)), StatusCode::OK, &headers),
+        None => answer(form(language, Message::Nothing, next, None), StatusCode::OK, &headers),
     }
 }
 
@@ -73,15 +73,15 @@ pub(crate) async fn sign_in(State(site): State<Site>, request: Request) -> Respo
     let session = match check(&auth, &name, password, client, now).await {
         Ok(session) => session,
         Err(Denied::Wrong) => {
-            return answer(form(language, Said::Wrong, &next, Some(&name)), StatusCode::FORBIDDEN, &headers);
+            return answer(form(language, Message::Wrong, &next, Some(&name)), StatusCode::FORBIDDEN, &headers);
         }
         Err(Denied::Failed) => {
-            let said = form(language, Said::Failed, &next, Some(&name));
-            return answer(said, StatusCode::SERVICE_UNAVAILABLE, &headers);
+            let page = form(language, Message::Failed, &next, Some(&name));
+            return answer(page, StatusCode::SERVICE_UNAVAILABLE, &headers);
         }
         Err(Denied::Wait(wait)) => {
-            let said = form(language, Said::Wait(wait), &next, Some(&name));
-            let mut response = answer(said, StatusCode::TOO_MANY_REQUESTS, &headers);
+            let page = form(language, Message::Wait(wait), &next, Some(&name));
+            let mut response = answer(page, StatusCode::TOO_MANY_REQUESTS, &headers);
             insert(&mut response, RETRY_AFTER, &wait.to_string());
             return response;
         }
@@ -161,8 +161,8 @@ pub(crate) async fn sign_out(State(site): State<Site>, request: Request) -> Resp
         });
         if let Err(e) = ended.await.unwrap_or_else(|status| Err(std::io::Error::other(status.to_string()))) {
             tracing::error!("a session could not be ended: {e}");
-            let said = "You are still signed in: the server could not end the session. Please try again.\n";
-            return (StatusCode::SERVICE_UNAVAILABLE, [(CACHE_CONTROL, "no-store"), (RETRY_AFTER, "5")], said)
+            let message = "You are still signed in: the server could not end the session. Please try again.\n";
+            return (StatusCode::SERVICE_UNAVAILABLE, [(CACHE_CONTROL, "no-store"), (RETRY_AFTER, "5")], message)
                 .into_response();
         }
     }
@@ -296,8 +296,8 @@ fn origin_of(address: &str) -> String {
 
 /// Cookies of a site behind TLS never go out without it.
 fn secure(site: &Site, headers: &HeaderMap) -> &'static str {
-    let said = text(headers, &HeaderName::from_static("x-forwarded-proto"));
-    let is_secure =
-        site.url.as_deref().is_some_and(|u| u.starts_with("https://")) || (site.behind_proxy && said == Some("https"));
+    let forwarded = text(headers, &HeaderName::from_static("x-forwarded-proto"));
+    let is_secure = site.url.as_deref().is_some_and(|u| u.starts_with("https://"))
+        || (site.behind_proxy && forwarded == Some("https"));
     if is_secure { "; Secure" } else { "" }
 }

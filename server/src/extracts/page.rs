@@ -38,7 +38,7 @@ impl About {
 
 /// What the page says above the form.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Said {
+pub(crate) enum Message {
     Nothing,
     /// The number is none.
     Wrong,
@@ -67,17 +67,17 @@ fn begin(about: &About, reader: &Reader<'_>, path: &str, more: &str) -> String {
 }
 
 /// What there is to download, and the form. `asked` is what it holds.
-pub(crate) fn form(about: &About, reader: &Reader<'_>, said: Said, asked: Option<JobSpec>) -> String {
+pub(crate) fn form(about: &About, reader: &Reader<'_>, message: Message, asked: Option<JobSpec>) -> String {
     let l = reader.language;
     let mut s = begin(about, reader, &about.address(), "");
-    let problem = match said {
-        Said::Nothing => None,
-        Said::Wrong => Some(l.t("extractWrong").to_owned()),
-        Said::Refused(refusal) => Some(why(reader, refusal)),
-        Said::TooLarge(size, max) => {
+    let problem = match message {
+        Message::Nothing => None,
+        Message::Wrong => Some(l.t("extractWrong").to_owned()),
+        Message::Refused(refusal) => Some(why(reader, refusal)),
+        Message::TooLarge(size, max) => {
             Some(l.with("extractTooLarge", &[("size", &l.size(size)), ("most", &l.size(max))]))
         }
-        Said::Unknown => Some(l.t("extractUnknown").to_owned()),
+        Message::Unknown => Some(l.t("extractUnknown").to_owned()),
     };
     if let Some(problem) = problem {
         let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{problem}</p>");

@@ -3,7 +3,7 @@
 
 use super::job_spec::{Detail, Format, JobSpec};
 use super::pace::Wait;
-use super::page::{About, Said, Stage, closed, form, stage, why};
+use super::page::{About, Message, Stage, closed, form, stage, why};
 use super::{Extracts, Failure, JobStatus, Pack, Refusal};
 use crate::access::{Verdict, verdict};
 use crate::auth::routes::{capability, from_here};
@@ -82,8 +82,8 @@ pub(crate) async fn ask(State(site): State<Site>, Path(slug): Path<String>, requ
     let given = Given::of(&site, parts.uri.query().unwrap_or_default(), headers).await;
     match admit(&site, &slug, None, headers, address, &given).await {
         Ok(asked) => {
-            let said = if given.get("unknown").is_some() { Said::Unknown } else { Said::Nothing };
-            html(&asked, form(&asked.about, &given.reader(), said, None), StatusCode::OK, headers)
+            let message = if given.get("unknown").is_some() { Message::Unknown } else { Message::Nothing };
+            html(&asked, form(&asked.about, &given.reader(), message, None), StatusCode::OK, headers)
         }
         Err(refused) => refused,
     }
@@ -106,15 +106,15 @@ pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, re
     };
     let reader = given.reader();
     let Some(spec) = spec(&given) else {
-        let html_ = form(&asked.about, &reader, Said::Wrong, None);
+        let html_ = form(&asked.about, &reader, Message::Wrong, None);
         return html(&asked, html_, StatusCode::UNPROCESSABLE_ENTITY, headers);
     };
     let triangles = asked.about.triangles;
     let [mesh, read] = asked.extracts.room(&asked.pack.0, triangles, spec);
     let (size, max) = (mesh.saturating_add(read), asked.extracts.max_bytes());
     if size > max {
-        let said = form(&asked.about, &reader, Said::TooLarge(size, max), Some(spec));
-        return html(&asked, said, StatusCode::UNPROCESSABLE_ENTITY, headers);
+        let page = form(&asked.about, &reader, Message::TooLarge(size, max), Some(spec));
+        return html(&asked, page, StatusCode::UNPROCESSABLE_ENTITY, headers);
     }
     let (extracts, pack) = (Arc::clone(&asked.extracts), asked.pack.clone());
     let taken = blocking(move || extracts.ask((&pack.0, &pack.1), triangles, spec, &network)).await;
@@ -138,12 +138,12 @@ fn busy(asked: &Asked, reader: &Reader<'_>, spec: JobSpec, refusal: Refusal, hea
         Refusal::Share(seconds) | Refusal::TooMany(seconds) => (StatusCode::TOO_MANY_REQUESTS, seconds),
     };
     let mut response = if wants_json(headers) {
-        let said = why(&Reader { language: Language::english(), ..*reader }, refusal);
-        let mut response = (status, axum::Json(json!({ "error": said, "seconds": seconds }))).into_response();
+        let message = why(&Reader { language: Language::english(), ..*reader }, refusal);
+        let mut response = (status, axum::Json(json!({ "error": message, "seconds": seconds }))).into_response();
         insert(&mut response, CACHE_CONTROL, "no-store");
         response
     } else {
-        html(asked, form(&asked.about, reader, Said::Refused(refusal), Some(spec)), status, headers)
+        html(asked, form(&asked.about, reader, Message::Refused(refusal), Some(spec)), status, headers)
     };
     insert(&mut response, RETRY_AFTER, &seconds.to_string());
     response
@@ -211,9 +211,12 @@ pub(crate) async fn file(
             objects::forget(&asked.model);
             shown(&Stage::Failed(failure), StatusCode::INTERNAL_SERVER_ERROR)
         }
-        JobStatus::Unknown => {
-            html(&asked, form(&asked.about, &given.reader(), Said::Unknown, Some(spec)), StatusCode::NOT_FOUND, headers)
-        }
+        JobStatus::Unknown => html(
+            &asked,
+            form(&asked.about, &given.reader(), Message::Unknown, Some(spec)),
+            StatusCode::NOT_FOUND,
+            headers,
+        ),
         JobStatus::Ready(path) => {
             let extracts = Arc::clone(&asked.extracts);
             match blocking(move || extracts.open_ready(&path)).await {
@@ -225,7 +228,7 @@ pub(crate) async fn file(
                 // It went for others in this moment.
                 _ => html(
                     &asked,
-                    form(&asked.about, &given.reader(), Said::Unknown, Some(spec)),
+                    form(&asked.about, &given.reader(), Message::Unknown, Some(spec)),
                     StatusCode::NOT_FOUND,
                     headers,
                 ),
@@ -355,8 +358,8 @@ async fn admit(
         }
     }
     let sign_in = site.auth.as_ref().map(|_| format!("/sign-in?next={}", encoded(&format!("/{slug}/extract"))));
-    let said = closed(&asked.about, &given.reader(), &why, sign_in.as_deref());
-    Err(html(&asked, said, StatusCode::FORBIDDEN, headers))
+    let page = closed(&asked.about, &given.reader(), &why, sign_in.as_deref());
+    Err(html(&asked, page, StatusCode::FORBIDDEN, headers))
 }
 
 type Found = (About, (Pack, Arc<str>));

@@ -13,12 +13,12 @@ pub(super) fn of(manifest: &Manifest, place: Option<&Place>) -> Option<[f64; 2]>
     if manifest.access.state == AccessState::Withdrawn || manifest.versions.iter().any(|v| v.location_redacted) {
         return None;
     }
-    let said = place.and_then(|p| Some([p.latitude?, p.longitude?]));
+    let given = place.and_then(|p| Some([p.latitude?, p.longitude?]));
     let derived = || {
         let version = manifest.current().filter(|_| manifest.access.state == AccessState::Public)?;
         of_box(version)
     };
-    said.or_else(derived).filter(|[lat, lon]| lat.abs() <= 90.0 && lon.abs() <= 180.0)
+    given.or_else(derived).filter(|[lat, lon]| lat.abs() <= 90.0 && lon.abs() <= 180.0)
 }
 
 /// The middle of a version's box, in degrees.

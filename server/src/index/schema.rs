@@ -88,9 +88,9 @@ fn open_sound(file: &Path) -> Result<Option<Connection>, IndexError> {
     }
     settings(&connection)?;
     // Reads every page: damage shows now and not at some search. A catalogue of 10,000 objects takes some 100 ms.
-    let said: String = connection.pragma_query_value(None, "quick_check", |row| row.get(0))?;
-    if said != "ok" {
-        tracing::warn!("the index {} is damaged: {said}", file.display());
+    let result: String = connection.pragma_query_value(None, "quick_check", |row| row.get(0))?;
+    if result != "ok" {
+        tracing::warn!("the index {} is damaged: {result}", file.display());
         return Ok(None);
     }
     Ok(Some(connection))

@@ -42,8 +42,8 @@ pub(crate) fn base(given: Option<&str>, headers: &HeaderMap, behind_proxy: bool)
         (1..=255).contains(&host.len()) && host.bytes().all(|b| b.is_ascii_alphanumeric() || b"-.:[]_".contains(&b))
     };
     let host = text(headers, &HOST).filter(plain).unwrap_or("localhost");
-    let said = text(headers, &HeaderName::from_static("x-forwarded-proto"));
-    let scheme = if behind_proxy && said == Some("https") { "https" } else { "http" };
+    let forwarded = text(headers, &HeaderName::from_static("x-forwarded-proto"));
+    let scheme = if behind_proxy && forwarded == Some("https") { "https" } else { "http" };
     format!("{scheme}://{host}")
 }
 

@@ -53,7 +53,7 @@ pub(super) struct Outage {
 struct Now {
     /// Since when it does not, and why.
     away: Option<(Instant, Away)>,
-    said: Option<Instant>,
+    logged: Option<Instant>,
 }
 
 impl Outage {
@@ -68,9 +68,9 @@ impl Outage {
         if now.away.is_some() {
             return false;
         }
-        let again = now.said.is_some_and(|at| at.elapsed() < ONE);
+        let again = now.logged.is_some_and(|at| at.elapsed() < ONE);
         now.away = Some((Instant::now(), away.clone()));
-        now.said = Some(Instant::now());
+        now.logged = Some(Instant::now());
         if again {
             tracing::debug!("{name}: {away}, again");
         } else {
@@ -112,11 +112,12 @@ pub(crate) async fn report_outage(State(place): State<Place>, request: Request, 
         headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
         return response;
     }
-    let said = "The archive's storage does not answer at the moment. Nothing is lost; please come again in a minute.";
+    let message =
+        "The archive's storage does not answer at the moment. Nothing is lost; please come again in a minute.";
     let (kind, body) = if wants_page {
-        ("text/html; charset=utf-8", crate::html::away(said))
+        ("text/html; charset=utf-8", crate::html::away(message))
     } else {
-        ("text/plain; charset=utf-8", format!("503 Service Unavailable: {said}\n"))
+        ("text/plain; charset=utf-8", format!("503 Service Unavailable: {message}\n"))
     };
     let headers = response.headers_mut();
     let is_of = |kind: &str| headers.get(CONTENT_TYPE).is_some_and(|v| v.as_bytes().starts_with(kind.as_bytes()));

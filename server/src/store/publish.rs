@@ -115,8 +115,8 @@ impl S3 {
             let path = object.join(&folder).join(name);
             let (_, sum) = sha256_of(File::open(&path)?)?;
             claim.renew().map_err(or_others)?;
-            let said = attributes(name, FOR_EVER, &sum);
-            let (is_there, tag) = self.send_file((slug, against, &claim), &key, &path, &said)?;
+            let attributes = attributes(name, FOR_EVER, &sum);
+            let (is_there, tag) = self.send_file((slug, against, &claim), &key, &path, &attributes)?;
             sent.there += usize::from(is_there);
             tags.insert(name.clone(), (identity.bytes(), tag));
         }
@@ -188,14 +188,14 @@ impl S3 {
 
     /// Whether it lets itself be written to: puts a small hidden file there, and takes it away again.
     pub(crate) fn check_writing(self: &Arc<Self>) -> io::Result<()> {
-        let said = |e: io::Error| {
+        let explain = |e: io::Error| {
             let why = "these keys may not write there; uploads need keys with s3:PutObject: see AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY";
-            let said =
+            let message =
                 if is_refused(&e) { format!("{}: {e}: {why}", self.name()) } else { format!("{}: {e}", self.name()) };
-            io::Error::other(said)
+            io::Error::other(message)
         };
         let bytes = Bytes::from_static(b"kilwa serve --accept-uploads asks whether it may write here\n");
-        self.put(PROBE, bytes, PutMode::Overwrite, Attributes::new()).map_err(said)?;
+        self.put(PROBE, bytes, PutMode::Overwrite, Attributes::new()).map_err(explain)?;
         let path = self.at(PROBE)?;
         // Who may write and not delete leaves it there: it is hidden, and some sixty bytes.
         drop(self.wait(PROBE, move |store| async move { store.client.delete(&path).await }));
@@ -217,14 +217,14 @@ impl S3 {
         (slug, against, claim): (&Slug, &Against, &Claim<'_>),
         key: &str,
         path: &Path,
-        said: &Attributes,
+        attributes: &Attributes,
     ) -> io::Result<(bool, Option<String>)> {
         let length = std::fs::metadata(path)?.len();
         for _ in 0..TRIES {
             let there = self.there(key)?;
             if let Some((meta, sum)) = &there
                 && meta.size == length
-                && sum.as_ref() == said.get(&Attribute::Metadata(SUM.into()))
+                && sum.as_ref() == attributes.get(&Attribute::Metadata(SUM.into()))
             {
                 return Ok((true, meta.e_tag.clone()));
             }
@@ -232,13 +232,13 @@ impl S3 {
             self.still(slug, against)?;
             claim.renew_now().map_err(or_others)?;
             if length > PART {
-                return Ok((false, self.put_parts(claim, key, path, length, said)?));
+                return Ok((false, self.put_parts(claim, key, path, length, attributes)?));
             }
             let mode = match there {
                 None => PutMode::Create,
                 Some((meta, _)) => PutMode::Update(UpdateVersion { e_tag: meta.e_tag, version: None }),
             };
-            match self.put(key, read_small(path, PART)?.into(), mode, said.clone()) {
+            match self.put(key, read_small(path, PART)?.into(), mode, attributes.clone()) {
                 // Somebody else's, or ours, whose answer was lost: look again.
                 Err(e) if super::s3::is_changed(&e) => {}
                 tag => return Ok((false, tag?)),
@@ -271,12 +271,12 @@ impl S3 {
         key: &str,
         path: &Path,
         length: u64,
-        said: &Attributes,
+        attributes: &Attributes,
     ) -> io::Result<Option<String>> {
-        let (to, said) =
-            (self.at(key)?, PutMultipartOptions { attributes: said.clone(), ..PutMultipartOptions::default() });
+        let (to, options) =
+            (self.at(key)?, PutMultipartOptions { attributes: attributes.clone(), ..PutMultipartOptions::default() });
         let mut upload =
-            self.wait(key, move |store| async move { store.client.put_multipart_opts(&to, said).await })?;
+            self.wait(key, move |store| async move { store.client.put_multipart_opts(&to, options).await })?;
         let (mut file, part) = (File::open(path)?, PART.max(length / PARTS));
         loop {
             let mut bytes = Vec::new();

@@ -1,7 +1,7 @@
 //! What a store refuses, or cannot give, of one file while it answers for the others: no outage, and no reason to take anything else away.
 //!
 //! Whoever asks for that file is answered 503; nothing is concluded from it about what there is. The log has a line when it begins, and
-//! again after [`SAID_FOR`], not one for each request.
+//! again after [`LOG_INTERVAL`], not one for each request.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// How long a line in the log about a file counts.
-const SAID_FOR: Duration = Duration::from_secs(600);
+const LOG_INTERVAL: Duration = Duration::from_secs(600);
 /// Files that are remembered; beyond, a line may come twice.
 const REMEMBERED: usize = 1000;
 /// That the store answers is trusted so long: a crowd that asks for what is refused asks the store no more than that.
@@ -58,7 +58,7 @@ pub(crate) fn is_refused(e: &io::Error) -> bool {
 /// What was said of such files, and when the store was seen to answer.
 #[derive(Debug, Default)]
 pub(super) struct Refusals {
-    said: Mutex<BTreeMap<String, Instant>>,
+    logged: Mutex<BTreeMap<String, Instant>>,
     answered: Mutex<Option<Instant>>,
 }
 
@@ -71,9 +71,9 @@ impl Refusals {
 
     /// Whether something of an object was refused a while ago.
     pub(super) fn concern(&self, slug: &str) -> bool {
-        let said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+        let logged = self.logged.lock().unwrap_or_else(PoisonError::into_inner);
         let is_of = |key: &str| key.strip_prefix(slug).is_some_and(|rest| rest.starts_with('/'));
-        said.iter().any(|(key, at)| is_of(key) && at.elapsed() < SAID_FOR)
+        logged.iter().any(|(key, at)| is_of(key) && at.elapsed() < LOG_INTERVAL)
     }
 
     /// It answers.
@@ -83,18 +83,18 @@ impl Refusals {
 
     /// Say it, unless it was said.
     pub(super) fn say(&self, name: &str, key: &str, why: &Refused) {
-        let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
-        if said.get(key).is_some_and(|at| at.elapsed() < SAID_FOR) {
+        let mut logged = self.logged.lock().unwrap_or_else(PoisonError::into_inner);
+        if logged.get(key).is_some_and(|at| at.elapsed() < LOG_INTERVAL) {
             return;
         }
-        if said.len() >= REMEMBERED {
-            said.retain(|_, at| at.elapsed() < SAID_FOR);
+        if logged.len() >= REMEMBERED {
+            logged.retain(|_, at| at.elapsed() < LOG_INTERVAL);
         }
-        if said.len() >= REMEMBERED {
-            said.clear();
+        if logged.len() >= REMEMBERED {
+            logged.clear();
         }
-        said.insert(key.to_owned(), Instant::now());
-        drop(said);
+        logged.insert(key.to_owned(), Instant::now());
+        drop(logged);
         tracing::warn!("{name}/{key}: {why}; it is answered 503, everything else is served; {}", why.hint());
     }
 }

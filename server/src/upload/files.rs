@@ -4,7 +4,7 @@
 //! cannot become a page. A preview must be glTF 2.0 that is whole in itself. Nothing here decodes pixels. Notes must be byte for byte what
 //! `kilwa publish` writes of them: nothing stands in them that was not looked at.
 
-use super::wire::PreviewSaid;
+use super::wire::AnnouncedPreview;
 use kilwa_archive::Notes;
 use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
 use kilwa_archive::location::Location;
@@ -83,7 +83,7 @@ pub(super) fn check(path: &str, at: &Path) -> io::Result<()> {
 ///
 /// # Errors
 /// As [`check`].
-pub(super) fn check_announced(at: &Path, announced: PreviewSaid) -> io::Result<()> {
+pub(super) fn check_announced(at: &Path, announced: AnnouncedPreview) -> io::Result<()> {
     let wrong = |what: String| io::Error::new(io::ErrorKind::InvalidData, format!("{PREVIEW} {what}"));
     let mut bytes = Vec::new();
     File::open(at)?.take(PREVIEW_MAX + 1).read_to_end(&mut bytes)?;

@@ -227,15 +227,15 @@ impl Refusal {
         if matches!(kind, StorageFull | QuotaExceeded) {
             return Self::full(format!("cannot {what}: {kind}"));
         }
-        let said = format!("the server cannot {what}: {kind}; its log says where. Run the same command again");
-        Self { retry_after: Some(5), ..Self::new(StatusCode::SERVICE_UNAVAILABLE, said) }
+        let message = format!("the server cannot {what}: {kind}; its log says where. Run the same command again");
+        Self { retry_after: Some(5), ..Self::new(StatusCode::SERVICE_UNAVAILABLE, message) }
     }
 
     fn full(what: impl std::fmt::Display) -> Self {
         tracing::error!("an upload: no room: {what}");
-        let said = format!(
+        let message = format!(
             "the disk of the server has no room ({what}); nothing was published. Ask whoever keeps it to make room, then run the same command again: what was sent so far is kept"
         );
-        Self::new(StatusCode::INSUFFICIENT_STORAGE, said)
+        Self::new(StatusCode::INSUFFICIENT_STORAGE, message)
     }
 }

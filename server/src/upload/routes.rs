@@ -69,8 +69,8 @@ async fn allowed(
     slug: Option<&str>,
 ) -> Result<Allowed, Refusal> {
     let (Some(uploads), Some(auth)) = (site.uploads.clone(), site.auth.clone()) else {
-        let said = "this server takes no uploads; whoever keeps it starts it with `kilwa serve --accept-uploads --access FILE`";
-        return Err(Refusal::new(StatusCode::NOT_IMPLEMENTED, said));
+        let message = "this server takes no uploads; whoever keeps it starts it with `kilwa serve --accept-uploads --access FILE`";
+        return Err(Refusal::new(StatusCode::NOT_IMPLEMENTED, message));
     };
     // Paths are made of it: `..%2Fx` in an address is `../x` here.
     if slug.is_some_and(|s| Slug::new(s).is_err()) {
@@ -83,24 +83,24 @@ async fn allowed(
     let who = match publisher {
         Publisher::Is(who) => who,
         Publisher::Unknown => {
-            let said = "a token for publishing is needed that is known here and has not lapsed: `kilwa access token FILE NAME --for publish`";
-            return Err(Refusal::new(StatusCode::UNAUTHORIZED, said));
+            let message = "a token for publishing is needed that is known here and has not lapsed: `kilwa access token FILE NAME --for publish`";
+            return Err(Refusal::new(StatusCode::UNAUTHORIZED, message));
         }
         Publisher::NotFor => {
-            let said = "this token is for looking at models; publishing needs one of its own: `kilwa access token FILE NAME --for publish`";
-            return Err(Refusal::new(StatusCode::FORBIDDEN, said));
+            let message = "this token is for looking at models; publishing needs one of its own: `kilwa access token FILE NAME --for publish`";
+            return Err(Refusal::new(StatusCode::FORBIDDEN, message));
         }
         Publisher::NotGranted(who) => {
             let slug = slug.unwrap_or_default();
             auth.record(Action::Refused, Some(&who), &client.0, Some(slug), now);
-            let said = format!(
+            let message = format!(
                 "{who} was not granted {slug}: `kilwa access user FILE {who} --object {slug} --no-password`, or --all"
             );
-            return Err(Refusal::new(StatusCode::FORBIDDEN, said));
+            return Err(Refusal::new(StatusCode::FORBIDDEN, message));
         }
         Publisher::Wait(seconds) => {
-            let said = "too many tokens that are not known came from this address";
-            let refusal = Refusal::new(StatusCode::TOO_MANY_REQUESTS, said);
+            let message = "too many tokens that are not known came from this address";
+            let refusal = Refusal::new(StatusCode::TOO_MANY_REQUESTS, message);
             return Err(Refusal { retry_after: Some(seconds), ..refusal });
         }
     };
@@ -214,7 +214,7 @@ async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCod
     let staging = staging.map_err(|status| Refusal::new(status, "the server could not look"))??.ok_or_else(none)?;
     let job = Arc::new(Job::new(&who, &staging.record.intent, uploads.store.is_some()));
     lock(&uploads.jobs).insert(slug.clone(), Arc::clone(&job));
-    let (status, said) = job.status();
+    let (status, body) = job.status();
     let (catalogue, index) = (Arc::clone(&site.catalogue), site.index.clone());
     let (own, turn) = (uploads.queue(&who), Arc::clone(&uploads.turn));
     let ending = Ending(Arc::clone(&job));
@@ -240,7 +240,7 @@ async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCod
         }
     });
     let status = if status == StatusCode::OK { StatusCode::ACCEPTED } else { status };
-    Ok((status, said))
+    Ok((status, body))
 }
 
 /// Look at what there is at once: a store is else looked at seldom.

@@ -4,7 +4,7 @@
 //! The length of a file is how far it came; its content counts only when it was hashed. A lock on the folder keeps two requests, and two
 //! servers, from writing at once. Paths are made of slugs and SHA-256 only. Links and folders that stand where a file would are taken away.
 
-use super::wire::{FileSaid, Intent, Lacking};
+use super::wire::{AnnouncedFile, Intent, Lacking};
 use super::{BODY_MAX, Refusal, Uploads, lock};
 use axum::http::StatusCode;
 use kilwa_archive::checksums::{is_sha256, sha256_of};
@@ -52,7 +52,7 @@ pub(super) struct Staging {
 pub(super) struct Part {
     file: File,
     path: PathBuf,
-    said: FileSaid,
+    announced: AnnouncedFile,
     pub(super) offset: u64,
     coming: Coming,
     _staging: Staging,
@@ -123,17 +123,17 @@ impl Uploads {
         let coming: u64 = staging.lacking().iter().map(|l| l.bytes - l.offset).sum();
         let needed = coming.saturating_add(others_come).saturating_add(self.page.bytes() + ROOM);
         if let Some(free) = (self.space)(&self.shelf).filter(|free| *free < needed) {
-            let said =
+            let message =
                 format!("{free} bytes are free, about {needed} are needed, {others_come} of them for other uploads");
-            return Err(Refusal::full(said));
+            return Err(Refusal::full(message));
         }
         let all: u64 = staging.record.intent.files.iter().map(|f| f.bytes).sum();
         if others.saturating_add(all) > self.limits.staged_bytes {
-            let said = format!(
+            let message = format!(
                 "uploads that are not finished have sent or announced {others} bytes, and {} are possible; run the same command again when they are published or have lapsed",
                 self.limits.staged_bytes
             );
-            return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, said));
+            return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, message));
         }
         Ok(())
     }
@@ -155,22 +155,22 @@ impl Uploads {
     /// A file of an upload, to go on with at `offset`.
     pub(super) fn part(&self, slug: &str, sha256: &str, who: &str, offset: u64) -> Result<Part, Refusal> {
         let staging = self.staging(slug, who)?.ok_or_else(none)?;
-        let said = staging.said(sha256)?;
-        let path = staging.folder.join(&said.sha256);
-        let there = staging.length(&said).map_err(|e| Refusal::disk("read what is there", &e))?;
+        let announced = staging.announced(sha256)?;
+        let path = staging.folder.join(&announced.sha256);
+        let there = staging.length(&announced).map_err(|e| Refusal::disk("read what is there", &e))?;
         if there != offset {
-            let said =
+            let message =
                 format!("{there} bytes of it are there, so that what follows begins at {there}, not at {offset}");
-            return Err(Refusal { offset: Some(there), ..Refusal::conflict(said) });
+            return Err(Refusal { offset: Some(there), ..Refusal::conflict(message) });
         }
-        let coming = self.claim_part((said.bytes - offset).min(BODY_MAX))?;
+        let coming = self.claim_part((announced.bytes - offset).min(BODY_MAX))?;
         let opened = (|| {
             let mut file = OpenOptions::new().create(true).write(true).truncate(false).open(&path)?;
             file.seek(SeekFrom::Start(offset))?;
             Ok(file)
         })();
         let file = opened.map_err(|e| Refusal::disk("write what is sent", &e))?;
-        Ok(Part { file, path, said, offset, coming, _staging: staging })
+        Ok(Part { file, path, announced: announced, offset, coming, _staging: staging })
     }
 
     /// Room for what one request may write: others may have taken it since it was announced.
@@ -179,16 +179,16 @@ impl Uploads {
         let coming = self.coming.load(Ordering::Relaxed).saturating_add(bytes);
         let needed = ROOM.saturating_add(coming);
         if let Some(free) = (self.space)(&self.shelf).filter(|free| *free < needed) {
-            let said = format!("{free} bytes are free; {coming} may come now, and {ROOM} are kept free");
-            return Err(Refusal::full(said));
+            let message = format!("{free} bytes are free; {coming} may come now, and {ROOM} are kept free");
+            return Err(Refusal::full(message));
         }
         let held: u64 = self.staged().iter().map(|folder| bytes_in(folder, is_sent)).sum();
         if held.saturating_add(coming) > self.limits.staged_bytes {
-            let said = format!(
+            let message = format!(
                 "uploads that are not finished hold {held} bytes, {coming} more may come now, and {} are possible; run the same command again when they are published or have lapsed",
                 self.limits.staged_bytes
             );
-            return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, said));
+            return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, message));
         }
         self.coming.fetch_add(bytes, Ordering::Relaxed);
         Ok(Coming { all: Arc::clone(&self.coming), bytes })
@@ -229,17 +229,17 @@ pub(super) fn none() -> Refusal {
 
 impl Staging {
     /// The file of a SHA-256 that is meant.
-    fn said(&self, sha256: &str) -> Result<FileSaid, Refusal> {
+    fn announced(&self, sha256: &str) -> Result<AnnouncedFile, Refusal> {
         let found = self.record.intent.files.iter().find(|f| f.sha256 == sha256);
         found.cloned().ok_or_else(|| Refusal::new(StatusCode::NOT_FOUND, "this upload has no such file"))
     }
 
     /// How much of a file is there. What is no plain file, too long, or has another name elsewhere is taken away.
-    fn length(&self, said: &FileSaid) -> io::Result<u64> {
-        let path = self.at(said);
+    fn length(&self, file: &AnnouncedFile) -> io::Result<u64> {
+        let path = self.at(file);
         match fs::symlink_metadata(&path) {
             // A second name of it is in a version, or was to be: nothing must be appended to that.
-            Ok(m) if m.is_file() && m.len() <= said.bytes && names_of(&m) == 1 => Ok(m.len()),
+            Ok(m) if m.is_file() && m.len() <= file.bytes && names_of(&m) == 1 => Ok(m.len()),
             Ok(m) if m.is_dir() => fs::remove_dir_all(&path).map(|()| 0),
             Ok(_) => fs::remove_file(&path).map(|()| 0),
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(0),
@@ -249,32 +249,32 @@ impl Staging {
 
     /// How much of a file is there, by its SHA-256.
     pub(super) fn offset(&self, sha256: &str) -> Result<(u64, u64), Refusal> {
-        let said = self.said(sha256)?;
-        let there = self.length(&said).map_err(|e| Refusal::disk("read what is there", &e))?;
-        Ok((there, said.bytes))
+        let announced = self.announced(sha256)?;
+        let there = self.length(&announced).map_err(|e| Refusal::disk("read what is there", &e))?;
+        Ok((there, announced.bytes))
     }
 
     /// Where a file lies.
-    pub(super) fn at(&self, said: &FileSaid) -> PathBuf {
-        self.folder.join(&said.sha256)
+    pub(super) fn at(&self, file: &AnnouncedFile) -> PathBuf {
+        self.folder.join(&file.sha256)
     }
 
     /// What is not there, or not wholly.
     pub(super) fn lacking(&self) -> Vec<Lacking> {
         let mut all: Vec<Lacking> = Vec::new();
-        for said in &self.record.intent.files {
-            let offset = self.length(said).unwrap_or(0);
-            if offset < said.bytes && !all.iter().any(|l| l.sha256 == said.sha256) {
-                all.push(Lacking { sha256: said.sha256.clone(), offset, bytes: said.bytes });
+        for file in &self.record.intent.files {
+            let offset = self.length(file).unwrap_or(0);
+            if offset < file.bytes && !all.iter().any(|l| l.sha256 == file.sha256) {
+                all.push(Lacking { sha256: file.sha256.clone(), offset, bytes: file.bytes });
             }
         }
         all
     }
 
     /// A file is not what was said: send it again.
-    pub(super) fn discard(&self, said: &FileSaid) {
-        if let Err(e) = fs::remove_file(self.at(said)) {
-            tracing::warn!("{}: cannot be removed: {e}", self.at(said).display());
+    pub(super) fn discard(&self, file: &AnnouncedFile) {
+        if let Err(e) = fs::remove_file(self.at(file)) {
+            tracing::warn!("{}: cannot be removed: {e}", self.at(file).display());
         }
     }
 
@@ -311,7 +311,7 @@ impl Staging {
 impl Part {
     /// How much of it is still to come.
     pub(super) fn remaining(&self) -> u64 {
-        self.said.bytes - self.offset
+        self.announced.bytes - self.offset
     }
 
     /// The next bytes.
@@ -337,13 +337,14 @@ impl Part {
     /// Put it on the disk; a file that is complete, and not too long to wait for, must have its SHA-256.
     pub(super) fn close(self) -> Result<u64, Refusal> {
         self.file.sync_data().map_err(|e| Refusal::disk("write what is sent", &e))?;
-        if self.remaining() == 0 && self.said.bytes <= HASHED_AT_ONCE {
+        if self.remaining() == 0 && self.announced.bytes <= HASHED_AT_ONCE {
             let opened = File::open(&self.path).and_then(sha256_of);
             let (_, sum) = opened.map_err(|e| Refusal::disk("read what was sent", &e))?;
-            if sum != self.said.sha256 {
+            if sum != self.announced.sha256 {
                 drop(fs::remove_file(&self.path));
-                let said = format!("{} arrived with another content than was announced; send it again", self.said.path);
-                return Err(Refusal { offset: Some(0), ..Refusal::altered(said) });
+                let message =
+                    format!("{} arrived with another content than was announced; send it again", self.announced.path);
+                return Err(Refusal { offset: Some(0), ..Refusal::altered(message) });
             }
         }
         Ok(self.offset)

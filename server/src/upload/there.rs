@@ -130,8 +130,8 @@ fn waiting<T>(job: &Job, mut what: impl FnMut() -> io::Result<T>) -> io::Result<
     let done = loop {
         match what() {
             Err(e) if is_away(&e) && began.elapsed() < PATIENCE => {
-                let said = format!("the archive's storage does not answer ({e}); it goes on when it does");
-                *lock(&job.waits) = Some(said);
+                let message = format!("the archive's storage does not answer ({e}); it goes on when it does");
+                *lock(&job.waits) = Some(message);
                 std::thread::sleep(LOOK);
             }
             done => break done,
@@ -144,19 +144,19 @@ fn waiting<T>(job: &Job, mut what: impl FnMut() -> io::Result<T>) -> io::Result<
 /// What the store says, and what to do.
 fn refused(e: &io::Error) -> Refusal {
     if is_away(e) {
-        let said = format!(
+        let message = format!(
             "the archive's storage does not answer ({e}); nothing was published. What was sent is kept: run the same command again when it does"
         );
-        return Refusal { retry_after: Some(10), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, said) };
+        return Refusal { retry_after: Some(10), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, message) };
     }
     if is_refused(e) {
         tracing::error!(
             "an upload: the store refuses to be written to: {e}; the server's keys need the right to write there (s3:PutObject)"
         );
-        let said = format!(
+        let message = format!(
             "the archive's storage does not let this server write ({e}); nothing was published. Ask whoever keeps it for keys that may write, then run the same command again: what was sent is kept"
         );
-        return Refusal::new(StatusCode::FORBIDDEN, said);
+        return Refusal::new(StatusCode::FORBIDDEN, message);
     }
     match e.kind() {
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Refusal::disk("write the version", e),

@@ -46,17 +46,17 @@ pub struct Intent {
     /// What is known of the model.
     pub metadata: Metadata,
     /// What is known of the preview, where there is one.
-    pub preview: Option<PreviewSaid>,
+    pub preview: Option<AnnouncedPreview>,
     /// The drawings: path in the version and words.
     pub drawings: Vec<Drawing>,
     /// The files: pack, pictures, preview, notes.
-    pub files: Vec<FileSaid>,
+    pub files: Vec<AnnouncedFile>,
 }
 
 /// What is said of the preview.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PreviewSaid {
+pub struct AnnouncedPreview {
     /// Its triangles.
     pub triangles: u64,
     /// Its distance from the finest surface, metres.
@@ -76,7 +76,7 @@ pub struct Drawing {
 /// A file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FileSaid {
+pub struct AnnouncedFile {
     /// Path in the version.
     pub path: String,
     /// Length.
@@ -164,7 +164,7 @@ pub struct Lacking {
 pub(super) struct Meant {
     pub(super) slug: Slug,
     pub(super) rights: Rights,
-    pub(super) pack: FileSaid,
+    pub(super) pack: AnnouncedFile,
     pub(super) preview: Option<Preview>,
 }
 
@@ -218,7 +218,7 @@ impl Intent {
     }
 
     /// The files, each of which must be one that a version has; the pack.
-    fn check_files(&self, limits: &UploadLimits) -> Result<FileSaid, Refusal> {
+    fn check_files(&self, limits: &UploadLimits) -> Result<AnnouncedFile, Refusal> {
         let (mut paths, mut pack, mut total) = (BTreeSet::new(), None, 0u64);
         for file in &self.files {
             if !is_sha256(&file.sha256) {
@@ -237,8 +237,8 @@ impl Intent {
             let max = if is_pack { limits.version_bytes } else { super::files::max_bytes(&file.path) };
             if file.bytes == 0 || file.bytes > max {
                 let status = axum::http::StatusCode::PAYLOAD_TOO_LARGE;
-                let said = format!("{} has {} bytes; from 1 to {max} are possible", file.path, file.bytes);
-                return Err(Refusal::new(status, said));
+                let message = format!("{} has {} bytes; from 1 to {max} are possible", file.path, file.bytes);
+                return Err(Refusal::new(status, message));
             }
             total = total.saturating_add(file.bytes);
             if is_pack && pack.replace(file.clone()).is_some() {
@@ -247,8 +247,8 @@ impl Intent {
         }
         if total > limits.version_bytes {
             let status = axum::http::StatusCode::PAYLOAD_TOO_LARGE;
-            let said = format!("the version has {total} bytes; this server takes {}", limits.version_bytes);
-            return Err(Refusal::new(status, said));
+            let message = format!("the version has {total} bytes; this server takes {}", limits.version_bytes);
+            return Err(Refusal::new(status, message));
         }
         let posters = [POSTER].into_iter().chain(THUMBNAILS.map(|(name, _)| name));
         if let Some(lacking) = posters.into_iter().find(|name| !paths.contains(name)) {
@@ -285,8 +285,8 @@ impl Intent {
         let bytes = self.files.iter().find(|f| f.path == PREVIEW).map(|f| f.bytes);
         match (self.preview, bytes) {
             (None, None) => Ok(None),
-            (Some(said), Some(bytes)) if said.error.is_finite() && said.error >= 0.0 => {
-                Ok(Some(Preview { bytes, triangles: said.triangles, error: said.error }))
+            (Some(announced), Some(bytes)) if announced.error.is_finite() && announced.error >= 0.0 => {
+                Ok(Some(Preview { bytes, triangles: announced.triangles, error: announced.error }))
             }
             _ => Err(Refusal::content(format!("{PREVIEW} and what is said of it do not belong together"))),
         }

@@ -363,7 +363,7 @@ async fn announced_numbers_are_compared_with_the_files() {
         with(|v| v.intent.metadata.capture = Some(serde_json::from_value(json!({ "accuracy": metres })).unwrap()))
     };
     let announced = |mut version: Version, triangles: u64, error: f64| {
-        version.intent.preview = Some(kilwa_server::upload::wire::PreviewSaid { triangles, error });
+        version.intent.preview = Some(kilwa_server::upload::wire::AnnouncedPreview { triangles, error });
         version
     };
     let open = || Version::new("fort", 1, pack(true_place(), &[]));

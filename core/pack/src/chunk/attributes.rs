@@ -36,20 +36,20 @@ pub(super) fn grains<const N: usize>(values: impl Iterator<Item = [i32; N]>) -> 
         }
     }
     // Of vertices with at least one grain, one in 2^N has a coarser one by chance.
-    let mut said = [0u8; MAX_GRAIN as usize + 1];
+    let mut merged = [0u8; MAX_GRAIN as usize + 1];
     let (mut last, mut by_chance) = (0, 0);
-    for ((said, &count), grain) in said.iter_mut().zip(&counts).zip(0u8..) {
+    for ((merged_grain, &count), grain) in merged.iter_mut().zip(&counts).zip(0u8..) {
         if grain == 0 || count > 2 * by_chance + grains.len() / 32 {
             (last, by_chance) = (grain, count.max(by_chance));
         }
         by_chance >>= N;
-        *said = last;
+        *merged_grain = last;
     }
     if last == 0 {
         return None;
     }
     for grain in &mut grains {
-        *grain = said.get(usize::from(*grain)).copied().unwrap_or(0);
+        *grain = merged.get(usize::from(*grain)).copied().unwrap_or(0);
     }
     Some(grains)
 }
