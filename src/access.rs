@@ -12,7 +12,7 @@ use std::io::{BufRead, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Say who may see what is not public, and who may publish.
+/// Manage who may see models that are not public, and who may publish.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -32,13 +32,13 @@ enum What {
         file: PathBuf,
         /// Name: a-z, 0-9 and . _ - @.
         name: String,
-        /// May see this object (its name in the address); can be given several times, and replaces what was granted before.
+        /// May see this object (its name in the address); repeat for several objects. Replaces earlier grants.
         #[arg(long, value_name = "SLUG", conflicts_with = "all")]
         object: Vec<String>,
-        /// May see everything that is not withdrawn.
+        /// May see every object that is not withdrawn.
         #[arg(long)]
         all: bool,
-        /// Set no password: leave the one there is, or, for a new user, have tokens only.
+        /// Set no password: keep the existing one, or give a new user only tokens.
         #[arg(long)]
         no_password: bool,
     },
@@ -62,10 +62,10 @@ enum What {
         file: PathBuf,
         /// Name of the user.
         name: String,
-        /// What it is for: view, publish.
+        /// Purpose of the token: view or publish.
         #[arg(long = "for", value_name = "PURPOSE", value_parser = purpose, default_value = "view")]
         purpose: Purpose,
-        /// How many days it works.
+        /// Days until the token expires.
         #[arg(long, default_value_t = 365, value_parser = clap::value_parser!(u32).range(1..=3660))]
         days: u32,
     },
@@ -80,7 +80,7 @@ enum What {
     List {
         /// The file.
         file: PathBuf,
-        /// As JSON.
+        /// Print as JSON.
         #[arg(long)]
         json: bool,
     },

@@ -1,6 +1,6 @@
 //! The inputs of a verb that reads meshes: which files, and where each belongs.
 //!
-//! Input: file names, folders (every mesh in them, told by its content, not those in folders further down) and patterns
+//! Input: file names, folders (every mesh in them, recognised by its content, not those in subfolders) and patterns
 //! that the shell has left alone (`'blocks/*.ply'`). Output: each file once, sorted by path, so that the order of the arguments does
 //! not matter, each with the map from its own coordinates to metres, z up.
 //!
@@ -25,18 +25,18 @@ use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
-/// Which meshes are read, and how their coordinates are meant.
+/// Which meshes are read, and how their coordinates are interpreted.
 #[derive(clap::Args)]
 pub(crate) struct InputArgs {
     /// Mesh files (PLY, OBJ, STL, glTF), folders of them, or quoted patterns such as 'blocks/*.ply'.
     ///
-    /// Several are joined, and vertices that match are welded; their order does not matter.
+    /// Several are joined, and matching vertices are welded; their order does not matter.
     #[arg(required = true, value_name = "INPUT")]
     pub(crate) inputs: Vec<PathBuf>,
     /// Units of the inputs: m, dm, cm, mm, km, ft, us-ft, in.
     #[arg(long, default_value = "m", value_parser = units)]
     pub(crate) units: Units,
-    /// Axis that points up in the inputs: z or y; where not given, z for PLY, OBJ and STL, y for glTF.
+    /// Axis that points up in the inputs: z or y (default: z for PLY, OBJ and STL, y for glTF).
     #[arg(long, value_parser = up)]
     pub(crate) up: Option<Up>,
     /// Added to all coordinates, in the units and axes of the inputs, after --transform.
@@ -46,15 +46,15 @@ pub(crate) struct InputArgs {
     /// `auto`: each NAME.ply has its own in NAME.xf beside it.
     #[arg(long, value_name = "FILE.xf|auto")]
     pub(crate) transform: Option<PathBuf>,
-    /// Split triangles of OBJ and glTF so that no edge spans more than so many texels of a picture; the surface stays the same.
+    /// Split triangles of OBJ and glTF so that no edge spans more than this many texels of a texture; the surface stays the same.
     ///
-    /// Without it, vertices have the colour of the picture where they lie, and nothing is split.
+    /// Without it, vertices take the colour of the texture at their position, and nothing is split.
     #[arg(long, value_name = "TEXELS", value_parser = texels)]
     pub(crate) texture_detail: Option<f64>,
     /// Read files outside a mesh's own folder if it names them (materials, pictures, buffers), and meshes that links
     /// in a given folder lead to.
     ///
-    /// What they hold ends up in the pack. Give it only for meshes that you trust.
+    /// Their contents become part of the pack. Use it only for meshes that you trust.
     #[arg(long)]
     pub(crate) allow_outside: bool,
 }

@@ -8,7 +8,7 @@ use kilwa_archive::rights::{self, Rights};
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::PathBuf;
 
-/// Begin or check the metadata file of a model.
+/// Create or check the metadata file of a model.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -21,10 +21,10 @@ enum What {
     Init {
         /// A pack, for title, units, reference system and counts.
         pack: Option<PathBuf>,
-        /// The file; without it, standard output.
+        /// The file to write (default: standard output).
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
-        /// Ask nothing.
+        /// Do not ask questions.
         #[arg(long)]
         quiet: bool,
     },

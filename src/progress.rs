@@ -17,7 +17,7 @@ pub(crate) struct Bar {
 struct State {
     stage: &'static str,
     bar: ProgressBar,
-    /// When a share of the whole was told first, and that share.
+    /// When a share of the whole was first reported, and that share.
     first: Option<(Instant, f64)>,
 }
 

@@ -28,7 +28,7 @@ pub(crate) fn err_json() -> Escaping<Stderr> {
     Escaping::new(io::stderr(), Form::Json)
 }
 
-/// Print a line on standard error. Where that is closed there is nobody to tell.
+/// Print a line on standard error. If that is closed, nobody can read it.
 pub(crate) fn line_to_err(line: fmt::Arguments<'_>) {
     drop(err().write_all(format!("{line}\n").as_bytes()));
 }

@@ -37,21 +37,21 @@ pub(crate) use web::is_address;
 /// Check every byte of packs and archive objects: checksums, chunks, records, links, versions.
 ///
 /// TARGET is a pack, an archive object, a folder of packs and objects, or the address (http or https) of one. Exits with 1 and names every
-/// damaged, missing or unknown file when something is wrong. For a nightly job: --state remembers what was checked when.
+/// damaged, missing or unknown file if something is wrong. For a nightly job: --state records what was checked when.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// What to check: a pack, a folder, or an address.
     target: String,
-    /// Report as JSON.
+    /// Print the report as JSON.
     #[arg(long)]
     json: bool,
-    /// Remember in this file what was checked when.
+    /// Record in this file what was checked when.
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
-    /// Continue the run that was stopped.
+    /// Continue a stopped run.
     #[arg(long, requires = "state")]
     resume: bool,
-    /// Skip anything that was found sound less than this many days ago and has not changed since.
+    /// Skip units that were found intact less than this many days ago and have not changed since.
     #[arg(long, value_name = "DAYS", requires = "state", value_parser = clap::value_parser!(u64).range(1..=36_500))]
     older_than: Option<u64>,
     /// Forget this object, bag or pack, which was removed on purpose; otherwise it is reported as missing.

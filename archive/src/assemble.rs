@@ -296,9 +296,9 @@ pub struct Following<'a> {
     pub identity: &'a str,
     /// Whether its place is taken out.
     pub redacted: bool,
-    /// It was said that it is the same object.
+    /// The publisher states that it is the same object.
     pub same_object: bool,
-    /// It was said that it may be opened to more people, with its earlier versions.
+    /// The publisher states that it may be opened to more people, with its earlier versions.
     pub open_access: bool,
     /// The day it is, for embargoes.
     pub today: &'a str,
@@ -343,7 +343,7 @@ pub fn further(m: &Manifest, v: &Following<'_>) -> Result<String, String> {
     let open = m.versions.iter().find(|v| !v.location_redacted);
     if let Some(open) = open.filter(|_| v.redacted) {
         return Err(format!(
-            "version {} of {at} tells the place, and versions are never changed; withdraw it first \
+            "version {} of {at} reveals the location, and versions are never changed; withdraw it first \
              (kilwa publish --withdraw {slug} --to DIR --keep FOLDER --reason …) and publish under another name",
             open.version
         ));
@@ -351,7 +351,7 @@ pub fn further(m: &Manifest, v: &Following<'_>) -> Result<String, String> {
     let hidden = m.versions.iter().find(|v| v.location_redacted);
     if let Some(hidden) = hidden.filter(|_| !v.redacted) {
         return Err(format!(
-            "version {} of {at} was published without its place, and a version that tells it would tell that one's too; \
+            "version {} of {at} was published without its location, which this version would reveal; \
              give --redact-location again, or publish under another name",
             hidden.version
         ));

@@ -1,4 +1,4 @@
-//! Changes on disk: each is told to [`Steps`] before it is made, and its failure says what, where and why.
+//! Changes on disk: each is reported to [`Steps`] before it is made, and its failure says what, where and why.
 
 use super::draft::{DraftError, Steps};
 use std::fs::{self, File};

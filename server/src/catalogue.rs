@@ -44,7 +44,7 @@ pub enum CatalogueError {
     Silent {
         /// Its address.
         name: String,
-        /// What it said.
+        /// Its message.
         source: std::io::Error,
     },
     /// A file of another kind.
@@ -84,7 +84,7 @@ pub struct Model {
     pub(crate) place: Place,
     pub(crate) identity: Identity,
     pub(crate) kind: Kind,
-    /// Its store refused to tell of it: it is asked again.
+    /// Its store refused access to it: it is requested again.
     is_unsure: bool,
     hash: OnceCell<Arc<str>>,
 }
@@ -521,7 +521,7 @@ fn object_of(
                 let length = match survey.identity(place, name) {
                     Ok(identity) => Some(identity.bytes()),
                     Err(e) if is_away(&e) => return Err(e),
-                    // Who asks for it is told; that it is not there nobody can say.
+                    // Requests for it get this reason; whether it exists is unknown.
                     Err(e) if is_refused(&e) => Some(version.pack.bytes),
                     Err(_) => None,
                 };

@@ -1,4 +1,4 @@
-//! A response body that tells, once, how it ended: handed over to its last byte, or given up before.
+//! A response body that reports, once, how it ended: sent to its last byte, or abandoned before.
 
 use axum::body::{Body, Bytes};
 use axum::http::Response;
@@ -15,7 +15,7 @@ pub(crate) struct End {
     pub(crate) complete: bool,
 }
 
-/// What is to be told; it is told also when no answer comes to be wrapped.
+/// The report to be made; it is also made if no response is ever wrapped.
 pub(crate) struct Ending<F: FnOnce(End)> {
     report: Option<F>,
     end: End,

@@ -40,7 +40,7 @@ fn dimensions(summary: &Summary) -> [f64; 3] {
     [0, 1, 2].map(|i: usize| (b[i] - a[i]).abs())
 }
 
-/// The model's box, drawn in proportion, with its longest side: what can be said of its shape without drawing it.
+/// The model's box, drawn in proportion, with its longest side: what is known of its shape without drawing it.
 pub(crate) fn extent(summary: &Summary) -> String {
     let e = dimensions(summary);
     if e.iter().any(|v| !v.is_finite()) {

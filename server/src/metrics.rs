@@ -177,7 +177,7 @@ fn single(s: &mut String, name: &str, kind: &str, help: &str, value: u64) {
     let _ = writeln!(s, "{name} {value}");
 }
 
-/// Where the system tells it (Linux).
+/// If the system reports it (Linux).
 fn open_files() -> Option<u64> {
     Some(std::fs::read_dir("/proc/self/fd").ok()?.count() as u64)
 }

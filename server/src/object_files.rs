@@ -242,7 +242,7 @@ impl ObjectFiles {
 /// What of an object's root is served: everything else that lies there was not published.
 const ROOT: [&str; 3] = [PAGE, MANIFEST, NOTES];
 
-/// Plain files of the root with what tells their versions apart, and version folders (`v1`, `v2` …) without.
+/// Plain files of the root with their identities, and version folders (`v1`, `v2` …) without.
 fn root_of(folder: &Place) -> io::Result<BTreeMap<String, Option<Identity>>> {
     let mut root = folder.directly_below()?;
     root.retain(|name, identity| match identity {

@@ -426,7 +426,7 @@ pub(crate) struct FoundPack {
     pub(crate) preview: Option<String>,
 }
 
-/// The pack of a version, of the current one unless told.
+/// The pack of a version, by default of the current one.
 pub(crate) async fn pack_of(files: &Arc<ObjectFiles>, version: Option<u32>) -> Result<FoundPack, StatusCode> {
     let table = table(files).await?;
     let manifest = &table.manifest;

@@ -60,7 +60,7 @@ pub(crate) async fn observe(State(observer): State<Observer>, request: Request, 
 }
 
 /// Who asks: the socket's other end, or what the proxy before us says of its own other end (the last of the list; what stands before
-/// that was said by the client).
+/// that the client supplied).
 fn client(request: &Request, behind_proxy: bool) -> Option<IpAddr> {
     // Proxies that do not replace the header add a line of their own at the end.
     let forwarded = || {

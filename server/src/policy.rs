@@ -37,7 +37,9 @@ impl Policy {
         let ancestors = ancestors.iter().map(|a| match a.trim_matches('\'') {
             "self" => Ok("'self'".to_owned()),
             "none" if ancestors.len() == 1 => Ok("'none'".to_owned()),
-            "none" => Err(PolicyError { given: a.clone(), what: "said beside others", wanted: "it alone, or origins" }),
+            "none" => {
+                Err(PolicyError { given: a.clone(), what: "given beside others", wanted: "it alone, or origins" })
+            }
             "*" => Ok("*".to_owned()),
             other => origin(other, true),
         });

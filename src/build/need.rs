@@ -1,4 +1,4 @@
-//! How much room a build needs on its disks, told before anything is read.
+//! How much disk space a build needs, estimated before anything is read.
 //!
 //! From headers where they say how many vertices and triangles there are (PLY, binary STL, glTF), from the length of the file
 //! otherwise; an estimate to the safe side. What is needed is compared with what is free, and refused with both numbers.
@@ -176,7 +176,7 @@ fn ply(start: &[u8], bytes: u64) -> Count {
     // No vertex takes less than 6 bytes, no face less than 4 indices of a byte.
     let (vertices, faces) = (vertices.min(bytes / 6), faces.min(bytes / 4));
     if faces > 0 && corner > 0 {
-        // Polygons: as many triangles as their corners make, which the length tells, or for text the vertices.
+        // Polygons: as many triangles as their corners make, estimated from the length, or for text from the vertices.
         let max = if header.contains("format ascii") {
             faces.max(vertices.min(faces).saturating_mul(2))
         } else {

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 /// Where a drawing goes.
 #[derive(clap::Args)]
 pub(crate) struct OutputArgs {
-    /// The file to write; its ending says the format: .svg, .dxf, .csv, .json or .geojson.
+    /// The file to write; its extension chooses the format: .svg, .dxf, .csv, .json or .geojson.
     #[arg(short, long)]
     output: Option<PathBuf>,
     /// Scale of the drawing on paper, for example 1:50.
@@ -31,7 +31,7 @@ fn scale(text: &str) -> Result<f64, String> {
 }
 
 impl OutputArgs {
-    /// Say what would stop the writing, before the work is done.
+    /// Report what would prevent writing, before the work is done.
     pub(super) fn check(&self, pack: &Path) -> anyhow::Result<()> {
         let Some(path) = &self.output else { return Ok(()) };
         Self::format(path)?;

@@ -14,7 +14,7 @@ use std::io::IsTerminal;
 
 /// Chunks read at a time: bounds memory, and keeps all threads busy.
 const BATCH: usize = 64;
-/// From so many chunks on a person is told how far it is.
+/// From this many chunks on progress is shown.
 const PROGRESS_MIN: usize = 512;
 
 /// A pack in a file.

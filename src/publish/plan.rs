@@ -117,7 +117,7 @@ impl Given {
     pub(super) fn location(&self) -> Location {
         let bounds = [self.of_pack.bounds_min, self.of_pack.bounds_max];
         let location = Location::of(bounds, self.crs.as_deref(), self.metadata.place.as_ref());
-        // A cell of the reference system is told with its name.
+        // A cell of the reference system is published with its name.
         if matches!(self.place, Some(Place::Cell(_))) { location.with_known_system() } else { location }
     }
 
@@ -128,7 +128,7 @@ impl Given {
     }
 }
 
-/// What a first version says of itself where nobody said what is new.
+/// The note of a first version without a given one.
 const FIRST: &str = "First publication";
 
 /// What is going to be published. It is decided twice: before anything is written, so that a mistake is named at once, and again when the version
@@ -397,7 +397,7 @@ fn day(args: &Args, metadata: &Metadata, before: Option<&Manifest>) -> anyhow::R
     let today = kilwa_archive::date::day_of(now.as_secs());
     ensure!(
         day <= today || args.date.is_some(),
-        "published: {day} is in the future (today is {today}, UTC); correct it in the metadata. An embargo is said with [access]"
+        "published: {day} is in the future (today is {today}, UTC); correct it in the metadata. Give an embargo with [access]"
     );
     Ok(day)
 }

@@ -44,7 +44,7 @@ impl Default for Patience {
     }
 }
 
-/// What is told on the way.
+/// Events while sending.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum SendEvent<'a> {
     /// So many of so many bytes are there.

@@ -103,7 +103,7 @@ impl Band {
             return;
         }
         for (n, c) in words.chars().enumerate() {
-            // What the font does not have is said to be missing.
+            // Characters that the font lacks are shown as missing.
             let glyph = get_raster(c, FontWeight::Regular, size).or_else(|| get_raster('?', FontWeight::Regular, size));
             let Some(glyph) = glyph else { continue };
             for (y, row) in glyph.rows().enumerate() {

@@ -17,7 +17,7 @@ pub(crate) trait Place {
     /// What to call it, or a file in it.
     fn name(&self, path: &str) -> String;
 
-    /// A file; `None` where there is none. Fails where it cannot be told or opened.
+    /// A file; `None` where there is none. Fails if that is unknown or it cannot be opened.
     ///
     /// # Errors
     /// What the system or the server says.

@@ -138,13 +138,13 @@ pub enum SynthError {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
 }
 
 /// Make a site and write it to `out`, or with blocks to `out` with `_000`, `_001` … before its extension.
-/// `progress` is told the triangles written so far and the number expected.
+/// `progress` is called with the triangles written so far and the number expected.
 ///
 /// # Errors
 /// [`SynthError`]; the final names are then untouched.

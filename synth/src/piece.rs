@@ -59,7 +59,7 @@ pub(super) trait Sink {
 /// How many pieces are in memory at once.
 const PIECES_AT_ONCE: u32 = 64;
 
-/// Stream one tile into a sink. `single` rounds positions to `f32` first; `progress` is told the triangles so far.
+/// Stream one tile into a sink. `single` rounds positions to `f32` first; `progress` is called with the triangles so far.
 /// Gives the most shared vertices that were remembered at once.
 pub(super) fn weld<S: Sink>(
     site: &dyn Site,

@@ -243,7 +243,7 @@ fn a_published_location_cannot_be_hidden_by_a_further_version() {
     let message =
         bench.refused(&pack(), FULL, &["--redact-location", "--version-note", "hide", "--date", "2026-12-01"]);
     assert!(
-        message.contains("version 1 of") && message.contains("tells the place") && message.contains("--withdraw"),
+        message.contains("version 1 of") && message.contains("reveals the location") && message.contains("--withdraw"),
         "{message}"
     );
     let message = bench.refused(&pack(), &FULL.replace("\"gereza\"", "\"other\""), &["--redact-location=3"]);

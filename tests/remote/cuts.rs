@@ -208,6 +208,6 @@ fn a_failed_upload_can_be_repeated_unless_the_server_refuses_to_answer() {
         greeted
     };
     answer("{\"state\":\"refused\",\"version\":2,\"error\":\"the disk failed\"}").unwrap();
-    let refused = answer("{\"error\":\"the server cannot tell who asks\"}").unwrap_err();
-    assert!(refused.contains("cannot tell who asks"), "{refused}");
+    let refused = answer("{\"error\":\"the server cannot identify the user\"}").unwrap_err();
+    assert!(refused.contains("cannot identify the user"), "{refused}");
 }

@@ -171,7 +171,7 @@ impl Camera {
         let back = mix(back, right, -across);
         let (back, up) = (mix(back, up, upward), mix(up, back, -upward));
         self.elevation = libm::asin(back[2].clamp(-1.0, 1.0));
-        // Straight above or below, the azimuth says nothing: the roll takes what it said.
+        // Straight above or below, the azimuth has no meaning: the roll takes its value.
         if libm::hypot(back[0], back[1]) > 1e-9 {
             self.azimuth = positive(libm::atan2(back[0], back[1]));
         }

@@ -1,4 +1,4 @@
-//! How the cut is shown: what the passes are told. [`crate::display`] has the same in metres, degrees and names.
+//! How the cut is shown: options of the passes. [`crate::display`] has the same in metres, degrees and names.
 
 use crate::section::Clip;
 use kilwa_geometry::distance::Vec3;

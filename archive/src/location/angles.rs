@@ -10,7 +10,7 @@ pub(super) enum Axis {
     Longitude,
 }
 
-/// An angle in parts of sixty, or a number that is said to be a latitude or longitude.
+/// An angle in parts of sixty, or a number labelled as latitude or longitude.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Angle {
     /// Degrees, without the sign.

@@ -1,4 +1,4 @@
-//! Scalar channels that hold coordinates: scans are exported with `scalar_X`, `Elevation` and the like, which tell the true place to a metre
+//! Scalar channels that hold coordinates: scans are exported with `scalar_X`, `Elevation` and the like, which reveal the true location to a metre
 //! wherever the model is moved to.
 //!
 //! Names say nothing reliable, so values are looked at: a channel that is a linear function of the position is a coordinate or a height, in

@@ -11,7 +11,7 @@ pub(super) struct Square {
     inside: [f64; 2],
 }
 
-/// Degrees by which a code may be off: what is around a place tells it as well.
+/// Degrees by which a code may be off, because the surroundings reveal a location as well.
 const AROUND: f64 = 0.05;
 /// Metres, of the same.
 const AROUND_M: f64 = 1000.0;

@@ -30,7 +30,7 @@ use text::{Number, numbers, readable, shown};
 
 /// Map coordinates begin here, metres: smaller numbers are lengths, years and house numbers.
 const MAP: f64 = 10_000.0;
-/// What is around the model tells its place as well, metres and degrees.
+/// The surroundings of the model reveal its location as well: metres and degrees.
 const AROUND: f64 = 1000.0;
 const AROUND_DEGREES: f64 = 0.05;
 /// Decimals from which on a number alone may be degrees, a pair anywhere in a text, and two numbers side by side.
@@ -105,7 +105,7 @@ impl Range {
     }
 }
 
-/// Two numbers that together tell the place, and how long each must be written at least, characters.
+/// Two numbers that together reveal the location, and the minimum length of each as written, characters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Together {
     ranges: [Range; 2],
@@ -119,14 +119,14 @@ pub struct Location {
     sites: Vec<[f64; 2]>,
     /// The same and those of which only one is known.
     degrees: Vec<f64>,
-    /// Map coordinates any one of which tells it, metres.
+    /// Map coordinates each of which reveals it, metres.
     ranges: Vec<Range>,
-    /// Numbers of which two side by side tell it.
+    /// Numbers of which two side by side reveal it.
     together: Vec<Together>,
     squares: Vec<Square>,
     /// The code of the reference system, where that is withheld, too.
     epsg: Option<String>,
-    /// Whether the reference system is told.
+    /// Whether the reference system is public.
     is_system_known: bool,
     /// Whether coordinates are refused by their form alone, as nothing else is known.
     is_unknown: bool,
@@ -159,7 +159,7 @@ impl Location {
         all
     }
 
-    /// The same, where the reference system may be named: a cell of it is told.
+    /// The same if the reference system may be named, because a cell of it is public.
     #[must_use]
     pub fn with_known_system(mut self) -> Self {
         self.epsg = None;

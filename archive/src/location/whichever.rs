@@ -8,7 +8,7 @@ use super::codes::{grid_reference, labelled, labelled_grid};
 use super::text::Number;
 use super::{BESIDE, Kind, is_degree, may_be_degrees};
 
-/// Reference systems of the whole earth (EPSG), which tell no place.
+/// Reference systems of the whole earth (EPSG), which reveal no location.
 const WORLDWIDE: [&str; 9] = ["4326", "4978", "4979", "4936", "3857", "3395", "3785", "9707", "900913"];
 /// Decimals of a latitude or longitude without anything that says so, and of one beside another or with its letter.
 const ALONE_DECIMALS: usize = 5;
@@ -35,7 +35,7 @@ pub(super) struct Form {
     pub(super) is_written: bool,
 }
 
-/// The first piece that can hardly be anything but a coordinate or a regional reference system; the latter only where it is not told.
+/// The first piece that can hardly be anything but a coordinate or a regional reference system; the latter only if it is not public.
 pub(super) fn found(text: &[char], numbers: &[Number], angles: &[Angle], form: Form) -> Option<Found> {
     let coordinates = |(from, to): (usize, usize)| (from, to, Kind::Coordinates);
     let system = || {
@@ -219,7 +219,7 @@ fn lettered(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
     super::beside(&east, &north)
 }
 
-/// A word that is said to be a geohash.
+/// A word labelled as a geohash.
 fn geohash(text: &[char]) -> Option<(usize, usize)> {
     let all = lower(text, 0, text.len());
     let (before, behind) = all.split_at(all.find("geohash")?);

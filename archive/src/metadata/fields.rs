@@ -75,7 +75,7 @@ pub(super) fn parse(text: &str) -> Result<Metadata, Problems> {
     })?;
     let metadata = metadata(Table::new(&file, "", 0, root.get_ref()));
     let mut problems = file.into_problems();
-    // What is said of where a field stands explains what is said of the field.
+    // Problems of the position of a field explain problems of the field.
     problems.retain(|p| strays.iter().all(|s| s.line != p.line));
     problems.extend(strays);
     problems.sort_by_key(|p| p.line);

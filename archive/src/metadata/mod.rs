@@ -18,7 +18,7 @@ pub use withheld::plain_accuracy;
 
 use serde::{Deserialize, Serialize};
 
-/// All that is said of a model. Names are those of the file.
+/// The metadata of a model. Names are those of the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Metadata {
@@ -294,7 +294,7 @@ impl Metadata {
         }
     }
 
-    /// The same without what tells where on earth it is: latitude, longitude and the gazetteer's address of the place, the address of the
+    /// The same without what reveals where on earth it is: latitude, longitude and the gazetteer's address of the place, the address of the
     /// site in a register, the reference system. Names of places in texts stay: who writes them decides.
     #[must_use]
     pub fn without_location(mut self) -> Self {

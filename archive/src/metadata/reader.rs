@@ -114,7 +114,7 @@ impl<'a, 'i> Table<'a, 'i> {
         self.as_text(key, at, value.get_ref(), true)
     }
 
-    /// Whether the value is still an example of the template's, which is then said.
+    /// Whether the value is still an example of the template, which is then reported.
     fn is_example(&self, key: &str, at: usize, value: &DeValue<'_>) -> bool {
         let DeValue::String(text) = value else { return false };
         let text = text.trim();

@@ -36,7 +36,7 @@ const MARGIN: f64 = 0.02;
 const DEEPEST: usize = 32;
 /// Digits of an identity that tell packs apart, as in links of the page.
 const DIGITS: usize = 12;
-/// Problems that are told; of more only the number is.
+/// Problems that are listed; of further ones only the number is.
 const SHOWN_MAX: usize = 10;
 
 /// Why notes are refused.
@@ -68,7 +68,7 @@ pub enum Words {
 }
 
 impl Words {
-    /// In this language where it is said in it, else in English, else in the first.
+    /// In this language if available, otherwise in English, otherwise in the first.
     pub fn in_language(&self, language: &str) -> String {
         match self {
             Self::Plain(text) => text.clone(),
@@ -79,7 +79,7 @@ impl Words {
         }
     }
 
-    /// Each text with its language, where that is told.
+    /// Each text with its language, if stated.
     pub fn all(&self) -> Vec<(Option<&str>, &str)> {
         match self {
             Self::Plain(text) => vec![(None, text)],
@@ -140,7 +140,7 @@ pub struct Note {
     pub place: [f64; 3],
     /// How it is looked at, where that was kept.
     pub view: Option<View>,
-    /// Identity of the pack that it was made on, where that is told.
+    /// Identity of the pack that it was made on, if stated.
     pub made_on: Option<String>,
     /// Other states of the target, as they were.
     states: Vec<Value>,
@@ -171,12 +171,12 @@ impl Note {
         })
     }
 
-    /// When it was made and changed, where told as text.
+    /// When it was made and changed, if stated as text.
     pub fn dates(&self) -> [Option<&str>; 2] {
         ["created", "modified"].map(|key| self.rest.get(key).and_then(Value::as_str))
     }
 
-    /// Who made it, where told: names.
+    /// The names of its authors, if stated.
     pub fn creators(&self) -> Vec<String> {
         let list = match self.rest.get("creator") {
             Some(Value::Array(list)) => list.as_slice(),
@@ -302,7 +302,7 @@ impl Notes {
     }
 }
 
-/// Whether two names are of one pack: as in the page, their first twelve digits tell.
+/// Whether two names are of one pack, compared by their first twelve digits as in the page.
 pub fn same_pack(one: &str, other: &str) -> bool {
     matches!((one.get(..DIGITS), other.get(..DIGITS)), (Some(a), Some(b)) if a == b)
 }

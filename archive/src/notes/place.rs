@@ -25,7 +25,7 @@ const YEARS: std::ops::RangeInclusive<u32> = 1900..=2100;
 /// Numeric regions and variants that are in use (IANA Language Subtag Registry).
 const REGIONS: [&str; 3] = ["001", "150", "419"];
 const VARIANTS: [&str; 6] = ["1901", "1996", "fonipa", "polyton", "tarask", "valencia"];
-/// Moved places are told to so many parts of a metre: a micrometre. Finer ones would be noise that tells how large the number was before.
+/// Moved positions are rounded to this part of a metre, a micrometre. Finer digits would be noise that reveals how large the number was before.
 const PARTS: f64 = 1e6;
 
 /// Whether a place is in a box with its margin.
@@ -43,7 +43,7 @@ pub fn scene_point(place: [f64; 3], origin: [f64; 3]) -> [f64; 3] {
 }
 
 impl Notes {
-    /// The notes without what tells a place on earth: moved by `offset` (what has to be added to the new coordinates to get the old ones), without
+    /// The notes without what reveals a location on earth: moved by `offset` (what has to be added to the new coordinates to get the old ones), without
     /// links, display, names of packs and everything else that is not words, dates or a name. Those that were made on a pack of `already`,
     /// whose place was taken out before, stand where they are to.
     #[must_use]
@@ -98,7 +98,7 @@ impl Note {
             rest.insert("creator".to_owned(), creators.into());
         }
         self.rest = rest;
-        // A name may be an address, or made of the place as it was; a random one tells nothing.
+        // A name may be an address, or contain the original location; a random one reveals nothing.
         if !self.id.strip_prefix("urn:uuid:").is_some_and(is_random_uuid) {
             self.id = self.derived_id(number);
         }

@@ -1,7 +1,7 @@
 //! What the machine has and what this process has used of it: memory, processor time, room on disks.
 //!
 //! Memory and times come from `/proc` and, where the process is in a control group with a limit, from that group. Where
-//! the system has none of these, nothing is said, and the default budget is that of a small machine.
+//! the system has none of these, values are unknown, and the default budget is that of a small machine.
 
 use std::path::Path;
 
@@ -44,7 +44,7 @@ pub fn free_space(folder: &Path) -> Option<u64> {
     fs4::available_space(folder).ok()
 }
 
-/// Whether two folders are on one disk; where the system does not tell, they are taken to be.
+/// Whether two folders are on one disk; assumed if the system does not report it.
 pub fn same_disk(a: &Path, b: &Path) -> bool {
     #[cfg(unix)]
     {

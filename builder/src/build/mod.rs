@@ -53,7 +53,7 @@ pub struct Built {
 
 /// Where the mesh comes from.
 pub trait Inputs {
-    /// What tells these inputs from others: a build is resumed only with the same.
+    /// Identifies the inputs: a build is resumed only with the same ones.
     ///
     /// # Errors
     /// [`BuildError`] where an input is not there.
@@ -92,7 +92,7 @@ pub struct Run<'a> {
     pub resume: bool,
     /// Looked at between pieces of work.
     pub stop: &'a Stop,
-    /// Told how far it is.
+    /// Called with the progress.
     pub progress: &'a dyn Progress,
 }
 

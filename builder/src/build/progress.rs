@@ -1,4 +1,4 @@
-//! How long work tells the program above how far it is. The library never prints.
+//! How long-running work reports its progress to the program. The library never prints.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 

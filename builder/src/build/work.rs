@@ -40,7 +40,7 @@ pub struct Work<'a> {
     pub threads: usize,
     /// Asked now and then.
     pub stop: &'a Stop,
-    /// Told now and then.
+    /// Called now and then.
     pub progress: &'a dyn Progress,
 }
 

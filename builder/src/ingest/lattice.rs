@@ -125,7 +125,7 @@ const CLASSES: u32 = 256;
 const OCTAVES: u32 = 88;
 
 /// How many edges of each length there are: 512 classes to a factor of two; powers of two begin
-/// one, so that the class tells on which side of a power a length is.
+/// one, so that the class shows on which side of a power a length is.
 #[derive(Debug, Clone)]
 pub(super) struct Lengths {
     counts: Vec<u64>,

@@ -3,7 +3,7 @@
 //! Stages, each a function over named files of the scratch folder; what a stage knows beside its files stands in a small
 //! JSON file of its name, written when the files are complete, and its input is removed after that. A stage whose JSON
 //! is there is skipped, so a build that was interrupted goes on with the first that is not. Files of these stages are not
-//! forced to the disk, where many are never written at all: [`can_resume`] tells whether the machine has run without a
+//! forced to the disk, where many are never written at all: [`can_resume`] checks whether the machine has run without a
 //! break since, and where it has not, the inputs are read again.
 //!
 //! | stage | reads | writes | a triangle takes |

@@ -34,7 +34,7 @@ const ROWS: usize = 1 << 16;
 const ROW_PIECE: usize = 1 << 12;
 /// About how many triangles are sampled.
 const SAMPLES: u64 = 1 << 17;
-/// Triangles that tell how long edges are where the lattice shows most of them as nothing.
+/// Triangles sampled for the length of edges if most of them vanish on the lattice.
 const ASTRAY_SAMPLES: u64 = 4096;
 
 /// What is known once triangles have corners.

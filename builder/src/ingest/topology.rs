@@ -35,7 +35,7 @@ pub(super) const REPLIES: &str = "replies";
 pub(super) const REPLY: usize = 5;
 /// Set in a corner's number where the edge from it is a border.
 pub(super) const BORDER: u32 = 1 << 31;
-/// One in so many points tells how rough the surface is.
+/// One in so many points is sampled for the roughness of the surface.
 const ROUGHNESS_SAMPLE: u64 = 16;
 /// Distances are counted in parts of a step.
 const ROUGHNESS_PARTS: f64 = 4096.0;

@@ -150,7 +150,7 @@ mod tests {
     #[test]
     fn grandparents_and_tetrahedra_agree_with_an_exhaustive_enumeration() {
         const LOG2: u32 = 5;
-        // The corners tell tetrahedra apart; their order depends on the way down.
+        // The corners identify a tetrahedron; their order depends on the path.
         let corners = |t: &Tetra| {
             let mut v = t.v;
             v.sort_unstable();

@@ -140,7 +140,7 @@ impl Cut {
     }
 }
 
-/// See [`Cut::for_triangles`]. `refined` is told of each entry that is refined, before what it opens is looked at.
+/// See [`Cut::for_triangles`]. `refined` is called for each entry that is refined, before its children are examined.
 fn grown<E>(
     entries: &[DirectoryEntry],
     limit: u64,

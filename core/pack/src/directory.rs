@@ -46,7 +46,7 @@ pub struct DirectoryEntry {
     pub parents: [u32; 4],
     /// First 16 bytes of the chunk's BLAKE3 hash.
     pub checksum: [u8; 16],
-    /// The entries that name this one as a parent, where there are any and the directory tells them.
+    /// The entries that name this one as a parent, if there are any and the directory lists them.
     pub children: Option<Children>,
 }
 
@@ -106,7 +106,7 @@ fn page_of(index: u32) -> u32 {
 }
 
 /// Tell every entry its children, from the parents that entries name; `is_whole` says, by index, whether they replace all of its triangles.
-/// An entry whose numbers are too large for their fields is not told.
+/// Children whose numbers are too large for their fields are not listed.
 pub fn link_children(entries: &mut [DirectoryEntry], is_whole: impl Fn(usize) -> bool) {
     let found = children_of(entries);
     for (index, (entry, children)) in entries.iter_mut().zip(found).enumerate() {

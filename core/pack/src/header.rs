@@ -11,7 +11,7 @@ pub const HEAD_BYTES: u64 = 131_072;
 
 /// First bytes of every pack.
 pub const MAGIC: [u8; 8] = *b"KILWAPCK";
-/// Format version written: major, minor. Every minor version of this major one is read; what they add is told by
+/// Format version written: major, minor. Every minor version of this major one is read; what they add is indicated by
 /// feature bits.
 pub const VERSION: (u16, u16) = (1, 0);
 /// Longest metadata block, in bytes: it has to leave room for page 0 and a picture in the first [`HEAD_BYTES`].

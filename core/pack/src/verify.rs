@@ -1,4 +1,4 @@
-//! What a sound pack promises beyond its checksums, chunk by chunk: that the directory tells the truth about each
+//! Properties of a valid pack beyond its checksums, chunk by chunk: that the directory is correct for each
 //! chunk, and that nothing of the finest level is lost. [`crate::Reader::open`] has checked header, metadata,
 //! directory and footer before.
 

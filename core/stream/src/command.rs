@@ -42,7 +42,7 @@ pub enum Command {
         request: RequestId,
     },
     /// Check and decode one chunk; report [`Event::Decoded`] or [`Event::DecodeFailed`]. Issued in the very step that
-    /// was told of the request's [`Event::Progress`] or [`Event::Bytes`], so that the shell can forget the bytes after that step;
+    /// received the request's [`Event::Progress`] or [`Event::Bytes`], so that the shell can forget the bytes after that step;
     /// the bytes of [`HEAD_REQUEST`] (the head of the file) must be kept.
     Decode {
         /// Directory index.

@@ -172,7 +172,7 @@ impl Streamer {
         waiting.next().is_some() || needed.iter().any(|p| is_page_coming(&p))
     }
 
-    /// Unknown pages with children of a wanted chunk that may be wanted, too, where the chunk is held or the directory tells; once there are
+    /// Unknown pages with children of a wanted chunk that may be wanted, too, if the chunk is held or the directory lists them; once there are
     /// none of these and nothing else is missing, all unknown pages of a directory that is not large.
     fn needed_pages(&self, wanted: &Wanted) -> BTreeMap<u32, Rank> {
         let page_count = self.header.page_count();

@@ -93,7 +93,7 @@ impl Wanted {
         self.ranks.get(&index).is_some_and(|r| r.visible) && !self.skipped.contains(&index)
     }
 
-    /// Whether a child of this chunk may be wanted, by what the directory tells before the children are known.
+    /// Whether a child of this chunk may be wanted, by what the directory states before the children are known.
     pub(crate) fn may_want_below(&self, index: u32, nodes: &Nodes) -> bool {
         let bound = nodes.get(index).map(|node| self.cameras.bound_below(index, node));
         bound.is_some_and(|bound| bound > self.cameras.view.target_pixels)

@@ -163,7 +163,7 @@ pub(super) struct Target {
     pub(super) metadata: Metadata,
     /// Certified error in metres.
     pub(super) error: f32,
-    /// GLB: the model stands at zero, and its place is told beside it.
+    /// GLB: the model is at the origin, and its position is recorded beside it.
     pub(super) at_zero: bool,
 }
 

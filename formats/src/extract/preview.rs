@@ -25,7 +25,7 @@ const BYTES_PER_TRIANGLE: u64 = 29;
 const TRIES: u32 = 6;
 
 /// Write the best surface of a pack that takes at most `max_bytes` as GLB to `to`, a new file.
-/// The model stands at zero, because viewers that compute in `float` break far from it; its place is told in `asset.extras`.
+/// The model is at the origin, because viewers that compute in `float` fail far from it; its position is recorded in `asset.extras`.
 ///
 /// # Errors
 /// When the pack cannot be read, its coarsest surface takes more than that, or the file cannot be written.

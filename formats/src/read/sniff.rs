@@ -16,7 +16,7 @@ type Known = (&'static str, &'static str);
 const UTF_16: Known =
     ("a text file in UTF-16", "Save it again as UTF-8 or plain ASCII (in a text editor: Save as, encoding).");
 
-/// Formats told by fixed bytes at the beginning.
+/// Formats recognised by fixed bytes at the beginning.
 const SIGNATURES: &[(&[u8], Known)] = &[
     (b"KILWAPCK", ("already a Kilwa pack", "Use it as it is with `kilwa info`, `kilwa render` or `kilwa serve`.")),
     (b"glTF", ("a glTF binary (GLB)", EXPORT)),
@@ -64,7 +64,7 @@ const SIGNATURES: &[(&[u8], Known)] = &[
     ),
 ];
 
-/// What a file whose content tells nothing calls itself.
+/// Formats by file name, for files whose content is not recognised.
 const BY_NAME: &[(&str, Known)] = &[
     ("obj", ("named as a Wavefront OBJ mesh, but its content does not look like one", EXPORT)),
     ("stl", ("named as an STL mesh, but its content is not one (it may be cut)", EXPORT)),

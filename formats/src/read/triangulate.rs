@@ -4,7 +4,7 @@
 //! the same corners, turning the way the polygon turns. Quads are split along the diagonal that lies inside, the shorter
 //! where both do. Others are cut ear by ear in the plane in which the polygon is largest (G. H. Meisters, "Polygons have
 //! ears", 1975; only reflex corners can lie in an ear). A polygon that crosses itself has no triangulation: it gets its
-//! n - 2 triangles all the same, and the caller is told.
+//! n - 2 triangles all the same, and the caller is informed.
 
 /// How well a polygon could be cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

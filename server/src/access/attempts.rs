@@ -41,7 +41,7 @@ impl Attempts {
         Self { failures: HashMap::new(), longest: LONGEST_OF_NAME }
     }
 
-    /// Begin an attempt at `now`: it counts as failed until [`Attempts::succeeded`] or [`Attempts::forgiven`] is told, so that many at once are
+    /// Begin an attempt at `now`: it counts as failed until [`Attempts::succeeded`] or [`Attempts::forgiven`] is called, so that many at once are
     /// not all free.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! The record of who was let in to what, and who was not: one JSON object per line, only ever appended.
 //!
 //! Written are sign-ins, failed ones, sign-outs, and who was given or refused a capability for which object; never a password, a token, a
-//! capability or a cookie. A record that cannot be written does not stop the server: it goes to the log, and the number of lost ones is told
+//! capability or a cookie. A record that cannot be written does not stop the server: it goes to the log, and the number of lost ones is recorded
 //! with the next that can.
 
 use serde::Serialize;

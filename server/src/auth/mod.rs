@@ -11,7 +11,7 @@
 //! capability or a token, never for a session alone: what the page asks for every chunk cannot be used elsewhere or later.
 //!
 //! The file of accounts is looked at again when it changes, at most once a second. Failures: a file that cannot be read lets nobody in,
-//! whatever it said before, and says so in the log; a clock before 1970 ends every session.
+//! whatever it contained before, which the log reports; a clock before 1970 ends every session.
 
 pub(crate) mod page;
 pub(crate) mod routes;
@@ -78,7 +78,7 @@ impl Auth {
         self
     }
 
-    /// What is wrong with the clock, as far as the accounts tell, for the log: whoever is then kept out should find out why.
+    /// What is wrong with the clock, as far as the accounts show, for the log: users who are refused should find out why.
     pub fn doubt_of_clock(&self, now: u64) -> Option<String> {
         let accounts = self.accounts()?;
         let (today, newest) = (day_of(now), accounts.newest()?);
@@ -244,7 +244,7 @@ fn by_token<'a>(accounts: &'a Accounts, headers: &HeaderMap, now: u64) -> Option
     (token.purpose == Purpose::View).then_some(user)
 }
 
-/// What tells versions of the file apart.
+/// Identifies a version of the file.
 fn mark(file: &Path) -> Option<Identity> {
     Some(Identity::of(&std::fs::metadata(file).ok()?))
 }

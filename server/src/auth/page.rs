@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 pub(crate) enum Message {
     /// Nothing yet.
     Nothing,
-    /// Name or password was wrong; which of them is not told.
+    /// Name or password was wrong; which of them is not disclosed.
     Wrong,
     /// Too many failures: so many seconds to wait.
     Wait(u64),

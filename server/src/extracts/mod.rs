@@ -11,8 +11,8 @@
 //!
 //! Invariants: the cache holds complete files only, under names made from the hash of the pack and the job, never from an address; its size stays below
 //! the limit, the oldest go first; a file is given to whoever may have the pack, and nobody else. Of a pack in a store only what a mesh needs is fetched, into room that
-//! counts beside that of the mesh ([`pack`]). Failures: a full disk and a pack that cannot be read are told to whoever waits, and tried again when somebody asks
-//! again; a store that goes away is waited for, and told of.
+//! counts beside that of the mesh ([`pack`]). Failures: a full disk and a pack that cannot be read are reported to those who wait, and retried at the next
+//! request; an unavailable store is waited for and reported.
 
 #[cfg(test)]
 mod fake;
@@ -597,7 +597,7 @@ mod tests {
             wait_for(&extracts, spec(n), |s| matches!(s, JobStatus::Ready(_)));
         }
         assert_eq!(fake.made.load(Ordering::SeqCst), 6);
-        // What was measured tells how long the next will take.
+        // Measurements predict how long the next will take.
         fake.waits(true);
         assert_eq!((ask(500, "greedy"), ask(501, "other")), (Ok(()), Ok(())));
         let waits = extracts.job_status(&hash(), spec(501));
@@ -637,7 +637,7 @@ mod tests {
         for n in 1..=4 {
             extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, spec(n), "net").unwrap();
             wait_for(&extracts, spec(n), |s| matches!(s, JobStatus::Ready(_)));
-            // Times of files are told apart by more than the clock's steps.
+            // Times of files must differ by more than the clock's resolution.
             std::thread::sleep(Duration::from_millis(20));
         }
         let left: Vec<bool> =

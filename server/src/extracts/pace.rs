@@ -7,7 +7,7 @@ use std::time::Duration;
 /// Jobs that are remembered, and how many it takes to say anything.
 const REMEMBERED: usize = 16;
 const ENOUGH: usize = 3;
-/// No job is said to take less, seconds: starting and writing take their time.
+/// The shortest estimate of a job, seconds: starting and writing take their time.
 const MIN: f64 = 1.0;
 /// Share of a job that must be done before its own progress says when it ends.
 const TELLING: f64 = 0.1;

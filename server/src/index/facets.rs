@@ -64,7 +64,7 @@ impl Facets {
         Ok(facets)
     }
 
-    /// How many of these objects have each value: the `most` most frequent of each facet, of `only` one where that is said.
+    /// How many of these objects have each value: the `most` most frequent of each facet, of one facet only if `only` is given.
     pub(super) fn count(&self, objects: &[i64], only: Option<Facet>, max: usize) -> FacetCounts {
         let mut counts = vec![0_u64; self.values.len()];
         for object in objects {

@@ -1,6 +1,6 @@
 //! Where on earth an object is, for the map: what its metadata say, else the middle of its box through its reference system.
 //!
-//! Nothing is told of an object any version of which was published without its place, nor, where only its geometry would tell, of one whose
+//! No location is given for an object any version of which was published without it, nor, if only its geometry would reveal it, for one whose
 //! geometry is not for everybody. A system that is not known gives no place, never a wrong one.
 
 use kilwa_archive::location::projection::degrees_of_box;

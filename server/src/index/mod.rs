@@ -48,7 +48,7 @@ pub enum IndexError {
 }
 
 impl IndexError {
-    /// Whether the store of the objects gave no answer, which is said elsewhere.
+    /// Whether the store of the objects gave no answer, which is reported elsewhere.
     pub(crate) fn is_away(&self) -> bool {
         matches!(self, Self::Folder { source, .. } if crate::store::is_away(source))
     }

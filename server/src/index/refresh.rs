@@ -107,7 +107,7 @@ pub(super) fn refresh(
                 Ok(_) if before.contains_key(*slug) => changes.changed += 1,
                 Ok(_) => changes.added += 1,
                 Err(why) => {
-                    // What a store refuses it has said itself, once.
+                    // A refusal by the store has been logged already, once.
                     if !seen.is_unsure {
                         tracing::warn!("{slug} is not in the catalogue: {why}");
                     }
@@ -284,7 +284,7 @@ mod tests {
         let mut connection = super::super::schema::in_memory().unwrap();
         let transaction = connection.transaction().unwrap();
         let old = seen(&|_| (), true).entry.unwrap();
-        assert!(old.at.is_some(), "it tells its place");
+        assert!(old.at.is_some(), "it has a location");
         add(&transaction, "mark", &old).unwrap();
         let kept = |change: &dyn Fn(&mut Value)| stays(&transaction, "fort", &seen(change, false)).unwrap();
         assert!(kept(&|_| ()), "the same manifest, and no metadata");

@@ -187,7 +187,7 @@ impl Collections {
     }
 }
 
-/// What is there now, and what tells it from what was there `before`.
+/// What is there now, and its identity compared with what was there `before`.
 type Seen = (Option<Identity>, Result<Vec<Collection>, String>);
 
 /// The file as it is now, unless it is the same as `before`.

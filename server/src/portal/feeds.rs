@@ -116,7 +116,7 @@ fn beginning(text: &str) -> String {
     if short.len() < text.len() { format!("{short}…") } else { short }
 }
 
-/// Everything may be read; packs are large and tell a search engine nothing.
+/// Everything may be read except packs, which are large and useless to a search engine.
 pub(crate) fn robots(base: &str) -> String {
     format!(
         "User-agent: *\nDisallow: /packs/\nDisallow: /*.kilwa$\nDisallow: /*.kilwa/\nDisallow: /*/extract\nAllow: /\n\nSitemap: {base}/sitemap.xml\n"

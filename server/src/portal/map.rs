@@ -19,7 +19,7 @@ const HEIGHT: f64 = 480.0;
 const APART: f64 = 44.0;
 /// Places of the list; more are for looking closer.
 const LISTED: usize = 200;
-/// The outline tells nothing below this many degrees of latitude.
+/// The outline has nothing below this many degrees of latitude.
 const CLOSEST: f64 = 2.0;
 /// Points of the outline nearer to the last one than this are left out.
 const FINE: f64 = 0.6;

@@ -37,7 +37,7 @@ pub(crate) fn page(models: &[Arc<Model>], page: usize, clock: &Clock, reader: &R
     s
 }
 
-/// Cards of one part of some models, of `per_page` each, with links to the others, which `name` tells apart in addresses. Empty where there are none.
+/// Cards of one part of some models, of `per_page` each, with links to the others, which `name` distinguishes in addresses. Empty where there are none.
 pub(crate) fn part(
     models: &[Arc<Model>],
     part: Part,

@@ -288,7 +288,7 @@ pub(crate) async fn sitemap(
     let Some(index) = &site.index else { return plain(StatusCode::NOT_FOUND) };
     let (base, collections) = (site_base(&site, &headers), collections(&site).await);
     let sitemap = Sitemap::new(&base, collections);
-    // The first piece tells whether there is an index to make it of.
+    // The first piece shows whether there is an index to make it from.
     let of = Arc::clone(index);
     let begun = ask(index, move |_| {
         let mut state = (sitemap, of);

@@ -1,4 +1,4 @@
-//! A store that does not answer: found out once, said once, asked again until it does.
+//! A store that does not answer: detected once, logged once, asked again until it does.
 //!
 //! From the first failure on, nothing waits for the store: who needs it is answered 503 with `Retry-After` and the reason at once, and
 //! what is held is served. A task of the store asks again by itself; its answer ends the outage.

@@ -3,7 +3,7 @@
 //! Order: the files of the version, the landing page, the manifest last and only if it still is the one that the version was made
 //! against (`If-Match`; `If-None-Match: *` for a new object). So whatever fails, the store has the old object, whole, or the new one; files of a
 //! version that no manifest names are served by nobody. No store replaces page and manifest at once, so each page is kept under a hidden name
-//! too, which tells its hash: the page that is shown is the one that the manifest names, also where the line ends between the two.
+//! too, which states its hash: the page that is shown is the one that the manifest names, also if the connection ends between the two.
 //! A file carries its SHA-256 as metadata: what an earlier attempt has sent is not sent
 //! again. Before each file the store's manifest must still be the one that the version was made against, and a small file is put only where there
 //! is none or over exactly the one that was seen (a long one is the pack, whose name is its hash): so a version that somebody else has
@@ -86,7 +86,7 @@ impl S3 {
         Ok(Against(Some(identity.tag().unwrap_or_default().to_owned())))
     }
 
-    /// Send version `version` of the object `slug`, which lies complete in `shelf`. `told` hears the name of each file before it is sent.
+    /// Send version `version` of the object `slug`, which lies complete in `shelf`. `on_send` is called with the name of each file before it is sent.
     ///
     /// # Errors
     /// When the store does not answer, somebody else has published meanwhile, or files cannot be read. The same again goes on

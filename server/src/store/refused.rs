@@ -16,7 +16,7 @@ const REMEMBERED: usize = 1000;
 /// That the store answers is trusted so long: a crowd that asks for what is refused asks the store no more than that.
 const ANSWERED_FOR: Duration = Duration::from_secs(1);
 
-/// The store does not give this file: what it said.
+/// The store refuses this file: its message.
 #[derive(Debug, Clone)]
 pub(super) struct Refused(pub(super) String);
 
@@ -55,7 +55,7 @@ pub(crate) fn is_refused(e: &io::Error) -> bool {
     e.get_ref().and_then(|inner| inner.downcast_ref::<Refused>()).is_some()
 }
 
-/// What was said of such files, and when the store was seen to answer.
+/// Which such files were logged, and when the store was last seen to answer.
 #[derive(Debug, Default)]
 pub(super) struct Refusals {
     logged: Mutex<BTreeMap<String, Instant>>,
@@ -81,7 +81,7 @@ impl Refusals {
         *self.answered.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
     }
 
-    /// Say it, unless it was said.
+    /// Log it, unless that was done already.
     pub(super) fn say(&self, name: &str, key: &str, why: &Refused) {
         let mut logged = self.logged.lock().unwrap_or_else(PoisonError::into_inner);
         if logged.get(key).is_some_and(|at| at.elapsed() < LOG_INTERVAL) {

@@ -110,7 +110,7 @@ pub(super) struct Noted<'a> {
     pub(super) bounds: [[f64; 3]; 2],
     /// File name and identity of the pack.
     pub(super) pack: (&'a str, &'a str),
-    /// Whether nothing in them may tell the place.
+    /// Whether nothing in them may reveal the location.
     pub(super) location_redacted: bool,
 }
 
@@ -132,7 +132,7 @@ pub(super) fn check_notes(at: &Path, noted: &Noted<'_>) -> io::Result<()> {
     if notes.left_out == 0 && written == bytes {
         return Ok(());
     }
-    let hidden = if noted.location_redacted { ", or with something in them that may tell the place" } else { "" };
+    let hidden = if noted.location_redacted { ", or with something in them that may reveal the location" } else { "" };
     Err(wrong(format!(
         "the notes are not in the form in which kilwa publish writes them{hidden}; use the same version of kilwa on both sides"
     )))
@@ -297,7 +297,10 @@ mod tests {
         let notes = Notes::parse(one(1.0, "").as_bytes()).unwrap();
         assert!(checked(&written(notes.clone()), false).is_ok());
         assert!(checked(&written(notes.clone().without_place([0.0; 3], &[])), true).is_ok());
-        assert!(checked(&written(notes.clone()), true).unwrap_err().contains("may tell the place"), "it has a link");
+        assert!(
+            checked(&written(notes.clone()), true).unwrap_err().contains("may reveal the location"),
+            "it has a link"
+        );
         for bad in [
             one(1.0, "").into_bytes(),
             notes.to_bytes("https://evil.example/", "0123456789abcdef").unwrap(),

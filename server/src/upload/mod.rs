@@ -17,7 +17,7 @@
 //! [`kilwa_archive::draft`] when every byte was verified, or not at all. Failures: an impossible request is refused with what to do; what was sent
 //! is kept until it lapses, unless it is damaged.
 //!
-//! One file per part: `wire` (what is said), `staging` (what lies on the disk), `files` (what a file must be), `withheld` (that a location that is said to be withheld is), `finish` (verify and publish),
+//! One file per part: `wire` (the protocol), `staging` (files on the disk), `files` (requirements of a file), `withheld` (that a location announced as withheld is), `finish` (verify and publish),
 //! `there` (the object as it is, in the folder or a store, and the way there), `routes`.
 
 mod files;
@@ -70,7 +70,7 @@ impl Default for UploadLimits {
     }
 }
 
-/// Told of every change on disk before it is made; an error stops there.
+/// Called before every change on disk; an error stops there.
 type Steps = Arc<dyn Fn(&str) -> io::Result<()> + Send + Sync>;
 
 /// Tells the free bytes of the disk that holds a folder, where that can be known.

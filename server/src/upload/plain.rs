@@ -324,7 +324,7 @@ impl DeclaredPreview {
         Some(json)
     }
 
-    /// Whether these are the vertices, whose box is the one that is said, and the triangles.
+    /// Whether these are the vertices, with the declared bounds, and the triangles.
     fn holds(&self, binary: &[u8]) -> bool {
         let (stride, vertex_bytes) = (self.stride() as usize, self.vertices * self.stride());
         if !self.corners.is_multiple_of(3) || binary.len() as u64 != vertex_bytes + self.corners * 4 {

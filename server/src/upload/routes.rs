@@ -79,7 +79,7 @@ async fn allowed(
     let now = site.clock.seconds();
     let (asked, headers, object, network) = (Arc::clone(&auth), headers.clone(), slug.map(str::to_owned), client.1);
     let publisher = blocking(move || asked.publisher(&headers, object.as_deref(), &network, now)).await;
-    let publisher = publisher.map_err(|status| Refusal::new(status, "the server cannot tell who asks"))?;
+    let publisher = publisher.map_err(|status| Refusal::new(status, "the server cannot identify the user"))?;
     let who = match publisher {
         Publisher::Is(who) => who,
         Publisher::Unknown => {
@@ -352,7 +352,7 @@ async fn receive(uploads: &Arc<Uploads>, mut part: Part, mut body: Body) -> Resu
             break Err(Refusal::new(StatusCode::REQUEST_TIMEOUT, "the bytes come too slowly"));
         }
         if (held.len() + data.len()) as u64 > part.remaining() {
-            break Err(Refusal::new(StatusCode::BAD_REQUEST, "more bytes came than the file was said to have"));
+            break Err(Refusal::new(StatusCode::BAD_REQUEST, "more bytes were sent than announced for the file"));
         }
         held.extend_from_slice(&data);
         if held.len() >= HELD {

@@ -271,7 +271,7 @@ impl Staging {
         all
     }
 
-    /// A file is not what was said: send it again.
+    /// A file is not what was announced: it must be sent again.
     pub(super) fn discard(&self, file: &AnnouncedFile) {
         if let Err(e) = fs::remove_file(self.at(file)) {
             tracing::warn!("{}: cannot be removed: {e}", self.at(file).display());

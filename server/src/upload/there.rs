@@ -3,7 +3,7 @@
 //! For a store what a version is made against (manifest, page, metadata of the last version) is fetched into a folder beside the uploads, the version
 //! is made there, and sent: manifest last, and only against what was fetched ([`S3::send`]). Invariants: nothing of such a folder is served; it is
 //! removed when it was sent or not, and what a crash left of it when the server starts. Failures: a store that goes away is waited for, and whoever
-//! asks how far it is is told; one that does not let the server write is named with what to do; somebody else's version is a conflict.
+//! asks for the status gets it; one that does not let the server write is named with what to do; somebody else's version is a conflict.
 
 use super::finish::Job;
 use super::{Refusal, Uploads, lock};
@@ -71,7 +71,7 @@ impl Uploads {
         made.map_err(|e| super::finish::refused(&e))
     }
 
-    /// Finish or undo an interrupted change of an object before a client is told that it is published. Not needed for a store, whose objects change with their
+    /// Finish or undo an interrupted change of an object before a client learns that it is published. Not needed for a store, whose objects change with their
     /// manifest.
     ///
     /// # Errors
@@ -124,7 +124,7 @@ fn has_manifest(store: &Arc<S3>, slug: &Slug, manifest: &[u8]) -> io::Result<boo
     }
 }
 
-/// Do it, and again while the store does not answer; meanwhile whoever asks is told.
+/// Do it, and repeat it while the store does not answer; meanwhile the status says so.
 fn waiting<T>(job: &Job, mut what: impl FnMut() -> io::Result<T>) -> io::Result<T> {
     let began = Instant::now();
     let done = loop {

@@ -34,13 +34,13 @@ pub struct Intent {
     /// Whether the place was taken out.
     #[serde(default)]
     pub location_redacted: bool,
-    /// Side of the grid cell, metres, in whose middle the model stands, where that much of the place is told.
+    /// Side of the grid cell, metres, to whose centre the model was moved, if that much of the location is public.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub location_cell: Option<f64>,
     /// Scalar channels that were kept although the place was taken out.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub kept_channels: Vec<String>,
-    /// Whether it was said that it is the same object, however different it looks.
+    /// Whether the publisher states that it is the same object, however different it looks.
     #[serde(default)]
     pub same_object: bool,
     /// What is known of the model.
@@ -53,7 +53,7 @@ pub struct Intent {
     pub files: Vec<AnnouncedFile>,
 }
 
-/// What is said of the preview.
+/// The announced properties of the preview.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AnnouncedPreview {
@@ -208,7 +208,7 @@ impl Intent {
             return wrong(format!("the note of the version is empty, longer than {NOTE_MAX} bytes, or no text"));
         }
         if self.location_redacted && self.metadata.clone().without_location() != self.metadata {
-            return wrong("the place is to be taken out, and the metadata still tell it".to_owned());
+            return wrong("the location is to be removed, and the metadata still contain it".to_owned());
         }
         super::withheld::check_intent(self).map_err(Refusal::content)?;
         let pack = self.check_files(limits)?;
@@ -288,7 +288,7 @@ impl Intent {
             (Some(announced), Some(bytes)) if announced.error.is_finite() && announced.error >= 0.0 => {
                 Ok(Some(Preview { bytes, triangles: announced.triangles, error: announced.error }))
             }
-            _ => Err(Refusal::content(format!("{PREVIEW} and what is said of it do not belong together"))),
+            _ => Err(Refusal::content(format!("{PREVIEW} and its announcement do not match"))),
         }
     }
 }

@@ -130,7 +130,7 @@ fn check_place<S: Source>(intent: &Intent, reader: &Reader<S>) -> Result<(), Str
     if corners { Ok(()) } else { Err(claimed("the metadata of its pack give a different position from its lattice")) }
 }
 
-/// What was found although the location is said to be withheld.
+/// What was found although the location is announced as withheld.
 fn claimed(what: &str) -> String {
     format!(
         "the version is announced as having no location (--redact-location), but {what}; publish it with this version of kilwa, which removes the location"

@@ -66,7 +66,7 @@ impl Readback {
     }
 }
 
-/// WebGL2 tells nobody that it is done, and may not be waited for: it is asked every few milliseconds.
+/// WebGL2 does not signal completion and must not be waited for: it is polled every few milliseconds.
 #[cfg(all(target_arch = "wasm32", not(feature = "webgpu")))]
 async fn poll_until_done(device: &wgpu::Device, state: &Mutex<MapState>) {
     const PAUSE_MS: i32 = 4;

@@ -144,7 +144,7 @@ impl<'a> Walker<'a> {
             }
         }
         // Where no edge of the opposite triangle passes through the triangle, that is beside it, or inside as a whole: its
-        // corners may touch in both cases, its centroid tells.
+        // corners may touch in both cases, its centroid decides.
         if !onwards.contains(&true) {
             let own = &walk.own.flat;
             let centroid: Point2 = std::array::from_fn(|i| (own[0][i] + own[1][i] + own[2][i]) / 3.0);

@@ -2,7 +2,7 @@
 //! on:
 //!
 //! * a locked point (one that another diamond also uses) neither moves nor changes its attributes, and every edge
-//!   between two locked points is used by as many triangles afterwards as before: the neighbours cannot tell;
+//!   between two locked points is used by as many triangles afterwards as before: the neighbours are not affected;
 //! * every edge used by one triangle inside the fragment either joins two locked points as before or carries the
 //!   true-border bit;
 //! * no triangle is doubled, none flips; a component vanishes only where a fragment of thousands of triangles cannot be

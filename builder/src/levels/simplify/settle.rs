@@ -10,7 +10,7 @@ use kilwa_geometry::LatticePoint;
 use kilwa_geometry::distance::{cross, dot, sub};
 use kilwa_geometry::lattice::MAX_COORDINATE;
 
-/// One fine triangle in so many tells how rough the surface is.
+/// One fine triangle in so many is sampled for the roughness of the surface.
 const SAMPLE: usize = 4;
 /// Most zeros that the codec saves.
 const MAX: u32 = 15;

@@ -139,7 +139,7 @@ pub fn encode_body(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, Pac
     Ok(payload::encode_body(chunk, attributes)?.0)
 }
 
-/// Encode a chunk as [`encode`] does, and tell how many bytes each part of it takes, for measurements.
+/// Encode a chunk as [`encode`] does, and return how many bytes each part takes, for measurements.
 ///
 /// # Errors
 /// As [`encode`].

@@ -235,7 +235,7 @@ fn ends_of(made: &Connectivity, edge: u32) -> [u32; 2] {
     }
 }
 
-/// How good a vertex' predicted normal can be: bit 0 is set beside a patch that is not of the finest level, which one bit per patch tells,
+/// How good a vertex' predicted normal can be: bit 0 is set beside a patch that is not of the finest level, which one bit per patch records,
 /// bit 1 where the chunk sees only one side.
 fn kinds<C: Coder>(coder: &mut C, made: &Connectivity, fine: &[bool], vertices: usize) -> Vec<u8> {
     let coarse: Vec<bool> = fine.iter().map(|&fine| coder.raw(1, u32::from(!fine)) == 1).collect();

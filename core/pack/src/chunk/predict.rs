@@ -127,7 +127,7 @@ fn weight(x: f64) -> i8 {
     stored
 }
 
-/// The vertices beside which a vertex was found: their residuals tell how large its own will be.
+/// The vertices beside which a vertex was found: their residuals predict how large its own will be.
 pub(super) fn beside(link: Link) -> [u32; 2] {
     match link {
         Link::Nothing => [NONE; 2],

@@ -66,7 +66,7 @@ pub(super) struct Buffers<'a> {
     decoded: Vec<(usize, Rc<Vec<u8>>)>,
     /// The most bytes that decoded views may take together.
     max: u64,
-    /// Told with bytes done and bytes in all.
+    /// Called with the bytes done and the total.
     progress: &'a mut super::super::OnProgress<'a>,
     done: u64,
     total: u64,

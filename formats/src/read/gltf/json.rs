@@ -1,6 +1,6 @@
 //! JSON of a glTF into the types of `schema`, with messages that name the part and use words of people.
 //!
-//! JSON does not tell 1 from 1.0, and some exporters write whole numbers with a point: where only that is in the way, they are
+//! JSON does not distinguish 1 from 1.0, and some exporters write whole numbers with a point: where only that is in the way, they are
 //! taken for what they are.
 
 use super::Context;

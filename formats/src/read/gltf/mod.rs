@@ -2,7 +2,7 @@
 //!
 //! Stages: `container` (GLB or text) → `schema` (the JSON) → `scene` (which meshes stand where) → `primitive` (vertices
 //! and triangles, through `accessor`, `buffers` and `draco`) → the sink. A mesh that several nodes show is delivered
-//! once for each. Coordinates are metres and y points up, unless told.
+//! once for each. Coordinates are metres and y points up by default.
 //!
 //! What is kept: positions in all types, with node transforms in f64 (a transform that mirrors turns its triangles
 //! round); normals; colours: `COLOR_0` times the factor times the picture of the base colour, which are linear light,
@@ -193,7 +193,7 @@ fn refuse_pictures_outside(root: &Root, context: &Context<'_>) -> Result<(), Rea
     Ok(())
 }
 
-/// Read the JSON: first what tells other versions apart, because their JSON has another form.
+/// Read the JSON: the version first, because other versions have another form.
 fn parse(mut json: Vec<u8>, max: u64, context: &Context<'_>) -> Result<Root, ReadError> {
     // Some writers pad the JSON chunk with zeros instead of spaces.
     json.truncate(json.iter().rposition(|b| *b != 0).map_or(0, |last| last + 1));

@@ -52,7 +52,7 @@ const KEYWORDS: [&[u8]; 17] = [
     b"lod", b"newmtl",
 ];
 
-/// Whether a file that starts with these bytes is an OBJ: told by the first line that is no comment.
+/// Whether a file that starts with these bytes is an OBJ, decided by the first line that is no comment.
 pub fn is_obj(start: &[u8]) -> bool {
     let text = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
     let mut lines = text.split(|&b| b == b'\n' || b == b'\r').map(<[u8]>::trim_ascii);

@@ -1,6 +1,6 @@
 //! Colours of every type to 8-bit sRGB.
 //!
-//! A component runs to 255, to 65535 or to 1. The type alone does not tell: writers put 0 to 255 into shorts and floats
+//! A component runs to 255, to 65535 or to 1. The type alone does not decide: writers put 0 to 255 into shorts and floats
 //! too. So the largest value of the file decides between the ranges that the type allows; it is looked for before the
 //! colours are handed on. Values are taken as sRGB.
 
@@ -14,7 +14,7 @@ pub(super) struct Scale {
     full: f32,
 }
 
-/// Whether the largest value must be known before the first can be told.
+/// Whether the largest value must be known before the first can be converted.
 pub(super) fn needs_scan(kind: Scalar) -> bool {
     !matches!(kind, Scalar::U8 | Scalar::I8)
 }

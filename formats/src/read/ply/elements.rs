@@ -273,7 +273,7 @@ pub(super) fn skip(
 fn length(rows: &mut impl Rows, row: Row<'_>, field: &Field, count: Scalar, item: Scalar) -> Result<u64, ReadError> {
     let n = rows.integer(row, field, count)?;
     match u64::try_from(n) {
-        // A short list that is cut is told better by what follows.
+        // What follows gives a better message for a truncated short list.
         Ok(n) if n <= MAX_CORNERS as u64 || rows.can_hold(item, n) => Ok(n),
         Ok(n) => Err(rows.fault(
             row,

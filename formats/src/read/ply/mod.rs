@@ -5,7 +5,7 @@
 //! (rows, through `ascii` or `binary`) → `vertices` and [`super::faces`] (handed on to the sink).
 //!
 //! Nothing is held that grows with the mesh. Files that need it are read twice in part: where faces stand before the
-//! vertices these are passed over and come after them; where the range of colours or of `alpha` is told only by the
+//! vertices these are passed over and come after them; if the range of colours or of `alpha` is known only from the
 //! largest value, the vertices (or faces) are looked through first.
 //!
 //! What is kept: positions; colours as 8-bit sRGB (`red green blue`, `diffuse_red …`, `r g b`); normals; `alpha` where

@@ -30,7 +30,7 @@ const HEADER: usize = 80;
 const BEFORE: usize = HEADER + 4;
 /// Bytes of a facet: normal and three corners as floats, two attribute bytes.
 const FACET: usize = 50;
-/// Bytes that tell text from binary: those that the dispatch looks at.
+/// Bytes that distinguish text from binary: those that the format detection examines.
 const SNIFFED: usize = super::SNIFFED as usize;
 /// Bytes read at a time.
 const BUFFER: usize = 1 << 20;

@@ -1,7 +1,7 @@
 //! Pictures on meshes: decoded, and sampled at texture coordinates to give colours of vertices.
 //!
 //! Input: the bytes of a PNG, JPEG, WebP or TIFF. A picture of more texels than a limit, or that would take more memory than
-//! there is, is refused before it is decoded (`room` tells how much); ancillary chunks of a PNG are never looked at;
+//! there is, is refused before it is decoded (`room` computes how much); ancillary chunks of a PNG are never looked at;
 //! pictures are kept up to a number of bytes and decoded again when they come back ([`Textures`]). Texels are taken as 8-bit
 //! sRGB, whatever a colour profile says; opacity is not looked at.
 
@@ -12,7 +12,7 @@ use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 use std::io::Cursor;
 use std::sync::LazyLock;
 
-/// The most bytes that a decoded picture may take where nothing else is said: 3 a texel, so that one of 16384 × 16384 fits.
+/// The most bytes that a decoded picture may take by default: 3 a texel, so that one of 16384 × 16384 fits.
 pub const TEXTURE_BYTES: u64 = 1 << 30;
 
 /// What lies beyond the edge of a picture.
