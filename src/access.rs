@@ -90,7 +90,7 @@ fn purpose(text: &str) -> Result<Purpose, String> {
     match text {
         "view" => Ok(Purpose::View),
         "publish" => Ok(Purpose::Publish),
-        _ => Err("view or publish is wanted".to_owned()),
+        _ => Err("expected view or publish".to_owned()),
     }
 }
 
@@ -123,7 +123,7 @@ fn init(file: &Path) -> anyhow::Result<()> {
         anyhow::bail!("{} exists already; it is left as it is", file.display());
     }
     Accounts::new()?.create(file)?;
-    writeln!(crate::terminal::out(), "{}: nobody yet; add users with `kilwa access user`.", file.display())?;
+    writeln!(crate::terminal::out(), "{}: no users yet; add some with `kilwa access user`.", file.display())?;
     Ok(())
 }
 
@@ -151,7 +151,7 @@ fn password(name: &str) -> anyhow::Result<String> {
         let mut line = String::new();
         stdin.lock().read_line(&mut line).context("cannot read the password from stdin")?;
         let password = line.trim_end_matches(['\n', '\r']).to_owned();
-        anyhow::ensure!(!password.is_empty(), "no password came on stdin; give --no-password where none is wanted");
+        anyhow::ensure!(!password.is_empty(), "no password on standard input; give --no-password to set none");
         return Ok(password);
     }
     let terminal = console::Term::stderr();

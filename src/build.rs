@@ -348,7 +348,7 @@ fn discard_earlier(scratch: &Scratch) -> anyhow::Result<u64> {
     let files = scratch.files()?;
     if bytes > 0 {
         crate::terminal::say!(
-            "kilwa: {} of scratch files of an earlier build discarded; --resume would have gone on with it",
+            "kilwa: {} of scratch files of an earlier build discarded; --resume would have resumed it",
             human(bytes)
         );
     }

@@ -40,7 +40,7 @@ pub(crate) struct Args {
 fn error_limit(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x.is_finite() && x >= 0.0 => Ok(x),
-        _ => Err("a length in metres is wanted, for example 0.01".to_owned()),
+        _ => Err("expected a length in metres, for example 0.01".to_owned()),
     }
 }
 

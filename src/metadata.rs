@@ -85,7 +85,7 @@ fn of_pack(m: &kilwa_pack::Metadata) -> Known {
 fn ask(known: &mut Known, input: &mut impl BufRead, out: &mut impl Write) -> anyhow::Result<()> {
     writeln!(
         out,
-        "Some questions; Enter takes what stands in brackets, or leaves it open. Everything can be changed in the file."
+        "Some questions; Enter takes the value in brackets, or leaves the field empty. Everything can be changed in the file."
     )?;
     let any = |text: &str| Ok(text.to_owned());
     question("Title", &mut known.title, any, input, out)?;
@@ -109,7 +109,7 @@ fn ask(known: &mut Known, input: &mut impl BufRead, out: &mut impl Write) -> any
     question("Place", &mut known.place, any, input, out)?;
     let country = |text: &str| {
         let right = text.len() == 2 && text.bytes().all(|b| b.is_ascii_alphabetic());
-        if right { Ok(text.to_uppercase()) } else { Err("two letters are wanted, for example TZ".to_owned()) }
+        if right { Ok(text.to_uppercase()) } else { Err("expected two letters, for example TZ".to_owned()) }
     };
     question("Country (two letters)", &mut known.country, country, input, out)?;
     let date = |text: &str| {

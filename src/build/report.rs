@@ -89,7 +89,7 @@ pub(super) fn print(output: &Path, r: &Report<'_>, out: &mut impl Write) -> std:
     )?;
     writeln!(
         out,
-        "  parts     {} components, the largest of {} triangles; {} triangles stand twice",
+        "  parts     components: {}, the largest of {} triangles; duplicate triangles: {}",
         b.components, b.largest_component, b.duplicate_triangles
     )?;
     writeln!(

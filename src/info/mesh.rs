@@ -61,12 +61,12 @@ fn words(names: &str, s: &Surface, out: &mut impl Write) -> std::io::Result<()> 
     writeln!(out, "  components  {}, the largest of {} triangles", s.components, s.largest_component)?;
     writeln!(out, "  not clean   {} edges used by more than two triangles", s.non_manifold_edges)?;
     writeln!(out, "              {} edges of two triangles that face apart", s.inconsistent_edges)?;
-    writeln!(out, "              {} triangles that stand twice", s.duplicate_triangles)?;
+    writeln!(out, "              duplicate triangles: {}", s.duplicate_triangles)?;
     writeln!(out, "  colours     {}", if s.colors { "yes" } else { "none" })?;
     for c in &s.scalars {
         writeln!(out, "  channel     {}, {} to {}", c.name, c.min, c.max)?;
     }
-    writeln!(out, "  a pack would have steps of {}", metres(s.lattice.step()))?;
+    writeln!(out, "  a pack would have a lattice spacing of {}", metres(s.lattice.step()))?;
     for (kind, f) in &s.diagnostics {
         let places = if f.places.is_empty() { String::new() } else { format!(" (first: {})", f.places.join("; ")) };
         writeln!(out, "  {:>9} {kind}{places}", f.count)?;

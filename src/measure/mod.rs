@@ -188,7 +188,7 @@ impl Tool {
 
 fn unit(symbol: &str) -> Result<LengthUnit, String> {
     let all: Vec<&str> = LengthUnit::ALL.iter().map(|(_, s)| *s).collect();
-    LengthUnit::from_symbol(symbol).ok_or_else(|| format!("one of {} is wanted", all.join(", ")))
+    LengthUnit::from_symbol(symbol).ok_or_else(|| format!("expected one of {}", all.join(", ")))
 }
 
 /// A pack with what every tool needs of it.

@@ -26,7 +26,7 @@ fn scale(text: &str) -> Result<f64, String> {
     let number = text.strip_prefix("1:").unwrap_or(text).parse::<f64>();
     match number {
         Ok(n) if n.is_finite() && (0.001..=1e7).contains(&n) => Ok(n),
-        _ => Err("a scale such as 1:50 is wanted".to_owned()),
+        _ => Err("expected a scale such as 1:50".to_owned()),
     }
 }
 

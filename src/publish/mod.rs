@@ -100,7 +100,7 @@ pub(crate) struct Args {
 }
 
 fn parse_day(text: &str) -> Result<String, String> {
-    if is_day(text) { Ok(text.to_owned()) } else { Err("a day such as 2026-11-21 is wanted".to_owned()) }
+    if is_day(text) { Ok(text.to_owned()) } else { Err("expected a date such as 2026-11-21".to_owned()) }
 }
 
 fn parse_place(text: &str) -> Result<crate::redact::Place, String> {
@@ -109,7 +109,7 @@ fn parse_place(text: &str) -> Result<crate::redact::Place, String> {
     }
     match text.parse::<f64>() {
         Ok(cell) if cell.is_finite() && cell > 0.0 => Ok(crate::redact::Place::Cell(cell)),
-        _ => Err("metres are wanted, for example --redact-location=10000, or nothing".to_owned()),
+        _ => Err("expected metres, for example --redact-location=10000, or no value".to_owned()),
     }
 }
 

@@ -213,7 +213,7 @@ impl Plan {
         };
         // Without a name, so that nothing of it can be left.
         tempfile::tempfile_in(&at).with_context(|| {
-            format!("cannot write to {}: give a folder with --to that you may write to, or ask whoever keeps it; nothing was changed", at.display())
+            format!("cannot write to {}: give a folder with --to that you may write to, or ask its administrator; nothing was changed", at.display())
         })?;
         if let Some(free) = machine::free_space(&at).filter(|free| *free < needed) {
             bail!(

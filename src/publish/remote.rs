@@ -41,7 +41,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     }
     ensure!(
         !args.open_access,
-        "--open-access opens earlier versions too, which no upload may; whoever keeps the server publishes that version to its folder"
+        "--open-access opens earlier versions too, which no upload may; its administrator can publish that version to the server's folder"
     );
     check_address(address, args.allow_http)?;
     let base = address.trim_end_matches('/');
@@ -224,7 +224,7 @@ fn token(args: &Args) -> anyhow::Result<String> {
         (text.to_string_lossy().into_owned(), TOKEN.to_owned())
     } else {
         bail!(
-            "publishing to a server needs a token: whoever keeps it makes one with `kilwa access token FILE NAME --for publish`; put it into the environment as {TOKEN}, or give a file with --token-file"
+            "publishing to a server needs a token: its administrator makes one with `kilwa access token FILE NAME --for publish`; put it into the environment as {TOKEN}, or give a file with --token-file"
         );
     };
     let token = text.trim();

@@ -156,7 +156,7 @@ impl Sender {
                 // How the last upload ended, or that there is none, is no matter.
                 200..=299 | 404 | 409 | 422 | 423 | 507 if speaks_tus => Ok(()),
                 200..=299 | 404 => {
-                    Err(Failure::Final(format!("{} takes no uploads; is it a kilwa of this version?", self.base)))
+                    Err(Failure::Final(format!("{} accepts no uploads; does it run this version of kilwa?", self.base)))
                 }
                 _ if speaks_tus => {
                     let (parts, content) = response.into_parts();
@@ -231,7 +231,7 @@ impl Sender {
             tries += 1;
             if tries >= self.patience.attempts {
                 return Err(format!(
-                    "{why} ({tries} attempts). What was sent is kept for some days: run the same command again to go on"
+                    "{why} ({tries} attempts). What was sent is kept for some days: run the same command again to continue"
                 ));
             }
             let pause = wait.max(after.unwrap_or_default()).min(self.patience.longest);
@@ -399,7 +399,7 @@ impl Sender {
         let after = header("retry-after").and_then(|s| s.parse().ok()).map(Duration::from_secs);
         if status.is_redirection() {
             let to = header("location").unwrap_or_default();
-            return Failure::Final(format!("{} leads to {to}; give the address that is meant with --to", self.base));
+            return Failure::Final(format!("{} redirects to {to}; give the right address with --to", self.base));
         }
         let why = text_of(response);
         match status.as_u16() {

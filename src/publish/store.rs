@@ -56,7 +56,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     let on_send = |key: &str| bar.set_message(format!("sending {}", visible(key)));
     store
         .send(&slug, shelf.path(), report.version, &against, &on_send)
-        .with_context(|| format!("{at}: not published; what was sent stays, and the same command goes on"))?;
+        .with_context(|| format!("{at}: not published; what was sent is kept, and the same command continues"))?;
     bar.finish_and_clear();
     super::say(args, &report)
 }

@@ -45,7 +45,7 @@ pub(crate) trait Place {
         let length = file.len()?;
         let count = usize::try_from(length).ok().filter(|_| length <= limit);
         let Some(count) = count else {
-            return Err(io::Error::other(format!("it has {length} bytes; at most {limit} are possible")));
+            return Err(io::Error::other(format!("it has {length} bytes; at most {limit} are allowed")));
         };
         file.read_at(0, count).map(Some)
     }

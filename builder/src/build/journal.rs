@@ -85,18 +85,18 @@ impl Plan {
     /// Why a build of `self` cannot continue from what `before` left, ignoring stamps.
     fn differs_from(&self, before: &Self) -> Option<String> {
         if self.tool != before.tool {
-            return Some(format!("it was begun by {}, and this is {}", before.tool, self.tool));
+            return Some(format!("it was started by {}, and this is {}", before.tool, self.tool));
         }
         for name in self.options.keys().chain(before.options.keys()) {
             let (now, then) = (self.options.get(name), before.options.get(name));
             if now != then {
                 let say = |v: Option<&Value>| v.map_or_else(|| "nothing".to_owned(), Value::to_string);
-                return Some(format!("it was begun with {name} {}, and now it is {}", say(then), say(now)));
+                return Some(format!("it was started with {name} {}, and now it is {}", say(then), say(now)));
             }
         }
         if self.inputs.len() != before.inputs.len() {
             return Some(format!(
-                "it was begun with {} inputs, and now there are {}",
+                "it was started with {} inputs, and now there are {}",
                 before.inputs.len(),
                 self.inputs.len()
             ));
@@ -107,7 +107,7 @@ impl Plan {
         } else if now.path == then.path {
             format!("{} was changed since", now.path)
         } else {
-            format!("it was begun with the input {}, and now it is {}", then.path, now.path)
+            format!("it was started with the input {}, and now it is {}", then.path, now.path)
         })
     }
 }

@@ -133,7 +133,7 @@ pub fn build(
     let resumed_after = journal.last().map(|s| s.stage.clone());
     match &resumed_after {
         Some(stage) => run.progress.note(&format!("going on after stage {stage}, which was complete")),
-        None if run.resume => run.progress.note("no stage was complete: the build begins anew"),
+        None if run.resume => run.progress.note("no stage was complete: the build starts over"),
         None => {}
     }
     let mut building = Building { work, options, journal, stages: Vec::new(), spooled: None };

@@ -159,7 +159,7 @@ pub enum BuildError {
     Scratch(#[from] crate::scratch::ScratchError),
     /// There is a build to go on with, but it is another one.
     #[error(
-        "cannot resume what is in {}: {why}; build without --resume to begin anew",
+        "cannot resume what is in {}: {why}; build without --resume to start over",
         folder.display()
     )]
     Resume {

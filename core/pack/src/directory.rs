@@ -256,7 +256,7 @@ impl DirectoryEntry {
         let mut seen = Vec::with_capacity(4);
         for parent in self.parents() {
             if parent >= index || seen.contains(&parent) {
-                return bad(format!("parent {parent} does not come before it, or stands there twice"));
+                return bad(format!("parent {parent} does not come before it, or occurs twice"));
             }
             seen.push(parent);
         }

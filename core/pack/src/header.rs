@@ -137,7 +137,7 @@ impl Header {
             return bad(format!("a root cube of 2^{} steps is not usable", self.cube_log2));
         }
         if self.attributes.scalars > crate::chunk::MAX_SCALARS {
-            return bad(format!("{} scalar channels; at most 16 are possible", self.attributes.scalars));
+            return bad(format!("{} scalar channels; at most 16 are allowed", self.attributes.scalars));
         }
         if self.entry_count == 0 || self.entry_count > MAX_ENTRIES {
             return bad(format!("{} directory entries are not possible", self.entry_count));

@@ -95,7 +95,7 @@ impl Metadata {
             return Err(PackError::invalid(
                 "metadata",
                 format!(
-                    "it would take {} bytes, {MAX_METADATA_BYTES} are possible: shorten the title, the names and the \
+                    "it would take {} bytes, at most {MAX_METADATA_BYTES} are allowed: shorten the title, the names and the \
                      number of sources",
                     bytes.len()
                 ),

@@ -16,7 +16,7 @@ impl FromStr for Region {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wanted = || "six numbers are wanted, xmin,ymin,zmin,xmax,ymax,zmax, in metres".to_owned();
+        let wanted = || "expected six numbers, xmin,ymin,zmin,xmax,ymax,zmax, in metres".to_owned();
         let numbers: Vec<f64> =
             text.split(',').map(|n| n.trim().parse()).collect::<Result<_, _>>().map_err(|_| wanted())?;
         let &[a, b, c, d, e, f] = &numbers[..] else { return Err(wanted()) };

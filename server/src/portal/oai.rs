@@ -142,7 +142,7 @@ fn sets(source: &dyn Source, token: Option<&str>) -> Result<String, Problem> {
         None => 0,
         Some(last) => {
             let at = all.iter().position(|set| set.slug == last);
-            at.ok_or(("badResumptionToken", "this resumption token is none of ours".to_owned()))? + 1
+            at.ok_or(("badResumptionToken", "unknown resumption token".to_owned()))? + 1
         }
     };
     if all.is_empty() {
@@ -280,7 +280,7 @@ impl Selection {
                     let [from, until, set, after] = [from, until, set, after].map(str::to_owned);
                     Ok(Self { from, until, set, after })
                 }
-                _ => Err(("badResumptionToken", "this resumption token is none of ours".to_owned())),
+                _ => Err(("badResumptionToken", "unknown resumption token".to_owned())),
             };
         }
         is_known_format(get("metadataPrefix"))?;

@@ -338,5 +338,5 @@ fn or_others(e: io::Error) -> io::Error {
 }
 
 fn others() -> io::Error {
-    io::Error::other("somebody else has published this object meanwhile; look at what is there, and publish again")
+    io::Error::other("somebody else has published this object meanwhile; check their version, then publish again")
 }

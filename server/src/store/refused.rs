@@ -24,7 +24,7 @@ impl Refused {
     /// What to do about it: whether it has not the right or the store has trouble is in the status that it gave.
     fn hint(&self) -> &'static str {
         if self.0.starts_with("the store says 5") {
-            "the store has trouble with it; where that stays, ask whoever keeps the store"
+            "the store cannot deliver it; if this persists, ask the administrator of the store"
         } else {
             "see to its rights in the store"
         }

@@ -103,7 +103,7 @@ pub(super) fn publish(uploads: &Uploads, staging: Staging, job: &Arc<Job>, now: 
     let intent = staging.record.intent.clone();
     let meant = intent.check(&uploads.limits, now)?;
     if !staging.lacking().is_empty() {
-        return Err(Refusal::new(StatusCode::TOO_EARLY, "files are lacking; run the same command again"));
+        return Err(Refusal::new(StatusCode::TOO_EARLY, "files are missing; run the same command again"));
     }
     // Whatever takes long needs only the upload, whose lock is held, and keeps nobody else from the folder.
     let checked = checked(&staging, &intent, &meant, job);
@@ -332,7 +332,7 @@ pub(super) fn refused(e: &DraftError) -> Refusal {
         DraftError::Unfinished { done, why } if is_full(why) => Refusal::new(
             StatusCode::INSUFFICIENT_STORAGE,
             format!(
-                "{done}: the disk of the server has no room. Ask whoever keeps it to make room, then run the same command again to finish"
+                "{done}: the disk of the server is full. Ask its administrator to free space, then run the same command again to finish"
             ),
         ),
         DraftError::Unfinished { done, .. } => passing(format!(
@@ -369,7 +369,7 @@ fn field_of(e: &ManifestError) -> Option<&str> {
 }
 
 /// What to do if only the server's log may name the place.
-const ASK: &str = "Ask whoever keeps the server (its log says where)";
+const ASK: &str = "Ask the administrator of the server (its log says where)";
 
 #[cfg(test)]
 mod tests {

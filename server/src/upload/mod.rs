@@ -170,7 +170,7 @@ impl Uploads {
         if *count <= self.limits.per_minute {
             return Ok(());
         }
-        let mut refusal = Refusal::new(StatusCode::TOO_MANY_REQUESTS, "too many uploads were begun in this minute");
+        let mut refusal = Refusal::new(StatusCode::TOO_MANY_REQUESTS, "too many uploads were started in this minute");
         refusal.retry_after = Some(60 - now % 60);
         Err(refusal)
     }
@@ -215,7 +215,7 @@ impl Refusal {
     /// Another request of this upload is under way.
     fn busy() -> Self {
         let status = StatusCode::LOCKED;
-        Self { retry_after: Some(2), ..Self::new(status, "another request of this upload is under way") }
+        Self { retry_after: Some(2), ..Self::new(status, "another request of this upload is in progress") }
     }
 
     /// What the disk says.
@@ -234,7 +234,7 @@ impl Refusal {
     fn full(what: impl std::fmt::Display) -> Self {
         tracing::error!("an upload: no room: {what}");
         let message = format!(
-            "the disk of the server has no room ({what}); nothing was published. Ask whoever keeps it to make room, then run the same command again: what was sent so far is kept"
+            "the disk of the server is full ({what}); nothing was published. Ask its administrator to free space, then run the same command again: what was sent so far is kept"
         );
         Self::new(StatusCode::INSUFFICIENT_STORAGE, message)
     }

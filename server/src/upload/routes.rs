@@ -69,7 +69,7 @@ async fn allowed(
     slug: Option<&str>,
 ) -> Result<Allowed, Refusal> {
     let (Some(uploads), Some(auth)) = (site.uploads.clone(), site.auth.clone()) else {
-        let message = "this server takes no uploads; whoever keeps it starts it with `kilwa serve --accept-uploads --access FILE`";
+        let message = "this server accepts no uploads; its administrator can start it with `kilwa serve --accept-uploads --access FILE`";
         return Err(Refusal::new(StatusCode::NOT_IMPLEMENTED, message));
     };
     // Paths are made of it: `..%2Fx` in an address is `../x` here.
@@ -83,11 +83,12 @@ async fn allowed(
     let who = match publisher {
         Publisher::Is(who) => who,
         Publisher::Unknown => {
-            let message = "a token for publishing is needed that is known here and has not lapsed: `kilwa access token FILE NAME --for publish`";
+            let message =
+                "publishing needs a valid token that has not expired: `kilwa access token FILE NAME --for publish`";
             return Err(Refusal::new(StatusCode::UNAUTHORIZED, message));
         }
         Publisher::NotFor => {
-            let message = "this token is for looking at models; publishing needs one of its own: `kilwa access token FILE NAME --for publish`";
+            let message = "this token is only for viewing; publishing needs a token of its own: `kilwa access token FILE NAME --for publish`";
             return Err(Refusal::new(StatusCode::FORBIDDEN, message));
         }
         Publisher::NotGranted(who) => {
@@ -99,7 +100,7 @@ async fn allowed(
             return Err(Refusal::new(StatusCode::FORBIDDEN, message));
         }
         Publisher::Wait(seconds) => {
-            let message = "too many tokens that are not known came from this address";
+            let message = "too many unknown tokens were sent from this address";
             let refusal = Refusal::new(StatusCode::TOO_MANY_REQUESTS, message);
             return Err(Refusal { retry_after: Some(seconds), ..refusal });
         }
@@ -329,10 +330,10 @@ fn offset_of(headers: &HeaderMap) -> Result<u64, Refusal> {
     }
     if text(headers, &CONTENT_TYPE) != Some("application/offset+octet-stream") {
         let status = StatusCode::UNSUPPORTED_MEDIA_TYPE;
-        return Err(Refusal::new(status, "Content-Type: application/offset+octet-stream is wanted"));
+        return Err(Refusal::new(status, "expected Content-Type: application/offset+octet-stream"));
     }
     let offset = text(headers, &OFFSET).and_then(|o| o.parse().ok());
-    offset.ok_or_else(|| Refusal::new(StatusCode::BAD_REQUEST, "Upload-Offset: a number is wanted"))
+    offset.ok_or_else(|| Refusal::new(StatusCode::BAD_REQUEST, "Upload-Offset must be a number"))
 }
 
 /// Write a body to a part as it comes; what came before it broke off is written too. How far the file is then.

@@ -159,8 +159,7 @@ impl Uploads {
         let path = staging.folder.join(&announced.sha256);
         let there = staging.length(&announced).map_err(|e| Refusal::disk("read what is there", &e))?;
         if there != offset {
-            let message =
-                format!("{there} bytes of it are there, so that what follows begins at {there}, not at {offset}");
+            let message = format!("the server has {there} bytes of it, so continue at {there}, not at {offset}");
             return Err(Refusal { offset: Some(there), ..Refusal::conflict(message) });
         }
         let coming = self.claim_part((announced.bytes - offset).min(BODY_MAX))?;
@@ -179,7 +178,7 @@ impl Uploads {
         let coming = self.coming.load(Ordering::Relaxed).saturating_add(bytes);
         let needed = ROOM.saturating_add(coming);
         if let Some(free) = (self.space)(&self.shelf).filter(|free| *free < needed) {
-            let message = format!("{free} bytes are free; {coming} may come now, and {ROOM} are kept free");
+            let message = format!("{free} bytes are free; this request may bring {coming}, and {ROOM} must stay free");
             return Err(Refusal::full(message));
         }
         let held: u64 = self.staged().iter().map(|folder| bytes_in(folder, is_sent)).sum();
@@ -200,7 +199,7 @@ impl Uploads {
             // Whoever writes there holds the lock.
             let Ok(Some(_lock)) = locked(&folder) else { continue };
             match fs::remove_dir_all(&folder) {
-                Ok(()) => tracing::info!("{}: an upload that nobody went on with is removed", folder.display()),
+                Ok(()) => tracing::info!("{}: an abandoned upload is removed", folder.display()),
                 Err(e) => tracing::warn!("{}: cannot be removed: {e}", folder.display()),
             }
         }

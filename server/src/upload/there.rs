@@ -130,7 +130,7 @@ fn waiting<T>(job: &Job, mut what: impl FnMut() -> io::Result<T>) -> io::Result<
     let done = loop {
         match what() {
             Err(e) if is_away(&e) && began.elapsed() < PATIENCE => {
-                let message = format!("the archive's storage does not answer ({e}); it goes on when it does");
+                let message = format!("the archive's storage does not answer ({e}); this continues when it does");
                 *lock(&job.waits) = Some(message);
                 std::thread::sleep(LOOK);
             }

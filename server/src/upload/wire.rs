@@ -183,7 +183,7 @@ impl Intent {
         let wrong = |what: String| Err(Refusal::content(what));
         if self.kilwa_upload != FORM {
             return wrong(format!(
-                "this server takes uploads of form {FORM}, not {}; use the same version of kilwa on both sides",
+                "this server accepts uploads of form {FORM}, not {}; use the same version of kilwa on both sides",
                 self.kilwa_upload
             ));
         }
@@ -222,7 +222,7 @@ impl Intent {
         let (mut paths, mut pack, mut total) = (BTreeSet::new(), None, 0u64);
         for file in &self.files {
             if !is_sha256(&file.sha256) {
-                return Err(Refusal::content(format!("{:?}: its SHA-256 is none", short(&file.path))));
+                return Err(Refusal::content(format!("{:?}: its SHA-256 is invalid", short(&file.path))));
             }
             let is_pack = file.path == pack_name(&file.sha256);
             if !is_pack && !super::files::is_expected(&file.path) {
@@ -237,7 +237,7 @@ impl Intent {
             let max = if is_pack { limits.version_bytes } else { super::files::max_bytes(&file.path) };
             if file.bytes == 0 || file.bytes > max {
                 let status = axum::http::StatusCode::PAYLOAD_TOO_LARGE;
-                let message = format!("{} has {} bytes; from 1 to {max} are possible", file.path, file.bytes);
+                let message = format!("{} has {} bytes; from 1 to {max} are allowed", file.path, file.bytes);
                 return Err(Refusal::new(status, message));
             }
             total = total.saturating_add(file.bytes);
@@ -247,7 +247,8 @@ impl Intent {
         }
         if total > limits.version_bytes {
             let status = axum::http::StatusCode::PAYLOAD_TOO_LARGE;
-            let message = format!("the version has {total} bytes; this server takes {}", limits.version_bytes);
+            let message =
+                format!("the version has {total} bytes; this server accepts at most {}", limits.version_bytes);
             return Err(Refusal::new(status, message));
         }
         let posters = [POSTER].into_iter().chain(THUMBNAILS.map(|(name, _)| name));

@@ -24,7 +24,7 @@ async fn a_disk_full_at_any_step_publishes_nothing_keeps_received_files_and_resu
         full += 1;
         assert_eq!(code, StatusCode::INSUFFICIENT_STORAGE, "step {allowed}: {upload:?}");
         let why = upload.error.unwrap_or_default();
-        assert!(why.contains("no room") && why.contains("run the same command again"), "{why}");
+        assert!(why.contains("is full") && why.contains("run the same command again"), "{why}");
         // After the manifest, only the page and the permissions are missing, and the message says so.
         let is_published = why.contains("the version is published, but not all of its files are in place");
         let status = get(&m.app, "/fort/").await.status;

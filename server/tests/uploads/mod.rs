@@ -355,7 +355,7 @@ async fn an_invalid_announcement_is_refused_before_a_byte_is_sent() {
             StatusCode::UNPROCESSABLE_ENTITY,
             "SHA-256",
         ),
-        ("too large", change(&|v| v.intent.files[1].bytes = 1 << 40), StatusCode::PAYLOAD_TOO_LARGE, "are possible"),
+        ("too large", change(&|v| v.intent.files[1].bytes = 1 << 40), StatusCode::PAYLOAD_TOO_LARGE, "are allowed"),
         ("reserved", change(&|v| v.intent.slug = "viewer".to_owned()), StatusCode::UNPROCESSABLE_ENTITY, "slug"),
         ("hidden", change(&|v| v.intent.slug = ".kilwa-x".to_owned()), StatusCode::UNPROCESSABLE_ENTITY, "slug"),
         (

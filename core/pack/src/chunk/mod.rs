@@ -197,7 +197,7 @@ pub fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -> Resul
         return bad(format!("{} triangles and {} vertices are too many", declared.triangles, declared.vertices));
     }
     if attributes.scalars > MAX_SCALARS {
-        return bad(format!("{} scalar channels; at most 16 are possible", attributes.scalars));
+        return bad(format!("{} scalar channels; at most 16 are allowed", attributes.scalars));
     }
     // What the bytes cannot hold is not allocated for.
     if (declared.triangles as usize).div_ceil(MAX_PER_BYTE) > bytes.len()
