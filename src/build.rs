@@ -91,7 +91,7 @@ pub(crate) struct Args {
     verbose: bool,
 }
 
-/// The build was stopped by the user; what it leaves and how to go on.
+/// The build was stopped by the user; what it leaves and how to continue.
 #[derive(Debug)]
 pub(crate) struct Interrupted(String);
 

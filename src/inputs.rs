@@ -4,7 +4,7 @@
 //! that the shell has left alone (`'blocks/*.ply'`). Output: each file once, sorted by path, so that the order of the arguments does
 //! not matter, each with the map from its own coordinates to metres, z up.
 //!
-//! Refused: a file that is not there or of a format that is not read, a file named twice, a pattern that nothing
+//! Refused: a file that does not exist or of a format that is not read, a file named twice, a pattern that nothing
 //! matches, a folder without meshes, a folder with something that is named like a mesh but is not one, something that matches a pattern but is not
 //! a readable regular file (a broken link, a folder, a pipe), a matrix that cannot place a mesh.
 
@@ -175,7 +175,7 @@ impl Inputs {
     }
 
     /// What the metadata says of the files: each with its SHA-256, sorted by name. Where they are too many, the last
-    /// entry stands for all that have no entry of their own.
+    /// entry represents all that have no entry of their own.
     ///
     /// Fails where a file cannot be read, or two have the same content and the same place: a surface that is there twice.
     fn sources(&self, progress: &dyn Progress, stop: &Stop) -> Result<Vec<SourceFile>, BuildError> {

@@ -92,7 +92,7 @@ impl NewFile {
     /// Begin the file that will be at `path`.
     ///
     /// # Errors
-    /// When its folder is not there or cannot be written to.
+    /// When its folder does not exist or cannot be written to.
     pub(crate) fn beside(path: &Path) -> anyhow::Result<Self> {
         let folder = folder_of(path);
         let make = || tempfile::Builder::new().prefix(".kilwa-").tempfile_in(folder);

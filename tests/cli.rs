@@ -20,7 +20,7 @@ fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// A call with a file that is not there: in the arguments `{in}` and `{out}` are paths in an empty folder.
+/// A call with a file that does not exist: in the arguments `{in}` and `{out}` are paths in an empty folder.
 fn calls_without_input() -> [(&'static str, Vec<&'static str>); 7] {
     [
         ("build", vec!["{in}.ply", "-o", "{out}.kilwa"]),

@@ -226,7 +226,7 @@ fn all_missing_and_extra_files_are_named() {
 fn contradictory_records_and_broken_links_are_named() {
     let shelf = tempfile::tempdir().unwrap();
     let object = publish(shelf.path(), "fort", 1);
-    // As somebody would who writes checksums anew after a change.
+    // As somebody would who writes checksums again after a change.
     let redo = |change: &dyn Fn(&Path)| {
         let copy = tempfile::tempdir().unwrap();
         let to = copy.path().join("fort");

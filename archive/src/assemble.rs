@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 /// What is known of a version beside its files.
 #[derive(Debug, Clone)]
 pub struct Facts {
-    /// As it will be published: without the place where that is asked for.
+    /// As it will be published: without the place if requested.
     pub metadata: Metadata,
     /// Its statement of rights.
     pub rights: Rights,

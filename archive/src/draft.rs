@@ -87,7 +87,7 @@ pub enum DraftError {
     /// What is there is no object, for people.
     #[error("{0}")]
     Other(String),
-    /// A file of somebody else's stands where one of ours would.
+    /// A file of another user stands where one of ours would.
     #[error("{0} is not from kilwa and is left as it is; move it away, publish to another folder, or leave --site out")]
     Foreign(PathBuf),
     /// A manifest that cannot be.

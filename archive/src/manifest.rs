@@ -193,7 +193,7 @@ pub struct Version {
     pub annotations: Option<FileEntry>,
     /// Its numbers.
     pub figures: Figures,
-    /// Whether reference system and place were taken away or made coarse before publication.
+    /// Whether reference system and place were removed or made coarse before publication.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub location_redacted: bool,
 }
@@ -335,7 +335,7 @@ fn check_file(field: &str, folder: &str, url: &str, sha256: &str) -> Result<(), 
 }
 
 impl Version {
-    /// Whether its notes are those of this SHA-256, or it has none where there is none.
+    /// Whether its notes are those of this SHA-256, or it has none if there is none.
     pub fn has_notes(&self, sha256: Option<&str>) -> bool {
         self.annotations.as_ref().map(|n| n.sha256.as_str()) == sha256
     }

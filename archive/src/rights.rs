@@ -52,7 +52,7 @@ pub const CHOICES: &str = "\"CC BY 4.0\", \"CC BY-SA 4.0\", \"CC BY-NC 4.0\", \"
     \"InC\", \"NoC-US\", \"UND\" … (rightsstatements.org), or the address of one of them";
 
 impl Rights {
-    /// The statement that an address or short name stands for.
+    /// The statement that an address or short name represents.
     ///
     /// # Errors
     /// A sentence that says what is wanted, with the nearest known name.

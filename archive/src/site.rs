@@ -38,12 +38,12 @@ const BEGUN: &str = ".kilwa-site";
 /// Write the pages of the locked folder.
 ///
 /// # Errors
-/// [`DraftError::Disk`] with the file; [`DraftError::Foreign`] where a page of somebody else's would be replaced.
+/// [`DraftError::Disk`] with the file; [`DraftError::Foreign`] where a page of another user would be replaced.
 pub fn write(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftError> {
     check(lock.folder())?;
     let written = put_all(lock, page, steps);
     if written.is_err() {
-        // Where none of the pages is there, nothing says that they were begun. Otherwise whoever comes next goes on with them.
+        // Where none of the pages is there, nothing says that they were begun. Otherwise whoever comes next continues with them.
         drop(sweep(lock, &|_| Ok(())));
     }
     written

@@ -374,7 +374,7 @@ fn strip(folder: &Path, kept: &Path, prefix: &str, steps: Steps<'_>) -> Result<(
     Ok(())
 }
 
-/// Link or copy what is not there yet.
+/// Link or copy what does not exist yet.
 fn take(from: &Path, to: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     disk::create_dir(to, steps)?;
     if !is_own_folder(to).map_err(failed("read", to))? {

@@ -24,7 +24,7 @@ pub const UNCOLOURED: [u8; 3] = [200, 196, 188];
 
 impl RawMesh {
     /// Join another mesh to this one. Where only one of them has colours or scalars, the vertices of the other get a
-    /// neutral grey or 0, counted; where only one has normals, the given normals are dropped and made anew, counted.
+    /// neutral grey or 0, counted; where only one has normals, the given normals are dropped and recomputed, counted.
     pub fn append(&mut self, mut other: Self) {
         let (mine, theirs) = (self.positions.len(), other.positions.len());
         if self.colors.is_empty() != other.colors.is_empty() {

@@ -1,7 +1,7 @@
 //! What there is to serve: the packs and archive objects of one folder (or one of either), by slug.
 //!
 //! The folder is the truth. It is listed again when somebody looks at the list or asks for a slug that is not known, at
-//! most once a second, and seldom enough that listing takes a small part of the time; what changed in size, time or identity is read anew.
+//! most once a second, and seldom enough that listing takes a small part of the time; what changed in size, time or identity is read again.
 //! What cannot be read stays in the list with the reason, so that nothing vanishes silently.
 
 use crate::access::{Clock, Verdict, verdict};
@@ -123,7 +123,7 @@ impl Object {
 }
 
 impl Model {
-    /// The title, or the file name where there is none.
+    /// The title, or the file name if there is none.
     pub fn title(&self) -> &str {
         match (&self.kind, &self.summary) {
             (Kind::Object(object), _) if !object.title.is_empty() => &object.title,
@@ -158,7 +158,7 @@ impl Model {
         }
     }
 
-    /// BLAKE3 of the whole file, 64 hexadecimal digits, computed once per version of the file. What is begun goes on when nobody waits any more.
+    /// BLAKE3 of the whole file, 64 hexadecimal digits, computed once per version of the file. What is begun continues when nobody waits any more.
     ///
     /// # Errors
     /// When the file cannot be read, or changed since it was listed.

@@ -100,7 +100,7 @@ pub(crate) async fn pass(State(passing): State<Passing>, request: Request, next:
         drop(place);
         response
     };
-    // A task of its own: who hangs up does not give the place to the next while the work goes on.
+    // A task of its own: who hangs up does not give the place to the next while the work continues.
     tokio::spawn(work).await.unwrap_or_else(|_| plain(StatusCode::INTERNAL_SERVER_ERROR))
 }
 

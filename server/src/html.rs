@@ -82,7 +82,7 @@ pub(crate) fn model(page: &str, m: &Model, notes: bool) -> String {
         (Kind::Object(_), true) => format!(" data-annotations=\"/{}/annotations.json\"", m.slug),
     };
     let body = match &m.summary {
-        // The viewer writes them anew in the reader's language.
+        // The viewer writes them again in the reader's language.
         Ok(summary) => facts(m, summary, Language::english()),
         Err(why) => format!("<p><strong>This file cannot be shown.</strong> {}</p>\n", escape(why)),
     };

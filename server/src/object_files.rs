@@ -4,7 +4,7 @@
 //! names relative to the folder, with `/`. In the table stand the root's own small files and, of each version that the manifest names, what
 //! its `checksums.sha256` names, so every file of a version has its SHA-256 as its tag without being read, and a file that somebody left
 //! there is not published. The list itself must have the hash that the manifest says. Links, hidden and temporary names and anything that is
-//! no plain file are left out. Failures: an object without a readable manifest is an error with a reason; the rest of the folder goes on.
+//! no plain file are left out. Failures: an object without a readable manifest is an error with a reason; the rest of the folder continues.
 
 use crate::objects::NOTES;
 use crate::store::{Content, HELD_MAX, Identity, Place, is_away, is_refused, is_silent, warn_once};
@@ -153,7 +153,7 @@ impl ObjectFiles {
         *self.current.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
-    /// The table, made anew when the root of the folder is not what it was. Blocks on the file system.
+    /// The table, rebuilt when the root of the folder is not what it was. Blocks on the file system.
     ///
     /// # Errors
     /// When there is no manifest that can be read.

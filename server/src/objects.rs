@@ -172,7 +172,7 @@ async fn table(files: &Arc<ObjectFiles>) -> Result<Arc<Table>, StatusCode> {
     blocking(move || {
         files.table().map_err(|e| {
             warn(files.folder(), &e);
-            // Not found: the folder, or its manifest, has been taken away.
+            // Not found: the folder, or its manifest, has been removed.
             let gone = e.kind() == io::ErrorKind::NotFound;
             if gone { StatusCode::NOT_FOUND } else { StatusCode::SERVICE_UNAVAILABLE }
         })
@@ -263,7 +263,7 @@ async fn sent(asked: &Asked<'_>, name: &str, kind: &str) -> Result<Response<Body
     Err(StatusCode::SERVICE_UNAVAILABLE)
 }
 
-/// What was listed is not what is there: it is listed anew when next asked for.
+/// What was listed is not what is there: it is listed again when next asked for.
 fn look_again(files: &ObjectFiles, e: &io::Error) {
     warn(files.folder(), e);
     if !is_silent(e) {
@@ -278,7 +278,7 @@ pub(crate) fn again(model: &Model, e: &io::Error) {
     }
 }
 
-/// List a model anew when it is next asked for.
+/// List a model again when it is next asked for.
 pub(crate) fn forget(model: &Model) {
     if let Some(object) = model.object() {
         object.files.forget();
@@ -325,7 +325,7 @@ async fn source(files: &Arc<ObjectFiles>, table: &Arc<Table>, name: &str) -> Res
     Ok(Source { content, bytes, hash, content_type: content_type(name), cache: FOR_EVER })
 }
 
-/// The landing page, 404 where there is none. While a version is being published, and where that was cut off, `index.html` may be another one than
+/// The landing page, 404 if there is none. While a version is being published, and where that was cut off, `index.html` may be another one than
 /// the manifest names: then that one is looked for.
 async fn read_page(files: &Arc<ObjectFiles>, table: &Arc<Table>) -> Result<Bytes, StatusCode> {
     let (folder, sum) = (files.folder().clone(), table.manifest.page.sha256.clone());
@@ -350,7 +350,7 @@ async fn read_page(files: &Arc<ObjectFiles>, table: &Arc<Table>) -> Result<Bytes
     blocking(kept).await?.map_or(page, Ok)
 }
 
-/// A file of the root, 404 where there is none.
+/// A file of the root, 404 if there is none.
 async fn read_entry(table: &Arc<Table>, name: &str) -> Result<Bytes, StatusCode> {
     let entry = table.get(name).ok_or(StatusCode::NOT_FOUND)?.clone();
     let read = move || {

@@ -24,7 +24,7 @@ const EVERY: Duration = Duration::from_secs(1);
 /// Bytes handed out at a time.
 const PIECE: usize = 16 * 1024;
 
-/// Whether the transfer may go on. May block.
+/// Whether the transfer may continue. May block.
 type Check = Arc<dyn Fn() -> bool + Send + Sync>;
 
 /// Marks a response whose transfer may continue only while this check succeeds.

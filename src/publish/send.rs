@@ -1,7 +1,7 @@
 //! Sending a version to a server that takes uploads (tus 1.0.0 for the bytes; [`kilwa_server::upload`] for the rest).
 //!
 //! Every attempt begins with what is meant; the server says what it lacks, or that it is published already. So whatever broke off (this
-//! program, the line, the server) is gone on with in the same way, by waiting and trying again, or by running the same command again.
+//! program, the line, the server) is resumed in the same way, by waiting and trying again, or by running the same command again.
 //! Waits grow; what makes progress is not given up. The token goes to the address that was given, to no other, and into no message.
 //!
 //! Stands by itself (with `distrust`), so that tests can drive it without a command line.
@@ -75,7 +75,7 @@ enum Failure {
     Final(String),
     /// It may, after so long at least; whether anything was got done.
     Passing { why: String, after: Option<Duration>, progressed: bool },
-    /// A file arrived with another content than was announced, and has to be sent anew: nothing was got done.
+    /// A file arrived with another content than was announced, and has to be sent again: nothing was got done.
     Altered(String),
 }
 
@@ -126,7 +126,7 @@ impl Sender {
         }
     }
 
-    /// A small public file of the site; `None` where there is none.
+    /// A small public file of the site; `None` if there is none.
     ///
     /// # Errors
     /// For people, when it cannot be had.
@@ -373,7 +373,7 @@ impl Sender {
         })
     }
 
-    /// What the server says of the upload; `is_first` where it is asked for the first time in an attempt.
+    /// What the server says of the upload; `is_first` if requested the first time in an attempt.
     fn status(&self, response: Response<Body>, is_first: bool) -> Result<Status, Failure> {
         match response.status().as_u16() {
             200..=202 => {

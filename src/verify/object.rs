@@ -406,7 +406,7 @@ impl Check<'_> {
         let withdrawn = manifest.access.state == AccessState::Withdrawn;
         for (path, sum) in list.iter() {
             there.insert(in_folder(path));
-            // Of what is withdrawn records and citations stay; the rest was taken away.
+            // Of what is withdrawn records and citations stay; the rest was removed.
             let stays = path.starts_with("metadata/") || CITATIONS.contains(&path);
             if withdrawn && !stays && matches!(self.place.open(&in_folder(path)), Ok(None)) {
                 continue;

@@ -147,7 +147,7 @@ pub(crate) fn run(args: &[&str]) -> Output {
     command.args(args).env_remove("SOURCE_DATE_EPOCH").stdin(Stdio::null()).output().unwrap()
 }
 
-/// Every file below a folder, hidden ones too; empty where there is none.
+/// Every file below a folder, hidden ones too; empty if there is none.
 pub(crate) fn tree(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut all = BTreeMap::new();
     let Ok(entries) = std::fs::read_dir(folder) else { return all };

@@ -318,7 +318,7 @@ fn a_file_written_by_init_is_accepted_by_publish_once_the_rights_are_filled_in()
     let message = bench.refused(&pack(), &begun, &["--dry-run"]);
     assert!(message.contains("rights.uri") && message.matches("line ").count() == 1, "{message}");
     let filled = begun.replacen("uri = \"\"", "uri = \"CC BY 4.0\"", 1);
-    // An example whose # was taken away, and nothing else.
+    // An example whose # was removed, and nothing else.
     let left = filled.replacen("# publisher", "publisher", 1);
     let line = left.lines().position(|l| l.starts_with("publisher")).unwrap() + 1;
     let message = bench.refused(&pack(), &left, &["--dry-run"]);

@@ -130,7 +130,7 @@ fn an_upload_interrupted_fifty_times_shows_the_old_or_new_object_and_ends_with_t
             assert!(shown == before || shown == number as usize, "cut {cuts}: {before} versions, {shown} are shown");
             done |= now == number as usize && kind != 1;
         }
-        // Without a cut it goes on from where it is.
+        // Without a cut it continues from where it is.
         let address = format!("http://{}", server.address);
         let published = publish(&address, &server.token, number, &site, Patience::default()).unwrap();
         assert_eq!(published, number);

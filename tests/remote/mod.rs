@@ -213,7 +213,7 @@ impl Drop for Server {
     }
 }
 
-/// Every file below a folder; those that are hidden where it is asked for.
+/// Every file below a folder; those that are hidden if requested.
 pub(crate) fn tree(folder: &Path, hidden: bool) -> BTreeMap<String, Vec<u8>> {
     let mut all = BTreeMap::new();
     let Ok(entries) = std::fs::read_dir(folder) else { return all };

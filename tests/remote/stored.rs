@@ -97,7 +97,7 @@ fn a_publication_to_a_store_interrupted_at_random_shows_the_old_or_new_object_an
             let now = versions(&seen(&bucket));
             assert!(now == before || now == number as usize, "{before} versions became {now}");
         }
-        // Without a cut it goes on from where it is.
+        // Without a cut it continues from where it is.
         let address = format!("http://{}", server.address);
         assert_eq!(publish(&address, &server.token, number, &site, Patience::default()), Ok(number));
         assert_eq!(portal(server.address), number as usize, "the portal shows it at once");

@@ -2,7 +2,7 @@
 //!
 //! `cargo xtask test trust` runs it and prints the properties as one table, which `docs/trust.md` explains, so that other viewers can
 //! be held to the same. Packs are built from phantoms whose sizes are known, at the origin, at UTM coordinates and 10^7 m away; the
-//! oracles are written anew here, from the triangles that went in, not from the code that is tested.
+//! oracles are rewritten here, from the triangles that went in, not from the code that is tested.
 
 mod drawings;
 mod opinions;

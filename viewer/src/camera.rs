@@ -270,7 +270,7 @@ impl Camera {
         }
     }
 
-    /// The picture has another size: what its shorter side showed at the target it goes on showing, so that a sheet that is
+    /// The picture has another size: what its shorter side showed at the target it continues showing, so that a sheet that is
     /// opened on a phone, or a telephone that is turned, does not make the model small.
     pub fn resized(&mut self, from: [u32; 2], to: [u32; 2]) {
         let shorter = |size: [u32; 2]| f64::from(size[0].min(size[1]).max(1));

@@ -84,7 +84,7 @@ pub(crate) fn check_small(kilwa: &Path, triangles: u64) -> Result<()> {
     fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))
 }
 
-/// The fort's pack in `folder`, made anew unless the last run made the same with the same program.
+/// The fort's pack in `folder`, rebuilt unless the last run made the same with the same program.
 fn make_pack(
     times: &mut Vec<(&'static str, Duration)>,
     kilwa: &Path,

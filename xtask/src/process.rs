@@ -154,7 +154,7 @@ pub(crate) fn watch(command: &mut Command, limit: Duration, mut each: impl FnMut
             Err(RecvTimeoutError::Timeout) => has_ended = child.try_wait().is_ok_and(|status| status.is_some()),
         }
         if is_late && started.elapsed() > limit + 5 * QUIET {
-            break; // Something that could not be found goes on writing.
+            break; // Something that could not be found continues writing.
         }
         if !is_late && !has_ended && started.elapsed() > limit {
             is_late = true;
@@ -162,7 +162,7 @@ pub(crate) fn watch(command: &mut Command, limit: Duration, mut each: impl FnMut
             stop_tree(&mut child);
         }
     }
-    // What has closed its output may still go on.
+    // What has closed its output may still continue.
     while child.try_wait().is_ok_and(|status| status.is_none()) {
         if !is_late && started.elapsed() > limit {
             is_late = true;
@@ -195,7 +195,7 @@ fn stop_tree(child: &mut Child) {
         tree.extend(pairs.iter().filter(|(_, of)| *of == parent).map(|(id, _)| *id));
         at += 1;
     }
-    // Parents first, so that none goes on when its child ends.
+    // Parents first, so that none continues when its child ends.
     let ids = tree.iter().map(u32::to_string);
     // What has ended meanwhile is no failure; neither is a system without these programs, where the child itself is what can be ended.
     let _ = Command::new("kill").arg("-KILL").args(ids).stderr(Stdio::null()).status();

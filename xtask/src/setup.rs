@@ -20,7 +20,7 @@ const MIN_NODE: u32 = 18;
 /// The standard library for wasm32 of the toolchain in use.
 ///
 /// # Errors
-/// It is not there and rustup cannot add it.
+/// It does not exist and rustup cannot add it.
 pub(crate) fn wasm_target() -> Result<()> {
     let folder = output(&mut command("rustc", &["--print", "target-libdir", "--target", WASM])?)?;
     if Path::new(&folder).is_dir() {
@@ -105,7 +105,7 @@ pub(crate) fn chromium() -> Result<PathBuf> {
     on_path(&names).context("Debian's package chromium was installed, yet there is no chromium on PATH")
 }
 
-/// A Vulkan driver for headless rendering: any on Linux, Mesa's software one where there is none.
+/// A Vulkan driver for headless rendering: any on Linux, Mesa's software one if there is none.
 ///
 /// # Errors
 /// None is there and none can be installed.

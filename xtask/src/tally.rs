@@ -7,7 +7,7 @@
 
 use std::collections::BTreeSet;
 
-/// What a test prints, in any case, before the reason when it cannot run here, for example because `../shared/data` is not there.
+/// What a test prints, in any case, before the reason when it cannot run here, for example because `../shared/data` does not exist.
 const SKIPPED: &str = "skipped: ";
 
 /// Sums over the suites of a run.

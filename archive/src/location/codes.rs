@@ -459,7 +459,7 @@ fn plus(before: &[usize], after: &[usize]) -> Option<Area> {
     Some(([lat + half[0], lon + half[1]], half))
 }
 
-/// The area of a short Plus Code. Such a code stands for many places; it means the one nearest to a known place.
+/// The area of a short Plus Code. Such a code represents many places; it means the one nearest to a known place.
 fn recovered(code: &PlusCode, [lat, lon]: [f64; 2]) -> Option<Area> {
     let lacking = 8usize.checked_sub(code.before.len()).filter(|n| matches!(n, 2 | 4))?;
     let (mut rest, mut size, mut digits) =

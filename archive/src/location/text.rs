@@ -4,7 +4,7 @@ use super::unseen;
 
 /// Times that encodings are taken off: links are put into links.
 const DECODINGS: usize = 5;
-/// What stands for signs in HTML, and the sign.
+/// What represents signs in HTML, and the sign.
 const ENTITIES: [(&str, char); 67] = [
     ("&deg;", '°'),
     ("&#176;", '°'),
@@ -146,7 +146,7 @@ fn one(c: char) -> Option<char> {
     })
 }
 
-/// With `%2C` and the like as what they stand for; what is no encoding stays.
+/// With `%2C` and the like as what they represent; what is no encoding stays.
 fn without_percent(text: &str) -> String {
     let bytes = text.as_bytes();
     let hex = |at: usize| bytes.get(at).and_then(|b| char::from(*b).to_digit(16));
@@ -165,7 +165,7 @@ fn without_percent(text: &str) -> String {
     String::from_utf8_lossy(&out).into_owned()
 }
 
-/// With `&#57;`, `&#x39;`, `\u0039`, `\u{39}` and `\x39` as what they stand for; what is no such form stays.
+/// With `&#57;`, `&#x39;`, `\u0039`, `\u{39}` and `\x39` as what they represent; what is no such form stays.
 fn without_escapes(text: &str) -> String {
     let (mut out, mut rest) = (String::with_capacity(text.len()), text);
     while let Some(at) = rest.find(['&', '\\']) {

@@ -221,7 +221,7 @@ pub struct CaptureStep {
 pub struct Model {
     /// Units of the mesh that was scanned, as `kilwa build --units` names them.
     pub units: String,
-    /// Coordinate reference system, `EPSG:32737`; `local` where there is none.
+    /// Coordinate reference system, `EPSG:32737`; `local` if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crs: Option<String>,
 }

@@ -149,7 +149,7 @@ pub struct Note {
 }
 
 impl Note {
-    /// Title in a language; empty where there is none.
+    /// Title in a language; empty if there is none.
     pub fn title(&self, language: &str) -> String {
         self.label.as_ref().map(|l| l.in_language(language)).unwrap_or_default()
     }

@@ -123,7 +123,7 @@ pub struct Stage {
     pub data: Value,
 }
 
-/// The journal of the build under way.
+/// The journal of the build in progress.
 #[derive(Debug)]
 pub struct Journal {
     scratch: Scratch,
@@ -133,7 +133,7 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Begin anew: what was in the folder goes.
+    /// Start over: what was in the folder goes.
     ///
     /// # Errors
     /// [`ScratchError`].
@@ -148,7 +148,7 @@ impl Journal {
     }
 
     /// Go on with the build whose journal is in the folder, after the last stage whose files are all there. Where there is
-    /// no journal, or not even its first line, the build begins anew. So it does if no stage is complete and an input was changed.
+    /// no journal, or not even its first line, the build starts over. So it does if no stage is complete and an input was changed.
     ///
     /// # Errors
     /// [`BuildError::Resume`] if something else was being built; [`ScratchError`]; those of `is_unchanged`.
@@ -193,7 +193,7 @@ impl Journal {
         if kept < self.stages.len() {
             self.stages.truncate(kept);
         }
-        // Written anew, so that a torn last line does not spoil the next.
+        // Rewritten, so that a torn last line does not spoil the next.
         let mut text = line_of(&self.plan);
         self.stages.iter().for_each(|s| text.extend(line_of(s)));
         self.file.truncate(0)?;
@@ -303,7 +303,7 @@ mod tests {
             }
             assert_eq!(journal.last().unwrap().stage, "stage-2");
             assert!(!path.exists());
-            // And from there it goes on.
+            // And from there it continues.
             journal.complete("again", &["file-2".to_owned()], Value::Null).unwrap();
             assert_eq!(resume(&scratch, plan()).unwrap().last().unwrap().stage, "again");
         }

@@ -1,7 +1,7 @@
 //! The whole build: inputs in, pack out, by way of scratch files, with a journal of the stages that are complete.
 //!
 //! Stages, each a function over files: `read` (the inputs into the spool), `ingest` (leaf patches, the tree),
-//! `level-NN` from the finest to level 0, then assembly straight into the output. A build that is resumed goes on after
+//! `level-NN` from the finest to level 0, then assembly straight into the output. A build that is resumed continues after
 //! the last complete stage. A scratch file that turns out to be damaged is noticed by its checksum, and the stages
 //! from the one that wrote it on are done again.
 //!
@@ -56,7 +56,7 @@ pub trait Inputs {
     /// Identifies the inputs: a build is resumed only with the same ones.
     ///
     /// # Errors
-    /// [`BuildError`] where an input is not there.
+    /// [`BuildError`] where an input does not exist.
     fn plan(&self) -> Result<Vec<PlannedInput>, BuildError>;
 
     /// Whether input `number` of the plan still has the content that was read, which `sources`, the list of inputs in the metadata, describes.
@@ -196,7 +196,7 @@ fn shaping(options: &BuildOptions) -> BTreeMap<String, Value> {
     }
 }
 
-/// A build under way.
+/// A build in progress.
 struct Building<'a> {
     work: Work<'a>,
     options: &'a BuildOptions,

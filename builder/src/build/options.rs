@@ -157,7 +157,7 @@ pub enum BuildError {
     /// A scratch file could not be used.
     #[error(transparent)]
     Scratch(#[from] crate::scratch::ScratchError),
-    /// There is a build to go on with, but it is another one.
+    /// There is a build to continue with, but it is another one.
     #[error(
         "cannot resume what is in {}: {why}; build without --resume to start over",
         folder.display()

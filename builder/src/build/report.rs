@@ -48,7 +48,7 @@ pub struct BuildReport {
     pub stuck_triangles: u64,
     /// The file.
     pub pack: PackSummary,
-    /// The last stage that an earlier, interrupted build had completed, where this one went on after it.
+    /// The last stage that an earlier, interrupted build had completed, where this one continued after it.
     pub resumed_after: Option<String>,
     /// Damaged scratch files whose stages were done again.
     pub redone: Vec<String>,

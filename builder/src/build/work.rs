@@ -72,7 +72,7 @@ fn locked(queue: &Mutex<Queue>) -> MutexGuard<'_, Queue> {
 }
 
 impl Work<'_> {
-    /// Run jobs `0..count` on the build's threads, in order of their numbers, such that those under way together cost at
+    /// Run jobs `0..count` on the build's threads, in order of their numbers, such that those in progress together cost at
     /// most `memory` bytes; one that costs more runs alone. Returns what they gave, in order of their numbers.
     ///
     /// Threads of its own, not rayon's: a job that waits for memory must not be taken up inside another that holds some.

@@ -24,13 +24,13 @@ pub(super) struct Buckets {
     nodes: Vec<Node>,
     /// The tetrahedron of each bucket, in the order of a depth-first walk.
     tetrahedra: Vec<Tetra>,
-    /// Whether each tetrahedron of that walk is split: enough to make the rest anew.
+    /// Whether each tetrahedron of that walk is split: enough to rebuild the rest.
     shape: Vec<bool>,
     grid: Grid,
 }
 
 impl Buckets {
-    /// Buckets of about `capacity` triangles. `samples` are sums of corners, each standing for `weight` triangles.
+    /// Buckets of about `capacity` triangles. `samples` are sums of corners, each representing `weight` triangles.
     pub(super) fn divide(cube_log2: u32, samples: &mut [[i64; 3]], weight: u64, capacity: u64) -> Self {
         let mut shape = Vec::new();
         samples.sort_unstable_by_key(|s| root_of(*s));

@@ -2,7 +2,7 @@
 //!
 //! Stages, each a function over named files of the scratch folder; what a stage knows beside its files stands in a small
 //! JSON file of its name, written when the files are complete, and its input is removed after that. A stage whose JSON
-//! is there is skipped, so a build that was interrupted goes on with the first that is not. Files of these stages are not
+//! is there is skipped, so a build that was interrupted continues with the first that is not. Files of these stages are not
 //! forced to the disk, where many are never written at all: [`can_resume`] checks whether the machine has run without a
 //! break since, and where it has not, the inputs are read again.
 //!
@@ -209,8 +209,8 @@ const DEVIATION_PER_MEDIAN: f64 = 1.372_6;
 
 const WELDED_VERTICES: &str = "vertices welded because they are equal on the lattice";
 
-/// Whether the stages that were done in `scratch` can be gone on with: the mesh was read to the end, and the machine has
-/// not been started anew since then, which may lose what was written last.
+/// Whether the stages that were done in `scratch` can be resumed: the mesh was read to the end, and the machine has
+/// not been restarted since then, which may lose what was written last.
 pub fn can_resume(scratch: &Scratch) -> bool {
     let kept = scratch.existing(SESSION).and_then(|file| file.read(0, file.len().min(1024))).ok();
     scratch.length("spool.json").is_some() && kept.is_some_and(|kept| kept == session().as_bytes())

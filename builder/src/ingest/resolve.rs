@@ -52,7 +52,7 @@ pub(super) struct Resolved {
     /// 1st percentile and median of the lengths of edges, metres.
     pub(super) first: f64,
     pub(super) median: f64,
-    /// Sums of corners on the lattice, each standing for `weight` triangles.
+    /// Sums of corners on the lattice, each representing `weight` triangles.
     pub(super) samples: Vec<[i64; 3]>,
     pub(super) weight: u64,
     pub(super) tally: Tally,
@@ -519,7 +519,7 @@ fn color_of_row([r, g, b, given]: [u8; 4], none: u32, precision: Precision) -> u
     if given == 0 { none } else { word_of_color(precision.color([r, g, b])) }
 }
 
-/// The word of a grey that stands for a scalar.
+/// The word of a grey that represents a scalar.
 fn grey_of_row(row: [u8; 4], [black, white]: [f32; 2], none: u32, precision: Precision) -> u32 {
     let v = f32::from_le_bytes(row);
     if !v.is_finite() {

@@ -59,7 +59,7 @@ pub(super) enum ColorSource {
 pub(super) struct Channel {
     pub(super) name: String,
     pub(super) file: String,
-    /// Smallest and largest finite value, 0 where there is none.
+    /// Smallest and largest finite value, 0 if there is none.
     pub(super) min: f32,
     pub(super) max: f32,
 }
@@ -71,7 +71,7 @@ pub struct Spooled {
     pub vertices: u64,
     /// Triangles of all inputs.
     pub triangles: u64,
-    /// Smallest and largest coordinates of finite vertices, metres; absent where there is none.
+    /// Smallest and largest coordinates of finite vertices, metres; absent if there is none.
     pub(super) bounds: Option<[[f64; 3]; 2]>,
     pub(super) color: ColorSource,
     pub(super) vertex_colors: bool,

@@ -124,7 +124,7 @@ fn share_out(coarse: &Mesh, tree: &Partition, diamond: u32) -> Vec<(u32, Vec<u32
     groups
 }
 
-/// Numbers vertices anew for one part of a mesh after the other.
+/// Renumbers vertices for one part of a mesh after the other.
 pub(crate) struct Numbers {
     number: Vec<(u32, u32)>,
     part: u32,

@@ -29,7 +29,7 @@ pub struct WorldBox {
     /// Degrees that it is turned, clockwise seen from above.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub turn: f64,
-    /// Take away the inside instead of the outside.
+    /// Remove the inside instead of the outside.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub remove_inside: bool,
 }

@@ -31,7 +31,7 @@ pub enum Snap {
     Border,
 }
 
-/// The nearest of these within so many metres of a point (local metres); `None` where there is none. Of equals the one first in the order of
+/// The nearest of these within so many metres of a point (local metres); `None` if there is none. Of equals the one first in the order of
 /// lattice points.
 ///
 /// # Errors

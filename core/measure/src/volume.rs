@@ -77,7 +77,7 @@ impl Enclosed {
     }
 }
 
-/// What would have to be taken away and filled in to make a region flat.
+/// What would have to be removed and filled in to make a region flat.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CutFill {
     above: Sum,

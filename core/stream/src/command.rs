@@ -167,7 +167,7 @@ pub struct DrawPatch {
     pub diamond: u32,
     /// Level of the chunk it comes from.
     pub level: u8,
-    /// Certified error in metres: 0 for a leaf. Where the directory page of its diamond is not there yet, the bound
+    /// Certified error in metres: 0 for a leaf. Where the directory page of its diamond does not exist yet, the bound
     /// that its chunk's entry gives.
     pub error: f32,
     /// Whether it may lie in the view; a renderer of that view can skip the others.

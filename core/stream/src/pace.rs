@@ -20,7 +20,7 @@ pub const COMFORT: f64 = 4.0;
 pub const RESCUE: f64 = 32.0;
 /// A frame later than this after the last one says nothing about the time it took.
 const PAUSE_MS: f64 = 3000.0;
-/// The camera rests when it has not moved for so long.
+/// The camera rests when it has not moved for this long.
 const REST_MS: f64 = 200.0;
 /// How often the factor changes at most.
 const EVERY_MS: f64 = 100.0;

@@ -8,7 +8,7 @@ use kilwa_geometry::distance::{Vec3, cross, dot, sub};
 
 /// How far ahead, milliseconds: about what a request and its decoding take.
 const HORIZON_MS: f64 = 600.0;
-/// Steps farther apart than this are no movement that goes on.
+/// Steps farther apart than this are no movement that continues.
 const LONGEST_STEP_MS: f64 = 250.0;
 /// A movement whose speed changes by more than this factor between two steps is a jump.
 const STEADY: f64 = 4.0;
@@ -63,7 +63,7 @@ fn ahead(was: &View, is: &View, times: f64) -> Option<View> {
     let right = unit(cross(forward, on(was.up, is.up)))?;
     let projection = match (was.projection, is.projection) {
         (Projection::Orthographic { half_height: x }, Projection::Orthographic { half_height: y }) => {
-            // A zoom goes on by the same factor per step, within reason.
+            // A zoom continues by the same factor per step, within reason.
             let factor = libm::pow(y / x, times).clamp(0.1, 10.0);
             Projection::Orthographic { half_height: y * factor }
         }

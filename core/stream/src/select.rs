@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 /// How much more a chunk counts that is already held, and how much farther one that is drawn stays drawn.
 pub(crate) const HELD_BONUS: f64 = 1.2;
 
-/// Weight of what the camera will see if it goes on as it does: prefetched, twice as coarse.
+/// Weight of what the camera will see if it continues as it does: prefetched, twice as coarse.
 const PREDICTED_WEIGHT: f64 = 0.5;
 
 /// Levels that stay loaded whatever the view, if they take up no more than an eighth of the budgets.

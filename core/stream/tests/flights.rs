@@ -1,5 +1,5 @@
 //! A recorded flight over simulated links: the commands are the same on every machine, byte by byte (`tests/snapshots`; written
-//! anew with `KILWA_BLESS=1`), every step is sound, and at every stop the target is reached, after any failure.
+//! again with `KILWA_BLESS=1`), every step is sound, and at every stop the target is reached, after any failure.
 
 use crate::support::{Pack, assert_sound};
 use kilwa_geometry::distance::{cross, dot};

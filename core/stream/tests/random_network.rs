@@ -111,7 +111,7 @@ proptest! {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// `World` checks that every cut is valid, with sections that come and go; here: what a section takes away costs nothing.
+    /// `World` checks that every cut is valid, with sections that come and go; here: what a section removes costs nothing.
     #[test]
     fn clipped_geometry_is_neither_loaded_nor_shown(seed in any::<u64>(), splits in 50usize..300) {
         let pack = Pack::random(seed, splits);

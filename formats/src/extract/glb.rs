@@ -84,7 +84,7 @@ impl Glb {
 }
 
 impl Encoder for Glb {
-    /// The largest index stands for "begin again".
+    /// The largest index represents "begin again".
     fn max_vertices(&self) -> u32 {
         u32::MAX - 1
     }

@@ -15,7 +15,7 @@ pub(super) enum Outcome {
     Crossing,
 }
 
-/// How often all ears of one polygon may be looked for anew, which only polygons that cross themselves need.
+/// How often all ears of one polygon may be looked for again, which only polygons that cross themselves need.
 const SEARCHES: usize = 2;
 
 /// Lists reused from polygon to polygon.

@@ -100,7 +100,7 @@ pub struct User {
     /// Tokens.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub tokens: Vec<Token>,
-    /// Counts what ends all sessions: a grant that was taken away, [`Accounts::sign_out`].
+    /// Counts what ends all sessions: a grant that was removed, [`Accounts::sign_out`].
     #[serde(default, skip_serializing_if = "is_zero")]
     ended: u64,
 }
@@ -126,7 +126,7 @@ impl User {
         self.password.is_some()
     }
 
-    /// Changes with the password, when a grant is taken away and with [`Accounts::sign_out`], so that sessions begun before end.
+    /// Changes with the password, when a grant is removed and with [`Accounts::sign_out`], so that sessions begun before end.
     pub fn stamp(&self) -> String {
         let password = self.password.as_deref().unwrap_or_default();
         token_hash(&format!("{} {password}", self.ended)).to_hex()[..16].to_owned()
@@ -277,7 +277,7 @@ impl Accounts {
         let grants = match grant {
             Grant::All => vec!["*".to_owned()],
             Grant::Objects(slugs) => {
-                // What stands for everything in the file is not the name of an object.
+                // What represents everything in the file is not the name of an object.
                 let all = slugs.iter().map(|slug| Slug::new(slug).map(|_| slug.clone()));
                 all.collect::<Result<_, _>>().map_err(|e| AccountsError::Refused(e.to_string()))?
             }

@@ -18,7 +18,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Sessions of one user at once.
 const PER_USER: usize = 50;
-/// Hexadecimal digits of a name that stand for the user; the rest stand for the session.
+/// Hexadecimal digits of a name that represent the user; the rest represent the session.
 const USER_DIGITS: usize = 32;
 const SESSION_DIGITS: usize = 64;
 /// Longest file of a session, bytes: a number.
@@ -102,7 +102,7 @@ impl Sessions {
     /// End a session; it is ended for good when this returns.
     ///
     /// # Errors
-    /// When the folder cannot be written: the session goes on.
+    /// When the folder cannot be written: the session continues.
     pub fn end(&self, holder: &Holder) -> io::Result<()> {
         self.remove(&mut self.lock(), &name_of(holder))
     }

@@ -159,7 +159,7 @@ impl Auth {
         if let Some(user) = by_token(&accounts, headers, now) {
             return user.sees(slug);
         }
-        // Whoever was taken away, or may no longer see it, waits for no end of ten minutes.
+        // Whoever was removed, or may no longer see it, waits for no end of ten minutes.
         let still =
             |holder: Holder| accounts.user(&holder.who).is_some_and(|u| u.sees(slug)) && self.sessions.lives(&holder);
         let stamp = |name: &str| accounts.user(name).map(User::stamp);

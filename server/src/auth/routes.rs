@@ -29,7 +29,7 @@ use tokio::sync::Semaphore;
 /// A form must be there within this, and no longer than this.
 const FORM: Duration = Duration::from_secs(10);
 const FORM_BYTES: usize = 16 * 1024;
-/// Longest address to go on to: a link holds a view and measurements.
+/// Longest address to continue to: a link holds a view and measurements.
 const NEXT_MAX: usize = 4000;
 /// Longest name that is looked at, characters: longer than those of accounts.
 const NAME_MAX: usize = 80;

@@ -54,7 +54,7 @@ const FAILURE_SHOWN: Duration = Duration::from_secs(600);
 const AGAIN: Duration = Duration::from_secs(10);
 /// Prefix of the names of folders in which meshes are being made.
 const UNFINISHED: &str = ".kilwa-";
-/// What a crash left half written is taken away after this.
+/// What a crash left half written is removed after this.
 const STALE: Duration = Duration::from_secs(24 * 3600);
 /// Endings of files of this cache.
 const ENDINGS: [&str; 4] = ["ply", "glb", "obj", "stl"];

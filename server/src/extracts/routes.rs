@@ -195,7 +195,7 @@ pub(crate) async fn file(
     };
     match job_status {
         JobStatus::Waiting(before, wait) => soon(shown(&Stage::Waiting(before, wait), StatusCode::ACCEPTED), wait),
-        // It goes on when the store answers again.
+        // It continues when the store answers again.
         JobStatus::Running(_, fetched @ Some(_), _) if is_away(&site) => {
             later(shown(&Stage::Halted(fetched), StatusCode::SERVICE_UNAVAILABLE))
         }

@@ -2,7 +2,7 @@
 //! thousand objects that is the larger part of a search.
 //!
 //! Input: the tables `has` and `value`. Invariant: it is that of the `generation` that it names, which every change of the index counts up;
-//! whoever finds another generation reads it anew. Some 30 bytes for each object and value.
+//! whoever finds another generation reads it again. Some 30 bytes for each object and value.
 
 use super::search::{Count, Facet, FacetCounts};
 use rusqlite::Connection;

@@ -24,7 +24,7 @@ pub(super) struct Readers {
 struct State {
     idle: Vec<Connection>,
     in_use: usize,
-    /// How often the index was made anew: a connection of before is not kept.
+    /// How often the index was rebuilt: a connection of before is not kept.
     age: u64,
 }
 

@@ -1,6 +1,6 @@
 //! Opening the file, and its tables.
 //!
-//! `user_version` is the version of the tables: an index of another version is made anew, there is nothing to migrate. The journal is
+//! `user_version` is the version of the tables: an index of another version is rebuilt, there is nothing to migrate. The journal is
 //! WAL, so that readers and the refresh do not wait for each other; a cut of power costs at most the last refresh.
 
 use super::IndexError;
@@ -53,7 +53,7 @@ const TABLES: &str = "
     );
 ";
 
-/// Open for writing; made where it is missing, made anew where it is damaged or of another version.
+/// Open for writing; made where it is missing, rebuilt where it is damaged or of another version.
 pub(super) fn open(file: &Path) -> Result<Connection, IndexError> {
     match open_sound(file) {
         Ok(Some(connection)) => return Ok(connection),

@@ -237,7 +237,7 @@ fn facets(s: &mut String, query: &Query, found: &Found, around: &Around<'_>) {
     for facet in Facet::ALL {
         let counts = found.facets.get(&facet).map(Vec::as_slice).unwrap_or_default();
         let picked = query.facets.get(&facet);
-        // What is chosen stays to be taken away, also where nothing has it.
+        // What is chosen stays to be removed, also where nothing has it.
         let missing = picked.into_iter().flatten().filter(|value| !counts.iter().any(|c| c.value == **value));
         let rows: Vec<(&str, u64)> = counts
             .iter()

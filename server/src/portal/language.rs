@@ -54,7 +54,7 @@ impl Language {
         code.and_then(Self::named).or_else(first).unwrap_or(&ALL[0])
     }
 
-    /// A text, or its key where there is none.
+    /// A text, or its key if there is none.
     pub(crate) fn t<'k>(&'static self, key: &'k str) -> &'k str {
         self.texts.get(key).map_or(key, String::as_str)
     }

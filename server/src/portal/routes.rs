@@ -54,7 +54,7 @@ async fn ask<T: Send + 'static>(
         }
         began.elapsed()
     });
-    // Given up here, it still goes on.
+    // Given up here, it still continues.
     drop(tokio::time::timeout(PATIENCE, refresh).await);
     let index = Arc::clone(index);
     blocking(move || what(&index)).await?.map_err(|e| {
@@ -255,7 +255,7 @@ pub(crate) async fn collection_feed(
 /// Cards of packs without metadata, and of objects that cannot be read: a part of them, and links to the others.
 async fn others(site: &Site, reader: &Reader<'_>, page: usize) -> String {
     let catalogue = Arc::clone(&site.catalogue);
-    // Given up here, it still goes on; what is new is there for the next reader.
+    // Given up here, it still continues; what is new is there for the next reader.
     drop(tokio::time::timeout(PATIENCE, blocking(move || catalogue.refresh())).await);
     let others = site.catalogue.others();
     plain_part(&others, Part { page, pages: others.len().div_ceil(OTHERS) }, OTHERS, "packs", &site.clock, reader)

@@ -25,7 +25,7 @@ pub(crate) const BLOCK: u64 = 256 << 10;
 const TOGETHER: u64 = 16;
 /// Such questions at once.
 pub(super) const AT_ONCE: usize = 8;
-/// A store that does not answer is waited for so long.
+/// A store that does not answer is waited for this long.
 const PATIENCE: Duration = Duration::from_secs(600);
 /// It is looked at so often whether it answers.
 const LOOK: Duration = Duration::from_millis(250);

@@ -157,7 +157,7 @@ impl S3 {
         Ok(sent)
     }
 
-    /// Keep a landing page under its hash, where it is not there.
+    /// Keep a landing page under its hash, if it is missing.
     fn keep_page(self: &Arc<Self>, slug: &Slug, page: Vec<u8>) -> io::Result<()> {
         let sum = sha256(&page);
         let key = format!("{slug}/{}", kept(&sum));
@@ -181,7 +181,7 @@ impl S3 {
         self.read(&format!("{slug}/{MANIFEST}"), SMALL_FILE_MAX)
     }
 
-    /// List the objects anew when they are next asked for.
+    /// List the objects again when they are next asked for.
     pub(crate) fn forget_list(&self) {
         *lock(&self.objects) = None;
     }

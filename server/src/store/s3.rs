@@ -47,7 +47,7 @@ const KEYS: [&str; 5] = [
 /// What is seen of one object is trusted at most so long.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
-/// How long a version stays claimed by somebody who does not go on.
+/// How long a version stays claimed by somebody who does not continue.
 const LEASE: Duration = Duration::from_secs(1800);
 
 /// Where a store is and how it is asked.
@@ -65,7 +65,7 @@ pub struct S3Options {
     pub refresh: Duration,
     /// How often a step that failed is tried again.
     pub retries: usize,
-    /// How long nobody else may publish a version that somebody began to send and does not go on with. Longer than a step with all its attempts.
+    /// How long nobody else may publish a version that somebody began to send and does not continue with. Longer than a step with all its attempts.
     pub lease: Duration,
 }
 
@@ -186,7 +186,7 @@ impl S3 {
             refresh: options.refresh,
             lease: options.lease,
         });
-        // A bucket that is not there, keys that are refused: better now than at the first reader.
+        // A bucket that does not exist, keys that are refused: better now than at the first reader.
         match store.check() {
             Ok(()) => Ok(store),
             Err(e) => Err(StoreError::Unreachable { name, why: e.to_string() }),

@@ -34,7 +34,7 @@ pub(super) struct Job {
     files: BTreeMap<String, u64>,
     /// What is on its way to a store.
     pub(super) sending: Mutex<Option<String>>,
-    /// Why it does not go on at the moment.
+    /// Why it does not continue at the moment.
     pub(super) waits: Mutex<Option<String>>,
     pub(super) ended: Mutex<Option<Result<Done, Refusal>>>,
 }
@@ -154,7 +154,7 @@ fn checked(staging: &Staging, intent: &Intent, meant: &Meant, job: &Job) -> Resu
     Ok(of_pack)
 }
 
-/// A file is not what was announced; it is taken away, to be sent anew.
+/// A file is not what was announced; it is removed, to be sent again.
 fn altered(staging: &Staging, file: &AnnouncedFile) -> Refusal {
     staging.discard(file);
     let path = &file.path;

@@ -2,7 +2,7 @@
 //!
 //! | request | what |
 //! |---|---|
-//! | `POST /uploads` | begin or go on: an [`Intent`] (facts and files of a version) is answered with what is lacking ([`Status`]) |
+//! | `POST /uploads` | begin or continue: an [`Intent`] (facts and files of a version) is answered with what is lacking ([`Status`]) |
 //! | `HEAD`, `PATCH /uploads/<slug>/<sha256>` | tus 1.0.0: how much of a file is there; the bytes that follow |
 //! | `POST /uploads/<slug>` | everything is there: verify and publish |
 //! | `GET /uploads/<slug>` | how far that is, and how it ended |
@@ -58,7 +58,7 @@ pub struct UploadLimits {
     pub version_bytes: u64,
     /// Bytes of all that lies there unpublished.
     pub staged_bytes: u64,
-    /// Days after which what nobody went on with is removed.
+    /// Days after which what nobody continued with is removed.
     pub days: u32,
     /// Uploads that a user may begin or finish in a minute.
     pub per_minute: u32,
@@ -87,7 +87,7 @@ pub struct Uploads {
     steps: Steps,
     /// Held while room is looked for, until a record or a part claims it.
     room: Mutex<()>,
-    /// Bytes that requests under way may still write.
+    /// Bytes that requests in progress may still write.
     coming: Arc<AtomicU64>,
     /// Asked how much room the disk of a folder has.
     space: Space,
@@ -212,7 +212,7 @@ impl Refusal {
         Self::new(StatusCode::from_u16(460).unwrap_or(StatusCode::UNPROCESSABLE_ENTITY), why)
     }
 
-    /// Another request of this upload is under way.
+    /// Another request of this upload is in progress.
     fn busy() -> Self {
         let status = StatusCode::LOCKED;
         Self { retry_after: Some(2), ..Self::new(status, "another request of this upload is in progress") }

@@ -2,7 +2,7 @@
 //! SHA-256, as far as it came.
 //!
 //! The length of a file is how far it came; its content counts only when it was hashed. A lock on the folder keeps two requests, and two
-//! servers, from writing at once. Paths are made of slugs and SHA-256 only. Links and folders that stand where a file would are taken away.
+//! servers, from writing at once. Paths are made of slugs and SHA-256 only. Links and folders that stand where a file would are removed.
 
 use super::wire::{AnnouncedFile, Intent, Lacking};
 use super::{BODY_MAX, Refusal, Uploads, lock};
@@ -84,7 +84,7 @@ impl Uploads {
         self.shelf.join(FOLDER).join(slug)
     }
 
-    /// Begin an upload, or go on with it: what of `intent` is there already is kept, what belongs to another is removed.
+    /// Begin an upload, or continue with it: what of `intent` is there already is kept, what belongs to another is removed.
     pub(super) fn stage(&self, who: &str, intent: Intent, now: u64) -> Result<Staging, Refusal> {
         let root = self.shelf.join(FOLDER);
         let folder = self.folder(&intent.slug);
@@ -138,7 +138,7 @@ impl Uploads {
         Ok(())
     }
 
-    /// The upload of an object, by who began it; `None` where there is none.
+    /// The upload of an object, by who began it; `None` if there is none.
     pub(super) fn staging(&self, slug: &str, who: &str) -> Result<Option<Staging>, Refusal> {
         let folder = self.folder(slug);
         if !folder.is_dir() {
@@ -152,7 +152,7 @@ impl Uploads {
         Ok(Some(Staging { folder, record, _lock: lock }))
     }
 
-    /// A file of an upload, to go on with at `offset`.
+    /// A file of an upload, to continue with at `offset`.
     pub(super) fn part(&self, slug: &str, sha256: &str, who: &str, offset: u64) -> Result<Part, Refusal> {
         let staging = self.staging(slug, who)?.ok_or_else(none)?;
         let announced = staging.announced(sha256)?;
@@ -193,7 +193,7 @@ impl Uploads {
         Ok(Coming { all: Arc::clone(&self.coming), bytes })
     }
 
-    /// Remove what nobody went on with.
+    /// Remove what nobody continued with.
     pub(super) fn sweep(&self, now: u64) {
         for folder in self.staged().into_iter().filter(|f| self.is_stale(f, now)) {
             // Whoever writes there holds the lock.
@@ -233,7 +233,7 @@ impl Staging {
         found.cloned().ok_or_else(|| Refusal::new(StatusCode::NOT_FOUND, "this upload has no such file"))
     }
 
-    /// How much of a file is there. What is no plain file, too long, or has another name elsewhere is taken away.
+    /// How much of a file is there. What is no plain file, too long, or has another name elsewhere is removed.
     fn length(&self, file: &AnnouncedFile) -> io::Result<u64> {
         let path = self.at(file);
         match fs::symlink_metadata(&path) {
@@ -258,7 +258,7 @@ impl Staging {
         self.folder.join(&file.sha256)
     }
 
-    /// What is not there, or not wholly.
+    /// What does not exist, or not wholly.
     pub(super) fn lacking(&self) -> Vec<Lacking> {
         let mut all: Vec<Lacking> = Vec::new();
         for file in &self.record.intent.files {

@@ -3,7 +3,7 @@
 //! For a store what a version is made against (manifest, page, metadata of the last version) is fetched into a folder beside the uploads, the version
 //! is made there, and sent: manifest last, and only against what was fetched ([`S3::send`]). Invariants: nothing of such a folder is served; it is
 //! removed when it was sent or not, and what a crash left of it when the server starts. Failures: a store that goes away is waited for, and whoever
-//! asks for the status gets it; one that does not let the server write is named with what to do; somebody else's version is a conflict.
+//! asks for the status gets it; one that does not let the server write is named with what to do; another user's version is a conflict.
 
 use super::finish::Job;
 use super::{Refusal, Uploads, lock};
@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 /// Prefix of the folders in which versions for a store are made, and the folder whose lock is held while one of them is created.
 const WORK: &str = ".kilwa-work-";
 const MAKING: &str = ".kilwa-making";
-/// A store that does not answer is waited for so long; what was sent to the server is kept then.
+/// A store that does not answer is waited for this long; what was sent to the server is kept then.
 const PATIENCE: Duration = Duration::from_secs(3600);
 const LOOK: Duration = Duration::from_millis(250);
 /// Creating a work folder, or changing the requested object, takes less than this.
@@ -53,7 +53,7 @@ impl Uploads {
         found(slug, work, against)
     }
 
-    /// The same for a version that is being published, under the lock of the folder: what an earlier change has left there is finished or taken away. A
+    /// The same for a version that is being published, under the lock of the folder: what an earlier change has left there is finished or removed. A
     /// store that does not answer is waited for.
     pub(super) fn there_at_last(&self, locked: &Lock, slug: &Slug, job: &Job) -> Result<There, Refusal> {
         let Some(store) = &self.store else {
@@ -174,7 +174,7 @@ impl Job {
     }
 }
 
-/// Make the folder for uploads where it is missing, and take away what a crash left in it.
+/// Make the folder for uploads where it is missing, and remove what a crash left in it.
 pub(super) fn prepare(folder: &Path) -> io::Result<()> {
     private(folder)?;
     let _making = making(folder).map_err(io::Error::other)?;

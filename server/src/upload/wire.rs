@@ -126,7 +126,7 @@ pub struct Status {
     /// Day on which what was sent lapses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until: Option<String>,
-    /// Why it does not go on at the moment; it will by itself.
+    /// Why it does not continue at the moment; it will by itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub waits: Option<String>,
 }

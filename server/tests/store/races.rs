@@ -19,7 +19,7 @@ use std::path::Path;
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
-/// A version stays claimed for so long, unless a test says otherwise.
+/// A version stays claimed for this long, unless a test says otherwise.
 const LEASE: Duration = Duration::from_secs(3600);
 
 fn options(bucket: &Bucket, part: &str, lease: Duration) -> S3Options {
@@ -52,7 +52,7 @@ async fn concurrent_versions_are_never_mixed() {
         dir
     });
     send(&options, shelves[0].path(), 1, &|_| ()).unwrap();
-    // Ours has sent and compared everything but page and manifest; theirs begins then, and writes some of its files before ours goes on.
+    // Ours has sent and compared everything but page and manifest; theirs begins then, and writes some of its files before ours continues.
     let ((compared, on), (begun, wrote)) = (channel::<()>(), channel::<()>());
     let (go, goes) = channel::<()>();
     let (ours, theirs) = std::thread::scope(|scope| {

@@ -152,7 +152,7 @@ pub(super) fn version(number: u32, words: &str) -> Version {
     version
 }
 
-/// Every file of the object that a site serves, by the lists of its versions, each as its list says it is; `None` where there is none.
+/// Every file of the object that a site serves, by the lists of its versions, each as its list says it is; `None` if there is none.
 pub(super) async fn tree(app: &Router) -> Option<BTreeMap<String, Bytes>> {
     let answer = get(app, "/fort/manifest.json").await;
     if answer.status == 404 {

@@ -50,7 +50,7 @@ impl Readback {
         let mapped = Mapped::default();
         let state = mapped.state.clone();
         self.buffer.map_async(wgpu::MapMode::Read, .., move |result| finish(&state, result.is_ok()));
-        // Natively this waits for the GPU; with WebGPU it does nothing and the event loop goes on.
+        // Natively this waits for the GPU; with WebGPU it does nothing and the event loop continues.
         let _ = device.poll(wgpu::PollType::wait_indefinitely());
         #[cfg(all(target_arch = "wasm32", not(feature = "webgpu")))]
         poll_until_done(device, &mapped.state).await;

@@ -51,7 +51,7 @@ pub(super) struct Surface {
     pub(super) triangles: Vec<[u32; 3]>,
     /// The triangles round each point.
     pub(super) fans: Lists,
-    /// The other triangle on each edge, from corner k to the next; [`NONE`] where there is none, are several, or it is
+    /// The other triangle on each edge, from corner k to the next; [`NONE`] if there is none, are several, or it is
     /// wound the other way.
     pub(super) neighbours: Vec<[u32; 3]>,
     /// Whether any point is a hub.

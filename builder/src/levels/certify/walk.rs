@@ -239,7 +239,7 @@ enum Visit {
     Beside,
     /// It is, and all went well.
     Over,
-    /// The walk cannot go on.
+    /// The walk cannot continue.
     Lost,
 }
 

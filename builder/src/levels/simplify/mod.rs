@@ -291,7 +291,7 @@ impl<'a> Simplifier<'a> {
         }
     }
 
-    /// The point that stands for one of the beginning.
+    /// The point that represents one of the beginning.
     fn now(&mut self, mut point: u32) -> u32 {
         while self.merged_into[point as usize] != point {
             let up = self.merged_into[self.merged_into[point as usize] as usize];

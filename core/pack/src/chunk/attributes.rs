@@ -299,7 +299,7 @@ fn quantize(x: i16, bits: u8) -> i32 {
     (2 * x.abs() * levels + 32767) / 65534 * x.signum()
 }
 
-/// The coordinate that a level stands for, or none when it is out of range.
+/// The coordinate that a level represents, or none when it is out of range.
 fn unquantize(level: i32, bits: u8) -> Option<i16> {
     if bits >= 16 {
         return i16::try_from(level).ok();

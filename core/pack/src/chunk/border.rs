@@ -4,7 +4,7 @@
 //!
 //! *Gates* are the directed edges of the triangles so far across which no triangle is known yet; they form loops. The
 //! machine takes one gate after another, fan by fan, and codes what lies across it. It never assumes a manifold: what
-//! cannot be reached across an edge begins anew. Encoder and decoder run the same code; only [`Source`] differs.
+//! cannot be reached across an edge starts over. Encoder and decoder run the same code; only [`Source`] differs.
 
 use super::number::Number;
 use super::range::{Bit, Coder};
@@ -263,7 +263,7 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
         number
     }
 
-    /// Code what lies across a gate. Returns the gate that goes on round the same vertex.
+    /// Code what lies across a gate. Returns the gate that continues round the same vertex.
     fn step(&mut self, g: u32) -> Result<Option<u32>, Impossible> {
         let gate = self.gate(g);
         let (a, b) = (gate.from, self.gate(gate.next).from);

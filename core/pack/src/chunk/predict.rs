@@ -26,7 +26,7 @@ struct Stencil {
     edges: [i64; 3],
     /// Four times the way from the far vertices to the middle of the edges.
     beyond: [i64; 3],
-    /// Eight times the shared vertex less twice the sum of all four; 0 where there is none.
+    /// Eight times the shared vertex less twice the sum of all four; 0 if there is none.
     shared: [i64; 3],
     two: bool,
 }

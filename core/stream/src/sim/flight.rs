@@ -11,7 +11,7 @@ pub struct Flight {
 
 impl Flight {
     /// A flight through these key frames (milliseconds, view), put in order of time; `first` stands before and after it
-    /// where there are none.
+    /// if there are none.
     pub fn new(first: View, mut keys: Vec<(f64, View)>) -> Self {
         keys.sort_by(|a, b| a.0.total_cmp(&b.0));
         if keys.is_empty() {

@@ -298,7 +298,7 @@ pub(super) fn find(uri: &str, context: &Context<'_>) -> Found {
 /// The file that a URI names.
 ///
 /// # Errors
-/// [`ReadError::Part`] where it is an address or is not there, [`ReadError::Outside`] where it must not be read.
+/// [`ReadError::Part`] where it is an address or does not exist, [`ReadError::Outside`] where it must not be read.
 pub(super) fn locate(uri: &str, part: &str, context: &Context<'_>) -> Result<PathBuf, ReadError> {
     let web = |scheme: &str| scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric());
     if uri.split_once("://").is_some_and(|(scheme, _)| web(scheme)) {

@@ -13,9 +13,9 @@
 //!
 //! Counted: points and lines left out; skins, morph targets and animations, of which the rest pose is taken; scenes
 //! beside the default; pictures that cannot be read. Refused with the part of the file: indices and offsets that name
-//! what is not there, nodes in circles, streams that do not decode, files beside it that are missing; glTF 1.0.
+//! what does not exist, nodes in circles, streams that do not decode, files beside it that are missing; glTF 1.0.
 //!
-//! Triangles under pictures are split where that is asked for (`detailed`).
+//! Triangles under pictures are split if requested (`detailed`).
 //!
 //! Memory: the JSON, blocks of constant size, exceptions of sparse accessors, compressed views and pictures decoded whole.
 

@@ -40,7 +40,7 @@ pub(super) type Known = HashMap<(Vec<Option<usize>>, Option<usize>), u64>;
 pub(super) struct Column {
     values: Values,
     width: usize,
-    /// Integers of this type stand for 0 to 1 or -1 to 1.
+    /// Integers of this type represent 0 to 1 or -1 to 1.
     normalise: Option<Component>,
 }
 

@@ -1,4 +1,4 @@
-//! How much memory the JSON of a glTF takes, found before it is parsed: a few bytes of text can stand for hundreds in
+//! How much memory the JSON of a glTF takes, found before it is parsed: a few bytes of text can represent hundreds in
 //! memory (`{}` is a whole node), so the length of the file says nothing.
 //!
 //! One pass over the text counts what is made of it. Prices are on the safe side, with room for lists that grow by
@@ -21,7 +21,7 @@ const SCALAR: u64 = 16;
 pub(super) const LARGEST_ELEMENT: usize = 104;
 const _: () = assert!(OBJECT >= 3 * LARGEST_ELEMENT as u64 && LIST + OBJECT >= 4 * LARGEST_ELEMENT as u64);
 
-/// What a text stands for.
+/// What a text represents.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct Tally {
     objects: u64,

@@ -122,7 +122,7 @@ fn absolute(index: i64, so_far: u64, all: u64) -> Option<u64> {
     }
 }
 
-/// The whole number a word stands for.
+/// The whole number a word represents.
 #[inline]
 fn index(digits: &[u8]) -> Option<i64> {
     let (negative, plain) = match digits {

@@ -143,7 +143,7 @@ fn is_line_end(b: u8) -> bool {
     matches!(b, b'\n' | b'\r')
 }
 
-/// The number a word stands for, with the ways in which C writes what is not a number.
+/// The number a word represents, with the ways in which C writes what is not a number.
 fn parse_number(word: &[u8]) -> Option<f64> {
     let plain = std::str::from_utf8(word).ok()?;
     if let Ok(v) = plain.parse() {
@@ -154,7 +154,7 @@ fn parse_number(word: &[u8]) -> Option<f64> {
     not_finite.iter().any(|n| lower.starts_with(n)).then_some(f64::NAN)
 }
 
-/// The whole number a word stands for.
+/// The whole number a word represents.
 #[inline]
 fn parse_integer(word: &[u8]) -> Option<i64> {
     let (negative, digits) = match word {

@@ -60,7 +60,7 @@ impl Scale {
     }
 }
 
-/// The value that stands for full, where `max` is the largest value in the file.
+/// The value that represents full, where `max` is the largest value in the file.
 pub(super) fn full_scale(kind: Scalar, max: f32) -> f32 {
     match kind {
         Scalar::U8 | Scalar::I8 => 255.0,

@@ -70,7 +70,7 @@ pub(super) trait Rows {
     fn finish(&mut self, diagnostics: &mut Diagnostics) -> Result<(), ReadError>;
 }
 
-/// Read the kept scalars of all rows of an element, a block at a time; `visit` says whether to go on.
+/// Read the kept scalars of all rows of an element, a block at a time; `visit` says whether to continue.
 pub(super) fn columns(
     rows: &mut impl Rows,
     element: &Element,

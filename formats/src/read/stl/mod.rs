@@ -1,11 +1,11 @@
 //! The reader of STL (3D Systems, "StereoLithography Interface Specification", 1989): binary and text.
 //!
 //! The two are reported apart by content: a file of exactly 84 + 50 n bytes, n as its header says, is binary, also when it
-//! begins with "solid"; one that begins with "solid" and goes on as text is text; one whose length does not fit its
+//! begins with "solid"; one that begins with "solid" and continues as text is text; one whose length does not fit its
 //! header is binary where its facets make sense. STL has no units and no up axis: metres and z unless reported.
 //!
 //! Every facet delivers three vertices of its own; equal positions become one when the mesh is prepared. Memory is
-//! constant. Normals are not kept (they are computed anew); those that contradict the order of the corners are counted.
+//! constant. Normals are not kept (they are recomputed); those that contradict the order of the corners are counted.
 //! Colours of facets are kept in the conventions of VisCAM and SolidView, and of Materialise Magics (see `colors`).
 //!
 //! Repaired and counted: a count in the header that the file does not have, bytes after the last facet, text facets

@@ -229,7 +229,7 @@ impl Textures {
         self.short.as_deref()
     }
 
-    /// Picture `number`; `load` gives its encoded bytes where it is not there. `None` where it could not be had: then
+    /// Picture `number`; `load` gives its encoded bytes if it is missing. `None` where it could not be had: then
     /// `refused` was called once with the reason.
     pub fn get(
         &mut self,

@@ -60,7 +60,7 @@ impl Viewer {
         moved
     }
 
-    /// Height of the surface below a place, metres; not a number where there is none.
+    /// Height of the surface below a place, metres; not a number if there is none.
     #[wasm_bindgen(js_name = groundBelow)]
     pub fn ground_below(&self, x: f64, y: f64, z: f64) -> f64 {
         walk::ground([x, y, z], |from, way| self.cast(from, way)).unwrap_or(f64::NAN)
