@@ -66,7 +66,7 @@ export class Trouble {
   }
 }
 
-/** Longest way back that the form takes (server/src/door/routes.rs). */
+/** Longest way back that the form takes (server/src/auth/routes.rs). */
 const LONGEST_NEXT = 4000;
 
 /** The form, in the language of the page, and from there back to what was to be seen: the view and the measurements of a link are in the address. */
