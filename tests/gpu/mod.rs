@@ -272,7 +272,7 @@ fn a_closed_model_shows_no_background_from_inside_in_any_cut() {
     }
 }
 
-/// A closed bumpy ball round `center`, in one chunk of several patches, in lattice steps.
+/// A closed bumpy ball round `center`, in one chunk of several patches, in lattice units.
 fn ball(center: [i32; 3], radius: f64, rings: u32) -> Chunk {
     ball_with_bumps(center, radius, rings, 0.05)
 }

@@ -93,7 +93,7 @@ fn distances_are_exact_to_the_lattice_everywhere() {
             worst = worst.max((reading(&found, "horizontal") - d[0].hypot(d[1])).abs() / p.step);
         }
         check_bound(
-            &format!("distance between corners of phantoms, {place}, in lattice steps"),
+            &format!("distance between corners of phantoms, {place}, in lattice units"),
             3f64.sqrt() + 1e-5,
             worst,
         );
@@ -201,7 +201,7 @@ fn fitted_circles_have_the_true_radius() {
         let points: Vec<P> = rim.iter().step_by(rim.len() / 12).copied().collect();
         let found = reading(&measure(&p, &["circle"], &points), "radius");
         check_bound(
-            &format!("radius of the cylinder's rim, {place}, in lattice steps"),
+            &format!("radius of the cylinder's rim, {place}, in lattice units"),
             3f64.sqrt(),
             (found - 2.0).abs() / p.step,
         );
@@ -249,7 +249,7 @@ fn sections_match_the_analytic_section_of_the_tessellated_phantom() {
             }
         }
         check_bound(
-            &format!("sections against those of the tessellated phantoms, {place}, in lattice steps"),
+            &format!("sections against those of the tessellated phantoms, {place}, in lattice units"),
             3f64.sqrt(),
             worst,
         );

@@ -47,7 +47,7 @@ impl Open {
         picker.picked().copied()
     }
 
-    /// A ray from somewhere round the model towards a point near it, lattice steps.
+    /// A ray from somewhere round the model towards a point near it, lattice units.
     pub(crate) fn random_ray(&self, random: &mut Numbers) -> Ray {
         let (low, high) = self.finest().flatten().fold(([f64::MAX; 3], [f64::MIN; 3]), |(a, b), p| {
             ([0, 1, 2].map(|k| a[k].min(f64::from(p[k]))), [0, 1, 2].map(|k| b[k].max(f64::from(p[k]))))

@@ -306,7 +306,7 @@ impl Camera {
         }
     }
 
-    /// The view in lattice steps for a picture of `size` pixels, to be refined to `target_pixels`, with nothing cut away. `bounds` is the
+    /// The view in lattice units for a picture of `size` pixels, to be refined to `target_pixels`, with nothing cut away. `bounds` is the
     /// model's box: parallel projection shows all of its depth.
     pub fn view(&self, lattice: &Lattice, bounds: &Bounds, size: [u32; 2], target_pixels: f64) -> View {
         let step = lattice.step();

@@ -14,7 +14,7 @@ pub struct ClipTransform {
     pub cell: LatticePoint,
     /// Columns of the matrix.
     pub clip_from_cell: [[f32; 4]; 4],
-    /// The eye from the cell, in steps, and 1; or for parallel projection the direction to the eye, and 0.
+    /// The eye from the cell, in lattice units, and 1; or for parallel projection the direction to the eye, and 0.
     pub eye_from_cell: [f32; 4],
 }
 
@@ -61,7 +61,7 @@ impl ClipTransform {
     }
 }
 
-/// Depth along the view axis, in steps, of a value of the depth buffer.
+/// Depth along the view axis, in lattice units, of a value of the depth buffer.
 pub fn distance_from_depth(view: &View, depth: f32) -> f64 {
     match view.projection {
         Projection::Perspective { .. } => view.near / f64::from(depth),

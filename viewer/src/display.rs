@@ -1,7 +1,7 @@
 //! How the model is shown, as people and links say it: names, metres in world coordinates, degrees. One compact JSON object that
 //! leaves out what is as usual; the page keeps it in the address, `kilwa render --display` reads it.
 //!
-//! [`Display::options`] converts it to the renderer's options, in lattice steps. Reading refuses what is not finite or out of
+//! [`Display::options`] converts it to the renderer's options, in lattice units. Reading refuses what is not finite or out of
 //! range, with a sentence that names the field.
 
 use crate::camera::Bounds;
@@ -234,7 +234,7 @@ impl Display {
         self.feature.unwrap_or(bounds.radius() / 150.0)
     }
 
-    /// The renderer's options, in lattice steps. `dark` is the theme that `auto` follows, `pixel_ratio` the pixels of the picture per
+    /// The renderer's options, in lattice units. `dark` is the theme that `auto` follows, `pixel_ratio` the pixels of the picture per
     /// CSS pixel; `channel` the range of the scalar that is shown.
     pub fn options(
         &self,
@@ -276,7 +276,7 @@ impl Display {
         }
     }
 
-    /// The cut, in lattice steps.
+    /// The cut, in lattice units.
     pub fn clip(&self, lattice: &Lattice) -> Clip {
         ClipState { clip_plane: self.clip_plane, clip_box: self.clip_box }.in_steps(lattice)
     }

@@ -134,9 +134,9 @@ impl Light {
 pub struct Scale {
     /// Unit normal; distances grow along it.
     pub normal: Vec3,
-    /// `normal · p` on the plane, in lattice steps.
+    /// `normal · p` on the plane, in lattice units.
     pub offset: f64,
-    /// First and last distance of the scale, in lattice steps.
+    /// First and last distance of the scale, in lattice units.
     pub range: [f64; 2],
 }
 
@@ -146,7 +146,7 @@ impl Default for Scale {
     }
 }
 
-/// How the cut is shown. Lengths are in lattice steps; [`crate::display::Display`] makes it from metres.
+/// How the cut is shown. Lengths are in lattice units; [`crate::display::Display`] makes it from metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderOptions {
     /// What colours the surface.
@@ -161,7 +161,7 @@ pub struct RenderOptions {
     pub strength: f32,
     /// Radius of the eye-dome lighting, pixels.
     pub radius: f32,
-    /// Size of what curvature shows, lattice steps.
+    /// Size of what curvature shows, lattice units.
     pub feature: f64,
     /// The plane and the scale of height and distance.
     pub scale: Scale,

@@ -1,6 +1,6 @@
 //! What a pixel shows, computed from the decoded chunks: the nearest drawn triangle that a ray meets.
 //!
-//! Exact for what is on screen (the drawn cut, not the finest level), in f64, in lattice steps. No GPU and no waiting, so a wheel
+//! Exact for what is on screen (the drawn cut, not the finest level), in f64, in lattice units. No GPU and no waiting, so a wheel
 //! event can zoom towards the surface in the very frame that it belongs to.
 
 use crate::section::Clip;
@@ -15,7 +15,7 @@ use kilwa_stream::DrawPatch;
 /// A point of the drawn surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
-    /// The place, in lattice steps.
+    /// The place, in lattice units.
     pub point: Vec3,
     /// Certified error of the patch that was hit, metres: 0 where it is the finest.
     pub error: f32,
@@ -72,7 +72,7 @@ pub fn nearest<'a>(
 }
 
 /// Where along a ray the pick on the finest surface can lie, from the drawn cut of what `clip` leaves: see [`kilwa_measure::interval`]. A
-/// finest triangle that the ray meets ends the search: nothing behind it counts. `step` is the lattice step in metres.
+/// finest triangle that the ray meets ends the search: nothing behind it counts. `step` is the lattice spacing in metres.
 pub fn interval<'a>(
     ray: &Ray,
     patches: &[DrawPatch],

@@ -23,7 +23,7 @@ pub struct BuildOptions {
     /// Worker threads; 0 means one per core. Never changes the bytes.
     #[serde(skip)]
     pub threads: usize,
-    /// Lattice step in metres, a power of two; `None` derives it from the mesh.
+    /// Lattice spacing in metres, a power of two; `None` derives it from the mesh.
     pub step: Option<f64>,
     /// Units of the source.
     pub units: Units,

@@ -15,7 +15,7 @@ pub struct BuildReport {
     pub triangles: u64,
     /// Distinct lattice positions.
     pub vertices: u64,
-    /// Lattice step, metres.
+    /// Lattice spacing, metres.
     pub step: f64,
     /// Size of the model, metres.
     pub extent: [f64; 3],

@@ -59,7 +59,7 @@ pub use topology::Counts;
 pub struct IngestOptions {
     /// Largest leaf in triangles.
     pub leaf_triangles: usize,
-    /// Lattice step in metres, a power of two; `None` derives it from the mesh.
+    /// Lattice spacing in metres, a power of two; `None` derives it from the mesh.
     pub step: Option<f64>,
     /// Keep only triangles whose centroid lies in this box: smallest and largest corner, metres, axes of the pack.
     pub crop: Option<[[f64; 3]; 2]>,

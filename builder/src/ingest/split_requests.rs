@@ -60,7 +60,7 @@ impl Above {
 pub(super) struct SplitRequests<'a> {
     /// Sums of corners.
     pub(super) sums: &'a [[u32; 3]],
-    /// Longest side of the box round each triangle, in steps.
+    /// Longest side of the box round each triangle, in lattice units.
     pub(super) sizes: &'a [u32],
     pub(super) leaf_triangles: usize,
     pub(super) deepest: u8,
@@ -132,7 +132,7 @@ pub(super) fn above(buckets: &Buckets, known: &[Above], cube_log2: u32, leaf_tri
     keys
 }
 
-/// The side of the cube that a tetrahedron belongs to, in steps: a power of two.
+/// The side of the cube that a tetrahedron belongs to, in lattice units: a power of two.
 fn edge_of(tetra: &Tetra) -> u64 {
     (0..3).map(|i| u64::from(tetra.v[0][i].abs_diff(tetra.v[3][i]))).max().unwrap_or(0)
 }

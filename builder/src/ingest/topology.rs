@@ -81,7 +81,7 @@ pub(super) struct Topology {
     pub(super) split_requests: Vec<(u8, [i32; 3])>,
     pub(super) counts: Counts,
     pub(super) components: Components,
-    /// Median distance of a point from its neighbours, in steps: see [`Local::roughness`].
+    /// Median distance of a point from its neighbours, in lattice units: see [`Local::roughness`].
     pub(super) roughness: f64,
     /// Smallest and largest coordinates.
     pub(super) bounds: [[i32; 3]; 2],

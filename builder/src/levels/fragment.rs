@@ -29,11 +29,11 @@ pub struct Coarsened {
     pub output: Vec<(u32, Patch)>,
     /// Points that another diamond may also use, or that several of the outputs do: key and tetrahedron of the output.
     pub records: Vec<(u128, u32)>,
-    /// Certified error of the coarse form in lattice steps.
+    /// Certified error of the coarse form in lattice units.
     pub error: f32,
     /// Root mean square colour difference of the coarse form, 0 to 255.
     pub color_error: f32,
-    /// Round the fragment and its coarse form, in lattice steps.
+    /// Round the fragment and its coarse form, in lattice units.
     pub sphere: Sphere,
     /// Triangles before and after.
     pub triangles: (usize, usize),

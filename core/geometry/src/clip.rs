@@ -1,4 +1,4 @@
-//! What is cut away: a plane and a box, in lattice steps. Exact in f64; what is cut away wholly is neither loaded nor drawn.
+//! What is cut away: a plane and a box, in lattice units. Exact in f64; what is cut away wholly is neither loaded nor drawn.
 
 use crate::Sphere;
 use crate::distance::{Vec3, dot};

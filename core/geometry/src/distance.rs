@@ -1,12 +1,12 @@
 //! Exact-enough distances in `f64`: point to triangle, and the ray–triangle intersection that picks rest on.
 //!
-//! Coordinates are lattice steps below 2^31, so every difference of them is exact; a distance is right to a few units in
+//! Coordinates are lattice units below 2^31, so every difference of them is exact; a distance is right to a few units in
 //! the last place of the coordinates. Callers that need a *bound* add [`DISTANCE_SLACK`] and [`ABSOLUTE_SLACK`].
 
 /// Relative rounding slack of [`point_triangle_squared`]'s square root, generous by orders of magnitude.
 pub const DISTANCE_SLACK: f64 = 1e-9;
 
-/// Absolute slack of a distance, in lattice steps: a hundred times what was seen at coordinates of 2^28.
+/// Absolute slack of a distance, in lattice units: a hundred times what was seen at coordinates of 2^28.
 pub const ABSOLUTE_SLACK: f64 = 1e-6;
 
 /// A point or vector in `f64`.

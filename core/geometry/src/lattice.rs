@@ -31,13 +31,13 @@ impl Lattice {
         std::array::from_fn(|i| self.origin[i] + step * f64::from(p[i]))
     }
 
-    /// World position of a point given in (fractional) lattice steps.
+    /// World position of a point given in (fractional) lattice units.
     pub fn world_from_steps(&self, p: [f64; 3]) -> [f64; 3] {
         let step = self.step();
         std::array::from_fn(|i| self.origin[i] + step * p[i])
     }
 
-    /// A world position in (fractional) lattice steps.
+    /// A world position in (fractional) lattice units.
     pub fn steps_from_world(&self, w: [f64; 3]) -> [f64; 3] {
         let inv = libm::scalbn(1.0, -self.step_log2);
         std::array::from_fn(|i| (w[i] - self.origin[i]) * inv)

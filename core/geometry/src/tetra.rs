@@ -103,7 +103,7 @@ pub struct Faces([([f64; 3], [i64; 3]); 4]);
 
 impl Faces {
     /// How far the point `sum / 3` lies outside the tetrahedron, as a non-negative number comparable between
-    /// tetrahedra of one diamond (largest plane violation, in steps); 0 inside.
+    /// tetrahedra of one diamond (largest plane violation, in lattice units); 0 inside.
     pub fn violation(&self, sum: [i64; 3]) -> f64 {
         let out = |(n, a): &([f64; 3], [i64; 3])| (0..3).map(|k| n[k] * (sum[k] - a[k]) as f64).sum::<f64>();
         self.0.iter().map(out).fold(0.0, f64::max)

@@ -1,6 +1,6 @@
 //! What is cut away: a plane and a box. Exact in f64 for picks; the shaders get the same half-spaces relative to their cell.
 //!
-//! Points and half-spaces are in one unit, in practice lattice steps. [`ClipState`] is what people and links say, in world metres.
+//! Points and half-spaces are in one unit, in practice lattice units. [`ClipState`] is what people and links say, in world metres.
 
 use crate::pick::Ray;
 use kilwa_geometry::Lattice;
@@ -50,7 +50,7 @@ pub struct ClipState {
 }
 
 impl ClipState {
-    /// In lattice steps.
+    /// In lattice units.
     pub fn in_steps(&self, lattice: &Lattice) -> Clip {
         let step = lattice.step();
         let bounds = self.clip_box.map(|b| ClipBox {
@@ -61,7 +61,7 @@ impl ClipState {
     }
 }
 
-/// The half-space in lattice steps that a plane's normal points away from.
+/// The half-space in lattice units that a plane's normal points away from.
 pub fn half_space(plane: &WorldPlane, lattice: &Lattice) -> HalfSpace {
     let length = libm::sqrt(dot(plane.normal, plane.normal));
     let normal = plane.normal.map(|x| x / length);

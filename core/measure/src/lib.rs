@@ -1,7 +1,7 @@
 //! Measuring on decoded lattice geometry, in `f64`, on the CPU: what a researcher cites.
 //!
 //! Every value comes from the finest surface, so it does not depend on zoom, cache, network or GPU, and carries its
-//! standard uncertainty: the lattice step, and the capture accuracy where the metadata knows it. Pure: geometry in,
+//! standard uncertainty: the lattice spacing, and the capture accuracy where the metadata knows it. Pure: geometry in,
 //! numbers out; who has the chunks hands their triangles over. Trigonometry is `libm`'s, so that native programs and
 //! wasm agree to the last digit. Where there is no meaningful number there is a [`Refusal`], a sentence that says why.
 //!

@@ -1,7 +1,7 @@
 //! Rays and what they meet: the final pick, on the finest surface, the same at every zoom.
 //!
 //! A [`Picker`] is given the existing chunks, requests those that the ray can meet, nearest first, and is handed their
-//! triangles. Everything in lattice steps and `f64`. Where triangles are met at the very same place (along a shared edge), the one whose
+//! triangles. Everything in lattice units and `f64`. Where triangles are met at the very same place (along a shared edge), the one whose
 //! corners come first in the order of lattice points counts, so that the answer does not depend on chunks or their order.
 
 use crate::clip::Clip;
@@ -52,7 +52,7 @@ pub struct Hit {
 pub struct Picked {
     /// Parameter along the ray.
     pub t: f64,
-    /// The point, lattice steps.
+    /// The point, lattice units.
     pub point: Vec3,
     /// The corners of the triangle, in its own order.
     pub corners: [LatticePoint; 3],
@@ -68,12 +68,12 @@ pub struct Picker {
 }
 
 impl Picker {
-    /// Along `ray`; only what lies on the side of every plane of `clips` that its normal points to, or on it, counts. Lattice steps.
+    /// Along `ray`; only what lies on the side of every plane of `clips` that its normal points to, or on it, counts. Lattice units.
     pub fn new(ray: Ray, clips: Vec<Plane>) -> Self {
         Self { ray, clips, clip: Clip::default(), best: None }
     }
 
-    /// Along `ray`; only what `clip` leaves counts. Lattice steps.
+    /// Along `ray`; only what `clip` leaves counts. Lattice units.
     pub fn clipped(ray: Ray, clip: Clip) -> Self {
         Self { ray, clips: Vec::new(), clip, best: None }
     }

@@ -4,7 +4,7 @@ use crate::pick::{Hit, Ray};
 use kilwa_geometry::Bvh;
 use kilwa_geometry::distance::{Vec3, closest_on_triangle, dot, ray_triangle, sub};
 
-/// Triangles in any one unit, for example metres or lattice steps; answers come in the same.
+/// Triangles in any one unit, for example metres or lattice units; answers come in the same.
 pub struct Surface {
     triangles: Vec<[Vec3; 3]>,
     tree: Bvh,

@@ -37,7 +37,7 @@ pub struct DirectoryEntry {
     pub error: f32,
     /// Largest colour difference of the coarse form, 0 to 255 per channel (estimate, root mean square), saturated.
     pub color_error: f32,
-    /// Saturated bounding sphere, in lattice steps: contains the chunk's geometry, the coarse form's, and the spheres of all children.
+    /// Saturated bounding sphere, in lattice units: contains the chunk's geometry, the coarse form's, and the spheres of all children.
     pub sphere: Sphere,
     /// Box of the chunk's geometry.
     pub bounds: Aabb,

@@ -131,7 +131,7 @@ impl Header {
             return bad("the lattice origin is not finite".to_owned());
         }
         if !(-1000..=1000).contains(&self.lattice.step_log2) {
-            return bad(format!("a lattice step of 2^{} metres is not usable", self.lattice.step_log2));
+            return bad(format!("a lattice spacing of 2^{} metres is not usable", self.lattice.step_log2));
         }
         if self.cube_log2 == 0 || self.cube_log2 > (MAX_COORDINATE + 1).trailing_zeros() {
             return bad(format!("a root cube of 2^{} steps is not usable", self.cube_log2));

@@ -41,7 +41,7 @@ impl Rank {
 pub(crate) struct Cameras {
     pub(crate) view: View,
     pub(crate) predicted: Option<View>,
-    /// Metres of a lattice step.
+    /// Metres of a lattice spacing.
     pub(crate) step: f64,
 }
 

@@ -172,7 +172,7 @@ pub(super) struct Target {
 struct Coordinates {
     lattice: Lattice,
     cube_log2: u32,
-    /// Bounds of what is written, in lattice steps; not empty.
+    /// Bounds of what is written, in lattice units; not empty.
     bounds: Aabb,
     /// Median edge of the finest surface, or the error of what is written if that is larger; metres.
     median_edge: f64,

@@ -46,7 +46,7 @@ impl Region {
     }
 }
 
-/// A box in lattice steps.
+/// A box in lattice units.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Steps {
     min: [f64; 3],

@@ -16,7 +16,7 @@ use std::path::Path;
 
 /// Largest cell, metres: as `kilwa publish` takes it.
 const CELL_MAX: f64 = 1e7;
-/// Lattice steps by which a middle may be off: it is rounded to whole ones.
+/// Lattice units by which a middle may be off: it is rounded to whole ones.
 const ROUNDING: f64 = 1.5;
 /// How far from the model preview and world file may reach, in diagonals of its box.
 const REACH: f64 = 4.0;

@@ -20,7 +20,7 @@ pub(super) struct Args {
     /// Meshes to build
     #[arg(long, value_name = "NAME", default_values_t = ["wall".to_owned(), "fort".to_owned()])]
     mesh: Vec<String>,
-    /// Lattice step of the packs, metres
+    /// Lattice spacing of the packs, metres
     #[arg(long, value_name = "METRES", default_value = "0.0001220703125")]
     step: String,
     /// Profile of the program that builds the packs; their bytes do not depend on it
@@ -50,7 +50,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         run_command(&mut command(&program, &["build", &input, "--step", &args.step, "--force", "-o", &pack])?)?;
         packs.push(pack);
     }
-    let mut tables = format!("Lattice step {} m.\n\n", args.step);
+    let mut tables = format!("Lattice spacing {} m.\n\n", args.step);
     writeln!(tables, "{}", output(command(&codec.to_string_lossy(), &[])?.args(&packs))?)?;
     if !args.no_browser {
         writeln!(tables, "\n{}", in_browser(&args.mesh, &packs, &scratch.join("decode"))?)?;
