@@ -30,7 +30,7 @@ struct Count {
     attributes: u64,
 }
 
-/// Room needed.
+/// Disk space needed.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub(crate) struct Need {
     /// Bytes in the scratch folder, at most at a time.

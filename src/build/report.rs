@@ -31,7 +31,7 @@ pub(super) struct Spent {
     cpu_seconds: Option<f64>,
     triangles_per_second: f64,
     triangles_per_cpu_second: Option<f64>,
-    /// Room that was thought to be needed on disks.
+    /// Disk space estimated beforehand.
     estimated: Need,
 }
 

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 /// Largest metadata file that is read, bytes; its reader names the limit.
 const METADATA_MAX: u64 = 2 << 20;
-/// Room for pictures, records and the preview, beside pack and viewer.
+/// Disk space for pictures, records and the preview, beside pack and viewer.
 const ROOM: u64 = 64 << 20;
 
 /// What was given, read and checked by itself.

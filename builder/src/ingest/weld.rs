@@ -35,7 +35,7 @@ impl Table {
         }
     }
 
-    /// Make room for twice as many.
+    /// Reserve space for twice as many.
     fn grow(&mut self, count: u32, hash: impl Fn(u32) -> u64) {
         *self = Self::new(self.slots.len());
         for i in 0..count {

@@ -3,9 +3,9 @@
 use crate::drawing::{Drawing, short};
 use std::fmt::Write;
 
-/// Room round the drawing, mm.
+/// Margin around the drawing, mm.
 const MARGIN: f64 = 15.0;
-/// Room for the dimension lines, mm.
+/// Space for the dimension lines, mm.
 const DIMENSION: f64 = 10.0;
 
 impl Drawing {

@@ -129,12 +129,12 @@ impl Ord for Candidate {
 }
 
 /// Running sums against the two memory budgets.
-struct Room {
+struct Headroom {
     gpu: u64,
     cpu: u64,
 }
 
-impl Room {
+impl Headroom {
     /// Take what is there, and more: nothing is left then.
     fn force(&mut self, node: &Node, scalars: u8) {
         self.gpu = self.gpu.saturating_sub(node.gpu_bytes());
@@ -163,11 +163,11 @@ pub(crate) fn raw_priority(index: u32, node: &Node, view: &View, step: f64) -> f
 
 /// The pinned chunks: the first ones in directory order, closed under parents.
 pub(crate) fn pinned(nodes: &Nodes, budgets: &Budgets, scalars: u8) -> Vec<u32> {
-    let mut room = Room { gpu: budgets.gpu_bytes / PINNED_SHARE, cpu: budgets.cpu_bytes / PINNED_SHARE };
+    let mut headroom = Headroom { gpu: budgets.gpu_bytes / PINNED_SHARE, cpu: budgets.cpu_bytes / PINNED_SHARE };
     let mut pinned: Vec<u32> = Vec::new();
     for (index, node) in nodes.iter() {
         let next = index as usize == pinned.len() && node.entry.level <= PINNED_LEVEL;
-        let fits = next && room.take(node, scalars);
+        let fits = next && headroom.take(node, scalars);
         if !fits && index > 0 {
             break;
         }
@@ -185,9 +185,9 @@ pub(crate) fn wanted(
     pinned: &[u32],
     head_bytes: u64,
 ) -> Wanted {
-    let mut room = Room { gpu: budgets.gpu_bytes, cpu: budgets.cpu_bytes };
+    let mut headroom = Headroom { gpu: budgets.gpu_bytes, cpu: budgets.cpu_bytes };
     for node in pinned.iter().filter_map(|&i| nodes.get(i)) {
-        room.force(node, scalars);
+        headroom.force(node, scalars);
     }
     let target = cameras.view.target_pixels;
     let mut out = Wanted {
@@ -207,7 +207,7 @@ pub(crate) fn wanted(
             if priority <= target {
                 continue;
             }
-            full = full || !room.take(node, scalars);
+            full = full || !headroom.take(node, scalars);
             if full {
                 out.limited |= raw_priority(index, node, &cameras.view, cameras.step) > target;
                 continue;

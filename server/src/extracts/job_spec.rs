@@ -119,7 +119,7 @@ impl JobSpec {
         format!("{hash}.{FORM}.{}.{}", self.detail, self.format.ending())
     }
 
-    /// What the file will be about as long as, at most. What is made beside it while it is written is as long again: see [`Self::room`].
+    /// What the file will be about as long as, at most. What is made beside it while it is written is as long again: see [`Self::disk_bytes`].
     pub(crate) fn estimate(self, triangles: u64) -> u64 {
         let written = match self.detail {
             Detail::Triangles(max) => max.min(triangles),
@@ -129,8 +129,8 @@ impl JobSpec {
         written.saturating_mul(self.format.bytes_per_triangle())
     }
 
-    /// Room that it takes while it is made: the file, and scratch files of its length.
-    pub(crate) fn room(self, triangles: u64) -> u64 {
+    /// Disk space that it takes while it is made: the file, and scratch files of its length.
+    pub(crate) fn disk_bytes(self, triangles: u64) -> u64 {
         self.estimate(triangles).saturating_mul(2)
     }
 }
@@ -184,7 +184,7 @@ mod tests {
         let whole = spec(Detail::Whole).estimate(1_000_000);
         assert_eq!(spec(Detail::Error(0.000_001)).estimate(1_000_000), whole);
         assert!(spec(Detail::Triangles(10)).estimate(1_000_000) < whole);
-        assert!(spec(Detail::Whole).room(1_000_000) >= 2 * whole);
+        assert!(spec(Detail::Whole).disk_bytes(1_000_000) >= 2 * whole);
     }
 
     #[test]

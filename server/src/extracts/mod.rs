@@ -103,7 +103,7 @@ pub(crate) enum Refusal {
 struct Job {
     pack: Pack,
     /// Bytes on the disk while it is made, at most: of the mesh, and of what is read of a pack in a store.
-    room: [u64; 2],
+    disk_bytes: [u64; 2],
     spec: JobSpec,
     share: Arc<AtomicU32>,
     /// Who asked first; where it runs, whose turn it was.
@@ -114,7 +114,7 @@ struct Job {
 impl Job {
     /// What it takes while it is made: what estimates of time go by.
     fn bytes(&self) -> u64 {
-        total(self.room)
+        total(self.disk_bytes)
     }
 
     /// For how long it runs, and the share of it that is done.
@@ -137,7 +137,7 @@ struct State {
     pace: Pace,
     running: usize,
     /// Of those that run.
-    room: u64,
+    disk_bytes: u64,
     starts: BTreeMap<String, VecDeque<Instant>>,
     /// The identities of the cached files when they were made, or, if an earlier run made them, when they were first requested.
     made: BTreeMap<String, Identity>,
@@ -224,9 +224,9 @@ impl Extracts {
     }
 
     /// Bytes that a job for a pack of so many triangles takes while it is made: of the mesh, and of what is read of a pack in a store.
-    pub(crate) fn room(&self, pack: &Pack, triangles: u64, spec: JobSpec) -> [u64; 2] {
-        let mesh = spec.room(triangles);
-        [mesh, pack.room(mesh, self.max_bytes)]
+    pub(crate) fn disk_bytes(&self, pack: &Pack, triangles: u64, spec: JobSpec) -> [u64; 2] {
+        let mesh = spec.disk_bytes(triangles);
+        [mesh, pack.disk_bytes(mesh, self.max_bytes)]
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -311,10 +311,10 @@ impl Extracts {
                 state.queue.remove(&key);
                 return Err(Refusal::TooMany(seconds));
             }
-            let room = self.room(pack, triangles, spec);
-            let (share, pack) = (Arc::default(), pack.clone().with_room(&self.cache, room[1]));
+            let disk_bytes = self.disk_bytes(pack, triangles, spec);
+            let (share, pack) = (Arc::default(), pack.clone().with_disk_space(&self.cache, disk_bytes[1]));
             let network = network.to_owned();
-            state.jobs.insert(key, Job { pack, room, spec, share, network, phase: Phase::Waiting });
+            state.jobs.insert(key, Job { pack, disk_bytes, spec, share, network, phase: Phase::Waiting });
         }
         self.go_on();
         Ok(())
@@ -347,22 +347,22 @@ impl Extracts {
                     return;
                 }
                 let Some((network, key)) = state.queue.next(self.workers) else { return };
-                let beside = state.room;
+                let beside = state.disk_bytes;
                 let Some(job) = state.jobs.get_mut(&key) else {
                     state.queue.remove(&key);
                     continue;
                 };
                 // Whatever is in the cache already goes for it; what is being made beside it does not. Alone it always fits.
-                let room = beside.saturating_add(total(job.room));
-                if beside > 0 && room > self.max_bytes {
+                let disk_bytes = beside.saturating_add(total(job.disk_bytes));
+                if beside > 0 && disk_bytes > self.max_bytes {
                     return;
                 }
                 job.phase = Phase::Running(Instant::now());
                 job.network.clone_from(&network);
-                let begun = (key, (job.pack.clone(), job.room), job.spec, Arc::clone(&job.share));
+                let begun = (key, (job.pack.clone(), job.disk_bytes), job.spec, Arc::clone(&job.share));
                 state.queue.begin(&network, &begun.0);
                 state.running += 1;
-                state.room = room;
+                state.disk_bytes = disk_bytes;
                 begun
             };
             let (extracts, name) = (Arc::clone(self), key.clone());
@@ -374,11 +374,12 @@ impl Extracts {
         }
     }
 
-    fn make(self: &Arc<Self>, key: &str, (pack, room): &(Pack, [u64; 2]), spec: JobSpec, share: &AtomicU32) {
+    fn make(self: &Arc<Self>, key: &str, (pack, disk_bytes): &(Pack, [u64; 2]), spec: JobSpec, share: &AtomicU32) {
         let progress = |done: f64| share.store((done.clamp(0.0, 1.0) * 100.0) as u32, Ordering::Relaxed);
         // What would have to be fetched again is not fetched in vain.
-        let lacks_room = || pack.is_stored() && (self.space)(&self.cache).is_some_and(|free| free < total(*room));
-        let work = || if lacks_room() { Err(Failure::Full) } else { self.take(pack, key, spec, &progress) };
+        let lacks_space =
+            || pack.is_stored() && (self.space)(&self.cache).is_some_and(|free| free < total(*disk_bytes));
+        let work = || if lacks_space() { Err(Failure::Full) } else { self.take(pack, key, spec, &progress) };
         // A defect in it must not leave a place taken for ever.
         let made = std::panic::catch_unwind(AssertUnwindSafe(work));
         let made = made.unwrap_or_else(|_| Err(Failure::Other("the program failed".to_owned())));
@@ -414,7 +415,7 @@ impl Extracts {
         let ran = state.jobs.get(key).map(|job| (job.network.clone(), job.bytes(), job.state()));
         state.running = state.running.saturating_sub(1);
         if let Some((network, bytes, now)) = ran {
-            state.room = state.room.saturating_sub(bytes);
+            state.disk_bytes = state.disk_bytes.saturating_sub(bytes);
             state.queue.end(&network);
             if let (Ok(()), Some((took, _))) = (&made, now) {
                 state.pace.add(bytes, took);
@@ -561,8 +562,8 @@ mod tests {
 
     #[test]
     fn a_job_that_does_not_fit_beside_running_jobs_waits() {
-        let room = spec(1000).room(1000);
-        let (_dir, fake, extracts) = shop(room * 2 + room / 2, 4);
+        let disk_bytes = spec(1000).disk_bytes(1000);
+        let (_dir, fake, extracts) = shop(disk_bytes * 2 + disk_bytes / 2, 4);
         let within = |n: u32| JobSpec { format: Format::Ply, detail: Detail::Error(f64::from(n) / 1e6) };
         for n in 1..=4 {
             extracts.ask((&Pack::here(Path::new("p")), &hash()), 1000, within(n), "net").unwrap();
@@ -574,7 +575,7 @@ mod tests {
         for n in 1..=4 {
             wait_for(&extracts, within(n), |s| matches!(s, JobStatus::Ready(_)));
         }
-        assert_eq!(extracts.lock().room, 0);
+        assert_eq!(extracts.lock().disk_bytes, 0);
     }
 
     #[test]

@@ -110,7 +110,7 @@ pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, re
         return html(&asked, html_, StatusCode::UNPROCESSABLE_ENTITY, headers);
     };
     let triangles = asked.about.triangles;
-    let [mesh, read] = asked.extracts.room(&asked.pack.0, triangles, spec);
+    let [mesh, read] = asked.extracts.disk_bytes(&asked.pack.0, triangles, spec);
     let (size, max) = (mesh.saturating_add(read), asked.extracts.max_bytes());
     if size > max {
         let page = form(&asked.about, &reader, Message::TooLarge(size, max), Some(spec));

@@ -37,7 +37,7 @@ pub(crate) struct Blocks {
     key: String,
     identity: Identity,
     /// Blocks that may be held.
-    room: u64,
+    capacity: u64,
     held: Mutex<Held>,
     /// Bytes that were fetched so far, for whoever waits.
     fetched: Arc<AtomicU64>,
@@ -71,7 +71,7 @@ impl Blocks {
             store: Arc::clone(store),
             key: key.to_owned(),
             identity: identity.clone(),
-            room: (bytes / BLOCK).max(1),
+            capacity: (bytes / BLOCK).max(1),
             held: Mutex::new(held),
             fetched,
         })
@@ -131,11 +131,11 @@ impl Held {
     }
 
     /// Hold a block, in the place of the one that was asked for longest ago where there is no other.
-    fn put(&mut self, number: u64, bytes: &[u8], room: u64) -> io::Result<()> {
+    fn put(&mut self, number: u64, bytes: &[u8], capacity: u64) -> io::Result<()> {
         if self.places.contains_key(&number) {
             return Ok(());
         }
-        let place = if (self.places.len() as u64) < room {
+        let place = if (self.places.len() as u64) < capacity {
             self.places.len() as u64
         } else {
             let oldest = self.used.pop_first().and_then(|(_, oldest)| self.places.remove(&oldest));
@@ -195,14 +195,14 @@ impl Source for Blocks {
         }
         self.fetch(&runs(missing), |number, block| {
             copy(number, block);
-            self.with(|held| held.put(number, block, self.room))
+            self.with(|held| held.put(number, block, self.capacity))
         })?;
         Ok(all)
     }
 
     fn expect(&self, stretches: &[(u64, usize)]) {
         // No more than stays until it is read.
-        let max = (self.room / 2).max(1) as usize;
+        let max = (self.capacity / 2).max(1) as usize;
         let mut wanted = BTreeSet::new();
         for (offset, length) in stretches {
             let end = offset.saturating_add(*length as u64).min(self.identity.bytes());
@@ -216,7 +216,7 @@ impl Source for Blocks {
         let missing: Vec<u64> = missing.unwrap_or_default();
         // A single one is fetched as soon when it is read, which also says what goes wrong.
         if missing.len() > 1 {
-            let put = |number, block: &[u8]| self.with(|held| held.put(number, block, self.room));
+            let put = |number, block: &[u8]| self.with(|held| held.put(number, block, self.capacity));
             drop(self.fetch(&runs(missing), put));
         }
     }

@@ -86,7 +86,7 @@ pub struct Uploads {
     limits: UploadLimits,
     steps: Steps,
     /// Held while room is looked for, until a record or a part claims it.
-    room: Mutex<()>,
+    space_lock: Mutex<()>,
     /// Bytes that requests in progress may still write.
     coming: Arc<AtomicU64>,
     /// Asked how much room the disk of a folder has.
@@ -109,7 +109,7 @@ impl Uploads {
             page,
             limits,
             steps: Arc::new(|_| Ok(())),
-            room: Mutex::default(),
+            space_lock: Mutex::default(),
             coming: Arc::default(),
             space: Arc::new(|at| fs4::available_space(at).ok()),
             jobs: Mutex::default(),

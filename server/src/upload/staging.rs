@@ -24,10 +24,10 @@ const RECORD: &str = "upload.json";
 const LOCK: &str = "lock";
 /// Files up to this length are hashed when they are complete; longer ones when the version is verified.
 const HASHED_AT_ONCE: u64 = 64 << 20;
-/// Room that a version takes beside its files: records and viewer.
+/// Disk space that a version takes beside its files: records and viewer.
 const ROOM: u64 = 64 << 20;
 const DAY: u64 = 86_400;
-/// Room that was announced is kept for an upload as long as something of it comes at least this often, seconds.
+/// Disk space that was announced is kept for an upload as long as something of it comes at least this often, seconds.
 const CLAIM: u64 = 3600;
 
 /// Who uploads what.
@@ -103,7 +103,7 @@ impl Uploads {
         let begun = before.filter(|r| r.who == who).map_or(now, |r| r.begun);
         let staging = Staging { folder, record: Record { who: who.to_owned(), begun, intent }, _lock: held };
         staging.remove_others().map_err(|e| Refusal::disk("remove what an earlier upload left", &e))?;
-        let _room = lock(&self.room);
+        let _space = lock(&self.space_lock);
         self.check_room(&staging, now)?;
         staging.write_record().map_err(|e| Refusal::disk("write what is meant", &e))?;
         Ok(staging)
@@ -172,9 +172,9 @@ impl Uploads {
         Ok(Part { file, path, announced: announced, offset, coming, _staging: staging })
     }
 
-    /// Room for what one request may write: others may have taken it since it was announced.
+    /// Disk space for what one request may write: others may have taken it since it was announced.
     fn claim_part(&self, bytes: u64) -> Result<Coming, Refusal> {
-        let _room = lock(&self.room);
+        let _space = lock(&self.space_lock);
         let coming = self.coming.load(Ordering::Relaxed).saturating_add(bytes);
         let needed = ROOM.saturating_add(coming);
         if let Some(free) = (self.space)(&self.shelf).filter(|free| *free < needed) {

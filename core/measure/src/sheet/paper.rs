@@ -3,9 +3,9 @@
 use super::SheetError;
 use super::layout::Frame;
 
-/// Room round the frame, mm.
+/// Margin around the frame, mm.
 pub const MARGIN: f64 = 10.0;
-/// Room inside the frame for grid labels, mm.
+/// Space inside the frame for grid labels, mm.
 pub const LABELS: f64 = 8.0;
 /// Height of the strip with scale bar, north arrow and title block, mm.
 pub const STRIP: f64 = 30.0;
