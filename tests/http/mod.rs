@@ -30,7 +30,7 @@ fn check_bound(what: &str, unit: &str, bound: f64, measured: f64) {
     assert!(measured <= bound, "{what}: {measured} {unit} is more than {bound}");
 }
 
-/// As [`check_bound`], for time or memory: in the short form, on a busy machine, it is printed and not asserted.
+/// As [`check_bound`], about time or memory: in the short form, on a machine that does other things too, it is printed and not asserted.
 fn check_bound_when_quiet(what: &str, unit: &str, bound: f64, measured: f64) {
     if full() {
         check_bound(what, unit, bound, measured);

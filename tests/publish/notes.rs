@@ -80,7 +80,7 @@ fn notes_are_part_of_the_version_its_checksum_lists_and_its_page() {
     let report = bench.publish(&pack(), FULL, &["--notes", text(&notes), "--dry-run", "--version-note", "x"]);
     let output = String::from_utf8(report.stdout).unwrap();
     assert!(
-        output.contains("notes: 2") && output.contains("1 annotations of the notes, which name no point"),
+        output.contains("notes: 2") && output.contains("1 annotation of the notes, which names no point"),
         "{output}"
     );
 }
@@ -175,7 +175,7 @@ fn notes_of_another_pack_are_reported() {
     let notes = file(&bench, &notes);
     let output =
         String::from_utf8(bench.publish(&pack(), FULL, &["--notes", text(&notes), "--dry-run"]).stdout).unwrap();
-    assert!(output.contains("is this meant? 1 of the notes were made on another pack (0123456789ab…)"), "{output}");
+    assert!(output.contains("is this meant? 1 of the notes was made on another pack (0123456789ab…)"), "{output}");
 }
 
 #[test]

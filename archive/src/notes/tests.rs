@@ -210,7 +210,7 @@ fn a_note_without_its_location_keeps_text_and_view_and_nothing_that_reveals_it()
     gate["location"] = json!({ "latitude": -8.9577 });
     gate["target"]["state"].as_array_mut().unwrap().push(json!({ "type": "TimeState", "cached": "https://a/kilwa" }));
     let notes = Notes::parse(&page(&json!([gate]))).unwrap();
-    assert!(notes.revealing().unwrap().contains("links of 1 notes"), "{:?}", notes.revealing());
+    assert!(notes.revealing().unwrap().contains("links of 1 note"), "{:?}", notes.revealing());
     let hidden = notes.clone().without_place(offset, &[]);
     let near = hidden.notes[0].place;
     assert_eq!(near, [2.873_457, 4.0, 1.25], "to a micrometre");

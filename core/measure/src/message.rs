@@ -1,7 +1,7 @@
 //! Messages as data: every refusal and remark has a stable code and its values, so that it can be shown in the
 //! reader's language. `Display` is the English text, which the command line prints.
 //!
-//! The page's texts are `www/i18n`: the code `refuse-few` is the key `refuseFew`, and the names of values are in braces there
+//! The page's texts are `i18n/*/page.ftl`: the code `refuse-few` is the key `refuseFew`, and the names of values are in braces there
 //! (`viewer/measure/tests/messages.rs` compares them).
 
 use serde::Serialize;

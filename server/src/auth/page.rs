@@ -41,7 +41,7 @@ pub(crate) fn form(language: &'static Language, message: Message, next: &str, na
             let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{}</p>", t("signInFailed"));
         }
         Message::Wait(seconds) => {
-            let text = language.with("signInWait", &[("seconds", &seconds.to_string())]);
+            let text = language.with("signInWait", &[("seconds", seconds)]);
             let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{text}</p>");
         }
         Message::Done => {

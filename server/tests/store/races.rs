@@ -1,4 +1,4 @@
-//! Concurrent publishing to one store, or to one folder through a server and directly: a version reported as published is there, complete; all others get the reason.
+//! Concurrent publishing to one store, or to one folder through a server and directly: a version reported as published is there, complete; the others are report why not.
 
 use super::bucket::Bucket;
 use super::uploads::{Museum, tree, version};

@@ -4,6 +4,7 @@ use super::super::ReadError;
 use super::colors::Colors;
 use super::facets::Facets;
 use super::{BEFORE, Bytes, FACET, HEADER};
+use kilwa_pack::plural::counted;
 
 /// Facets that the header counts.
 fn count(start: &[u8]) -> Option<u64> {
@@ -65,9 +66,9 @@ pub(super) fn read(bytes: &mut Bytes<'_>, start: &[u8], facets: &mut Facets<'_>)
     // Some writers leave the count at 0 because they do not know it when they begin.
     let wanted = if announced == 0 { whole } else { announced.min(whole) };
     if announced == 0 && whole > 0 {
-        facets
-            .diagnostics()
-            .add("headers that count no facets; those that are there were read", || format!("{whole} facets"));
+        facets.diagnostics().add("headers that count no facets; those that are there were read", || {
+            counted(whole, "facet", "facets").to_string()
+        });
     }
     facets
         .diagnostics()
