@@ -97,7 +97,7 @@ impl Archive {
     fn asked(&self) -> String {
         match self {
             Self::Folder(_) => String::new(),
-            Self::Store(bucket) => format!(", {} requests", bucket.line.asked().len()),
+            Self::Store(bucket) => format!(", {} requests", bucket.proxy.asked().len()),
         }
     }
 

@@ -258,7 +258,7 @@ async fn no_request_gets_a_disproportionate_response_and_slow_readers_use_little
         &format!("memory for {READERS} slow readers of the worst address, from two"),
         "MiB",
         64.0,
-        most,
+        peak,
     );
     // What is streamed may be of any length.
     let made = answers.iter().find(|(_, a)| !["/models.json", "/sitemap.xml"].iter().any(|s| a.starts_with(s)));
