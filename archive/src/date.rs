@@ -138,8 +138,8 @@ mod tests {
     }
 
     #[test]
-    fn dates_of_other_forms_are_understood_and_said_in_ours() {
-        for (text, said) in [
+    fn dates_in_other_forms_are_recognised_and_the_message_gives_the_iso_form() {
+        for (text, suggestion) in [
             ("21.7.2009", "write 2009-07-21"),
             ("21/07/2009", "write 2009-07-21"),
             ("7/21/2009", "write 2009-07-21"),
@@ -150,7 +150,7 @@ mod tests {
             ("July 21st, 2009", "write 2009-07-21"),
             ("Nov 2009", "write 2009-11"),
         ] {
-            assert_eq!(iso(text).as_deref(), Some(said), "{text}");
+            assert_eq!(iso(text).as_deref(), Some(suggestion), "{text}");
         }
         for none in ["", "summer", "31.2.2009", "c. 1505", "13/2009", "99/99/2009"] {
             assert_eq!(iso(none), None, "{none}");

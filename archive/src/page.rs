@@ -133,13 +133,13 @@ fn facts(p: &Publication) -> String {
 fn closed(m: &Metadata) -> String {
     let Some(access) = m.access.as_ref().filter(|a| a.state != AccessState::Public) else { return String::new() };
     let until = access.until.as_ref().filter(|_| access.state == AccessState::Embargo);
-    let said = match until {
+    let text = match until {
         Some(day) => format!("The model is public from {} on, 00:00 UTC.", escape(day)),
         None => "The model itself is not public.".to_owned(),
     };
     let more = [&access.reason, &access.contact].into_iter().flatten();
     let more = more.fold(String::new(), |s, text| s + "<br>" + &escape(text));
-    format!("<p class=\"prose access\" dir=\"auto\"><strong>{said}</strong>{more}</p>\n")
+    format!("<p class=\"prose access\" dir=\"auto\"><strong>{text}</strong>{more}</p>\n")
 }
 
 /// What the panel shows below the pack's own facts: text, rights, citation, files, versions.
@@ -418,21 +418,27 @@ mod tests {
     }
 
     #[test]
-    fn a_page_has_as_much_of_the_notes_as_fits_and_says_where_the_rest_is() {
-        let said = of(&["Coral <rag>".to_owned()]);
-        assert!(said.contains("<li><p>Coral &lt;rag&gt;</p></li>") && !said.contains("in the file"), "{said}");
+    fn a_page_has_as_many_notes_as_fit_and_links_to_the_rest() {
+        let description = of(&["Coral <rag>".to_owned()]);
+        assert!(
+            description.contains("<li><p>Coral &lt;rag&gt;</p></li>") && !description.contains("in the file"),
+            "{description}"
+        );
         // Each a third of the page's room, escaped.
         let long: Vec<String> = (0..50).map(|i| format!("{i:03}{}", "&".repeat(4000))).collect();
-        let said = of(&long);
-        assert!(said.len() < NOTES_BYTES + 200, "{}", said.len());
-        assert!(said.contains("<p>002&amp;") && !said.contains("003&amp;"), "in their order");
-        assert!(said.contains("<p>The first 3 of 50; all are in the file.</p>"));
+        let description = of(&long);
+        assert!(description.len() < NOTES_BYTES + 200, "{}", description.len());
+        assert!(description.contains("<p>002&amp;") && !description.contains("003&amp;"), "in their order");
+        assert!(description.contains("<p>The first 3 of 50; all are in the file.</p>"));
         let many: Vec<String> = (0..101).map(|i| format!("note {i}")).collect();
         assert!(of(&many).contains("<p>The first 100 of 101; all are in the file.</p>"));
         // A note that does not fit is not cut, and none after it is shown in its place.
         let first = ["<".repeat(20_000), "short".to_owned()];
-        let said = of(&first);
-        assert!(said.contains("<p>2 notes; all are in the file.</p>") && !said.contains("<ol"), "{said}");
+        let description = of(&first);
+        assert!(
+            description.contains("<p>2 notes; all are in the file.</p>") && !description.contains("<ol"),
+            "{description}"
+        );
         assert!(of(&first[..1]).contains("<p>1 note, which is in the file.</p>"));
     }
 }

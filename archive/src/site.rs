@@ -39,12 +39,12 @@ const BEGUN: &str = ".kilwa-site";
 /// Write the pages of the locked folder.
 ///
 /// # Errors
-/// [`DraftError::Disk`] with the file; [`DraftError::Foreign`] where a page of somebody else's would be replaced.
+/// [`DraftError::Disk`] with the file; [`DraftError::Foreign`] where a page of another user would be replaced.
 pub fn write(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftError> {
     check(lock.folder())?;
     let written = put_all(lock, page, steps);
     if written.is_err() {
-        // Where none of the pages is there, nothing says that they were begun. Otherwise whoever comes next goes on with them.
+        // Where none of the pages is there, nothing says that they were begun. Otherwise whoever comes next continues with them.
         drop(sweep(lock, &|_| Ok(())));
     }
     written
@@ -337,20 +337,20 @@ mod tests {
     use crate::manifest::tests::sample;
 
     #[test]
-    fn a_page_of_somebody_elses_is_left_as_it_is() {
+    fn a_page_that_kilwa_did_not_write_is_left_unchanged() {
         let shelf = tempfile::tempdir().unwrap();
         assert!(check(shelf.path()).is_ok());
         for name in ["feed.xml", "index.html"] {
             fs::write(shelf.path().join(name), "<h1>My museum</h1>").unwrap();
-            let said = check(shelf.path()).unwrap_err().to_string();
-            assert!(said.contains("is not from kilwa") && said.contains("--site"), "{said}");
+            let message = check(shelf.path()).unwrap_err().to_string();
+            assert!(message.contains("is not from kilwa") && message.contains("--site"), "{message}");
         }
         fs::write(shelf.path().join("index.html"), catalogue(&[])).unwrap();
         assert!(check(shelf.path()).is_ok(), "ours is written anew");
     }
 
     #[test]
-    fn a_folder_becomes_a_catalogue_a_feed_a_list_and_a_sitemap() {
+    fn a_folder_gets_a_catalogue_page_a_feed_a_list_and_a_sitemap() {
         let shelf = tempfile::tempdir().unwrap();
         let put = |slug: &str, change: &dyn Fn(&mut Manifest)| {
             let mut m = sample();

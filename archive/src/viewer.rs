@@ -145,7 +145,7 @@ impl Page {
         self.files().map(|(_, bytes)| bytes.len() as u64).sum()
     }
 
-    /// The HTML of the viewer, empty where there is none.
+    /// The HTML of the viewer, empty if there is none.
     pub fn html(&self) -> &str {
         self.file("index.html").and_then(|a| std::str::from_utf8(&a.bytes).ok()).unwrap_or_default()
     }

@@ -40,7 +40,7 @@ fn dimensions(summary: &Summary) -> [f64; 3] {
     [0, 1, 2].map(|i: usize| (b[i] - a[i]).abs())
 }
 
-/// The model's box, drawn in proportion, with its longest side: what can be said of its shape without drawing it.
+/// The model's box, drawn in proportion, with its longest side: what is known of its shape without drawing it.
 pub(crate) fn extent(summary: &Summary) -> String {
     let e = dimensions(summary);
     if e.iter().any(|v| !v.is_finite()) {
@@ -82,7 +82,7 @@ pub(crate) fn model(page: &str, m: &Model, notes: bool) -> String {
         (Kind::Object(_), true) => format!(" data-annotations=\"/{}/annotations.json\"", m.slug),
     };
     let body = match &m.summary {
-        // The viewer writes them anew in the reader's language.
+        // The viewer writes them again in the reader's language.
         Ok(summary) => facts(m, summary, Language::english()),
         Err(why) => format!("<p><strong>This file cannot be shown.</strong> {}</p>\n", escape(why)),
     };
@@ -161,10 +161,10 @@ pub(crate) fn lost() -> String {
 }
 
 /// The page while the archive's storage does not answer.
-pub(crate) fn away(said: &str) -> String {
+pub(crate) fn away(sentence: &str) -> String {
     format!(
         "{HEAD}<title>Please come again - Kilwa</title>\n</head>\n<body class=\"list\">\n<main>\n<h1>This cannot be shown now</h1>\n\
-         <p class=\"lead\">{said} <a href=\"/\">See all models</a>.</p>\n</main>\n</body>\n</html>\n"
+         <p class=\"lead\">{sentence} <a href=\"/\">See all models</a>.</p>\n</main>\n</body>\n</html>\n"
     )
 }
 

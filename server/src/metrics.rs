@@ -177,7 +177,7 @@ fn single(s: &mut String, name: &str, kind: &str, help: &str, value: u64) {
     let _ = writeln!(s, "{name} {value}");
 }
 
-/// Where the system tells it (Linux).
+/// If the system reports it (Linux).
 fn open_files() -> Option<u64> {
     Some(std::fs::read_dir("/proc/self/fd").ok()?.count() as u64)
 }
@@ -193,7 +193,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn figures_add_up() {
+    fn metrics_add_up() {
         let m = Metrics::default();
         let one = Answered { route: "pack", status: 206, bytes: 10, took: Duration::from_millis(3), complete: true };
         m.answered(one);

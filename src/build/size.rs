@@ -21,12 +21,12 @@ pub(crate) fn bytes(text: &str) -> Result<u64, String> {
 }
 
 /// The smallest budget that a build accepts: less does not hold one diamond.
-pub(crate) const LEAST_MEMORY: u64 = 100 << 20;
+pub(crate) const MIN_MEMORY: u64 = 100 << 20;
 
 /// Bytes of memory for a build.
 pub(crate) fn memory(text: &str) -> Result<u64, String> {
     let size = bytes(text)?;
-    if size < LEAST_MEMORY {
+    if size < MIN_MEMORY {
         return Err(format!("{text} is too little to build with; give 100M or more"));
     }
     Ok(size)
@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_are_read_as_people_write_them() {
+    fn sizes_are_parsed_as_people_write_them() {
         for (text, is) in [("300M", 300 << 20), ("1G", 1 << 30), ("2.5GiB", 5 << 29), ("1000", 1000), ("1 gb", 1 << 30)]
         {
             assert_eq!(bytes(text), Ok(is), "{text}");

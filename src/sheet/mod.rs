@@ -28,19 +28,19 @@ use std::path::{Path, PathBuf};
 /// A drawing to scale.
 #[derive(clap::Args)]
 pub(crate) struct SheetArgs {
-    /// A drawing to this scale, for example 1:50; the ending of the output says the format: .png, .pdf or .tif (GeoTIFF).
+    /// A drawing to this scale, for example 1:50; the extension of the output chooses the format: .png, .pdf or .tif (GeoTIFF).
     #[arg(long, value_name = "1:N", value_parser = parse_scale, conflicts_with_all = ["size", "camera"])]
     scale: Option<f64>,
     /// Dots per inch of the drawing.
     #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(25..=2400), requires = "scale")]
     dpi: u32,
-    /// Paper: A0 to A4, WIDTHxHEIGHT in millimetres, or fit (as large as the drawing). Without it, the smallest from A4 to A0 that holds it.
+    /// Paper: A0 to A4, WIDTHxHEIGHT in millimetres, or fit (as large as the drawing). Default: the smallest from A4 to A0 that fits.
     #[arg(long, value_parser = Paper::parse, requires = "scale")]
     paper: Option<Paper>,
-    /// What the title block says; without it, the title of the pack.
+    /// Title in the title block (default: the title of the pack).
     #[arg(long, requires = "scale")]
     title: Option<String>,
-    /// Nothing but the model on the sheet: no frame, grid, scale bar or title block.
+    /// Draw only the model: no frame, grid, scale bar or title block.
     #[arg(long, requires = "scale")]
     bare: bool,
 }
@@ -74,7 +74,7 @@ fn parse_scale(text: &str) -> Result<f64, String> {
     let number = text.strip_prefix("1:").unwrap_or(text).parse::<f64>();
     match number {
         Ok(n) if n.is_finite() && (0.01..=1e6).contains(&n) => Ok(n),
-        _ => Err("a scale such as 1:50 is wanted".to_owned()),
+        _ => Err("expected a scale such as 1:50".to_owned()),
     }
 }
 

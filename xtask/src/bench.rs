@@ -177,8 +177,8 @@ fn bench_quality(args: &Quality) -> Result<()> {
         run_command(&mut command(&program, &["extract", &pack, "--force", "-o", &fine])?)?;
         let all = ply_faces(Path::new(&fine))?;
         for half in 1..=4 {
-            let most = (all >> half).to_string();
-            let extract = ["extract", &pack, "--max-triangles", &most, "--force", "--json", "-o", &coarse];
+            let limit = (all >> half).to_string();
+            let extract = ["extract", &pack, "--max-triangles", &limit, "--force", "--json", "-o", &coarse];
             let report = output(&mut command(&program, &extract)?)?;
             let certified = number_of(&report, "\"max_error\"");
             let line = output(command(&deviation.to_string_lossy(), &[])?.args([&fine, &coarse]))?;
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn a_number_is_found_by_its_key_and_only_there() {
+    fn a_number_is_found_only_by_its_key() {
         let json = "{\"a\": 1.5e-3, \"b\" : -2, \"c\": \"x\"}";
         assert_eq!(number_of(json, "\"a\""), Some(0.0015));
         assert_eq!(number_of(json, "\"b\""), Some(-2.0));

@@ -113,7 +113,7 @@ pub struct Faces([(DVec3, I64Vec3); 4]);
 
 impl Faces {
     /// How far the point `sum / 3` lies outside the tetrahedron, as a non-negative number comparable between
-    /// tetrahedra of one diamond (largest plane violation, in steps); 0 inside.
+    /// tetrahedra of one diamond (largest plane violation, in lattice units); 0 inside.
     pub fn violation(&self, sum: I64Vec3) -> f64 {
         let out = |(n, a): &(DVec3, I64Vec3)| n.dot((sum - a).as_dvec3());
         self.0.iter().map(out).fold(0.0, f64::max)
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn every_point_falls_into_a_child_that_contains_it() {
+    fn every_point_is_assigned_to_a_child_that_contains_it() {
         let mut seed = 7u64;
         let mut random = || {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

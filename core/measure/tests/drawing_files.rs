@@ -16,7 +16,7 @@ use tiff::tags::Tag;
 
 const CORNERS: (DVec3, DVec3) = (DVec3::new(500_000.0, 4_649_776.0, 100.0), DVec3::new(500_007.0, 4_649_779.0, 103.0));
 
-/// A plan so large on paper, mm.
+/// A plan of this size on paper, mm.
 fn plan(paper: [f64; 2], dpi: u32) -> Sheet {
     Sheet::new(View::Plan, CORNERS, (1000.0, dpi), Some(&Paper::Custom(paper)), true).expect("a sheet")
 }
@@ -27,7 +27,7 @@ fn packed(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().expect("memory")
 }
 
-/// A file as whoever writes one makes it, and its pixels.
+/// A drawing file and its pixels.
 fn file(sheet: &Sheet, form: Form, place: Option<GeoReference>) -> (Vec<u8>, Vec<u8>) {
     let [width, height] = sheet.pixels().expect("not too fine");
     let mut writer = Writer::new(form, sheet, &Layout::default(), "Gereza (çé)", place).expect("not too fine");
@@ -54,7 +54,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn a_tiff_holds_the_rows_and_the_place_that_went_in(width in 20.0..60.0f64, height in 20.0..300.0f64, dpi in 25u32..150) {
+    fn a_tiff_holds_the_given_rows_and_georeference(width in 20.0..60.0f64, height in 20.0..300.0f64, dpi in 25u32..150) {
         let sheet = plan([width, height], dpi);
         let place = GeoReference::of(&sheet, Some("EPSG:32737")).expect("a plan");
         let (bytes, pixels) = file(&sheet, Form::Tiff, Some(place.clone()));
@@ -77,7 +77,7 @@ proptest! {
     }
 
     #[test]
-    fn a_pdf_names_every_object_where_it_is_and_its_strips_are_the_rows(width in 20.0..60.0f64, height in 20.0..300.0f64) {
+    fn the_cross_reference_table_of_a_pdf_is_exact_and_its_strips_hold_the_rows(width in 20.0..60.0f64, height in 20.0..300.0f64) {
         let sheet = plan([width, height], 60);
         let (bytes, pixels) = file(&sheet, Form::Pdf, None);
         let end = bytes.len().saturating_sub(40);
@@ -105,7 +105,7 @@ fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {
 }
 
 #[test]
-fn a_picture_that_classic_offsets_may_not_reach_is_a_bigtiff_and_its_strips_are_small() {
+fn a_picture_too_large_for_classic_offsets_is_a_bigtiff_with_small_strips() {
     let sheet = plan([6_000.0, 1_000.0], 400);
     let size = sheet.pixels().expect("not too fine");
     assert!(u64::from(size[0]) * u64::from(size[1]) * 3 > 3_900_000_000);
@@ -130,7 +130,7 @@ fn a_picture_that_classic_offsets_may_not_reach_is_a_bigtiff_and_its_strips_are_
 }
 
 #[test]
-fn the_parts_of_all_bands_cover_the_frame_once_and_no_band_grows_with_the_sheet() {
+fn all_bands_cover_the_frame_once_and_their_size_does_not_grow_with_the_sheet() {
     for (paper, dpi, widest) in [([300.0, 200.0], 100, 256), ([2_000.0, 60.0], 600, 2048), ([20.0, 20.0], 25, 64)] {
         let sheet =
             Sheet::new(View::South, CORNERS, (1000.0, dpi), Some(&Paper::Custom(paper)), true).expect("a sheet");

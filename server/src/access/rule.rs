@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn an_embargo_ends_with_the_first_second_of_its_day() {
+    fn an_embargo_ends_at_the_first_second_of_its_day() {
         // 2026-11-22T00:00:00Z
         let midnight = 1_795_305_600;
         let embargo = access(AccessState::Embargo, Some("2026-11-22"));
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn the_other_states_do_not_ask_the_clock() {
+    fn states_other_than_embargo_do_not_depend_on_the_clock() {
         let clock = Clock::default();
         assert_eq!(verdict(&access(AccessState::Public, None), &clock), Verdict::Open);
         assert_eq!(
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn geometry_is_told_by_its_name() {
+    fn geometry_is_recognised_by_its_file_name() {
         assert!(is_geometry("v1/pack.00.kilwa") && is_geometry("v1/preview.GLB"));
         assert!(is_geometry("v1/annotations.json") && is_geometry("v1/iiif/annotations.json"));
         assert!(is_geometry("annotations.json") && !is_geometry("v1/poster.jpg") && !is_geometry("manifest.json"));

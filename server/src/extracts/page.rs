@@ -1,6 +1,6 @@
 //! The pages about extracts: the form, how far a file is, and what went wrong. Plain HTML; the page that waits looks again by itself.
 
-use super::order::{Detail, Format, Order};
+use super::job_spec::{Detail, Format, JobSpec};
 use super::pace::Wait;
 use super::{Failure, Refusal, SHARE, STARTS};
 use crate::portal::frame::{FOOT, Reader, head};
@@ -38,7 +38,7 @@ impl About {
 
 /// What the page says above the form.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Said {
+pub(crate) enum Message {
     Nothing,
     /// The number is none.
     Wrong,
@@ -67,17 +67,17 @@ fn begin(about: &About, reader: &Reader<'_>, path: &str, more: &str) -> String {
 }
 
 /// What there is to download, and the form. `asked` is what it holds.
-pub(crate) fn form(about: &About, reader: &Reader<'_>, said: Said, asked: Option<Order>) -> String {
+pub(crate) fn form(about: &About, reader: &Reader<'_>, message: Message, asked: Option<JobSpec>) -> String {
     let l = reader.language;
     let mut s = begin(about, reader, &about.address(), "");
-    let problem = match said {
-        Said::Nothing => None,
-        Said::Wrong => Some(l.t("extractWrong").to_owned()),
-        Said::Refused(refusal) => Some(why(reader, refusal)),
-        Said::TooLarge(size, most) => {
-            Some(l.with("extractTooLarge", &[("size", &l.size(size)), ("most", &l.size(most))]))
+    let problem = match message {
+        Message::Nothing => None,
+        Message::Wrong => Some(l.t("extractWrong").to_owned()),
+        Message::Refused(refusal) => Some(why(reader, refusal)),
+        Message::TooLarge(size, max) => {
+            Some(l.with("extractTooLarge", &[("size", &l.size(size)), ("most", &l.size(max))]))
         }
-        Said::Unknown => Some(l.t("extractUnknown").to_owned()),
+        Message::Unknown => Some(l.t("extractUnknown").to_owned()),
     };
     if let Some(problem) = problem {
         let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{problem}</p>");
@@ -110,7 +110,7 @@ pub(crate) fn form(about: &About, reader: &Reader<'_>, said: Said, asked: Option
     s
 }
 
-/// Why an order is not taken, and when to come again.
+/// Why a job is refused, and when to come again.
 pub(crate) fn why(reader: &Reader<'_>, refusal: Refusal) -> String {
     let l = reader.language;
     let (text, count, seconds) = match refusal {
@@ -121,9 +121,9 @@ pub(crate) fn why(reader: &Reader<'_>, refusal: Refusal) -> String {
     l.with(text, &[("count", count as u64), ("seconds", seconds)])
 }
 
-fn formats(s: &mut String, reader: &Reader<'_>, asked: Option<Order>) {
+fn formats(s: &mut String, reader: &Reader<'_>, asked: Option<JobSpec>) {
     let l = reader.language;
-    let chosen = asked.map_or(Format::Ply, |order| order.format);
+    let chosen = asked.map_or(Format::Ply, |spec| spec.format);
     let _ = writeln!(s, "<fieldset><legend>{}</legend>", l.t("extractFormat"));
     for format in Format::ALL {
         let ending = format.ending();
@@ -138,9 +138,9 @@ fn formats(s: &mut String, reader: &Reader<'_>, asked: Option<Order>) {
     s.push_str("</fieldset>\n");
 }
 
-fn sizes(s: &mut String, about: &About, reader: &Reader<'_>, asked: Option<Order>) {
+fn sizes(s: &mut String, about: &About, reader: &Reader<'_>, asked: Option<JobSpec>) {
     let l = reader.language;
-    let detail = asked.map_or(Detail::Triangles(TRIANGLES.min(about.triangles.max(1))), |order| order.detail);
+    let detail = asked.map_or(Detail::Triangles(TRIANGLES.min(about.triangles.max(1))), |spec| spec.detail);
     let checked = |is: bool| if is { " checked" } else { "" };
     let (triangles, error) = match detail {
         Detail::Triangles(n) => (n, ERROR),
@@ -180,9 +180,9 @@ pub(crate) enum Stage {
 }
 
 /// The page of a file, until it is there, and the moment in which it is.
-pub(crate) fn stage(about: &About, reader: &Reader<'_>, order: Order, stage: &Stage) -> String {
+pub(crate) fn stage(about: &About, reader: &Reader<'_>, spec: JobSpec, stage: &Stage) -> String {
     let l = reader.language;
-    let name = order.name(about.version);
+    let name = spec.name(about.version);
     let file = format!("{}/{name}", about.address());
     let path = format!("{file}?page=1");
     let again = match stage {
@@ -220,7 +220,7 @@ pub(crate) fn stage(about: &About, reader: &Reader<'_>, order: Order, stage: &St
             "<p role=\"status\">{}</p>\n<p class=\"actions\"><a class=\"button filled\" href=\"{}\" download>{} · {}</a></p>",
             l.t("extractReady"),
             escape(&file),
-            order.format.ending().to_uppercase(),
+            spec.format.ending().to_uppercase(),
             l.size(*bytes)
         ),
         Stage::Failed(failure) => {

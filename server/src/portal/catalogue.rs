@@ -237,7 +237,7 @@ fn facets(s: &mut String, query: &Query, found: &Found, around: &Around<'_>) {
     for facet in Facet::ALL {
         let counts = found.facets.get(&facet).map(Vec::as_slice).unwrap_or_default();
         let picked = query.facets.get(&facet);
-        // What is chosen stays to be taken away, also where nothing has it.
+        // What is chosen stays to be removed, also where nothing has it.
         let missing = picked.into_iter().flatten().filter(|value| !counts.iter().any(|c| c.value == **value));
         let rows: Vec<(&str, u64)> = counts
             .iter()
@@ -349,7 +349,7 @@ mod tests {
     use crate::portal::pairs;
 
     #[test]
-    fn an_address_is_a_query_and_back() {
+    fn a_query_round_trips_through_its_address() {
         for text in ["", "q=fort%20x&country=TZ&kind=fort&kind=wall&sort=newest&page=3", "q=%22%3E&subject=a%26b"] {
             let asked = query("/", &pairs(text)).unwrap();
             let again = address("/", &asked, asked.page, None);
@@ -360,7 +360,7 @@ mod tests {
         assert_eq!(address("/", &Query::default(), 0, Some("sw")), "/?lang=sw");
     }
     #[test]
-    fn ten_values_of_a_filter_are_taken_and_no_address_grows_beyond_its_limit() {
+    fn ten_values_of_a_filter_are_accepted_and_no_address_exceeds_its_limit() {
         let values = |n: usize| (0..n).map(|i| format!("kind=k{i}")).collect::<Vec<_>>().join("&");
         assert!(query("/", &pairs(&format!("{}&kind=k3", values(10)))).is_ok(), "the same twice is one");
         let Err(TooMuch::Values(Facet::Kind, first)) = query("/", &pairs(&values(11))) else { panic!("eleven") };

@@ -187,7 +187,7 @@ impl Collections {
     }
 }
 
-/// What is there now, and what tells it from what was there `before`.
+/// What is there now, and its identity compared with what was there `before`.
 type Seen = (Option<Identity>, Result<Vec<Collection>, String>);
 
 /// The file as it is now, unless it is the same as `before`.
@@ -296,14 +296,14 @@ mod tests {
     const GOOD: &str = "[[collection]]\nslug = \"kilwa\"\ntitle = \"Kilwa\"\nmembers = [\"b\", \"a\"]\n";
 
     #[test]
-    fn a_file_is_read_with_its_order_and_every_mistake_is_named() {
+    fn collections_are_read_in_order_and_every_mistake_is_named() {
         let all = parse(GOOD).unwrap();
         assert_eq!(
             (all[0].members.as_slice(), all[0].language.as_str()),
             (&["b".to_owned(), "a".to_owned()][..], "en")
         );
         assert_eq!(parse("").unwrap(), []);
-        for (bad, said) in [
+        for (bad, expected) in [
             ("[[collection]]\nslug = \"a\"\n", "line"),
             ("[[collection]]\nslug = \"A b\"\ntitle = \"x\"\nmembers = []\n", "collection \"A b\""),
             (&format!("{GOOD}{GOOD}"), "two collections"),
@@ -313,13 +313,13 @@ mod tests {
             (&format!("{GOOD}order = 1\n"), "line 5"),
         ] {
             let e = parse(bad).unwrap_err();
-            assert!(e.contains(said), "{bad}: {e}");
+            assert!(e.contains(expected), "{bad}: {e}");
         }
     }
 
     proptest::proptest! {
         #[test]
-        fn any_text_is_read_or_refused(cut in 0usize..80, more in ".{0,40}") {
+        fn any_text_is_parsed_or_refused(cut in 0usize..80, more in ".{0,40}") {
             let cut = (0..=cut.min(GOOD.len())).rev().find(|at| GOOD.is_char_boundary(*at)).unwrap_or(0);
             for text in [format!("{}{more}{}", &GOOD[..cut], &GOOD[cut..]), format!("{}{more}", &GOOD[..cut]), more] {
                 if let Ok(all) = parse(&text) {
@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_damaged_leaves_what_was_read_before() {
+    fn a_damaged_file_keeps_the_collections_read_before() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join(FILE);
         let look = |c: &Collections| {

@@ -49,20 +49,21 @@ pub(crate) async fn short_query(request: Request, next: Next) -> Response {
 /// The page that says why a question at `path` is not answered, and what to do.
 pub(crate) fn refused(path: &str, why: &TooMuch, reader: &Reader<'_>, headers: &HeaderMap) -> Response {
     let l = reader.language;
-    let (status, said, next) = match why {
+    let (status, message, next) = match why {
         TooMuch::Long => {
             let next = format!("{} <a href=\"{}\">{}</a>", l.t("tooLongNext"), reader.to(path), l.t("all"));
             (StatusCode::URI_TOO_LONG, l.t("tooLong").to_owned(), next)
         }
         TooMuch::Values(facet, query) => {
-            let said = l.with("tooMany", &[("count", VALUES_MAX.into()), ("filter", Value::from(l.t(facet.name())))]);
+            let message =
+                l.with("tooMany", &[("count", VALUES_MAX.into()), ("filter", Value::from(l.t(facet.name())))]);
             let first = escape(&address(path, query, 0, reader.lang));
             let next = format!("<a href=\"{first}\">{}</a>", l.with("tooManyNext", &[("count", VALUES_MAX)]));
-            (StatusCode::BAD_REQUEST, said, next)
+            (StatusCode::BAD_REQUEST, message, next)
         }
     };
     let mut s = head(reader, l.t("title"), &|code| format!("{path}?lang={code}"), "");
-    let _ = write!(s, "<h1>{}</h1>\n<p class=\"lead\"><strong>{said}</strong> {next}</p>\n{FOOT}", l.t("title"));
+    let _ = write!(s, "<h1>{}</h1>\n<p class=\"lead\"><strong>{message}</strong> {next}</p>\n{FOOT}", l.t("title"));
     let mut response = page(s, headers);
     *response.status_mut() = status;
     response.headers_mut().insert(VARY, HeaderValue::from_static("Accept-Encoding, Accept-Language"));

@@ -19,7 +19,7 @@ const HEIGHT: f64 = 480.0;
 const APART: f64 = 44.0;
 /// Places of the list; more are for looking closer.
 const LISTED: usize = 200;
-/// The outline tells nothing below this many degrees of latitude.
+/// The outline has nothing below this many degrees of latitude.
 const CLOSEST: f64 = 2.0;
 /// Points of the outline nearer to the last one than this are left out.
 const FINE: f64 = 0.6;
@@ -84,8 +84,8 @@ impl Projection {
     fn corners(&self) -> [[f64; 2]; 2] {
         let half = [WIDTH / 2.0 / self.scale / self.squeeze, HEIGHT / 2.0 / self.scale];
         let end = |sign: f64| {
-            let most = [180.0, 90.0];
-            [0, 1].map(|k: usize| (self.middle[k] + sign * half[k]).clamp(-most[k], most[k]))
+            let max = [180.0, 90.0];
+            [0, 1].map(|k: usize| (self.middle[k] + sign * half[k]).clamp(-max[k], max[k]))
         };
         [end(-1.0), end(1.0)]
     }
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn every_place_is_a_dot_or_part_of_one_and_is_listed() {
+    fn every_location_is_in_a_dot_of_the_map_and_in_the_list() {
         let places: Vec<Located> = (0..300)
             .map(|i| place(&format!("m{i}"), f64::from(i % 17) * 0.9 - 12.0, f64::from(i % 31) * 1.1 + 20.0))
             .collect();
@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn looking_closer_ends_where_places_are_the_same() {
+    fn zooming_in_ends_where_locations_are_equal() {
         let near = [place("a", -8.96, 39.51), place("b", -8.9601, 39.5101)];
         let html = shown(&near, None);
         assert!(html.contains("href=\"#places\"") && !html.contains("box="), "{html}");
@@ -372,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_is_a_box_or_nothing() {
+    fn a_bounding_box_is_parsed_or_refused() {
         assert!(Window::parse("-10,-5.5,10,20").is_some());
         for bad in ["", "1,2,3", "10,0,5,1", "0,0,nan,1", "-190,0,1,1", "0,0,1,1,1", "a,b,c,d", "0,0,1,91"] {
             assert_eq!(Window::parse(bad), None, "{bad}");
@@ -382,14 +382,14 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn any_box_gives_a_page(text in "[-0-9.,eE]{0,40}", lat in -90.0..=90.0f64, lon in -180.0..=180.0f64) {
+        fn any_bounding_box_gives_a_page(text in "[-0-9.,eE]{0,40}", lat in -90.0..=90.0f64, lon in -180.0..=180.0f64) {
             let html = shown(&[place("a", lat, lon), place("b", -lat, lon / 2.0)], Window::parse(&text));
             proptest::prop_assert!(html.ends_with("</html>\n") && !html.contains("NaN") && !html.contains("inf"));
         }
     }
 
     #[test]
-    fn distances_are_true_in_the_middle_of_the_map() {
+    fn distances_are_exact_at_the_centre_of_the_map() {
         let p = Projection::of(Window([0.0, 50.0, 20.0, 60.0]));
         let [x0, y0] = p.at([10.0, 55.0]);
         let (east, north) = (p.at([10.1, 55.0])[0] - x0, y0 - p.at([10.0, 55.1])[1]);

@@ -142,7 +142,7 @@ fn sets(source: &dyn Source, token: Option<&str>) -> Result<String, Problem> {
         None => 0,
         Some(last) => {
             let at = all.iter().position(|set| set.slug == last);
-            at.ok_or(("badResumptionToken", "this resumption token is none of ours".to_owned()))? + 1
+            at.ok_or(("badResumptionToken", "unknown resumption token".to_owned()))? + 1
         }
     };
     if all.is_empty() {
@@ -236,7 +236,7 @@ fn stamp(entry: &Entry) -> &str {
 fn record(source: &dyn Source, asked: &Asked<'_>, entry: &Entry) -> String {
     let mut s = format!("<record>\n{}", header(source, asked, entry));
     if entry.access.state != AccessState::Withdrawn {
-        let dc = source.dublin_core(&entry.slug).unwrap_or_else(|| least(source, entry));
+        let dc = source.dublin_core(&entry.slug).unwrap_or_else(|| minimal_record(source, entry));
         let dc = dc.trim_start_matches('\u{feff}');
         // The declaration stands once, at the beginning of the answer.
         let body = dc.strip_prefix("<?xml").and_then(|rest| rest.split_once("?>")).map_or(dc, |(_, body)| body);
@@ -247,7 +247,7 @@ fn record(source: &dyn Source, asked: &Asked<'_>, entry: &Entry) -> String {
 }
 
 /// A record from what the index knows, for an object whose own cannot be read.
-fn least(source: &dyn Source, entry: &Entry) -> String {
+fn minimal_record(source: &dyn Source, entry: &Entry) -> String {
     format!(
         "<oai_dc:dc xmlns:oai_dc=\"http://www.openarchives.org/OAI/2.0/oai_dc/\" xmlns:dc=\"http://purl.org/dc/elements/1.1/\">\n\
          <dc:title>{}</dc:title>\n<dc:identifier>{}</dc:identifier>\n<dc:rights>{}</dc:rights>\n</oai_dc:dc>",
@@ -280,7 +280,7 @@ impl Selection {
                     let [from, until, set, after] = [from, until, set, after].map(str::to_owned);
                     Ok(Self { from, until, set, after })
                 }
-                _ => Err(("badResumptionToken", "this resumption token is none of ours".to_owned())),
+                _ => Err(("badResumptionToken", "unknown resumption token".to_owned())),
             };
         }
         is_known_format(get("metadataPrefix"))?;

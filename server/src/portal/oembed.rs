@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 /// Size of the frame where nothing is asked for, CSS pixels.
 const FRAME: [u64; 2] = [960, 540];
 /// Smallest frame that is of use.
-const LEAST: u64 = 200;
+const MIN: u64 = 200;
 
 /// What was asked for.
 #[derive(Debug, PartialEq, Eq)]
@@ -35,7 +35,7 @@ pub(crate) fn question(base: &str, query: &str) -> Result<Question, u16> {
     };
     let number = |name: &str, usual: u64| match get(name).map(str::parse::<u64>) {
         None => Ok(usual),
-        Some(Ok(n)) => Ok(n.clamp(LEAST, usual.max(LEAST))),
+        Some(Ok(n)) => Ok(n.clamp(MIN, usual.max(MIN))),
         Some(Err(_)) => Err(400_u16),
     };
     let size = [number("maxwidth", FRAME[0])?, number("maxheight", FRAME[1])?];
@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn questions_are_about_pages_of_this_site() {
+    fn oembed_accepts_only_pages_of_this_site() {
         let base = "https://a.example";
         let ask = |query: &str| question(base, query);
         let q =

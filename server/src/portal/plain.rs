@@ -37,7 +37,7 @@ pub(crate) fn page(models: &[Arc<Model>], page: usize, clock: &Clock, reader: &R
     s
 }
 
-/// Cards of one part of some models, of `per_page` each, with links to the others, which `name` tells apart in addresses. Empty where there are none.
+/// Cards of one part of some models, of `per_page` each, with links to the others, which `name` distinguishes in addresses. Empty if there are none.
 pub(crate) fn part(
     models: &[Arc<Model>],
     part: Part,
@@ -83,7 +83,7 @@ fn card(s: &mut String, m: &Model, clock: &Clock, reader: &Reader<'_>) {
             );
         }
         Err(why) => {
-            // The reason is for whoever keeps the server, in the language of its log.
+            // The reason is for the administrator, in the language of its log.
             let _ = write!(
                 s,
                 "<li class=\"card broken\">\n<h2 dir=\"auto\">{title}</h2>\n<p><strong>{}</strong> <bdi lang=\"en\">{}</bdi></p>\n",

@@ -32,7 +32,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_byte_survives_and_what_is_outside_is_clamped() {
+    fn every_byte_round_trips_and_values_out_of_range_are_clamped() {
         assert!((0..=255).all(|c| srgb(linear(c)) == c));
         assert_eq!((srgb(-1.0), srgb(2.0), srgb(f32::NAN)), (0, 255, 0));
     }

@@ -214,9 +214,9 @@ impl Layout {
 }
 
 /// The largest 1, 2 or 5 times a power of ten that is at most `most`.
-fn round_length(most: f64) -> f64 {
-    let power = libm::pow(10.0, libm::floor(libm::log10(most)));
-    [5.0, 2.0, 1.0].into_iter().map(|k| k * power).find(|x| *x <= most * (1.0 + 1e-9)).unwrap_or(power)
+fn round_length(max: f64) -> f64 {
+    let power = libm::pow(10.0, libm::floor(libm::log10(max)));
+    [5.0, 2.0, 1.0].into_iter().map(|k| k * power).find(|x| *x <= max * (1.0 + 1e-9)).unwrap_or(power)
 }
 
 /// Up to six significant digits, no needless zeros.

@@ -112,7 +112,7 @@ impl Pdf {
 
     /// What stands before a new object: the file's head, or the end of the strip before.
     fn before(&self) -> Vec<u8> {
-        // Bytes above 127 tell programs that copy files that this is no text.
+        // Bytes above 127 show programs that copy files that this is not text.
         if self.at == 0 { b"%PDF-1.4\n%\xE2\xE3\xCF\xD3\n".to_vec() } else { STREAM_END.as_bytes().to_vec() }
     }
 

@@ -7,10 +7,10 @@ use std::fmt::Write as _;
 
 /// What the form says above its fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Said {
+pub(crate) enum Message {
     /// Nothing yet.
     Nothing,
-    /// Name or password was wrong; which of them is not told.
+    /// Name or password was wrong; which of them is not disclosed.
     Wrong,
     /// Too many failures: so many seconds to wait.
     Wait(u64),
@@ -21,7 +21,7 @@ pub(crate) enum Said {
 }
 
 /// The page; `next` is where it leads, an address of this site.
-pub(crate) fn form(language: &'static Language, said: Said, next: &str, name: Option<&str>) -> String {
+pub(crate) fn form(language: &'static Language, message: Message, next: &str, name: Option<&str>) -> String {
     let t = |key: &'static str| language.t(key);
     let mut s =
         HEAD.replacen("<html lang=\"en\">", &format!("<html lang=\"{}\" dir=\"{}\">", language.code, t("dir")), 1);
@@ -32,19 +32,19 @@ pub(crate) fn form(language: &'static Language, said: Said, next: &str, name: Op
          <main class=\"sign-in\">\n<h1>{0}</h1>\n",
         t("signIn")
     );
-    match said {
-        Said::Nothing => {}
-        Said::Wrong => {
+    match message {
+        Message::Nothing => {}
+        Message::Wrong => {
             let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{}</p>", t("signInWrong"));
         }
-        Said::Failed => {
+        Message::Failed => {
             let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{}</p>", t("signInFailed"));
         }
-        Said::Wait(seconds) => {
+        Message::Wait(seconds) => {
             let text = language.with("signInWait", &[("seconds", seconds)]);
             let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{text}</p>");
         }
-        Said::Done => {
+        Message::Done => {
             let who = language.with("signedIn", &[("name", &escape(name.unwrap_or_default()))]);
             let _ = write!(
                 s,
