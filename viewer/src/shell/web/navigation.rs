@@ -82,17 +82,17 @@ impl Viewer {
     /// finest surface, whatever is on screen.
     pub fn ray(&self, x: f64, y: f64) -> Vec<f64> {
         let (origin, direction) = self.camera.ray([x, y], self.size());
-        [origin, direction].concat()
+        [origin, direction].map(|v| v.to_array()).concat()
     }
 
     /// Whether the surface on screen stands before a place. A place up to `slack` metres behind it counts as on it.
     #[wasm_bindgen(js_name = isHidden)]
     pub fn is_hidden(&self, x: f64, y: f64, z: f64, slack: f64) -> bool {
-        let Some((pixel, _)) = self.camera.pixel([x, y, z], self.size()) else { return true };
+        let Some((pixel, _)) = self.camera.pixel(DVec3::new(x, y, z), self.size()) else { return true };
         let (origin, direction) = self.camera.ray(pixel, self.size());
         let Some(hit) = self.hit(pixel[0], pixel[1]) else { return false };
         let seen = self.streamer.header().lattice.world_from_steps(hit.point);
-        (seen - origin).dot(direction) + slack < ([x, y, z] - origin).dot(direction)
+        (seen - origin).dot(direction) + slack < (DVec3::new(x, y, z) - origin).dot(direction)
     }
 
     /// Move with the picture, by pixels.
