@@ -197,7 +197,7 @@ pub fn complete(
     let (files, bytes) = (draft.files().len() + 1, draft.files().iter().map(|(_, bytes, _)| bytes).sum());
     let earlier = facts.before.as_ref().map(|m| m.versions.clone()).unwrap_or_default();
     let around = Surroundings { earlier, drawings: landing.drawings, list: landing.list };
-    let html = page::landing(landing.viewer.html(), publication, &around);
+    let html = page::landing(landing.viewer.frame()?, publication, &around);
     let manifest = |checksums, page| facts.manifest(publication, checksums, page);
     let object = draft.finish(lock, publication.version, html.as_bytes(), manifest)?;
     Ok(Completed { object, files, bytes })

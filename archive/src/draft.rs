@@ -15,6 +15,7 @@ use super::manifest::{FileEntry, MANIFEST_MAX, Manifest, ManifestError};
 use super::modes;
 use super::next::become_next;
 use super::scratch::{self, Scratch};
+use super::viewer::PageError;
 use kilwa_files::plain_file;
 use kilwa_pack::plural::counted;
 use std::fs::{self, File};
@@ -91,6 +92,9 @@ pub enum DraftError {
     /// A file of another user stands where one of ours would.
     #[error("{0} is not from kilwa and is left as it is; move it away, publish to another folder, or leave --site out")]
     Foreign(PathBuf),
+    /// A viewer page that no landing page can be made of.
+    #[error(transparent)]
+    Page(#[from] PageError),
     /// A manifest that cannot be.
     #[error(transparent)]
     Manifest(#[from] ManifestError),

@@ -52,7 +52,7 @@ use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use kilwa_archive::viewer::{Asset, Page};
+use kilwa_archive::viewer::{Asset, Page, PageError};
 use std::io::Write;
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -317,11 +317,20 @@ async fn model(State(site): State<Site>, Path(slug): Path<String>, headers: Head
     match find(&site, &slug).await {
         Ok(model) if model.object().is_some() => to(&model.page()),
         Ok(model) => {
-            let html = html::model(site.page.html(), &model, has_notes(&model).await);
-            page(html::with_extracts(html, site.extracts.as_ref().map(|_| slug.as_str())), &headers)
+            let extracts = site.extracts.as_ref().map(|_| slug.as_str());
+            match html::model(&site.page, &model, has_notes(&model).await, extracts) {
+                Ok(html) => page(html, &headers),
+                Err(e) => unusable(&e),
+            }
         }
         Err(status) => or_lost(status),
     }
+}
+
+/// A page folder is checked when the server begins.
+fn unusable(e: &PageError) -> Response {
+    tracing::error!("{e}");
+    StatusCode::INTERNAL_SERVER_ERROR.into_response()
 }
 
 pub(crate) async fn find(site: &Site, slug: &str) -> Result<Arc<Model>, StatusCode> {
@@ -355,12 +364,15 @@ async fn landing(State(site): State<Site>, Path(slug): Path<String>, headers: He
         Err(status) => return or_lost(status),
     };
     let notes = table.get(objects::NOTES).map(|_| format!("/{slug}/{}", objects::NOTES));
+    let extracts = site.extracts.as_ref().filter(|_| status == StatusCode::OK).map(|_| slug.as_str());
     let html = match html {
-        Some(html) => html::landing(&html, &site.policy.meta(), notes.as_deref()),
-        None => html::model(site.page.html(), &model, notes.is_some()),
+        Some(html) => html::landing(&html, &site.policy.meta(), notes.as_deref(), extracts),
+        None => match html::model(&site.page, &model, notes.is_some(), extracts) {
+            Ok(html) => html,
+            Err(e) => return unusable(&e),
+        },
     };
-    let offered = site.extracts.as_ref().filter(|_| status == StatusCode::OK);
-    let mut response = page(html::with_extracts(html, offered.map(|_| slug.as_str())), &headers);
+    let mut response = page(html, &headers);
     *response.status_mut() = status;
     if status == StatusCode::OK {
         let base = base(site.url.as_deref(), &headers, site.behind_proxy);

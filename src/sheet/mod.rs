@@ -1,9 +1,10 @@
 //! Drawings to scale: `kilwa render --scale 1:50`. Plans and elevations as PNG, PDF or GeoTIFF of any size, in constant memory.
 //!
 //! How large the sheet is and what stands on it (picture, frame, grid, scale bar, north arrow, title block) is `kilwa_measure::sheet`'s,
-//! which the page has too; `picture` draws the model band by band, `paint` the marks on it, and `png` and `strips` (PDF, TIFF) write bands as they come. One pixel is
+//! which the page has too; `picture` draws the model band by band, `paint` the marks on it, `letters` sets texts that Helvetica lacks, and `png` and `strips` (PDF, TIFF) write bands as they come. One pixel is
 //! exactly `25.4 mm / dpi × scale`; the picture's middle is that of the model's box. The file gets its name when it is complete.
 
+mod letters;
 mod paint;
 mod picture;
 mod png;
@@ -135,7 +136,10 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
         identity: s.identity.clone(),
         spacing: metadata.median_edge,
     };
-    let layout = if args.bare { Layout::default() } else { Layout::of(&sheet, &title) };
+    let mut layout = if args.bare { Layout::default() } else { Layout::of(&sheet, &title) };
+    if format == Format::Pdf {
+        layout.letters = letters::of(&layout)?;
+    }
     let size = sheet.pixels()?;
     let georeference = GeoReference::of(&sheet, metadata.crs.as_deref());
     // The page of a PDF has its lines and letters as such; pictures have them painted.

@@ -130,6 +130,7 @@ mod tests {
                 Mark::Triangle { corners: [[5.0, 5.0], [9.0, 12.0], [3.0, 11.0]], grey: 0.5 },
                 Mark::Text { at: [25.0, 10.0], height: 3.0, anchor: Anchor::End, words: "Gereza 1:50 é".into() },
             ],
+            ..Layout::default()
         };
         let mut whole = Band::new(300, 0, 160);
         whole.paint(&layout, 10.0);
@@ -146,7 +147,10 @@ mod tests {
     #[test]
     fn a_scale_bar_is_exact_to_half_a_pixel() {
         for (scale, left) in [3.937, 5.906, 11.811, 23.622].into_iter().flat_map(|s| [(s, 3.3), (s, 3.35), (s, 16.0)]) {
-            let layout = Layout { marks: vec![Mark::Box { at: [left, 2.0], size: [40.0, 2.0], grey: 0.0 }] };
+            let layout = Layout {
+                marks: vec![Mark::Box { at: [left, 2.0], size: [40.0, 2.0], grey: 0.0 }],
+                ..Layout::default()
+            };
             let mut band = Band::new(1400, 0, 120);
             band.paint(&layout, scale);
             let row = (3.0 * scale) as usize;

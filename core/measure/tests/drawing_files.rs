@@ -6,7 +6,8 @@ use flate2::write::ZlibEncoder;
 use glam::DVec3;
 use kilwa_measure::sheet::file::{Form, Writer};
 use kilwa_measure::sheet::georeference::GeoReference;
-use kilwa_measure::sheet::layout::Layout;
+use kilwa_measure::sheet::layout::{Anchor, Layout, Mark};
+use kilwa_measure::sheet::letters::{Line, needed};
 use kilwa_measure::sheet::paper::Paper;
 use kilwa_measure::sheet::{Sheet, View};
 use proptest::prelude::*;
@@ -29,8 +30,12 @@ fn packed(bytes: &[u8]) -> Vec<u8> {
 
 /// A drawing file and its pixels.
 fn file(sheet: &Sheet, form: Form, place: Option<GeoReference>) -> (Vec<u8>, Vec<u8>) {
+    file_with(sheet, form, &Layout::default(), place)
+}
+
+fn file_with(sheet: &Sheet, form: Form, layout: &Layout, place: Option<GeoReference>) -> (Vec<u8>, Vec<u8>) {
     let [width, height] = sheet.pixels().expect("not too fine");
-    let mut writer = Writer::new(form, sheet, &Layout::default(), "Gereza (çé)", place).expect("not too fine");
+    let mut writer = Writer::new(form, sheet, layout, "Gereza (çé)", place).expect("not too fine");
     let (mut out, mut pixels) = (Vec::new(), Vec::new());
     let rows = Sheet::band_rows(width);
     for top in (0..height).step_by(rows as usize) {
@@ -80,15 +85,7 @@ proptest! {
     fn the_cross_reference_table_of_a_pdf_is_exact_and_its_strips_hold_the_rows(width in 20.0..60.0f64, height in 20.0..300.0f64) {
         let sheet = plan([width, height], 60);
         let (bytes, pixels) = file(&sheet, Form::Pdf, None);
-        let end = bytes.len().saturating_sub(40);
-        let last: String = bytes[end..].iter().map(|b| char::from(*b)).collect();
-        let table: usize = last.split("startxref\n").nth(1).and_then(|t| t.lines().next()).expect("there").parse().expect("a number");
-        let table = std::str::from_utf8(&bytes[table..]).expect("a table is text");
-        let offsets = table.lines().filter(|l| l.ends_with(" n ")).map(|l| l[..10].parse::<usize>().expect("digits"));
-        for (n, at) in offsets.enumerate() {
-            let begin = format!("{} 0 obj\n", n + 1);
-            prop_assert!(bytes[at..].starts_with(begin.as_bytes()), "object {}", n + 1);
-        }
+        has_objects_where_its_table_says(&bytes);
         let mut read = Vec::new();
         let mut rest = &bytes[..];
         while let Some(at) = find(rest, b"/FlateDecode /Length ") {
@@ -98,6 +95,43 @@ proptest! {
         }
         prop_assert_eq!(read, pixels);
     }
+}
+
+fn has_objects_where_its_table_says(bytes: &[u8]) {
+    let end = bytes.len().saturating_sub(40);
+    let last: String = bytes[end..].iter().map(|b| char::from(*b)).collect();
+    let table = last.split("startxref\n").nth(1).and_then(|t| t.lines().next()).expect("there");
+    let table = &bytes[table.parse::<usize>().expect("a number")..];
+    let table = std::str::from_utf8(table).expect("a table is text");
+    let offsets = table.lines().filter(|l| l.ends_with(" n ")).map(|l| l[..10].parse::<usize>().expect("digits"));
+    for (n, at) in offsets.enumerate() {
+        let begin = format!("{} 0 obj\n", n + 1);
+        assert!(bytes[at..].starts_with(begin.as_bytes()), "object {}", n + 1);
+    }
+}
+
+#[test]
+fn a_pdf_shows_letters_of_other_scripts_in_the_font_that_it_begins_with() {
+    let sheet = plan([40.0, 30.0], 60);
+    let text = |words: &str| Mark::Text { at: [20.0, 10.0], height: 3.0, anchor: Anchor::End, words: words.to_owned() };
+    let mut layout = Layout { marks: vec![text("Plan"), text("قلعة")], ..Layout::default() };
+    let shown = |layout: &Layout| {
+        let (bytes, _) = file_with(&sheet, Form::Pdf, layout, None);
+        has_objects_where_its_table_says(&bytes);
+        bytes.iter().map(|b| char::from(*b)).collect::<String>()
+    };
+    assert_eq!(needed(&layout).into_iter().collect::<Vec<_>>(), ["قلعة"]);
+    let without = shown(&layout);
+    assert!(without.contains("<3F3F3F3F> Tj") && !without.contains("/G"), "question marks without a font");
+    let line = Line { operators: "[<00010002>] TJ".to_owned(), width: 2.0 };
+    layout.letters.lines.insert("قلعة".to_owned(), line);
+    layout.letters.objects = [1, 2].map(|n| format!("{n} 0 obj\n<<>>\nendobj\n").into_bytes()).to_vec();
+    let with = shown(&layout);
+    assert!(with.contains("/G 1 0 R") && with.contains("<506C616E> Tj") && !with.contains("<3F"));
+    // The end of the line is where the text is anchored: 20 mm, less two sizes.
+    let size = 3.0 * 72.0 / 25.4 / 0.718;
+    let left = 20.0 * 72.0 / 25.4 - 2.0 * size;
+    assert!(with.contains(&format!("/G 1 Tf {size:.4} 0 0 {size:.4} {left:.4} ")), "{left}");
 }
 
 fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {

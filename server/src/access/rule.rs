@@ -9,7 +9,7 @@
 //!
 //! Invariant: whatever is not certainly allowed is refused; a clock that was set back only keeps an embargo longer.
 
-use kilwa_archive::date::day_of;
+use kilwa_archive::date::{day_of, moment_of};
 use kilwa_archive::manifest::{Access, AccessState};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -44,9 +44,7 @@ impl Clock {
 
     /// Now, UTC, `YYYY-MM-DDThh:mm:ssZ`.
     pub(crate) fn instant(&self) -> String {
-        let seconds = (self.0)();
-        let (h, m, s) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
-        format!("{}T{h:02}:{m:02}:{s:02}Z", day_of(seconds))
+        moment_of((self.0)())
     }
 }
 

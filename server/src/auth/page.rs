@@ -1,9 +1,8 @@
 //! The form for signing in: plain HTML in the catalogue's languages, works without scripts.
 
-use crate::html::HEAD;
 use crate::portal::language::Language;
-use kilwa_archive::record::xml::escape;
-use std::fmt::Write as _;
+use askama::Template;
+use kilwa_archive::html::render;
 
 /// What the form says above its fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,57 +19,26 @@ pub(crate) enum Message {
     Done,
 }
 
+#[derive(Template)]
+#[template(path = "sign-in.html")]
+struct Page<'a> {
+    l: &'static Language,
+    next: &'a str,
+    name: &'a str,
+    /// Who is signed in, as a sentence; else there is a form.
+    signed_in: Option<String>,
+    problem: Option<String>,
+}
+
 /// The page; `next` is where it leads, an address of this site.
-pub(crate) fn form(language: &'static Language, message: Message, next: &str, name: Option<&str>) -> String {
-    let t = |key: &'static str| language.t(key);
-    let mut s =
-        HEAD.replacen("<html lang=\"en\">", &format!("<html lang=\"{}\" dir=\"{}\">", language.code, t("dir")), 1);
-    let _ = write!(
-        s,
-        "<meta name=\"robots\" content=\"noindex\">\n<title>{0} - Kilwa</title>\n</head>\n<body class=\"list\">\n\
-         <header class=\"site\"><a class=\"brand\" href=\"/\"><img src=\"/viewer/icons/kilwa.svg\" alt=\"\" width=\"28\" height=\"28\"> Kilwa</a></header>\n\
-         <main class=\"sign-in\">\n<h1>{0}</h1>\n",
-        t("signIn")
-    );
-    match message {
-        Message::Nothing => {}
-        Message::Wrong => {
-            let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{}</p>", t("signInWrong"));
-        }
-        Message::Failed => {
-            let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{}</p>", t("signInFailed"));
-        }
-        Message::Wait(seconds) => {
-            let text = language.with("signInWait", &[("seconds", seconds)]);
-            let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{text}</p>");
-        }
-        Message::Done => {
-            let who = language.with("signedIn", &[("name", &escape(name.unwrap_or_default()))]);
-            let _ = write!(
-                s,
-                "<p role=\"status\">{who}</p>\n<form method=\"post\" action=\"/sign-out\">\n\
-                 <p class=\"actions\"><a class=\"button filled\" href=\"{}\">{}</a> <button class=\"button outlined\">{}</button> \
-                 <button class=\"button outlined\" name=\"everywhere\" value=\"1\">{}</button></p>\n</form>\n</main>\n</body>\n</html>\n",
-                escape(next),
-                t("goOn"),
-                t("signOut"),
-                t("signOutEverywhere")
-            );
-            return s;
-        }
-    }
-    let _ = write!(
-        s,
-        "<form method=\"post\" action=\"/sign-in\">\n<input type=\"hidden\" name=\"next\" value=\"{}\"><input type=\"hidden\" name=\"lang\" value=\"{}\">\n\
-         <p><label for=\"name\">{}</label><br><input id=\"name\" name=\"name\" autocomplete=\"username\" autocapitalize=\"none\" spellcheck=\"false\" required value=\"{}\" dir=\"ltr\"></p>\n\
-         <p><label for=\"password\">{}</label><br><input id=\"password\" name=\"password\" type=\"password\" autocomplete=\"current-password\" required dir=\"ltr\"></p>\n\
-         <p class=\"actions\"><button class=\"button filled\">{}</button></p>\n</form>\n</main>\n</body>\n</html>\n",
-        escape(next),
-        language.code,
-        t("userName"),
-        escape(name.unwrap_or_default()),
-        t("password"),
-        t("signIn")
-    );
-    s
+pub(crate) fn form(language: &'static Language, said: Said, next: &str, name: Option<&str>) -> String {
+    let name = name.unwrap_or_default();
+    let problem = match said {
+        Said::Nothing | Said::Done => None,
+        Said::Wrong => Some(language.t("signInWrong").to_owned()),
+        Said::Failed => Some(language.t("signInFailed").to_owned()),
+        Said::Wait(seconds) => Some(language.with("signInWait", &[("seconds", seconds)])),
+    };
+    let signed_in = (said == Said::Done).then(|| language.with("signedIn", &[("name", name)]));
+    render(&Page { l: language, next, name, signed_in, problem })
 }

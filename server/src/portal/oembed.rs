@@ -5,8 +5,9 @@
 use super::{encoded, pairs};
 use crate::index::Entry;
 use kilwa_archive::AccessState;
+use kilwa_archive::html::{Embedded, render};
 use kilwa_archive::layout::POSTER;
-use kilwa_archive::record::xml::{Xml, escape};
+use kilwa_archive::record::xml::Xml;
 use serde_json::{Value, json};
 
 /// Size of the frame where nothing is asked for, CSS pixels.
@@ -56,11 +57,8 @@ pub(crate) fn answer(base: &str, question: &Question, entry: &Entry) -> Option<V
     }
     let [width, height] = question.size;
     let view = if question.view.is_empty() { String::new() } else { format!("#{}", encoded_view(&question.view)) };
-    let html = format!(
-        "<iframe src=\"{base}/{}/?embed=1{view}\" width=\"{width}\" height=\"{height}\" title=\"{}\" style=\"border:0\" allow=\"fullscreen\" loading=\"lazy\"></iframe>",
-        encoded(&entry.slug),
-        escape(&entry.title)
-    );
+    let address = format!("{base}/{}/?embed=1{view}", encoded(&entry.slug));
+    let html = render(&Embedded { address: &address, width, height, title: &entry.title });
     let mut v = json!({
         "version": "1.0",
         "type": "rich",

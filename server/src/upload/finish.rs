@@ -353,6 +353,12 @@ pub(super) fn refused(e: &DraftError) -> Refusal {
         DraftError::Other(_) => Refusal::conflict(format!(
             "the server has something under this name that is not an object of kilwa, or is damaged. {ASK}, or give another name with slug = \"…\" in the metadata, then run the same command again"
         )),
+        DraftError::Page(_) => Refusal::new(
+            StatusCode::INTERNAL_SERVER_ERROR,
+            format!(
+                "the server has a viewer page that no landing page can be made of; nothing was published. {ASK}, then run the same command again"
+            ),
+        ),
         DraftError::Manifest(e) => Refusal::content(format!(
             "the manifest of this version cannot be written{}. Correct the metadata, then run the same command again; if that does not help, {ask}",
             field_of(e).map(|field| format!(", because of {field}")).unwrap_or_default(),
@@ -374,6 +380,7 @@ const ASK: &str = "Ask the administrator of the server (its log says where)";
 #[cfg(test)]
 mod tests {
     use super::*;
+    use kilwa_archive::viewer::PageError;
     use std::path::PathBuf;
 
     #[test]
@@ -400,6 +407,7 @@ mod tests {
             disk().after("the version is published, but not all of its files are in place"),
             manifest(ManifestError::Form("/srv/secret/fort: no JSON".to_owned())),
             manifest(ManifestError::Newer(7)),
+            DraftError::Page(PageError::Places("/srv/secret".to_owned())),
             manifest(ManifestError::Wrong { field: "versions[1].pack.url".to_owned(), why: "/srv/secret".to_owned() }),
             manifest(ManifestError::Wrong { field: "/srv/secret/fort".to_owned(), why: "it is empty".to_owned() }),
             manifest(ManifestError::Form("/srv/secret".to_owned())).after("the version is published"),
@@ -419,6 +427,7 @@ mod tests {
                 | DraftError::Left { .. }
                 | DraftError::Other(_)
                 | DraftError::Foreign(_)
+                | DraftError::Page(_)
                 | DraftError::Manifest(_) => {}
             }
         }

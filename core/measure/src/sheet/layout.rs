@@ -2,6 +2,7 @@
 
 use super::Sheet;
 use super::View;
+use super::letters::Letters;
 use super::paper::{LABELS, MARGIN, STRIP};
 use serde::Serialize;
 
@@ -55,6 +56,9 @@ pub enum Mark {
 pub struct Layout {
     /// In the order in which they are painted.
     pub marks: Vec<Mark>,
+    /// Texts that a PDF shows in a font of its own.
+    #[serde(skip)]
+    pub letters: Letters,
 }
 
 /// What the title block says.

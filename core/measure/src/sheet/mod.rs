@@ -8,6 +8,7 @@
 pub mod file;
 pub mod georeference;
 pub mod layout;
+pub mod letters;
 pub mod paper;
 mod pdf;
 mod tiff;
