@@ -56,7 +56,7 @@ struct Landing<'a> {
     around: &'a Surroundings,
     /// The version's folder.
     folder: String,
-    /// Address of the catalogue, empty where there is none.
+    /// Address of the catalogue, empty if there is none.
     list: String,
     /// Standard uncertainty, metres.
     accuracy: Option<String>,

@@ -40,7 +40,7 @@ fn dimensions(summary: &Summary) -> [f64; 3] {
     [0, 1, 2].map(|i: usize| (b[i] - a[i]).abs())
 }
 
-/// The model's box, drawn in proportion, with its longest side: what can be said of its shape without drawing it.
+/// The model's box, drawn in proportion, with its longest side: what is known of its shape without drawing it.
 #[derive(Template)]
 #[template(path = "extent.html")]
 pub(crate) struct Extent {
@@ -102,7 +102,7 @@ pub(crate) fn model(page: &Page, m: &Model, has_notes: bool, extracts: Option<&s
         title: m.title(),
         pack: m.pack().unwrap_or_default(),
         notes: has_notes.then_some(notes),
-        // The viewer writes them anew in the reader's language.
+        // The viewer writes them again in the reader's language.
         facts: m.summary.as_ref().map(|summary| facts(m, summary, Language::english())).map_err(String::as_str),
         extracts,
     }))

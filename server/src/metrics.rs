@@ -151,7 +151,7 @@ impl Metrics {
     }
 }
 
-/// Where the system tells it (Linux).
+/// If the system reports it (Linux).
 fn open_files() -> Option<u64> {
     Some(std::fs::read_dir("/proc/self/fd").ok()?.count() as u64)
 }

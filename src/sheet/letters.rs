@@ -42,11 +42,11 @@ struct Used<'f> {
     /// To their numbers in the embedded font.
     numbers: GlyphRemapper,
     widths: BTreeMap<u16, f64>,
-    /// What each stands for.
+    /// What each represents.
     texts: BTreeMap<u16, String>,
 }
 
-/// The texts of a layout that need another font, and the font; nothing where there are none.
+/// The texts of a layout that need another font, and the font; nothing if there are none.
 ///
 /// # Errors
 /// When the font cannot be read, which a test excludes.
@@ -128,7 +128,7 @@ impl Used<'_> {
         (all, self.thousandths(pen))
     }
 
-    /// Keep what each glyph stands for: the characters from its cluster to the next one; of several glyphs of a cluster the first.
+    /// Keep what each glyph represents: the characters from its cluster to the next one; of several glyphs of a cluster the first.
     fn note(&mut self, glyphs: &[(u16, usize)], text: &str, end: usize) {
         let mut starts: Vec<usize> = glyphs.iter().map(|(_, at)| *at).collect();
         starts.sort_unstable();

@@ -315,7 +315,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_number_is_found_by_its_key_and_only_there() {
+    fn a_number_is_found_only_by_its_key() {
         let json = "{\"a\": 1.5e-3, \"b\" : -2, \"c\": \"x\"}";
         assert_eq!(number_of(json, "\"a\""), Some(0.0015));
         assert_eq!(number_of(json, "\"b\""), Some(-2.0));

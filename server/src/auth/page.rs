@@ -31,14 +31,14 @@ struct Page<'a> {
 }
 
 /// The page; `next` is where it leads, an address of this site.
-pub(crate) fn form(language: &'static Language, said: Said, next: &str, name: Option<&str>) -> String {
+pub(crate) fn form(language: &'static Language, message: Message, next: &str, name: Option<&str>) -> String {
     let name = name.unwrap_or_default();
-    let problem = match said {
-        Said::Nothing | Said::Done => None,
-        Said::Wrong => Some(language.t("signInWrong").to_owned()),
-        Said::Failed => Some(language.t("signInFailed").to_owned()),
-        Said::Wait(seconds) => Some(language.with("signInWait", &[("seconds", seconds)])),
+    let problem = match message {
+        Message::Nothing | Message::Done => None,
+        Message::Wrong => Some(language.t("signInWrong").to_owned()),
+        Message::Failed => Some(language.t("signInFailed").to_owned()),
+        Message::Wait(seconds) => Some(language.with("signInWait", &[("seconds", seconds)])),
     };
-    let signed_in = (said == Said::Done).then(|| language.with("signedIn", &[("name", name)]));
+    let signed_in = (message == Message::Done).then(|| language.with("signedIn", &[("name", name)]));
     render(&Page { l: language, next, name, signed_in, problem })
 }

@@ -88,15 +88,15 @@ struct Form<'a> {
 pub(crate) fn form(about: &About, reader: &Reader<'_>, message: Message, asked: Option<JobSpec>) -> String {
     let l = reader.language;
     let problem = match said {
-        Said::Nothing => None,
-        Said::Wrong => Some(l.t("extractWrong").to_owned()),
-        Said::Refused(refusal) => Some(why(reader, refusal)),
-        Said::TooLarge(size, most) => {
-            Some(l.with("extractTooLarge", &[("size", &l.size(size)), ("most", &l.size(most))]))
+        Message::Nothing => None,
+        Message::Wrong => Some(l.t("extractWrong").to_owned()),
+        Message::Refused(refusal) => Some(why(reader, refusal)),
+        Message::TooLarge(size, max) => {
+            Some(l.with("extractTooLarge", &[("size", &l.size(size)), ("most", &l.size(max))]))
         }
         Message::Unknown => Some(l.t("extractUnknown").to_owned()),
     };
-    let detail = asked.map_or(Detail::Triangles(TRIANGLES.min(about.triangles.max(1))), |order| order.detail);
+    let detail = asked.map_or(Detail::Triangles(TRIANGLES.min(about.triangles.max(1))), |spec| spec.detail);
     let (triangles, error) = match detail {
         Detail::Triangles(n) => (n, ERROR),
         Detail::Error(metres) => (TRIANGLES, metres),
@@ -110,7 +110,7 @@ pub(crate) fn form(about: &About, reader: &Reader<'_>, message: Message, asked: 
         pack_size: l.size(about.pack.1),
         address: about.address(),
         lang: reader.lang,
-        formats: formats(reader, asked.map_or(Format::Ply, |order| order.format)),
+        formats: formats(reader, asked.map_or(Format::Ply, |spec| spec.format)),
         detail,
         whole: l.count(about.triangles),
         triangles,

@@ -52,7 +52,7 @@ struct Refused {
     top: Top,
     why: String,
     next: Option<&'static str>,
-    /// Where to go on, and what is there.
+    /// Where to continue, and what is there.
     address: String,
     link: String,
 }

@@ -246,7 +246,7 @@ fn record(x: &mut Xml, source: &dyn Source, asked: &Asked<'_>, entry: &Entry) {
     x.begin("record", &[]);
     header(x, source, asked, entry);
     if entry.access.state != AccessState::Withdrawn {
-        let dc = source.dublin_core(&entry.slug).unwrap_or_else(|| least(source, entry));
+        let dc = source.dublin_core(&entry.slug).unwrap_or_else(|| minimal_record(source, entry));
         x.begin("metadata", &[]);
         // The declaration stands once, at the beginning of the answer.
         x.insert(without_declaration(dc.trim_start_matches('\u{feff}')).trim());
@@ -256,7 +256,7 @@ fn record(x: &mut Xml, source: &dyn Source, asked: &Asked<'_>, entry: &Entry) {
 }
 
 /// A record from what the index knows, for an object whose own cannot be read.
-fn least(source: &dyn Source, entry: &Entry) -> String {
+fn minimal_record(source: &dyn Source, entry: &Entry) -> String {
     let mut x = Xml::flat();
     let namespaces = [
         ("xmlns:oai_dc", "http://www.openarchives.org/OAI/2.0/oai_dc/"),

@@ -45,7 +45,7 @@ struct Cards<'a> {
     pager: Option<Pager>,
 }
 
-/// Cards of one part of some models, of `per_page` each, with links to the others, which `name` tells apart in addresses. HTML; empty where
+/// Cards of one part of some models, of `per_page` each, with links to the others, which `name` distinguishes in addresses. HTML; empty where
 /// there are none.
 pub(crate) fn part(
     models: &[Arc<Model>],

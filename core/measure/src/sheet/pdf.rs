@@ -118,7 +118,7 @@ impl Pdf {
         });
         let dot = 72.0 / f64::from(sheet.dpi);
         let marks = operators(layout, page[1]);
-        // Bytes above 127 tell programs that copy files that this is no text.
+        // Bytes above 127 show programs that copy files that this is not text.
         let (mut head, mut offsets) = (b"%PDF-1.4\n%\xE2\xE3\xCF\xD3\n".to_vec(), Vec::new());
         for object in &layout.letters.objects {
             offsets.push(head.len() as u64);
