@@ -1,5 +1,7 @@
 //! Numbers, sizes and lengths as people read them, in the landing page and the catalogue.
 
+use kilwa_pack::plural::counted;
+
 /// 1234567 as `1 234 567`, with narrow no-break spaces.
 pub fn grouped(n: u64) -> String {
     let digits = n.to_string();
@@ -17,7 +19,7 @@ pub fn grouped(n: u64) -> String {
 pub fn size(bytes: u64) -> String {
     let b = bytes as f64;
     match bytes {
-        0..1_000 => format!("{bytes} bytes"),
+        0..1_000 => counted(bytes, "byte", "bytes").to_string(),
         1_000..1_000_000 => format!("{:.0} kB", b / 1e3),
         1_000_000..1_000_000_000 => format!("{:.1} MB", b / 1e6),
         _ => format!("{:.2} GB", b / 1e9),

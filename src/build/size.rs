@@ -1,5 +1,7 @@
 //! Sizes in bytes, as people write and read them.
 
+use kilwa_pack::plural::counted;
+
 /// Bytes from text such as `300M`, `1G`, `2.5GiB`, `800000000`: K, M, G, T are powers of 1024.
 pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     let wrong = || format!("{text:?} is no size; give for example 300M, 1G or 2.5GiB");
@@ -36,7 +38,7 @@ pub(crate) fn human(bytes: u64) -> String {
     let power = (0..UNITS.len() - 1).find(|p| bytes >> (10 * (p + 1)) == 0).unwrap_or(UNITS.len() - 1);
     let value = bytes as f64 / 1024f64.powi(power as i32);
     match power {
-        0 => format!("{bytes} bytes"),
+        0 => counted(bytes, "byte", "bytes").to_string(),
         _ if value < 10.0 => format!("{value:.1} {}", UNITS[power]),
         _ => format!("{value:.0} {}", UNITS[power]),
     }

@@ -6,6 +6,7 @@
 
 use super::SynthError;
 use super::piece::Sink;
+use glam::DVec3;
 use kilwa_files::unfinished::{self, Unfinished};
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
@@ -58,7 +59,7 @@ fn folder(path: &Path) -> &Path {
 /// A PLY being written.
 pub(super) struct Writer {
     path: PathBuf,
-    origin: Option<[f64; 3]>,
+    origin: Option<DVec3>,
     comments: Vec<String>,
     vertices: BufWriter<NamedTempFile>,
     faces: BufWriter<File>,
@@ -71,7 +72,7 @@ pub(super) struct Writer {
 
 impl Writer {
     /// Begin a file; doubles at `origin` where one is given, else floats.
-    pub(super) fn create(path: &Path, origin: Option<[f64; 3]>, comments: &[String]) -> Result<Self, SynthError> {
+    pub(super) fn create(path: &Path, origin: Option<DVec3>, comments: &[String]) -> Result<Self, SynthError> {
         let fail = |source| SynthError::Io { path: folder(path).to_owned(), source };
         let mut builder = tempfile::Builder::new();
         builder.prefix(".kilwa-synth-");
@@ -148,7 +149,7 @@ impl Writer {
 impl Sink for Writer {
     type Error = SynthError;
 
-    fn vertex(&mut self, p: [f64; 3], color: [u8; 3]) -> Result<(), SynthError> {
+    fn vertex(&mut self, p: DVec3, color: [u8; 3]) -> Result<(), SynthError> {
         let mut record = [0_u8; 27];
         let size = if let Some(origin) = self.origin {
             for (k, out) in record.chunks_exact_mut(8).take(3).enumerate() {

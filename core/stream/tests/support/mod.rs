@@ -1,7 +1,7 @@
 //! Random packs (directories only) and a network that is slow, loses, garbles and reorders.
 #![allow(dead_code, reason = "each test file uses its part")]
 
-use kilwa_geometry::distance::dot;
+use glam::DVec3;
 use kilwa_geometry::{Aabb, DiamondKey, Lattice, Sphere, Tetra};
 use kilwa_pack::{
     Attributes, DirectoryEntry, ENTRIES_PER_PAGE, Head, Header, Metadata, NO_DIAMOND, PatchRange, directory,
@@ -215,7 +215,7 @@ fn all_tetras(split: &BTreeSet<DiamondKey>) -> Vec<Tetra> {
 
 fn head(entries: &[DirectoryEntry], end: u64) -> Head {
     let header = Header {
-        lattice: Lattice { origin: [0.0; 3], step_log2: -12 },
+        lattice: Lattice { origin: DVec3::ZERO, step_log2: -12 },
         cube_log2: CUBE_LOG2,
         file_bytes: end + (1 << 40),
         metadata: (256, 100),
@@ -255,13 +255,13 @@ fn head(entries: &[DirectoryEntry], end: u64) -> Head {
 /// A camera on a sphere round the cube, or inside it.
 pub(crate) fn random_view(random: &mut Random) -> View {
     let side = f64::from(1 << CUBE_LOG2);
-    let eye: [f64; 3] = std::array::from_fn(|_| (random.unit() * 2.0 - 0.5) * side);
+    let eye = DVec3::from_array(std::array::from_fn(|_| random.unit() * 2.0 - 0.5)) * side;
     let (a, h) = (random.unit() * 6.3, random.unit() * 1.8 - 0.9);
     let r = libm::sqrt(1.0 - h * h);
     let (sin, cos) = libm::sincos(a);
-    let forward = [r * cos, r * sin, h];
-    let right = [sin, -cos, 0.0];
-    let up = kilwa_geometry::distance::cross(right, forward);
+    let forward = DVec3::new(r * cos, r * sin, h);
+    let right = DVec3::new(sin, -cos, 0.0);
+    let up = right.cross(forward);
     let projection = if random.below(5) == 0 {
         Projection::Orthographic { half_height: side * (0.02 + random.unit()) }
     } else {
@@ -288,13 +288,13 @@ fn random_clip(random: &mut Random) -> Clip {
     let (a, h) = (random.unit() * 6.3, random.unit() * 2.0 - 1.0);
     let r = libm::sqrt(1.0 - h * h);
     let (sin, cos) = libm::sincos(a);
-    let normal = [r * cos, r * sin, h];
-    let at: [f64; 3] = std::array::from_fn(|_| random.unit() * side);
-    let plane = HalfSpace { normal, offset: dot(normal, at) };
+    let normal = DVec3::new(r * cos, r * sin, h);
+    let at = DVec3::from_array(std::array::from_fn(|_| random.unit() * side));
+    let plane = HalfSpace { normal, offset: normal.dot(at) };
     let half = side * 0.5 * random.unit();
     let faces = std::array::from_fn(|k| {
         let sign = if k % 2 == 0 { -1.0 } else { 1.0 };
-        let normal = std::array::from_fn(|i| if i == k / 2 { sign } else { 0.0 });
+        let normal = DVec3::AXES[k / 2] * sign;
         HalfSpace { normal, offset: sign * at[k / 2] + half }
     });
     match random.below(4) {

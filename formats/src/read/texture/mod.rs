@@ -9,6 +9,7 @@ pub mod detail;
 mod room;
 
 use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
+use kilwa_pack::plural::counted;
 use std::io::Cursor;
 use std::sync::LazyLock;
 
@@ -78,7 +79,8 @@ pub fn light_from_srgb(level: u8) -> f64 {
 
 fn too_little(memory: u64, need: &str) -> Refusal {
     Refusal::Memory(format!(
-        "decoding it takes {need} of memory, but {memory} bytes are allowed; give a larger --memory (twice what it takes), or a smaller picture"
+        "decoding it takes {need} of memory, but {} allowed; give a larger --memory (twice what it takes), or a smaller picture",
+        counted(memory, "byte is", "bytes are")
     ))
 }
 
@@ -108,12 +110,16 @@ impl Texture {
         let (width, height) = decoder.dimensions();
         let texels = u64::from(width) * u64::from(height);
         if texels == 0 || texels > most / 3 {
-            let why = format!("it has {width} × {height} = {texels} texels; at most {} are read", most / 3);
+            let why = format!(
+                "it has {width} × {height} = {}; at most {} are read",
+                counted(texels, "texel", "texels"),
+                most / 3
+            );
             return Err(Refusal::Unreadable(why));
         }
         let need = room::needed(format, bytes, texels, decoder.color_type());
         if need > memory {
-            return Err(too_little(memory, &format!("{need} bytes")));
+            return Err(too_little(memory, &counted(need, "byte", "bytes").to_string()));
         }
         make_room(need);
         // A TIFF takes more where its strips are large: for that there is what is left.
