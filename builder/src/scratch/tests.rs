@@ -72,10 +72,10 @@ fn every_damaged_byte_of_a_patch_file_is_noticed() {
 fn records_are_visited_in_order_and_once_however_little_memory_there_is() {
     let scratch = Scratch::temporary().unwrap();
     let records = Records::create(&scratch, "shared").unwrap();
-    let mut state = 1u32;
+    let mut random = fastrand::Rng::with_seed(1);
     let mut all: Vec<u128> = (0..300_000)
         .map(|_| {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let state = random.u32(..);
             record([(state >> 20) as i32, (state & 0xff) as i32, 1 << 30], state >> 28)
         })
         .collect();
