@@ -14,9 +14,10 @@ use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::Spool;
 use kilwa_builder::{BuildError, Interruptible, Progress};
 use kilwa_files::plain_file;
+use kilwa_formats::Up;
 use kilwa_formats::read::texture::detail::Detail;
 use kilwa_formats::read::{self, Placed, Placement, ReadError, ReadOptions, Replaced};
-use kilwa_formats::{Units, Up};
+use kilwa_geometry::LengthUnit;
 use kilwa_pack::metadata::SourceFile;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -35,7 +36,7 @@ pub(crate) struct InputArgs {
     pub(crate) inputs: Vec<PathBuf>,
     /// Units of the inputs: m, dm, cm, mm, km, ft, us-ft, in.
     #[arg(long, default_value = "m", value_parser = units)]
-    pub(crate) units: Units,
+    pub(crate) units: LengthUnit,
     /// Axis that points up in the inputs: z or y; where not given, z for PLY, OBJ and STL, y for glTF.
     #[arg(long, value_parser = up)]
     pub(crate) up: Option<Up>,
@@ -90,8 +91,8 @@ const SOURCE_BYTES: usize = 32 * 1024;
 /// Extensions under which a file in a folder must be a mesh that can be read.
 const MESH_EXTENSIONS: [&str; 5] = ["ply", "obj", "stl", "glb", "gltf"];
 
-pub(crate) fn units(name: &str) -> Result<Units, String> {
-    Units::parse(name).ok_or_else(|| "give m, dm, cm, mm, km, ft, us-ft or in".to_owned())
+pub(crate) fn units(name: &str) -> Result<LengthUnit, String> {
+    LengthUnit::parse(name).ok_or_else(|| format!("give one of {}", LengthUnit::symbols()))
 }
 
 pub(crate) fn up(name: &str) -> Result<Up, String> {

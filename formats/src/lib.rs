@@ -8,9 +8,9 @@ pub mod extract;
 mod findings;
 mod mesh;
 pub mod read;
-mod units;
+mod up;
 
 pub use findings::Findings;
 pub use mesh::{RawMesh, UNCOLOURED};
 pub use read::ReadError;
-pub use units::{Units, Up};
+pub use up::Up;

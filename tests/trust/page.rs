@@ -2,10 +2,11 @@
 //! answers late, against what the command line prints. The browser's own test is tests/browser/measure.test.mjs.
 
 use super::claim_none;
-use super::oracle::Numbers;
+use super::oracle::between;
 use super::phantoms::phantom;
 use super::rays::Open;
 use crate::support::{built_once, json, succeeds, text};
+use fastrand::Rng;
 use kilwa_measure::clip::{ClipBox, HalfSpace, box_faces};
 use kilwa_measure::interval::Provisional;
 use kilwa_measure::{Clip, Document, Picker, Ray};
@@ -113,7 +114,7 @@ fn the_page_gives_the_digits_of_the_command_line_for_every_tool() {
         assert_eq!(document["same"], true);
         let again = write(&page.index, &page.surface_point(), &document.to_string(), "json", 50.0).unwrap();
         assert_eq!(again, words, "read and written in the page it is the same file");
-        let unit = kilwa_measure::LengthUnit::Metre;
+        let unit = kilwa_geometry::LengthUnit::Metre;
         for m in Document::parse(words.as_bytes()).unwrap().measurements {
             // Cold, and with what the first answer left in the store.
             for _ in 0..2 {
@@ -239,7 +240,7 @@ fn drawn(open: &Open, cut: &Cut) -> (Vec<DrawPatch>, Vec<GpuChunk>) {
 
 #[test]
 fn what_the_viewer_says_before_the_finest_surface_is_there_contains_the_final_pick_also_where_it_is_cut() {
-    let mut random = Numbers(77);
+    let mut random = Rng::with_seed(77);
     let (mut picks, mut outside, mut one) = (0, 0, 0);
     for (shape, place) in [("stepped-wall", "origin"), ("sphere", "utm"), ("bent-wall", "far")] {
         let open = Open::of(&phantom(shape, place).pack);
@@ -253,7 +254,7 @@ fn what_the_viewer_says_before_the_finest_surface_is_there_contains_the_final_pi
             let (patches, meshes) = drawn(&open, &cut);
             for n in 0..40 {
                 let ray = open.random_ray(&mut random);
-                let way = [0, 1, 2].map(|_| random.between(-1.0, 1.0));
+                let way = [0, 1, 2].map(|_| between(&mut random, -1.0, 1.0));
                 let normal = way.map(|x| x / super::oracle::length(way));
                 let plane = HalfSpace { normal, offset: (0..3).map(|i| normal[i] * centre[i]).sum() };
                 let faces = box_faces(centre, [size * 0.5; 3], n as f64);
@@ -297,7 +298,7 @@ fn a_pick_in_the_page_is_the_pick_of_the_command_line() {
     let p = phantom("sphere", "utm");
     let page = Page::open(&p.pack);
     let open = Open::of(&p.pack);
-    let mut random = Numbers(5);
+    let mut random = Rng::with_seed(5);
     let lattice = page.index.header().lattice;
     let (mut hits, mut differing) = (0, 0);
     for _ in 0..30 {

@@ -1,8 +1,9 @@
 //! Picks: the same triangle as looking at every triangle finds, at any distance of the eye, never clipped geometry.
 
 use super::claim_none;
-use super::oracle::{Numbers, P, dot, length, sub};
+use super::oracle::{P, between, dot, length, sub};
 use super::phantoms::phantom;
+use fastrand::Rng;
 use kilwa_geometry::distance::ray_triangle;
 use kilwa_measure::{Picked, Picker, Plane, Ray};
 use kilwa_pack::{Chunk, NO_DIAMOND, Reader, SliceSource};
@@ -48,28 +49,28 @@ impl Open {
     }
 
     /// A ray from somewhere round the model towards a point near it, lattice steps.
-    pub(crate) fn random_ray(&self, random: &mut Numbers) -> Ray {
+    pub(crate) fn random_ray(&self, random: &mut Rng) -> Ray {
         let (low, high) = self.finest().flatten().fold(([f64::MAX; 3], [f64::MIN; 3]), |(a, b), p| {
             ([0, 1, 2].map(|k| a[k].min(f64::from(p[k]))), [0, 1, 2].map(|k| b[k].max(f64::from(p[k]))))
         });
         let size = length(sub(high, low));
         let middle: P = [0, 1, 2].map(|k| (low[k] + high[k]) * 0.5);
         let away: P = loop {
-            let d = [0, 1, 2].map(|_| random.between(-1.0, 1.0));
+            let d = [0, 1, 2].map(|_| between(random, -1.0, 1.0));
             if (0.01..1.0).contains(&dot(d, d)) {
                 break d.map(|x| x / length(d));
             }
         };
-        let far = size * random.between(0.7, 30.0);
+        let far = size * between(random, 0.7, 30.0);
         let origin = [0, 1, 2].map(|k| middle[k] + away[k] * far);
-        let towards: P = [0, 1, 2].map(|k| random.between(low[k], high[k]));
+        let towards: P = [0, 1, 2].map(|k| between(random, low[k], high[k]));
         Ray { origin, direction: sub(towards, origin) }
     }
 }
 
 #[test]
 fn ten_thousand_rays_find_what_looking_at_every_triangle_finds() {
-    let mut random = Numbers(11);
+    let mut random = Rng::with_seed(11);
     let (mut wrong, mut rays, mut hits) = (0, 0, 0);
     for (shape, place) in [("stepped-wall", "origin"), ("sphere", "utm"), ("bent-wall", "far"), ("ramp", "utm")] {
         let open = Open::of(&phantom(shape, place).pack);
@@ -89,14 +90,14 @@ fn ten_thousand_rays_find_what_looking_at_every_triangle_finds() {
 
 #[test]
 fn picks_never_return_what_is_clipped_away() {
-    let mut random = Numbers(12);
+    let mut random = Rng::with_seed(12);
     let open = Open::of(&phantom("stepped-wall", "utm").pack);
     let all: Vec<[P; 3]> = open.finest().map(|t| t.map(|c| c.map(f64::from))).collect();
     let (mut clipped, mut wrong, mut rays) = (0, 0, 0);
     for _ in 0..2000 {
         let ray = open.random_ray(&mut random);
-        let at = all[(random.next() * all.len() as f64) as usize][0];
-        let plane = Plane::new(at, [0, 1, 2].map(|_| random.between(-1.0, 1.0))).unwrap();
+        let at = all[(random.f64() * all.len() as f64) as usize][0];
+        let plane = Plane::new(at, [0, 1, 2].map(|_| between(&mut random, -1.0, 1.0))).unwrap();
         let found = open.pick(ray, vec![plane]);
         let kept = |t: &f64| plane.distance(ray.at(*t)) >= 0.0;
         let hits = all.iter().filter_map(|t| ray_triangle(ray.origin, ray.direction, *t));
@@ -113,7 +114,7 @@ fn picks_never_return_what_is_clipped_away() {
 fn one_ray_gives_the_same_digits_in_whatever_order_chunks_arrive() {
     // Zoom, cache and network change which chunks are there first, and nothing else.
     let open = Open::of(&phantom("bent-wall", "utm").pack);
-    let mut random = Numbers(13);
+    let mut random = Rng::with_seed(13);
     let mut different = 0;
     for _ in 0..200 {
         let ray = open.random_ray(&mut random);
@@ -121,7 +122,7 @@ fn one_ray_gives_the_same_digits_in_whatever_order_chunks_arrive() {
         for _ in 0..10 {
             let mut order: Vec<usize> = (0..open.chunks.len()).collect();
             for i in (1..order.len()).rev() {
-                order.swap(i, (random.next() * (i + 1) as f64) as usize);
+                order.swap(i, (random.f64() * (i + 1) as f64) as usize);
             }
             let mut picker = Picker::new(ray, Vec::new());
             for i in order {

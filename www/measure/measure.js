@@ -35,7 +35,9 @@ export class Measure {
     this.page = page;
     this.hash = page.info.pack.hash;
     this.kept = `measurements.${this.hash}`;
-    this.unit = UNITS.includes(get("unit")) ? get("unit") : "m";
+    // Earlier versions called the US survey foot ftUS.
+    const unit = get("unit") === "ftUS" ? "us-ft" : get("unit");
+    this.unit = UNITS.includes(unit) ? unit : "m";
     this.snap = get("snap", "none");
     this.kind = toolOf("distance");
     this.draft = null; // { points, taken } while a tool is in use

@@ -1,7 +1,8 @@
 //! What the user can choose about a build, and everything that can go wrong in one.
 
 use crate::build::precision::Precision;
-use kilwa_formats::{ReadError, Units, Up};
+use kilwa_formats::{ReadError, Up};
+use kilwa_geometry::LengthUnit;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -15,6 +16,11 @@ pub const COLOR_BITS: RangeInclusive<u8> = 4..=8;
 /// Bits that an octahedral coordinate of a normal may keep: 6 are two degrees, 16 all there are.
 pub const NORMAL_BITS: RangeInclusive<u8> = 6..=16;
 
+/// As the journals of interrupted builds have it: the name of the variant.
+fn by_name<S: serde::Serializer>(unit: &LengthUnit, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(&format_args!("{unit:?}"))
+}
+
 /// Everything that shapes a pack, beside its inputs. A build is resumed only with the same.
 #[derive(Debug, Clone, serde::Serialize)]
 pub struct BuildOptions {
@@ -26,7 +32,8 @@ pub struct BuildOptions {
     /// Lattice step in metres, a power of two; `None` derives it from the mesh.
     pub step: Option<f64>,
     /// Units of the source.
-    pub units: Units,
+    #[serde(serialize_with = "by_name")]
+    pub units: LengthUnit,
     /// Up axis of the source.
     pub up: Up,
     /// EPSG code or WKT, stored as given.
@@ -56,7 +63,7 @@ impl Default for BuildOptions {
             title: String::new(),
             threads: 0,
             step: None,
-            units: Units::Metre,
+            units: LengthUnit::Metre,
             up: Up::Z,
             crs: None,
             capture_accuracy: None,

@@ -5,7 +5,7 @@
 
 use crate::drawing::{Drawing, short};
 use crate::record::{Document, Measurement};
-use crate::unit::LengthUnit;
+use kilwa_geometry::LengthUnit;
 use std::fmt::Write;
 
 /// Layer of saved measurements.

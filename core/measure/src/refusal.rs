@@ -3,6 +3,39 @@
 use crate::said::{Said, Say, Worth};
 use thiserror::Error;
 
+/// What meets no surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Target {
+    /// A section plane.
+    Plane,
+    /// The outline of an area.
+    Polygon,
+    /// The region of a volume or a deviation.
+    Region,
+    /// The line of a profile.
+    Profile,
+    /// Contours in a range of heights.
+    Contours,
+    /// A ray.
+    Ray,
+    /// A position.
+    Position,
+}
+
+impl std::fmt::Display for Target {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Plane => "the plane",
+            Self::Polygon => "the polygon",
+            Self::Region => "the region",
+            Self::Profile => "the line of the profile",
+            Self::Contours => "the contours",
+            Self::Ray => "the ray",
+            Self::Position => "the position",
+        })
+    }
+}
+
 /// What a tool says instead of a number that would mean nothing.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Refusal {
@@ -49,7 +82,7 @@ pub enum Refusal {
     #[error("{what} meets no surface; {hint}")]
     Misses {
         /// What.
-        what: &'static str,
+        what: Target,
         /// What to do.
         hint: String,
     },
@@ -110,8 +143,8 @@ impl Say for Refusal {
             Self::Crossing => Said::new("refuse-cross", []),
             Self::Open { borders } => Said::new("refuse-open", [("borders", Worth::Count(borders))]),
             Self::Inconsistent => Said::new("refuse-inside", []),
-            Self::Misses { what: "the polygon" | "the region", .. } => Said::new("refuse-misses-region", []),
-            Self::Misses { what: "the contours", .. } => Said::new("refuse-misses-heights", []),
+            Self::Misses { what: Target::Polygon | Target::Region, .. } => Said::new("refuse-misses-region", []),
+            Self::Misses { what: Target::Contours, .. } => Said::new("refuse-misses-heights", []),
             Self::Misses { .. } => Said::new("refuse-misses", []),
             Self::Gap => Said::new("refuse-gap", []),
             Self::NotFinite => Said::new("refuse-not-finite", []),

@@ -1,5 +1,6 @@
 //! What the page asks and what it is told, as JSON: doubles go through it unchanged, in both directions.
 
+use kilwa_geometry::LengthUnit;
 use kilwa_geometry::distance::Vec3;
 use kilwa_measure::clip::ClipState;
 use kilwa_measure::job::{Subject, of_points, pack_name};
@@ -7,8 +8,7 @@ use kilwa_measure::leaves::Failure;
 use kilwa_measure::record::DocumentError;
 use kilwa_measure::snap::{Snap, snap};
 use kilwa_measure::{
-    Document, Format, Leaves, LengthUnit, Lines, Measurement, Outcome, Reading, Refusal, Said, Say, Task, Uncertainty,
-    place,
+    Document, Format, Leaves, Lines, Measurement, Outcome, Reading, Refusal, Said, Say, Task, Uncertainty, place,
 };
 use kilwa_pack::Index;
 use serde::Deserialize;
@@ -191,7 +191,7 @@ pub fn shown(readings: &str, unit: &str) -> Result<Value, QuestionError> {
 }
 
 fn length_unit(symbol: &str) -> Result<LengthUnit, QuestionError> {
-    LengthUnit::from_symbol(symbol).ok_or_else(|| QuestionError::Unit(symbol.to_owned()))
+    LengthUnit::parse(symbol).ok_or_else(|| QuestionError::Unit(symbol.to_owned()))
 }
 
 /// The lines of an answer.
