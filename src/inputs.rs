@@ -13,6 +13,7 @@ use kilwa_builder::build::journal::PlannedInput;
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::Spool;
 use kilwa_builder::{BuildError, Interruptible, Progress};
+use kilwa_files::atomic::folder_of;
 use kilwa_files::plain_file;
 use kilwa_formats::Up;
 use kilwa_formats::read::texture::detail::Detail;
@@ -441,7 +442,7 @@ fn own_matrix(input: &Path, allow_outside: bool) -> anyhow::Result<Placement> {
         );
     }
     if !allow_outside {
-        let folder = input.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = folder_of(input);
         let real = folder.canonicalize().with_context(|| format!("{} cannot be opened", folder.display()))?;
         refuse_link_out(&file, &real)?;
     }

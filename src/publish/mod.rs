@@ -181,7 +181,7 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
         writeln!(out, "{object}: version {version} of {day} is already published; nothing was added{around}")?;
         return Ok(());
     }
-    writeln!(out, "{object}: version {version} published, {files} files, {}", plan::human(report.bytes))?;
+    writeln!(out, "{object}: version {version} published, {files} files, {}", kilwa_files::size::text(report.bytes))?;
     if report.closed {
         let whom = if report.owner_only {
             "you".to_owned()

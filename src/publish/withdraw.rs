@@ -106,7 +106,7 @@ fn say_outlook(args: &Args, slug: &Slug, keep: &Path, there: &Outlook) -> anyhow
         "Would withdraw {}/{slug}, \"{}\": {files} files, {}{bag}, would leave it for {}; metadata, citations and a page with the reason would stay.\nNothing was written.",
         args.to.display(),
         there.title,
-        super::plan::human(bytes),
+        kilwa_files::size::text(bytes),
         keep.join(slug.as_str()).display()
     )?)
 }
