@@ -5,7 +5,7 @@
 
 import assert from "node:assert/strict";
 import { execFile, spawn } from "node:child_process";
-import { copyFile, mkdir, mkdtemp, rm, stat, writeFile } from "node:fs/promises";
+import { copyFile, mkdtemp, rename, rm, stat, writeFile } from "node:fs/promises";
 import http from "node:http";
 import { tmpdir } from "node:os";
 import path from "node:path";
@@ -42,15 +42,17 @@ export async function packFolder() {
     await copyFile(process.env.KILWA_PACK, pack);
     return folder;
   }
-  // Made once per version of the program.
-  const made = path.join(tmpdir(), `kilwa-browser-${(await stat(KILWA)).mtimeMs}`);
-  const cached = path.join(made, "fort.kilwa");
+  // Made once per version of the program. Test files that run at once may each make it; it gets its name when it is complete.
+  const cached = path.join(tmpdir(), `kilwa-browser-${(await stat(KILWA)).mtimeMs}.kilwa`);
   if (!(await stat(cached).catch(() => null))) {
-    await mkdir(made, { recursive: true });
+    const making = await mkdtemp(path.join(tmpdir(), "kilwa-browser-fort-"));
     const run = promisify(execFile);
-    const mesh = path.join(made, "fort.ply");
+    const mesh = path.join(making, "fort.ply");
+    const built = path.join(making, "fort.kilwa");
     await run(KILWA, ["synth", "fort", "--triangles", String(TRIANGLES), "-o", mesh]);
-    await run(KILWA, ["build", mesh, "-o", cached]);
+    await run(KILWA, ["build", mesh, "-o", built]);
+    await rename(built, cached);
+    await rm(making, { recursive: true });
   }
   await copyFile(cached, pack);
   return folder;

@@ -122,9 +122,9 @@ fn the_program_killed_before_any_rename_leaves_a_sound_archive_and_goes_on() {
         [(&publish, "rename"), (&withdraw, "rename"), (&withdraw, "unlink"), (&withdraw, "rmdir"), (&withdraw, "mkdir")]
     {
         let mut deaths = 0;
-        // Drawing takes long, and is done before the last five.
+        // Drawing takes long, and is done before the last three.
         let soak = std::env::var_os("KILWA_SOAK").is_some();
-        let first_call = if soak || *command == withdraw { 1 } else { calls(command, call, &bench.path("log")) - 4 };
+        let first_call = if soak || *command == withdraw { 1 } else { calls(command, call, &bench.path("log")) - 2 };
         // Only some of the many calls; each seed chooses others.
         let every = if soak || !["unlink", "mkdir"].contains(&call) { 1 } else { 3 };
         for nth in (first_call + seed % every..).step_by(every as usize) {

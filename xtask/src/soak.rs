@@ -7,7 +7,7 @@
 use crate::bench::archive;
 use crate::claims::Claims;
 use crate::process::{Ended, cargo, root, watch};
-use crate::test::SUITE_LIMIT;
+use crate::test::{LONG_VARIABLE, SUITE_LIMIT};
 use anyhow::Result;
 use std::fmt::Write as _;
 
@@ -15,7 +15,7 @@ pub(crate) fn run() -> Result<()> {
     let mut claims = Claims::of("soak");
     let mut remarks = String::new();
     let mut test = cargo(&["test", "--locked", "--package", "kilwa", "--test", "whole", "--no-fail-fast", "http::"])?;
-    test.args(["--", "--nocapture", "--test-threads", "1"]).env("KILWA_SOAK", "1");
+    test.args(["--", "--nocapture", "--test-threads", "1"]).env(LONG_VARIABLE, "1");
     let ended = watch(&mut test, SUITE_LIMIT, |line| {
         let is_other = claims.read(line);
         if is_other && (line.contains(" ms") || line.contains("transfers were")) {

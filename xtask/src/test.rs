@@ -5,6 +5,9 @@
 //! All in the profile dev (the page in its own). Invariants: a failing stage does not stop the later ones, so that one run shows all
 //! failures; the last line is `N passed, N failed, N skipped` over all suites, where a stage that is not a suite counts only when it
 //! fails; a suite that ran no test has failed. The exit code is 1 when anything failed.
+//!
+//! The short form has to end in 25 minutes on two cores, so that a change is judged while its author still thinks of it. `--long` gives every
+//! suite its full numbers: it finds what is rare, and is run before a release.
 
 use crate::process::{Ended, cargo, command, kilwa, on_path, run as run_command, watch};
 use crate::tally::{Tally, is_noise};
@@ -22,6 +25,9 @@ pub(crate) struct Args {
     /// Run only the stages whose name contains this text
     #[arg(long, value_name = "TEXT", conflicts_with = "suite")]
     only: Option<String>,
+    /// The long form: races, kills and hostile inputs in their full numbers, every reader fuzzed for two minutes
+    #[arg(long, conflicts_with = "suite")]
+    long: bool,
 }
 
 /// Suites with a report of their own.
@@ -40,8 +46,41 @@ const STORE_VARIABLE: &str = "KILWA_MOTO";
 const WASM_PACKAGES: [&str; 6] =
     ["kilwa-viewer", "kilwa-decode", "kilwa-stream", "kilwa-pack", "kilwa-geometry", "kilwa-measure"];
 
-/// Seconds that each reader is fuzzed.
-const FUZZ_SECONDS: u64 = 30;
+/// How much each suite tries.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Length {
+    Short,
+    Long,
+}
+
+impl Length {
+    /// Seconds that each reader is fuzzed.
+    fn fuzz_seconds(self) -> u64 {
+        match self {
+            Self::Short => 10,
+            Self::Long => 120,
+        }
+    }
+
+    /// A suite that takes longer hangs.
+    fn suite_limit(self) -> Duration {
+        match self {
+            Self::Short => SUITE_LIMIT,
+            Self::Long => Duration::from_secs(3 * 60 * 60),
+        }
+    }
+
+    /// Tests with a long form look for [`LONG_VARIABLE`].
+    fn apply_to(self, command: &mut Command) -> &mut Command {
+        match self {
+            Self::Short => command,
+            Self::Long => command.env(LONG_VARIABLE, "1"),
+        }
+    }
+}
+
+/// Set for the long form of tests that have one.
+pub(crate) const LONG_VARIABLE: &str = "KILWA_SOAK";
 
 /// A suite that takes longer hangs, and is stopped, so that the others run and the counts are printed. The longest took 18 minutes on a busy
 /// machine with two cores, compiling 8.
@@ -58,7 +97,7 @@ struct Row {
     counts: Tally,
 }
 
-type Stage = (&'static str, fn() -> Result<Tally>);
+type Stage = (&'static str, fn(Length) -> Result<Tally>);
 
 const STAGES: [Stage; 10] = [
     ("set up", set_up),
@@ -79,12 +118,13 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         Some(Suite::Soak) => return soak::run(),
         None => {}
     }
+    let length = if args.long { Length::Long } else { Length::Short };
     let wanted = |name: &str| args.only.as_deref().is_none_or(|text| name.contains(text));
     let mut rows = Vec::new();
     for (name, stage) in STAGES.into_iter().filter(|(name, _)| wanted(name)) {
         println!("\n== {name}");
         let started = Instant::now();
-        let counts = stage().unwrap_or_else(|error| failure(&error));
+        let counts = stage(length).unwrap_or_else(|error| failure(&error));
         rows.push(Row { name, took: started.elapsed(), counts });
     }
     if rows.is_empty() {
@@ -132,7 +172,7 @@ impl std::fmt::Display for Failed {
 
 impl std::error::Error for Failed {}
 
-fn set_up() -> Result<Tally> {
+fn set_up(_: Length) -> Result<Tally> {
     setup::wasm_target()?;
     setup::npm_packages("xtask/npm")?;
     setup::npm_packages("tests/browser")?;
@@ -148,15 +188,15 @@ fn set_up() -> Result<Tally> {
     Ok(Tally::default())
 }
 
-fn format() -> Result<Tally> {
+fn format(_: Length) -> Result<Tally> {
     check(&mut cargo(&["fmt", "--all", "--check"])?)
 }
 
-fn lints() -> Result<Tally> {
+fn lints(_: Length) -> Result<Tally> {
     check(&mut cargo(&["clippy", "--locked", "--workspace", "--all-targets", "--keep-going", "--", "-D", "warnings"])?)
 }
 
-fn lints_wasm() -> Result<Tally> {
+fn lints_wasm(_: Length) -> Result<Tally> {
     let mut clippy = cargo(&["clippy", "--locked", "--keep-going", "--target", setup::WASM])?;
     for package in WASM_PACKAGES {
         clippy.args(["--package", package]);
@@ -168,7 +208,7 @@ fn lints_wasm() -> Result<Tally> {
     Ok(tally)
 }
 
-fn page() -> Result<Tally> {
+fn page(_: Length) -> Result<Tally> {
     web::run(&web::Args {})?;
     Ok(Tally::default())
 }
@@ -178,7 +218,7 @@ fn page() -> Result<Tally> {
 pub(crate) const TESTED: [&str; 4] = ["--locked", "--workspace", "--exclude", "xtask"];
 
 /// nextest where it is installed (it shows time per test and ends one that hangs), cargo test elsewhere; both print what tests print.
-fn rust_tests() -> Result<Tally> {
+fn rust_tests(length: Length) -> Result<Tally> {
     let has_nextest = on_path(&["cargo-nextest", "cargo-nextest.exe"]).is_some();
     let mut tally = Tally::default();
     for packages in [&["--locked", "--package", "xtask"][..], &TESTED] {
@@ -194,20 +234,21 @@ fn rust_tests() -> Result<Tally> {
         };
         // Without the packages the tests that need them say so; with them they are second opinions.
         runner.env(trust::VARIABLE, setup::python_packages(trust::PACKAGES)?);
-        let counts = suite(runner.env(STORE_VARIABLE, setup::python_packages(STORE_PACKAGES)?));
+        runner.env(STORE_VARIABLE, setup::python_packages(STORE_PACKAGES)?);
+        let counts = suite(length.apply_to(&mut runner), length);
         tally.add_all(counts.unwrap_or_else(|error| failure(&error)));
     }
     Ok(tally)
 }
 
 /// The examples in documentation comments, which nextest does not run. There may be none, so an empty run is no failure.
-fn doc_examples() -> Result<Tally> {
-    counted(cargo(&["test", "--doc", "--no-fail-fast"])?.args(TESTED))
+fn doc_examples(_: Length) -> Result<Tally> {
+    counted(cargo(&["test", "--doc", "--no-fail-fast"])?.args(TESTED), SUITE_LIMIT)
 }
 
 /// Every reader on damaged files for a while; the tests before have run a few thousand of them each.
-fn fuzzing() -> Result<Tally> {
-    fuzz::stage(FUZZ_SECONDS, suite)
+fn fuzzing(length: Length) -> Result<Tally> {
+    fuzz::stage(length.fuzz_seconds(), |test| suite(test, length))
 }
 
 /// `kilwa` as the tests above use it; nothing to do after them.
@@ -217,18 +258,18 @@ fn tested_kilwa() -> Result<PathBuf> {
 }
 
 /// The README's first command, with a small fort and the program of the tests: made, verified, served and fetched.
-fn demo() -> Result<Tally> {
+fn demo(_: Length) -> Result<Tally> {
     demo::check_small(&tested_kilwa()?, DEMO_TRIANGLES)?;
     Ok(Tally::of(1, 0))
 }
 
 /// The page in a real browser against the real server: `npm test` in tests/browser, with the programs to use in its environment.
-fn browser() -> Result<Tally> {
+fn browser(length: Length) -> Result<Tally> {
     let chromium = setup::chromium()?;
     let folder = setup::npm_packages("tests/browser")?;
     let kilwa = tested_kilwa()?;
     let mut npm = command("npm", &["test", "--silent"])?;
-    suite(npm.current_dir(&folder).env("CHROMIUM", chromium).env("KILWA", kilwa))
+    suite(npm.current_dir(&folder).env("CHROMIUM", chromium).env("KILWA", kilwa), length)
 }
 
 /// An error as a count, after it was shown.
@@ -244,9 +285,9 @@ fn check(command: &mut Command) -> Result<Tally> {
 }
 
 /// Runs a test runner and reads its counts. A runner that fails without a failed test (it did not compile, it crashed) is an error.
-fn counted(command: &mut Command) -> Result<Tally> {
+fn counted(command: &mut Command, limit: Duration) -> Result<Tally> {
     let mut tally = Tally::default();
-    let ended = watch(command, SUITE_LIMIT, |line| {
+    let ended = watch(command, limit, |line| {
         tally.read(line);
         !is_noise(line)
     })?;
@@ -259,8 +300,8 @@ fn counted(command: &mut Command) -> Result<Tally> {
 }
 
 /// As [`counted`], and a run without a test is an error: green on nothing is a defect.
-fn suite(command: &mut Command) -> Result<Tally> {
-    let tally = counted(command)?;
+fn suite(command: &mut Command, length: Length) -> Result<Tally> {
+    let tally = counted(command, length.suite_limit())?;
     if tally.passed + tally.failed == 0 {
         bail!("not one test ran");
     }

@@ -702,7 +702,7 @@ fn without_the_location_the_form_alone_tells() {
 /// If time grew with the square of the length, the first of these texts would take more than ten minutes, and nextest would end the test.
 #[test]
 fn time_grows_linearly_with_the_length_of_a_text_of_any_shape() {
-    const LENGTH: usize = 1_200_000;
+    let length = if std::env::var_os("KILWA_SOAK").is_some() { 1_200_000 } else { 600_000 };
     for piece in [
         "1",
         "7 ",
@@ -735,7 +735,7 @@ fn time_grows_linearly_with_the_length_of_a_text_of_any_shape() {
         "&plus;",
         "0+",
     ] {
-        let text = piece.repeat(LENGTH.div_ceil(piece.len()));
+        let text = piece.repeat(usize::div_ceil(length, piece.len()));
         // What is found does not matter here, only how long it takes.
         drop(Location::unknown().find(&text));
         if matches!(piece, "1-") {

@@ -4,7 +4,7 @@
 //! One level of the tree is two bisections: a split tetrahedron has four quarters, and diamonds are those of even
 //! levels of bisection. The faces of three levels in a row still lie inside of each other's diamonds (cubes, edges of
 //! cubes, faces of cubes, in turn), which is what lets everything be simplified in the end; the levels are half as many,
-//! so that less is stored, simplified and certified (docs/decisions.md, 13).
+//! so that less is stored, simplified and certified (docs/decisions/0013-two-bisections-a-fifth.md).
 //!
 //! A triangle is never cut: it goes whole to the tetrahedron that holds its centroid, by an exact integer rule that
 //! depends on the triangle alone. The set of split diamonds is the smallest set that is closed under "parents first",

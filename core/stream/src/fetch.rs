@@ -16,7 +16,7 @@ const PAGES_PER_REQUEST: u32 = 16;
 const WHOLE_DIRECTORY: u32 = 64;
 /// Pages that are asked for beyond the needed ones: those that the next levels need follow soon.
 const READ_AHEAD: u32 = 1;
-/// Bytes between two wanted parts that are fetched and thrown away to save a request. Measured in docs/decisions.md, 19 and 23.
+/// Bytes between two wanted parts that are fetched and thrown away to save a request. Measured in docs/bench: decisions 19 and 23.
 const GAP_BYTES: u64 = 16 << 10;
 /// Of a picture of which much is missing a gap may be this part, up to [`WIDE_GAP_BYTES`]: it costs the same share of the time.
 const GAP_PART: u64 = 88;

@@ -1,7 +1,7 @@
 //! Rounding the places that simplification made. What a coarse form keeps of the fine one lies where it lay; a point
 //! that stands for many lies anywhere within the error, and there a place with zeros at its end is as good and takes fewer
 //! bits (FORMAT section 5.3, grains). Twice as coarse would save half as much again, but coarse forms would be a tenth
-//! farther from the fine one (docs/decisions.md, 16).
+//! farther from the fine one (docs/decisions/0016-rounding-coarse-forms.md).
 //!
 //! Locked points never move. The certifier measures what came out, as it does for everything else here.
 

@@ -8,7 +8,7 @@ use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 /// Chunks uploaded in a frame of a sixtieth of a second: sixteen are about a megabyte, which no frame feels.
 pub(super) const UPLOADS: usize = 16;
-/// Bytes of a request of several ranges: few enough that what the camera asks for next is not long behind it. Measured in docs/decisions.md, 25.
+/// Bytes of a request of several ranges: few enough that what the camera asks for next is not long behind it. Measured in docs/bench/2026-11-22-decisions.md, section 25.
 const SEVERAL_BYTES: u64 = 128 << 10;
 
 #[wasm_bindgen]
