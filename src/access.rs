@@ -6,6 +6,7 @@
 
 use anyhow::Context;
 use clap::Subcommand;
+use kilwa_pack::plural::counted;
 use kilwa_server::access::{Accounts, Grant, Purpose};
 use serde_json::json;
 use std::io::{BufRead, IsTerminal, Write};
@@ -167,7 +168,7 @@ fn password(name: &str) -> anyhow::Result<String> {
 fn token(file: &Path, name: &str, purpose: Purpose, days: u32) -> anyhow::Result<()> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     let token = Accounts::change(file, |a| a.add_token(name, purpose, days, now))?;
-    crate::terminal::say!("This token works {days} days for {name} and is not shown again:");
+    crate::terminal::say!("This token works {} for {name} and is not shown again:", counted(days, "day", "days"));
     writeln!(crate::terminal::out(), "{token}")?;
     Ok(())
 }

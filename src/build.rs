@@ -13,6 +13,7 @@ use crate::progress::Bar;
 use crate::signals;
 use anyhow::Context;
 use finished::Finished;
+use glam::DVec3;
 use kilwa_builder::build::machine;
 use kilwa_builder::build::options::{COLOR_BITS, NORMAL_BITS};
 use kilwa_builder::build::plan;
@@ -59,7 +60,7 @@ pub(crate) struct Args {
     step: Option<f64>,
     /// Keep only triangles whose centroid lies in this box, in metres and axes of the pack.
     #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = crop, allow_hyphen_values = true)]
-    crop: Option<[[f64; 3]; 2]>,
+    crop: Option<[DVec3; 2]>,
     /// Drop triangles with a corner whose channel `confidence` or `quality` is below this.
     #[arg(long, value_name = "Q", allow_hyphen_values = true)]
     min_confidence: Option<f32>,
@@ -117,7 +118,7 @@ fn bits(range: RangeInclusive<u8>) -> clap::builder::RangedI64ValueParser<u8> {
 }
 
 /// Six numbers: smallest and largest corner.
-fn crop(text: &str) -> Result<[[f64; 3]; 2], String> {
+fn crop(text: &str) -> Result<[DVec3; 2], String> {
     let numbers: Vec<f64> = text
         .split(',')
         .map(|n| n.trim().parse().map_err(|_| format!("{n:?} is no number")))
@@ -125,7 +126,7 @@ fn crop(text: &str) -> Result<[[f64; 3]; 2], String> {
     let [a, b, c, d, e, f] = numbers[..] else {
         return Err("give six numbers: xmin,ymin,zmin,xmax,ymax,zmax in metres".to_owned());
     };
-    let bounds = [[a, b, c], [d, e, f]];
+    let bounds = [DVec3::new(a, b, c), DVec3::new(d, e, f)];
     match (0..3).find(|&k| bounds[0][k].partial_cmp(&bounds[1][k]).is_none_or(std::cmp::Ordering::is_ge)) {
         Some(k) => Err(format!("on the {} axis {} is not below {}", ["x", "y", "z"][k], bounds[0][k], bounds[1][k])),
         None => Ok(bounds),

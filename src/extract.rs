@@ -4,8 +4,10 @@ use crate::info::{grouped, metres};
 use crate::new_file::refuse_inputs;
 use crate::source::open_pack;
 use crate::verify::progress_bar;
+use glam::DVec3;
 use kilwa_formats::extract::{ExtractError, Extraction, Format, Output, Region, Request, extract};
 use kilwa_pack::Metadata;
+use kilwa_pack::plural::plural;
 use std::io::Write as _;
 use std::path::PathBuf;
 
@@ -85,14 +87,17 @@ fn say_what_was_not_reached(limit: Option<u64>, written: &Extraction) {
     let found = written.triangles;
     if found > limit {
         crate::terminal::say!(
-            "kilwa: the coarsest surface of this pack has {} triangles; {} were asked for",
+            "kilwa: the coarsest surface of this pack has {} {}; {} {} asked for",
             grouped(found),
-            grouped(limit)
+            plural(found, "triangle", "triangles"),
+            grouped(limit),
+            plural(limit, "was", "were")
         );
     } else if found * 3 < limit * 2 && !written.is_finest {
         crate::terminal::say!(
-            "kilwa: {} triangles instead of {}: the next finer surface of this pack has more than that",
+            "kilwa: {} {} instead of {}: the next finer surface of this pack has more than that",
             grouped(found),
+            plural(found, "triangle", "triangles"),
             grouped(limit)
         );
     }
@@ -131,17 +136,20 @@ impl Report<'_> {
         let mut out = crate::terminal::out();
         writeln!(
             out,
-            "{}: {} triangles, {} vertices, {precision}, {} bytes.",
+            "{}: {} {}, {} {}, {precision}, {} {}.",
             self.args.output.display(),
             grouped(self.written.triangles),
+            plural(self.written.triangles, "triangle", "triangles"),
             grouped(self.written.vertices),
-            grouped(self.written.bytes)
+            plural(self.written.vertices, "vertex", "vertices"),
+            grouped(self.written.bytes),
+            plural(self.written.bytes, "byte", "bytes")
         )?;
         let left_out = &self.written.left_out;
         if !left_out.is_empty() {
             writeln!(out, "  {} does not hold {}; they are left out.", self.format.title(), left_out.join(", "))?;
         }
-        if let Some([x, y, z]) = self.written.offset {
+        if let Some(DVec3 { x, y, z }) = self.written.offset {
             writeln!(out, "  Coordinates are relative to {x} {y} {z}, because its numbers are too short for them.")?;
         }
         Ok(())

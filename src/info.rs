@@ -9,6 +9,7 @@ use crate::inputs::InputArgs;
 use crate::source::open_pack;
 use kilwa_formats::Up;
 use kilwa_geometry::LengthUnit;
+use kilwa_pack::plural::plural;
 use kilwa_pack::visible::visible;
 use kilwa_pack::{DirectoryEntry, Header, Metadata};
 use patches::Patches;
@@ -95,7 +96,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         stored_triangles: header.stored_triangles,
         stored_vertices: header.stored_vertices,
         stored_per_input_triangle: per_input(header.stored_triangles),
-        lattice_origin: header.lattice.origin,
+        lattice_origin: header.lattice.origin.to_array(),
         lattice_step: header.lattice.step(),
         colors: header.attributes.colors,
         chunks: header.entry_count,
@@ -159,7 +160,7 @@ fn words(info: &Info<'_>, header: &Header) -> String {
     }
     attributes.extend(m.scalars.iter().map(|s| format!("{} ({} to {})", s.name, s.min, s.max)));
     line("attributes", attributes.join(", "));
-    line("file", format!("{} bytes, format {}", grouped(info.bytes), info.format));
+    line("file", format!("{} {}, format {}", grouped(info.bytes), plural(info.bytes, "byte", "bytes"), info.format));
     line(
         "density",
         format!(
@@ -174,14 +175,29 @@ fn words(info: &Info<'_>, header: &Header) -> String {
         line(
             "stuck",
             format!(
-                "{} places could not be simplified and keep their {} triangles at coarser levels",
+                "{} {} {} {} at coarser levels",
                 grouped(parts.stuck_diamonds),
-                grouped(parts.stuck_triangles)
+                plural(
+                    parts.stuck_diamonds,
+                    "place could not be simplified and keeps its",
+                    "places could not be simplified and keep their"
+                ),
+                grouped(parts.stuck_triangles),
+                plural(parts.stuck_triangles, "triangle", "triangles")
             ),
         );
     }
     for source in &m.sources {
-        line("source", format!("{} ({} bytes, sha256 {})", source.name, grouped(source.bytes), source.sha256));
+        line(
+            "source",
+            format!(
+                "{} ({} {}, sha256 {})",
+                source.name,
+                grouped(source.bytes),
+                plural(source.bytes, "byte", "bytes"),
+                source.sha256
+            ),
+        );
     }
     line("source units", format!("{}, {} up", m.source_units, m.source_up));
     line("made by", m.tool.clone());

@@ -9,6 +9,7 @@
 //! a readable regular file (a broken link, a folder, a pipe), a matrix that cannot place a mesh.
 
 use anyhow::{Context, bail};
+use glam::DVec3;
 use kilwa_builder::build::journal::PlannedInput;
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::Spool;
@@ -20,6 +21,7 @@ use kilwa_formats::read::texture::detail::Detail;
 use kilwa_formats::read::{self, Placed, Placement, ReadError, ReadOptions, Replaced};
 use kilwa_geometry::LengthUnit;
 use kilwa_pack::metadata::SourceFile;
+use kilwa_pack::plural::counted;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -43,7 +45,7 @@ pub(crate) struct InputArgs {
     pub(crate) up: Option<Up>,
     /// Added to all coordinates, in the units and axes of the inputs, after --transform.
     #[arg(long, value_name = "X,Y,Z", value_parser = origin, allow_hyphen_values = true)]
-    pub(crate) origin: Option<[f64; 3]>,
+    pub(crate) origin: Option<DVec3>,
     /// A 4 × 4 matrix that places every input: 16 numbers as text, row by row, as MeshLab and scanalyze write it; or
     /// `auto`: each NAME.ply has its own in NAME.xf beside it.
     #[arg(long, value_name = "FILE.xf|auto")]
@@ -104,10 +106,12 @@ pub(crate) fn up(name: &str) -> Result<Up, String> {
     }
 }
 
-fn origin(text: &str) -> Result<[f64; 3], String> {
+fn origin(text: &str) -> Result<DVec3, String> {
     let numbers: Vec<f64> = text.split(',').map_while(|part| part.trim().parse().ok()).collect();
     match numbers.as_slice() {
-        &[x, y, z] if text.matches(',').count() == 2 && [x, y, z].iter().all(|v| v.is_finite()) => Ok([x, y, z]),
+        &[x, y, z] if text.matches(',').count() == 2 && [x, y, z].iter().all(|v| v.is_finite()) => {
+            Ok(DVec3::new(x, y, z))
+        }
         _ => Err("give three numbers with commas between them, for example 500000,9000000,0".to_owned()),
     }
 }
@@ -281,7 +285,10 @@ fn summarised(mut sources: Vec<SourceFile>) -> Vec<SourceFile> {
         let rest = sources.split_off(own);
         let lines = rest.iter().fold(String::new(), |lines, s| lines + &s.sha256 + "  " + &s.name + "\n");
         sources.push(SourceFile {
-            name: format!("{} further files (SHA-256 of their list as sha256sum prints it)", rest.len()),
+            name: format!(
+                "{} (SHA-256 of their list as sha256sum prints it)",
+                counted(rest.len(), "further file", "further files")
+            ),
             bytes: rest.iter().map(|s| s.bytes).sum(),
             sha256: hexadecimal(&Sha256::digest(lines)),
         });
@@ -691,7 +698,7 @@ mod tests {
             "{message}"
         );
         let mut moved = two;
-        moved.files[1].placement = Placement::translation([5.0, 0.0, 0.0]);
+        moved.files[1].placement = Placement::translation(DVec3::new(5.0, 0.0, 0.0));
         assert_eq!(moved.sources(&Silent, &Stop::default()).unwrap().len(), 2);
     }
 

@@ -9,6 +9,7 @@
 
 use crate::source::open_pack;
 use anyhow::{Context, bail, ensure};
+use glam::DVec3;
 use kilwa_archive::location::{Location, channels};
 use kilwa_files::atomic::folder_of;
 use kilwa_geometry::Aabb;
@@ -32,7 +33,7 @@ pub(crate) struct TakenOut {
     /// The reference system that the old pack named.
     pub(crate) crs: Option<String>,
     /// What has to be added to the new coordinates to get the old ones, metres.
-    pub(crate) offset: [f64; 3],
+    pub(crate) offset: DVec3,
 }
 
 /// Write the pack at `from` to `to`, a new file, with its place taken out, `title` in place of its own, and of its scalar channels those that `keep`
@@ -56,7 +57,7 @@ pub(crate) fn redact(from: &Path, to: &Path, place: Place, title: &str, keep: &[
     let file = written.with_context(|| format!("{} without its place", from.display()))?;
     let file = file.into_inner().map_err(std::io::IntoInnerError::into_error);
     file.and_then(|f| f.sync_all()).with_context(|| format!("cannot write {}", to.display()))?;
-    Ok(TakenOut { crs, offset: std::array::from_fn(|k| old[k] - origin[k]) })
+    Ok(TakenOut { crs, offset: old - origin })
 }
 
 /// What is published of a pack's metadata.
@@ -167,7 +168,7 @@ impl Seek for Scratch {
 }
 
 /// Where the lattice begins in the new pack, metres: whole steps, so that world coordinates stay exact.
-fn origin<S: Source>(reader: &Reader<S>, place: Place) -> anyhow::Result<[f64; 3]> {
+fn origin<S: Source>(reader: &Reader<S>, place: Place) -> anyhow::Result<DVec3> {
     let lattice = reader.header().lattice;
     let all = reader.entries().iter().fold(Aabb::EMPTY, |sum, e| sum.union(&e.bounds));
     anyhow::ensure!(!all.is_empty(), "the pack contains no triangles");
@@ -182,13 +183,13 @@ fn origin<S: Source>(reader: &Reader<S>, place: Place) -> anyhow::Result<[f64; 3
                 cell.is_finite() && cell > widest && cell <= 1e7,
                 "a cell of {cell} m does not hide a model {widest:.0} m wide; give one larger than the model, 10000 for example"
             );
-            let world = lattice.world_from_steps([middle[0], middle[1], lowest]);
+            let world = lattice.world_from_steps(DVec3::new(middle[0], middle[1], lowest));
             [0, 1].map(|k| ((world[k] / cell).floor() + 0.5) * cell)
         }
     };
     // Steps are powers of two: whole multiples below 2^53 are exact.
     let axis = |k: usize| ((to[k] / step).round() - middle[k]) * step;
-    Ok([axis(0), axis(1), -lowest * step])
+    Ok(DVec3::new(axis(0), axis(1), -lowest * step))
 }
 
 #[cfg(test)]

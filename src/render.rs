@@ -4,7 +4,9 @@ use crate::new_file::{NewFile, check_output};
 use crate::sheet::{self, SheetArgs};
 use crate::source::{FileSource, read_named_text};
 use anyhow::{Context, bail};
+use glam::DVec3;
 use kilwa_pack::Metadata;
+use kilwa_pack::plural::counted;
 use kilwa_stream::{Budgets, Stats};
 use kilwa_viewer::colormap::VIRIDIS;
 use kilwa_viewer::display::{LightAngles, Plane, SectionBox};
@@ -230,11 +232,12 @@ fn display(args: &Args) -> anyhow::Result<Display> {
     if let Some([azimuth, elevation]) = args.light {
         display.light = LightAngles { azimuth, elevation, with_view: false };
     }
-    let plane = |[x, y, z, a, b, c]: [f64; 6]| Plane { point: [x, y, z], normal: [a, b, c] };
+    let plane = |[x, y, z, a, b, c]: [f64; 6]| Plane { point: DVec3::new(x, y, z), normal: DVec3::new(a, b, c) };
     display.plane = args.plane.map(plane).or(display.plane);
     display.clip_plane = args.clip.map(plane).or(display.clip_plane);
     if let Some([x, y, z, u, v, w]) = args.clip_box {
-        let (center, size) = ([(x + u) * 0.5, (y + v) * 0.5, (z + w) * 0.5], [u - x, v - y, w - z]);
+        let (low, high) = (DVec3::new(x, y, z), DVec3::new(u, v, w));
+        let (center, size) = ((low + high) * 0.5, high - low);
         display.clip_box = Some(SectionBox { center, size, turn: 0.0, remove_inside: false });
     }
     display.on_colour |= args.on_colour;
@@ -288,7 +291,7 @@ fn report(
             size: args.size,
             adapter,
             camera: CameraFile {
-                target: camera.target,
+                target: camera.target.to_array(),
                 distance: camera.distance,
                 azimuth: camera.azimuth.to_degrees(),
                 elevation: camera.elevation.to_degrees(),
@@ -310,11 +313,11 @@ fn report(
     } else {
         writeln!(
             out,
-            "{}: {} x {} pixels, {} triangles, surface within {:.2} px ({:.4} m), {adapter}",
+            "{}: {} x {} pixels, {}, surface within {:.2} px ({:.4} m), {adapter}",
             args.output.display(),
             args.size[0],
             args.size[1],
-            stats.triangles_drawn,
+            counted(stats.triangles_drawn, "triangle", "triangles"),
             stats.worst_pixel_error,
             stats.worst_error_metres,
         )?;
@@ -340,7 +343,7 @@ fn read_camera(path: &Path) -> anyhow::Result<Camera> {
         bail!("{}: elevation must be -90 to 90 degrees, field_of_view 1 to 150", path.display());
     }
     Ok(Camera {
-        target,
+        target: target.into(),
         azimuth: azimuth.to_radians(),
         elevation: elevation.to_radians(),
         distance,

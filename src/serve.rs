@@ -2,6 +2,7 @@
 
 use crate::new_file::PrivateFolder;
 use anyhow::Context;
+use kilwa_pack::plural::counted;
 use kilwa_pack::visible::visible;
 use kilwa_server::access::Sessions;
 use kilwa_server::door::Door;
@@ -414,7 +415,11 @@ async fn serve(address: SocketAddr, site: Site, limits: Limits) -> anyhow::Resul
             tracing::warn!("{}: {why}", model.file_name);
         }
     }
-    writeln!(crate::terminal::out(), "Serving {} at http://{address}/ (Ctrl-C stops)", count(models.len()))?;
+    writeln!(
+        crate::terminal::out(),
+        "Serving {} at http://{address}/ (Ctrl-C stops)",
+        counted(models.len(), "model", "models")
+    )?;
     if let [model] = models.as_slice() {
         writeln!(crate::terminal::out(), "  {}: http://{address}{}", visible(model.title()), model.page())?;
     }
@@ -451,9 +456,10 @@ fn limits(args: &Args) -> Limits {
     if let Some(files) = files_at_most(wanted).filter(|files| *files < wanted) {
         limits.connections = usize::try_from(files.saturating_sub(128) / 2).unwrap_or(usize::MAX).max(1);
         tracing::warn!(
-            "the system allows {files} open files, so {} connections at once instead of {connections}; \
+            "the system allows {}, so {} at once instead of {connections}; \
              raise the limit to {wanted} (ulimit -n, or LimitNOFILE= of systemd)",
-            limits.connections
+            counted(files, "open file", "open files"),
+            counted(limits.connections, "connection", "connections")
         );
     }
     limits
@@ -471,10 +477,6 @@ fn files_at_most(wanted: u64) -> Option<u64> {
 #[cfg(not(unix))]
 fn files_at_most(_wanted: u64) -> Option<u64> {
     None
-}
-
-fn count(models: usize) -> String {
-    if models == 1 { "1 model".to_owned() } else { format!("{models} models") }
 }
 
 /// Resolves at Ctrl-C, SIGTERM or SIGHUP; a SIGHUP that is ignored (`nohup`) stays so.

@@ -3,6 +3,7 @@
 use anyhow::Result;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
+use kilwa_pack::plural::counted;
 use kilwa_synth::{self as synth, Phantom, Shape, SynthOptions, UTM_CRS};
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -132,9 +133,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
     writeln!(
         out,
-        "{} triangles ({off:+.1} % of what was asked), {} vertices about {:.1} mm apart, {:.1} MB",
-        report.triangles,
-        report.vertices,
+        "{} ({off:+.1} % of what was asked), {} about {:.1} mm apart, {:.1} MB",
+        counted(report.triangles, "triangle", "triangles"),
+        counted(report.vertices, "vertex", "vertices"),
         report.spacing * 1000.0,
         report.bytes as f64 / 1e6
     )?;

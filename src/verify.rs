@@ -22,11 +22,12 @@ use kilwa_archive::manifest::MANIFEST_MAX;
 use kilwa_archive::{AccessState, Manifest, sound};
 use kilwa_files::atomic::folder_of;
 use kilwa_files::plain_file;
+use kilwa_pack::plural::counted;
 use kilwa_server::COLLECTIONS_FILE;
 use object::Check;
 use place::{Folder, Place};
 use progress::Progress;
-use report::{Kind, Report, many};
+use report::{Kind, Report};
 use state::{State, Unit, now};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -199,7 +200,7 @@ fn print_problems(
     if args.json || checked.units < 2 || problems == 0 {
         return Ok(());
     }
-    let text = format!("{name}: {}\n{}", many(problems, "problem"), report.problems_from(before));
+    let text = format!("{name}: {}\n{}", counted(problems, "problem", "problems"), report.problems_from(before));
     let mut said = Ok(());
     progress.above(|| said = crate::terminal::out().write_all(text.as_bytes()));
     Ok(said?)
@@ -258,9 +259,9 @@ fn say(args: &Args, checked: &Checked, report: &Report) -> anyhow::Result<()> {
         bail!(
             "{}: {} in {} of {}",
             report.target,
-            many(report.count(), "problem"),
+            counted(report.count(), "problem", "problems"),
             bad,
-            many(report.objects, "object")
+            counted(report.objects, "object", "objects")
         );
     }
     let line = |p: &report::Problem| if single { p.what.clone() } else { format!("{}: {}", p.file, p.what) };
@@ -268,7 +269,7 @@ fn say(args: &Args, checked: &Checked, report: &Report) -> anyhow::Result<()> {
         report.problems.iter().take(if single { NAMED } else { usize::MAX }).map(line).collect::<Vec<_>>().join("\n  ");
     let left = report.count() - (message.lines().count() as u64).min(report.count());
     if left > 0 {
-        let _ = write!(message, "\n  and {left} more damaged parts");
+        let _ = write!(message, "\n  and {}", counted(left, "more damaged part", "more damaged parts"));
     }
     Err(anyhow::anyhow!(message)).with_context(|| report.target.clone())
 }

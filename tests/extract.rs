@@ -2,6 +2,7 @@
 //! keeps its promise, and nothing is overwritten.
 
 use crate::support::{Input, Ply, built_once, fails, json, kilwa, succeeds, text};
+use glam::DVec3;
 use kilwa_formats::RawMesh;
 use kilwa_formats::read::read_mesh;
 use kilwa_geometry::Lattice;
@@ -37,16 +38,19 @@ fn lattice(pack: &Path) -> Lattice {
     let info = json(&["info", text(pack)]);
     let step = info["lattice_step"].as_f64().unwrap();
     let origin = [0, 1, 2].map(|k| info["lattice_origin"][k].as_f64().unwrap());
-    Lattice { origin, step_log2: step.log2().round() as i32 }
+    Lattice { origin: origin.into(), step_log2: step.log2().round() as i32 }
 }
 
 type Corner = ([i32; 3], Option<[u8; 3]>);
 
 /// Triangles as a sorted multiset of lattice corners with colours, each rotated to its smallest form.
-fn multiset(mesh: &RawMesh, lattice: &Lattice, world: impl Fn([f64; 3]) -> [f64; 3]) -> Vec<[Corner; 3]> {
+fn multiset(mesh: &RawMesh, lattice: &Lattice, world: impl Fn(DVec3) -> DVec3) -> Vec<[Corner; 3]> {
     let corner = |v: u32| {
         let v = v as usize;
-        (lattice.snap(world(mesh.positions[v])).expect("inside the lattice"), mesh.colors.get(v).copied())
+        (
+            lattice.snap(world(mesh.positions[v].into())).expect("inside the lattice").to_array(),
+            mesh.colors.get(v).copied(),
+        )
     };
     let rotated = |[a, b, c]: [Corner; 3]| [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap();
     let mut all: Vec<_> = mesh.triangles.iter().map(|t| rotated(t.map(corner))).collect();
@@ -59,13 +63,10 @@ fn read(path: &Path) -> RawMesh {
 }
 
 /// Positions as the world has them: GLB has y up, an STL may be relative to a point.
-fn to_world(report: &serde_json::Value) -> impl Fn([f64; 3]) -> [f64; 3] + use<> {
+fn to_world(report: &serde_json::Value) -> impl Fn(DVec3) -> DVec3 + use<> {
     let y_up = report["format"] == "glb";
-    let offset = [0, 1, 2].map(|k| report["offset"][k].as_f64().unwrap_or(0.0));
-    move |[x, y, z]| {
-        let p = if y_up { [x, -z, y] } else { [x, y, z] };
-        [p[0] + offset[0], p[1] + offset[1], p[2] + offset[2]]
-    }
+    let offset = DVec3::from([0, 1, 2].map(|k| report["offset"][k].as_f64().unwrap_or(0.0)));
+    move |p| offset + if y_up { DVec3::new(p.x, -p.z, p.y) } else { p }
 }
 
 /// How many triangles use each edge, edges named by the positions of their ends.
@@ -291,7 +292,7 @@ fn on_lattice(pack: &Path, lattice: Lattice, to: &Path) {
     metadata.lattice_step = lattice.step();
     metadata.median_edge *= ratio;
     for corner in [&mut metadata.bounds_min, &mut metadata.bounds_max] {
-        *corner = lattice.world_from_steps(from.steps_from_world(*corner).map(f64::round));
+        *corner = lattice.world_from_steps(from.steps_from_world((*corner).into()).round()).into();
     }
     let mut entries = reader.entries().to_vec();
     for entry in entries.iter_mut().filter(|entry| entry.error.is_finite()) {
@@ -360,7 +361,7 @@ fn coordinates_that_a_format_cannot_represent_are_refused_and_others_stay_distin
         (0, 1e300, "", [false, true]),
         (-900, 5e5, "", [false, false]),
     ] {
-        on_lattice(&base, Lattice { origin: [at, -at, at], step_log2 }, &pack);
+        on_lattice(&base, Lattice { origin: DVec3::new(at, -at, at), step_log2 }, &pack);
         for (name, ascii, fits) in [
             ("a.ply", false, double),
             ("b.ply", true, double),
@@ -394,7 +395,7 @@ fn the_header_of_an_stl_contains_the_complete_offset_however_long_its_numbers() 
     let work = tempfile::tempdir().unwrap();
     let base = built_once(&folder(), "small", |to| Input::torus(32, 16, [0.0; 3]).write(to), &[]);
     let (pack, out) = (work.path().join("a.kilwa"), work.path().join("a.stl"));
-    on_lattice(&base, Lattice { origin: [1e300, -1e300, 0.1], step_log2: -13 }, &pack);
+    on_lattice(&base, Lattice { origin: DVec3::new(1e300, -1e300, 0.1), step_log2: -13 }, &pack);
     let report = json(&["extract", text(&pack), "-o", text(&out)]);
     let header = String::from_utf8(std::fs::read(&out).unwrap()[..80].to_vec()).unwrap();
     let words = header.split(' ').filter_map(|word| word.parse::<f64>().ok());

@@ -32,7 +32,7 @@ fn a_mesh_is_described_in_words_and_as_json() {
     let (code, text) = info(&[name, "--units", "cm"]);
     assert_eq!(code, 0);
     assert!(text.contains("5 triangles, 8 vertices") && text.contains("0.040 × 0.010 × 0.000 m"), "{text}");
-    assert!(text.contains("2, the largest of 3 triangles") && text.contains("1 triangles that stand twice"), "{text}");
+    assert!(text.contains("2, the largest of 3 triangles") && text.contains("1 duplicate triangle\n"), "{text}");
     let (code, json) = info(&[name, "--json"]);
     assert_eq!(code, 0);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();

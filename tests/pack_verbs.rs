@@ -25,7 +25,7 @@ fn lattice(pack: &Path) -> Lattice {
     let info = json(&["info", text(pack)]);
     let step = info["lattice_step"].as_f64().unwrap();
     let origin = [0, 1, 2].map(|k| info["lattice_origin"][k].as_f64().unwrap());
-    let lattice = Lattice { origin, step_log2: step.log2().round() as i32 };
+    let lattice = Lattice { origin: origin.into(), step_log2: step.log2().round() as i32 };
     assert_eq!(lattice.step(), step);
     lattice
 }
@@ -46,7 +46,10 @@ fn multiset(triangles: impl Iterator<Item = [Corner; 3]>) -> Vec<[Corner; 3]> {
 fn of_ply(ply: &Ply, lattice: &Lattice) -> Vec<[Corner; 3]> {
     let corner = |v: u32| {
         let color = ply.get(v, "red").map(|r| [r, ply.get(v, "green").unwrap(), ply.get(v, "blue").unwrap()]);
-        (lattice.snap(ply.position(v)).expect("inside the lattice"), color.map(|c| c.map(|x| x as u8)))
+        (
+            lattice.snap(ply.position(v).into()).expect("inside the lattice").to_array(),
+            color.map(|c| c.map(|x| x as u8)),
+        )
     };
     multiset(ply.triangles.iter().map(|t| t.map(corner)))
 }
@@ -56,7 +59,8 @@ fn a_full_extract_gives_back_every_triangle_with_its_colours() {
     let folder = tempfile::tempdir().unwrap();
     let (mesh, pack) = torus();
     let lattice = lattice(pack);
-    let corner = |v: u32| (lattice.snap(mesh.positions[v as usize]).unwrap(), Some(mesh.colors[v as usize]));
+    let corner =
+        |v: u32| (lattice.snap(mesh.positions[v as usize].into()).unwrap().to_array(), Some(mesh.colors[v as usize]));
     let wanted = multiset(mesh.triangles.iter().map(|t| t.map(corner)));
     assert_eq!(wanted.len(), TRIANGLES);
     for form in [&[][..], &["--ascii"]] {
@@ -131,7 +135,9 @@ fn comes_back_whole(input: &Path) -> bool {
     succeeds(&["extract", text(&pack), "-o", text(&out)]);
     let lattice = lattice(&pack);
     let raw = kilwa_formats::read::read_mesh(input, &mut |_, _| {}).unwrap();
-    let corner = |v: u32| (lattice.snap(raw.positions[v as usize]).unwrap(), raw.colors.get(v as usize).copied());
+    let corner = |v: u32| {
+        (lattice.snap(raw.positions[v as usize].into()).unwrap().to_array(), raw.colors.get(v as usize).copied())
+    };
     let wanted = multiset(raw.triangles.iter().map(|t| t.map(corner)));
     let back = Ply::read(&out);
     let mut found = of_ply(&back, &lattice);

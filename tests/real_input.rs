@@ -38,7 +38,7 @@ fn round_trip(input: &Path, folder: &Path) -> String {
 
     let info = json(&["info", text(&pack)]);
     let lattice = Lattice {
-        origin: [0, 1, 2].map(|k| info["lattice_origin"][k].as_f64().unwrap()),
+        origin: [0, 1, 2].map(|k| info["lattice_origin"][k].as_f64().unwrap()).into(),
         step_log2: info["lattice_step"].as_f64().unwrap().log2().round() as i32,
     };
     let raw = read_mesh(input, &mut |_, _| {}).unwrap();
@@ -46,14 +46,14 @@ fn round_trip(input: &Path, folder: &Path) -> String {
     let colored = !raw.colors.is_empty();
     let given = |v: u32| {
         let at = raw.positions[v as usize];
-        (lattice.snap(at).expect("inside the lattice"), raw.colors.get(v as usize).copied())
+        (lattice.snap(at.into()).expect("inside the lattice").to_array(), raw.colors.get(v as usize).copied())
     };
     let wanted = multiset(raw.triangles.iter().map(|t| t.map(given)));
     let ply = Ply::read(&back);
     let got = |v: u32| {
         let color = ply.get(v, "red").map(|r| [r, ply.get(v, "green").unwrap(), ply.get(v, "blue").unwrap()]);
         let color = color.filter(|_| colored).map(|c| c.map(|x| x as u8));
-        (lattice.snap(ply.position(v)).expect("inside the lattice"), color)
+        (lattice.snap(ply.position(v).into()).expect("inside the lattice").to_array(), color)
     };
     let found = multiset(ply.triangles.iter().map(|t| t.map(got)));
     assert_eq!(found.len(), ply.triangles.len(), "{}: no empty triangle is stored", input.display());

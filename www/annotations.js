@@ -12,17 +12,28 @@
 // A file holds an AnnotationPage; an AnnotationCollection, a single Annotation and a plain array are read too. What an
 // annotation says beyond this is kept and written again. Annotations without a point are counted and left out.
 
+import { isCamera } from "./camera.js";
 import { t } from "./i18n.js";
 import { unique } from "./store.js";
 
-export const MOST = 5000;
+/** @import { Note } from "./types/page.js" */
+
+export const MAX_NOTES = 5000;
 const LONGEST = { title: 200, text: 20_000, link: 2000 };
 const CONTEXT = "http://www.w3.org/ns/anno.jsonld";
 
+/** @param {any} value @returns {any[]} */
 const array = (value) => (value === undefined || value === null ? [] : Array.isArray(value) ? value : [value]);
+/**
+ * @param {unknown} value
+ * @param {keyof typeof LONGEST} kind
+ */
 const cut = (value, kind) => String(value ?? "").slice(0, LONGEST[kind]);
 
-/** A web address that may be followed: http or https. Null for anything else. */
+/**
+ * A web address that may be followed: http or https. Null for anything else.
+ * @param {unknown} text
+ */
 export function safeLink(text) {
   try {
     const url = new URL(String(text).trim());
@@ -32,7 +43,10 @@ export function safeLink(text) {
   }
 }
 
-/** A text in some language: `"…"`, or IIIF's `{"en": ["…"]}`. */
+/**
+ * A text in some language: `"…"`, or IIIF's `{"en": ["…"]}`.
+ * @param {any} value
+ */
 function words(value) {
   if (typeof value === "string") return value;
   if (value && typeof value === "object") {
@@ -42,13 +56,20 @@ function words(value) {
   return "";
 }
 
-/** HTML bodies are read as text: nothing of them is ever put into the page as markup. */
+/**
+ * HTML bodies are read as text: nothing of them is ever put into the page as markup.
+ * @param {any} body
+ */
 function plain(body) {
   const value = words(body.value ?? body.chars);
   if (!/html/i.test(body.format ?? "")) return value;
   return new DOMParser().parseFromString(value, "text/html").body.textContent ?? "";
 }
 
+/**
+ * @param {any} target
+ * @returns {{place: number[], state: any} | null}
+ */
 function placeOf(target) {
   for (const one of array(target)) {
     for (const selector of array(one?.selector)) {
@@ -60,25 +81,37 @@ function placeOf(target) {
   return null;
 }
 
-/** One annotation as a note, or null where it names no point. */
+/**
+ * One annotation as a note, or null where it names no point.
+ * @param {any} annotation
+ * @returns {Note | null}
+ */
 export function noteOf(annotation) {
   const found = placeOf(annotation?.target);
   if (!found) return null;
-  const bodies = array(annotation.body).map((b) => (typeof b === "string" ? { id: b } : b)).filter((b) => b && typeof b === "object");
+  const bodies = array(annotation.body)
+    .map((b) => (typeof b === "string" ? { id: b } : b))
+    .filter((b) => b && typeof b === "object");
   const texts = bodies.filter((b) => b.type === "TextualBody" || b.value !== undefined);
   const titles = texts.filter((b) => ["identifying", "tagging"].includes(b.purpose));
   const title = words(annotation.label) || (titles[0] ? plain(titles[0]) : "");
-  const text = texts.filter((b) => b !== titles[0] || words(annotation.label)).filter((b) => b.purpose !== "tagging").map(plain).join("\n\n");
-  const links = bodies.filter((b) => !texts.includes(b)).map((b) => safeLink(words(b.source) || b.source?.id || b.id)).filter(Boolean);
+  const text = texts
+    .filter((b) => b !== titles[0] || words(annotation.label))
+    .filter((b) => b.purpose !== "tagging")
+    .map(plain)
+    .join("\n\n");
+  const links = bodies
+    .filter((b) => !texts.includes(b))
+    .map((b) => safeLink(words(b.source) || b.source?.id || b.id))
+    .filter(Boolean);
   const camera = found.state?.camera;
-  const isCamera = Array.isArray(camera) && camera.length >= 7 && camera.length <= 9 && camera.every(Number.isFinite) && camera[2] > 0;
   return {
     id: typeof annotation.id === "string" && annotation.id ? annotation.id : `urn:uuid:${unique()}`,
     title: cut(title, "title"),
     text: cut(text, "text"),
     link: links[0] ?? "",
     place: found.place,
-    camera: isCamera ? camera : null,
+    camera: isCamera(camera) ? camera : null,
     display: found.state?.display && typeof found.state.display === "object" ? found.state.display : null,
     created: annotation.created ?? null,
     modified: annotation.modified ?? null,
@@ -86,16 +119,26 @@ export function noteOf(annotation) {
   };
 }
 
-/** The identities of packs that an annotation was made on. */
+/**
+ * The identities of packs that an annotation was made on.
+ * @param {any} annotation
+ * @returns {string[]}
+ */
 const identitiesOf = (annotation) =>
-  array(annotation?.target).flatMap((one) => array(one?.state)).filter((s) => s?.type === "urn:kilwa:pack" && /^[0-9a-f]{12,64}$/.test(s.identity)).map((s) => s.identity);
+  array(annotation?.target)
+    .flatMap((one) => array(one?.state))
+    .filter((s) => s?.type === "urn:kilwa:pack" && /^[0-9a-f]{12,64}$/.test(s.identity))
+    .map((s) => s.identity);
 
-/** @returns {{notes: object[], left: number, identities: string[]}} the notes of a file's JSON and the packs that they were made on; throws a sentence where it is no such file */
+/**
+ * @param {any} json
+ * @returns {{notes: Note[], left: number, identities: string[]}} the notes of a file's JSON and the packs that they were made on; throws a sentence where it is no such file
+ */
 export function parseAnnotations(json) {
   const page = json?.type === "AnnotationCollection" ? json.first : json;
   const items = Array.isArray(page) ? page : page?.type === "Annotation" ? [page] : (page?.items ?? page?.resources);
   if (!Array.isArray(items)) throw new Error(t("importNoNotes"));
-  if (items.length > MOST) throw new Error(t("importTooMany", { count: items.length, most: MOST }));
+  if (items.length > MAX_NOTES) throw new Error(t("importTooMany", { count: items.length, most: MAX_NOTES }));
   const notes = [];
   const ids = new Set();
   for (const item of items) {
@@ -108,9 +151,14 @@ export function parseAnnotations(json) {
   return { notes, left: items.length - notes.length, identities: [...new Set(items.flatMap(identitiesOf))] };
 }
 
-/** A note as an annotation of the pack at `pack.source` that is called `pack.identity`. What was made on another one still says so. */
+/**
+ * A note as an annotation of the pack at `pack.source` that is called `pack.identity`. What was made on another one keeps naming it.
+ * @param {Note} note
+ * @param {{source: string, identity: string | null}} pack
+ */
 export function annotationOf(note, pack) {
   const { source = {} } = note;
+  /** @type {object[]} */
   const body = [];
   if (note.text) body.push({ type: "TextualBody", purpose: "describing", format: "text/plain", value: note.text });
   if (note.link) body.push({ type: "SpecificResource", purpose: "linking", source: note.link });
@@ -137,15 +185,26 @@ export function annotationOf(note, pack) {
   };
 }
 
-/** The file of a list of notes. */
+/**
+ * The file of a list of notes.
+ * @param {Note[]} notes
+ * @param {{source: string, identity: string | null}} pack
+ */
 export function annotationPage(notes, pack) {
   return { "@context": CONTEXT, type: "AnnotationPage", items: notes.map((note) => annotationOf(note, pack)) };
 }
 
-/** The name of a note in an address: what is its own in its id. */
+/**
+ * The name of a note in an address: what is its own in its id.
+ * @param {string} id
+ */
 export const shortId = (id) => id.replace(/^urn:uuid:/, "");
 
-/** The note that an address names: by its id, the end of its id, or its number from 1. */
+/**
+ * The note that an address names: by its id, the end of its id, or its number from 1.
+ * @param {Note[]} notes
+ * @param {string} name
+ */
 export function findNote(notes, name) {
   return (
     notes.find((n) => n.id === name || shortId(n.id) === name) ??

@@ -7,6 +7,7 @@ import { load, otherProgram, whyNoGpu } from "./program.js";
 const parameters = read();
 // The server writes the address of the pack into the page; on a plain static host ?pack=URL names it.
 const address = document.body.dataset.pack || parameters.get("pack");
+/** @type {Pack | null} */
 const pack = address ? new Pack(new URL(address, document.body.dataset.pack ? document.baseURI : location.href)) : null;
 // Failures are awaited, and shown, by the page; they must not count as unhandled until it is loaded.
 const head = pack?.head();

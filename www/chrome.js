@@ -1,12 +1,21 @@
 // Everything round the picture that needs no model: tabs, the phone's sheet, popover, tooltips, dialogs, notices.
 
+import { $ } from "./dom.js";
+import { fill } from "./facts.js";
 import { t } from "./i18n.js";
 import { get, put } from "./store.js";
 
-const $ = (id) => document.getElementById(id);
+/** @import { NoticeAction } from "./types/page.js" */
+/** @typedef {"about" | "measure" | "saved" | "notes" | "display" | "section" | "info"} TabName */
+
+/** The element that an event happened to; null for a document or a window. @param {Event} event */
+export const elementOf = ({ target }) => (target instanceof Element ? target : null);
 const isPhone = () => matchMedia("(max-width: 720px)").matches;
 
-/** Show a tab of the panel, and the panel. */
+/**
+ * Show a tab of the panel, and the panel.
+ * @param {TabName} name
+ */
 export function openTab(name) {
   if (isPhone()) {
     if ($("panel").dataset.size === "peek") sheet("half");
@@ -23,13 +32,14 @@ export function peek() {
 
 /** Tabs as WAI-ARIA has them: one in the tab order, arrows move, the panel follows. */
 export function tabs() {
-  const all = [...document.querySelectorAll("[role=tab]")];
-  const select = (tab, { focus = false } = {}) => {
+  const all = [.../** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[role=tab]"))];
+  const panelOf = (/** @type {Element} */ tab) => /** @type {HTMLElement} */ (document.getElementById(tab.getAttribute("aria-controls") ?? ""));
+  const select = (/** @type {HTMLElement} */ tab, { focus = false } = {}) => {
     for (const other of all) {
       const isIt = other === tab;
       other.setAttribute("aria-selected", String(isIt));
       other.tabIndex = isIt ? 0 : -1;
-      $(other.getAttribute("aria-controls")).hidden = !isIt;
+      panelOf(other).hidden = !isIt;
     }
     if (focus) tab.focus();
     if ($("panel").dataset.size === "peek") sheet("half");
@@ -52,6 +62,7 @@ export function tabs() {
   }
 }
 
+/** @param {string} size */
 function sheet(size) {
   $("panel").dataset.size = size;
 }
@@ -66,6 +77,7 @@ export function panel() {
   });
   const sizes = ["peek", "half", "full"];
   const grip = $("grip");
+  /** @type {number | null} */
   let from = null;
   grip.addEventListener("pointerdown", (event) => {
     from = event.clientY;
@@ -76,36 +88,42 @@ export function panel() {
     const pulled = from - event.clientY;
     from = null;
     if (Math.abs(pulled) < 12) return;
-    const at = sizes.indexOf($("panel").dataset.size) + Math.sign(pulled);
+    const at = sizes.indexOf($("panel").dataset.size ?? "") + Math.sign(pulled);
     sheet(sizes[Math.max(0, Math.min(2, at))]);
     grip.dataset.pulled = "yes";
   });
   grip.addEventListener("click", () => {
     if (grip.dataset.pulled) return delete grip.dataset.pulled;
-    return sheet(sizes[(sizes.indexOf($("panel").dataset.size) + 1) % 3]);
+    return sheet(sizes[(sizes.indexOf($("panel").dataset.size ?? "") + 1) % 3]);
   });
 }
 
-const WIDE = { usual: 360, least: 280, step: 24 };
+const WIDTH = { usual: 360, min: 280, step: 24 };
 
 /** The edge of the panel beside the picture: dragged, or moved by arrows; a double click makes it as usual. The browser keeps it. */
 export function divider() {
   const edge = $("divider");
-  const most = () => Math.max(WIDE.least, Math.min(800, innerWidth - 400));
-  const held = (width) => Math.round(Math.max(WIDE.least, Math.min(most(), width)));
-  let width = Number(get("panel", WIDE.usual)) || WIDE.usual;
+  const max = () => Math.max(WIDTH.min, Math.min(800, innerWidth - 400));
+  const held = (/** @type {number} */ width) => Math.round(Math.max(WIDTH.min, Math.min(max(), width)));
+  let width = Number(get("panel", WIDTH.usual)) || WIDTH.usual;
   const show = () => {
-    if (width === WIDE.usual) document.body.style.removeProperty("--panel");
+    if (width === WIDTH.usual) document.body.style.removeProperty("--panel");
     else document.body.style.setProperty("--panel", `${held(width)}px`);
-    for (const [name, value] of [["min", WIDE.least], ["max", most()], ["now", held(width)]]) edge.setAttribute(`aria-value${name}`, String(value));
+    for (const [name, value] of [
+      ["min", WIDTH.min],
+      ["max", max()],
+      ["now", held(width)],
+    ])
+      edge.setAttribute(`aria-value${name}`, String(value));
   };
-  const set = (value, { keep = true } = {}) => {
+  const set = (/** @type {number} */ value, { keep = true } = {}) => {
     width = held(value);
     show();
-    if (keep) put("panel", width === WIDE.usual ? null : width);
+    if (keep) put("panel", width === WIDTH.usual ? null : width);
   };
   const isRtl = () => document.documentElement.dir === "rtl";
-  const at = (event) => (isRtl() ? event.clientX : innerWidth - event.clientX);
+  const at = (/** @type {PointerEvent} */ event) => (isRtl() ? event.clientX : innerWidth - event.clientX);
+  /** @type {number | null} */
   let grabbed = null;
   edge.addEventListener("pointerdown", (event) => {
     if (event.button !== 0) return;
@@ -122,13 +140,13 @@ export function divider() {
       set(width);
     });
   }
-  edge.addEventListener("dblclick", () => set(WIDE.usual));
+  edge.addEventListener("dblclick", () => set(WIDTH.usual));
   edge.addEventListener("keydown", (event) => {
     const wider = isRtl() ? "ArrowRight" : "ArrowLeft";
-    const step = WIDE.step * (event.shiftKey ? 4 : 1);
+    const step = WIDTH.step * (event.shiftKey ? 4 : 1);
     if (event.key === "ArrowLeft" || event.key === "ArrowRight") set(held(width) + (event.key === wider ? step : -step));
-    else if (event.key === "Home") set(WIDE.least);
-    else if (event.key === "End") set(most());
+    else if (event.key === "Home") set(WIDTH.min);
+    else if (event.key === "End") set(max());
     else return;
     event.preventDefault();
     event.stopPropagation();
@@ -149,17 +167,22 @@ export function keys() {
   show();
 }
 
-/** A menu below a button: arrows move, Escape and a press elsewhere close. */
+/**
+ * A menu below a button: arrows move, Escape and a press elsewhere close.
+ * @param {HTMLElement} button
+ * @param {HTMLElement} list
+ * @param {(item: HTMLElement) => void} choose
+ */
 export function menu(button, list, choose) {
-  const items = [...list.querySelectorAll("[role=menuitem]")];
-  const show = (open) => {
+  const items = [.../** @type {NodeListOf<HTMLElement>} */ (list.querySelectorAll("[role=menuitem]"))];
+  const show = (/** @type {boolean} */ open) => {
     list.hidden = !open;
     button.setAttribute("aria-expanded", String(open));
     if (open) items[0].focus();
   };
-  button.addEventListener("click", () => show(list.hidden));
+  button.addEventListener("click", () => show(Boolean(list.hidden)));
   list.addEventListener("keydown", (event) => {
-    const at = items.indexOf(document.activeElement);
+    const at = items.indexOf(/** @type {HTMLElement} */ (document.activeElement));
     const to = { ArrowDown: at + 1, ArrowUp: at - 1, Home: 0, End: items.length - 1 }[event.key];
     if (to !== undefined) items[(to + items.length) % items.length].focus();
     else if (event.key === "Escape") {
@@ -179,7 +202,8 @@ export function menu(button, list, choose) {
     });
   }
   document.addEventListener("pointerdown", (event) => {
-    if (!list.hidden && !list.contains(event.target) && !button.contains(event.target)) show(false);
+    const target = /** @type {Node} */ (event.target);
+    if (!list.hidden && !list.contains(target) && !button.contains(target)) show(false);
   });
 }
 
@@ -190,13 +214,14 @@ export function tooltips() {
   tip.hidden = true;
   tip.setAttribute("aria-hidden", "true");
   document.body.append(tip);
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
   let timer;
   const hide = () => {
     clearTimeout(timer);
     tip.hidden = true;
   };
-  const show = (element) => {
-    tip.textContent = t(element.dataset.label);
+  const show = (/** @type {HTMLElement} */ element) => {
+    tip.textContent = t(element.dataset.label ?? "");
     if (element.dataset.key) {
       const key = document.createElement("kbd");
       key.textContent = element.dataset.key;
@@ -212,20 +237,28 @@ export function tooltips() {
     tip.style.left = `${Math.max(8, Math.min(innerWidth - own.width - 8, x))}px`;
     tip.style.top = `${isBeside ? box.top + (box.height - own.height) / 2 : below}px`;
   };
-  const later = (event) => {
-    const element = event.target.closest?.("[data-label]");
+  const later = (/** @type {Event} */ event) => {
+    const element = /** @type {HTMLElement | null} */ (elementOf(event)?.closest("[data-label]"));
     hide();
-    if (element && event.pointerType !== "touch") timer = setTimeout(() => show(element), 400);
+    if (element && /** @type {PointerEvent} */ (event).pointerType !== "touch") timer = setTimeout(() => show(element), 400);
   };
   document.addEventListener("pointerover", later);
-  document.addEventListener("focusin", (event) => event.target.matches?.(":focus-visible") && later(event));
+  document.addEventListener("focusin", (event) => {
+    if (elementOf(event)?.matches(":focus-visible")) later(event);
+  });
   document.addEventListener("pointerdown", hide);
   document.addEventListener("focusout", hide);
   document.addEventListener("keydown", hide);
 }
 
+/** @type {ReturnType<typeof setTimeout> | undefined} */
 let noticeTimer;
-/** One sentence above the picture's lower edge, for a while; with `action` (`{label, run}`) a button beside it. */
+/**
+ * One sentence above the picture's lower edge, for a while; with `action` a button beside it.
+ * @param {string} text
+ * @param {number} milliseconds
+ * @param {NoticeAction | null} action
+ */
 export function notice(text, milliseconds = 6000, action = null) {
   clearTimeout(noticeTimer);
   $("notice-text").textContent = text;
@@ -245,10 +278,21 @@ export function notice(text, milliseconds = 6000, action = null) {
   noticeTimer = setTimeout(later, milliseconds);
 }
 
-/** The next step of a tool, above the picture; nothing hides it. */
+/**
+ * The next step of a tool, above the picture; nothing hides it.
+ * @param {string | null | undefined} text
+ */
 export function hint(text) {
   $("hint").textContent = text ?? "";
   $("hint").hidden = !text;
+}
+
+/**
+ * For screen readers: what happened.
+ * @param {string} text
+ */
+export function announce(text) {
+  $("announce").textContent = text;
 }
 
 /** Hide or show everything but the model. */
@@ -260,38 +304,60 @@ export function toggleChrome() {
 
 /** The help dialog, written anew for the language. */
 export function help() {
-  const fill = (id, rows) =>
-    $(id).replaceChildren(
-      ...rows.map(([what, how]) => {
-        const row = document.createElement("div");
-        const [dt, dd] = [document.createElement("dt"), document.createElement("dd")];
-        dt.textContent = what;
-        dd.textContent = how;
-        row.append(dt, dd);
-        return row;
-      }),
-    );
-  fill("help-mouse", [
-    [t("turn"), t("leftDrag")], [t("move"), t("rightDrag")], [t("zoom"), t("wheel")], [t("pivot"), t("doubleClick")],
+  fill($("help-mouse"), [
+    [t("turn"), t("leftDrag")],
+    [t("move"), t("rightDrag")],
+    [t("zoom"), t("wheel")],
+    [t("pivot"), t("doubleClick")],
     [t("standThere"), t("doubleClick")],
   ]);
-  fill("help-touch", [
-    [t("turn"), t("oneFinger")], [t("move"), t("twoFingers")], [t("zoom"), t("pinch")], [t("lean"), t("twist")], [t("pivot"), t("doubleTap")],
+  fill($("help-touch"), [
+    [t("turn"), t("oneFinger")],
+    [t("move"), t("twoFingers")],
+    [t("zoom"), t("pinch")],
+    [t("lean"), t("twist")],
+    [t("pivot"), t("doubleTap")],
   ]);
-  fill("help-keys", [
-    [t("turn"), t("arrows")], [t("move"), t("shiftArrows")], [t("zoom"), "+ −"], [t("fit"), "F"], [t("views6"), "1 – 7"],
-    [t("viewBack"), "Z"], [t("viewForward"), t("shiftKey", { key: "Z" })], [t("viewSave"), "B"], [t("freely"), "T"], [t("orthographic"), "O"],
-    [t("picture"), "P"], [t("hide"), "H"], [t("help"), "?"],
+  fill($("help-keys"), [
+    [t("turn"), t("arrows")],
+    [t("move"), t("shiftArrows")],
+    [t("zoom"), "+ −"],
+    [t("fit"), "F"],
+    [t("views6"), "1 – 7"],
+    [t("viewBack"), "Z"],
+    [t("viewForward"), t("shiftKey", { key: "Z" })],
+    [t("viewSave"), "B"],
+    [t("freely"), "T"],
+    [t("orthographic"), "O"],
+    [t("picture"), "P"],
+    [t("hide"), "H"],
+    [t("help"), "?"],
   ]);
-  fill("help-walk", [
-    [t("toolWalk"), "W"], [t("walkForward"), "W ↑"], [t("walkBack"), "S ↓"], [t("walkSides"), "A D"], [t("turn"), "← →"], [t("walkRun"), t("shiftKey", { key: "" }).trim()],
-    [t("eyeChange"), "Q E"], [t("walkLeave"), "Esc"],
+  fill($("help-walk"), [
+    [t("toolWalk"), "W"],
+    [t("walkForward"), "W ↑"],
+    [t("walkBack"), "S ↓"],
+    [t("walkSides"), "A D"],
+    [t("turn"), "← →"],
+    [t("walkRun"), t("shiftKey", { key: "" }).trim()],
+    [t("eyeChange"), "Q E"],
+    [t("walkLeave"), "Esc"],
   ]);
-  fill("help-measure", [
-    [t("toolMeasure"), "M"], [t("notePoint"), t("arrows")], [t("measurePick"), t("spaceKey")], [t("measureFinish"), "Enter"], [t("measureBack"), t("backspaceKey")],
-    [t("measureSnap"), t("shiftKey", { key: "" }).trim()], [t("cancel"), "Esc"],
+  fill($("help-measure"), [
+    [t("toolMeasure"), "M"],
+    [t("notePoint"), t("arrows")],
+    [t("measurePick"), t("spaceKey")],
+    [t("measureFinish"), "Enter"],
+    [t("measureBack"), t("backspaceKey")],
+    [t("measureSnap"), t("shiftKey", { key: "" }).trim()],
+    [t("cancel"), "Esc"],
   ]);
-  fill("help-notes", [
-    [t("toolNote"), "N"], [t("notePoint"), t("arrows")], [t("noteChoose"), t("spaceKey")], [t("cancel"), "Esc"], [t("undo"), "Ctrl Z"], [t("redo"), t("shiftKey", { key: "Ctrl Z" })],
+  fill($("help-notes"), [
+    [t("toolNote"), "N"],
+    [t("notePoint"), t("arrows")],
+    [t("noteChoose"), t("spaceKey")],
+    [t("cancel"), "Esc"],
+    [t("undo"), "Ctrl Z"],
+    [t("redo"), t("shiftKey", { key: "Ctrl Z" })],
   ]);
 }

@@ -1,8 +1,11 @@
 // The view cube: it turns with the camera, and each of its faces is a button that looks at the model from there. One
 // face is in the tab order; arrows go to the others. Up is the sky, the ring lies on the ground, its arrow points north.
 
-const $ = (id) => document.getElementById(id);
-/** From each face, the face that an arrow leads to. */
+import { $ } from "./dom.js";
+
+/** @import { Camera } from "./types/page.js" */
+
+/** From each face, the face that an arrow leads to. @type {Record<string, Record<string, string>>} */
 const NEXT = {
   plan: { ArrowUp: "north", ArrowDown: "south", ArrowLeft: "west", ArrowRight: "east" },
   below: { ArrowUp: "south", ArrowDown: "north", ArrowLeft: "west", ArrowRight: "east" },
@@ -12,8 +15,11 @@ const NEXT = {
   west: { ArrowLeft: "north", ArrowRight: "south", ArrowUp: "plan", ArrowDown: "below" },
 };
 
-/** The axes of the picture in the world: right, up, and backward (towards the eye). */
-export function axes([azimuth, elevation, , , , , , roll = 0]) {
+/**
+ * The axes of the picture in the world: right, up, and backward (towards the eye).
+ * @param {Camera} camera
+ */
+export function axes({ azimuth, elevation, roll }) {
   const [sa, ca, se, ce, sr, cr] = [Math.sin(azimuth), Math.cos(azimuth), Math.sin(elevation), Math.cos(elevation), Math.sin(roll), Math.cos(roll)];
   const level = [-ca, sa, 0];
   const upright = [-se * sa, -se * ca, ce];
@@ -25,7 +31,8 @@ export function axes([azimuth, elevation, , , , , , roll = 0]) {
 export class Cube {
   /** @param {(view: string) => void} choose */
   constructor(choose) {
-    this.faces = new Map([...$("cube").querySelectorAll(".face")].map((face) => [face.dataset.view, face]));
+    this.faces = new Map([.../** @type {NodeListOf<HTMLElement>} */ ($("cube").querySelectorAll(".face"))].map((face) => [face.dataset.view ?? "", face]));
+    this.turn = "";
     for (const [view, face] of this.faces) {
       face.addEventListener("click", () => choose(view));
       face.addEventListener("focus", () => this.#enter(view));
@@ -34,16 +41,20 @@ export class Cube {
         if (!to) return;
         event.preventDefault();
         event.stopPropagation();
-        this.faces.get(to).focus();
+        this.faces.get(to)?.focus();
       });
     }
   }
 
+  /** @param {string} view */
   #enter(view) {
     for (const [name, face] of this.faces) face.tabIndex = name === view ? 0 : -1;
   }
 
-  /** After each frame. */
+  /**
+   * After each frame.
+   * @param {Camera} camera
+   */
   show(camera) {
     const { right: r, up: u, backward: b } = axes(camera);
     // Columns: where east, south (y down, as on the screen) and the sky go.
@@ -52,6 +63,7 @@ export class Cube {
     if (turn === this.turn) return;
     this.turn = turn;
     $("cube-turn").style.transform = turn;
+    /** @type {Record<string, number>} */
     const facing = { plan: b[2], below: -b[2], north: b[1], south: -b[1], east: b[0], west: -b[0] };
     for (const [view, face] of this.faces) {
       const away = facing[view] < 0.02;

@@ -4,19 +4,32 @@
 /** First and longest wait until it is tried again, milliseconds. */
 const AGAIN_MS = [500, 30_000];
 
+/**
+ * @typedef {{bytes: Uint8Array<ArrayBuffer>, vertices: number, triangles: number, checksum: Uint8Array, colors: boolean, scalars: number}} DecodeTask
+ * @typedef {{vertices: Uint8Array, indices: Uint32Array, patches: Uint32Array, scalars: Float32Array}} Decoded
+ * @typedef {{key: number, task: DecodeTask, resolve: (decoded: Decoded) => void, reject: (error: Error) => void}} Waiting
+ */
+
 export class DecodePool {
   /** @param {number} size number of workers: by default one less than there are cores, and at most four */
   constructor(size = Math.max(1, Math.min(4, (navigator.hardwareConcurrency ?? 2) - 1))) {
     this.size = size;
+    /** @type {Worker[]} */
     this.idle = [];
+    /** @type {Set<Worker>} */
     this.workers = new Set();
+    /** @type {Waiting[]} */
     this.waiting = [];
+    /** By job. @type {Map<number, Waiting & {worker: Worker}>} */
     this.running = new Map();
     this.jobs = 0;
+    /** @type {Promise<WebAssembly.Module> | null} */
     this.module = null;
     this.failures = 0; // workers that did not start, in a row
+    /** @type {ReturnType<typeof setTimeout> | null} */
     this.pausing = null;
-    this.onWait = () => {}; // told of the seconds until it is tried again
+    /** Called with the seconds until it is tried again. @type {(seconds: number) => void} */
+    this.onWait = () => {};
   }
 
   /** Start the first worker before there is anything to decode. */
@@ -25,7 +38,12 @@ export class DecodePool {
     return this;
   }
 
-  /** Decode `task` (a chunk's bytes and what the directory declares); resolves to its buffers. `key` is for `drop`. */
+  /**
+   * Decode `task` (a chunk's bytes and what the directory declares); resolves to its buffers. `key` is for `drop`.
+   * @param {number} key
+   * @param {DecodeTask} task
+   * @returns {Promise<Decoded>}
+   */
   decode(key, task) {
     return new Promise((resolve, reject) => {
       this.waiting.push({ key, task, resolve, reject });
@@ -33,13 +51,16 @@ export class DecodePool {
     });
   }
 
-  /** Forget what waits under this key; a running job ends, and its result is the caller's to ignore. */
+  /**
+   * Forget what waits under this key; a running job ends, and its result is the caller's to ignore.
+   * @param {number} key
+   */
   drop(key) {
     this.waiting = this.waiting.filter((w) => w.key !== key);
   }
 
   close() {
-    clearTimeout(this.pausing);
+    clearTimeout(this.pausing ?? undefined);
     for (const worker of this.workers) worker.terminate();
     this.workers.clear();
     this.idle = [];
@@ -53,12 +74,14 @@ export class DecodePool {
       await this.#start();
     }
     const worker = this.idle.pop();
-    const next = worker && this.waiting.shift();
+    if (!worker) return;
+    const next = this.waiting.shift();
     if (!next) {
-      if (worker) this.idle.push(worker);
+      this.idle.push(worker);
       return;
     }
-    const job = (this.jobs += 1);
+    this.jobs += 1;
+    const job = this.jobs;
     this.running.set(job, { worker, ...next });
     worker.postMessage({ job, ...next.task }, [next.task.bytes.buffer]);
   }
@@ -87,6 +110,10 @@ export class DecodePool {
     }
   }
 
+  /**
+   * @param {Worker} worker
+   * @param {Decoded & {job: number, error?: string, broken?: boolean}} answer
+   */
   #done(worker, { job, error, broken, ...decoded }) {
     const entry = this.running.get(job);
     this.running.delete(job);
@@ -102,6 +129,10 @@ export class DecodePool {
     this.#next();
   }
 
+  /**
+   * @param {Worker} worker
+   * @param {string} message
+   */
   #lost(worker, message) {
     worker.terminate();
     this.workers.delete(worker);

@@ -1,13 +1,15 @@
 // A worker: checks and decodes chunks. The compiled module comes from the page, once for all workers.
 import init, { decode } from "./decode.js";
 
+/** @type {Promise<unknown>} */
 let ready;
 let isReady = false;
 
-onmessage = async ({ data }) => {
+/** @param {MessageEvent} event */
+async function take({ data }) {
   if (data.module) {
     ready = init({ module_or_path: data.module }).then(() => (isReady = true));
-    ready.catch(() => {}); // The first job says so.
+    ready.catch(() => {}); // The first job reports it.
     return;
   }
   const { job, bytes, vertices, triangles, colors, scalars, checksum } = data;
@@ -22,9 +24,11 @@ onmessage = async ({ data }) => {
       scalars: decoded.takeScalars(),
     };
     decoded.free();
-    postMessage(out, [out.vertices.buffer, out.indices.buffer, out.patches.buffer, out.scalars.buffer]);
+    postMessage(out, { transfer: [out.vertices.buffer, out.indices.buffer, out.patches.buffer, out.scalars.buffer] });
   } catch (error) {
     // A trap leaves the instance unusable: the page then starts another worker.
     postMessage({ job, error: String(error?.message ?? error), broken: !isReady || error instanceof WebAssembly.RuntimeError });
   }
-};
+}
+
+addEventListener("message", take);

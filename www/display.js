@@ -2,138 +2,176 @@
 // (`displayState()`, viewer/src/display.rs), which leaves out what is as usual; the Section panel (section.js) changes the same state.
 
 import { notice } from "./chrome.js";
+import { $ } from "./dom.js";
 import * as format from "./format.js";
 import { apply, t } from "./i18n.js";
+import { AXES, axisName, moved, planeOfPoints, position, reach, short, towardsEye } from "./planes.js";
 
-const $ = (id) => document.getElementById(id);
+/** @type {Record<string, string>} */
 const MODE_NAMES = {
-  colour: "modeColor", clay: "modeClay", headlight: "modeHeadlight", raking: "modeRaking", curvature: "modeCurvature", "eye-dome": "modeEyeDome",
-  normals: "modeNormals", height: "modeHeight", distance: "modeDistance", scalar: "modeScalar", level: "modeLevels", error: "modeError",
+  colour: "modeColor",
+  clay: "modeClay",
+  headlight: "modeHeadlight",
+  raking: "modeRaking",
+  curvature: "modeCurvature",
+  "eye-dome": "modeEyeDome",
+  normals: "modeNormals",
+  height: "modeHeight",
+  distance: "modeDistance",
+  scalar: "modeScalar",
+  level: "modeLevels",
+  error: "modeError",
 };
+/** @import { Ids, IdsOf } from "./types/ids.js" */
+/** @import { DisplayState, Legend, Viewer } from "./types/page.js" */
+/** @import { Model } from "./model.js" */
+/** @import { Scene } from "./scene.js" */
+
 const USUAL = { light: { azimuth: 315, elevation: 20 }, shading: 0.35, strength: 0.5, radius: 3, background: "auto" };
-export const AXES = { up: [0, 0, 1], north: [0, 1, 0], east: [1, 0, 0] };
-
-const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-const sub = (a, b) => a.map((v, i) => v - b[i]);
-/** Numbers for links: a tenth of a millimetre, a ten-thousandth of a direction. */
-export const short = (v) => Number(v.toFixed(4));
-
-/** From the model to the eye, a unit vector. */
-export function towardsEye(viewer) {
-  const [azimuth, elevation] = viewer.camera();
-  return [Math.cos(elevation) * Math.sin(azimuth), Math.cos(elevation) * Math.cos(azimuth), Math.sin(elevation)].map(short);
-}
-
-/** The middle of the model, and how far it reaches along a direction: `[low, high]` of `normal · p`. */
-export function reach(viewer, normal) {
-  const [a, b, c, u, v, w] = viewer.bounds();
-  const center = [(a + u) / 2, (b + v) / 2, (c + w) / 2];
-  const half = (Math.abs(normal[0]) * (u - a) + Math.abs(normal[1]) * (v - b) + Math.abs(normal[2]) * (w - c)) / 2;
-  return { center, low: dot(normal, center) - half, high: dot(normal, center) + half };
-}
-
-/** The plane through three places, its normal towards the eye; null where they lie on a line. */
-export function planeOfPoints([a, b, c], viewer) {
-  const n = cross(sub(b, a), sub(c, a));
-  const length = Math.hypot(...n);
-  if (!(length > 1e-12)) return null;
-  const sign = dot(n, towardsEye(viewer)) < 0 ? -1 : 1;
-  return { normal: n.map((v) => Number(((v * sign) / length).toFixed(6))), point: a.map(short) };
-}
+const SLIDERS = /** @type {const} */ (["shading", "strength", "radius"]);
+const percent = (/** @type {number} */ share) => `${format.count(Math.round(share * 100))} %`;
 
 export class Display {
   /**
    * @param {object} parts
-   * @param {(patch: object) => void} parts.onChange the state changed
+   * @param {() => void} parts.onChange the state changed
    * @param {(use: (points: number[][]) => void) => void} parts.pickPoints let the person choose three places
    */
   constructor({ onChange, pickPoints }) {
     this.onChange = onChange;
     this.pickPoints = pickPoints;
-    this.viewer = null;
+    /** @type {Scene | null} */
+    this.scene = null;
+    this.usualMode = "";
     this.#listen();
   }
 
-  /** A viewer is there. Returns the shading that is usual for this model. */
-  attach(viewer, session, info) {
-    Object.assign(this, { viewer, session, info });
-    const names = viewer.constructor.modes().filter((m) => (m !== "colour" || info.pack.colors) && (m !== "scalar" || info.pack.scalars > 0));
-    $("modes").replaceChildren(...names.map((name) => choice(name)));
-    apply($("modes"));
-    for (const row of document.querySelectorAll("[data-colours]")) row.hidden = !info.pack.colors;
-    const { channels } = JSON.parse(viewer.legend());
-    $("channel").replaceChildren(...channels.map((c) => new Option(c.name, c.name)));
-    return names[0];
+  /** The viewer in force: what changes the display can be used only while there is one. */
+  get viewer() {
+    if (!this.scene) throw new Error("the model is not open");
+    return this.scene.viewer;
   }
 
+  /**
+   * A viewer is there (again).
+   * @param {Scene} scene
+   * @param {Model} model
+   */
+  attach(scene, model) {
+    this.scene = scene;
+    const { viewer } = scene;
+    const { info } = model;
+    const names = model.module.Viewer.modes().filter((m) => (m !== "colour" || info.pack.colors) && (m !== "scalar" || info.pack.scalars > 0));
+    $("modes").replaceChildren(...names.map((name) => choice(name)));
+    apply($("modes"));
+    for (const row of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-colours]"))) row.hidden = !info.pack.colors;
+    /** @type {Legend} */
+    const { channels } = JSON.parse(viewer.legend());
+    $("channel").replaceChildren(...channels.map((c) => new Option(c.name, c.name)));
+    this.usualMode = model.usualMode ??= names[0];
+    viewer.setMode(this.usualMode);
+  }
+
+  /** @returns {DisplayState} */
   get state() {
     return JSON.parse(this.viewer.displayState());
   }
 
-  /** Change a part; `undefined` makes it usual again. */
+  /** Shading, light and section as links, saved views and notes hold them; null where nothing was chosen. @returns {DisplayState | null} */
+  get chosen() {
+    const { mode: _, ...rest } = this.state;
+    const mode = this.viewer.mode();
+    const chosen = mode === this.usualMode ? rest : { mode, ...rest };
+    return Object.keys(chosen).length > 0 ? chosen : null;
+  }
+
+  /**
+   * Show what a link, a saved view or a note holds: what it leaves out is as usual.
+   * @param {DisplayState | null} chosen
+   */
+  show(chosen) {
+    if (this.scene?.isOpen) this.#set({ mode: this.usualMode, ...chosen });
+  }
+
+  /**
+   * Change a part; `undefined` makes it usual again.
+   * @param {DisplayState} patch
+   */
   change(patch) {
-    if (!this.viewer || this.session.closed) return;
-    const next = { ...this.state, ...patch };
-    for (const key of Object.keys(next)) if (next[key] === undefined) delete next[key];
+    if (this.scene?.isOpen) this.#set({ ...this.state, ...patch });
+  }
+
+  /** @param {DisplayState} next */
+  #set(next) {
     try {
       this.viewer.setDisplayState(JSON.stringify(next));
     } catch (error) {
       notice(t("displayFailed", { why: error.message }), 10000);
     }
     this.onChange();
-    this.session.wake();
+    this.scene?.session.wake();
   }
 
   /** What the system asks for. */
   settle() {
-    if (!this.viewer || this.session.closed) return;
-    this.viewer.setDark(matchMedia("(prefers-color-scheme: dark)").matches);
-    this.viewer.setReducedMotion(matchMedia("(prefers-reduced-motion: reduce)").matches);
-    this.viewer.setPixelRatio(this.session.ratio);
+    if (!this.scene?.isOpen) return;
+    const { viewer, session } = this.scene;
+    viewer.setDark(matchMedia("(prefers-color-scheme: dark)").matches);
+    viewer.setReducedMotion(matchMedia("(prefers-reduced-motion: reduce)").matches);
+    viewer.setPixelRatio(session.ratio);
     this.refresh();
   }
 
   /** Show what is in force. */
   refresh() {
-    if (!this.viewer || this.session.closed) return;
+    if (!this.scene?.isOpen) return;
     const { state } = this;
     const mode = this.viewer.mode();
-    const chosen = document.querySelector(`input[name=mode][value="${CSS.escape(mode)}"]`);
+    const chosen = /** @type {HTMLInputElement | null} */ (document.querySelector(`input[name=mode][value="${CSS.escape(mode)}"]`));
     if (chosen && !chosen.checked) {
       chosen.checked = true;
-      chosen.parentElement.scrollIntoView({ block: "nearest", inline: "nearest" });
+      chosen.parentElement?.scrollIntoView({ block: "nearest", inline: "nearest" });
     }
-    for (const part of $("look").querySelectorAll("[data-modes]")) part.hidden = !part.dataset.modes.split(" ").includes(mode);
+    for (const part of /** @type {NodeListOf<HTMLElement>} */ ($("look").querySelectorAll("[data-modes]")))
+      part.hidden = !part.dataset.modes?.split(" ").includes(mode);
     const light = { ...USUAL.light, ...state.light };
     put("azimuth", short(light.azimuth));
     put("elevation", short(light.elevation));
     $("light-with-view").checked = light.withView ?? false;
     this.#disc(light);
     $("on-colour").checked = state.onColour ?? false;
-    for (const name of ["shading", "strength", "radius"]) $(name).value = state[name] ?? USUAL[name];
-    $("shading-value").textContent = format.count(Math.round((state.shading ?? USUAL.shading) * 100)) + " %";
-    $("strength-value").textContent = format.count(Math.round((state.strength ?? USUAL.strength) * 100)) + " %";
+    for (const name of SLIDERS) $(name).value = String(state[name] ?? USUAL[name]);
+    $("shading-value").textContent = percent(state.shading ?? USUAL.shading);
+    $("strength-value").textContent = percent(state.strength ?? USUAL.strength);
     $("radius-value").textContent = t("pixels", { n: format.pixels(state.radius ?? USUAL.radius) });
     $("mark-inside").checked = state.backFaces ?? true;
     $("inside-help").hidden = !$("mark-inside").checked;
-    $("background").value = [...$("background").options].some((o) => o.value === state.background) ? state.background : USUAL.background;
+    $("background").value = [...$("background").options].some((o) => o.value === state.background) ? String(state.background) : USUAL.background;
     document.body.classList.toggle("clear", state.background === "transparent");
     $("fade").checked = state.fade ?? !matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.#legend(state, mode);
   }
 
+  /**
+   * @param {DisplayState} state
+   * @param {string} mode
+   */
   #legend(state, mode) {
+    /** @type {Legend} */
     const legend = JSON.parse(this.viewer.legend());
     put("feature", short(legend.feature));
     $("scale-legend").hidden = !legend.scale;
-    const [low, high] = this.viewer.constructor.errorScale();
+    const [low, high] = /** @type {typeof Viewer} */ (this.viewer.constructor).errorScale();
     $("error-low").textContent = `≤ ${format.round(low)}`;
     $("error-high").textContent = `≥ ${format.round(high)}`;
     if (!legend.scale) return;
     const stops = legend.stops.map((c) => `rgb(${c.join(" ")})`);
     $("scale-ramp").style.backgroundImage = `linear-gradient(to right, ${stops.join(", ")})`;
-    for (const [id, value] of [["scale-low", legend.low], ["scale-high", legend.high]]) put(id, Number(value.toPrecision(6)));
+    for (const [id, value] of /** @type {const} */ ([
+      ["scale-low", legend.low],
+      ["scale-high", legend.high],
+    ]))
+      put(id, Number(value.toPrecision(6)));
     const unit = legend.unit ? `, ${legend.unit}` : "";
     $("scale-low-name").textContent = `${t("legendLow")}${unit}`;
     $("scale-high-name").textContent = `${t("legendHigh")}${unit}`;
@@ -145,15 +183,20 @@ export class Display {
     put("plane-offset", short(position(legend.plane, this.viewer)));
   }
 
+  /** @param {{azimuth: number, elevation: number}} light */
   #disc({ azimuth, elevation }) {
     const r = 40 * (1 - Math.abs(elevation) / 90);
     const a = (azimuth * Math.PI) / 180;
     $("light-ray").setAttribute("d", `M0 0L${(r * Math.sin(a)).toFixed(2)} ${(-r * Math.cos(a)).toFixed(2)}`);
     $("light-handle").setAttribute("transform", `translate(${(r * Math.sin(a)).toFixed(2)} ${(-r * Math.cos(a)).toFixed(2)})`);
     $("light-disc").setAttribute("aria-valuenow", String(Math.round(azimuth)));
-    $("light-disc").setAttribute("aria-valuetext", t("lightValue", { azimuth: format.count(Math.round(azimuth)), elevation: format.count(Math.round(elevation)) }));
+    $("light-disc").setAttribute(
+      "aria-valuetext",
+      t("lightValue", { azimuth: format.count(Math.round(azimuth)), elevation: format.count(Math.round(elevation)) }),
+    );
   }
 
+  /** @param {Partial<NonNullable<DisplayState["light"]>>} patch */
   #light(patch) {
     const light = { ...USUAL.light, ...this.state.light, ...patch };
     light.azimuth = short(((light.azimuth % 360) + 360) % 360);
@@ -162,38 +205,49 @@ export class Display {
   }
 
   #listen() {
-    $("modes").addEventListener("change", (event) => {
+    on("modes", "change", (_, event) => {
       // Height and distance count from different planes: a range of one means nothing for the other.
-      this.change({ mode: event.target.value, range: undefined });
+      this.change({ mode: /** @type {HTMLInputElement} */ (event.target).value, range: undefined });
     });
     number("azimuth", (azimuth) => this.#light({ azimuth }));
     number("elevation", (elevation) => this.#light({ elevation }));
-    on("light-with-view", "change", (e) => this.#light({ withView: e.target.checked }));
-    on("on-colour", "change", (e) => this.change({ onColour: e.target.checked }));
-    for (const name of ["shading", "strength", "radius"]) on(name, "input", (e) => this.change({ [name]: Number(e.target.value) }));
+    on("light-with-view", "change", (field) => this.#light({ withView: field.checked }));
+    on("on-colour", "change", (field) => this.change({ onColour: field.checked }));
+    for (const name of SLIDERS) on(name, "input", (field) => this.change({ [name]: Number(field.value) }));
     number("feature", (feature) => feature > 0 && this.change({ feature }));
-    for (const [id, at] of [["scale-low", 0], ["scale-high", 1]]) number(id, (value) => this.#range(at, value));
+    for (const [id, at] of /** @type {const} */ ([
+      ["scale-low", 0],
+      ["scale-high", 1],
+    ]))
+      number(id, (value) => this.#range(at, value));
     on("scale-reset", "click", () => this.change({ range: undefined, channelRange: undefined }));
-    on("channel", "change", (e) => this.change({ channel: e.target.value, channelRange: undefined }));
-    on("plane-axis", "change", (e) => this.#plane(e.target.value));
+    on("channel", "change", (field) => this.change({ channel: field.value, channelRange: undefined }));
+    on("plane-axis", "change", (field) => this.#plane(field.value));
     number("plane-offset", (value) => {
       const { plane } = JSON.parse(this.viewer.legend());
       this.change({ plane: moved(plane, value, this.viewer), range: undefined });
     });
-    on("mark-inside", "change", (e) => this.change({ backFaces: e.target.checked }));
-    on("background", "change", (e) => this.change({ background: e.target.value }));
-    on("fade", "change", (e) => this.change({ fade: e.target.checked }));
+    on("mark-inside", "change", (field) => this.change({ backFaces: field.checked }));
+    on("background", "change", (field) => this.change({ background: field.value }));
+    on("fade", "change", (field) => this.change({ fade: field.checked }));
     this.#listenDisc();
   }
 
+  /**
+   * @param {0 | 1} at
+   * @param {number} value
+   */
   #range(at, value) {
+    /** @type {Legend} */
     const { low, high } = JSON.parse(this.viewer.legend());
+    /** @type {[number, number]} */
     const range = [low, high];
     range[at] = value;
     if (!(range[0] < range[1])) this.refresh();
     else this.change(this.viewer.mode() === "scalar" ? { channelRange: range } : { range });
   }
 
+  /** @param {string} axis */
   #plane(axis) {
     if (axis === "points") {
       this.pickPoints((points) => this.change({ plane: planeOfPoints(points, this.viewer) ?? undefined, range: undefined }));
@@ -210,7 +264,7 @@ export class Display {
 
   #listenDisc() {
     const disc = $("light-disc");
-    const drag = (event) => {
+    const drag = (/** @type {PointerEvent} */ event) => {
       const box = disc.getBoundingClientRect();
       const x = ((event.clientX - box.left) / box.width - 0.5) * 100;
       const y = ((event.clientY - box.top) / box.height - 0.5) * 100;
@@ -225,9 +279,12 @@ export class Display {
     disc.addEventListener("keydown", (event) => {
       const { azimuth, elevation } = { ...USUAL.light, ...this.state.light };
       const step = event.shiftKey ? 15 : 3;
+      /** @type {{azimuth: number} | {elevation: number} | undefined} */
       const patch = {
-        ArrowLeft: { azimuth: azimuth - step }, ArrowRight: { azimuth: azimuth + step },
-        ArrowUp: { elevation: elevation + step }, ArrowDown: { elevation: Math.max(0, elevation - step) },
+        ArrowLeft: { azimuth: azimuth - step },
+        ArrowRight: { azimuth: azimuth + step },
+        ArrowUp: { elevation: elevation + step },
+        ArrowDown: { elevation: Math.max(0, elevation - step) },
       }[event.key];
       if (!patch) return;
       event.preventDefault();
@@ -236,6 +293,7 @@ export class Display {
   }
 }
 
+/** @param {string} name */
 function choice(name) {
   const label = document.createElement("label");
   label.className = "choice";
@@ -246,40 +304,36 @@ function choice(name) {
   return label;
 }
 
-/** The name of an axis that a plane looks along. */
-export function axisName(normal) {
-  const found = Object.entries(AXES).find(([, axis]) => Math.abs(Math.abs(dot(axis, normal)) - 1) < 1e-6);
-  return found?.[0] ?? "other";
-}
-
-/** Where a plane lies along its normal: the coordinate for an axis, else metres from the middle of the model. */
-export function position({ normal, point }, viewer) {
-  const name = axisName(normal);
-  if (name !== "other") return dot(AXES[name], point);
-  return dot(normal, sub(point, reach(viewer, normal).center));
-}
-
-/** The plane at another position. */
-export function moved({ normal, point }, value, viewer) {
-  const name = axisName(normal);
-  const by = value - position({ normal, point }, viewer);
-  const along = name === "other" ? normal : AXES[name];
-  return { normal, point: point.map((v, i) => short(v + along[i] * by)) };
-}
-
-/** A number in its field, unless the person is typing there. */
+/**
+ * A number in its field, unless the person is typing there.
+ * @param {IdsOf<HTMLInputElement>} id
+ * @param {number} value
+ */
 export function put(id, value) {
   if (document.activeElement !== $(id)) $(id).value = String(value);
 }
 
+/**
+ * Listen to an element, which the listener is given.
+ * @template {keyof Ids} K
+ * @param {K} id
+ * @param {"change" | "click" | "input"} type
+ * @param {(element: Ids[K], event: Event) => void} action
+ */
 export function on(id, type, action) {
-  $(id).addEventListener(type, action);
+  const element = $(id);
+  element.addEventListener(type, (/** @type {Event} */ event) => action(element, event));
 }
 
-/** A field of a number: what is no number is left until it is one. */
+/**
+ * A field of a number: what is no number is left until it is one.
+ * @param {IdsOf<HTMLInputElement>} id
+ * @param {(value: number) => void} use
+ */
 export function number(id, use) {
-  $(id).addEventListener("input", (event) => {
-    const value = event.target.value.trim() === "" ? NaN : Number(event.target.value);
+  on(id, "input", (field) => {
+    const text = /** @type {HTMLInputElement} */ (field).value.trim();
+    const value = text === "" ? NaN : Number(text);
     if (Number.isFinite(value)) use(value);
   });
 }

@@ -10,9 +10,11 @@
 //   → {kilwa: 1, id, call: "name", args: […]}  ← {kilwa: 1, id, result} or {kilwa: 1, id, error}
 //   → {kilwa: 1, listen: ["frame"]}            ← {kilwa: 1, event, detail}
 
+import { $ } from "./dom.js";
+
 /** Origins that may talk to this page. */
 export function allowedOrigins() {
-  const named = document.querySelector("meta[name=kilwa-origins]")?.content.trim().split(/\s+/).filter(Boolean) ?? [];
+  const named = /** @type {HTMLMetaElement | null} */ (document.querySelector("meta[name=kilwa-origins]"))?.content.trim().split(/\s+/).filter(Boolean) ?? [];
   return new Set([location.origin, ...named]);
 }
 
@@ -23,8 +25,9 @@ export function allowedOrigins() {
 export function serve(api, calls, { origins = allowedOrigins(), host = parent } = {}) {
   if (host === window) return;
   const listening = new Set(["ready", "trouble"]);
-  let to = null; // origin of the page around this one, once it spoke and is allowed
-  const send = (message) => to && host.postMessage({ kilwa: 1, ...message }, to);
+  /** Origin of the page around this one, once it spoke and is allowed. @type {string | null} */
+  let to = null;
+  const send = (/** @type {object} */ message) => to && host.postMessage({ kilwa: 1, ...message }, to);
   addEventListener("message", async (event) => {
     const { data } = event;
     if (event.source !== host || data?.kilwa !== 1) return;
@@ -36,21 +39,24 @@ export function serve(api, calls, { origins = allowedOrigins(), host = parent } 
     const { id, call, args = [] } = data;
     try {
       if (!calls.has(call) || !Array.isArray(args)) throw new TypeError(`no such call: ${String(call)}`);
-      send({ id, result: await api[call](...args) });
+      send({ id, result: await /** @type {any} */ (api)[call](...args) });
     } catch (error) {
       send({ id, error: String(error?.message ?? error) });
     }
   });
-  // The page around may have spoken before this one listened. This says nothing but that it does now, so it may go to anyone.
+  // The page around may have spoken before this one listened. This message reveals nothing, so it may go to anyone.
   host.postMessage({ kilwa: 1, event: "listening" }, "*");
   api.on("*", (detail, event) => listening.has(event) && send({ event, detail }));
 }
 
-/** Few controls, or none (`bare`); a link to the whole page. */
+/**
+ * Few controls, or none (`bare`); a link to the whole page.
+ * @param {boolean} isBare
+ */
 export function reduce(isBare) {
   document.body.dataset.embed = isBare ? "bare" : "yes";
   document.body.dataset.panel = "closed";
-  const link = document.getElementById("open-whole");
+  const link = $("open-whole");
   link.hidden = false;
   const follow = () => {
     const url = new URL(location.href);

@@ -1,36 +1,39 @@
-// Lists of facts: what a pack says of itself.
+// Lists of facts: what a pack states about itself.
 
+import { html, nothing } from "lit-html";
 import { bound, bytes, coordinate, count, extent, length } from "./format.js";
 import { t } from "./i18n.js";
+import { rowsOf, show } from "./view.js";
 
-/** Put `[name, value]` rows into a list, keeping the elements that are there. */
-export function fill(list, rows) {
-  while (list.children.length > rows.length) list.lastChild.remove();
-  while (list.children.length < rows.length) {
-    const row = document.createElement("div");
-    row.append(document.createElement("dt"), document.createElement("dd"));
-    list.append(row);
-  }
-  rows.forEach(([name, value], at) => {
-    const [dt, dd] = list.children[at].children;
-    if (dt.textContent !== name) dt.textContent = name;
-    if (dd.textContent !== value) dd.textContent = value;
-  });
-}
+/** @import { PackInfo } from "./types/page.js" */
 
-function list(rows) {
-  const dl = document.createElement("dl");
-  dl.className = "facts";
-  fill(dl, rows);
-  return dl;
-}
+/**
+ * Put `[name, value]` rows into a list.
+ * @param {HTMLElement} list
+ * @param {string[][]} rows
+ */
+export const fill = (list, rows) => show(rowsOf(rows), list);
 
-/** The facts of a pack (`packInfo` of the viewer). */
-export function factsList({ metadata: m, pack }) {
+/** @param {string[][]} rows */
+const listOf = (rows) => html`<dl class="facts">${rowsOf(rows)}</dl>`;
+
+/**
+ * @param {string} title
+ * @param {string[][]} rows
+ */
+const section = (title, rows) => (rows.length > 0 ? html`<h3>${title}</h3>${listOf(rows)}` : nothing);
+
+/**
+ * The facts of a pack (`packInfo` of the viewer).
+ * @param {HTMLElement} into
+ * @param {PackInfo} info
+ */
+export function showFacts(into, { metadata: m, pack }) {
   const size = m.bounds_max.map((v, i) => v - m.bounds_min[i]);
   // What was published with a model may know more than the pack does.
   const published = Number(document.body.dataset.accuracy) || undefined;
   const accuracy = m.capture_accuracy ?? published;
+  const licence = /** @type {HTMLLinkElement | null} */ (document.querySelector("link[rel=license]"))?.title;
   const rows = [
     [t("triangles"), count(pack.triangles)],
     [t("vertices"), count(m.vertices)],
@@ -39,23 +42,17 @@ export function factsList({ metadata: m, pack }) {
     [t("grid"), length(m.lattice_step)],
     [t("crs"), m.crs ?? t("crsLocal")],
     [t("accuracy"), accuracy === undefined ? t("accuracyUnknown") : bound(accuracy)],
-    [t("licence"), document.querySelector("link[rel=license]")?.title || t("licenceUnknown")],
+    [t("licence"), licence || t("licenceUnknown")],
     [t("file"), bytes(pack.bytes)],
     [t("tool"), m.tool],
   ];
-  const out = document.createDocumentFragment();
-  out.append(list(rows));
-  section(out, t("sources"), m.sources.map((s) => [s.name, bytes(s.bytes)]));
-  section(out, t("repairs"), Object.entries(m.repairs).map(([what, n]) => [what.replaceAll("_", " "), count(n)]));
-  return out;
+  const sources = m.sources.map((s) => [s.name, bytes(s.bytes)]);
+  const repairs = Object.entries(m.repairs).map(([what, n]) => [what.replaceAll("_", " "), count(n)]);
+  show([listOf(rows), section(t("sources"), sources), section(t("repairs"), repairs)], into);
 }
 
-function section(into, title, rows) {
-  if (rows.length === 0) return;
-  const h = document.createElement("h3");
-  h.textContent = title;
-  into.append(h, list(rows));
-}
-
-/** x, y, z of a place. */
+/**
+ * x, y, z of a place.
+ * @param {Iterable<number>} place
+ */
 export const place = ([x, y, z]) => `x ${coordinate(x)}  y ${coordinate(y)}  z ${coordinate(z)} m`;

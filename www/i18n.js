@@ -1,22 +1,49 @@
-// The strings of the page. Elements name theirs: data-text (content), data-label (name and tooltip), data-aria (name only).
+// The messages of the page, from i18n/LANGUAGE/page.ftl. Elements name theirs: data-text (content), data-label (name and tooltip), data-aria (name only).
 
-import { setLocale } from "./format.js";
+import { count, setLocale } from "./format.js";
 
 export const LANGUAGES = ["en", "fr", "pt", "sw", "ar"];
 const RIGHT_TO_LEFT = new Set(["ar"]);
 
-let strings = {};
+/**
+ * A message: a text, plural forms of the number that `$` names, or a list of these (i18n/src/message.rs).
+ * @typedef {string | { $: string, [category: string]: Pattern } | Pattern[]} Pattern
+ */
+
+/** @type {Record<string, Pattern>} */
+let messages = {};
+let plural = new Intl.PluralRules("en");
+/** @type {Set<() => void>} */
 const listeners = new Set();
 
-/** The string of a key, its `{names}` replaced. A key without a string shows itself: a test keeps that from happening. */
+/**
+ * The message of a key with its values; numbers are written as the language does. A key without a message shows itself: a test keeps that from happening.
+ * @param {string} key
+ * @param {Record<string, any>} values
+ * @returns {string}
+ */
 export function t(key, values = {}) {
-  return (strings[key] ?? key).replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
+  return fill(messages[key] ?? key, values);
 }
 
-/** `?lang=`, else what was chosen before, else what the browser asks for, else English. */
+/**
+ * @param {Pattern} message
+ * @param {Record<string, any>} values
+ * @returns {string}
+ */
+function fill(message, values) {
+  if (Array.isArray(message)) return message.map((part) => fill(part, values)).join("");
+  if (typeof message === "object") return fill(message[plural.select(values[message.$])] ?? message.other, values);
+  return message.replace(/\{(\w+)\}/g, (_, name) => (typeof values[name] === "number" ? count(values[name]) : (values[name] ?? "")));
+}
+
+/**
+ * `?lang=`, else what was chosen before, else what the browser asks for, else English.
+ * @param {URLSearchParams} parameters
+ */
 export function preferred(parameters) {
   const chosen = [parameters.get("lang"), stored(), ...navigator.languages];
-  const found = chosen.map((l) => l?.toLowerCase().split("-")[0]).find((l) => LANGUAGES.includes(l));
+  const found = chosen.map((l) => l?.toLowerCase().split("-")[0]).find((l) => l && LANGUAGES.includes(l));
   return found ?? "en";
 }
 
@@ -28,6 +55,7 @@ function stored() {
   }
 }
 
+/** @param {string} language */
 export function remember(language) {
   try {
     localStorage.setItem("kilwa.language", language);
@@ -36,10 +64,12 @@ export function remember(language) {
   }
 }
 
+/** @param {string} language */
 export async function use(language) {
   const response = await fetch(new URL(`i18n/${language}.json`, import.meta.url));
   if (!response.ok) throw new Error(`i18n/${language}.json: ${response.status}`);
-  strings = await response.json();
+  messages = await response.json();
+  plural = new Intl.PluralRules(language);
   setLocale(language, RIGHT_TO_LEFT.has(language));
   document.documentElement.lang = language;
   document.documentElement.dir = RIGHT_TO_LEFT.has(language) ? "rtl" : "ltr";
@@ -47,13 +77,18 @@ export async function use(language) {
   for (const listener of listeners) listener();
 }
 
+/** @param {() => void} listener */
 export function onChange(listener) {
   listeners.add(listener);
 }
 
-/** Write the strings into everything below `root`. */
+/**
+ * Write the messages into everything below `root`.
+ * @param {ParentNode} root
+ */
 export function apply(root) {
-  for (const e of root.querySelectorAll("[data-text]")) e.textContent = t(e.dataset.text);
-  for (const e of root.querySelectorAll("[data-label]")) e.setAttribute("aria-label", t(e.dataset.label));
-  for (const e of root.querySelectorAll("[data-aria]")) e.setAttribute("aria-label", t(e.dataset.aria));
+  const all = (/** @type {string} */ name) => /** @type {NodeListOf<HTMLElement>} */ (root.querySelectorAll(`[data-${name}]`));
+  for (const e of all("text")) e.textContent = t(e.dataset.text ?? "");
+  for (const e of all("label")) e.setAttribute("aria-label", t(e.dataset.label ?? ""));
+  for (const e of all("aria")) e.setAttribute("aria-label", t(e.dataset.aria ?? ""));
 }

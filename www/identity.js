@@ -1,7 +1,9 @@
 // What the pack is called: links, notes, saved views and measurements name its identity (docs/FORMAT.md, section 7), which its last bytes tell. They are fetched once
 // the first picture is there. Until then, and in links of earlier versions of the page, the header's own hash stands for it.
 
-import { isPassing } from "./loader.js";
+import { isPassing } from "./answer.js";
+
+/** @import { PackSource, Program } from "./types/page.js" */
 
 /** Bytes at the end of the file that tell it. */
 const FOOTER_BYTES = 80;
@@ -9,11 +11,19 @@ const FOOTER_BYTES = 80;
 export const DIGITS = 12;
 
 export class Identity {
-  /** @param {{pack: object, head: Uint8Array, module: object, hash: string}} parts `hash`: the header's */
-  constructor(parts) {
-    Object.assign(this, parts);
+  /** @param {{pack: PackSource, head: Uint8Array, module: Program, hash: string}} parts `hash`: the header's */
+  constructor({ pack, head, module, hash }) {
+    this.pack = pack;
+    this.head = head;
+    this.module = module;
+    this.hash = hash;
+    this.closed = false;
+    /** @type {string | null} */
     this.text = null;
-    this.footer = null; // the last bytes of the file, once they are there
+    /** The last bytes of the file, once they are there. @type {Uint8Array | null} */
+    this.footer = null;
+    /** @type {Promise<string | null> | undefined} */
+    this.asking = undefined;
   }
 
   /** What it is called; null where the end of the file cannot be had. */
@@ -25,7 +35,7 @@ export class Identity {
   async #ask() {
     for (let attempt = 0; !this.closed; attempt += 1) {
       try {
-        const footer = await this.pack.range(this.pack.bytes - FOOTER_BYTES, FOOTER_BYTES);
+        const footer = await this.pack.range(Number(this.pack.bytes) - FOOTER_BYTES, FOOTER_BYTES);
         this.text = this.module.packIdentity(this.head, footer);
         this.footer = footer;
         return this.text;
@@ -37,7 +47,10 @@ export class Identity {
     return null;
   }
 
-  /** Whether what a link or a file names is this pack. */
+  /**
+   * Whether what a link or a file names is this pack.
+   * @param {string} named
+   */
   async isHere(named) {
     if (this.hash.startsWith(named.slice(0, DIGITS))) return true;
     const text = await this.known();

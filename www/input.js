@@ -1,6 +1,11 @@
 // Mouse, pen, touch and keyboard on the canvas, turned into moves of the viewer. Pixels are those of the picture, y down.
 
+import { $ } from "./dom.js";
 import { WALK_KEYS } from "./walk.js";
+
+/** @import { InputActions } from "./actions.js" */
+/** @import { Tool } from "./types/page.js" */
+/** @typedef {{x: number, y: number, pans: boolean, moved: number, button: number, aims: boolean}} Pointer */
 
 /** A drag of the whole height of the canvas turns the model by this many radians. */
 const TURN = Math.PI;
@@ -17,13 +22,13 @@ const PLACING = new Set(["note", "points", "measure"]);
 /** Milliseconds that a finger rests before it aims instead of turning the model. */
 const LONG_PRESS = 350;
 
+/** @type {Record<string, string>} */
 export const VIEW_KEYS = { 1: "plan", 2: "north", 3: "east", 4: "south", 5: "west", 6: "iso", 7: "below" };
 
 export class Input {
   /**
    * @param {import("./session.js").Session} session
-   * @param {object} actions what keys and pointers ask for: `hover(x, y)`, `leave()`, `fit()`, `view(name)`, `hide()`,
-   *   `help()`, `pivot(found)`, `parallel()`, `place(x, y, {snap})`, `aim([x, y] | null)`, `step(key)` (a key while a place is chosen), `tool(name)`, `free()`, `save()`, `picture()`, `back()`, `forward()`
+   * @param {InputActions} actions
    * @param {{flight: import("./flight.js").Flight, walk: import("./walk.js").Walk}} movers
    */
   constructor(session, actions, { flight, walk }) {
@@ -33,13 +38,18 @@ export class Input {
     this.actions = actions;
     this.flight = flight;
     this.walk = walk;
+    /** @type {Tool} */
     this.tool = "orbit";
     this.isFree = false;
-    this.point = null; // the crosshair, in pixels of the picture, while the keyboard points
+    /** The crosshair, in pixels of the picture, while the keyboard points. @type {[number, number] | null} */
+    this.point = null;
+    /** @type {Map<number, Pointer>} */
     this.pointers = new Map();
+    /** @type {ReturnType<typeof setTimeout> | undefined} */
+    this.press = undefined;
     this.lastTap = { time: 0, x: 0, y: 0 };
     this.abort = new AbortController();
-    const listen = (target, type, handler, options = {}) =>
+    const listen = (/** @type {EventTarget} */ target, /** @type {string} */ type, /** @type {(event: any) => void} */ handler, options = {}) =>
       target.addEventListener(type, handler.bind(this), { signal: this.abort.signal, ...options });
     listen(this.canvas, "pointerdown", this.down);
     listen(this.canvas, "pointermove", this.move);
@@ -48,7 +58,7 @@ export class Input {
     listen(this.canvas, "pointerleave", () => this.actions.leave());
     listen(this.canvas, "wheel", this.wheel, { passive: false });
     listen(this.canvas, "dblclick", this.doubleClick);
-    listen(this.canvas, "contextmenu", (event) => event.preventDefault());
+    listen(this.canvas, "contextmenu", (/** @type {Event} */ event) => event.preventDefault());
     listen(window, "keydown", this.key);
     listen(window, "keyup", this.keyUp);
   }
@@ -57,11 +67,16 @@ export class Input {
     this.abort.abort();
   }
 
+  /**
+   * The pixel of the picture that an event is at.
+   * @param {MouseEvent} event
+   */
   at(event) {
     const box = this.canvas.getBoundingClientRect();
     return [(event.clientX - box.left) * this.session.ratio, (event.clientY - box.top) * this.session.ratio];
   }
 
+  /** @param {PointerEvent} event */
   down(event) {
     if (event.pointerType === "mouse" && event.button > 2) return;
     // The middle button would scroll the page.
@@ -74,14 +89,17 @@ export class Input {
     const [x, y] = this.at(event);
     const pans = event.button !== 0 || event.shiftKey || event.ctrlKey || event.metaKey || this.tool === "pan";
     this.endAim();
-    this.pointers.set(event.pointerId, { x, y, pans, moved: 0, button: event.button });
+    this.pointers.set(event.pointerId, { x, y, pans, moved: 0, button: event.button, aims: false });
     this.actions.leave();
     if (event.pointerType === "touch" && this.pointers.size === 1 && PLACING.has(this.tool)) {
       this.press = setTimeout(() => this.aim(this.pointers.get(event.pointerId)), LONG_PRESS);
     }
   }
 
-  /** A finger that rested aims: it moves the place that will be chosen, and a loupe shows it. */
+  /**
+   * A finger that rested aims: it moves the place that will be chosen, and a loupe shows it.
+   * @param {Pointer | undefined} pointer
+   */
   aim(pointer) {
     if (!pointer || this.pointers.size !== 1 || pointer.moved > SLACK * this.session.ratio) return;
     pointer.aims = true;
@@ -96,6 +114,7 @@ export class Input {
     }
   }
 
+  /** @param {PointerEvent} event */
   move(event) {
     const [x, y] = this.at(event);
     const pointer = this.pointers.get(event.pointerId);
@@ -119,11 +138,15 @@ export class Input {
     this.session.wake();
   }
 
+  /**
+   * @param {number} dx
+   * @param {number} dy
+   */
   turn(dx, dy) {
     const scale = TURN / this.canvas.height;
     // The model follows the pointer: to the right means that the eye goes round to the left.
     if (this.walk.on) {
-      const reach = this.viewer.camera()[8] / this.canvas.height;
+      const reach = this.viewer.camera().fieldOfView / this.canvas.height;
       this.viewer.look(-dx * reach, -dy * reach);
     } else if (this.isFree) {
       this.viewer.turnFree(dx * scale, dy * scale, 0);
@@ -132,9 +155,13 @@ export class Input {
     }
   }
 
-  /** Two fingers: their middle moves the model, their distance zooms about it, their angle turns it. */
+  /**
+   * Two fingers: their middle moves the model, their distance zooms about it, their angle turns it.
+   * @param {Pointer[]} before
+   * @param {Pointer[]} after
+   */
   pinch([a0, b0], [a1, b1]) {
-    const middle = (a, b) => [(a.x + b.x) / 2, (a.y + b.y) / 2];
+    const middle = (/** @type {Pointer} */ a, /** @type {Pointer} */ b) => [(a.x + b.x) / 2, (a.y + b.y) / 2];
     const [from, to] = [middle(a0, b0), middle(a1, b1)];
     if (this.walk.on) {
       this.walk.roll((from[1] - to[1]) / this.canvas.height);
@@ -142,15 +169,16 @@ export class Input {
       return;
     }
     this.viewer.pan(to[0] - from[0], to[1] - from[1]);
-    const apart = (a, b) => Math.max(Math.hypot(a.x - b.x, a.y - b.y), 1);
+    const apart = (/** @type {Pointer} */ a, /** @type {Pointer} */ b) => Math.max(Math.hypot(a.x - b.x, a.y - b.y), 1);
     this.viewer.zoom(apart(a0, b0) / apart(a1, b1), to[0], to[1]);
-    const angle = (a, b) => Math.atan2(b.y - a.y, b.x - a.x);
+    const angle = (/** @type {Pointer} */ a, /** @type {Pointer} */ b) => Math.atan2(b.y - a.y, b.x - a.x);
     const twist = angle(a1, b1) - angle(a0, b0);
     const turned = Math.atan2(Math.sin(twist), Math.cos(twist));
     if (this.isFree) this.viewer.turnFree(0, 0, turned);
     else this.viewer.orbit(turned, 0);
   }
 
+  /** @param {PointerEvent} event */
   up(event) {
     const pointer = this.pointers.get(event.pointerId);
     const aimed = pointer?.aims ?? false;
@@ -163,7 +191,11 @@ export class Input {
     this.session.wake();
   }
 
-  /** Two taps at one place are the double click of a finger. */
+  /**
+   * Two taps at one place are the double click of a finger.
+   * @param {PointerEvent} event
+   * @param {Pointer} pointer
+   */
   tap(event, pointer) {
     const slack = SLACK * this.session.ratio;
     const last = this.lastTap;
@@ -173,21 +205,28 @@ export class Input {
     else this.actions.hover(pointer.x, pointer.y);
   }
 
+  /** @param {MouseEvent} event */
   doubleClick(event) {
     event.preventDefault();
-    this.pivot(...this.at(event));
+    const [x, y] = this.at(event);
+    this.pivot(x, y);
   }
 
+  /**
+   * @param {number} x
+   * @param {number} y
+   */
   pivot(x, y) {
     if (PLACING.has(this.tool)) return;
     if (this.walk.on) {
       this.walk.standAt(x, y);
       return;
     }
-    this.actions.pivot(this.viewer.setPivot(x, y));
+    this.viewer.setPivot(x, y);
     this.session.wake();
   }
 
+  /** @param {WheelEvent} event */
   wheel(event) {
     event.preventDefault();
     const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
@@ -205,7 +244,10 @@ export class Input {
     this.actions.hover(x, y);
   }
 
-  /** Zoom about the middle, for buttons and keys; walking, a step. */
+  /**
+   * Zoom about the middle, for buttons and keys; walking, a step.
+   * @param {number} factor
+   */
   zoom(factor) {
     this.flight.mark(true);
     this.flight.stop();
@@ -214,9 +256,10 @@ export class Input {
     this.session.wake();
   }
 
+  /** @param {KeyboardEvent} event */
   key(event) {
     if (event.altKey || event.ctrlKey || event.metaKey || event.defaultPrevented) return;
-    const target = event.target;
+    const target = /** @type {Element} */ (event.target);
     if (target.closest?.("input, select, textarea, dialog, [role=menu]")) return;
     const onCanvas = target === this.canvas || target === document.body;
     if ((onCanvas && this.placing(event)) || (onCanvas && this.walking(event)) || this.shortcut(event) || (onCanvas && this.arrow(event))) {
@@ -224,13 +267,17 @@ export class Input {
     }
   }
 
+  /** @param {KeyboardEvent} event */
   keyUp(event) {
     this.walk.running = event.shiftKey;
     const way = WALK_KEYS[event.key.toLowerCase()];
     if (way) this.walk.release(way);
   }
 
-  /** While walking, letters and arrows are feet. */
+  /**
+   * While walking, letters and arrows are feet.
+   * @param {KeyboardEvent} event
+   */
   walking(event) {
     if (!this.walk.on) return false;
     const name = event.key.toLowerCase();
@@ -240,22 +287,29 @@ export class Input {
       if (!event.repeat) this.walk.press(way);
       return true;
     }
-    const other = { q: () => this.walk.raise(-1), e: () => this.walk.raise(1), escape: () => this.actions.tool("orbit") }[name];
+    /** @type {Record<string, (() => void) | undefined>} */
+    const others = { q: () => this.walk.raise(-1), e: () => this.walk.raise(1), escape: () => this.actions.tool("orbit") };
+    const other = others[name];
     other?.();
     return Boolean(other);
   }
 
-  /** While a place is chosen, arrows move a crosshair, Space and Enter choose what is under it. */
+  /**
+   * While a place is chosen, arrows move a crosshair, Space and Enter choose what is under it.
+   * @param {KeyboardEvent} event
+   */
   placing(event) {
     if (!PLACING.has(this.tool)) return false;
     const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+    /** @type {[number, number]} */
     const point = this.point ?? [this.canvas.width / 2, this.canvas.height / 2];
     if (this.tool === "measure" && this.actions.step(event.key)) return true;
     if (step) {
       const by = KEY_POINT * this.session.ratio * (event.shiftKey ? 8 : 1);
-      const held = (v, most) => Math.min(most - 1, Math.max(0, v));
-      this.showPoint([held(point[0] + step[0] * by, this.canvas.width), held(point[1] + step[1] * by, this.canvas.height)]);
-      this.actions.hover(...this.point);
+      const held = (/** @type {number} */ v, /** @type {number} */ size) => Math.min(size - 1, Math.max(0, v));
+      const [x, y] = [held(point[0] + step[0] * by, this.canvas.width), held(point[1] + step[1] * by, this.canvas.height)];
+      this.showPoint([x, y]);
+      this.actions.hover(x, y);
     } else if (event.key === " " || event.key === "Enter") {
       if (this.point) this.actions.place(...this.point, { snap: event.shiftKey, isKey: true });
       else this.showPoint(point);
@@ -267,14 +321,18 @@ export class Input {
     return true;
   }
 
-  /** The crosshair at a pixel, or away with it. */
+  /**
+   * The crosshair at a pixel, or away with it.
+   * @param {[number, number] | null} point
+   */
   showPoint(point) {
     this.point = point;
-    const cross = document.getElementById("crosshair");
+    const cross = $("crosshair");
     cross.toggleAttribute("hidden", !point);
     if (point) cross.style.transform = `translate(${point[0] / this.session.ratio}px, ${point[1] / this.session.ratio}px)`;
   }
 
+  /** @param {KeyboardEvent} event */
   arrow(event) {
     const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
     if (!step) return false;
@@ -293,18 +351,22 @@ export class Input {
     return true;
   }
 
-  /** Keys of one sign; a person can switch them off (chrome.js). */
+  /**
+   * Keys of one sign; a person can switch them off (chrome.js).
+   * @param {KeyboardEvent} event
+   */
   shortcut(event) {
     if (document.body.dataset.keys === "off") return false;
     if (VIEW_KEYS[event.key]) {
       this.actions.view(VIEW_KEYS[event.key]);
       return true;
     }
+    /** @type {Record<string, (() => void) | undefined>} */
     const actions = {
       "+": () => this.zoom(KEY_ZOOM),
       "=": () => this.zoom(KEY_ZOOM),
       "-": () => this.zoom(1 / KEY_ZOOM),
-      "_": () => this.zoom(1 / KEY_ZOOM),
+      _: () => this.zoom(1 / KEY_ZOOM),
       "?": () => this.actions.help(),
       b: () => this.actions.save(),
       f: () => this.actions.fit(),

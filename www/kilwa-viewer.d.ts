@@ -78,8 +78,27 @@ export interface Ray {
 }
 
 export type MeasureToolName =
-  | "coordinate" | "distance" | "polyline" | "along" | "perimeter" | "angle" | "plane-angle" | "height" | "circle" | "area" | "area-whole" | "volume" | "cut-fill"
-  | "deviation" | "section" | "section-upright" | "section-level" | "section-points" | "section-clip" | "profile" | "contours";
+  | "coordinate"
+  | "distance"
+  | "polyline"
+  | "along"
+  | "perimeter"
+  | "angle"
+  | "plane-angle"
+  | "height"
+  | "circle"
+  | "area"
+  | "area-whole"
+  | "volume"
+  | "cut-fill"
+  | "deviation"
+  | "section"
+  | "section-upright"
+  | "section-level"
+  | "section-points"
+  | "section-clip"
+  | "profile"
+  | "contours";
 
 export interface Reading {
   /** English and stable: `straight`, `horizontal`, `surface`, `volume` … */
@@ -216,7 +235,11 @@ export interface KilwaViewerElement extends HTMLElement, Promised<KilwaMethods> 
   call(name: string, ...args: unknown[]): Promise<unknown>;
   on<E extends keyof Events>(event: E, listener: (detail: Events[E]) => void): () => void;
 }
-export declare const KilwaViewerElement: { new (): KilwaViewerElement; prototype: KilwaViewerElement; /** Milliseconds; 15,000 unless set. */ patience: number };
+export declare const KilwaViewerElement: {
+  new (): KilwaViewerElement;
+  prototype: KilwaViewerElement /** Milliseconds; 15,000 unless set. */;
+  patience: number;
+};
 
 declare global {
   interface HTMLElementTagNameMap {

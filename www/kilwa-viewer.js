@@ -10,26 +10,58 @@
 
 const HERE = new URL("./", import.meta.url);
 const CALLS = [
-  "stats", "info", "getCamera", "setCamera", "getMode", "setMode", "modes", "pick", "view", "fit", "home", "back", "forward", "setTool", "annotations",
-  "addAnnotation", "openAnnotation", "closeAnnotation", "showAnnotations", "measurements", "addMeasurement", "removeMeasurement", "state", "setState", "link", "picture", "setLanguage",
+  "stats",
+  "info",
+  "getCamera",
+  "setCamera",
+  "getMode",
+  "setMode",
+  "modes",
+  "pick",
+  "view",
+  "fit",
+  "home",
+  "back",
+  "forward",
+  "setTool",
+  "annotations",
+  "addAnnotation",
+  "openAnnotation",
+  "closeAnnotation",
+  "showAnnotations",
+  "measurements",
+  "addMeasurement",
+  "removeMeasurement",
+  "state",
+  "setState",
+  "link",
+  "picture",
+  "setLanguage",
 ];
 const EVENTS = ["ready", "frame", "camera", "annotation", "annotations", "measurement", "measurements", "trouble"];
+
+/** Whether the viewer in the frame has answered. @typedef {{heard: boolean, promise: Promise<void>, resolve: () => void, end: (error: Error) => void}} Hello */
 
 export class KilwaViewerElement extends HTMLElement {
   static observedAttributes = ["src", "annotations", "lang", "viewer", "controls"];
   /** Milliseconds that whoever calls waits for the viewer's page, once that has loaded. */
   static patience = 15_000;
+  /** @type {HTMLIFrameElement | null} */
   #frame = null;
+  /** What was asked, by its number. @type {Map<number, {resolve: (result: any) => void, reject: (error: Error) => void}>} */
   #calls = new Map();
   #last = 0;
+  /** @type {Hello | null} */
   #hello = null;
-  #origin = null;
-  #onMessage = (event) => this.#take(event);
+  #origin = "";
+  #onMessage = (/** @type {MessageEvent} */ event) => this.#take(event);
 
   connectedCallback() {
     if (!this.shadowRoot) {
       const style = new CSSStyleSheet();
-      style.replaceSync(":host { display: block; min-height: 240px; aspect-ratio: 16 / 10; } :host([hidden]) { display: none; } iframe { width: 100%; height: 100%; border: 0; display: block; }");
+      style.replaceSync(
+        ":host { display: block; min-height: 240px; aspect-ratio: 16 / 10; } :host([hidden]) { display: none; } iframe { width: 100%; height: 100%; border: 0; display: block; }",
+      );
       this.attachShadow({ mode: "open" }).adoptedStyleSheets = [style];
     }
     addEventListener("message", this.#onMessage);
@@ -41,6 +73,11 @@ export class KilwaViewerElement extends HTMLElement {
     this.#drop("the element was removed");
   }
 
+  /**
+   * @param {string} _name
+   * @param {string | null} before
+   * @param {string | null} after
+   */
   attributeChangedCallback(_name, before, after) {
     if (this.isConnected && this.shadowRoot && before !== after) this.#load();
   }
@@ -58,6 +95,7 @@ export class KilwaViewerElement extends HTMLElement {
     return this.#hello?.promise ?? Promise.reject(new Error("the element has no src, or is not in a document"));
   }
 
+  /** @param {string} why */
   #drop(why) {
     this.#hello?.end(new Error(why));
     this.#hello = null;
@@ -66,7 +104,10 @@ export class KilwaViewerElement extends HTMLElement {
     this.#frame = null;
   }
 
-  /** What was asked of a viewer that is gone gets no answer. */
+  /**
+   * What was asked of a viewer that is gone gets no answer.
+   * @param {string} why
+   */
   #refuse(why) {
     for (const { reject } of this.#calls.values()) reject(new Error(why));
     this.#calls.clear();
@@ -74,20 +115,26 @@ export class KilwaViewerElement extends HTMLElement {
 
   /** From now on the viewer is waited for. */
   #wait() {
-    const hello = { heard: false };
-    hello.promise = new Promise((resolve, reject) => Object.assign(hello, { resolve, end: reject }));
-    hello.promise.catch(() => {}); // whoever waits is told; nobody has to wait
-    this.#hello = hello;
+    let [resolve, end] = [() => {}, (/** @type {Error} */ _error) => {}];
+    const promise = new Promise((/** @type {(value: void) => void} */ done, fail) => {
+      [resolve, end] = [done, fail];
+    });
+    promise.catch(() => {}); // whoever waits hears of it; nobody has to wait
+    this.#hello = { heard: false, promise, resolve, end };
   }
 
-  /** Who waits is told after a while; on a slow line the viewer may still come, and is there for the next call. */
+  /** Who waits hears after a while; on a slow line the viewer may still come, and is there for the next call. */
   #lose() {
     const hello = this.#hello;
     setTimeout(() => {
-      if (hello !== this.#hello || hello?.heard !== false) return;
+      if (!hello || hello !== this.#hello || hello.heard) return;
       this.#wait();
       this.#lose();
-      hello.end(new Error(`the viewer's page at ${this.#origin} does not answer: it is slow, not there, or does not name ${location.origin} in <meta name="kilwa-origins">`));
+      hello.end(
+        new Error(
+          `the viewer's page at ${this.#origin} does not answer: it is slow, not there, or does not name ${location.origin} in <meta name="kilwa-origins">`,
+        ),
+      );
     }, KilwaViewerElement.patience);
   }
 
@@ -110,23 +157,25 @@ export class KilwaViewerElement extends HTMLElement {
     frame.src = page.href;
     frame.addEventListener("load", () => this.#lose());
     this.#frame = frame;
-    this.shadowRoot.replaceChildren(frame);
+    this.shadowRoot?.replaceChildren(frame);
   }
 
+  /** @param {object} message */
   #send(message) {
     this.#frame?.contentWindow?.postMessage({ kilwa: 1, ...message }, this.#origin);
   }
 
+  /** @param {MessageEvent} event */
   #take({ data, origin, source }) {
     if (source !== this.#frame?.contentWindow || origin !== this.#origin || data?.kilwa !== 1) return;
     if (data.event === "listening") {
       // Another page than the one that was asked.
-      if (this.#hello.heard) this.#refuse("the viewer was loaded anew");
+      if (this.#hello?.heard) this.#refuse("the viewer was loaded anew");
       this.#send({ hello: 1, listen: EVENTS });
       return;
     }
     if (data.event) {
-      if (data.event === "hello") {
+      if (data.event === "hello" && this.#hello) {
         this.#hello.heard = true;
         this.#hello.resolve();
       }
@@ -140,21 +189,30 @@ export class KilwaViewerElement extends HTMLElement {
     else call?.reject(new Error(data.error));
   }
 
-  /** Call something of the API by its name. */
+  /**
+   * Call something of the API by its name.
+   * @param {string} name
+   * @param {...any} args
+   */
   async call(name, ...args) {
     const hello = this.#hello;
     await this.loaded;
     if (hello !== this.#hello) throw new Error("another model was chosen");
     return new Promise((resolve, reject) => {
-      const id = (this.#last += 1);
+      this.#last += 1;
+      const id = this.#last;
       this.#calls.set(id, { resolve, reject });
       this.#send({ id, call: name, args });
     });
   }
 
-  /** As `addEventListener`, with the detail alone; returns what stops it. */
+  /**
+   * As `addEventListener`, with the detail alone; returns what stops it.
+   * @param {string} event
+   * @param {(detail: any) => void} listener
+   */
   on(event, listener) {
-    const take = ({ detail }) => listener(detail);
+    const take = (/** @type {any} */ { detail }) => listener(detail);
     this.addEventListener(event, take);
     return () => this.removeEventListener(event, take);
   }
@@ -164,6 +222,7 @@ for (const name of CALLS) {
   Object.defineProperty(KilwaViewerElement.prototype, name, {
     configurable: true,
     writable: true,
+    /** @this {KilwaViewerElement} @param {...any} args */
     value(...args) {
       return this.call(name, ...args);
     },

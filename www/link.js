@@ -10,14 +10,21 @@
 // What changes by and by (a drag) replaces the address; a deliberate jump (a standard view, a saved view, a note)
 // adds one to the browser's history, so that its Back button returns to the last view.
 
+import { DEFAULTS } from "./camera.js";
 import { DIGITS } from "./identity.js";
 
-/** Roll and opening angle that an address does not name. */
-const REST = [0, 0.7];
+/** @import { PageState } from "./types/page.js" */
+
 const LONGEST = 20_000;
 
-/** @returns {{camera: Float64Array | null, display: object | null, notes: boolean, annotation: string | null, measurements: string | null, pack: string | null}} */
+/** What an address can hold: the camera always. @typedef {{camera: ArrayLike<number> & Iterable<number>, display: object | null, notes?: boolean, annotation: string | null, measurements: string | null, pack: string | null}} Linked */
+
+/**
+ * @param {string} hash
+ * @returns {PageState}
+ */
 export function readState(hash) {
+  /** @type {PageState} */
   const state = { camera: null, display: null, notes: true, annotation: null, measurements: null, pack: null };
   if (hash.length > LONGEST) return state;
   for (const part of hash.replace(/^#/, "").split("&")) {
@@ -32,12 +39,20 @@ export function readState(hash) {
   return state;
 }
 
-/** Seven to nine finite numbers, or null. */
+/**
+ * Seven to nine finite numbers, or null.
+ * @param {string} text
+ */
 export function readCamera(text) {
   const numbers = text.split(",").map((n) => (n.trim() === "" ? NaN : Number(n)));
-  return numbers.length >= 7 && numbers.length <= 9 && numbers.every(Number.isFinite) ? new Float64Array(numbers) : null;
+  return numbers.length >= 7 && numbers.length <= 9 && numbers.every(Number.isFinite) ? numbers : null;
 }
 
+/**
+ * @template T
+ * @param {string} value
+ * @param {(text: string) => T} read
+ */
 function decoded(value, read) {
   try {
     return read(decodeURIComponent(value));
@@ -46,10 +61,13 @@ function decoded(value, read) {
   }
 }
 
-/** The part of an address behind the `#`. */
+/**
+ * The part of an address behind the `#`.
+ * @param {Linked} state
+ */
 export function writeState({ camera, display, notes = true, annotation, measurements, pack }) {
   const short = [...camera].map((v) => Number(v.toPrecision(9)));
-  while (short.length > 7 && Math.abs(short.at(-1) - REST[short.length - 8]) < 1e-6) short.pop();
+  while (short.length > 7 && Math.abs(short[short.length - 1] - DEFAULTS[short.length - 8]) < 1e-6) short.pop();
   const parts = [`view=${short.join(",")}`];
   if (display && Object.keys(display).length > 0) parts.push(`display=${encodeURIComponent(JSON.stringify(display))}`);
   if (!notes) parts.push("notes=off");
@@ -62,11 +80,12 @@ export function writeState({ camera, display, notes = true, annotation, measurem
 /** Keeps the address at the view. */
 export class Address {
   /**
-   * @param {() => object | null} state what `writeState` takes, or null while there is nothing to hold
+   * @param {() => Linked | null} state what `writeState` takes, or null while there is nothing to hold
    * @param {(state: ReturnType<typeof readState>) => void} restore called when the person goes back or forward
    */
   constructor(state, restore) {
     this.state = state;
+    /** @type {ReturnType<typeof setTimeout> | undefined} */
     this.timer = undefined;
     // A link followed inside the page (#annotation=…) and the Back button both end here.
     addEventListener("popstate", () => {

@@ -1,130 +1,132 @@
 // An ordered list that can be edited: each row goes somewhere when pressed, and opens to be renamed, moved or deleted.
-// Names are only ever put in as text.
 
+import { html, nothing } from "lit-html";
 import { t } from "./i18n.js";
+import { forget, iconButton, keepingFocus, show } from "./view.js";
 
-const SVG = "http://www.w3.org/2000/svg";
+/**
+ * What the rows of a list do.
+ * @template T
+ * @typedef {object} RowActions
+ * @property {(item: T) => string} name
+ * @property {(item: T) => void} go
+ * @property {((item: T, name: string) => void) | null} rename
+ * @property {((item: T) => void) | null} edit
+ * @property {(item: T, by: number) => void} move
+ * @property {(item: T) => void} remove
+ */
 
-export function icon(name) {
-  const svg = document.createElementNS(SVG, "svg");
-  svg.setAttribute("class", "icon");
-  svg.setAttribute("aria-hidden", "true");
-  const use = document.createElementNS(SVG, "use");
-  use.setAttribute("href", `icons/sprite.svg#${name}`);
-  svg.append(use);
-  return svg;
-}
-
-/** A button with a picture; `key` names its string, `about` what it is about (for readers). */
-export function iconButton(name, key, about = "") {
-  const button = Object.assign(document.createElement("button"), { type: "button", className: "button icon" });
-  button.dataset.label = key;
-  button.setAttribute("aria-label", about ? `${t(key)}: ${about}` : t(key));
-  button.append(icon(name));
-  return button;
-}
-
+/** @template {{id: string}} T */
 export class EditList {
   /**
-   * @param {HTMLOListElement} element
-   * @param {object} on `go(item)`, `rename(item, name)` or null, `edit(item)` or null, `move(item, by)`, `remove(item)`, `name(item)`
+   * @param {HTMLElement} element
+   * @param {RowActions<T>} on
    */
   constructor(element, on) {
     this.element = element;
     this.on = on;
-    this.open = null; // id of the row that is open for editing
-    this.current = null; // id of the row that is shown
+    /** @type {T[]} */
+    this.items = [];
+    /** Id of the row that is open for editing. @type {string | null} */
+    this.open = null;
+    /** Id of the row that is shown. @type {string | null} */
+    this.current = null;
+    this.language = "";
   }
 
+  /** @param {T[]} items */
   show(items) {
     this.items = items;
-    const active = this.element.contains(document.activeElement) ? document.activeElement.dataset : null;
-    const focus = active ? `[data-id="${CSS.escape(active.id ?? "")}"][data-act="${active.act}"]` : null;
-    this.element.replaceChildren(...items.map((item, at) => this.#row(item, at)));
-    if (focus) (this.element.querySelector(`${focus}:not(:disabled)`) ?? this.element.querySelector("button"))?.focus();
+    const { lang } = document.documentElement;
+    const rows = () => this.items.map((item, at) => this.#row(item, at));
+    keepingFocus(this.element, () => {
+      if (this.language !== lang) forget(this.element);
+      this.language = lang;
+      show(rows(), this.element);
+    });
   }
 
-  /** Open a row and stand in its name. */
+  /**
+   * Open a row and stand in its name.
+   * @param {string} id
+   */
   edit(id) {
-    this.open = id;
-    this.show(this.items);
-    const name = this.element.querySelector(`input[data-id="${CSS.escape(id)}"]`);
+    this.#toggle(id);
+    const name = /** @type {HTMLInputElement | null} */ (this.#find(id, "input"));
     name?.focus();
     name?.select();
   }
 
-  #row(item, at) {
-    const name = this.on.name(item);
-    const li = document.createElement("li");
-    const line = document.createElement("div");
-    line.className = "row";
-    const act = (button, what, run) => {
-      button.dataset.id = item.id;
-      button.dataset.act = what;
-      button.addEventListener("click", run);
-      return button;
-    };
-    const go = Object.assign(document.createElement("button"), { type: "button", className: "go" });
-    const number = Object.assign(document.createElement("span"), { className: "pin-number", textContent: at + 1 });
-    const label = Object.assign(document.createElement("span"), { className: "name", textContent: name, dir: "auto" });
-    go.append(number, label);
-    if (item.id === this.current) go.setAttribute("aria-current", "true");
-    const isOpen = this.open === item.id;
-    const more = act(iconButton("edit", "edit", name), "more", () => {
-      this.open = isOpen ? null : item.id;
-      this.show(this.items);
-    });
-    more.setAttribute("aria-expanded", String(isOpen));
-    line.append(act(go, "go", () => this.on.go(item)), more);
-    li.append(line);
-    if (isOpen) li.append(this.#strip(item, at, name, act));
-    return li;
+  /** @param {string | null} id */
+  #toggle(id) {
+    this.open = id;
+    this.show(this.items);
   }
 
-  #strip(item, at, name, act) {
-    const strip = document.createElement("div");
-    strip.className = "strip";
-    if (this.on.rename) {
-      const input = Object.assign(document.createElement("input"), { value: name, maxLength: 200, dir: "auto", autocomplete: "off" });
-      input.setAttribute("aria-label", t("name"));
-      input.dataset.id = item.id;
-      input.dataset.act = "name";
-      let known = name;
-      const rename = () => {
-        const given = input.value.trim();
-        if (!given || given === known) return;
-        // Set before the list is redrawn: removing the field while it has the focus can fire a second change event.
-        known = given;
-        this.on.rename(item, given);
-      };
-      input.addEventListener("change", rename);
-      input.addEventListener("keydown", (event) => {
-        if (event.key !== "Enter" && event.key !== "Escape") return;
-        event.preventDefault();
-        if (event.key === "Enter") rename();
-        else known = input.value.trim();
-        this.open = null;
-        this.show(this.items);
-        this.element.querySelector(`.go[data-id="${CSS.escape(item.id)}"]`)?.focus();
-      });
-      strip.append(input);
-    }
-    if (this.on.edit) {
-      const edit = act(Object.assign(document.createElement("button"), { type: "button", className: "button outlined" }), "edit", () => this.on.edit(item));
-      edit.textContent = t("noteEdit");
-      strip.append(edit);
-    }
-    const up = act(iconButton("up", "moveUp", name), "up", () => this.on.move(item, -1));
-    const down = act(iconButton("down", "moveDown", name), "down", () => this.on.move(item, 1));
-    up.disabled = at === 0;
-    down.disabled = at === this.items.length - 1;
-    const remove = act(iconButton("delete", "delete", name), "delete", () => this.on.remove(item));
-    strip.append(up, down, remove);
-    return strip;
+  /**
+   * @param {string} id
+   * @param {string} selector
+   * @returns {HTMLElement | null}
+   */
+  #find(id, selector) {
+    return this.element.querySelector(`[data-id="${CSS.escape(id)}"] ${selector}`);
+  }
+
+  /**
+   * @param {T} item
+   * @param {number} at
+   */
+  #row(item, at) {
+    const about = this.on.name(item);
+    const isOpen = this.open === item.id;
+    const more = iconButton("edit", { key: "edit", about, act: "more", expanded: isOpen, click: () => this.#toggle(isOpen ? null : item.id) });
+    const isCurrent = item.id === this.current ? "true" : nothing;
+    return html`<li data-id=${item.id}><div class="row"><button type="button" class="go" data-act="go" aria-current=${isCurrent} @click=${() => this.on.go(item)}><span class="pin-number">${at + 1}</span><span class="name" dir="auto">${about}</span></button>${more}</div>${isOpen ? this.#strip(item, at, about) : nothing}</li>`;
+  }
+
+  /**
+   * @param {T} item
+   * @param {number} at
+   * @param {string} about
+   */
+  #strip(item, at, about) {
+    const { rename, edit, move, remove } = this.on;
+    const up = iconButton("up", { key: "moveUp", about, act: "up", disabled: at === 0, click: () => move(item, -1) });
+    const down = iconButton("down", { key: "moveDown", about, act: "down", disabled: at === this.items.length - 1, click: () => move(item, 1) });
+    const away = iconButton("delete", { key: "delete", about, act: "delete", click: () => remove(item) });
+    const editor = html`<button type="button" class="button outlined" data-act="edit" @click=${() => edit?.(item)}>${t("noteEdit")}</button>`;
+    return html`<div class="strip">${rename ? this.#name(item, about, rename) : nothing}${edit ? editor : nothing}${up}${down}${away}</div>`;
+  }
+
+  /**
+   * @param {T} item
+   * @param {string} name
+   * @param {(item: T, name: string) => void} rename
+   */
+  #name(item, name, rename) {
+    const take = (/** @type {Event} */ { target }) => {
+      const given = /** @type {HTMLInputElement} */ (target).value.trim();
+      // A field that is removed while it has the focus can fire another change event.
+      if (this.open === item.id && given && given !== name) rename(item, given);
+    };
+    const key = (/** @type {KeyboardEvent} */ event) => {
+      if (event.key !== "Enter" && event.key !== "Escape") return;
+      event.preventDefault();
+      if (event.key === "Enter") take(event);
+      this.#toggle(null);
+      this.#find(item.id, ".go")?.focus();
+    };
+    return html`<input data-act="name" maxlength="200" dir="auto" autocomplete="off" aria-label=${t("name")} .value=${name} @change=${take} @keydown=${key}>`;
   }
 }
 
-/** A list with one thing moved by some places. */
+/**
+ * A list with one thing moved by some places.
+ * @template T
+ * @param {T[]} list
+ * @param {T} item
+ * @param {number} by
+ */
 export function moved(list, item, by) {
   const at = list.indexOf(item);
   const to = Math.max(0, Math.min(list.length - 1, at + by));

@@ -3,80 +3,90 @@
 // The first answer fixes the length and the ETag of the file. Every later answer is compared with them, and its length
 // with what was asked for; checksums (in the decoder) catch the rest. A server that ignores Range is put up with where the
 // whole file is small: it is read once, front to back, and parts are given out as they come; the coarse levels lie in front. Where it is
-// large it is refused with its size, which the file itself tells where the server does not (docs/FORMAT.md, section 3).
+// large it is refused with its size, which the file itself states where the server does not (docs/FORMAT.md, section 3).
+
+import { contentRange, discard, isSameTag, LENGTH_END, PackError, read, readStart, statedLength } from "./answer.js";
 
 /** What the first request asks for: header, metadata, the first directory page and the coarsest chunks. */
 export const HEAD_BYTES = 65536;
 /** A pack up to this size is taken whole from a server that does not know ranges. */
 export const WHOLE_LIMIT = 64 * 1024 * 1024;
 
-/** Why bytes did not come. `kind`: missing, offline, server, noRange, changed, truncated, closed (with `signIn`, an address or null). */
-export class PackError extends Error {
-  constructor(kind, message, extra = {}) {
-    super(message);
-    this.kind = kind;
-    Object.assign(this, extra);
-  }
-}
-
-/** Whether trying the same again can help. */
-export const isPassing = (error) => ["offline", "server", "truncated"].includes(error?.kind);
-
 export class Pack {
   /** @param {URL} url */
   constructor(url) {
     this.url = url;
+    this.isLocal = false;
+    this.name = ""; // of a file of this computer
+    /** @type {string | null} */
     this.etag = null;
+    /** Length of the file, once it is known. @type {number | null} */
     this.bytes = null;
-    this.most = 1; // ranges that one request may ask for
-    this.whole = null; // Uint8Array for all of it, where the server does not know ranges
+    this.maxRanges = 1; // ranges that one request may ask for
+    /** All of it, where the server does not know ranges. @type {Uint8Array<ArrayBuffer> | null} */
+    this.whole = null;
     this.arrived = 0; // how much of `whole` is there
-    this.reading = null; // settles when the reading of `whole` ends
-    this.waiting = new Set(); // who waits for more of it
+    /** Settles when the reading of `whole` ends. @type {Promise<void> | null} */
+    this.reading = null;
+    /** Who waits for more of it. @type {Set<(failure: unknown) => void>} */
+    this.waiting = new Set();
+    /** While access is asked for. @type {Promise<void> | null} */
+    this.opening = null;
     this.requests = 0;
     this.received = 0;
+    /** @type {(done: number, total: number) => void} */
     this.onProgress = () => {};
   }
 
-  /** The first bytes of the file, `length` or all of a shorter one. */
+  /**
+   * The first bytes of the file, `length` or all of a shorter one.
+   * @param {number} length
+   * @param {AbortSignal} [signal]
+   */
   async head(length = HEAD_BYTES, signal = undefined) {
     const response = await this.#ask(0, length, signal);
     if (response.status === 200) {
-      await this.#openWhole(response, signal);
-      const end = Math.min(Math.max(length, HEAD_BYTES), this.bytes);
-      const told = setInterval(() => this.onProgress(this.arrived, end), 100);
+      const whole = await this.#openWhole(response, signal);
+      const end = Math.min(Math.max(length, HEAD_BYTES), whole.length);
+      const timer = setInterval(() => this.onProgress(this.arrived, end), 100);
       try {
-        return await this.#part(0, end, signal);
+        return await this.#part(whole, 0, end, signal);
       } finally {
-        clearInterval(told);
+        clearInterval(timer);
       }
     }
     const range = contentRange(response);
-    if (!range || range.from !== 0 || range.total === null) {
+    if (range?.from !== 0 || range.total === null) {
       throw new PackError("noRange", "the answer does not say which part of which length it is", { bytes: NaN });
     }
     this.bytes = range.total;
     this.etag = response.headers.get("etag");
-    this.most = Number(response.headers.get("kilwa-ranges")) || 1;
-    return read(response, Math.min(length, range.total), (n) => this.onProgress(n, Math.min(length, range.total)));
+    this.maxRanges = Number(response.headers.get("kilwa-ranges")) || 1;
+    const end = Math.min(length, range.total);
+    return read(response, end, (n) => this.onProgress(n, end));
   }
 
   /**
    * The bytes `offset .. offset + length`, exactly. `fresh` goes round the browser's own store, after damage.
    * `onPart(bytes, count)` is shown the first `count` of them while the others are on their way. `ranges`: `0-99,200-299`, several
-   * stretches of `length` bytes in all, one behind the other, where the server has addresses for that (`most`; docs/serve.md).
+   * stretches of `length` bytes in all, one behind the other, where the server has addresses for that (`maxRanges`; docs/serve.md).
+   * @param {number} offset
+   * @param {number} length
+   * @param {AbortSignal} [signal]
+   * @param {{fresh?: boolean, onPart?: (bytes: Uint8Array<ArrayBuffer>, count: number) => void, ranges?: string}} how
    */
   async range(offset, length, signal, { fresh = false, onPart = () => {}, ranges = "" } = {}) {
-    if (this.whole) {
-      if (offset + length > this.whole.length) throw new PackError("truncated", "beyond the end of the file");
-      if (!this.reading && this.arrived < offset + length) this.#reopenWhole();
-      return this.#part(offset, length, signal);
+    const { whole } = this;
+    if (whole) {
+      if (offset + length > whole.length) throw new PackError("truncated", "beyond the end of the file");
+      if (!this.reading && this.arrived < offset + length) this.#reopenWhole(whole);
+      return this.#part(whole, offset, length, signal);
     }
     const response = await this.#ask(offset, length, signal, fresh, ranges);
     const etag = response.headers.get("etag");
     if (!isSameTag(this.etag, etag)) {
       await discard(response);
-      // Whether it changed, a single range tells.
+      // Whether it changed shows in the answer to a single range.
       if (ranges) this.#oneByOne("another file");
       throw new PackError("changed", "the ETag of the file changed");
     }
@@ -98,15 +108,20 @@ export class Pack {
     return bytes;
   }
 
-  /** One request; where the model is not public and the server tells where to ask, leave is asked for, and the same once more. */
+  /**
+   * One request; where the model is not public and the server names an address that grants access, access is asked for, and the request is made once more.
+   * @param {number} offset
+   * @param {number} length
+   * @param {AbortSignal} [signal]
+   */
   async #ask(offset, length, signal, fresh = false, ranges = "") {
     const response = await this.#askOnce(offset, length, signal, fresh, ranges);
     if (response.status !== 401) return response;
-    const door = response.headers.get("kilwa-open");
+    const form = response.headers.get("kilwa-open");
     await discard(response);
     // Only the site that this page is of is asked, and only at its own address: a pack from elsewhere leads nobody anywhere.
-    const at = door && URL.canParse(door, this.url) ? new URL(door, this.url) : null;
-    if (at?.origin !== location.origin || this.url.origin !== location.origin) throw new PackError("closed", "", { signIn: null });
+    const at = form && URL.canParse(form, this.url) ? new URL(form, this.url) : null;
+    if (!at || at.origin !== location.origin || this.url.origin !== location.origin) throw new PackError("closed", "", { signIn: null });
     // Requests that are refused at the same time ask once.
     this.opening ??= this.#open(at).finally(() => (this.opening = null));
     await this.opening;
@@ -116,7 +131,10 @@ export class Pack {
     throw new PackError("closed", "", { signIn: null });
   }
 
-  /** Leave to read the pack, for some minutes: a cookie that scripts do not see. */
+  /**
+   * Access to the pack, for some minutes: a cookie that scripts do not see.
+   * @param {URL} url
+   */
   async #open(url) {
     let response;
     try {
@@ -131,12 +149,22 @@ export class Pack {
     throw new PackError("closed", String(reason ?? ""), { signIn: isHere ? new URL(signIn, url).href : null });
   }
 
-  /** Several ranges in one request are not had here after all: from now on each by itself. */
+  /**
+   * Several ranges in one request are not had here after all: from now on each by itself.
+   * @param {string} why
+   */
   #oneByOne(why) {
-    this.most = 1;
+    this.maxRanges = 1;
     throw new PackError("server", why);
   }
 
+  /**
+   * @param {number} offset
+   * @param {number} length
+   * @param {AbortSignal | undefined} signal
+   * @param {boolean} fresh
+   * @param {string} ranges
+   */
   async #askOnce(offset, length, signal, fresh, ranges) {
     this.requests += 1;
     const url = new URL(this.url);
@@ -144,7 +172,7 @@ export class Pack {
     let response;
     try {
       response = await fetch(url, {
-        headers: ranges ? {} : { Range: `bytes=${offset}-${offset + length - 1}` },
+        headers: ranges ? undefined : { Range: `bytes=${offset}-${offset + length - 1}` },
         signal,
         credentials: "same-origin",
         cache: fresh ? "reload" : "default",
@@ -160,18 +188,22 @@ export class Pack {
     }
     if (response.status === 403) throw new PackError("closed", (await response.text().catch(() => "")).trim(), { signIn: null });
     await discard(response);
-    const says = `${response.status} ${response.statusText}`.trim();
-    if (response.status === 404 || response.status === 410) throw new PackError("missing", says);
+    const status = `${response.status} ${response.statusText}`.trim();
+    if (response.status === 404 || response.status === 410) throw new PackError("missing", status);
     // Nothing there to send a part of: an empty file at the start, a shorter file later.
-    if (response.status === 416) throw new PackError(this.bytes === null ? "empty" : "changed", says);
-    throw new PackError("server", says);
+    if (response.status === 416) throw new PackError(this.bytes === null ? "empty" : "changed", status);
+    throw new PackError("server", status);
   }
 
-  /** The server sends everything: find out how much that is, and begin to read it. */
+  /**
+   * The server sends everything: find out how much that is, and begin to read it.
+   * @param {Response} response
+   * @param {AbortSignal} [signal]
+   */
   async #openWhole(response, signal) {
     const reader = response.body?.getReader();
     const limit = WHOLE_LIMIT;
-    const refuse = async (bytes) => {
+    const refuse = async (/** @type {number} */ bytes) => {
       await reader?.cancel().catch(() => {});
       throw new PackError("noRange", "the server ignores Range", { bytes });
     };
@@ -179,62 +211,75 @@ export class Pack {
     // What is announced counts compressed bytes, what arrives does not.
     const announced = header === null || response.headers.has("content-encoding") ? NaN : Number(header);
     if (header !== null && Number(header) > limit) await refuse(Number(header));
-    const first = await readLeast(reader, LENGTH_END);
+    const first = await readStart(reader, LENGTH_END);
     signal?.throwIfAborted();
-    const said = saidLength(first);
+    const stated = statedLength(first);
     // Something that is no pack: enough of it to say so.
-    const bytes = said ?? (announced <= limit ? announced : first.length);
+    const bytes = stated ?? (announced <= limit ? announced : first.length);
     if (bytes > limit) await refuse(bytes);
     if (announced < bytes) {
-      await reader.cancel().catch(() => {});
+      await reader?.cancel().catch(() => {});
       throw new PackError("truncated", `${announced} of ${bytes} bytes are announced`);
     }
     this.etag = response.headers.get("etag");
     this.bytes = bytes;
-    this.whole = new Uint8Array(bytes);
-    this.#readOn(this.#readAll(reader, first));
+    const whole = new Uint8Array(bytes);
+    this.whole = whole;
+    this.#readOn(this.#readAll(whole, reader, first));
+    return whole;
   }
 
-  /** The reading broke off: once more from the front. What was there stays. */
-  #reopenWhole() {
+  /**
+   * The reading broke off: once more from the front. What was there stays.
+   * @param {Uint8Array<ArrayBuffer>} whole
+   */
+  #reopenWhole(whole) {
     const again = async () => {
-      const response = await this.#ask(0, this.bytes, undefined);
+      const response = await this.#ask(0, whole.length);
       const etag = response.headers.get("etag");
       if (!isSameTag(this.etag, etag)) {
         await discard(response);
         throw new PackError("changed", "the ETag of the file changed");
       }
-      const reader = response.body.getReader();
-      const first = await readLeast(reader, LENGTH_END);
-      if ((saidLength(first) ?? this.bytes) !== this.bytes) {
-        await reader.cancel().catch(() => {});
+      const reader = response.body?.getReader();
+      const first = await readStart(reader, LENGTH_END);
+      if ((statedLength(first) ?? this.bytes) !== this.bytes) {
+        await reader?.cancel().catch(() => {});
         throw new PackError("changed", "the length of the file changed");
       }
-      await this.#readAll(reader, first);
+      await this.#readAll(whole, reader, first);
     };
     this.#readOn(again());
   }
 
-  /** Read to the end, beginning with what was read already; those who wait are told after every part. */
-  async #readAll(reader, first) {
+  /**
+   * Read to the end, beginning with what was read already; those who wait hear of every part.
+   * @param {Uint8Array<ArrayBuffer>} whole
+   * @param {ReadableStreamDefaultReader<Uint8Array<ArrayBuffer>> | undefined} reader
+   * @param {Uint8Array<ArrayBuffer>} first
+   */
+  async #readAll(whole, reader, first) {
     let at = 0;
     for (let part = first; ; ) {
-      const fits = part.subarray(0, this.whole.length - at);
-      this.whole.set(fits, at);
+      const fits = part.subarray(0, whole.length - at);
+      whole.set(fits, at);
       at += fits.length;
       this.arrived = Math.max(this.arrived, at);
       for (const look of [...this.waiting]) look(null);
-      if (at === this.whole.length) break;
-      const { done, value } = await reader.read();
-      if (done) throw new PackError("truncated", `${at} of ${this.whole.length} bytes came`);
+      if (at === whole.length) break;
+      const { done, value } = (await reader?.read()) ?? { done: true, value: undefined };
+      if (done) throw new PackError("truncated", `${at} of ${whole.length} bytes came`);
       part = value;
     }
-    await reader.cancel().catch(() => {});
+    await reader?.cancel().catch(() => {});
   }
 
-  /** While a reading is under way; at its end those who still wait are told what is the matter. */
+  /**
+   * While a reading is under way; at its end those who still wait hear what is the matter.
+   * @param {Promise<void>} reading
+   */
   #readOn(reading) {
-    const ended = (failure) => {
+    const ended = (/** @type {unknown} */ failure) => {
       this.reading = null;
       for (const look of [...this.waiting]) look(failure);
     };
@@ -244,18 +289,29 @@ export class Pack {
     );
   }
 
-  /** A part of `whole`, as soon as it is there. */
-  #part(offset, length, signal) {
+  /**
+   * A part of `whole`, as soon as it is there.
+   * @param {Uint8Array<ArrayBuffer>} whole
+   * @param {number} offset
+   * @param {number} length
+   * @param {AbortSignal} [signal]
+   * @returns {Promise<Uint8Array<ArrayBuffer>>}
+   */
+  #part(whole, offset, length, signal) {
     return new Promise((resolve, reject) => {
-      const end = (settle, value) => {
+      const end = () => {
         this.waiting.delete(look);
         signal?.removeEventListener("abort", abort);
-        settle(value);
       };
-      const abort = () => end(reject, signal.reason);
-      const look = (failure) => {
-        if (this.arrived >= offset + length) end(resolve, this.whole.slice(offset, offset + length));
-        else if (failure) end(reject, failure);
+      const abort = () => {
+        end();
+        reject(signal?.reason);
+      };
+      const look = (/** @type {unknown} */ failure) => {
+        const isHere = this.arrived >= offset + length;
+        if (isHere || failure) end();
+        if (isHere) resolve(whole.slice(offset, offset + length));
+        else if (failure) reject(failure);
       };
       if (signal?.aborted) return abort();
       signal?.addEventListener("abort", abort);
@@ -263,76 +319,4 @@ export class Pack {
       look(this.reading ? null : new PackError("truncated", `${this.arrived} of ${this.bytes} bytes came`));
     });
   }
-}
-
-/**
- * Whether two tags may be of the same file: RFC 9110, 8.8.3.2, weak comparison, for proxies weaken the tags of what they compress, and of that alone. A weak tag promises
- * less; checksums tell what it does not. Where there is none there is nothing to compare.
- */
-export const isSameTag = (a, b) => !a || !b || a.replace(/^W\//, "") === b.replace(/^W\//, "");
-
-/** Where the file's own length ends in its header, and what it begins with: the same in every version of the format. */
-const LENGTH_END = 72;
-const MAGIC = "KILWAPCK";
-
-/** The length that a pack says it has; null where these bytes begin none. */
-function saidLength(first) {
-  if (first.length < LENGTH_END || String.fromCharCode(...first.subarray(0, 8)) !== MAGIC) return null;
-  return Number(new DataView(first.buffer, first.byteOffset).getBigUint64(64, true));
-}
-
-/** The first bytes of an answer: `least` of them and what came along, or all of a shorter one. */
-async function readLeast(reader, least) {
-  let bytes = new Uint8Array();
-  try {
-    while (reader && bytes.length < least) {
-      const { done, value } = await reader.read();
-      if (done) break;
-      const joined = new Uint8Array(bytes.length + value.length);
-      joined.set(bytes);
-      joined.set(value, bytes.length);
-      bytes = joined;
-    }
-  } catch (error) {
-    if (error.name === "AbortError") throw error;
-    throw new PackError("truncated", String(error.message ?? error));
-  }
-  return bytes;
-}
-
-/** `bytes 0-9/100` as numbers; `total` is null where it is `*`; null where there is none. */
-export function contentRange(response) {
-  const match = /^bytes (\d+)-(\d+)\/(\d+|\*)$/.exec(response.headers.get("content-range") ?? "");
-  if (!match) return null;
-  return { from: Number(match[1]), to: Number(match[2]), total: match[3] === "*" ? null : Number(match[3]) };
-}
-
-/** Stop an answer that is not wanted. One whose connection broke already has stopped: its error says nothing more. */
-async function discard(response) {
-  await response.body?.cancel().catch(() => {});
-}
-
-/** All bytes of an answer; fewer or more than `length` is an error. */
-async function read(response, length, onProgress) {
-  const reader = response.body.getReader();
-  const into = new Uint8Array(length);
-  let at = 0;
-  try {
-    for (;;) {
-      const { done, value } = await reader.read();
-      if (done) break;
-      if (at + value.length > length) {
-        await reader.cancel().catch(() => {});
-        throw new PackError("truncated", "more bytes came than were asked for");
-      }
-      into.set(value, at);
-      at += value.length;
-      onProgress(at, into);
-    }
-  } catch (error) {
-    if (error.name === "AbortError" || error instanceof PackError) throw error;
-    throw new PackError("truncated", String(error.message ?? error));
-  }
-  if (at < length) throw new PackError("truncated", `${at} of ${length} bytes came`);
-  return into;
 }

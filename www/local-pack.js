@@ -1,7 +1,8 @@
 // A pack that lies on this computer: chosen or dropped in. The same interface as `Pack` of loader.js, over `Blob.slice`.
 // Nothing of it leaves the computer.
 
-import { HEAD_BYTES, PackError } from "./loader.js";
+import { PackError } from "./answer.js";
+import { HEAD_BYTES } from "./loader.js";
 
 export class LocalPack {
   /** @param {File} file */
@@ -12,13 +13,18 @@ export class LocalPack {
     this.isLocal = true;
     this.etag = null;
     this.bytes = file.size;
-    this.whole = null;
+    this.whole = null; // only a server without ranges sends all of it
     this.requests = 0;
     this.received = 0;
+    this.maxRanges = 1; // ranges that one request may ask for
+    /** @type {(done: number, total: number) => void} */
     this.onProgress = () => {};
   }
 
-  /** The first bytes of the file, `length` or all of a shorter one. */
+  /**
+   * The first bytes of the file, `length` or all of a shorter one.
+   * @param {number} length
+   */
   async head(length = HEAD_BYTES) {
     if (this.file.size === 0) throw new PackError("empty", `${this.name}: 0 bytes`);
     const bytes = await this.#read(0, Math.min(length, this.file.size));
@@ -26,8 +32,14 @@ export class LocalPack {
     return bytes;
   }
 
-  /** The bytes `offset .. offset + length`, exactly. */
-  async range(offset, length, signal) {
+  /**
+   * The bytes `offset .. offset + length`, exactly.
+   * @param {number} offset
+   * @param {number} length
+   * @param {AbortSignal} [signal]
+   * @param {unknown} [_how] what matters over HTTP alone
+   */
+  async range(offset, length, signal, _how) {
     if (offset + length > this.file.size) throw new PackError("truncated", `${this.name}: beyond the end of the file`);
     const bytes = await this.#read(offset, length);
     signal?.throwIfAborted();
@@ -40,8 +52,13 @@ export class LocalPack {
     URL.revokeObjectURL(this.url);
   }
 
+  /**
+   * @param {number} offset
+   * @param {number} length
+   */
   async #read(offset, length) {
     this.requests += 1;
+    /** @type {ArrayBuffer} */
     let buffer;
     try {
       buffer = await this.file.slice(offset, offset + length).arrayBuffer();
@@ -53,14 +70,17 @@ export class LocalPack {
   }
 }
 
-/** What can open a pack of this computer: the file input, and a file let go anywhere over the page. */
+/**
+ * What can open a pack of this computer: the file input, and a file dropped anywhere on the page.
+ * @param {{input: HTMLInputElement, drop: HTMLElement, open: (file: File) => void}} parts
+ */
 export function openers({ input, drop, open }) {
   input.addEventListener("change", () => {
-    const [file] = input.files;
+    const [file] = input.files ?? [];
     input.value = ""; // The same file again is a choice too.
     if (file) open(file);
   });
-  const hasFile = (event) => [...(event.dataTransfer?.types ?? [])].includes("Files");
+  const hasFile = (/** @type {DragEvent} */ event) => [...(event.dataTransfer?.types ?? [])].includes("Files");
   let depth = 0;
   addEventListener("dragenter", (event) => {
     if (!hasFile(event)) return;
@@ -78,7 +98,7 @@ export function openers({ input, drop, open }) {
     drop.hidden = true;
     if (!hasFile(event)) return;
     event.preventDefault();
-    const [file] = event.dataTransfer.files;
+    const [file] = event.dataTransfer?.files ?? [];
     if (file) open(file);
   });
 }

@@ -1,19 +1,27 @@
 // A loupe above the finger: the part of the picture that it covers, enlarged, while it aims at a place.
 
-const $ = (id) => document.getElementById(id);
+import { $ } from "./dom.js";
+
 const SIZE = 128; // CSS pixels across
 const ENLARGED = 3;
 /** From the finger to the loupe's edge, CSS pixels. */
 const ABOVE = 28;
 
+/** @import { Session } from "./session.js" */
+
 export class Loupe {
+  /** @param {Session} session */
   constructor(session) {
     this.session = session;
+    /** @type {number[] | null} */
     this.at = null;
     Object.assign($("loupe-picture"), { width: SIZE * session.ratio, height: SIZE * session.ratio });
   }
 
-  /** At a pixel of the picture, or away with it. */
+  /**
+   * At a pixel of the picture, or away with it.
+   * @param {number[] | null} at
+   */
   show(at) {
     this.at = at;
     $("loupe").hidden = !at;
@@ -37,7 +45,7 @@ export class Loupe {
     const { canvas, ratio } = this.session;
     const { width } = $("loupe-picture");
     const part = (SIZE * ratio) / ENLARGED;
-    const context = $("loupe-picture").getContext("2d");
+    const context = /** @type {CanvasRenderingContext2D} */ ($("loupe-picture").getContext("2d"));
     context.clearRect(0, 0, width, width);
     for (const layer of [canvas, $("marks")]) {
       const scale = layer.width / canvas.width;

@@ -2,9 +2,26 @@
 // is opened, or the browser or the address has measurements of this pack. Until then it costs nothing.
 
 import { hint, notice, openTab, peek } from "./chrome.js";
+import { $ } from "./dom.js";
 import { t } from "./i18n.js";
-import { why } from "./said.js";
+import { why } from "./messages.js";
 import { get } from "./store.js";
+
+/** @import { FrameStats, Placing, Tool } from "./types/page.js" */
+/** @import { Model } from "./model.js" */
+/** @import { Scene } from "./scene.js" */
+/** @import { Measure } from "./measure/measure.js" */
+
+/**
+ * What measuring needs of the page.
+ * @typedef {object} MeasuringPage
+ * @property {import("./undo.js").Undo} undo
+ * @property {import("./link.js").Address} address
+ * @property {import("./display.js").Display} display
+ * @property {import("./api.js").Api["emit"]} emit events of the page's API
+ * @property {(name: Tool, which?: string) => void} tool choose a tool of the page; `which`: a tool of the Measurements tab
+ * @property {() => import("./link.js").Linked} state what the address holds
+ */
 
 /** The program behind the tools: it comes while their code does. */
 async function compiled() {
@@ -15,33 +32,44 @@ async function compiled() {
 }
 
 export class Measuring {
-  /** @param {object} page the page (app.js) */
+  /** @param {MeasuringPage} page */
   constructor(page) {
     this.page = page;
-    this.tools = null; // measure/measure.js, once it is there
+    /** Once its code is there. @type {Measure | null} */
+    this.tools = null;
+    /** @type {Promise<Measure> | null} */
     this.loading = null;
-    this.linked = null; // measurements of the address that opened the page
+    /** Measurements of the address that opened the page. @type {string | null} */
+    this.linked = null;
+    /** @type {{scene: Scene, model: Model} | null} */
+    this.open = null;
+    this.seen = false;
+    /** @type {Promise<WebAssembly.Module> | null} */
+    this.compiling = null;
     const load = () => this.load().catch(() => {});
-    document.getElementById("tab-measure").addEventListener("click", load);
-    document.getElementById("tab-measure").addEventListener("focus", load);
+    for (const event of ["click", "focus"]) $("tab-measure").addEventListener(event, load);
   }
 
-  /** The picture of a pack is (again) there. `linked` is what the address names. */
-  attach(viewer, session, linked = null) {
-    this.viewer = viewer;
-    this.session = session;
-    this.tools?.attach(viewer, session);
+  /**
+   * The picture of a pack is (again) there.
+   * @param {Scene} scene
+   * @param {Model} model
+   * @param {string | null} linked what the address names
+   */
+  attach(scene, model, linked) {
+    this.open = { scene, model };
+    this.tools?.attach(scene);
     if (linked && !this.seen) this.linked = linked;
     this.seen = true;
     // The first picture first.
-    const isOpen = !document.getElementById("measure").hidden;
-    if (isOpen || this.linked || get(`measurements.${this.page.info.pack.hash}`)?.length > 0) session.firstPicture.then(() => this.load().catch(() => {}));
+    const isOpen = !$("measure").hidden;
+    if (isOpen || this.linked || get(`measurements.${model.hash}`)?.length > 0) scene.session.firstPicture.then(() => this.load().catch(() => {}));
   }
 
   /** Another pack will be opened. */
   close() {
     this.tools?.close();
-    this.tools = this.loading = this.linked = null;
+    this.tools = this.loading = this.linked = this.open = null;
     this.seen = false;
   }
 
@@ -54,40 +82,46 @@ export class Measuring {
     return this.compiling;
   }
 
-  /** The tools, loaded where they are not. */
+  /**
+   * The tools, loaded where they are not.
+   * @returns {Promise<Measure>}
+   */
   load() {
-    const { page } = this;
-    if (!page.info || !this.viewer) return Promise.reject(new Error("the model is not open"));
+    if (!this.open) return Promise.reject(new Error("the model is not open"));
+    const { model } = this.open;
     this.loading ??= (async () => {
-      const { pack } = page;
       this.program().catch(() => {}); // whoever measures hears of it
       try {
         const { Measure, styles } = await import("./measure/measure.js");
         await styles();
-        if (page.pack !== pack) throw new Error("another model was opened");
-        this.tools = new Measure(page, this.linked);
-        this.tools.attach(this.viewer, this.session);
+        if (this.open?.model !== model) throw new Error("another model was opened");
+        this.tools = new Measure({ model, page: this.page, program: () => this.program() }, this.linked);
+        this.tools.attach(this.open.scene);
         return this.tools;
       } catch (error) {
         this.loading = null; // The next press tries again.
-        if (page.pack === pack) notice(t("measureFailed", { why: why(error) }), 10000);
+        if (this.open?.model === model) notice(t("measureFailed", { why: why(error) }), 10000);
         throw error;
       }
     })();
     return this.loading;
   }
 
-  /** Choose a tool: the one named, else the last one. */
+  /**
+   * Choose a tool: the one named, else the last one.
+   * @param {string | null} name
+   */
   async start(name) {
     openTab("measure");
     peek();
     if (!this.tools) hint(t("measureLoading"));
     const tools = await this.load().catch(() => null);
-    if (this.page.input.tool !== "measure") return;
+    if (this.open?.scene.input.tool !== "measure") return;
     if (tools) tools.start(name);
     else this.page.tool("orbit");
   }
 
+  /** The next step of the tool in use. @returns {string | null} */
   get hint() {
     return this.tools?.hint() ?? null;
   }
@@ -97,24 +131,40 @@ export class Measuring {
     this.tools?.leave();
   }
 
+  /**
+   * @param {number} x
+   * @param {number} y
+   * @param {Placing} how
+   */
   place(x, y, how) {
     this.tools?.place(x, y, how);
   }
 
+  /**
+   * @param {number} x
+   * @param {number} y
+   */
   hover(x, y) {
     this.tools?.hover(x, y);
   }
 
-  /** A key while a tool is chosen; false where it means nothing. */
+  /**
+   * A key while a tool is chosen; false where it means nothing.
+   * @param {string} key
+   */
   key(key) {
     return this.tools?.key(key) ?? false;
   }
 
+  /** @param {FrameStats} stats */
   frame(stats) {
     this.tools?.frame(stats);
   }
 
-  /** Undo and redo inside what is being drawn; false where nothing is. */
+  /**
+   * Undo and redo inside what is being drawn; false where nothing is.
+   * @param {boolean} isRedo
+   */
   undo(isRedo) {
     return this.tools?.undoPoint(isRedo) ?? false;
   }

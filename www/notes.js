@@ -4,15 +4,18 @@
 // The person's own notes are kept by the browser for each pack. Where the host publishes notes (`?annotations=`), they
 // are shown until the person changes something; from then on the person's copy is, and the published ones can be had back.
 
-import { MOST, annotationPage, findNote, parseAnnotations, safeLink, shortId } from "./annotations.js";
+import { annotationPage, findNote, MAX_NOTES, parseAnnotations, safeLink, shortId } from "./annotations.js";
 import { notice, openTab, peek } from "./chrome.js";
+import { $ } from "./dom.js";
 import { t } from "./i18n.js";
 import { EditList, moved } from "./list.js";
 import { Pins } from "./pins.js";
 import { download, fileName, get, put, readJson, unique } from "./store.js";
 import { Tour } from "./tour.js";
 
-const $ = (id) => document.getElementById(id);
+/** @import { DisplayState, Note, Seen } from "./types/page.js" */
+/** @import { Scene } from "./scene.js" */
+
 const FILE_LIMIT = 16e6;
 
 export class Notes {
@@ -23,21 +26,39 @@ export class Notes {
    * @param {string} parts.title
    * @param {string | null} parts.pack the pack's address; null for one of this computer
    * @param {import("./undo.js").Undo} parts.undo
-   * @param {() => {camera: number[], display: object | null}} parts.now
-   * @param {(note: object, isJump: boolean) => void} parts.look fly to a note
-   * @param {(name: string) => void} parts.tool choose a tool
-   * @param {(name: string, detail: object) => void} parts.tell events of the page's API
-   * @param {() => void} parts.share copy the address
+   * @param {() => Seen} parts.now what is seen now
+   * @param {(note: Note, isJump: boolean) => void} parts.look fly to a note
+   * @param {(name: "orbit" | "note") => void} parts.tool choose a tool
+   * @param {(name: "annotation" | "annotations", detail: object) => void} parts.emit events of the page's API
+   * @param {() => void} parts.shareAddress copy the address
    */
-  constructor(parts) {
-    Object.assign(this, parts);
+  constructor({ hash, identity, title, pack, undo, now, look, tool, emit, shareAddress }) {
+    this.hash = hash;
+    this.identity = identity;
+    this.title = title;
+    this.pack = pack;
+    this.undo = undo;
+    this.now = now;
+    this.look = look;
+    this.tool = tool;
+    this.emit = emit;
+    this.shareAddress = shareAddress;
     this.abort = new AbortController();
+    /** Those of the host. @type {Note[] | null} */
     this.published = null;
+    /** What the browser keeps; null where the person changed nothing. @type {Note[] | null} */
     this.stored = get(`notes.${this.hash}`);
+    /** @type {Note[]} */
     this.notes = Array.isArray(this.stored) ? this.stored : [];
     this.shown = true;
-    this.replacing = null; // the note whose place is being chosen anew
-    this.editing = null; // id of the note in the form
+    /** The note whose place is being chosen anew. @type {Note | null} */
+    this.replacing = null;
+    /** Id of the note in the form. @type {string | null} */
+    this.editing = null;
+    /** The list before the form was opened. @type {Note[] | null} */
+    this.before = null;
+    /** @type {Pins | null} */
+    this.pins = null;
     this.tour = new Tour({
       signal: this.abort.signal,
       notes: () => this.notes,
@@ -47,9 +68,10 @@ export class Notes {
       onClose: () => {
         this.pins?.current(null);
         this.#mark(null);
-        this.tell("annotation", { id: null });
+        this.emit("annotation", { id: null });
       },
     });
+    /** @type {EditList<Note>} */
     this.list = new EditList($("notes-list"), {
       name: (note) => note.title || t("noteUnnamed"),
       go: (note) => this.open(note, { focus: true }),
@@ -67,16 +89,21 @@ export class Notes {
     this.pins?.close();
   }
 
-  /** The picture is (again) there: pins go over it. */
-  attach(viewer, session) {
+  /**
+   * The picture is (again) there: pins go over it.
+   * @param {Scene} scene
+   */
+  attach({ viewer, session }) {
     this.pins?.close();
-    this.viewer = viewer;
     this.pins = new Pins({ viewer, session, open: (note) => this.open(note) });
     this.pins.set(this.notes);
     this.pins.show(this.shown);
   }
 
-  /** Notes that the host publishes. */
+  /**
+   * Notes that the host publishes.
+   * @param {unknown} json
+   */
   publish(json) {
     const { notes, left } = parseAnnotations(json);
     this.published = notes;
@@ -92,20 +119,26 @@ export class Notes {
     $("notes-export").disabled = this.notes.length === 0;
     $("notes-own").hidden = !(this.published && Array.isArray(this.stored));
     this.pins?.set(this.notes);
-    if (this.tour.note) {
-      const note = this.notes.find((n) => n.id === this.tour.note.id);
+    const open = this.tour.note;
+    if (open) {
+      const note = this.notes.find((n) => n.id === open.id);
       if (note) this.tour.show(note);
       else this.tour.close();
     }
   }
 
+  /** @param {boolean} shown */
   setShown(shown) {
     this.shown = shown;
     $("notes-shown").checked = shown;
     this.pins?.show(shown);
   }
 
-  /** Look at a note and show its card; `isJump`: the view that is left gets an entry of the history. */
+  /**
+   * Look at a note and show its card; `isJump`: the view that is left gets an entry of the history.
+   * @param {Note} note
+   * @param {{focus?: boolean, fly?: boolean, isJump?: boolean}} how
+   */
   open(note, { focus = false, fly = true, isJump = true } = {}) {
     peek();
     if (fly) this.look(note, isJump);
@@ -113,15 +146,20 @@ export class Notes {
     this.pins?.current(note.id);
     this.#mark(note.id);
     if (!this.shown) this.setShown(true);
-    this.tell("annotation", { id: note.id });
+    this.emit("annotation", { id: note.id });
   }
 
+  /** @param {string | null} id */
   #mark(id) {
     this.list.current = id;
     this.list.show(this.notes);
   }
 
-  /** Open the note of an address; false where there is none. */
+  /**
+   * Open the note of an address; false where there is none.
+   * @param {string} name
+   * @param {{fly?: boolean, isJump?: boolean}} [options]
+   */
   openNamed(name, options) {
     const note = findNote(this.notes, name);
     if (note) this.open(note, options);
@@ -132,7 +170,10 @@ export class Notes {
     return this.tour.note ? shortId(this.tour.note.id) : null;
   }
 
-  /** The person chose a place on the surface. */
+  /**
+   * The person chose a place on the surface.
+   * @param {number[]} place
+   */
   place([x, y, z]) {
     const now = new Date().toISOString();
     if (this.replacing) {
@@ -140,11 +181,11 @@ export class Notes {
       this.replacing = null;
       this.tool("orbit");
       this.change(this.notes.map((n) => (n.id === id ? { ...n, place: [x, y, z], modified: now } : n)));
-      this.edit(this.notes.find((n) => n.id === id));
+      this.editById(id);
       return;
     }
-    if (this.notes.length >= MOST) {
-      notice(t("importTooMany", { count: this.notes.length + 1, most: MOST }));
+    if (this.notes.length >= MAX_NOTES) {
+      notice(t("importTooMany", { count: this.notes.length + 1, most: MAX_NOTES }));
       return;
     }
     const note = { id: `urn:uuid:${unique()}`, title: "", text: "", link: "", place: [x, y, z], ...this.now(), created: now, modified: now };
@@ -153,16 +194,30 @@ export class Notes {
     this.edit(note);
   }
 
-  /** Add a note for a script. */
+  /**
+   * Add a note for a script.
+   * @param {{title?: string, text?: string, link?: string, place: number[], camera?: number[] | null, display?: DisplayState | null}} note
+   */
   add({ title = "", text = "", link = "", place, camera = null, display = null }) {
     if (!Array.isArray(place) || place.length !== 3 || !place.every(Number.isFinite)) throw new TypeError("place: three numbers, metres");
     if (link && !safeLink(link)) throw new TypeError("link: an http or https address");
     const now = new Date().toISOString();
-    const note = { id: `urn:uuid:${unique()}`, title: String(title), text: String(text), link: link && safeLink(link), place, camera, display, created: now, modified: now };
+    const note = {
+      id: `urn:uuid:${unique()}`,
+      title: String(title),
+      text: String(text),
+      link: safeLink(link) ?? "",
+      place,
+      camera,
+      display,
+      created: now,
+      modified: now,
+    };
     this.change([...this.notes, note]);
     return note.id;
   }
 
+  /** @param {Note} note */
   remove(note) {
     const at = this.notes.findIndex((n) => n.id === note.id);
     this.closeForm();
@@ -170,15 +225,19 @@ export class Notes {
     notice(t("deleted", { name: note.title || `${t("note")} ${at + 1}` }), 10000, { label: t("undo"), run: () => this.undo.undo() });
   }
 
-  /** Another list, as an edit that can be taken back. */
+  /**
+   * Another list, as an edit that can be taken back.
+   * @param {Note[]} notes
+   * @param {Note[]} before
+   */
   change(notes, before = this.notes) {
     const stored = this.stored;
-    const set = (list, kept) => {
+    const set = (/** @type {Note[]} */ list, /** @type {Note[] | null} */ kept) => {
       this.notes = list;
       this.stored = kept;
       if (!put(`notes.${this.hash}`, kept)) notice(t("notKept"));
       this.show();
-      this.tell("annotations", { count: list.length });
+      this.emit("annotations", { count: list.length });
     };
     this.undo.do({ undo: () => set(before, stored && before), redo: () => set(notes, notes) });
   }
@@ -186,29 +245,57 @@ export class Notes {
   #form() {
     const form = $("note-form");
     const { signal } = this.abort;
-    form.addEventListener("submit", (event) => {
-      event.preventDefault();
-      this.#submit();
-    }, { signal });
-    form.addEventListener("keydown", (event) => {
-      if (event.key !== "Escape") return;
-      event.stopPropagation();
-      this.#submit();
-    }, { signal });
+    form.addEventListener(
+      "submit",
+      (event) => {
+        event.preventDefault();
+        this.#submit();
+      },
+      { signal },
+    );
+    form.addEventListener(
+      "keydown",
+      (event) => {
+        if (event.key !== "Escape") return;
+        event.stopPropagation();
+        this.#submit();
+      },
+      { signal },
+    );
     // Kept with every letter, so that a reload loses nothing; one edit to undo when the form is left.
     form.addEventListener("input", () => this.#type(), { signal });
-    $("note-form-camera").addEventListener("click", () => {
-      this.#type(this.now());
-      notice(t("noteCameraKept"));
-    }, { signal });
-    $("note-form-place").addEventListener("click", () => {
-      this.replacing = this.notes.find((n) => n.id === this.editing);
-      this.closeForm();
-      this.tool("note");
-    }, { signal });
-    $("note-form-delete").addEventListener("click", () => this.remove(this.notes.find((n) => n.id === this.editing)), { signal });
+    $("note-form-camera").addEventListener(
+      "click",
+      () => {
+        this.#type(this.now());
+        notice(t("noteCameraKept"));
+      },
+      { signal },
+    );
+    $("note-form-place").addEventListener(
+      "click",
+      () => {
+        this.replacing = this.edited;
+        this.closeForm();
+        this.tool("note");
+      },
+      { signal },
+    );
+    $("note-form-delete").addEventListener("click", () => this.edited && this.remove(this.edited), { signal });
   }
 
+  /** The note in the form. */
+  get edited() {
+    return this.notes.find((n) => n.id === this.editing) ?? null;
+  }
+
+  /** @param {string} id */
+  editById(id) {
+    const note = this.notes.find((n) => n.id === id);
+    if (note) this.edit(note);
+  }
+
+  /** @param {Note} note */
   edit(note) {
     this.closeForm();
     this.tour.close();
@@ -227,10 +314,15 @@ export class Notes {
     $("note-form-name").focus();
   }
 
+  /** @param {Partial<Note>} more */
   #type(more = {}) {
     const link = $("note-form-link").value.trim();
     const fields = {
-      title: $("note-form-name").value.trim(), text: $("note-form-text").value, link: safeLink(link) ?? "", modified: new Date().toISOString(), ...more,
+      title: $("note-form-name").value.trim(),
+      text: $("note-form-text").value,
+      link: safeLink(link) ?? "",
+      modified: new Date().toISOString(),
+      ...more,
     };
     this.notes = this.notes.map((n) => (n.id === this.editing ? { ...n, ...fields } : n));
     this.stored = this.notes;
@@ -246,9 +338,10 @@ export class Notes {
       $("note-form-link").focus();
       return;
     }
-    const note = this.notes.find((n) => n.id === this.editing);
+    const { editing } = this;
     this.closeForm();
-    if (note) this.open(this.notes.find((n) => n.id === note.id), { fly: false });
+    const note = this.notes.find((n) => n.id === editing);
+    if (note) this.open(note, { fly: false });
     $("note-new").focus();
   }
 
@@ -258,10 +351,11 @@ export class Notes {
     $("note-form").hidden = true;
     $("notes-view").hidden = false;
     this.pins?.current(null);
-    if (this.before !== this.notes) this.change(this.notes, this.before);
+    if (this.before && this.before !== this.notes) this.change(this.notes, this.before);
     this.before = null;
   }
 
+  /** @param {Note} note */
   share(note) {
     this.open(note, { fly: false });
     this.shareAddress();
@@ -273,6 +367,7 @@ export class Notes {
     download(fileName(this.title, ".annotations.json"), new Blob([JSON.stringify(json, null, 1)], { type: "application/ld+json" }));
   }
 
+  /** @param {File} file */
   async import(file) {
     try {
       const { notes, left, identities } = parseAnnotations(await readJson(file, FILE_LIMIT));
@@ -288,25 +383,14 @@ export class Notes {
 
   /** The published ones again. */
   revert() {
-    const [before, stored] = [this.notes, this.stored];
-    const set = (list, kept) => {
+    const { notes: before, stored, published } = this;
+    if (!published) return;
+    const set = (/** @type {Note[]} */ list, /** @type {Note[] | null} */ kept) => {
       this.notes = list;
       this.stored = kept;
       put(`notes.${this.hash}`, kept);
       this.show();
     };
-    this.undo.do({ undo: () => set(before, stored), redo: () => set(this.published, null) });
+    this.undo.do({ undo: () => set(before, stored), redo: () => set(published, null) });
   }
-}
-
-/** Fetch what a host publishes; only from where the page or the pack comes from. */
-export async function fetchPublished(address, pack) {
-  const url = new URL(address, pack ?? location.href);
-  const allowed = [location.origin, pack ? new URL(pack, location.href).origin : null];
-  if (!allowed.includes(url.origin)) throw new Error(t("annotationsOrigin", { origin: url.origin }));
-  const response = await fetch(url, { credentials: "same-origin" });
-  if (!response.ok) throw new Error(`${url.pathname}: ${response.status}`);
-  const text = await response.text();
-  if (text.length > FILE_LIMIT) throw new Error(`${url.pathname}: ${text.length} > ${FILE_LIMIT}`);
-  return JSON.parse(text);
 }

@@ -10,7 +10,8 @@ const SAME = { model: "pack", err: "error" };
 export function read() {
   const parameters = new URLSearchParams(location.search);
   for (const [short, name] of Object.entries(SAME)) {
-    if (parameters.has(short) && !parameters.has(name)) parameters.set(name, parameters.get(short));
+    const value = parameters.get(short);
+    if (value !== null && !parameters.has(name)) parameters.set(name, value);
   }
   const camera = parameters.get("cam");
   if (camera && !location.hash.includes("view=")) {

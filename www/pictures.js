@@ -3,19 +3,22 @@
 import { notice } from "./chrome.js";
 import { t } from "./i18n.js";
 
-export class Pictures {
-  #dialog = null;
-  #page;
+/** @import { Pictured, PictureDialog } from "./screenshot.js" */
 
-  /** @param {() => object} page what PictureDialog is given */
-  constructor(page) {
-    this.#page = page;
+export class Pictures {
+  /** @type {PictureDialog | null} */
+  #dialog = null;
+  #source;
+
+  /** @param {() => Pictured} source what PictureDialog is given */
+  constructor(source) {
+    this.#source = source;
   }
 
   async open() {
     try {
       const { PictureDialog } = await import("./screenshot.js");
-      this.#dialog ??= new PictureDialog(this.#page);
+      this.#dialog ??= new PictureDialog(this.#source);
       this.#dialog.open();
     } catch (error) {
       notice(t("pictureFailed", { why: error.message }));

@@ -1,35 +1,50 @@
 // Notes as numbered pins over the picture. They follow the camera with every frame; a pin behind the surface is faded,
 // which is found out for a few pins per frame, so that many notes do not slow the picture down.
 
+import { cameraKey } from "./camera.js";
+import { $ } from "./dom.js";
 import { t } from "./i18n.js";
 
-const $ = (id) => document.getElementById(id);
+/** @import { FrameStats, Note, Viewer } from "./types/page.js" */
+/** @import { Session } from "./session.js" */
+/** @typedef {{note: Note, depth: number, button: HTMLButtonElement, hidden: boolean}} Pin */
+
 const PER_FRAME = 4;
 /** Part of its distance that a note may lie behind the surface shown and still be on it. */
 const SLACK = 0.004;
 
 export class Pins {
-  /** @param {{viewer: object, session: object, open: (note: object) => void}} parts */
+  /** @param {{viewer: Viewer, session: Session, open: (note: Note) => void}} parts */
   constructor({ viewer, session, open }) {
-    Object.assign(this, { viewer, session, open });
+    this.viewer = viewer;
+    this.session = session;
+    this.open = open;
+    /** @type {Pin[]} */
     this.pins = [];
+    this.error = 0; // of the surface on screen, metres
     this.shown = true;
     this.camera = "";
+    /** Of which it is not known whether they are hidden. @type {Pin[]} */
     this.unsure = [];
+    /** @type {ReturnType<typeof setTimeout> | undefined} */
     this.timer = undefined;
     this.roving = 0;
     this.abort = new AbortController();
     // One pin is in the tab order, arrows go to the others.
-    $("pins").addEventListener("keydown", (event) => {
-      const by = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
-      const at = this.pins.findIndex((p) => p.button === event.target);
-      if (!by || at < 0) return;
-      event.preventDefault();
-      event.stopPropagation();
-      this.roving = (at + by + this.pins.length) % this.pins.length;
-      this.#order();
-      this.pins[this.roving].button.focus();
-    }, { signal: this.abort.signal });
+    $("pins").addEventListener(
+      "keydown",
+      (event) => {
+        const by = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+        const at = this.pins.findIndex((p) => p.button === event.target);
+        if (!by || at < 0) return;
+        event.preventDefault();
+        event.stopPropagation();
+        this.roving = (at + by + this.pins.length) % this.pins.length;
+        this.#order();
+        this.pins[this.roving].button.focus();
+      },
+      { signal: this.abort.signal },
+    );
   }
 
   close() {
@@ -39,10 +54,11 @@ export class Pins {
     this.pins = [];
   }
 
+  /** @param {Note[]} notes */
   set(notes) {
     const had = new Map(this.pins.map((p) => [p.note.id, p]));
     this.pins = notes.map((note, at) => {
-      const pin = had.get(note.id) ?? this.#make();
+      const pin = had.get(note.id) ?? this.#make(note);
       pin.note = note;
       pin.button.textContent = String(at + 1);
       pin.button.dataset.id = note.id;
@@ -56,8 +72,9 @@ export class Pins {
     this.place();
   }
 
-  #make() {
-    const pin = { note: null, button: Object.assign(document.createElement("button"), { className: "pin", type: "button" }), hidden: false };
+  /** @param {Note} note */
+  #make(note) {
+    const pin = { note, depth: 0, button: Object.assign(document.createElement("button"), { className: "pin", type: "button" }), hidden: false };
     pin.button.addEventListener("click", () => this.open(pin.note));
     return pin;
   }
@@ -66,6 +83,7 @@ export class Pins {
     for (const [at, pin] of this.pins.entries()) pin.button.tabIndex = at === this.roving ? 0 : -1;
   }
 
+  /** @param {boolean} shown */
   show(shown) {
     this.shown = shown;
     $("pins").hidden = !shown;
@@ -73,6 +91,7 @@ export class Pins {
     this.place();
   }
 
+  /** @param {string | null} id */
   current(id) {
     for (const pin of this.pins) {
       if (pin.note.id === id) pin.button.setAttribute("aria-current", "true");
@@ -80,7 +99,10 @@ export class Pins {
     }
   }
 
-  /** After each frame of the viewer. */
+  /**
+   * After each frame of the viewer.
+   * @param {FrameStats} stats
+   */
   frame(stats) {
     this.error = Number.isFinite(stats.worstErrorMetres) ? stats.worstErrorMetres : 0;
     // The surface changes while detail arrives, and with it what hides a pin.
@@ -90,7 +112,7 @@ export class Pins {
   place(picture = "") {
     if (!this.shown || this.pins.length === 0 || this.session.closed) return;
     const { width, height } = this.session.canvas;
-    const state = `${[...this.viewer.camera()].join()} ${width} ${height} ${picture}`;
+    const state = `${cameraKey(this.viewer.camera())} ${width} ${height} ${picture}`;
     if (state === this.camera) return;
     this.camera = state;
     const pixels = this.viewer.project(new Float64Array(this.pins.flatMap((p) => p.note.place)));
@@ -109,8 +131,9 @@ export class Pins {
     clearTimeout(this.timer);
     if (this.session.closed) return;
     for (const pin of this.unsure.splice(0, PER_FRAME)) {
-      const slack = 2 * (this.error ?? 0) + SLACK * Math.abs(pin.depth);
-      pin.hidden = this.viewer.isHidden(...pin.note.place, slack);
+      const slack = 2 * this.error + SLACK * Math.abs(pin.depth);
+      const [x, y, z] = pin.note.place;
+      pin.hidden = this.viewer.isHidden(x, y, z, slack);
       pin.button.classList.toggle("behind", pin.hidden);
     }
     if (this.unsure.length > 0) this.timer = setTimeout(() => this.#look(), 16);

@@ -9,20 +9,31 @@ const CRC = new Uint32Array(256).map((_, n) => {
 /** Bytes of a chunk of the picture, but for the last. */
 const PART = 1 << 20;
 
+/** @param {Uint8Array[]} parts */
 function crc(parts) {
   let c = 0xffffffff;
   for (const part of parts) for (const byte of part) c = CRC[(c ^ byte) & 255] ^ (c >>> 8);
   return (c ^ 0xffffffff) >>> 0;
 }
 
+/** @param {number} n */
 const number = (n) => new Uint8Array([n >>> 24, (n >>> 16) & 255, (n >>> 8) & 255, n & 255]);
 
+/** @param {Uint8Array[]} parts */
 function joined(parts) {
   const all = new Uint8Array(parts.reduce((sum, part) => sum + part.length, 0));
-  parts.reduce((at, part) => (all.set(part, at), at + part.length), 0);
+  let at = 0;
+  for (const part of parts) {
+    all.set(part, at);
+    at += part.length;
+  }
   return all;
 }
 
+/**
+ * @param {string} name
+ * @param {Uint8Array} data
+ */
 function chunk(name, data) {
   const type = new TextEncoder().encode(name);
   return joined([number(data.length), type, data, number(crc([type, data]))]);
@@ -32,6 +43,9 @@ export class PngWriter {
   /**
    * A picture of 8 bits per channel, red, green, blue and, where `alpha`, alpha. `dotsPerMetre`: of paper, or 0. `sink` (sink.js) is where it goes; without
    * one it becomes a Blob.
+   * @param {number} width
+   * @param {number} height
+   * @param {{alpha?: boolean, texts?: Record<string, string>, dotsPerMetre?: number, sink?: import("./types/page.js").Sink}} how
    */
   constructor(width, height, { alpha = false, texts = {}, dotsPerMetre = 0, sink = new BlobSink("image/png") } = {}) {
     this.width = width;
@@ -57,11 +71,17 @@ export class PngWriter {
     this.above = new Uint8Array(width * this.bytesPerPixel);
   }
 
-  /** What is deflated goes to the sink in chunks. */
+  /**
+   * What is deflated goes to the sink in chunks.
+   * @param {Uint8Array<ArrayBuffer>} head
+   * @param {ReadableStreamDefaultReader<Uint8Array<ArrayBuffer>>} reader
+   */
   async #pass(head, reader) {
     try {
       await this.sink.write(head);
-      let [parts, held] = [[], 0];
+      /** @type {Uint8Array[]} */
+      let parts = [];
+      let held = 0;
       for (;;) {
         const { done, value } = await reader.read();
         if (!done) {
@@ -81,7 +101,10 @@ export class PngWriter {
     }
   }
 
-  /** The next rows: four bytes per pixel. */
+  /**
+   * The next rows: four bytes per pixel.
+   * @param {Uint8Array | Uint8ClampedArray} pixels
+   */
   async rows(pixels) {
     const { width, bytesPerPixel } = this;
     const count = pixels.length / (width * 4);

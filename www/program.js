@@ -2,14 +2,19 @@
 // answers. Only one of them is ever downloaded.
 
 /** Why nothing can be drawn, as the key of a sentence; null where something can. */
+/** @type {string | null} */
 let reason = null;
+/** @type {"webgpu" | "webgl" | null} */
 let chosen = null;
 
 export const whyNoGpu = () => reason;
 /** "webgpu" or "webgl", once it is known. */
 export const backend = () => chosen;
 
-/** @param {URLSearchParams} parameters `gpu=webgl` or `gpu=webgpu` takes that one without asking for the other. */
+/**
+ * @param {URLSearchParams} parameters `gpu=webgl` or `gpu=webgpu` takes that one without asking for the other.
+ * @returns {Promise<"webgpu" | "webgl">}
+ */
 async function choose(parameters) {
   const asked = parameters.get("gpu");
   if (asked !== "webgl" && (await hasWebGpu())) return "webgpu";
@@ -24,7 +29,11 @@ async function hasWebGpu() {
   return Boolean(adapter);
 }
 
-/** The address that opens the same page with WebGL 2, where WebGPU promised an adapter and gave no device; else null. */
+/**
+ * The address that opens the same page with WebGL 2, where WebGPU promised an adapter and gave no device; else null.
+ * @param {string} address
+ * @param {URLSearchParams} parameters
+ */
 export function otherProgram(address, parameters) {
   if (chosen !== "webgpu" || parameters.has("gpu") || !hasWebGl2()) return null;
   const other = new URL(address);
@@ -39,12 +48,16 @@ function hasWebGl2() {
   return Boolean(context);
 }
 
-/** The program, ready to be called. */
+/**
+ * The program, ready to be called.
+ * @param {URLSearchParams} parameters
+ * @returns {Promise<import("./types/page.js").Program>}
+ */
 export async function load(parameters) {
   chosen = await choose(parameters);
   const name = chosen === "webgl" ? "viewer-gl" : "viewer";
   const wasm = fetch(new URL(`${name}_bg.wasm`, import.meta.url));
-  wasm.catch(() => {}); // The script may fail first; what awaits it says so.
+  wasm.catch(() => {}); // The script may fail first; whoever awaits it reports that.
   const address = new URL(`${name}.js`, import.meta.url).href;
   const module = await import(address);
   await module.default({ module_or_path: wasm });

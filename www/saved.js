@@ -2,23 +2,32 @@
 //
 // The file: `{"type": "KilwaViews", "version": 1, "pack": identity, "views": [{"name", "camera": [7 to 9 numbers], "display"}]}`.
 
+import { isCamera } from "./camera.js";
 import { notice } from "./chrome.js";
+import { $ } from "./dom.js";
 import { t } from "./i18n.js";
 import { EditList, moved } from "./list.js";
 import { download, fileName, get, put, readJson, unique } from "./store.js";
 
-const $ = (id) => document.getElementById(id);
-const MOST = 1000;
+/** @import { SavedView, Seen } from "./types/page.js" */
 
-/** Views from a file's JSON; throws a sentence that says what is wrong and where. */
+const MAX_VIEWS = 1000;
+
+/**
+ * Views from a file's JSON; throws an error whose message names what is wrong and where.
+ * @param {any} json
+ * @returns {SavedView[]}
+ */
 export function parseViews(json) {
   if (json?.type !== "KilwaViews" || !Array.isArray(json.views)) throw new Error(t("importNoViews"));
-  if (json.views.length > MOST) throw new Error(t("importTooMany", { count: json.views.length, most: MOST }));
-  return json.views.map((view, at) => {
+  if (json.views.length > MAX_VIEWS) throw new Error(t("importTooMany", { count: json.views.length, most: MAX_VIEWS }));
+  return json.views.map((/** @type {any} */ view, /** @type {number} */ at) => {
     const camera = view?.camera;
-    const isCamera = Array.isArray(camera) && camera.length >= 7 && camera.length <= 9 && camera.every(Number.isFinite) && camera[2] > 0;
-    if (!isCamera) throw new Error(t("importBadView", { number: at + 1 }));
-    const name = String(view.name ?? "").trim().slice(0, 200) || t("viewNumber", { number: at + 1 });
+    if (!isCamera(camera)) throw new Error(t("importBadView", { number: at + 1 }));
+    const name =
+      String(view.name ?? "")
+        .trim()
+        .slice(0, 200) || t("viewNumber", { number: at + 1 });
     const display = view.display && typeof view.display === "object" ? view.display : null;
     return { id: unique(), name, camera, display };
   });
@@ -31,12 +40,18 @@ export class Saved {
    * @param {import("./identity.js").Identity} parts.identity
    * @param {string} parts.title
    * @param {import("./undo.js").Undo} parts.undo
-   * @param {() => {camera: number[], display: object | null}} parts.now
-   * @param {(view: object) => void} parts.go
+   * @param {() => Seen} parts.now
+   * @param {(view: SavedView) => void} parts.go
    */
   constructor({ hash, identity, title, undo, now, go }) {
-    Object.assign(this, { hash, identity, title, undo, now, go });
+    this.hash = hash;
+    this.identity = identity;
+    this.title = title;
+    this.undo = undo;
+    this.now = now;
+    /** @type {SavedView[]} */
     this.views = get(`views.${hash}`, []);
+    /** @type {EditList<SavedView>} */
     this.list = new EditList($("saved-list"), {
       name: (view) => view.name,
       go: (view) => go(view),
@@ -54,7 +69,10 @@ export class Saved {
     $("saved-export").disabled = this.views.length === 0;
   }
 
-  /** Save what is seen now, under a name that can be changed at once. */
+  /**
+   * Save what is seen now, under a name that can be changed at once.
+   * @param {string | null} name
+   */
   add(name = null) {
     const numbers = this.views.length + 1;
     const view = { id: unique(), name: name ?? t("viewNumber", { number: numbers }), ...this.now() };
@@ -62,14 +80,16 @@ export class Saved {
     return view;
   }
 
+  /** @param {SavedView} view */
   #remove(view) {
     this.#change(this.views.filter((v) => v !== view));
     notice(t("deleted", { name: view.name }), 10000, { label: t("undo"), run: () => this.undo.undo() });
   }
 
+  /** @param {SavedView[]} views */
   #change(views) {
     const before = this.views;
-    const set = (list) => {
+    const set = (/** @type {SavedView[]} */ list) => {
       this.views = list;
       if (!put(`views.${this.hash}`, list)) notice(t("notKept"));
       this.show();
@@ -84,6 +104,7 @@ export class Saved {
     download(fileName(this.title, ".views.json"), new Blob([JSON.stringify(json, null, 1)], { type: "application/json" }));
   }
 
+  /** @param {File} file */
   async import(file) {
     try {
       const json = await readJson(file);

@@ -2,21 +2,33 @@
 // written row by row (png.js), with the scale bar drawn in where it is wanted.
 
 import { notice } from "./chrome.js";
+import { $, input } from "./dom.js";
 import { count, isolate, niceBelow, round } from "./format.js";
 import { t } from "./i18n.js";
+import { why } from "./messages.js";
 import { PngWriter } from "./png.js";
-import { why } from "./said.js";
 import { openSink } from "./sink.js";
 import { download, fileName } from "./store.js";
 
-const $ = (id) => document.getElementById(id);
+/** @import { Pixels, Viewer } from "./types/page.js" */
+/** @import { Session } from "./session.js" */
+
+/**
+ * What pictures and drawings are made of.
+ * @typedef {object} Pictured
+ * @property {Viewer} viewer
+ * @property {Session} session
+ * @property {string} title
+ * @property {() => Promise<import("./measure/engine.js").Engine>} engine
+ */
+
 export const SIDE_MAX = 16384;
 /** Rows that are rendered at once: a strip of the widest picture is 64 MB. */
 const STRIP = 1024;
 
 /**
- * @param {{viewer: object, session: import("./session.js").Session}} page
- * @param {{width: number, height: number, scaleBar?: boolean, transparent?: boolean, onProgress?: (part: number) => void, signal?: AbortSignal}} options
+ * @param {{viewer: Viewer, session: Session}} scene
+ * @param {{width: number, height: number, scaleBar?: boolean, transparent?: boolean, texts?: Record<string, string>, onProgress?: (part: number) => void, signal?: AbortSignal}} options
  * @returns {Promise<Blob>} a PNG
  */
 export async function takePicture({ viewer, session }, { width, height, scaleBar = true, transparent = false, texts = {}, onProgress = () => {}, signal }) {
@@ -39,7 +51,8 @@ export async function takePicture({ viewer, session }, { width, height, scaleBar
       await png.rows(pixels);
       onProgress(0.5 + (0.5 * (y + rows)) / height);
     }
-    return await png.end();
+    // Into a Blob, since no other sink was given.
+    return /** @type {Blob} */ (await png.end());
   } finally {
     if (!session.closed) {
       viewer.setPicture(0, 0);
@@ -49,7 +62,12 @@ export async function takePicture({ viewer, session }, { width, height, scaleBar
   }
 }
 
-/** Until the detail that a picture of this size shows is loaded. */
+/**
+ * Until the detail that a picture of this size shows is loaded.
+ * @param {Session} session
+ * @param {(part: number) => void} onProgress
+ * @param {AbortSignal} [signal]
+ */
 export async function detail(session, onProgress, signal) {
   const from = session.frames;
   for (;;) {
@@ -58,24 +76,35 @@ export async function detail(session, onProgress, signal) {
     signal?.throwIfAborted();
     if (session.closed) throw new Error(t("brokenTitle"));
     const { stats, frames, scheduled, answers } = session;
+    if (!stats) continue;
     if (stats.bytesWanted > 0) onProgress(1 - stats.bytesMissing / stats.bytesWanted);
     if (frames > from + 1 && stats.settled && !stats.more && answers.size === 0 && (stats.targetReached || stats.budgetLimited || !scheduled)) return;
   }
 }
 
-/** Rows `y .. y + rows` of the whole picture, from tiles side by side. */
+/**
+ * Rows `y .. y + rows` of the whole picture, from tiles side by side.
+ * @param {Viewer} viewer
+ * @param {{width: number, height: number, y: number, rows: number}} part
+ */
 async function strip(viewer, { width, height, y, rows }) {
-  const most = viewer.maxTile();
+  const widest = viewer.maxTile();
   const out = new Uint8Array(width * rows * 4);
-  for (let x = 0; x < width; x += most) {
-    const part = Math.min(most, width - x);
+  for (let x = 0; x < width; x += widest) {
+    const part = Math.min(widest, width - x);
+    /** @type {Pixels} */
     const { pixels } = await viewer.renderTile(width, height, x, y, part, rows);
     for (let row = 0; row < rows; row += 1) out.set(pixels.subarray(row * part * 4, (row + 1) * part * 4), (row * width + x) * 4);
   }
   return out;
 }
 
-/** The scale bar on its plate, for the lower right corner: its pixels and where they go. */
+/**
+ * The scale bar on its plate, for the lower right corner: its pixels and where they go; null where it has no room.
+ * @param {Viewer} viewer
+ * @param {number} width
+ * @param {number} height
+ */
 function drawBar(viewer, width, height) {
   const unit = Math.max(1, Math.min(width, height) / 600);
   // The picture's height shows what the canvas's height shows.
@@ -86,7 +115,7 @@ function drawBar(viewer, width, height) {
   canvas.width = Math.ceil(long + 32 * unit);
   canvas.height = Math.ceil(44 * unit);
   if (canvas.width > width || canvas.height > height) return null;
-  const draw = canvas.getContext("2d");
+  const draw = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
   draw.fillStyle = "rgb(255 252 245 / 88%)";
   draw.beginPath();
   draw.roundRect(0, 0, canvas.width, canvas.height, 6 * unit);
@@ -106,7 +135,12 @@ function drawBar(viewer, width, height) {
   return { data: draw.getImageData(0, 0, canvas.width, canvas.height), x: width - canvas.width - margin, y: height - canvas.height - margin };
 }
 
-/** Put the part of the bar that lies in these rows over them. */
+/**
+ * Put the part of the bar that lies in these rows over them.
+ * @param {{data: ImageData, x: number, y: number}} bar
+ * @param {Uint8Array} pixels
+ * @param {{width: number, y: number, rows: number}} part
+ */
 function blend({ data: { data, width: w, height: h }, x, y: top }, pixels, { width, y, rows }) {
   if (x < 0 || top < 0) return;
   for (let row = Math.max(top, y); row < Math.min(top + h, y + rows); row += 1) {
@@ -125,9 +159,11 @@ function blend({ data: { data, width: w, height: h }, x, y: top }, pixels, { wid
 
 /** The dialog. */
 export class PictureDialog {
-  /** @param {() => {viewer: object, session: object, title: string}} page */
-  constructor(page) {
-    this.page = page;
+  /** @param {() => Pictured} source */
+  constructor(source) {
+    this.source = source;
+    /** While a picture is made. @type {AbortController | null} */
+    this.abort = null;
     $("picture").addEventListener("close", () => this.abort?.abort());
     $("picture-form").addEventListener("submit", (event) => {
       event.preventDefault();
@@ -137,17 +173,24 @@ export class PictureDialog {
   }
 
   open() {
-    const { canvas } = this.page().session;
-    if (!$("picture-width").value) [$("picture-width").value, $("picture-height").value] = [canvas.width, canvas.height];
+    const { canvas } = this.source().session;
+    if (!$("picture-width").value) {
+      $("picture-width").value = String(canvas.width);
+      $("picture-height").value = String(canvas.height);
+    }
     $("picture-error").hidden = true;
     this.#show();
     $("picture").showModal();
   }
 
-  /** The size of a choice, in pixels; 4K keeps the shape of the view. */
+  /**
+   * The size of a choice, in pixels; 4K keeps the shape of the view.
+   * @param {string} choice
+   */
   #size(choice) {
-    const { canvas } = this.page().session;
-    const scaled = (factor) => [Math.round(canvas.width * factor), Math.round(canvas.height * factor)].map((v) => Math.min(SIDE_MAX, Math.max(16, v)));
+    const { canvas } = this.source().session;
+    const scaled = (/** @type {number} */ factor) =>
+      [Math.round(canvas.width * factor), Math.round(canvas.height * factor)].map((v) => Math.min(SIDE_MAX, Math.max(16, v)));
     if (choice === "double") return scaled(2);
     if (choice === "4k") return scaled(3840 / Math.max(canvas.width, canvas.height));
     if (choice === "custom") return [Number($("picture-width").value), Number($("picture-height").value)];
@@ -155,7 +198,7 @@ export class PictureDialog {
   }
 
   #chosen() {
-    return document.querySelector("input[name=picture-size]:checked").value;
+    return input("input[name=picture-size]:checked").value;
   }
 
   #show() {
@@ -164,41 +207,54 @@ export class PictureDialog {
     $("picture-sheet").hidden = !isSheet;
     $("sheet-size").hidden = $("sheet-paper").value !== "custom";
     // A sheet has its own scale bar, on white.
-    for (const id of ["picture-scale", "picture-clear"]) $(id).disabled = isSheet;
-    for (const choice of ["canvas", "double", "4k"]) $(`picture-${choice}`).textContent = isolate(this.#size(choice).join(" × "));
+    for (const id of /** @type {const} */ (["picture-scale", "picture-clear"])) $(id).disabled = isSheet;
+    for (const choice of /** @type {const} */ (["canvas", "double", "4k"])) $(`picture-${choice}`).textContent = isolate(this.#size(choice).join(" × "));
   }
 
-  /** A drawing to scale. */
+  /**
+   * A drawing to scale.
+   * @param {Pictured} page
+   * @param {{onProgress: (part: number) => void, signal: AbortSignal, texts: Record<string, string>}} how
+   */
   async #sheet(page, { onProgress, signal, texts }) {
     const [{ drawSheet, TYPES }, engine] = await Promise.all([import("./sheet.js"), page.engine()]);
     const paper = $("sheet-paper").value === "custom" ? $("sheet-custom").value : $("sheet-paper").value;
     const asked = {
-      view: $("sheet-view").value, scale: Number($("sheet-scale").value), dpi: Number($("sheet-dpi").value), paper: paper || undefined, title: page.title,
+      view: $("sheet-view").value,
+      scale: Number($("sheet-scale").value),
+      dpi: Number($("sheet-dpi").value),
+      paper: paper || undefined,
+      title: page.title,
       bare: $("sheet-bare").checked,
     };
-    const format = $("sheet-format").value;
+    const format = /** @type {keyof typeof TYPES} */ ($("sheet-format").value);
     const name = `.${asked.view}-1-${asked.scale}`;
-    const open = (bytes) => openSink({ name: fileName(page.title, `${name}.${format}`), type: TYPES[format], bytes });
+    const open = (/** @type {number} */ bytes) => openSink({ name: fileName(page.title, `${name}.${format}`), type: TYPES[format], bytes });
     const { blob, sheet, isFull } = await drawSheet(page, engine, asked, { format, open, onProgress, signal, texts });
     if (blob) download(fileName(page.title, `${name}.${format}`), blob);
     const [width, height] = sheet.paper.map((mm) => count(Math.round(mm)));
     const words = t(isFull ? "sheetDone" : "sheetCoarse", { scale: count(asked.scale), width, height });
     // Browsers let one press save one file: the world file has a press of its own.
     const world = format === "png" && sheet.world;
-    const save = { label: t("sheetWorld"), run: () => download(fileName(page.title, `${name}.pgw`), new Blob([sheet.world], { type: "text/plain" })) };
+    const save = { label: t("sheetWorld"), run: () => download(fileName(page.title, `${name}.pgw`), new Blob([sheet.world ?? ""], { type: "text/plain" })) };
     notice(words, world ? 60_000 : isFull ? 6000 : 15000, world ? save : null);
   }
 
   async #make() {
-    const page = this.page();
+    const page = this.source();
     const { title } = page;
     this.abort = new AbortController();
     const isSheet = this.#chosen() === "sheet";
     const [width, height] = this.#size(this.#chosen());
     const options = {
-      width, height, scaleBar: $("picture-scale").checked, transparent: $("picture-clear").checked,
+      width,
+      height,
+      scaleBar: $("picture-scale").checked,
+      transparent: $("picture-clear").checked,
       texts: { Title: title, Software: "Kilwa", Source: location.href },
-      onProgress: (part) => ($("picture-bar").value = part),
+      onProgress: (/** @type {number} */ part) => {
+        $("picture-bar").value = part;
+      },
       signal: this.abort.signal,
     };
     $("picture-error").hidden = true;

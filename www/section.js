@@ -1,59 +1,93 @@
 // The Section panel: a plane and a box that cut the model, typed or dragged by handles over the picture. The state is the display's
 // (display.js); handles follow the camera with every frame, and each is a slider for the keyboard.
 
-import { AXES, axisName, moved, number, on, planeOfPoints, position, put, reach, short, towardsEye } from "./display.js";
+import { cameraKey } from "./camera.js";
+import { number, on, put } from "./display.js";
+import { $ } from "./dom.js";
 import * as format from "./format.js";
 import { t } from "./i18n.js";
+import { AXES, axisName, cross, moved, planeOfPoints, position, reach, short, towardsEye } from "./planes.js";
 
-const $ = (id) => document.getElementById(id);
+/** @import { Box, DisplayState, Plane } from "./types/page.js" */
+/** @import { Scene } from "./scene.js" */
+/** @typedef {{name: string, at: number[], normal: number[], value: number, move: (by: number) => DisplayState}} Handle */
+
 const FACES = ["faceWest", "faceEast", "faceSouth", "faceNorth", "faceBelow", "facePlan"];
+const PARTS = /** @type {const} */ (["center", "size"]);
+const COORDINATES = /** @type {const} */ (["x", "y", "z"]);
+/** @type {Record<string, string>} */
+const AXIS_LETTERS = { up: "z", north: "y", east: "x" };
 const SVG = "http://www.w3.org/2000/svg";
+/** @param {number[]} a @param {number[]} b @param {number} by */
 const add = (a, b, by = 1) => a.map((v, i) => v + b[i] * by);
 
 export class Section {
-  /** @param {{display: import("./display.js").Display, pickPoints: Function}} parts */
+  /** @param {{display: import("./display.js").Display, pickPoints: (use: (points: number[][]) => void) => void}} parts */
   constructor({ display, pickPoints }) {
-    Object.assign(this, { display, pickPoints });
+    this.display = display;
+    this.pickPoints = pickPoints;
+    /** @type {Scene | null} */
+    this.scene = null;
+    /** @type {(Handle & {button: HTMLButtonElement})[]} */
     this.handles = [];
     this.seen = "";
     this.#listen();
   }
 
-  attach(viewer, session) {
-    Object.assign(this, { viewer, session });
+  /** @param {Scene} scene */
+  attach(scene) {
+    this.scene = scene;
     this.seen = "";
+  }
+
+  get viewer() {
+    return this.display.viewer;
+  }
+
+  /** Pixels of the picture for one of CSS. */
+  get ratio() {
+    return this.scene?.session.ratio ?? 1;
   }
 
   get state() {
     return this.display.state;
   }
 
-  /** The axes of a box that is turned clockwise. */
+  /**
+   * The axes of a box that is turned clockwise.
+   * @param {Box} box
+   */
   #axes({ turn = 0 }) {
     const [s, c] = [Math.sin((turn * Math.PI) / 180), Math.cos((turn * Math.PI) / 180)];
-    return [[c, -s, 0], [s, c, 0], [0, 0, 1]];
+    return [
+      [c, -s, 0],
+      [s, c, 0],
+      [0, 0, 1],
+    ];
   }
 
   // The panel.
 
   #listen() {
-    on("clip-plane", "change", (e) => this.display.change({ clipPlane: e.target.checked ? this.#usualPlane("up") : undefined }));
-    on("clip-axis", "change", (e) => {
-      const axis = e.target.value;
+    on("clip-plane", "change", (field) => this.display.change({ clipPlane: field.checked ? this.#usualPlane("up") : undefined }));
+    on("clip-axis", "change", (field) => {
+      const axis = field.value;
       if (axis !== "points") this.display.change({ clipPlane: this.#usualPlane(axis) });
       else this.pickPoints((points) => this.display.change({ clipPlane: planeOfPoints(points, this.viewer) ?? undefined }));
     });
-    const place = (value) => this.state.clipPlane && this.display.change({ clipPlane: moved(this.state.clipPlane, value, this.viewer) });
+    const place = (/** @type {number} */ value) => this.state.clipPlane && this.display.change({ clipPlane: moved(this.state.clipPlane, value, this.viewer) });
     number("clip-position", place);
-    on("clip-slide", "input", (e) => place(Number(e.target.value)));
+    on("clip-slide", "input", (field) => place(Number(field.value)));
     on("clip-flip", "click", () => {
-      const { normal, point } = this.state.clipPlane;
+      const { clipPlane } = this.state;
+      if (!clipPlane) return;
+      const { normal, point } = clipPlane;
       this.display.change({ clipPlane: { normal: normal.map((v) => -v + 0), point } });
     });
-    on("clip-reset", "click", () => this.display.change({ clipPlane: this.#usualPlane(axisName(this.state.clipPlane.normal)) }));
-    on("clip-box", "change", (e) => this.display.change({ clipBox: e.target.checked ? this.#usualBox() : undefined }));
-    for (const part of ["center", "size"]) {
-      for (const [i, axis] of ["x", "y", "z"].entries()) {
+    on("clip-reset", "click", () => this.display.change({ clipPlane: this.#usualPlane(axisName(this.state.clipPlane?.normal ?? [])) }));
+    on("clip-box", "change", (field) => this.display.change({ clipBox: field.checked ? this.#usualBox() : undefined }));
+    for (const part of PARTS) {
+      for (const [i, axis] of COORDINATES.entries()) {
         number(`box-${part}-${axis}`, (value) => {
           const box = this.state.clipBox;
           if (!box || (part === "size" && value <= 0)) return;
@@ -61,16 +95,22 @@ export class Section {
         });
       }
     }
-    number("box-turn", (turn) => this.display.change({ clipBox: { ...this.state.clipBox, turn } }));
-    on("box-remove", "change", (e) => this.display.change({ clipBox: { ...this.state.clipBox, removeInside: e.target.checked } }));
+    number("box-turn", (turn) => this.#changeBox({ turn }));
+    on("box-remove", "change", (field) => this.#changeBox({ removeInside: field.checked }));
     on("box-reset", "click", () => this.display.change({ clipBox: this.#usualBox() }));
-    on("clip-outline", "change", (e) => this.display.change({ outline: e.target.checked }));
+    on("clip-outline", "change", (field) => this.display.change({ outline: field.checked }));
     for (const tab of document.querySelectorAll("[role=tab]")) tab.addEventListener("click", () => setTimeout(() => this.frame())); // when the tab is shown
   }
 
-  /** Through the middle of the model; from above at two thirds of the height, where walls are cut and floors are seen. */
+  /** @param {Partial<Box>} patch */
+  #changeBox(patch) {
+    const { clipBox } = this.state;
+    if (clipBox) this.display.change({ clipBox: { ...clipBox, ...patch } });
+  }
+
+  /** Through the middle of the model; from above at two thirds of the height, where walls are cut and floors are seen. @param {string} axis */
   #usualPlane(axis) {
-    const normal = AXES[axis] ?? (axis === "other" ? this.state.clipPlane.normal : towardsEye(this.viewer));
+    const normal = AXES[axis] ?? (axis === "other" && this.state.clipPlane ? this.state.clipPlane.normal : towardsEye(this.viewer));
     const { center, low, high } = reach(this.viewer, normal);
     const share = axis === "up" ? 0.67 : 0.5;
     const middle = (low + high) / 2;
@@ -86,28 +126,27 @@ export class Section {
 
   /** Show what is in force. */
   refresh() {
-    if (!this.viewer || this.session.closed) return;
+    if (!this.scene?.isOpen) return;
     const { clipPlane, clipBox, outline } = this.state;
     $("clip-plane").checked = Boolean(clipPlane);
     $("clip-plane-parts").hidden = !clipPlane;
     if (clipPlane) {
       const { normal } = clipPlane;
       const name = axisName(normal);
-      const { center, low, high } = reach(this.viewer, name === "other" ? normal : AXES[name]);
+      const { low, high } = reach(this.viewer, name === "other" ? normal : AXES[name]);
       const from = name === "other" ? -(high - low) / 2 : low;
       $("clip-axis").value = name;
       Object.assign($("clip-slide"), { min: from, max: from + high - low, step: "any" });
       const at = position(clipPlane, this.viewer);
-      $("clip-slide").value = at;
+      $("clip-slide").value = String(at);
       put("clip-position", short(at));
-      $("clip-position-name").textContent = name === "other" ? t("clipFromMiddle") : t("clipPosition", { axis: { up: "z", north: "y", east: "x" }[name] });
-      this.center = center;
+      $("clip-position-name").textContent = name === "other" ? t("clipFromMiddle") : t("clipPosition", { axis: AXIS_LETTERS[name] });
     }
     $("clip-box").checked = Boolean(clipBox);
     $("clip-box-parts").hidden = !clipBox;
     if (clipBox) {
-      for (const part of ["center", "size"]) {
-        for (const [i, axis] of ["x", "y", "z"].entries()) put(`box-${part}-${axis}`, short(clipBox[part][i]));
+      for (const part of PARTS) {
+        for (const [i, axis] of COORDINATES.entries()) put(`box-${part}-${axis}`, short(clipBox[part][i]));
       }
       put("box-turn", short(clipBox.turn ?? 0));
       $("box-remove").checked = clipBox.removeInside ?? false;
@@ -122,12 +161,17 @@ export class Section {
   /** Places of the handles and what moving one by some metres does. */
   #wanted() {
     const { clipPlane, clipBox } = this.state;
+    /** @type {Handle[]} */
     const out = [];
     if (clipPlane) {
       const { normal, point } = clipPlane;
       const { center } = reach(this.viewer, normal);
-      const at = add(center, normal, normal.reduce((s, n, i) => s + n * (point[i] - center[i]), 0));
-      const move = (by) => ({ clipPlane: { normal, point: add(point, normal, by).map(short) } });
+      const at = add(
+        center,
+        normal,
+        normal.reduce((s, n, i) => s + n * (point[i] - center[i]), 0),
+      );
+      const move = (/** @type {number} */ by) => ({ clipPlane: { normal, point: add(point, normal, by).map(short) } });
       out.push({ name: t("clipMove"), at, normal, move, value: position(clipPlane, this.viewer) });
     }
     if (clipBox) {
@@ -136,7 +180,7 @@ export class Section {
         const i = k >> 1;
         const sign = k % 2 === 0 ? -1 : 1;
         const normal = axes[i].map((v) => v * sign);
-        const move = (by) => {
+        const move = (/** @type {number} */ by) => {
           const grown = Math.max(clipBox.size[i] + by, 0.001);
           const size = clipBox.size.map((v, n) => (n === i ? short(grown) : v));
           return { clipBox: { ...clipBox, size, center: add(clipBox.center, normal, (grown - clipBox.size[i]) / 2).map(short) } };
@@ -149,16 +193,17 @@ export class Section {
 
   /** After each frame, and when a tab is chosen. */
   frame() {
-    if (!this.viewer || this.session.closed) return;
+    if (!this.scene?.isOpen) return;
     const isOpen = !$("section").hidden && document.body.dataset.chrome !== "hidden";
-    const { width, height } = this.session.canvas;
-    const seen = isOpen ? `${[...this.viewer.camera()].join()} ${width} ${height} ${this.viewer.displayState()} ${document.documentElement.lang}` : "closed";
+    const { width, height } = this.scene.session.canvas;
+    const seen = isOpen ? `${cameraKey(this.viewer.camera())} ${width} ${height} ${this.viewer.displayState()} ${document.documentElement.lang}` : "closed";
     if (seen === this.seen) return;
     this.seen = seen;
     const wanted = isOpen ? this.#wanted() : [];
-    while (this.handles.length > wanted.length) this.handles.pop().button.remove();
+    while (this.handles.length > wanted.length) this.handles.pop()?.button.remove();
     for (const [k, want] of wanted.entries()) {
-      const handle = (this.handles[k] ??= this.#make(k));
+      this.handles[k] ??= this.#make(k, want);
+      const handle = this.handles[k];
       Object.assign(handle, want);
       const { button } = handle;
       button.setAttribute("aria-label", want.name);
@@ -167,14 +212,14 @@ export class Section {
       const way = this.#way(want);
       button.hidden = !way;
       if (!way) continue;
-      const { ratio } = this.session;
+      const { ratio } = this;
       const angle = Math.atan2(way.dy, way.dx);
       button.style.transform = `translate(${(way.x / ratio).toFixed(1)}px, ${(way.y / ratio).toFixed(1)}px) rotate(${angle.toFixed(3)}rad)`;
     }
     this.#outlines(isOpen);
   }
 
-  /** Where a handle is in the picture, and how many pixels a metre along its normal is; null where it is not seen. */
+  /** Where a handle is in the picture, and how many pixels a metre along its normal is; null where it is not seen. @param {{at: number[], normal: number[]}} handle */
   #way({ at, normal }) {
     const reach = this.viewer.metresPerPixel() * 20;
     const [x, y, , u, v] = this.viewer.project(new Float64Array([...at, ...add(at, normal, reach)]));
@@ -182,7 +227,11 @@ export class Section {
     return { x, y, dx: (u - x) / reach, dy: (v - y) / reach };
   }
 
-  #make(k) {
+  /**
+   * @param {number} k
+   * @param {Handle} want
+   */
+  #make(k, want) {
     const button = Object.assign(document.createElement("button"), { className: "handle", type: "button" });
     button.setAttribute("role", "slider");
     const arrow = document.createElementNS(SVG, "svg");
@@ -192,7 +241,8 @@ export class Section {
     path.setAttribute("d", "M-18 0-9-6v12zM18 0 9-6v12zM-9 0H9");
     arrow.append(path);
     button.append(arrow);
-    const handle = { button };
+    const handle = { ...want, button };
+    /** @type {{x: number, y: number, dx: number, dy: number, move: Handle["move"]} | null} */
     let from = null;
     button.addEventListener("pointerdown", (event) => {
       const way = this.#way(handle);
@@ -205,7 +255,7 @@ export class Section {
     });
     button.addEventListener("pointermove", (event) => {
       if (!from) return;
-      const { ratio } = this.session;
+      const { ratio } = this;
       this.display.change(from.move(((event.clientX - from.x) * from.dx + (event.clientY - from.y) * from.dy) * ratio));
     });
     for (const type of ["pointerup", "pointercancel"]) button.addEventListener(type, () => (from = null));
@@ -221,18 +271,22 @@ export class Section {
     return handle;
   }
 
-  /** The plane's rectangle and the box's edges, as lines over the picture. */
+  /**
+   * The plane's rectangle and the box's edges, as lines over the picture.
+   * @param {boolean} isOpen
+   */
   #outlines(isOpen) {
     const { clipPlane, clipBox } = this.state;
+    /** @type {number[][]} */
     const edges = [];
     if (isOpen && clipBox) {
       const axes = this.#axes(clipBox);
-      const corner = (k) => axes.reduce((p, axis, i) => add(p, axis, ((k >> i) & 1 ? 0.5 : -0.5) * clipBox.size[i]), clipBox.center);
+      const corner = (/** @type {number} */ k) => axes.reduce((p, axis, i) => add(p, axis, ((k >> i) & 1 ? 0.5 : -0.5) * clipBox.size[i]), clipBox.center);
       for (let k = 0; k < 8; k += 1) for (const bit of [1, 2, 4]) if (!(k & bit)) edges.push(corner(k), corner(k | bit));
     }
     if (isOpen && clipPlane) edges.push(...this.#rectangle(clipPlane));
-    const { ratio } = this.session;
-    const at = edges.length > 0 ? this.viewer.project(new Float64Array(edges.flat())) : [];
+    const { ratio } = this;
+    const at = this.viewer.project(new Float64Array(edges.flat()));
     let d = "";
     for (let k = 0; k < at.length; k += 6) {
       const [x, y, , u, v] = at.subarray(k, k + 6);
@@ -241,20 +295,31 @@ export class Section {
     $("section-lines").setAttribute("d", d);
   }
 
-  /** Four edges of a rectangle in the plane, as large as the model seen along the normal. */
+  /**
+   * Four edges of a rectangle in the plane, as large as the model seen along the normal.
+   * @param {Plane} plane
+   */
   #rectangle({ normal, point }) {
     const { center } = reach(this.viewer, normal);
-    const middle = add(center, normal, normal.reduce((s, n, i) => s + n * (point[i] - center[i]), 0));
+    const middle = add(
+      center,
+      normal,
+      normal.reduce((s, n, i) => s + n * (point[i] - center[i]), 0),
+    );
     const flat = Math.abs(normal[2]) > 0.9;
-    const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-    const unit = (v) => v.map((x) => x / Math.hypot(...v));
+    const unit = (/** @type {number[]} */ v) => v.map((x) => x / Math.hypot(...v));
     const u = unit(cross(normal, flat ? [0, 1, 0] : [0, 0, 1]));
     const v = cross(normal, u);
     const half = [u, v].map((axis) => {
       const { low, high } = reach(this.viewer, axis);
       return (high - low) / 2;
     });
-    const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([a, b]) => add(add(middle, u, a * half[0]), v, b * half[1]));
+    const corners = [
+      [-1, -1],
+      [1, -1],
+      [1, 1],
+      [-1, 1],
+    ].map(([a, b]) => add(add(middle, u, a * half[0]), v, b * half[1]));
     return corners.flatMap((c, k) => [c, corners[(k + 1) % 4]]);
   }
 }

@@ -1,7 +1,21 @@
 // One open model: carries out what the viewer asks for (fetch, decode) and draws a frame whenever something changed.
 // The viewer (wasm) decides; nothing here knows what a chunk looks like.
 
-import { isPassing } from "./loader.js";
+import { isPassing } from "./answer.js";
+
+/** @import { Command, DecodeCommand, Failure, FrameStats, PackSource, Viewer } from "./types/page.js" */
+/** @typedef {ReturnType<typeof setTimeout> | null} Timer */
+
+/**
+ * @typedef {object} SessionEvents
+ * @property {(stats: FrameStats) => void} frame a frame was drawn
+ * @property {() => void} first something of the model is on screen
+ * @property {(seconds: number) => void} waits nothing can be decoded; it is tried again in some seconds
+ * @property {(error: Failure) => void} changed the file is another one now
+ * @property {(error: Failure) => void} lost bytes did not come and will not
+ * @property {(chunk: number, error: Failure) => void} damaged a chunk cannot be decoded
+ * @property {(error: Failure) => void} broken the program itself failed
+ */
 
 /** Most bytes of the directory that are kept for whoever measures. */
 const KEPT_PAGES = 8 << 20;
@@ -17,20 +31,31 @@ export class Session {
   /**
    * @param {object} parts
    * @param {HTMLCanvasElement} parts.canvas
-   * @param {object} parts.viewer the wasm Viewer
-   * @param {import("./loader.js").Pack} parts.pack
-   * @param {Uint8Array} parts.head
+   * @param {Viewer} parts.viewer
+   * @param {PackSource} parts.pack
+   * @param {Uint8Array<ArrayBuffer>} parts.head
    * @param {import("./decode-pool.js").DecodePool} parts.pool
    * @param {{colors: boolean, scalars: number}} parts.attributes
-   * @param {object} parts.on `frame(stats)`, `first()`, `waits(seconds)`, `changed()`, `damaged()`, `broken(error)`
+   * @param {SessionEvents} parts.on
    */
   constructor({ canvas, viewer, pack, head, pool, attributes, on }) {
-    Object.assign(this, { canvas, viewer, pack, head, pool, attributes, on });
-    this.inFlight = new Map(); // request → AbortController
-    this.pages = new Map(); // offset in the file → bytes of the directory, as they came
-    this.answers = new Map(); // request → bytes, until the step that was told of them
-    this.decoding = new Map(); // chunk → number of its newest job
-    this.damaged = new Map(); // chunk → times in a row
+    this.canvas = canvas;
+    this.viewer = viewer;
+    this.pack = pack;
+    this.head = head;
+    this.pool = pool;
+    this.attributes = attributes;
+    this.on = on;
+    /** By request. @type {Map<number, AbortController>} */
+    this.inFlight = new Map();
+    /** Bytes of the directory as they came, by their offset in the file. @type {Map<number, Uint8Array>} */
+    this.pages = new Map();
+    /** Answers by request, until the step that takes them in. @type {Map<number, Uint8Array>} */
+    this.answers = new Map();
+    /** By chunk, the number of its newest job. @type {Map<number, number>} */
+    this.decoding = new Map();
+    /** By chunk, how many times in a row it was damaged. @type {Map<number, number>} */
+    this.damaged = new Map();
     this.suspect = false; // the next requests go round the browser's own store
     this.jobs = 0;
     this.scheduled = false;
@@ -40,10 +65,25 @@ export class Session {
     this.lag = 0; // from asking for a frame to its beginning, milliseconds
     this.framedAt = performance.now();
     this.now = 0; // the viewer's clock
+    this.ratio = 1; // pixels of the picture for one of CSS
+    /** Of the last frame. @type {FrameStats | null} */
     this.stats = null;
-    this.firstPicture = new Promise((resolve) => (this.showFirst = resolve));
+    /** Why bytes did not come, the last time that they did not. @type {Failure | null} */
+    this.lastFailure = null;
+    /** @type {Timer} */
+    this.pausing = null;
+    /** @type {Timer} */
+    this.attending = null;
+    /** @type {Timer} */
+    this.retry = null;
+    this.sized = false;
+    this.showFirst = () => {};
+    /** @type {Promise<void>} */
+    this.firstPicture = new Promise((resolve) => {
+      this.showFirst = resolve;
+    });
     pool.onWait = on.waits;
-    viewer.setRanges(pack.most ?? 1);
+    viewer.setRanges(pack.maxRanges);
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(canvas);
     this.resize();
@@ -53,7 +93,7 @@ export class Session {
   wake() {
     if (this.scheduled || this.closed) return;
     this.scheduled = true;
-    clearTimeout(this.pausing);
+    clearTimeout(this.pausing ?? undefined);
     this.pausing = null;
     const asked = performance.now();
     requestAnimationFrame((now) => {
@@ -90,15 +130,14 @@ export class Session {
 
   close() {
     this.closed = true;
-    clearTimeout(this.retry);
-    clearTimeout(this.attending);
-    clearTimeout(this.pausing);
+    for (const timer of [this.retry, this.attending, this.pausing]) clearTimeout(timer ?? undefined);
     this.observer.disconnect();
     for (const controller of this.inFlight.values()) controller.abort();
     this.pool.close();
     this.viewer.free();
   }
 
+  /** @param {() => void} action */
   #guarded(action) {
     if (this.closed) return;
     try {
@@ -123,15 +162,20 @@ export class Session {
     }, PATIENCE_MS);
   }
 
-  /** A frame's time is that of its beginning: before what was done since. The viewer's clock never runs backwards. */
+  /**
+   * A frame's time is that of its beginning: before what was done since. The viewer's clock never runs backwards.
+   * @param {number} now
+   */
   #tick(now) {
     this.now = Math.max(this.now, now);
     return this.now;
   }
 
+  /** @param {number} now */
   #frame(now) {
-    clearTimeout(this.attending); // This frame takes in all that came.
+    clearTimeout(this.attending ?? undefined); // This frame takes in all that came.
     this.attending = null;
+    /** @type {{commands: Command[], stats: FrameStats}} */
     const { commands, stats } = this.viewer.frame(this.#tick(now), this.lag >= SLOW_MS);
     this.#carryOut(commands);
     this.stats = stats;
@@ -140,20 +184,24 @@ export class Session {
     if (!this.drawn && stats.patchesDrawn > 0) {
       this.drawn = true;
       this.showFirst();
-      this.on.first(stats);
+      this.on.first();
     }
-    clearTimeout(this.retry);
+    clearTimeout(this.retry ?? undefined);
     if (stats.more) this.#wakeInTurn();
     else if (stats.retryInMs >= 0) this.retry = setTimeout(() => this.wake(), Math.max(stats.retryInMs, 16));
     this.on.frame(stats);
   }
 
-  /** All that a step asks for; after it the answers that it was told of are not needed. */
+  /**
+   * All that a step asks for; after it the answers that it took in are not needed.
+   * @param {Command[]} commands
+   */
   #carryOut(commands) {
     for (const command of commands) this.#do(command);
     this.answers.clear();
   }
 
+  /** @param {Command} command */
   #do(command) {
     switch (command.type) {
       case "fetch":
@@ -172,7 +220,7 @@ export class Session {
     }
   }
 
-  /** `parts`: offset, length, offset, length… */
+  /** @param {Extract<Command, {type: "fetch"}>} command */
   async #fetch({ request, parts, pages }) {
     const [offset] = parts;
     const ranges = [];
@@ -189,14 +237,16 @@ export class Session {
       // While the root chunk is being decoded from the head, nothing competes with the first picture.
       if (!this.drawn && this.decoding.has(0)) await this.firstPicture;
       // Chunks that are complete are decoded while the rest of the answer is on its way.
-      const onPart = (bytes, count) => {
+      const onPart = (/** @type {Uint8Array} */ bytes, /** @type {number} */ count) => {
         if (pages || count === length || !this.inFlight.has(request)) return;
         this.answers.set(request, bytes);
         this.#guarded(() => this.viewer.onProgress(request, count));
         this.#came();
       };
       const bytes = await this.pack.range(offset, length, controller.signal, {
-        fresh, onPart, ranges: ranges.length > 1 ? ranges.join() : "",
+        fresh,
+        onPart,
+        ranges: ranges.length > 1 ? ranges.join() : "",
       });
       this.suspect = false;
       this.#guarded(() => {
@@ -211,7 +261,7 @@ export class Session {
     } catch (error) {
       if (error.name === "AbortError") return;
       this.#guarded(() => {
-        this.viewer.setRanges(this.pack.most ?? 1);
+        this.viewer.setRanges(this.pack.maxRanges);
         this.viewer.onFailed(request);
       });
       this.lastFailure = error;
@@ -223,7 +273,11 @@ export class Session {
     }
   }
 
-  /** For whoever measures. */
+  /**
+   * For whoever measures.
+   * @param {number[]} parts
+   * @param {Uint8Array} bytes
+   */
   #keepPages(parts, bytes) {
     for (let i = 0, at = 0; i < parts.length; at += parts[i + 1], i += 2) {
       if ((this.pages.size + 1) * parts[i + 1] > KEPT_PAGES) break;
@@ -231,7 +285,11 @@ export class Session {
     }
   }
 
-  /** The bytes of a part of the head again, round the browser's own store: they may have been damaged on the way. */
+  /**
+   * The bytes of a part of the head again, round the browser's own store: they may have been damaged on the way.
+   * @param {number} offset
+   * @param {number} length
+   */
   async #repairHead(offset, length) {
     try {
       this.head.set(await this.pack.range(offset, length, undefined, { fresh: true }), offset);
@@ -240,8 +298,10 @@ export class Session {
     }
   }
 
+  /** @param {DecodeCommand} command */
   async #decode({ chunk, request, offset, length, vertices, triangles, checksum }) {
-    const job = (this.jobs += 1);
+    this.jobs += 1;
+    const job = this.jobs;
     this.decoding.set(chunk, job);
     const source = request === 0 ? this.head : this.answers.get(request);
     const bytes = source?.slice(offset, offset + length) ?? new Uint8Array();

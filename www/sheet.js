@@ -7,22 +7,27 @@ import { detail } from "./screenshot.js";
 
 /** Widest canvas that letters are painted on, pixels. */
 const CANVAS = 4096;
+/** @import { Mark, Pixels, SheetPlan, Sink, Viewer } from "./types/page.js" */
+/** @import { Engine } from "./measure/engine.js" */
+/** @import { Session } from "./session.js" */
+
+const ALIGN = /** @type {const} */ ({ start: "left", middle: "center", end: "right" });
 export const TYPES = { png: "image/png", pdf: "application/pdf", tif: "image/tiff" };
 
 /**
- * @param {{viewer: object, session: import("./session.js").Session}} page
- * @param {object} engine of measure/engine.js
+ * @param {{viewer: Viewer, session: Session}} scene
+ * @param {Engine} engine
  * @param {{view: string, scale: number, dpi: number, paper?: string, bare?: boolean, title: string}} asked
- * @param {{format: "png" | "pdf" | "tif", open: (bytes: number) => Promise<object>, onProgress?: (part: number) => void, signal?: AbortSignal, texts?: object}} how
+ * @param {{format: "png" | "pdf" | "tif", open: (bytes: number) => Promise<Sink>, onProgress?: (part: number) => void, signal?: AbortSignal, texts?: Record<string, string>}} how
  *   `open` gives the place (sink.js) for a file of at most about so many bytes
- * @returns {Promise<{blob: Blob | null, sheet: object, isFull: boolean}>} `isFull`: all of it is as fine as its pixels; `sheet.world` is the text of the
+ * @returns {Promise<{blob: Blob | null, sheet: SheetPlan, isFull: boolean}>} `isFull`: all of it is as fine as its pixels; `sheet.world` is the text of the
  *   world file of a plan; no blob where the file is where the person wanted it
  */
 export async function drawSheet({ viewer, session }, engine, asked, { format, open, onProgress = () => {}, signal, texts = {} }) {
   const sheet = await engine.drawing({ ...asked, format, widest: viewer.maxTile() });
   const [width, height] = sheet.size;
   const sink = await open(width * height * 3);
-  const camera = new Float64Array(viewer.camera());
+  const camera = viewer.camera();
   const display = viewer.displayState();
   const out = format === "png" ? new PngWriter(width, height, { texts, dotsPerMetre: asked.dpi / 0.0254, sink }) : new StripWriter(sheet, sink);
   let isFull = true;
@@ -35,7 +40,8 @@ export async function drawSheet({ viewer, session }, engine, asked, { format, op
         viewer.aimSheet(asked.view, ...part.target, part.halfHeight);
         viewer.setPicture(part.width, part.height);
         await detail(session, () => {}, signal);
-        isFull &&= session.stats.targetReached;
+        isFull &&= session.stats?.targetReached ?? false;
+        /** @type {Pixels} */
         const { pixels } = await viewer.renderTile(part.width, part.height, 0, 0, part.width, part.height);
         for (let row = 0; row < part.height; row += 1) {
           band.set(pixels.subarray(row * part.width * 4, (row + 1) * part.width * 4), ((part.y - top + row) * width + part.x) * 4);
@@ -62,12 +68,17 @@ export async function drawSheet({ viewer, session }, engine, asked, { format, op
   }
 }
 
-/** The marks of the sheet over some rows, a piece of them at a time: no canvas is as wide as a sheet may be. */
+/**
+ * The marks of the sheet over some rows, a piece of them at a time: no canvas is as wide as a sheet may be.
+ * @param {SheetPlan} sheet
+ * @param {Uint8ClampedArray<ArrayBuffer>} band
+ * @param {{width: number, top: number, rows: number}} part
+ */
 function paint({ marks, pixelsPerMm: k }, band, { width, top, rows }) {
   for (let left = 0; left < width; left += CANVAS) {
     const wide = Math.min(CANVAS, width - left);
     const canvas = new OffscreenCanvas(wide, rows);
-    const draw = canvas.getContext("2d", { willReadFrequently: true });
+    const draw = /** @type {OffscreenCanvasRenderingContext2D} */ (canvas.getContext("2d", { willReadFrequently: true }));
     const image = new ImageData(wide, rows);
     for (let row = 0; row < rows; row += 1) image.data.set(band.subarray((row * width + left) * 4, (row * width + left + wide) * 4), row * wide * 4);
     draw.putImageData(image, 0, 0);
@@ -77,9 +88,17 @@ function paint({ marks, pixelsPerMm: k }, band, { width, top, rows }) {
   }
 }
 
-/** Edges of boxes fall on whole pixels, so that a bar is as long as it says. */
+/**
+ * Edges of boxes fall on whole pixels, so that a bar is as long as its words state.
+ * @param {OffscreenCanvasRenderingContext2D} draw
+ * @param {Mark} mark
+ * @param {{k: number, left: number, top: number}} at `k`: pixels of a millimetre
+ */
 function paintMark(draw, mark, { k, left, top }) {
-  const grey = (g) => `rgb(${Array(3).fill(Math.round(g * 255)).join(" ")})`;
+  const grey = (/** @type {number} */ g) =>
+    `rgb(${Array(3)
+      .fill(Math.round(g * 255))
+      .join(" ")})`;
   if (mark.is === "box") {
     const [x, y] = mark.at.map((v) => Math.round(v * k));
     const [w, h] = mark.size.map((v) => Math.max(1, Math.round(v * k)));
@@ -93,19 +112,27 @@ function paintMark(draw, mark, { k, left, top }) {
   } else {
     // Capitals are this high.
     draw.font = `${(mark.height * k) / 0.716}px Helvetica, Arial, system-ui, sans-serif`;
-    draw.textAlign = { start: "left", middle: "center", end: "right" }[mark.anchor];
+    draw.textAlign = ALIGN[mark.anchor];
     draw.fillStyle = grey(0);
     draw.fillText(mark.words, mark.at[0] * k - left, mark.at[1] * k - top);
   }
 }
 
-/** A file of deflated strips: what stands between them the engine says. */
+/** A file of deflated strips: what stands between them comes from the engine. */
 class StripWriter {
+  /**
+   * @param {SheetPlan} sheet
+   * @param {Sink} sink
+   */
   constructor(sheet, sink) {
-    Object.assign(this, { sheet, sink });
+    this.sheet = sheet;
+    this.sink = sink;
   }
 
-  /** The next rows: four bytes per pixel. */
+  /**
+   * The next rows: four bytes per pixel.
+   * @param {Uint8ClampedArray} pixels
+   */
   async rows(pixels) {
     const count = pixels.length / (this.sheet.size[0] * 4);
     const rgb = new Uint8Array((pixels.length / 4) * 3);

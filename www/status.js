@@ -1,10 +1,13 @@
 // The line below the picture, and the list of figures.
 
+import { $ } from "./dom.js";
 import { fill, place } from "./facts.js";
 import { bound, bytes, count, length, niceBelow, pixels, round } from "./format.js";
 import { t } from "./i18n.js";
 
-const $ = (id) => document.getElementById(id);
+/** @import { FrameStats, Viewer } from "./types/page.js" */
+/** @import { Session } from "./session.js" */
+
 const SCALE_PIXELS = 110;
 /** On a phone the line has room for the figures alone. */
 const narrow = matchMedia("(max-width: 720px)");
@@ -13,10 +16,17 @@ const NOWHERE = "x –  y –  z – m";
 export class Status {
   constructor() {
     this.hovering = false;
+    /** @type {[number, number] | null} */
+    this.at = null;
     this.leave();
   }
 
-  /** The place under the pointer, at most once per frame of the screen. */
+  /**
+   * The place under the pointer, at most once per frame of the screen.
+   * @param {Viewer} viewer
+   * @param {number} x
+   * @param {number} y
+   */
   hover(viewer, x, y) {
     this.at = [x, y];
     if (this.hovering) return;
@@ -34,7 +44,12 @@ export class Status {
     $("coordinates").textContent = NOWHERE;
   }
 
-  /** After each frame. */
+  /**
+   * After each frame.
+   * @param {FrameStats} stats
+   * @param {Viewer} viewer
+   * @param {Session} session
+   */
   show(stats, viewer, session) {
     const error = stats.worstErrorMetres;
     const full = error === 0 ? t("shownFull") : t("shownTo", { error: bound(error) });
@@ -44,6 +59,10 @@ export class Status {
     this.load(stats, session);
   }
 
+  /**
+   * @param {Viewer} viewer
+   * @param {number} ratio
+   */
   scale(viewer, ratio) {
     const metresPerCss = viewer.metresPerPixel() * ratio;
     const metres = niceBelow(metresPerCss * SCALE_PIXELS * (narrow.matches ? 0.7 : 1));
@@ -52,27 +71,36 @@ export class Status {
     text("scale-text", round(metres));
   }
 
+  /**
+   * @param {FrameStats} stats
+   * @param {Session} session
+   */
   load(stats, session) {
     const bar = $("load-bar");
     const received = bytes(session.head.length + stats.bytesReceived);
-    let says = t("complete", { received });
+    let line = t("complete", { received });
     let isLoading = false;
     if (stats.retryInMs >= 0 && stats.requestsInFlight === 0) {
       const seconds = Math.max(1, Math.ceil(stats.retryInMs / 1000));
       const isOffline = !navigator.onLine || session.lastFailure?.kind === "offline";
-      says = t(isOffline ? "offline" : "retrying", { seconds });
+      line = t(isOffline ? "offline" : "retrying", { seconds });
     } else if (stats.bytesMissing > 0 || stats.chunksMissing > 0) {
-      says = t("toLoad", { missing: bytes(stats.bytesMissing) });
+      line = t("toLoad", { missing: bytes(stats.bytesMissing) });
       isLoading = true;
     } else if (stats.budgetLimited) {
-      says = t("memoryFull");
+      line = t("memoryFull");
     }
-    text("load", says);
+    text("load", line);
     bar.hidden = !isLoading;
     bar.value = stats.bytesWanted > 0 ? 1 - stats.bytesMissing / stats.bytesWanted : 0;
   }
 
-  /** All figures, for the Info tab. */
+  /**
+   * All figures, for the Info tab.
+   * @param {HTMLElement} into
+   * @param {FrameStats} stats
+   * @param {Session} session
+   */
   list(into, stats, session) {
     fill(into, [
       [t("drawn"), count(stats.trianglesDrawn)],
@@ -80,13 +108,17 @@ export class Status {
       [t("surfaceError"), length(stats.worstErrorMetres)],
       [t("chunks"), count(stats.chunksResident)],
       [t("gpuMemory"), t("memoryOf", { used: bytes(stats.gpuBytes), limit: bytes(stats.gpuLimit) })],
-      [t("received"), t("memoryOf", { used: bytes(session.head.length + stats.bytesReceived), limit: bytes(session.pack.bytes) })],
+      [t("received"), t("memoryOf", { used: bytes(session.head.length + stats.bytesReceived), limit: bytes(Number(session.pack.bytes)) })],
       [t("requests"), count(session.pack.requests)],
       [t("failures"), count(stats.failures)],
     ]);
   }
 }
 
+/**
+ * @param {"accuracy" | "scale-text" | "load"} id
+ * @param {string} value
+ */
 function text(id, value) {
   const element = $(id);
   if (element.textContent !== value) element.textContent = value;

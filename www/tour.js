@@ -1,31 +1,43 @@
 // The note that is open: a card over the picture, and the steps from one note to the next.
 
+import { $ } from "./dom.js";
 import { count } from "./format.js";
 import { t } from "./i18n.js";
 
-const $ = (id) => document.getElementById(id);
+/** @import { Note } from "./types/page.js" */
+/** @import { Ids } from "./types/ids.js" */
 
 export class Tour {
-  /** @param {{signal: AbortSignal, notes: () => object[], go: (note: object) => void, onClose: () => void, edit: (note: object) => void, share: (note: object) => void}} on */
+  /** @param {{signal: AbortSignal, notes: () => Note[], go: (note: Note) => void, onClose: () => void, edit: (note: Note) => void, share: (note: Note) => void}} on */
   constructor(on) {
     this.on = on;
+    /** @type {Note | null} */
     this.note = null;
+    /** Where the keyboard was before the card. @type {Element | null} */
     this.returnTo = null;
     const { signal } = on;
-    const click = (id, run) => $(id).addEventListener("click", run, { signal });
+    const click = (/** @type {keyof Ids} */ id, /** @type {() => void} */ run) => $(id).addEventListener("click", run, { signal });
     click("note-close", () => this.close());
     click("note-previous", () => this.step(-1));
     click("note-next", () => this.step(1));
-    click("note-edit", () => on.edit(this.note));
-    click("note-share", () => on.share(this.note));
-    $("note-card").addEventListener("keydown", (event) => {
-      if (event.key !== "Escape") return;
-      event.stopPropagation();
-      this.close();
-    }, { signal });
+    click("note-edit", () => this.note && on.edit(this.note));
+    click("note-share", () => this.note && on.share(this.note));
+    $("note-card").addEventListener(
+      "keydown",
+      (event) => {
+        if (event.key !== "Escape") return;
+        event.stopPropagation();
+        this.close();
+      },
+      { signal },
+    );
   }
 
-  /** Show a note's card; `focus` puts the keyboard on its title. */
+  /**
+   * Show a note's card; `focus` puts the keyboard on its title.
+   * @param {Note} note
+   * @param {{focus?: boolean}} how
+   */
   show(note, { focus = false } = {}) {
     const notes = this.on.notes();
     const at = notes.findIndex((n) => n.id === note.id);
@@ -49,6 +61,7 @@ export class Tour {
     return undefined;
   }
 
+  /** @param {number} by */
   step(by) {
     const notes = this.on.notes();
     const at = notes.findIndex((n) => n.id === this.note?.id);
@@ -57,7 +70,7 @@ export class Tour {
     const from = document.activeElement;
     this.on.go(next);
     // The button that was pressed may be at its end now.
-    if (from?.disabled) $(by > 0 ? "note-previous" : "note-next").focus();
+    if (from instanceof HTMLButtonElement && from.disabled) $(by > 0 ? "note-previous" : "note-next").focus();
   }
 
   close() {
@@ -65,7 +78,7 @@ export class Tour {
     this.note = null;
     const had = $("note-card").contains(document.activeElement);
     $("note-card").hidden = true;
-    if (had) (this.returnTo?.isConnected ? this.returnTo : $("canvas")).focus();
+    if (had) (this.returnTo instanceof HTMLElement && this.returnTo.isConnected ? this.returnTo : $("canvas")).focus();
     this.on.onClose();
   }
 }

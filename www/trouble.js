@@ -1,28 +1,38 @@
 // What cannot be shown, why, and what to do: one plate over the empty stage, never over a model.
 
 import { notice } from "./chrome.js";
+import { $ } from "./dom.js";
 import { bytes } from "./format.js";
 import { t } from "./i18n.js";
 
-const $ = (id) => document.getElementById(id);
+/** @import { Failure } from "./types/page.js" */
+
+/** @type {Record<string, string>} */
 const ICONS = { noGpu: "noscreen", closed: "lock", offline: "offline", server: "offline" };
+/** @type {Record<string, string>} */
 const TEXTS = { empty: "damaged", truncated: "damaged", missing: "missing", damaged: "damaged", noRange: "noRange", changed: "changed", closed: "closed" };
 /** Trying the same again helps with these. */
 const RETRY = new Set(["broken", "changed", "missing", "damaged", "server", "noRange"]);
 
 export class Trouble {
   constructor() {
+    /** @type {{kind: string, error: Failure | null, reason?: string} | null} */
     this.current = null;
+    /** @type {(kind: string) => void} */
     this.onShow = () => {};
   }
 
-  /** @param {string} kind what `PackError.kind` says, or noGpu, damaged, broken */
+  /**
+   * @param {string} kind `PackError.kind`, or noGpu, damaged, broken
+   * @param {Failure | null | undefined} error
+   * @param {{reason?: string}} more `reason`: string that explains noGpu
+   */
   show(kind, error = null, { reason } = {}) {
     this.current = { kind, error, reason };
     this.onShow(kind);
     // With a picture on screen the sentence stands below it: errors never cover the model.
     if (document.body.dataset.state === "ready") {
-      const { title, text } = this.words();
+      const { title, text } = words(this.current);
       notice(`${title}. ${text}`, 60000);
       return;
     }
@@ -37,21 +47,13 @@ export class Trouble {
   #poster() {
     const poster = $("trouble-poster");
     poster.onload = () => (poster.hidden = false);
-    poster.src = new URL("../poster.jpg", document.baseURI);
-  }
-
-  words() {
-    const { kind, error, reason } = this.current;
-    if (kind === "noGpu") return { title: t("noGpuTitle"), text: t(reason) };
-    const key = TEXTS[kind] ?? "broken";
-    const size = Number.isFinite(error?.bytes) ? bytes(error.bytes) : "…";
-    return { title: t(`${key}Title`), text: t(`${key}Text`, { size }) };
+    poster.src = new URL("../poster.jpg", document.baseURI).href;
   }
 
   translate() {
     if (!this.current) return;
     const { kind, error } = this.current;
-    const { title, text } = this.words();
+    const { title, text } = words(this.current);
     const key = TEXTS[kind] ?? kind;
     $("trouble-title").textContent = title;
     $("trouble-text").textContent = text;
@@ -66,10 +68,20 @@ export class Trouble {
   }
 }
 
+/**
+ * @param {{kind: string, error?: Failure | null, reason?: string}} trouble
+ */
+function words({ kind, error, reason }) {
+  if (kind === "noGpu") return { title: t("noGpuTitle"), text: t(reason ?? "noGpuAdapter") };
+  const key = TEXTS[kind] ?? "broken";
+  const size = error?.bytes !== undefined && Number.isFinite(error.bytes) ? bytes(error.bytes) : "…";
+  return { title: t(`${key}Title`), text: t(`${key}Text`, { size }) };
+}
+
 /** Longest way back that the form takes (server/src/door/routes.rs). */
 const LONGEST_NEXT = 4000;
 
-/** The form, in the language of the page, and from there back to what was to be seen: the view and the measurements of a link are in the address. */
+/** The form, in the language of the page, and from there back to what was to be seen: the view and the measurements of a link are in the address. @param {string} form */
 function signInAddress(form) {
   const address = new URL(form);
   const { pathname, search, hash } = location;

@@ -2,15 +2,26 @@
 
 const KEPT = 100;
 
+/** @typedef {{undo: () => void, redo: () => void}} Edit */
+
 export class Undo {
   /** @param {() => void} onChange */
   constructor(onChange) {
     this.onChange = onChange;
+    /** @type {Edit[]} */
     this.done = [];
+    /** @type {Edit[]} */
     this.undone = [];
   }
 
-  /** Do something that can be taken back. @param {{undo: () => void, redo: () => void}} edit */
+  /** Another pack: what was done to the last one cannot be taken back. */
+  clear() {
+    this.done = [];
+    this.undone = [];
+    this.onChange();
+  }
+
+  /** Do something that can be taken back. @param {Edit} edit */
   do(edit) {
     edit.redo();
     this.done.push(edit);

@@ -1,10 +1,13 @@
 // Walking: the eye at a person's height over the ground. Keys and the pad say which way; the viewer finds the ground and
 // the walls among the parts that are loaded.
 
+import { $ } from "./dom.js";
 import { length } from "./format.js";
 import { t } from "./i18n.js";
 
-const $ = (id) => document.getElementById(id);
+/** @import { Camera, FrameStats, Viewer } from "./types/page.js" */
+/** @import { Session } from "./session.js" */
+
 const HEIGHT = 1.6;
 const HEIGHTS = [0.2, 20];
 /** Eye heights per second: 1.6 m gives a brisk walk. Shift runs. */
@@ -15,29 +18,47 @@ const KEY_STEP = 0.1;
 const WIDE = 1.1;
 const USUAL = 0.7;
 
+/** @type {Record<string, string>} */
 export const WALK_KEYS = {
-  w: "forward", s: "back", a: "left", d: "right", arrowup: "forward", arrowdown: "back", arrowleft: "turnLeft", arrowright: "turnRight",
+  w: "forward",
+  s: "back",
+  a: "left",
+  d: "right",
+  arrowup: "forward",
+  arrowdown: "back",
+  arrowleft: "turnLeft",
+  arrowright: "turnRight",
 };
 const TURN = 1.4;
 
 export class Walk {
-  /** @param {{viewer: object, session: object, flight: import("./flight.js").Flight, onChange: (on: boolean) => void}} parts */
+  /** @param {{viewer: Viewer, session: Session, flight: import("./flight.js").Flight, onChange: (on: boolean) => void}} parts */
   constructor({ viewer, session, flight, onChange }) {
-    Object.assign(this, { viewer, session, flight, onChange });
+    this.viewer = viewer;
+    this.session = session;
+    this.flight = flight;
+    this.onChange = onChange;
     this.on = false;
     this.height = HEIGHT;
-    this.held = new Map(); // what is pressed → by what
+    /** What is pressed. @type {Set<string>} */
+    this.held = new Set();
     this.running = false;
+    /** When the last step was made, milliseconds; null after a pause. @type {number | null} */
     this.last = null;
+    this.triangles = -1; // of the last frame
     this.scheduled = false;
     this.abort = new AbortController();
     const options = { signal: this.abort.signal };
-    for (const button of $("walk-pad").querySelectorAll("[data-walk]")) {
-      const way = button.dataset.walk;
-      button.addEventListener("pointerdown", (event) => {
-        button.setPointerCapture(event.pointerId);
-        this.press(way);
-      }, options);
+    for (const button of /** @type {NodeListOf<HTMLElement>} */ ($("walk-pad").querySelectorAll("[data-walk]"))) {
+      const way = button.dataset.walk ?? "";
+      button.addEventListener(
+        "pointerdown",
+        (event) => {
+          button.setPointerCapture(event.pointerId);
+          this.press(way);
+        },
+        options,
+      );
       for (const type of ["pointerup", "pointercancel", "lostpointercapture"]) button.addEventListener(type, () => this.release(way), options);
       // Enter and Space on a button, and a reader's click: one step.
       button.addEventListener("click", (event) => event.detail === 0 && this.step(way), options);
@@ -60,9 +81,8 @@ export class Walk {
     if (this.on) return;
     this.flight.mark();
     const camera = this.viewer.camera();
-    this.before = camera[8];
     const [x, y, z] = this.viewer.eye();
-    const below = camera[6] === 1 ? NaN : this.viewer.groundBelow(x, y, z);
+    const below = camera.orthographic ? NaN : this.viewer.groundBelow(x, y, z);
     const isInside = z - below < 3 * this.height;
     const { width, height } = this.session.canvas;
     const seen = isInside ? [] : this.viewer.pick(width / 2, height / 2);
@@ -73,10 +93,14 @@ export class Walk {
     this.show();
   }
 
-  /** The ground some eye heights before a place, so that one looks at it; with 0 on it, unless it is a wall. */
+  /**
+   * The ground some eye heights before a place, so that one looks at it; with 0 on it, unless it is a wall.
+   * @param {number[]} place
+   * @param {number} steps
+   */
   #before([x, y, z], steps) {
-    const [azimuth] = this.viewer.camera();
-    const back = (by) => {
+    const { azimuth } = this.viewer.camera();
+    const back = (/** @type {number} */ by) => {
       const [px, py] = [x + Math.sin(azimuth) * by * this.height, y + Math.cos(azimuth) * by * this.height];
       return [px, py, this.viewer.groundBelow(px, py, z + 0.5 * this.height)];
     };
@@ -85,14 +109,21 @@ export class Walk {
     return Number.isFinite(place[2]) ? place : [x, y, z];
   }
 
-  /** Go and stand on what a pixel shows. */
+  /**
+   * Go and stand on what a pixel shows.
+   * @param {number} x
+   * @param {number} y
+   */
   standAt(x, y) {
     const place = this.viewer.pick(x, y);
     if (place.length > 0) this.stand(this.#before([...place].slice(0, 3), 0));
   }
 
-  /** The ground below what the view turns about, where nothing is in the middle of the picture. */
-  #under([, , distance, x, y, z]) {
+  /**
+   * The ground below what the view turns about, where nothing is in the middle of the picture.
+   * @param {Camera} camera
+   */
+  #under({ distance, target: [x, y, z] }) {
     const below = this.viewer.groundBelow(x, y, z + distance);
     return [x, y, Number.isFinite(below) ? below : z];
   }
@@ -101,9 +132,7 @@ export class Walk {
     if (!this.on) return;
     this.on = false;
     this.held.clear();
-    const camera = [...this.viewer.camera()];
-    camera[8] = USUAL;
-    this.flight.to(camera, { mark: false, ease: false });
+    this.flight.to({ ...this.viewer.camera(), fieldOfView: USUAL }, { mark: false, ease: false });
     this.onChange(false);
     this.show();
   }
@@ -113,17 +142,33 @@ export class Walk {
     $("eye-height").textContent = t("eyeHeight", { height: length(this.height) });
   }
 
-  /** Stand on a place, looking level the same way. */
+  /**
+   * Stand on a place, looking level the same way.
+   * @param {number[]} place
+   * @param {{mark?: boolean}} how
+   */
   stand([x, y, z], { mark = true } = {}) {
-    const camera = [...this.viewer.camera()];
-    const azimuth = camera[0];
+    const { azimuth } = this.viewer.camera();
     const distance = 2 * this.height;
     // The target lies before the eye, and the eye stands at its height.
-    const eye = [x, y, z + this.height];
-    this.flight.to([azimuth, 0, distance, eye[0] - Math.sin(azimuth) * distance, eye[1] - Math.cos(azimuth) * distance, eye[2], 0, 0, WIDE], { mark });
+    this.flight.to(
+      {
+        azimuth,
+        elevation: 0,
+        distance,
+        target: [x - Math.sin(azimuth) * distance, y - Math.cos(azimuth) * distance, z + this.height],
+        orthographic: false,
+        roll: 0,
+        fieldOfView: WIDE,
+      },
+      { mark },
+    );
   }
 
-  /** After each frame: where detail arrived, the ground may lie higher or lower. */
+  /**
+   * After each frame: where detail arrived, the ground may lie higher or lower.
+   * @param {FrameStats} stats
+   */
   frame(stats) {
     if (!this.on || this.flight.goal || this.triangles === stats.trianglesDrawn) return;
     this.triangles = stats.trianglesDrawn;
@@ -132,32 +177,41 @@ export class Walk {
     if (Math.abs(z - this.height - this.viewer.groundBelow(x, y, z)) > 0.1 * this.height) this.#soon();
   }
 
+  /** @param {string} way */
   press(way) {
     this.flight.mark(true);
     this.flight.stop();
-    this.held.set(way, true);
+    this.held.add(way);
     this.#soon();
   }
 
+  /** @param {string} way */
   release(way) {
     this.held.delete(way);
   }
 
-  /** One step, for a press that is no holding. */
+  /**
+   * One step, for a press that is no holding.
+   * @param {string} way
+   */
   step(way) {
     this.flight.mark(true);
     this.flight.stop();
-    this.#go(new Map([[way, true]]), KEY_STEP * 4);
+    this.#go(new Set([way]), KEY_STEP * 4);
     this.session.wake();
   }
 
-  /** Forward or back by some eye heights, for the wheel. */
+  /**
+   * Forward or back by some eye heights, for the wheel.
+   * @param {number} amount
+   */
   roll(amount) {
     this.flight.stop();
     this.viewer.walk(amount * this.height, 0, 0.05, this.height);
     this.#soon();
   }
 
+  /** @param {number} direction */
   raise(direction) {
     const factor = direction > 0 ? 1.25 : 0.8;
     this.height = Math.min(HEIGHTS[1], Math.max(HEIGHTS[0], this.height * factor));
@@ -172,6 +226,7 @@ export class Walk {
     requestAnimationFrame((now) => this.#tick(now));
   }
 
+  /** @param {number} now */
   #tick(now) {
     this.scheduled = false;
     if (!this.on || this.session.closed) return;
@@ -186,8 +241,12 @@ export class Walk {
     }
   }
 
+  /**
+   * @param {Set<string>} held
+   * @param {number} seconds
+   */
   #go(held, seconds) {
-    const sign = (plus, minus) => (held.has(plus) ? 1 : 0) - (held.has(minus) ? 1 : 0);
+    const sign = (/** @type {string} */ plus, /** @type {string} */ minus) => (held.has(plus) ? 1 : 0) - (held.has(minus) ? 1 : 0);
     const stride = SPEED * this.height * seconds * (this.running ? RUN : 1);
     const turn = sign("turnLeft", "turnRight") * TURN * seconds;
     if (turn !== 0) this.viewer.look(-turn, 0);

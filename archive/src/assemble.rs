@@ -15,6 +15,7 @@ use super::record::{Preview, Publication, citation, records, ro_crate};
 use super::rights::Rights;
 use crate::layout::SMALL_FILE_MAX;
 use crate::viewer::Page;
+use glam::DVec3;
 use kilwa_files::plain_file;
 use std::path::{Path, PathBuf};
 
@@ -418,7 +419,7 @@ fn elsewhere(old: &Version, new: &kilwa_pack::Metadata) -> Option<String> {
     let crs_of = |text: &Option<String>| text.as_deref().and_then(|t| crs::normalise(t).ok().flatten());
     let (old_crs, new_crs) = (crs_of(&old.figures.crs), crs_of(&new.crs));
     let [old_min, old_max] = old.figures.bounds;
-    let size = |min: [f64; 3], max: [f64; 3]| (0..3).map(|k| (max[k] - min[k]).powi(2)).sum::<f64>().sqrt();
+    let size = |min: [f64; 3], max: [f64; 3]| DVec3::from(max).distance(min.into());
     let (before, now) = (size(old_min, old_max), size(new.bounds_min, new.bounds_max));
     if now > before * GROWTH || before > now * GROWTH {
         return Some(format!(

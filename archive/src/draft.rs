@@ -16,6 +16,7 @@ use super::modes;
 use super::next::become_next;
 use super::scratch::{self, Scratch};
 use kilwa_files::plain_file;
+use kilwa_pack::plural::counted;
 use std::fs::{self, File};
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
@@ -225,7 +226,10 @@ impl<'a> Draft<'a> {
     pub fn adopt_known(&mut self, path: &str, bytes: u64, sum: &str) -> Result<(), DraftError> {
         let (at, file) = self.settle(path)?;
         if file.metadata().map_err(failed("read", &at))?.len() != bytes {
-            return Err(failed("read", &at)(io::Error::other(format!("it is not {bytes} bytes long"))));
+            return Err(failed("read", &at)(io::Error::other(format!(
+                "it is not {} long",
+                counted(bytes, "byte", "bytes")
+            ))));
         }
         self.files.push((path.to_owned(), bytes, sum.to_owned()));
         Ok(())

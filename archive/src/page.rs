@@ -14,6 +14,7 @@ use super::notes::Note;
 use super::record::xml::escape;
 use super::record::{Publication, citation, media_type, schema_org};
 use crate::numbers::{grouped, length, size, size_in_space};
+use kilwa_pack::plural::counted;
 use std::fmt::Write as _;
 
 /// From the version's `viewer/` to the object.
@@ -203,7 +204,7 @@ fn downloads(p: &Publication, around: &Surroundings) -> String {
         item(path, &escape(what), "PNG");
     }
     if let Some(n) = &p.notes {
-        item(ANNOTATIONS, "Web Annotations", &format!("{} notes", n.notes.notes.len()));
+        item(ANNOTATIONS, "Web Annotations", &counted(n.notes.notes.len(), "note", "notes").to_string());
     }
     for (path, name) in [
         (DATACITE, "DataCite"),
@@ -331,9 +332,12 @@ fn listed(all: &[Note], language: &str) -> String {
         let _ = writeln!(s, "<ol class=\"notes\">\n{items}</ol>");
     }
     if shown < all.len() {
-        let which =
-            if shown > 0 { format!("The first {shown} of {}", all.len()) } else { format!("{} notes", all.len()) };
-        let _ = writeln!(s, "<p>{which}; all are in the file.</p>");
+        let which = match (shown, all.len()) {
+            (0, 1) => "1 note, which is in the file".to_owned(),
+            (0, n) => format!("{n} notes; all are in the file"),
+            (shown, n) => format!("The first {shown} of {n}; all are in the file"),
+        };
+        let _ = writeln!(s, "<p>{which}.</p>");
     }
     s
 }
@@ -429,5 +433,6 @@ mod tests {
         let first = ["<".repeat(20_000), "short".to_owned()];
         let said = of(&first);
         assert!(said.contains("<p>2 notes; all are in the file.</p>") && !said.contains("<ol"), "{said}");
+        assert!(of(&first[..1]).contains("<p>1 note, which is in the file.</p>"));
     }
 }

@@ -16,6 +16,7 @@ use crate::layout::THUMBNAILS;
 use crate::numbers::{grouped, size, size_in_space};
 use crate::viewer::Page;
 use kilwa_files::plain_file;
+use kilwa_pack::plural::{counted, plural};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::fs;
@@ -253,9 +254,10 @@ fn catalogue(entries: &[Entry]) -> String {
     let n = shown.len();
     let _ = writeln!(
         s,
-        "<p class=\"lead\">{n} {}, {} triangles. <a href=\"feed.xml\">Feed</a></p>\n<ul class=\"cards\">",
-        if n == 1 { "model" } else { "models" },
-        grouped(triangles)
+        "<p class=\"lead\">{}, {} {}. <a href=\"feed.xml\">Feed</a></p>\n<ul class=\"cards\">",
+        counted(n, "model", "models"),
+        grouped(triangles),
+        plural(triangles, "triangle", "triangles")
     );
     for m in &shown {
         card(&mut s, m);

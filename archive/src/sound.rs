@@ -5,6 +5,7 @@
 //! directory, and one batch of chunks.
 
 use super::checksums::hex;
+use kilwa_pack::plural::counted;
 use kilwa_pack::reader::decode_checked;
 use kilwa_pack::verify::Totals;
 use kilwa_pack::{DirectoryEntry, PAGE_BYTES, PackError, Reader, Source, footer::FOOTER_BYTES};
@@ -50,7 +51,7 @@ impl Checked {
         let mut message = self.damaged.iter().take(SAID).cloned().collect::<Vec<_>>().join("\n  ");
         let left = self.damaged.len().saturating_sub(SAID) as u64 + self.more;
         if left > 0 {
-            let _ = write!(message, "\n  and {left} more damaged parts");
+            let _ = write!(message, "\n  and {}", counted(left, "more damaged part", "more damaged parts"));
         }
         Some(message)
     }

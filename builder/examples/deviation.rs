@@ -4,34 +4,36 @@
 //! fine surface (all in metres), and the root mean square colour difference (of 255, over three channels) between the fine
 //! vertices and the coarse surface at its nearest point, its colours interpolated linearly.
 
+use glam::DVec3;
 use kilwa_formats::RawMesh;
 use kilwa_formats::read;
 use kilwa_geometry::bvh::Bvh;
-use kilwa_geometry::distance::{Vec3, closest_on_triangle, cross, dot, sub};
+use kilwa_geometry::distance::closest_on_triangle;
 use rayon::prelude::*;
 
 struct Surface {
     mesh: RawMesh,
-    triangles: Vec<[Vec3; 3]>,
+    triangles: Vec<[DVec3; 3]>,
     tree: Bvh,
 }
 
 impl Surface {
     fn read(path: &str) -> Result<Self, read::ReadError> {
         let mesh = read::read_mesh(path.as_ref(), &mut |_, _| {})?;
-        let triangles: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
+        let triangles: Vec<[DVec3; 3]> =
+            mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize].into())).collect();
         Ok(Self { tree: Bvh::new(&triangles), triangles, mesh })
     }
 
     /// The nearest triangle, the nearest point on it and its squared distance.
-    fn nearest(&self, p: Vec3) -> (usize, Vec3, f64) {
-        let mut best = (0, [0.0; 3], f64::INFINITY);
+    fn nearest(&self, p: DVec3) -> (usize, DVec3, f64) {
+        let mut best = (0, DVec3::ZERO, f64::INFINITY);
         self.tree.search(
             f64::INFINITY,
             |b| Some(b.distance_squared(p)),
             |t, limit| {
                 let q = closest_on_triangle(p, self.triangles[t as usize]);
-                let d = dot(sub(p, q), sub(p, q));
+                let d = p.distance_squared(q);
                 if d < limit {
                     best = (t as usize, q, d);
                 }
@@ -42,12 +44,9 @@ impl Surface {
     }
 
     /// The colour at a point of a triangle.
-    fn color(&self, t: usize, q: Vec3) -> Option<[f64; 3]> {
+    fn color(&self, t: usize, q: DVec3) -> Option<[f64; 3]> {
         let [a, b, c] = self.triangles[t];
-        let area = |p: Vec3, q: Vec3, r: Vec3| {
-            let n = cross(sub(q, p), sub(r, p));
-            dot(n, n).sqrt()
-        };
+        let area = |p: DVec3, q: DVec3, r: DVec3| (q - p).cross(r - p).length();
         let w = [area(q, b, c), area(a, q, c), area(a, b, q)];
         let sum = (w[0] + w[1] + w[2]).max(f64::MIN_POSITIVE);
         let mut out = [0.0; 3];
@@ -69,7 +68,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (squares, largest, colors) = (0..n)
         .into_par_iter()
         .map(|v| {
-            let (t, q, d) = coarse.nearest(fine.mesh.positions[v]);
+            let (t, q, d) = coarse.nearest(fine.mesh.positions[v].into());
             let color = fine
                 .mesh
                 .colors
@@ -79,7 +78,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             (d, d, color)
         })
         .reduce(|| (0.0, 0.0, 0.0), |a, b| (a.0 + b.0, f64::max(a.1, b.1), a.2 + b.2));
-    let back = coarse.mesh.positions.par_iter().map(|p| fine.nearest(*p).2).reduce(|| 0.0, f64::max);
+    let back = coarse.mesh.positions.par_iter().map(|p| fine.nearest((*p).into()).2).reduce(|| 0.0, f64::max);
     println!(
         "{} {} {} {} {}",
         coarse.triangles.len(),

@@ -3,7 +3,6 @@
 
 use crate::support::{Opened, build, fort, open};
 use kilwa_formats::RawMesh;
-use kilwa_geometry::LatticePoint;
 use kilwa_pack::cut::Cut;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,7 +18,7 @@ fn levels(pack: &Opened) -> Vec<Cut> {
 }
 
 /// The vertices that a cut draws: place, normal, colour; those of each patch once.
-fn vertices(pack: &Opened, cut: &Cut) -> Vec<(LatticePoint, [i16; 2], [u8; 3])> {
+fn vertices(pack: &Opened, cut: &Cut) -> Vec<([i32; 3], [i16; 2], [u8; 3])> {
     let mut all = Vec::new();
     for i in cut.refined() {
         let chunk = &pack.chunks[i as usize];
@@ -27,7 +26,8 @@ fn vertices(pack: &Opened, cut: &Cut) -> Vec<(LatticePoint, [i16; 2], [u8; 3])> 
             let triangles = &chunk.mesh.triangles[p.first as usize..(p.first + p.count) as usize];
             let used: BTreeSet<u32> = triangles.iter().flatten().copied().collect();
             all.extend(used.into_iter().map(|v| v as usize).map(|v| {
-                (chunk.mesh.positions[v], chunk.mesh.normals[v], chunk.mesh.colors.get(v).copied().unwrap_or_default())
+                let color = chunk.mesh.colors.get(v).copied().unwrap_or_default();
+                (chunk.mesh.positions[v].to_array(), chunk.mesh.normals[v], color)
             }));
         }
     }
@@ -57,7 +57,7 @@ fn square(n: u32, mut color: impl FnMut(u32, u32) -> [u8; 3]) -> RawMesh {
 fn normals_continue_across_chunks_at_every_level() {
     let pack = open(&build(fort(60_000), 0));
     for (level, cut) in levels(&pack).iter().enumerate() {
-        let mut normals: BTreeMap<(LatticePoint, [u8; 3]), BTreeSet<[i16; 2]>> = BTreeMap::new();
+        let mut normals: BTreeMap<([i32; 3], [u8; 3]), BTreeSet<[i16; 2]>> = BTreeMap::new();
         let all = vertices(&pack, cut);
         for (place, normal, color) in &all {
             normals.entry((*place, *color)).or_default().insert(*normal);
@@ -91,12 +91,12 @@ fn places_with_two_colours_keep_both_at_every_level() {
     let pack = open(&build(mesh, 0));
     assert!(pack.entries.iter().any(|e| e.level >= 1));
     for (level, cut) in levels(&pack).iter().enumerate() {
-        let mut colors: BTreeMap<LatticePoint, BTreeSet<[u8; 3]>> = BTreeMap::new();
+        let mut colors: BTreeMap<[i32; 3], BTreeSet<[u8; 3]>> = BTreeMap::new();
         for (place, _, color) in vertices(&pack, cut) {
             assert!(SIDES.contains(&color), "level {level}: {color:?} is on neither side");
             colors.entry(place).or_default().insert(color);
         }
-        let both: Vec<&LatticePoint> = colors.iter().filter(|(_, c)| c.len() == 2).map(|(p, _)| p).collect();
+        let both: Vec<&[i32; 3]> = colors.iter().filter(|(_, c)| c.len() == 2).map(|(p, _)| p).collect();
         assert!(both.len() >= 2, "level {level}: the seam is gone");
         let (low, high) = (both.iter().map(|p| p[1]).min().unwrap(), both.iter().map(|p| p[1]).max().unwrap());
         let (from, to) = (colors.keys().map(|p| p[1]).min().unwrap(), colors.keys().map(|p| p[1]).max().unwrap());

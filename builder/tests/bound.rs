@@ -3,13 +3,14 @@
 //! plain grid, written apart from the certifier.
 
 use crate::support::{Opened, build, closed, fort, open, wall};
-use kilwa_geometry::distance::{Vec3, point_triangle_squared};
+use glam::DVec3;
+use kilwa_geometry::distance::point_triangle_squared;
 use kilwa_pack::cut::Cut;
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::path::Path;
 
-type Triangle = [Vec3; 3];
+type Triangle = [DVec3; 3];
 
 /// Of larger meshes every level samples another share of the triangles, about as many as these.
 const SAMPLED: usize = 25_000;
@@ -23,17 +24,15 @@ struct Grid {
 
 impl Grid {
     fn new(triangles: Vec<Triangle>) -> Self {
-        let edge = |t: &Triangle| (0..3).map(|i| (t[0][i] - t[1][i]).powi(2)).sum::<f64>().sqrt();
+        let edge = |t: &Triangle| t[0].distance(t[1]);
         let cell = (triangles.iter().map(edge).sum::<f64>() / triangles.len() as f64 * 1.5).max(1.0);
         let mut cells: HashMap<[i32; 3], Vec<u32>> = HashMap::new();
         for (n, t) in triangles.iter().enumerate() {
-            let low: [i32; 3] =
-                std::array::from_fn(|i| (t.iter().map(|p| p[i]).fold(f64::MAX, f64::min) / cell).floor() as i32);
-            let high: [i32; 3] =
-                std::array::from_fn(|i| (t.iter().map(|p| p[i]).fold(f64::MIN, f64::max) / cell).floor() as i32);
-            for x in low[0]..=high[0] {
-                for y in low[1]..=high[1] {
-                    for z in low[2]..=high[2] {
+            let low = (t.iter().copied().fold(DVec3::MAX, DVec3::min) / cell).floor().as_ivec3();
+            let high = (t.iter().copied().fold(DVec3::MIN, DVec3::max) / cell).floor().as_ivec3();
+            for x in low.x..=high.x {
+                for y in low.y..=high.y {
+                    for z in low.z..=high.z {
                         cells.entry([x, y, z]).or_default().push(n as u32);
                     }
                 }
@@ -43,8 +42,8 @@ impl Grid {
     }
 
     /// Distance to the nearest triangle and its number: cubes in growing shells until no nearer one is possible.
-    fn nearest(&self, p: Vec3) -> (f64, u32) {
-        let home = p.map(|x| (x / self.cell).floor() as i32);
+    fn nearest(&self, p: DVec3) -> (f64, u32) {
+        let home = (p / self.cell).floor().as_ivec3();
         let mut best = (f64::MAX, 0);
         for r in 0i32.. {
             if best.0.sqrt() <= f64::from(r - 1) * self.cell {
@@ -54,7 +53,7 @@ impl Grid {
                 for y in -r..=r {
                     let shell = x.abs() == r || y.abs() == r;
                     for z in (-r..=r).step_by(if shell || r == 0 { 1 } else { 2 * r as usize }) {
-                        for t in self.cells.get(&[home[0] + x, home[1] + y, home[2] + z]).into_iter().flatten() {
+                        for t in self.cells.get(&[home.x + x, home.y + y, home.z + z]).into_iter().flatten() {
                             let d = point_triangle_squared(p, self.triangles[*t as usize]);
                             if d < best.0 {
                                 best = (d, *t);
@@ -67,14 +66,14 @@ impl Grid {
         (best.0.sqrt(), best.1)
     }
 
-    fn distance(&self, p: Vec3) -> f64 {
+    fn distance(&self, p: DVec3) -> f64 {
         self.nearest(p).0
     }
 }
 
 /// Points on a triangle: corners, middle, and some at random.
-fn samples(t: &Triangle, random: &mut fastrand::Rng, n: usize) -> Vec<Vec3> {
-    let at = |u: f64, v: f64| std::array::from_fn(|i| t[0][i] + (t[1][i] - t[0][i]) * u + (t[2][i] - t[0][i]) * v);
+fn samples(t: &Triangle, random: &mut fastrand::Rng, n: usize) -> Vec<DVec3> {
+    let at = |u: f64, v: f64| t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v;
     let mut out = vec![t[0], t[1], t[2], at(1.0 / 3.0, 1.0 / 3.0)];
     for _ in 0..n {
         let (mut u, mut v) = (random.f64(), random.f64());
@@ -91,8 +90,7 @@ fn drawn_by_diamond(pack: &Opened, cut: &Cut) -> HashMap<u32, Vec<Triangle>> {
     for i in cut.refined() {
         let chunk = &pack.chunks[i as usize];
         for p in cut.drawn(&chunk.patches) {
-            let triangles =
-                (p.first..p.first + p.count).map(|t| chunk.mesh.corners(t as usize).map(|c| c.map(f64::from)));
+            let triangles = (p.first..p.first + p.count).map(|t| chunk.mesh.corners(t as usize).map(|c| c.as_dvec3()));
             out.entry(p.diamond).or_default().extend(triangles);
         }
     }

@@ -2,7 +2,6 @@
 //! triangle stands more often than in the input. 1,000 random valid cuts of each of four meshes.
 
 use crate::support::{Opened, build, closed, fort, non_manifold, open, with_holes};
-use kilwa_geometry::LatticePoint;
 use kilwa_pack::cut::Cut;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -12,7 +11,7 @@ const CUTS: u64 = 1000;
 /// Every patch as numbers of edges (with border bits) and triangles, so that a cut is checked by counting.
 struct Numbered {
     patches: Vec<Vec<Numbers>>,
-    edges: Vec<(LatticePoint, LatticePoint)>,
+    edges: Vec<([i32; 3], [i32; 3])>,
     /// How often each triangle may stand: as often as at the finest level, at least once.
     allowed: Vec<u16>,
 }
@@ -24,21 +23,21 @@ struct Numbers {
 }
 
 /// The corners of a triangle, turned so that the smallest is first: orientation counts, the starting corner does not.
-fn turned(c: [LatticePoint; 3]) -> [LatticePoint; 3] {
+fn turned(c: [[i32; 3]; 3]) -> [[i32; 3]; 3] {
     let k = (0..3).min_by_key(|&k| c[k]).unwrap_or(0);
     [c[k], c[(k + 1) % 3], c[(k + 2) % 3]]
 }
 
 fn number(pack: &Opened) -> Numbered {
-    let mut edges: HashMap<(LatticePoint, LatticePoint), u32> = HashMap::new();
-    let mut triangles: HashMap<[LatticePoint; 3], u32> = HashMap::new();
+    let mut edges: HashMap<([i32; 3], [i32; 3]), u32> = HashMap::new();
+    let mut triangles: HashMap<[[i32; 3]; 3], u32> = HashMap::new();
     let mut patches = Vec::new();
     for chunk in &pack.chunks {
         let mut of_chunk = Vec::new();
         for p in &chunk.patches {
             let mut n = Numbers::default();
             for t in p.first..p.first + p.count {
-                let c = chunk.mesh.corners(t as usize);
+                let c = chunk.mesh.corners(t as usize).map(|p| p.to_array());
                 for k in 0..3 {
                     let (a, b) = (c[k].min(c[(k + 1) % 3]), c[k].max(c[(k + 1) % 3]));
                     let next = edges.len() as u32;

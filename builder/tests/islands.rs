@@ -51,7 +51,8 @@ fn islands() -> RawMesh {
 }
 
 /// Triangles of a picture as corners, each turned so that the smallest is first, in order.
-fn sorted(triangles: impl Iterator<Item = [LatticePoint; 3]>) -> Vec<[LatticePoint; 3]> {
+fn sorted(triangles: impl Iterator<Item = [LatticePoint; 3]>) -> Vec<[[i32; 3]; 3]> {
+    let triangles = triangles.map(|t| t.map(|p| p.to_array()));
     let mut all: Vec<_> =
         triangles.map(|[a, b, c]| [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap()).collect();
     all.sort_unstable();
@@ -64,7 +65,7 @@ fn covered(triangles: &[([LatticePoint; 3], u8)], lattice: &Lattice) -> f64 {
         .iter()
         .flat_map(|(t, _)| t)
         .map(|p| lattice.world_from_lattice(*p))
-        .map(|p| [p[0], p[1]].map(|x| ((x / f64::from(SIDE) * 16.0) as i64).min(15)))
+        .map(|p| [p.x, p.y].map(|x| ((x / f64::from(SIDE) * 16.0) as i64).min(15)))
         .collect();
     fields.len() as f64 / 256.0
 }
@@ -112,7 +113,7 @@ fn a_hundred_thousand_islands_are_built_and_the_first_request_shows_all_of_the_s
 
     let finest = drawn(&pack, &Cut::finest(&pack.entries));
     let lattice = kilwa_pack::Reader::open(kilwa_pack::reader::SliceSource(&built.bytes)).unwrap().header().lattice;
-    let given: Vec<LatticePoint> = positions.iter().map(|p| lattice.snap(*p).expect("inside")).collect();
+    let given: Vec<LatticePoint> = positions.iter().map(|p| lattice.snap((*p).into()).expect("inside")).collect();
     let wanted = sorted(triangles.iter().map(|t| t.map(|v| given[v as usize])));
     assert!(sorted(finest.iter().map(|(t, _)| *t)) == wanted, "every triangle comes back from the finest level");
 

@@ -21,15 +21,19 @@ pub fn parse(text: &str) -> Result<u64, String> {
     if size.is_finite() && size < 2f64.powi(60) { Ok(size as u64) } else { Err(wrong()) }
 }
 
-/// The value, with a decimal point, and the unit of a size in powers of 1000: for files. Units are `bytes`, `kB`, `MB` and `GB`.
+/// The value, with a decimal point, and the unit of a size in powers of 1000: for files. Units are `byte`, `bytes`, `kB`, `MB` and `GB`.
 pub fn decimal(bytes: u64) -> (String, &'static str) {
     let b = bytes as f64;
     match bytes {
-        0..1_000 => (bytes.to_string(), "bytes"),
+        0..1_000 => (bytes.to_string(), byte(bytes)),
         1_000..1_000_000 => (format!("{:.0}", b / 1e3), "kB"),
         1_000_000..1_000_000_000 => (format!("{:.1}", b / 1e6), "MB"),
         _ => (format!("{:.2}", b / 1e9), "GB"),
     }
+}
+
+fn byte(bytes: u64) -> &'static str {
+    if bytes == 1 { "byte" } else { "bytes" }
 }
 
 /// A size in powers of 1000, for files: `5.2 MB`.
@@ -44,7 +48,7 @@ pub fn binary(bytes: u64) -> String {
     let power = (0..UNITS.len() - 1).find(|p| bytes >> (10 * (p + 1)) == 0).unwrap_or(UNITS.len() - 1);
     let value = bytes as f64 / 1024f64.powi(power as i32);
     match power {
-        0 => format!("{bytes} bytes"),
+        0 => format!("{bytes} {}", byte(bytes)),
         _ if value < 10.0 => format!("{value:.1} {}", UNITS[power]),
         _ => format!("{value:.0} {}", UNITS[power]),
     }
@@ -67,7 +71,13 @@ mod tests {
 
     #[test]
     fn sizes_are_written_in_the_largest_unit_that_leaves_a_number_above_one() {
-        assert_eq!([999, 1000, 5_230_000, 2_500_000_000].map(text), ["999 bytes", "1 kB", "5.2 MB", "2.50 GB"]);
-        assert_eq!([5, 1536, 300 << 20, 5 << 29].map(binary), ["5 bytes", "1.5 KiB", "300 MiB", "2.5 GiB"]);
+        assert_eq!(
+            [1, 999, 1000, 5_230_000, 2_500_000_000].map(text),
+            ["1 byte", "999 bytes", "1 kB", "5.2 MB", "2.50 GB"]
+        );
+        assert_eq!(
+            [1, 5, 1536, 300 << 20, 5 << 29].map(binary),
+            ["1 byte", "5 bytes", "1.5 KiB", "300 MiB", "2.5 GiB"]
+        );
     }
 }

@@ -14,6 +14,7 @@ use kilwa_archive::layout::{MANIFEST, RESERVED};
 use kilwa_archive::manifest::{Access, AccessState};
 use kilwa_files::plain_file;
 use kilwa_pack::header::MAGIC;
+use kilwa_pack::plural::counted;
 use kilwa_pack::{HEADER_BYTES, Header, Metadata};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -577,14 +578,15 @@ fn summarise(path: &Path) -> Result<Summary, String> {
     let mut file = plain_file::open_direct(path).map_err(|e| format!("cannot open: {e}"))?;
     let actual = file.metadata().map_err(|e| e.to_string())?.len();
     if actual < HEADER_BYTES as u64 {
-        return Err(format!("not a Kilwa pack: only {actual} bytes long"));
+        return Err(format!("not a Kilwa pack: only {} long", counted(actual, "byte", "bytes")));
     }
     let header = read(&mut file, 0, HEADER_BYTES).map_err(|e| format!("cannot read the header: {e}"))?;
     let header = Header::parse(&header).map_err(|e| e.to_string())?;
     if header.file_bytes != actual {
         return Err(format!(
-            "truncated or overlong: {} bytes there, {} written; copy it again",
-            actual, header.file_bytes
+            "truncated or overlong: {} there, {} written; copy it again",
+            counted(actual, "byte", "bytes"),
+            header.file_bytes
         ));
     }
     let (offset, length) = header.metadata;

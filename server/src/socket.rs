@@ -18,6 +18,7 @@ use hyper::body::Incoming;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::GracefulShutdown;
+use kilwa_pack::plural::counted;
 use std::convert::Infallible;
 use std::future::Future;
 use std::io;
@@ -139,7 +140,7 @@ impl Server {
     async fn take(&self, stream: TcpStream, peer: SocketAddr) {
         let Some(link) = self.links.enter(peer.ip(), self.limits.per_address) else {
             self.metrics.closed(Closed::Refused);
-            tracing::info!(peer = %peer.ip(), "has {} connections, refused another", self.limits.per_address);
+            tracing::info!(peer = %peer.ip(), "has {}, refused another", counted(self.limits.per_address, "connection", "connections"));
             // It fits an empty socket buffer; where not, closing says enough.
             drop(stream.try_write(REFUSAL));
             return;

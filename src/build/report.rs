@@ -5,6 +5,7 @@ use crate::info::metres;
 use kilwa_builder::build::machine;
 use kilwa_builder::{BuildReport, Spread, StageTime};
 use kilwa_files::size::binary;
+use kilwa_pack::plural::{counted, plural};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
@@ -64,15 +65,34 @@ fn bound(metres: f64) -> String {
 /// How many triangles the parts of a pack have.
 pub(crate) fn spread(s: &Spread) -> String {
     format!(
-        "{} of {} to {} triangles, median {}; 5 % have {} or fewer, 5 % have {} or more",
-        s.count, s.smallest, s.largest, s.median, s.percent_5, s.percent_95
+        "{} of {} to {}, median {}; 5 % have {} or fewer, 5 % have {} or more",
+        s.count,
+        s.smallest,
+        counted(s.largest, "triangle", "triangles"),
+        s.median,
+        s.percent_5,
+        s.percent_95
     )
+}
+
+/// Triangles that are there more than once.
+pub(crate) fn duplicates(n: u64) -> String {
+    if n == 0 {
+        return "no duplicate triangles".to_owned();
+    }
+    counted(n, "duplicate triangle", "duplicate triangles").to_string()
 }
 
 /// For people.
 pub(super) fn print(output: &Path, r: &Report<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let (b, p) = (r.build, &r.build.pack);
-    writeln!(out, "{}: {} triangles, {} vertices", output.display(), b.triangles, b.vertices)?;
+    writeln!(
+        out,
+        "{}: {}, {}",
+        output.display(),
+        counted(b.triangles, "triangle", "triangles"),
+        counted(b.vertices, "vertex", "vertices")
+    )?;
     writeln!(out, "  size      {:.3} × {:.3} × {:.3} m", b.extent[0], b.extent[1], b.extent[2])?;
     writeln!(
         out,
@@ -84,22 +104,26 @@ pub(super) fn print(output: &Path, r: &Report<'_>, out: &mut impl Write) -> std:
     )?;
     writeln!(
         out,
-        "  borders   {} edges; {} edges used by more than two triangles, {} by two that face apart",
-        b.border_edges, b.non_manifold_edges, b.inconsistent_edges
+        "  borders   {}; {} used by more than two triangles, {} by two that face apart",
+        counted(b.border_edges, "edge", "edges"),
+        counted(b.non_manifold_edges, "edge", "edges"),
+        b.inconsistent_edges
     )?;
     writeln!(
         out,
-        "  parts     {} components, the largest of {} triangles; {} triangles stand twice",
-        b.components, b.largest_component, b.duplicate_triangles
+        "  parts     {}, the largest of {}; {}",
+        counted(b.components, "component", "components"),
+        counted(b.largest_component, "triangle", "triangles"),
+        duplicates(b.duplicate_triangles)
     )?;
     writeln!(
         out,
-        "  pack      {} bytes, {:.2} per triangle; {} chunks in {} levels; coarsest form {} triangles, within {}",
-        p.bytes,
+        "  pack      {}, {:.2} per triangle; {} in {}; coarsest form {}, within {}",
+        counted(p.bytes, "byte", "bytes"),
         p.bytes as f64 / b.triangles as f64,
-        p.chunks,
-        p.levels,
-        p.root_triangles,
+        counted(p.chunks, "chunk", "chunks"),
+        counted(p.levels, "level", "levels"),
+        counted(p.root_triangles, "triangle", "triangles"),
         bound(p.root_error)
     )?;
     writeln!(out, "  patches   {}", spread(&p.patch_triangles))?;
@@ -110,13 +134,20 @@ pub(super) fn print(output: &Path, r: &Report<'_>, out: &mut impl Write) -> std:
         writeln!(out, "  {:>9} {kind}{places}", f.count)?;
     }
     if b.overfull_leaves > 0 {
-        writeln!(out, "  {:>9} places too dense to divide further, kept whole", b.overfull_leaves)?;
+        let places = plural(b.overfull_leaves, "place", "places");
+        writeln!(out, "  {:>9} {places} too dense to divide further, kept whole", b.overfull_leaves)?;
     }
     if b.stuck_diamonds > 0 {
         writeln!(
             out,
-            "  {:>9} places that could not be simplified and keep their {} triangles at coarser levels",
-            b.stuck_diamonds, b.stuck_triangles
+            "  {:>9} {} {} at coarser levels",
+            b.stuck_diamonds,
+            plural(
+                b.stuck_diamonds,
+                "place that could not be simplified and keeps its",
+                "places that could not be simplified and keep their"
+            ),
+            counted(b.stuck_triangles, "triangle", "triangles")
         )?;
     }
     Ok(())

@@ -2,6 +2,7 @@
 //! components, edges, noise. Scratch files go to the folder for temporary files.
 
 use super::metres;
+use crate::build::report::duplicates;
 use crate::inputs::{InputArgs, Inputs};
 use crate::progress::Bar;
 use kilwa_builder::Precision;
@@ -11,6 +12,7 @@ use kilwa_builder::ingest::surface::Surface;
 use kilwa_builder::ingest::{self, IngestOptions, Spool};
 use kilwa_builder::scratch::Scratch;
 use kilwa_builder::{BuildOptions, Inputs as _};
+use kilwa_pack::plural::counted;
 use std::io::Write;
 use std::path::Path;
 
@@ -50,18 +52,25 @@ fn survey(inputs: &mut Inputs, work: &Work<'_>) -> anyhow::Result<Surface> {
 
 fn words(names: &str, s: &Surface, out: &mut impl Write) -> std::io::Result<()> {
     let [min, max] = s.bounds.map(|p| s.lattice.world_from_lattice(p));
-    let size: [f64; 3] = std::array::from_fn(|i| max[i] - min[i]);
-    writeln!(out, "{names}: {} triangles, {} vertices", s.triangles, s.points)?;
+    let size = max - min;
+    let (triangles, vertices) =
+        (counted(s.triangles, "triangle", "triangles"), counted(s.points, "vertex", "vertices"));
+    writeln!(out, "{names}: {triangles}, {vertices}")?;
     writeln!(out, "  size        {:.3} × {:.3} × {:.3} m", size[0], size[1], size[2])?;
     writeln!(out, "  from        {:.3} {:.3} {:.3} m", min[0], min[1], min[2])?;
     writeln!(out, "  to          {:.3} {:.3} {:.3} m", max[0], max[1], max[2])?;
     writeln!(out, "  edges       median {}, one in a hundred below {}", metres(s.median_edge), metres(s.short_edge))?;
     writeln!(out, "  noise       about {}", metres(s.noise))?;
-    writeln!(out, "  borders     {} edges", s.border_edges)?;
-    writeln!(out, "  components  {}, the largest of {} triangles", s.components, s.largest_component)?;
-    writeln!(out, "  not clean   {} edges used by more than two triangles", s.non_manifold_edges)?;
-    writeln!(out, "              {} edges of two triangles that face apart", s.inconsistent_edges)?;
-    writeln!(out, "              {} triangles that stand twice", s.duplicate_triangles)?;
+    writeln!(out, "  borders     {}", counted(s.border_edges, "edge", "edges"))?;
+    writeln!(
+        out,
+        "  components  {}, the largest of {}",
+        s.components,
+        counted(s.largest_component, "triangle", "triangles")
+    )?;
+    writeln!(out, "  not clean   {} used by more than two triangles", counted(s.non_manifold_edges, "edge", "edges"))?;
+    writeln!(out, "              {} of two triangles that face apart", counted(s.inconsistent_edges, "edge", "edges"))?;
+    writeln!(out, "              {}", duplicates(s.duplicate_triangles))?;
     writeln!(out, "  colours     {}", if s.colors { "yes" } else { "none" })?;
     for c in &s.scalars {
         writeln!(out, "  channel     {}, {} to {}", c.name, c.min, c.max)?;

@@ -5,6 +5,7 @@ use crate::source::FileSource;
 use anyhow::Context;
 use kilwa_builder::Spread;
 use kilwa_pack::cut::coarse_triangles;
+use kilwa_pack::plural::counted;
 use kilwa_pack::{DirectoryEntry, PatchRange, Reader, Source};
 use serde::Serialize;
 
@@ -33,8 +34,8 @@ pub(super) fn of(reader: &Reader<FileSource>) -> anyhow::Result<Patches> {
         let table = table(reader.source(), e).with_context(|| format!("chunk {i}"))?;
         anyhow::ensure!(
             table.iter().map(|p| u64::from(p.count)).sum::<u64>() == u64::from(e.triangles),
-            "chunk {i} does not hold the {} triangles that the directory announces; kilwa verify says what else is damaged",
-            e.triangles
+            "chunk {i} does not hold the {} that the directory announces; kilwa verify says what else is damaged",
+            counted(e.triangles, "triangle", "triangles")
         );
         patches.extend(table);
     }

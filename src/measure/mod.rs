@@ -12,8 +12,8 @@ mod sweep;
 use crate::new_file::refuse_inputs;
 use crate::source::open_pack;
 use clap::Subcommand;
+use glam::DVec3;
 use kilwa_geometry::LengthUnit;
-use kilwa_geometry::distance::Vec3;
 use kilwa_measure::unit::shown;
 use kilwa_measure::{Outcome, Place, Plane, Reading, Space, Task, ToolName, Uncertainty};
 use place::{Given, places, positions};
@@ -334,27 +334,27 @@ fn to_file(s: &Subject, task: &Task, output: &output::OutputArgs) -> anyhow::Res
 impl PlaneArgs {
     /// The plane asked for, in local metres.
     fn plane(&self, s: &Subject) -> anyhow::Result<Option<Plane>> {
-        let world = |at: Vec3, normal: Vec3| Plane::new(s.space.local_from_world(at), normal).map(Some);
+        let world = |at: DVec3, normal: DVec3| Plane::new(s.space.local_from_world(at), normal).map(Some);
         // The other coordinates of a point of the plane do not matter; those of the origin keep numbers small.
-        let mut at = s.space.world_from_local([0.0; 3]);
+        let mut at = s.space.world_from_local(DVec3::ZERO);
         Ok(match (&self.plane, self.x, self.y, self.z) {
             (Some(p), ..) => {
                 let &[x, y, z, nx, ny, nz] = &p[..] else {
                     anyhow::bail!("a plane is six numbers, X,Y,Z,NX,NY,NZ; {} are given", p.len())
                 };
-                world([x, y, z], [nx, ny, nz])?
+                world(DVec3::new(x, y, z), DVec3::new(nx, ny, nz))?
             }
             (_, Some(x), ..) => {
-                at[0] = x;
-                world(at, [1.0, 0.0, 0.0])?
+                at.x = x;
+                world(at, DVec3::X)?
             }
             (_, _, Some(y), _) => {
-                at[1] = y;
-                world(at, [0.0, -1.0, 0.0])?
+                at.y = y;
+                world(at, DVec3::NEG_Y)?
             }
             (_, _, _, Some(z)) => {
-                at[2] = z;
-                world(at, [0.0, 0.0, 1.0])?
+                at.z = z;
+                world(at, DVec3::Z)?
             }
             _ => None,
         })

@@ -1,9 +1,10 @@
 //! The points that a command line means.
 
 use super::sweep::FileLeaves;
-use kilwa_geometry::distance::Vec3;
+use glam::DVec3;
 use kilwa_measure::clip::Clip;
 use kilwa_measure::{Leaves, Place, Space, place};
+use kilwa_pack::plural::counted;
 
 /// What the numbers of a command line mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,16 +25,16 @@ pub(super) async fn places(leaves: &FileLeaves, numbers: &[f64], given: Given) -
         let (rays, rest) = positions.as_chunks::<2>();
         anyhow::ensure!(rest.is_empty(), "a ray is six numbers: its origin and its direction");
         for [origin, direction] in rays {
-            places.push(place::cast(leaves, *origin, *direction, &Clip::default()).await?);
+            places.push(place::cast(leaves, (*origin).into(), (*direction).into(), &Clip::default()).await?);
         }
         return Ok(places);
     }
     let space = Space::new(leaves.index().header().lattice);
     for world in positions {
-        anyhow::ensure!(world.iter().all(|x| x.is_finite()), "a position must be three finite numbers");
+        anyhow::ensure!(world.is_finite(), "a position must be three finite numbers");
         let local = space.local_from_world(world);
         places.push(match given {
-            Given::Exact => Place { world, local, away: 0.0, normal: [0.0; 3] },
+            Given::Exact => Place { world, local, away: 0.0, normal: DVec3::ZERO },
             _ => place::nearest(leaves, local).await?,
         });
     }
@@ -41,8 +42,12 @@ pub(super) async fn places(leaves: &FileLeaves, numbers: &[f64], given: Given) -
 }
 
 /// Positions from a flat list of numbers.
-pub(super) fn positions(numbers: &[f64]) -> anyhow::Result<Vec<Vec3>> {
+pub(super) fn positions(numbers: &[f64]) -> anyhow::Result<Vec<DVec3>> {
     let (positions, rest) = numbers.as_chunks::<3>();
-    anyhow::ensure!(rest.is_empty(), "positions are three numbers each, x y z; {} numbers are given", numbers.len());
-    Ok(positions.to_vec())
+    anyhow::ensure!(
+        rest.is_empty(),
+        "positions are three numbers each, x y z; {} given",
+        counted(numbers.len(), "number is", "numbers are")
+    );
+    Ok(positions.iter().copied().map(DVec3::from).collect())
 }

@@ -2,6 +2,7 @@
 
 use super::Subject;
 use kilwa_measure::{Leaves, Outcome};
+use kilwa_pack::plural::{counted, plural};
 use serde_json::{Value, json};
 use std::io::Write;
 
@@ -39,7 +40,13 @@ pub(super) fn print(mut outcome: Outcome, s: &Subject, as_json: bool) -> anyhow:
     if let Some(read) = outcome.read {
         let share = 100.0 * read.bytes as f64 / read.of_bytes.max(1) as f64;
         let bytes = crate::info::grouped(read.bytes);
-        writeln!(out, "read {} of {} chunks, {bytes} bytes ({share:.1} % of the pack)", read.chunks, read.of_chunks)?;
+        writeln!(
+            out,
+            "read {} of {}, {bytes} {} ({share:.1} % of the pack)",
+            read.chunks,
+            counted(read.of_chunks, "chunk", "chunks"),
+            plural(read.bytes, "byte", "bytes")
+        )?;
     }
     let lattice = s.point.lattice;
     match s.point.capture {

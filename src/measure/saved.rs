@@ -8,6 +8,7 @@ use kilwa_archive::lock::{Lock, PATIENCE};
 use kilwa_files::atomic::folder_of;
 use kilwa_measure::job::pack_name;
 use kilwa_measure::{Document, Leaves, Measurement, Outcome};
+use kilwa_pack::plural::{counted, plural};
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -142,7 +143,8 @@ pub(super) fn again(s: &Subject, again: &AgainArgs, all: &Args) -> anyhow::Resul
         )?;
     }
     if differing > 0 && !as_json {
-        writeln!(out, "{differing} of {} measurements differ.", document.measurements.len())?;
+        let all = counted(document.measurements.len(), "measurement", "measurements");
+        writeln!(out, "{differing} of {all} {}.", plural(differing, "differs", "differ"))?;
     }
     Ok(differing == 0)
 }

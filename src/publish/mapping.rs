@@ -3,6 +3,7 @@
 use super::notes;
 use super::plan::Plan;
 use kilwa_files::size;
+use kilwa_pack::plural::counted;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -139,13 +140,13 @@ fn text(plan: &Plan) -> String {
     let _ = write!(
         s,
         "\nAll of it also stands in metadata/metadata.json and on the page; capture and steps in metadata/paradata.json.\n\
-         Would write {}, version {} of {}: {}\n  pack: {}, {} triangles, {}\n  rights: {}",
+         Would write {}, version {} of {}: {}\n  pack: {}, {}, {}\n  rights: {}",
         plan.at,
         plan.facts.version(),
         plan.facts.published,
         plan.facts.note,
         size::text(plan.given.pack_bytes),
-        plan.given.of_pack.triangles,
+        counted(plan.given.of_pack.triangles, "triangle", "triangles"),
         plan.facts.crs.as_deref().unwrap_or("local coordinates"),
         plan.facts.rights.label,
     );

@@ -15,6 +15,7 @@ mod write;
 
 use anyhow::{Context, ensure};
 use kilwa_archive::date::{day_of, is_day};
+use kilwa_pack::plural::counted;
 pub(crate) use plan::read_metadata;
 use serde::Serialize;
 use std::io::Write as _;
@@ -181,7 +182,12 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
         writeln!(out, "{object}: version {version} of {day} is already published; nothing was added{around}")?;
         return Ok(());
     }
-    writeln!(out, "{object}: version {version} published, {files} files, {}", kilwa_files::size::text(report.bytes))?;
+    writeln!(
+        out,
+        "{object}: version {version} published, {}, {}",
+        counted(*files, "file", "files"),
+        kilwa_files::size::text(report.bytes)
+    )?;
     if report.closed {
         let whom = if report.owner_only {
             "you".to_owned()
@@ -191,7 +197,7 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
         writeln!(out, "  not public: pack and preview can be read only by {whom}")?;
     }
     if report.notes > 0 {
-        writeln!(out, "  with {} notes", report.notes)?;
+        writeln!(out, "  with {}", counted(report.notes, "note", "notes"))?;
     }
     for line in &report.left_out {
         writeln!(out, "  left out: {line}")?;

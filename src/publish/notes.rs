@@ -12,6 +12,7 @@ use kilwa_archive::layout::{ANNOTATIONS, pack_name};
 use kilwa_archive::notes::{NOTES_MAX, same_pack};
 use kilwa_archive::{Manifest, Notes, Version};
 use kilwa_files::plain_file;
+use kilwa_pack::plural::{counted, plural};
 use std::io::Read as _;
 use std::path::Path;
 
@@ -93,7 +94,7 @@ pub(super) fn published(
         Some(taken) => {
             let before = plan.facts.before.as_ref();
             let already: Vec<&str> = hidden(before).map(|v| v.pack.identity.as_str()).collect();
-            notes.clone().without_place(taken.offset, &already)
+            notes.clone().without_place(taken.offset.to_array(), &already)
         }
         None => notes.clone(),
     };
@@ -110,7 +111,9 @@ pub(super) fn warnings(plan: &Plan) -> Vec<String> {
     let one = |(made_on, n): (&str, usize)| {
         let short = made_on.get(..12).unwrap_or(made_on);
         format!(
-            "{n} of the notes were made on another pack ({short}…), which is no version of this object; their places are taken as they are"
+            "{n} of the notes {} made on another pack ({short}…), which is no version of this object; {}",
+            plural(n, "was", "were"),
+            plural(n, "its place is taken as it is", "their places are taken as they are")
         )
     };
     strangers.into_iter().map(one).collect()
@@ -119,8 +122,12 @@ pub(super) fn warnings(plan: &Plan) -> Vec<String> {
 /// What of the file is not published, and why.
 pub(super) fn left_out(plan: &Plan) -> Vec<String> {
     let Some(notes) = &plan.given.notes else { return Vec::new() };
-    let without = (notes.left_out > 0)
-        .then(|| format!("{} annotations of the notes, which name no point on a model", notes.left_out));
+    let without = (notes.left_out > 0).then(|| {
+        format!(
+            "{} no point on a model",
+            counted(notes.left_out, "annotation of the notes, which names", "annotations of the notes, which name")
+        )
+    });
     let telling = plan.given.place.and_then(|_: Place| notes.telling());
     without.into_iter().chain(telling).collect()
 }

@@ -3,6 +3,7 @@
 use crate::sheet::{self, SheetArgs};
 use crate::source::FileSource;
 use anyhow::Context;
+use glam::DVec3;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::{FilterType, resize};
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
@@ -100,13 +101,12 @@ fn filling(bounds: &Bounds) -> Camera {
     let (right, up, backward) = (camera.right(), camera.up(), camera.backward());
     let tangent = camera.half_height() / camera.distance;
     let aspect = f64::from(SIZE[0]) / f64::from(SIZE[1]);
-    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     // Where a corner is in the picture: across and up, -1 to 1.
-    let seen = |target: [f64; 3], distance: f64| {
+    let seen = |target: DVec3, distance: f64| {
         bounds.corners().map(|c| {
-            let v: [f64; 3] = std::array::from_fn(|k| c[k] - target[k]);
-            let depth = ((distance - dot(v, backward)) * tangent).max(1e-9);
-            [dot(v, right) / (depth * aspect), dot(v, up) / depth]
+            let v = c - target;
+            let depth = ((distance - v.dot(backward)) * tangent).max(1e-9);
+            [v.dot(right) / (depth * aspect), v.dot(up) / depth]
         })
     };
     for _ in 0..60 {
@@ -114,7 +114,7 @@ fn filling(bounds: &Bounds) -> Camera {
         let low = places.iter().map(|p| p[1]).fold(f64::INFINITY, f64::min);
         let high = places.iter().map(|p| p[1]).fold(f64::NEG_INFINITY, f64::max);
         let shift = f64::midpoint(low, high) * camera.distance * tangent;
-        camera.target = std::array::from_fn(|k| camera.target[k] + up[k] * shift);
+        camera.target += up * shift;
         let nearer = camera.distance * 0.97;
         if seen(camera.target, nearer).iter().flatten().any(|x| x.abs() > 0.97) {
             break;

@@ -7,6 +7,7 @@
 //! Stands by itself (with `distrust`), so that tests can drive it without a command line.
 
 use kilwa_archive::checksums::sha256_of;
+use kilwa_pack::plural::counted;
 use kilwa_server::upload::wire::{FileSaid, Intent, Lacking, State, Status};
 use std::cell::Cell;
 use std::fs::File;
@@ -227,7 +228,8 @@ impl Sender {
             tries += 1;
             if tries >= self.patience.attempts {
                 return Err(format!(
-                    "{why} ({tries} attempts). What was sent is kept for some days: run the same command again to go on"
+                    "{why} ({}). What was sent is kept for some days: run the same command again to go on",
+                    counted(tries, "attempt", "attempts")
                 ));
             }
             let pause = wait.max(after.unwrap_or_default()).min(self.patience.longest);

@@ -8,6 +8,7 @@ use kilwa_archive::keep::{Folders, check_outside};
 use kilwa_archive::location::Location;
 use kilwa_archive::site;
 use kilwa_archive::withdraw::{Outlook, Withdrawal, Withdrawn, outlook, withdraw};
+use kilwa_pack::plural::counted;
 use std::io::Write as _;
 use std::path::Path;
 
@@ -103,9 +104,10 @@ fn say_outlook(args: &Args, slug: &Slug, keep: &Path, there: &Outlook) -> anyhow
     let bag = if there.bag { ", and its bag" } else { "" };
     Ok(writeln!(
         out,
-        "Would withdraw {}/{slug}, \"{}\": {files} files, {}{bag}, would leave it for {}; metadata, citations and a page with the reason would stay.\nNothing was written.",
+        "Would withdraw {}/{slug}, \"{}\": {}, {}{bag}, would leave it for {}; metadata, citations and a page with the reason would stay.\nNothing was written.",
         args.to.display(),
         there.title,
+        counted(files, "file", "files"),
         kilwa_files::size::text(bytes),
         keep.join(slug.as_str()).display()
     )?)

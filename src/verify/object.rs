@@ -7,7 +7,7 @@
 use super::links;
 use super::place::{Bytes, Place};
 use super::progress::Progress;
-use super::report::{Kind, Report, many};
+use super::report::{Kind, Report};
 use super::state::{State, Unit, now};
 use kilwa_archive::checksums::{Checksums, sha256};
 use kilwa_archive::draft::HIDDEN;
@@ -21,6 +21,7 @@ use kilwa_archive::next::NEXT;
 use kilwa_archive::notes::NOTES_MAX;
 use kilwa_archive::sound;
 use kilwa_archive::{AccessState, Manifest, Metadata, Notes, Version};
+use kilwa_pack::plural::counted;
 use std::collections::BTreeSet;
 
 /// Longest list of checksums, landing page or record that is read into memory.
@@ -81,7 +82,7 @@ impl Check<'_> {
     /// Add a note on the withdrawal that was filling or removing this. From here on, missing files are problems again.
     pub(crate) fn say_withdrawal(&mut self) {
         let lacking = self.report.lacking.take().unwrap_or(0);
-        let (name, lacking) = (self.path(""), many(lacking, "file"));
+        let (name, lacking) = (self.path(""), counted(lacking, "file", "files"));
         let again = "run the same `kilwa publish --withdraw` again to finish";
         self.report
             .notes
@@ -201,7 +202,7 @@ impl Check<'_> {
             self.add(path, Kind::Damaged, what.clone());
         }
         if checked.more > 0 {
-            self.add(path, Kind::Damaged, format!("{} more damaged parts", checked.more));
+            self.add(path, Kind::Damaged, counted(checked.more, "more damaged part", "more damaged parts").to_string());
         }
         if let Some((sum, list)) = expected
             && let Some(found) = checked.sha256.as_deref().filter(|found| *found != sum)
@@ -444,7 +445,11 @@ impl Check<'_> {
         }
         let [min, max] = version.figures.bounds;
         if bytes.len() as u64 != entry.bytes {
-            self.add(&path, Kind::Incomplete, format!("it has {} bytes; {MANIFEST} says {}", bytes.len(), entry.bytes));
+            self.add(
+                &path,
+                Kind::Incomplete,
+                format!("it has {}; {MANIFEST} says {}", counted(bytes.len(), "byte", "bytes"), entry.bytes),
+            );
         }
         if let Err(e) = Notes::parse(&bytes).and_then(|notes| notes.within(min, max)) {
             self.add(&path, Kind::Incomplete, format!("its notes cannot be: {e}"));
@@ -621,7 +626,9 @@ impl Check<'_> {
 
 fn differs(found: &str, bytes: u64, expected: &str, length: Option<u64>, list: &str) -> String {
     let lengths = match length {
-        Some(expected) if expected != bytes => format!("; it has {bytes} bytes instead of {expected}"),
+        Some(expected) if expected != bytes => {
+            format!("; it has {} instead of {expected}", counted(bytes, "byte", "bytes"))
+        }
         _ => String::new(),
     };
     format!(

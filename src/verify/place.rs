@@ -5,6 +5,7 @@ use kilwa_archive::checksums::sha256;
 use kilwa_archive::draft::HIDDEN;
 use kilwa_files::plain_file;
 use kilwa_pack::Source;
+use kilwa_pack::plural::{counted, plural};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -45,7 +46,11 @@ pub(crate) trait Place {
         let length = file.len()?;
         let count = usize::try_from(length).ok().filter(|_| length <= limit);
         let Some(count) = count else {
-            return Err(io::Error::other(format!("it has {length} bytes; at most {limit} are possible")));
+            return Err(io::Error::other(format!(
+                "it has {}; at most {limit} {} possible",
+                counted(length, "byte", "bytes"),
+                plural(limit, "is", "are")
+            )));
         };
         file.read_at(0, count).map(Some)
     }

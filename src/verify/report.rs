@@ -1,6 +1,7 @@
 //! What was checked and what is wrong: for people as lines, for programs as JSON.
 
 use kilwa_archive::sound::Checked;
+use kilwa_pack::plural::counted;
 use serde::Serialize;
 use std::fmt::Write as _;
 
@@ -100,8 +101,13 @@ impl PackFigures {
 impl PackFigures {
     /// For people.
     pub(crate) fn summary(&self) -> String {
-        let Self { bytes, chunks, triangles, stored_triangles, .. } = self;
-        format!("sound. {bytes} bytes, {chunks} chunks, {triangles} triangles ({stored_triangles} stored) checked.")
+        format!(
+            "sound. {}, {}, {} ({} stored) checked.",
+            counted(self.bytes, "byte", "bytes"),
+            counted(self.chunks, "chunk", "chunks"),
+            counted(self.triangles, "triangle", "triangles"),
+            self.stored_triangles
+        )
     }
 }
 
@@ -146,17 +152,12 @@ impl Report {
             format!(", {} not looked at again (checked before)", self.skipped)
         };
         format!(
-            "{} of {} sound{skipped}; {}, {} bytes, {} checked.",
+            "{} of {} sound{skipped}; {}, {}, {} checked.",
             self.sound_objects,
-            many(self.objects, "object"),
-            many(self.files, "file"),
-            self.bytes,
-            many(self.chunks, "chunk")
+            counted(self.objects, "object", "objects"),
+            counted(self.files, "file", "files"),
+            counted(self.bytes, "byte", "bytes"),
+            counted(self.chunks, "chunk", "chunks")
         )
     }
-}
-
-/// `1 file`, `2 files`.
-pub(crate) fn many(n: u64, what: &str) -> String {
-    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }

@@ -9,6 +9,7 @@ use crate::distrust::is_distrusted;
 use crate::secrets::without_user;
 use crate::source::FileSource;
 use kilwa_pack::Source;
+use kilwa_pack::plural::counted;
 use std::fmt::Write as _;
 use std::io::{self, Read, Seek, Write};
 use std::sync::{Mutex, PoisonError};
@@ -198,7 +199,7 @@ fn take_part(response: &mut Response<ureq::Body>, from: u64, last: u64) -> io::R
     let mut bytes = Vec::new();
     match response.body_mut().as_reader().take(count).read_to_end(&mut bytes) {
         Ok(_) if bytes.len() as u64 == count => {}
-        Ok(n) => return Ok(Outcome::Passing(format!("{n} of {count} bytes came"), None)),
+        Ok(n) => return Ok(Outcome::Passing(format!("{n} of {} came", counted(count, "byte", "bytes")), None)),
         Err(e) => return Ok(Outcome::Passing(e.to_string(), None)),
     }
     Ok(Outcome::Came(Some(Answer::Part { bytes, total, tag: header(response, "etag") })))
@@ -225,7 +226,10 @@ fn take_whole(mut response: Response<ureq::Body>) -> io::Result<Outcome> {
         }
     }
     if announced.is_some_and(|announced| announced != came) {
-        return Ok(Outcome::Passing(format!("{came} of {} bytes came", announced.unwrap_or(0)), None));
+        return Ok(Outcome::Passing(
+            format!("{came} of {} came", counted(announced.unwrap_or(0), "byte", "bytes")),
+            None,
+        ));
     }
     file.rewind()?;
     Ok(Outcome::Came(Some(Answer::Whole(Box::new(FileSource::of(file))))))

@@ -17,7 +17,9 @@ mod tests;
 
 pub use phantom::Phantom;
 
+use glam::DVec3;
 use kilwa_formats::RawMesh;
+use kilwa_pack::plural::counted;
 use piece::{Sink, Site, weld};
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
@@ -67,7 +69,7 @@ impl SynthOptions {
 }
 
 /// The site's origin in the real world: easting, northing and height in metres, beside the Gereza of Kilwa Kisiwani.
-pub const UTM_ORIGIN: [f64; 3] = [565_982.0, 9_009_946.0, 2.0];
+pub const UTM_ORIGIN: DVec3 = DVec3::new(565_982.0, 9_009_946.0, 2.0);
 /// The coordinate reference system of [`UTM_ORIGIN`]: WGS 84 / UTM zone 37S.
 pub const UTM_CRS: &str = "EPSG:32737";
 /// Most triangles of one file: about half as many vertices must fit a PLY `int` index (2^31 - 1).
@@ -94,7 +96,7 @@ pub struct SynthReport {
 #[derive(Debug, thiserror::Error)]
 pub enum SynthError {
     /// Fewer triangles than the shape needs.
-    #[error("{asked} triangles are too few for this shape: ask for at least {fewest}")]
+    #[error("{} too few for this shape: ask for at least {fewest}", counted(*asked, "triangle is", "triangles are"))]
     TooFew {
         /// Asked for.
         asked: u64,
@@ -110,7 +112,7 @@ pub enum SynthError {
         asked: u64,
     },
     /// No blocks, or more than the site can be cut into.
-    #[error("{asked} blocks are not possible: with so many triangles this shape can be cut into 1 to {most}")]
+    #[error("{} not possible: with so many triangles this shape can be cut into 1 to {most}", counted(*asked, "block is", "blocks are"))]
     Blocks {
         /// Asked for.
         asked: u32,
@@ -193,12 +195,12 @@ pub fn write(
 pub fn mesh(shape: Shape, options: &SynthOptions) -> Result<RawMesh, SynthError> {
     struct Memory {
         mesh: RawMesh,
-        origin: [f64; 3],
+        origin: DVec3,
     }
     impl Sink for Memory {
         type Error = Infallible;
-        fn vertex(&mut self, p: [f64; 3], color: [u8; 3]) -> Result<(), Infallible> {
-            self.mesh.positions.push(std::array::from_fn(|k| p[k] + self.origin[k]));
+        fn vertex(&mut self, p: DVec3, color: [u8; 3]) -> Result<(), Infallible> {
+            self.mesh.positions.push((p + self.origin).to_array());
             self.mesh.colors.push(color);
             Ok(())
         }
@@ -208,7 +210,7 @@ pub fn mesh(shape: Shape, options: &SynthOptions) -> Result<RawMesh, SynthError>
         }
     }
     let site = site(shape, options, 1)?;
-    let origin = if options.utm { UTM_ORIGIN } else { [0.0; 3] };
+    let origin = if options.utm { UTM_ORIGIN } else { DVec3::ZERO };
     let mut sink = Memory { mesh: RawMesh::default(), origin };
     match weld(site.as_ref(), 0, !options.utm, &mut sink, &mut |_| {}) {
         Ok(_) => Ok(sink.mesh),

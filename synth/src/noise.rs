@@ -4,6 +4,8 @@
 //! (which IEEE 754 and Rust fix), and so gives the same bits on every machine and in every order of evaluation.
 //! Source of the gradient noise: Perlin, "Improving Noise", SIGGRAPH 2002.
 
+use glam::DVec3;
+
 const STEP_X: u64 = 0x9e37_79b9_7f4a_7c15;
 const STEP_Y: u64 = 0xc2b2_ae3d_27d4_eb4f;
 const STEP_Z: u64 = 0x1656_67b1_9e37_79f9;
@@ -105,7 +107,7 @@ fn slope3(h: u64, x: f64, y: f64, z: f64) -> f64 {
 }
 
 /// Gradient noise in space, roughly in [-1, 1], lattice constant 1.
-pub(super) fn noise3(seed: u64, [x, y, z]: [f64; 3]) -> f64 {
+pub(super) fn noise3(seed: u64, DVec3 { x, y, z }: DVec3) -> f64 {
     let ((ix, fx), (iy, fy), (iz, fz)) = (split(x), split(y), split(z));
     let base = seed
         .wrapping_add((ix as u64).wrapping_mul(STEP_X))
@@ -139,11 +141,11 @@ pub(super) fn fractal2(seed: u64, x: f64, y: f64, length: f64, octaves: u32, gai
 }
 
 /// Fractal sum in space; see [`fractal2`].
-pub(super) fn fractal3(seed: u64, p: [f64; 3], length: f64, octaves: u32, gain: f64) -> f64 {
+pub(super) fn fractal3(seed: u64, p: DVec3, length: f64, octaves: u32, gain: f64) -> f64 {
     let (mut frequency, mut amplitude, mut sum) = (1.0 / length, 1.0, 0.0);
     for octave in 0..octaves {
         let shift = f64::from(octave) * 17.37;
-        let q = [p[0] * frequency + shift, p[1] * frequency - shift, p[2] * frequency + 0.5 * shift];
+        let q = p * frequency + DVec3::new(shift, -shift, 0.5 * shift);
         sum += amplitude * noise3(seed.wrapping_add(u64::from(octave)), q);
         frequency *= 2.03;
         amplitude *= gain;
@@ -166,11 +168,11 @@ mod tests {
             let h = mix(k);
             let (y, z) = (unit(h, 0) * 40.0 - 20.0, unit(h, 1) * 40.0 - 20.0);
             let x = (k % 40) as f64 - 20.0;
-            let gap = noise3(5, [x - 1e-9, y, z]) - noise3(5, [x + 1e-9, y, z]);
+            let gap = noise3(5, DVec3::new(x - 1e-9, y, z)) - noise3(5, DVec3::new(x + 1e-9, y, z));
             assert!(gap.abs() < 1e-7, "a step of {gap} at x = {x}");
             let gap = noise2(5, x - 1e-9, y) - noise2(5, x + 1e-9, y);
             assert!(gap.abs() < 1e-7, "a step of {gap} at x = {x}");
-            assert!(noise3(5, [x + 0.3, y, z]).abs() < 1.7 && noise2(5, x + 0.3, y).abs() < 1.7);
+            assert!(noise3(5, DVec3::new(x + 0.3, y, z)).abs() < 1.7 && noise2(5, x + 0.3, y).abs() < 1.7);
         }
     }
 

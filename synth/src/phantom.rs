@@ -15,6 +15,7 @@
 
 use super::noise::{derive, hash3, normal, smooth};
 use super::piece::{Piece, Site, Vertex};
+use glam::{DVec3, I64Vec3, IVec3};
 use std::cmp::Ordering;
 
 /// Which phantom.
@@ -105,9 +106,9 @@ const ROWS_PER_PIECE: u32 = 64;
 /// A square of the surface in lattice cells: its origin and the two edges, whose cross product points outward.
 #[derive(Debug, Clone, Copy)]
 struct Square {
-    origin: [i32; 3],
-    u: [i32; 3],
-    v: [i32; 3],
+    origin: IVec3,
+    u: IVec3,
+    v: IVec3,
     /// Only the half below the diagonal from the origin (the sides of the ramp).
     half: bool,
 }
@@ -117,7 +118,7 @@ pub(super) struct Solid {
     shape: Phantom,
     seed: u64,
     /// Cells of the lattice along each axis.
-    cells: [i32; 3],
+    cells: IVec3,
     squares: Vec<Square>,
     detail: u32,
     tiles: u32,
@@ -133,6 +134,7 @@ impl Solid {
             Phantom::SteppedWall => [5, 5, 5],
             Phantom::BentWall => [10, 1, 4],
         };
+        let cells = IVec3::from(cells);
         let mut solid = Self { shape, seed: derive(seed, 0x9a27), cells, squares: Vec::new(), detail: 1, tiles };
         solid.squares = solid.boundary();
         let unit: u64 = solid.squares.iter().map(|s| if s.half { 1 } else { 2 }).sum();
@@ -150,8 +152,8 @@ impl Solid {
     }
 
     /// Whether a cell is inside; the ramp's cells on the diagonal are half inside.
-    fn solid(&self, c: [i32; 3]) -> bool {
-        let inside = (0..3).all(|k| (0..self.cells[k]).contains(&c[k]));
+    fn solid(&self, c: IVec3) -> bool {
+        let inside = c.cmpge(IVec3::ZERO).all() && c.cmplt(self.cells).all();
         inside
             && match self.shape {
                 Phantom::SteppedWall | Phantom::Ramp => c[2] <= c[0],
@@ -162,10 +164,10 @@ impl Solid {
     fn boundary(&self) -> Vec<Square> {
         let ramp = self.shape == Phantom::Ramp;
         let mut squares = Vec::new();
-        for x in 0..self.cells[0] {
-            for y in 0..self.cells[1] {
-                for z in 0..self.cells[2] {
-                    let c = [x, y, z];
+        for x in 0..self.cells.x {
+            for y in 0..self.cells.y {
+                for z in 0..self.cells.z {
+                    let c = IVec3::new(x, y, z);
                     if !self.solid(c) {
                         continue;
                     }
@@ -181,7 +183,7 @@ impl Solid {
                         }
                     }
                     if diagonal {
-                        squares.push(Square { origin: c, u: [1, 0, 1], v: [0, 1, 0], half: false });
+                        squares.push(Square { origin: c, u: IVec3::new(1, 0, 1), v: IVec3::Y, half: false });
                     }
                 }
             }
@@ -190,32 +192,32 @@ impl Solid {
     }
 
     /// The point in space of a lattice point in units of `1 / detail` cells.
-    fn place(&self, k: [i64; 3]) -> [f64; 3] {
+    fn place(&self, k: I64Vec3) -> DVec3 {
         let n = f64::from(self.detail);
-        let s: [f64; 3] = std::array::from_fn(|a| k[a] as f64 / (n * f64::from(self.cells[a])));
+        let s = k.as_dvec3() / (n * self.cells.as_dvec3());
         match self.shape {
             Phantom::Cube => s,
-            Phantom::Ramp => [s[0] * RAMP_LENGTH, s[1], s[2] * ramp_height()],
-            Phantom::SteppedWall => [s[0] * 5.0 * STEP_RUN, s[1] * STEP_WIDTH, s[2] * 5.0 * STEP_RISE],
+            Phantom::Ramp => DVec3::new(s.x * RAMP_LENGTH, s.y, s.z * ramp_height()),
+            Phantom::SteppedWall => DVec3::new(s.x * 5.0 * STEP_RUN, s.y * STEP_WIDTH, s.z * 5.0 * STEP_RISE),
             Phantom::BentWall => {
-                let angle = (1.0 - s[0]) * BENT_ANGLE;
-                let r = BENT_INNER + s[1] * (BENT_OUTER - BENT_INNER);
-                [r * libm::cos(angle), r * libm::sin(angle), s[2] * BENT_HEIGHT]
+                let angle = (1.0 - s.x) * BENT_ANGLE;
+                let r = BENT_INNER + s.y * (BENT_OUTER - BENT_INNER);
+                DVec3::new(r * libm::cos(angle), r * libm::sin(angle), s.z * BENT_HEIGHT)
             }
             Phantom::Cylinder => {
-                let [x, y] = disc(2.0 * s[0] - 1.0, 2.0 * s[1] - 1.0);
-                [x * CYLINDER_RADIUS, y * CYLINDER_RADIUS, s[2] * CYLINDER_HEIGHT]
+                let [x, y] = disc(2.0 * s.x - 1.0, 2.0 * s.y - 1.0);
+                DVec3::new(x * CYLINDER_RADIUS, y * CYLINDER_RADIUS, s.z * CYLINDER_HEIGHT)
             }
             Phantom::Sphere => {
                 // Equal angles along the cube's edges keep the triangles near one size.
                 let q = s.map(|t| libm::tan((2.0 * t - 1.0) * std::f64::consts::FRAC_PI_4));
-                let length = (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]).sqrt();
-                [q[0] / length, q[1] / length, q[2] / length + 1.0]
+                let unit = q / q.length();
+                unit.with_z(unit.z + 1.0)
             }
         }
     }
 
-    fn color(&self, p: [f64; 3], k: [i64; 3]) -> [u8; 3] {
+    fn color(&self, p: DVec3, k: I64Vec3) -> [u8; 3] {
         let band = |t: f64| (t * 4.0 + 1e-6).floor() as i64;
         let checker = (band(p[0]) + band(p[1]) + band(p[2])).rem_euclid(2) as f64;
         let height = smooth(0.0, 4.0, p[2]);
@@ -225,11 +227,8 @@ impl Solid {
     }
 
     fn vertex(&self, square: Square, i: u32, j: u32, outline: bool) -> Vertex {
-        let k: [i64; 3] = std::array::from_fn(|a| {
-            i64::from(square.origin[a]) * i64::from(self.detail)
-                + i64::from(square.u[a]) * i64::from(i)
-                + i64::from(square.v[a]) * i64::from(j)
-        });
+        let [origin, u, v] = [square.origin, square.u, square.v].map(|p| p.as_i64vec3());
+        let k = origin * i64::from(self.detail) + u * i64::from(i) + v * i64::from(j);
         let position = self.place(k);
         let key = (k[0] as u64) << 42 | (k[1] as u64) << 21 | k[2] as u64;
         Vertex { position, color: self.color(position, k), shared: outline.then_some((key, u32::MAX)) }
@@ -242,8 +241,8 @@ impl Solid {
 }
 
 /// The face of a cell towards `side` of `axis`.
-fn face(cell: [i32; 3], axis: usize, side: i32, half: bool) -> Square {
-    let (mut u, mut v, mut origin) = ([0; 3], [0; 3], cell);
+fn face(cell: IVec3, axis: usize, side: i32, half: bool) -> Square {
+    let (mut u, mut v, mut origin) = (IVec3::ZERO, IVec3::ZERO, cell);
     u[(axis + 1) % 3] = 1;
     v[(axis + 2) % 3] = 1;
     origin[axis] += side;
@@ -327,6 +326,5 @@ impl Site for Solid {
 
 fn shorter_ac(piece: &Piece, corners: [u32; 4]) -> bool {
     let [a, b, c, d] = corners.map(|v| piece.vertices[v as usize].position);
-    let apart = |p: [f64; 3], q: [f64; 3]| (0..3).map(|k| (p[k] - q[k]) * (p[k] - q[k])).sum::<f64>();
-    apart(a, c) <= apart(b, d)
+    a.distance_squared(c) <= b.distance_squared(d)
 }

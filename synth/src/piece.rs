@@ -9,6 +9,7 @@
 //! Invariants: equal keys mean bit-equal positions and colours; a vertex is put out when the first triangle that uses
 //! it is, so no vertex is unused; a triangle with two equal corners or no area is dropped.
 
+use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -16,7 +17,7 @@ use std::collections::HashMap;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Vertex {
     /// Metres, z up, in the site's own frame.
-    pub(super) position: [f64; 3],
+    pub(super) position: DVec3,
     /// sRGB.
     pub(super) color: [u8; 3],
     /// Where other pieces use it too: its key in the whole site, and the last slab that can use it.
@@ -51,7 +52,7 @@ pub(super) trait Sink {
     /// What can go wrong.
     type Error;
     /// The next vertex; its index is the number of vertices before it.
-    fn vertex(&mut self, position: [f64; 3], color: [u8; 3]) -> Result<(), Self::Error>;
+    fn vertex(&mut self, position: DVec3, color: [u8; 3]) -> Result<(), Self::Error>;
     /// The next triangle, of vertices already put out.
     fn triangle(&mut self, corners: [u32; 3]) -> Result<(), Self::Error>;
 }
@@ -124,7 +125,7 @@ fn place<S: Sink>(
 fn rounded(mut piece: Piece, single: bool) -> Piece {
     if single {
         for v in &mut piece.vertices {
-            v.position = v.position.map(|x| f64::from(x as f32));
+            v.position = v.position.as_vec3().as_dvec3();
         }
     }
     piece
@@ -132,9 +133,7 @@ fn rounded(mut piece: Piece, single: bool) -> Piece {
 
 fn has_area(piece: &Piece, t: [u32; 3]) -> bool {
     let [a, b, c] = t.map(|v| piece.vertices[v as usize].position);
-    let u: [f64; 3] = std::array::from_fn(|i| b[i] - a[i]);
-    let v: [f64; 3] = std::array::from_fn(|i| c[i] - a[i]);
-    u[1] * v[2] != u[2] * v[1] || u[2] * v[0] != u[0] * v[2] || u[0] * v[1] != u[1] * v[0]
+    (b - a).cross(c - a) != DVec3::ZERO
 }
 
 /// Cut a rectangle of `width` by `height` into exactly `count` near-square parts: columns and rows.

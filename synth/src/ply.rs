@@ -6,6 +6,7 @@
 
 use super::SynthError;
 use super::piece::Sink;
+use glam::DVec3;
 use kilwa_files::atomic::{Access, AtomicFile, Pending, folder_of};
 use kilwa_files::output;
 use std::fs::File;
@@ -42,7 +43,7 @@ pub(super) fn check_targets(files: &[PathBuf], force: bool) -> Result<(), SynthE
 /// A PLY being written.
 pub(super) struct Writer {
     path: PathBuf,
-    origin: Option<[f64; 3]>,
+    origin: Option<DVec3>,
     comments: Vec<String>,
     vertices: BufWriter<AtomicFile<'static>>,
     faces: BufWriter<File>,
@@ -53,7 +54,7 @@ pub(super) struct Writer {
 
 impl Writer {
     /// Begin a file; doubles at `origin` where one is given, else floats.
-    pub(super) fn create(path: &Path, origin: Option<[f64; 3]>, comments: &[String]) -> Result<Self, SynthError> {
+    pub(super) fn create(path: &Path, origin: Option<DVec3>, comments: &[String]) -> Result<Self, SynthError> {
         let fail = |source| SynthError::Io { path: folder_of(path).to_owned(), source };
         let target = AtomicFile::create(path, Access::Default).map_err(fail)?;
         let faces = tempfile::tempfile_in(folder_of(path)).map_err(fail)?;
@@ -121,7 +122,7 @@ impl Writer {
 impl Sink for Writer {
     type Error = SynthError;
 
-    fn vertex(&mut self, p: [f64; 3], color: [u8; 3]) -> Result<(), SynthError> {
+    fn vertex(&mut self, p: DVec3, color: [u8; 3]) -> Result<(), SynthError> {
         let mut record = [0_u8; 27];
         let size = if let Some(origin) = self.origin {
             for (k, out) in record.chunks_exact_mut(8).take(3).enumerate() {

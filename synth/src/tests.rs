@@ -1,6 +1,7 @@
 //! What synthetic sites promise, checked as properties.
 
 use super::*;
+use glam::DVec3;
 use std::collections::{BTreeMap, HashMap};
 
 const SHAPES: [Shape; 4] =
@@ -14,24 +15,12 @@ fn make(shape: Shape, triangles: u64) -> RawMesh {
     mesh(shape, &options(triangles)).unwrap()
 }
 
-fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|k| a[k] - b[k])
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
 /// Area and signed volume.
 fn size(mesh: &RawMesh) -> (f64, f64) {
     mesh.triangles.iter().fold((0.0, 0.0), |(area, volume), t| {
-        let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
-        let n = cross(sub(b, a), sub(c, a));
-        (area + dot(n, n).sqrt() / 2.0, volume + dot(a, cross(b, c)) / 6.0)
+        let [a, b, c] = t.map(|v| DVec3::from(mesh.positions[v as usize]));
+        let n = (b - a).cross(c - a);
+        (area + n.length() / 2.0, volume + a.dot(b.cross(c)) / 6.0)
     })
 }
 
@@ -143,9 +132,8 @@ fn no_triangle_is_degenerate_and_no_vertex_is_unused_or_doubled() {
         let m = make(shape, 20_000);
         let mut used = vec![false; m.positions.len()];
         for t in &m.triangles {
-            let [a, b, c] = t.map(|v| m.positions[v as usize]);
-            let n = cross(sub(b, a), sub(c, a));
-            assert!(dot(n, n) > 0.0, "{shape:?}: {t:?} has no area");
+            let [a, b, c] = t.map(|v| DVec3::from(m.positions[v as usize]));
+            assert!((b - a).cross(c - a).length_squared() > 0.0, "{shape:?}: {t:?} has no area");
             for v in t {
                 used[*v as usize] = true;
             }
@@ -231,8 +219,8 @@ fn the_wall_is_one_sheet_of_ten_by_five_metres_with_one_border() {
     assert!(!border.is_empty() && border.iter().all(|(a, b)| outline(*a) && outline(*b)));
     assert_eq!(components(&m).len(), 1);
     let faces_south = m.triangles.iter().all(|t| {
-        let [a, b, c] = t.map(|v| m.positions[v as usize]);
-        cross(sub(b, a), sub(c, a))[1] < 0.0
+        let [a, b, c] = t.map(|v| DVec3::from(m.positions[v as usize]));
+        (b - a).cross(c - a).y < 0.0
     });
     assert!(faces_south, "a triangle of the height field turns away");
 }
@@ -278,7 +266,7 @@ fn memory_follows_the_border_of_a_slab_and_not_the_mesh() {
     struct Nowhere;
     impl Sink for Nowhere {
         type Error = Infallible;
-        fn vertex(&mut self, _: [f64; 3], _: [u8; 3]) -> Result<(), Infallible> {
+        fn vertex(&mut self, _: DVec3, _: [u8; 3]) -> Result<(), Infallible> {
             Ok(())
         }
         fn triangle(&mut self, _: [u32; 3]) -> Result<(), Infallible> {

@@ -6,6 +6,7 @@
 
 use super::noise::{cell, derive, fractal2, hash2, lerp, noise2, normal, smooth, unit};
 use super::piece::{Piece, Site, Vertex, tiling};
+use glam::DVec3;
 
 /// Width (x) in metres.
 pub(super) const WIDTH: f64 = 10.0;
@@ -78,7 +79,7 @@ impl Wall {
         (x, z)
     }
 
-    fn vertex(&self, i: u32, j: u32) -> ([f64; 3], [u8; 3]) {
+    fn vertex(&self, i: u32, j: u32) -> (DVec3, [u8; 3]) {
         let (x, z) = self.plane(i, j);
         let s = self.seed;
         let brick = Brick::at(s, x, z);
@@ -90,7 +91,7 @@ impl Wall {
         let noise = SCANNER_NOISE * normal(hash2(s ^ 5, i64::from(i), i64::from(j)));
         let out = waves + relief + brick.offset - depth - 0.02 * erosion + noise;
         let color = self.color(x, z, &brick, worn, erosion, hash2(s ^ 6, i64::from(i), i64::from(j)));
-        ([x, -out, z], color)
+        (DVec3::new(x, -out, z), color)
     }
 
     fn color(&self, x: f64, z: f64, brick: &Brick, worn: f64, erosion: f64, h: u64) -> [u8; 3] {
@@ -174,7 +175,7 @@ impl Site for Wall {
                 let a = j * stride + i;
                 let (b, c, d) = (a + 1, a + stride + 1, a + stride);
                 let corners = [a, b, c, d].map(|v| piece.vertices[v as usize].position);
-                if apart(corners[0], corners[2]) <= apart(corners[1], corners[3]) {
+                if corners[0].distance_squared(corners[2]) <= corners[1].distance_squared(corners[3]) {
                     piece.triangles.extend([[a, b, c], [a, c, d]]);
                 } else {
                     piece.triangles.extend([[a, b, d], [b, c, d]]);
@@ -183,8 +184,4 @@ impl Site for Wall {
         }
         piece
     }
-}
-
-fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
-    (0..3).map(|k| (a[k] - b[k]) * (a[k] - b[k])).sum()
 }

@@ -3,7 +3,7 @@
 
 import assert from "node:assert/strict";
 import { after, before } from "node:test";
-import { launch, open, packFolder, serve, test } from "./harness.mjs";
+import { cameraOf, launch, open, packFolder, serve, test } from "./harness.mjs";
 
 let server;
 let browser;
@@ -22,8 +22,17 @@ const fort = (query = "?error=8") => `${server.url}/m/fort${query}`;
 /** Controls on screen that are smaller than 44 by 44, but for words inside text. The cube has buttons in the Views tab. */
 const small = (page) =>
   page.evaluate(() =>
-    [...document.querySelectorAll("button, a.button, label.button, label.choice, [role=tab], select, input:not([type=radio], [type=checkbox], [type=file]), textarea")]
-      .filter((e) => e.checkVisibility({ visibilityProperty: true, opacityProperty: false }) && !e.closest(".cube, .pins, .hidden") && !e.matches(".hidden, .grip, .language select, input[type=range]"))
+    [
+      ...document.querySelectorAll(
+        "button, a.button, label.button, label.choice, [role=tab], select, input:not([type=radio], [type=checkbox], [type=file]), textarea",
+      ),
+    ]
+      .filter(
+        (e) =>
+          e.checkVisibility({ visibilityProperty: true, opacityProperty: false }) &&
+          !e.closest(".cube, .pins, .hidden") &&
+          !e.matches(".hidden, .grip, .language select, input[type=range]"),
+      )
       .map((e) => ({ e, b: e.getBoundingClientRect() }))
       .filter(({ b }) => b.width > 0 && (b.width < 43.5 || b.height < 43.5))
       .map(({ e, b }) => `${e.id || e.className || e.textContent}: ${b.width} × ${b.height}`),
@@ -86,7 +95,10 @@ test("at 200 % zoom nothing is cut off sideways, and the model keeps its place",
   }
   const canvas = await page.locator("#canvas").boundingBox();
   assert.ok(canvas.height >= 120 && canvas.width >= 400, JSON.stringify(canvas));
-  for (const [open, dialog] of [["#help-open", "#help"], ["#picture-open", "#picture"]]) {
+  for (const [open, dialog] of [
+    ["#help-open", "#help"],
+    ["#picture-open", "#picture"],
+  ]) {
     await page.locator(open).click();
     await page.locator(dialog).waitFor();
     const box = await page.locator(dialog).boundingBox();
@@ -113,7 +125,30 @@ test("Tab reaches every control and shows where it stands; Escape closes what is
     if (at.id && seen.includes(at.id) && at.id === seen[0]) break;
     seen.push(at.id);
   }
-  for (const id of ["share", "picture-open", "download", "fullscreen", "help-open", "language", "panel-toggle", "canvas", "tool-orbit", "tool-pan", "tool-walk", "fit", "views-open", "zoom-in", "zoom-out", "tool-measure", "tool-note", "hide", "plan", "tab-saved", "turning", "view-save"]) {
+  for (const id of [
+    "share",
+    "picture-open",
+    "download",
+    "fullscreen",
+    "help-open",
+    "language",
+    "panel-toggle",
+    "canvas",
+    "tool-orbit",
+    "tool-pan",
+    "tool-walk",
+    "fit",
+    "views-open",
+    "zoom-in",
+    "zoom-out",
+    "tool-measure",
+    "tool-note",
+    "hide",
+    "plan",
+    "tab-saved",
+    "turning",
+    "view-save",
+  ]) {
     assert.ok(seen.includes(id), `Tab does not reach ${id}: ${seen}`);
   }
   await page.locator("#picture-open").click();
@@ -192,13 +227,13 @@ test("keys of a single letter can be switched off, and stay off", async () => {
   await page.reload();
   await page.waitForFunction(() => document.body.dataset.state === "ready");
   await page.locator("#canvas").focus();
-  const before = await page.evaluate(() => [...globalThis.kilwa.viewer.camera()].join());
+  const before = (await cameraOf(page)).join();
   for (const key of ["?", "n", "h", "3", "w", "p", "+"]) await page.keyboard.press(key);
-  assert.equal(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()].join()), before);
+  assert.equal((await cameraOf(page)).join(), before);
   assert.ok(await page.locator("#help").isHidden());
   assert.equal(await page.locator("#tool-orbit").getAttribute("aria-pressed"), "true");
   await page.keyboard.press("ArrowLeft");
-  assert.notEqual(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()].join()), before, "arrows are no letters");
+  assert.notEqual((await cameraOf(page)).join(), before, "arrows are no letters");
   await page.locator("#help-open").click();
   await page.locator("#keys-on").check();
   await page.keyboard.press("Escape");

@@ -111,9 +111,15 @@ async function loads() {
       const s = all[0].stats;
       say(`${name}, ${linkName}: ${(m((l) => l.target) / 1e3).toFixed(2)} s`);
       const cells = [
-        name, linkName, (m((l) => l.first) / 1e3).toFixed(2), (m((l) => l.target) / 1e3).toFixed(2),
-        (m((l) => l.stats.bytesReceived + l.stats.head) / 1e6).toFixed(2), m((l) => l.stats.requests), s.trianglesDrawn,
-        m((l) => l.long.count), (m((l) => l.long.ms) / 1e3).toFixed(2),
+        name,
+        linkName,
+        (m((l) => l.first) / 1e3).toFixed(2),
+        (m((l) => l.target) / 1e3).toFixed(2),
+        (m((l) => l.stats.bytesReceived + l.stats.head) / 1e6).toFixed(2),
+        m((l) => l.stats.requests),
+        s.trianglesDrawn,
+        m((l) => l.long.count),
+        (m((l) => l.long.ms) / 1e3).toFixed(2),
       ];
       console.log(`| ${cells.join(" | ")} |`);
     }
@@ -155,7 +161,10 @@ async function soak(minutes) {
   const waits = [];
   const ends = Date.now() + minutes * 60_000;
   let random = 1;
-  const next = () => ((random = (Math.imul(random, 1664525) + 1013904223) >>> 0) / 2 ** 32);
+  const next = () => {
+    random = (Math.imul(random, 1664525) + 1013904223) >>> 0;
+    return random / 2 ** 32;
+  };
   let round = 0;
   while (Date.now() < ends) {
     const to = [next(), next(), next()];
@@ -163,12 +172,15 @@ async function soak(minutes) {
     const waited = await page.evaluate(async ([u, v, w]) => {
       const { viewer, session, info } = globalThis.kilwa;
       const { bounds_min: min, bounds_max: max } = info.metadata;
-      const from = [...viewer.camera()];
-      const goal = [Math.PI + (u - 0.5), 0.2 * v, 0.5 + 8 * w * w, min[0] + u * (max[0] - min[0]), min[1], min[2] + v * (max[2] - min[2]), 0];
+      const from = viewer.camera();
+      const target = [min[0] + u * (max[0] - min[0]), min[1], min[2] + v * (max[2] - min[2])];
+      const goal = { azimuth: Math.PI + (u - 0.5), elevation: 0.2 * v, distance: 0.5 + 8 * w * w };
       const begun = performance.now();
       for (;;) {
         const t = Math.min(1, (performance.now() - begun) / 2000);
-        viewer.setCamera(new Float64Array(goal.map((g, i) => (i === 6 ? 0 : from[i] + (g - from[i]) * t))));
+        const between = (a, b) => a + (b - a) * t;
+        const [azimuth, elevation, distance] = ["azimuth", "elevation", "distance"].map((name) => between(from[name], goal[name]));
+        viewer.setCamera({ ...from, azimuth, elevation, distance, target: target.map((x, i) => between(from.target[i], x)), orthographic: false });
         session.wake();
         if (t === 1) break;
         await new Promise((resolve) => setTimeout(resolve, 50));
@@ -194,10 +206,19 @@ async function soak(minutes) {
   await close();
   const sorted = waits.toSorted((a, b) => a - b);
   console.log(`\n### Soak: ${minutes} minutes at 100 Mbit/s, 5 % of the requests refused, 64 MB for the model\n`);
-  console.log(`${waits.length} stops; the target (or what the memory allows) after a stop: median ${(sorted[sorted.length >> 1] / 1e3).toFixed(2)} s, longest ${(sorted.at(-1) / 1e3).toFixed(2)} s.\n`);
-  console.log("| stop | JS heap MB | GPU memory of chunks MB | resident: pages MB | drawing MB | all of the browser MB | failures | received MB |\n|---:|---:|---:|---:|---:|---:|---:|---:|");
+  console.log(
+    `${waits.length} stops; the target (or what the memory allows) after a stop: median ${(sorted[sorted.length >> 1] / 1e3).toFixed(2)} s, longest ${(sorted.at(-1) / 1e3).toFixed(2)} s.\n`,
+  );
+  console.log(
+    "| stop | JS heap MB | GPU memory of chunks MB | resident: pages MB | drawing MB | all of the browser MB | failures | received MB |\n|---:|---:|---:|---:|---:|---:|---:|---:|",
+  );
   for (const [n, heap, gpu, rss, failures, received] of rows) {
-    const cells = [n, ...[heap, gpu, rss.renderer, rss.gpu, rss.all].map((bytes, i) => (bytes / 1e6).toFixed(i < 2 ? 1 : 0)), failures, (received / 1e6).toFixed(0)];
+    const cells = [
+      n,
+      ...[heap, gpu, rss.renderer, rss.gpu, rss.all].map((bytes, i) => (bytes / 1e6).toFixed(i < 2 ? 1 : 0)),
+      failures,
+      (received / 1e6).toFixed(0),
+    ];
     console.log(`| ${cells.join(" | ")} |`);
   }
 }

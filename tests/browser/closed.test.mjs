@@ -10,7 +10,8 @@ let server;
 let browser;
 
 before(async () => {
-  const cave = 'title = "A cave"\nslug = "cave"\n[rights]\nuri = "InC"\n[model]\nunits = "m"\n[access]\nstate = "restricted"\nreason = "Graves of the living."\n';
+  const cave =
+    'title = "A cave"\nslug = "cave"\n[rights]\nuri = "InC"\n[model]\nunits = "m"\n[access]\nstate = "restricted"\nreason = "Graves of the living."\n';
   server = await archive([cave], { granted: ["cave"] });
   browser = await launch();
 });

@@ -52,14 +52,14 @@ async function worker() {
     }
   };
 
-  onmessage = async ({ data: { url, rounds } }) => {
+  addEventListener("message", async ({ data: { url, rounds } }) => {
     const answer = await fetch(url);
     const chunks = chunksOf(new Uint8Array(await answer.arrayBuffer()));
     const fastest = chunks.map(() => Infinity);
     for (let i = 0; i < rounds; i += 1) round(chunks, fastest);
     const sum = (numbers) => numbers.reduce((a, b) => a + b, 0);
     postMessage({ seconds: sum(fastest), triangles: sum(chunks.map((c) => c.triangles)) });
-  };
+  });
   postMessage("ready");
 }
 

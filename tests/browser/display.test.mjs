@@ -5,7 +5,7 @@ import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
 import { after, before } from "node:test";
-import { launch, measuredPack, open, packFolder, picture, pixels, serve, test, waitFor } from "./harness.mjs";
+import { cameraOf, launch, measuredPack, open, packFolder, picture, pixels, serve, test, waitFor } from "./harness.mjs";
 
 let server;
 let browser;
@@ -40,7 +40,10 @@ test("each shading is chosen in the panel, has the controls that belong to it, a
     if (mode !== "distance") assert.ok(!seen.has(hash), `${mode} looks like another shading`);
     seen.add(hash);
     const shown = await page.locator("#look > [data-modes]").evaluateAll((all) => all.filter((e) => !e.hidden).map((e) => e.dataset.modes));
-    assert.ok(shown.every((modes) => modes.split(" ").includes(mode)), `${mode}: ${shown}`);
+    assert.ok(
+      shown.every((modes) => modes.split(" ").includes(mode)),
+      `${mode}: ${shown}`,
+    );
   }
   assert.equal(await page.locator("input[name=mode][value=scalar]").count(), 0, "this scan has no scalars");
 
@@ -156,7 +159,11 @@ test("a plane through three places is what distances count from", async () => {
   await page.locator("input[name=mode][value=distance]").check();
   await page.locator("#plane-axis").selectOption("points");
   const canvas = await page.locator("#canvas").boundingBox();
-  for (const [x, y] of [[0.45, 0.5], [0.55, 0.5], [0.5, 0.58]]) {
+  for (const [x, y] of [
+    [0.45, 0.5],
+    [0.55, 0.5],
+    [0.5, 0.58],
+  ]) {
     assert.match(await page.locator("#hint").textContent(), /of three/);
     await page.mouse.click(canvas.x + canvas.width * x, canvas.y + canvas.height * y);
   }
@@ -183,11 +190,11 @@ test("a lost device is replaced, and camera, shading and section are as they wer
   });
   await page.evaluate(() => {
     const { viewer, look } = globalThis.kilwa;
-    viewer.setCamera(new Float64Array([1, 0.4, 40, 1, 2, 3, 0]));
+    viewer.setCamera({ azimuth: 1, elevation: 0.4, distance: 40, target: [1, 2, 3], orthographic: false, roll: 0, fieldOfView: 0.7 });
     look.change({ mode: "raking", light: { azimuth: 100, elevation: 15 }, clipPlane: { normal: [0, 0, 1], point: [0, 0, 3] } });
   });
   await rest(page);
-  const before = { camera: await page.evaluate(() => [...globalThis.kilwa.viewer.camera()]), state: await state(page), picture: await picture(page) };
+  const before = { camera: await cameraOf(page), state: await state(page), picture: await picture(page) };
   await page.evaluate(() => {
     globalThis.old = globalThis.kilwa.session;
     globalThis.devices.at(-1).destroy();
@@ -195,7 +202,7 @@ test("a lost device is replaced, and camera, shading and section are as they wer
   });
   await page.waitForFunction(() => globalThis.kilwa.session !== globalThis.old, null, { polling: 50 });
   await waitFor(page, "settled");
-  assert.deepEqual(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()]), before.camera);
+  assert.deepEqual(await cameraOf(page), before.camera);
   assert.deepEqual(await state(page), before.state);
   assert.equal((await picture(page)).hash, before.picture.hash, "the same picture as before");
   assert.equal(await page.locator("#clip-plane").isChecked(), true);
@@ -296,11 +303,16 @@ test("values that the scan measured are shown on their scale, and grey where the
   await rest(page);
   assert.deepEqual([await page.locator("#scale-low").inputValue(), await page.locator("#scale-high").inputValue()], ["10", "40"]);
   const { width, height, pixels: bytes } = await pixels(page);
-  const row = Array.from({ length: width }, (_, x) => [...bytes.slice(((height >> 1) * width + x) * 4, ((height >> 1) * width + x) * 4 + 3)]).filter((c) => c.some((v) => v > 0));
+  const row = Array.from({ length: width }, (_, x) => [...bytes.slice(((height >> 1) * width + x) * 4, ((height >> 1) * width + x) * 4 + 3)]).filter((c) =>
+    c.some((v) => v > 0),
+  );
   const near = (color, wanted) => color.every((v, i) => Math.abs(v - wanted[i]) <= 12);
   const at = (share) => row[Math.min(row.length - 1, Math.round(share * row.length))];
   // Viridis at its ends and in the middle of three quarters of the square; beyond there is nothing known.
-  assert.ok(near(at(0.005), [68, 1, 84]) && near(at(0.375), [33, 144, 141]) && near(at(0.745), [253, 231, 37]), JSON.stringify([at(0.005), at(0.375), at(0.745)]));
+  assert.ok(
+    near(at(0.005), [68, 1, 84]) && near(at(0.375), [33, 144, 141]) && near(at(0.745), [253, 231, 37]),
+    JSON.stringify([at(0.005), at(0.375), at(0.745)]),
+  );
   assert.ok(near(at(0.9), [128, 126, 122]), JSON.stringify(at(0.9)));
   assert.equal(await page.locator("#channel").inputValue(), "confidence");
   assert.deepEqual(complaints, []);
@@ -308,19 +320,22 @@ test("values that the scan measured are shown on their scale, and grey where the
 });
 
 test("a page that gets no animation frames, as hidden ones get none, asks for nothing and draws nothing, and goes on when it is shown", async () => {
-  const { page, packs, complaints, close } = await fort({
-    before: (page) =>
-      page.addInitScript(() => {
-        const real = globalThis.requestAnimationFrame.bind(globalThis);
-        const held = [];
-        globalThis.hold = false;
-        globalThis.requestAnimationFrame = (callback) => (globalThis.hold ? held.push(callback) : real(callback));
-        globalThis.show = () => {
+  const { page, packs, complaints, close } = await fort(
+    {
+      before: (page) =>
+        page.addInitScript(() => {
+          const real = globalThis.requestAnimationFrame.bind(globalThis);
+          const held = [];
           globalThis.hold = false;
-          for (const callback of held.splice(0)) real(callback);
-        };
-      }),
-  }, "?error=16");
+          globalThis.requestAnimationFrame = (callback) => (globalThis.hold ? held.push(callback) : real(callback));
+          globalThis.show = () => {
+            globalThis.hold = false;
+            for (const callback of held.splice(0)) real(callback);
+          };
+        }),
+    },
+    "?error=16",
+  );
   await rest(page);
   const before = packs.length;
   const frames = await page.evaluate(() => {

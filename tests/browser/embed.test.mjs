@@ -5,9 +5,16 @@ import { readFile, stat } from "node:fs/promises";
 import http from "node:http";
 import path from "node:path";
 import { after, before } from "node:test";
-import { WWW, launch, open, packFolder, picture, serve, test, waitFor } from "./harness.mjs";
+import { WWW, cameraOf, launch, open, packFolder, picture, serve, test, waitFor } from "./harness.mjs";
 
-const TYPES = { ".html": "text/html; charset=utf-8", ".js": "text/javascript", ".css": "text/css", ".json": "application/json", ".wasm": "application/wasm", ".svg": "image/svg+xml" };
+const TYPES = {
+  ".html": "text/html; charset=utf-8",
+  ".js": "text/javascript",
+  ".css": "text/css",
+  ".json": "application/json",
+  ".wasm": "application/wasm",
+  ".svg": "image/svg+xml",
+};
 let folder;
 let server;
 let hosts;
@@ -22,7 +29,12 @@ async function staticHost(extra = {}, meta = () => "") {
     try {
       let body = extra[name] ?? (await readFile(file));
       if (name === "/index.html") body = String(body).replace("<title>", `${meta()}<title>`);
-      response.writeHead(200, { "content-type": TYPES[path.extname(name)] ?? "application/octet-stream", "content-length": Buffer.byteLength(body), "access-control-allow-origin": "*", "cache-control": "no-store" });
+      response.writeHead(200, {
+        "content-type": TYPES[path.extname(name)] ?? "application/octet-stream",
+        "content-length": Buffer.byteLength(body),
+        "access-control-allow-origin": "*",
+        "cache-control": "no-store",
+      });
       response.end(body);
     } catch {
       response.writeHead(404);
@@ -30,7 +42,11 @@ async function staticHost(extra = {}, meta = () => "") {
     }
   });
   await new Promise((resolve) => host.listen(0, "127.0.0.1", resolve));
-  return { url: `http://127.0.0.1:${host.address().port}`, stop: () => (host.closeAllConnections(), new Promise((resolve) => host.close(resolve))) };
+  const stop = () => {
+    host.closeAllConnections();
+    return new Promise((resolve) => host.close(resolve));
+  };
+  return { url: `http://127.0.0.1:${host.address().port}`, stop };
 }
 
 const HOST_PAGE = '<!doctype html><link rel="icon" href="data:,"><title>host</title><body><script type="module" src="/host.js"></script>';
@@ -75,11 +91,14 @@ test("without a pack the page offers to open one: chosen or dropped in, nothing 
   });
   assert.ok(requests > 1 && received < bytes, "parts of the file are read, not all of it");
   assert.equal(bytes, (await stat(path.join(folder, "fort.kilwa"))).size);
-  assert.deepEqual(asked.filter((a) => !a.startsWith("GET /") || a.includes("kilwa-") || a.endsWith(".kilwa")), []);
+  assert.deepEqual(
+    asked.filter((a) => !a.startsWith("GET /") || a.includes("kilwa-") || a.endsWith(".kilwa")),
+    [],
+  );
   // Another file in its place: damaged, empty, and the first again, dropped.
   await page.locator("#open-file").setInputFiles({ name: "no.kilwa", mimeType: "", buffer: Buffer.alloc(5000, 65) });
   await waitFor(page, "trouble");
-  assert.match(await page.locator("#trouble").innerText(), /damaged[^]*magic bytes/);
+  assert.match(await page.locator("#trouble").innerText(), /damaged[\s\S]*magic bytes/);
   await page.locator("#open-file").setInputFiles({ name: "no.kilwa", mimeType: "", buffer: Buffer.alloc(0) });
   await waitFor(page, "trouble");
   const pack = (await readFile(path.join(folder, "fort.kilwa"))).toString("base64");
@@ -99,7 +118,14 @@ test("without a pack the page offers to open one: chosen or dropped in, nothing 
 });
 
 test("the model alone fills the window, and what floats over it keeps apart, at every size", async () => {
-  const sizes = [[320, 480], [390, 844], [700, 500], [720, 360], [800, 300], [1000, 700]];
+  const sizes = [
+    [320, 480],
+    [390, 844],
+    [700, 500],
+    [720, 360],
+    [800, 300],
+    [1000, 700],
+  ];
   for (const query of ["embed=1", "embed=bare", ""]) {
     const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=16&${query}`, { size: sizes[0] });
     if (!query) await page.keyboard.press("h"); // hides all but the model
@@ -154,7 +180,8 @@ test("<kilwa-viewer> of another origin answers a page that it is allowed to, wit
   assert.ok(await frame.locator(".panel").isHidden());
   const stats = await call("stats");
   assert.ok(stats.trianglesDrawn > 0 && stats.chunksResident > 0 && stats.requests > 0);
-  for (const name of ["chunksWanted", "chunksResident", "requestsInFlight", "trianglesDrawn", "bytesReceived", "requests", "worstPixelError", "targetReached"]) assert.ok(name in stats, name);
+  for (const name of ["chunksWanted", "chunksResident", "requestsInFlight", "trianglesDrawn", "bytesReceived", "requests", "worstPixelError", "targetReached"])
+    assert.ok(name in stats, name);
   await call("view", "east");
   const camera = await call("getCamera");
   assert.ok(Math.abs(camera.azimuth - Math.PI / 2) < 1e-9 && camera.orthographic);
@@ -176,18 +203,35 @@ test("<kilwa-viewer> of another origin answers a page that it is allowed to, wit
   // Mistakes come back as errors; what is no call is refused.
   await assert.rejects(call("setMode", "plaid"), /mode: one of/);
   await assert.rejects(call("setCamera", { distance: -1 }), /camera/);
-  await assert.rejects(page.evaluate(() => globalThis.element.call("constructor")), /no such call/);
-  await assert.rejects(page.evaluate(() => globalThis.element.call("page")), /no such call/);
+  await assert.rejects(
+    page.evaluate(() => globalThis.element.call("constructor")),
+    /no such call/,
+  );
+  await assert.rejects(
+    page.evaluate(() => globalThis.element.call("page")),
+    /no such call/,
+  );
   const heard = await page.evaluate(() => [...new Set(globalThis.heard)].sort());
-  assert.ok(["annotation", "annotations", "camera", "frame", "ready"].every((e) => heard.includes(e)), heard.join());
+  assert.ok(
+    ["annotation", "annotations", "camera", "frame", "ready"].every((e) => heard.includes(e)),
+    heard.join(),
+  );
   assert.deepEqual(complaints, []);
   await close();
 });
 
 test("a page of an origin that nobody allowed sees the model and gets no answer", async () => {
   const { page, frame, close } = await embed(hosts.stranger);
-  const answer = await page.evaluate(() => globalThis.element.stats().then(() => "an answer", (error) => error.message));
-  assert.equal(answer, `the viewer's page at ${hosts.viewer.url} does not answer: it is slow, not there, or does not name ${hosts.stranger.url} in <meta name="kilwa-origins">`);
+  const answer = await page.evaluate(() =>
+    globalThis.element.stats().then(
+      () => "an answer",
+      (error) => error.message,
+    ),
+  );
+  assert.equal(
+    answer,
+    `the viewer's page at ${hosts.viewer.url} does not answer: it is slow, not there, or does not name ${hosts.stranger.url} in <meta name="kilwa-origins">`,
+  );
   assert.deepEqual(await page.evaluate(() => globalThis.heard), []);
   assert.ok(await frame.locator("#canvas").isVisible());
   await close();
@@ -210,17 +254,31 @@ test("on a line so slow that whoever waits is told, the viewer comes later and a
     element.style.height = "400px";
     document.body.append(element);
     globalThis.element = element;
-    return element.stats().then(() => "an answer", (error) => error.message);
+    return element.stats().then(
+      () => "an answer",
+      (error) => error.message,
+    );
   }, hosts.viewer.url);
   assert.match(first, /does not answer: it is slow/);
   let_go();
-  await page.waitForFunction(() => globalThis.element.loaded.then(() => true, () => false), null, { polling: 100 });
+  await page.waitForFunction(
+    () =>
+      globalThis.element.loaded.then(
+        () => true,
+        () => false,
+      ),
+    null,
+    { polling: 100 },
+  );
   assert.ok((await page.evaluate(() => globalThis.element.modes())).includes("clay"));
   // A call that another model overtakes is told.
   const overtaken = await page.evaluate(() => {
     const call = globalThis.element.fit();
     globalThis.element.src += "?other";
-    return call.then(() => "an answer", (error) => error.message);
+    return call.then(
+      () => "an answer",
+      (error) => error.message,
+    );
   });
   assert.equal(overtaken, "another model was chosen");
   await close();
@@ -228,15 +286,25 @@ test("on a line so slow that whoever waits is told, the viewer comes later and a
 
 test("messages that are no calls, from other windows or in other shapes, change nothing", async () => {
   const { page, frame, complaints, close } = await embed(hosts.friend);
-  const before = await frame.evaluate(() => [...globalThis.kilwa.viewer.camera()]);
+  const before = await cameraOf(frame);
   await page.evaluate(() => {
     const inner = globalThis.element.shadowRoot.querySelector("iframe").contentWindow;
-    for (const message of [null, 1, "view", {}, { kilwa: 1, call: "view" }, { kilwa: 1, id: 1, call: "view", args: "plan" }, { kilwa: 2, id: 1, call: "fit" }, { kilwa: 1, id: 2, call: "__proto__", args: [] }]) inner.postMessage(message, "*");
+    for (const message of [
+      null,
+      1,
+      "view",
+      {},
+      { kilwa: 1, call: "view" },
+      { kilwa: 1, id: 1, call: "view", args: "plan" },
+      { kilwa: 2, id: 1, call: "fit" },
+      { kilwa: 1, id: 2, call: "__proto__", args: [] },
+    ])
+      inner.postMessage(message, "*");
   });
   // The frame itself is not its host.
   await frame.evaluate(() => postMessage({ kilwa: 1, id: 9, call: "view", args: ["plan"] }, "*"));
   await page.waitForTimeout(200);
-  assert.deepEqual(await frame.evaluate(() => [...globalThis.kilwa.viewer.camera()]), before);
+  assert.deepEqual(await cameraOf(frame), before);
   assert.deepEqual(complaints, []);
   await close();
 });

@@ -29,10 +29,33 @@ export function test(name, ...rest) {
 
 /** With these, WebGPU runs on SwiftShader and a screenshot shows the canvas too. */
 const FLAGS = [
-  "--no-sandbox", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
-  "--enable-unsafe-webgpu", "--enable-gpu", "--enable-features=Vulkan", "--use-vulkan=swiftshader", "--use-angle=swiftshader",
-  "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
+  "--no-sandbox",
+  "--no-first-run",
+  "--disable-background-networking",
+  "--disable-component-update",
+  "--disable-sync",
+  "--enable-unsafe-webgpu",
+  "--enable-gpu",
+  "--enable-features=Vulkan",
+  "--use-vulkan=swiftshader",
+  "--use-angle=swiftshader",
+  "--enable-unsafe-swiftshader",
+  "--ignore-gpu-blocklist",
 ];
+
+/** A camera as links hold it: nine numbers. */
+export const numbersOf = ({ azimuth, elevation, distance, target, orthographic, roll, fieldOfView }) => [
+  azimuth,
+  elevation,
+  distance,
+  ...target,
+  Number(orthographic),
+  roll,
+  fieldOfView,
+];
+
+/** The camera of a page that shows a model, as numbers. */
+export const cameraOf = async (page) => numbersOf(await page.evaluate(() => globalThis.kilwa.viewer.camera()));
 
 /** A folder with `fort.kilwa` in it. */
 export async function packFolder() {
@@ -67,7 +90,8 @@ export async function measuredPack(folder) {
   });
   const faces = [];
   for (let j = 0; j + 1 < n; j += 1) {
-    for (let i = 0; i + 1 < n; i += 1) faces.push(`3 ${j * n + i} ${j * n + i + 1} ${(j + 1) * n + i + 1}`, `3 ${j * n + i} ${(j + 1) * n + i + 1} ${(j + 1) * n + i}`);
+    for (let i = 0; i + 1 < n; i += 1)
+      faces.push(`3 ${j * n + i} ${j * n + i + 1} ${(j + 1) * n + i + 1}`, `3 ${j * n + i} ${(j + 1) * n + i + 1} ${(j + 1) * n + i}`);
   }
   const names = ["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue", "float confidence"];
   const header = ["ply", "format ascii 1.0", `element vertex ${vertices.length}`, ...names.map((p) => `property ${p}`)];
@@ -154,8 +178,7 @@ async function answer(proxy, upstream, request, response) {
   else response.end(body);
 }
 
-export const launch = () =>
-  chromium.launch({ executablePath: process.env.CHROMIUM || "/usr/bin/chromium", args: FLAGS });
+export const launch = () => chromium.launch({ executablePath: process.env.CHROMIUM || "/usr/bin/chromium", args: FLAGS });
 
 /** A page, with everything it complained about and every request for a pack. */
 export async function open(browser, url, { size = [800, 600], wait = "settled", before, ...options } = {}) {

@@ -17,7 +17,9 @@ let server;
 let browser;
 
 before(async () => {
-  const texts = OBJECTS.map(([slug, title, words, access]) => `title = "${title}"\nslug = "${slug}"\n${words}\n[rights]\nuri = "CC BY 4.0"\n[model]\nunits = "m"\n${access}`);
+  const texts = OBJECTS.map(
+    ([slug, title, words, access]) => `title = "${title}"\nslug = "${slug}"\n${words}\n[rights]\nuri = "CC BY 4.0"\n[model]\nunits = "m"\n${access}`,
+  );
   server = await archive(texts, { granted: ["cave"] });
   browser = await launch();
 });
@@ -39,7 +41,12 @@ async function measured(page) {
   return page.evaluate(() => {
     const hex = (v) => [...new Uint8Array(new Float64Array([v]).buffer)].map((b) => b.toString(16).padStart(2, "0")).join("");
     const [{ name, task }] = globalThis.kilwa.measuring.tools.items;
-    return { name, state: task.state, local: task.points.flatMap((p) => p.local.map(hex)), readings: task.readings.map((r) => [r.name, hex(r.value), hex(r.uncertainty)]) };
+    return {
+      name,
+      state: task.state,
+      local: task.points.flatMap((p) => p.local.map(hex)),
+      readings: task.readings.map((r) => [r.name, hex(r.value), hex(r.uncertainty)]),
+    };
   });
 }
 const clipboard = (page) => page.evaluate(() => navigator.clipboard.readText());
@@ -107,7 +114,11 @@ test("who signs in to what is not public comes back to the view that the link he
 test("in Arabic all of it is from right to left, in Arabic, with figures as the language groups them", async () => {
   const { page, complaints, close } = await reader("/", { locale: "ar" });
   const isArabic = async (where) => {
-    const { dir, lang, words } = await page.evaluate(() => ({ dir: document.documentElement.dir, lang: document.documentElement.lang, words: document.body.innerText }));
+    const { dir, lang, words } = await page.evaluate(() => ({
+      dir: document.documentElement.dir,
+      lang: document.documentElement.lang,
+      words: document.body.innerText,
+    }));
     assert.deepEqual([dir, lang], ["rtl", "ar"], where);
     assert.match(words, /\p{Script=Arabic}{3}/u, where);
   };
@@ -151,7 +162,10 @@ test("in Arabic all of it is from right to left, in Arabic, with figures as the 
   await ready(page);
   await isArabic("the model that is not public");
   // The browser itself says that something was refused, and that is all it says.
-  assert.deepEqual(complaints.filter((c) => !/40[13]/.test(c)), []);
+  assert.deepEqual(
+    complaints.filter((c) => !/40[13]/.test(c)),
+    [],
+  );
   await close();
 });
 
@@ -170,7 +184,8 @@ test("by keyboard alone: found, opened, measured, cited, followed back; signed i
   const listen = (page) =>
     page.addInitScript(() => {
       globalThis.pointed = [];
-      for (const kind of ["pointerdown", "mousedown", "mousemove", "touchstart", "wheel"]) addEventListener(kind, (event) => event.isTrusted && globalThis.pointed.push(kind), true);
+      for (const kind of ["pointerdown", "mousedown", "mousemove", "touchstart", "wheel"])
+        addEventListener(kind, (event) => event.isTrusted && globalThis.pointed.push(kind), true);
     });
   const { page, close } = await reader("/", { before: listen });
   const keys = async (...names) => {

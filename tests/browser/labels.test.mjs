@@ -4,12 +4,29 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { SMALL, arrange } from "../../www/measure/labels.js";
 
-const PHONE = { room: [4, 4, 386, 640], taken: [[290, 10, 380, 100], [14, 590, 376, 640]], rings: 1 };
-const DESK = { room: [4, 4, 1076, 826], taken: [[12, 10, 56, 420], [970, 716, 1070, 816]], rings: 4 };
+const PHONE = {
+  room: [4, 4, 386, 640],
+  taken: [
+    [290, 10, 380, 100],
+    [14, 590, 376, 640],
+  ],
+  rings: 1,
+};
+const DESK = {
+  room: [4, 4, 1076, 826],
+  taken: [
+    [12, 10, 56, 420],
+    [970, 716, 1070, 816],
+  ],
+  rings: 4,
+};
 
 function random(seed) {
   let s = seed;
-  return () => (s = (Math.imul(s, 1103515245) + 12345) & 0x7fffffff) / 0x7fffffff;
+  return () => {
+    s = (Math.imul(s, 1103515245) + 12345) & 0x7fffffff;
+    return s / 0x7fffffff;
+  };
 }
 
 /** So many labels of one to four lines somewhere in the picture. */
@@ -56,7 +73,11 @@ test("no label lies on another, on what is over the picture, or outside of it, a
 test("what matters most is always said in full, and a few always are", () => {
   let [full, all] = [0, 0];
   for (let seed = 1; seed <= 40; seed += 1) {
-    for (const [count, where] of [[20, PHONE], [20, DESK], [5, DESK]]) {
+    for (const [count, where] of [
+      [20, PHONE],
+      [20, DESK],
+      [5, DESK],
+    ]) {
       const wanted = some(count, where, seed * 104729).filter(({ at }) => !where.taken.some((b) => meet([...at, ...at], b)));
       const spots = arrange(wanted, where);
       assert.ok(spots.get(wanted[0].id) && !spots.get(wanted[0].id).isSmall, `seed ${seed}`);

@@ -3,7 +3,8 @@
 import assert from "node:assert/strict";
 import http from "node:http";
 import { after, before, test } from "node:test";
-import { HEAD_BYTES, Pack, WHOLE_LIMIT, isPassing } from "../../www/loader.js";
+import { isPassing } from "../../www/answer.js";
+import { HEAD_BYTES, Pack, WHOLE_LIMIT } from "../../www/loader.js";
 
 const FILE = Buffer.from(Array.from({ length: 300_000 }, (_, i) => (i * 31 + (i >> 8)) & 255));
 let server;
@@ -130,7 +131,12 @@ test("a whole file that breaks off is asked for again, and a page instead of a p
   behave = (_, response) => {
     response.writeHead(200, { "content-type": "text/html" }).write("<!doctype html>".padEnd(1000, " "));
   };
-  assert.equal(Buffer.from(await new Pack(url).head()).subarray(0, 9).toString(), "<!doctype");
+  assert.equal(
+    Buffer.from(await new Pack(url).head())
+      .subarray(0, 9)
+      .toString(),
+    "<!doctype",
+  );
   behave = (_, response) => response.writeHead(200, { "content-length": 1000 }).end(packOf(300_000).subarray(0, 1000));
   await assert.rejects(new Pack(url).head(), kind("truncated"));
 });
@@ -155,7 +161,11 @@ test("a file that changes between two requests is noticed by tag and by length",
 
 test("weak tags are the same file while they are equal, also where a proxy weakens some of them, and another file when they differ", async () => {
   const tagged = (etag) => good(({ headers }) => ({ headers: { ...headers, etag } }));
-  for (const [first, then] of [['W/"1"', 'W/"1"'], ['"1"', 'W/"1"'], ['W/"1"', '"1"']]) {
+  for (const [first, then] of [
+    ['W/"1"', 'W/"1"'],
+    ['"1"', 'W/"1"'],
+    ['W/"1"', '"1"'],
+  ]) {
     behave = tagged(first);
     const pack = new Pack(url);
     await pack.head();
@@ -268,7 +278,12 @@ function several(asked, change = () => ({})) {
     asked.push(request.headers.range ?? request.url);
     const [, list] = /\.kilwa\/([^?]*)/.exec(request.url) ?? [];
     if (!list) return good(({ headers }) => ({ headers: { ...headers, "kilwa-ranges": "64" } }))(request, response);
-    const body = Buffer.concat(list.split(",").map((r) => r.split("-").map(Number)).map(([a, b]) => FILE.subarray(a, b + 1)));
+    const body = Buffer.concat(
+      list
+        .split(",")
+        .map((r) => r.split("-").map(Number))
+        .map(([a, b]) => FILE.subarray(a, b + 1)),
+    );
     const answer = { status: 200, headers: { etag: '"1"' }, body };
     const changed = { ...answer, ...change(answer) };
     response.writeHead(changed.status, { "content-length": changed.length ?? changed.body.length, ...changed.headers });
@@ -285,7 +300,7 @@ test("where the server has addresses for it several ranges come in one answer, i
   behave = several(asked);
   const pack = new Pack(new URL(`${url}?key=1`));
   await pack.head();
-  assert.equal(pack.most, 64);
+  assert.equal(pack.maxRanges, 64);
   assert.deepEqual(Buffer.from(await ofParts(pack)), PARTS);
   assert.deepEqual(asked, ["bytes=0-65535", "/a.kilwa/200000-200099,90000-90049?key=1"]);
   assert.equal(pack.received, PARTS.length);
@@ -293,7 +308,7 @@ test("where the server has addresses for it several ranges come in one answer, i
   behave = good();
   const other = new Pack(url);
   await other.head();
-  assert.equal(other.most, 1);
+  assert.equal(other.maxRanges, 1);
 });
 
 test("a server that answers several ranges wrongly is asked for one at a time from then on, and nothing wrong is taken", async () => {
@@ -310,7 +325,7 @@ test("a server that answers several ranges wrongly is asked for one at a time fr
     const pack = new Pack(url);
     await pack.head();
     await assert.rejects(ofParts(pack), (error) => kind("server")(error) && isPassing(error), change.toString());
-    assert.equal(pack.most, 1, change.toString());
+    assert.equal(pack.maxRanges, 1, change.toString());
     assert.deepEqual(Buffer.from(await pack.range(200_000, 100)), FILE.subarray(200_000, 200_100));
   }
 });
@@ -327,7 +342,7 @@ test("an answer of several ranges that is too short, too long or refused for a w
     const pack = new Pack(url);
     await pack.head();
     await assert.rejects(ofParts(pack), (error) => kind(wanted)(error) && isPassing(error), change.toString());
-    assert.equal(pack.most, 64);
+    assert.equal(pack.maxRanges, 64);
     behave = several([]);
     assert.deepEqual(Buffer.from(await ofParts(pack)), PARTS);
   }

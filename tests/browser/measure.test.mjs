@@ -93,9 +93,8 @@ test("the same ray gives the same final place at ten zoom levels, cold and warm 
   for (let zoom = 0; zoom < 10; zoom += 1) {
     await page.evaluate((zoom) => {
       const { viewer, session } = globalThis.kilwa;
-      const camera = [...viewer.camera()];
-      camera[2] *= zoom < 5 ? 0.6 : 2.2;
-      viewer.setCamera(new Float64Array(camera));
+      const camera = viewer.camera();
+      viewer.setCamera({ ...camera, distance: camera.distance * (zoom < 5 ? 0.6 : 2.2) });
       session.wake();
     }, zoom);
     if (zoom % 3 === 2) await waitFor(page, "settled"); // else: whatever has come so far
@@ -131,7 +130,10 @@ test("every tool prints the digits of the command line", async () => {
   const measure = (task, unit) => page.evaluate(async ([task, unit]) => (await globalThis.kilwa.engine()).measure(task, { unit }), [task, unit]);
   const origin = await page.evaluate(async () => (await globalThis.kilwa.engine()).pack.lattice.origin);
   const local = (p) => p.map((v, i) => v - origin[i]);
-  const [a, b] = [[-20.5, -20.25, 0], [18.5, 12.75, 0]];
+  const [a, b] = [
+    [-20.5, -20.25, 0],
+    [18.5, 12.75, 0],
+  ];
   const cases = [
     [{ tool: "coordinate", local: found.slice(0, 1) }, ["coordinate"], 1],
     [{ tool: "distance", local: found.slice(0, 3) }, ["distance"], 3],
@@ -223,11 +225,17 @@ test("a section fetches a part of the pack, says how much, and once more nothing
     const first = await engine.measure(task, { progress: ({ done, all }) => (told = all > 0 ? done / all : told) });
     const again = await engine.measure(task);
     const abort = new AbortController();
-    const cancelled = engine.measure({ tool: "area" }, { signal: abort.signal }).then(() => "measured", (e) => e.name);
+    const cancelled = engine.measure({ tool: "area" }, { signal: abort.signal }).then(
+      () => "measured",
+      (e) => e.name,
+    );
     abort.abort();
     return [{ ...first, lines: first.lines.length, told }, { fetched: again.fetched, printed: again.printed }, await cancelled];
   });
-  const asked = packs.slice(before).map((range) => /bytes=(\d+)-(\d+)/.exec(range)).map(([, from, to]) => to - from + 1);
+  const asked = packs
+    .slice(before)
+    .map((range) => /bytes=(\d+)-(\d+)/.exec(range))
+    .map(([, from, to]) => to - from + 1);
   assert.equal(first.told, 1);
   assert.ok(first.fetched > 0 && first.fetched <= first.read.bytes, "what the viewer knows to hold no leaf is not fetched");
   assert.ok(first.read.bytes < 0.7 * first.read.of_bytes, `${first.read.bytes} of ${first.read.of_bytes}`);
@@ -250,7 +258,11 @@ test("points snap to vertices, creases and borders of the finest surface", async
     const snapped = found.filter(({ final }) => final.snapped === snap);
     if (snap === "vertex") {
       assert.equal(snapped.length, 6);
-      for (const { final } of snapped) assert.ok(final.local.every((v) => Number.isInteger(v / step)), "a lattice point");
+      for (const { final } of snapped)
+        assert.ok(
+          final.local.every((v) => Number.isInteger(v / step)),
+          "a lattice point",
+        );
     }
     for (const [k, { final }] of found.entries()) {
       const moved = Math.hypot(...final.local.map((v, i) => v - free[k].final.local[i]));
@@ -270,13 +282,16 @@ test("a deviation is shown as colours on the model, from its own plane and as fa
     const tools = await kilwa.measuring.load();
     const task = { record: () => ({ tool: "deviation", local, reach: 2 }) };
     const answer = await (await tools.engine).measure(task.record());
-    await tools.colour({ task });
+    await tools.sharing.colour({ task });
     return [JSON.parse(kilwa.viewer.displayState()), JSON.parse(kilwa.viewer.legend()), answer];
   }, local);
   assert.equal(state.mode, "distance");
   assert.deepEqual(state.plane.point, answer.details.plane.point);
   const [lowest, highest] = ["lowest", "highest"].map((name) => answer.readings.find((r) => r.name === name).value);
-  assert.deepEqual([legend.low, legend.high], [-1, 1].map((k) => k * Math.max(Math.abs(lowest), Math.abs(highest))));
+  assert.deepEqual(
+    [legend.low, legend.high],
+    [-1, 1].map((k) => k * Math.max(Math.abs(lowest), Math.abs(highest))),
+  );
   assert.equal(legend.unit, "m");
   assert.deepEqual(complaints, []);
   await close();

@@ -5,7 +5,7 @@ import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
 import { after, before } from "node:test";
-import { hostile, launch, open, packFolder, picture, serve, stats, test, waitFor } from "./harness.mjs";
+import { cameraOf, hostile, launch, open, packFolder, picture, serve, stats, test, waitFor } from "./harness.mjs";
 
 const HEAD = "bytes=0-65535";
 let folder;
@@ -54,7 +54,10 @@ test("the first picture needs one range request of the pack, and the model then 
   assert.ok(Math.abs(fine.share - coarse.share) < 0.25 * coarse.share, "the coarse picture stands where the fine one does");
   assert.notEqual(fine.hash, coarse.hash);
   assert.equal(packs.filter((range) => range === HEAD).length, 1);
-  assert.ok(packs.every((range) => /^(bytes=\d+-\d+|\d+-\d+(,\d+-\d+)+)$/.test(range)), "only ranges are asked for");
+  assert.ok(
+    packs.every((range) => /^(bytes=\d+-\d+|\d+-\d+(,\d+-\d+)+)$/.test(range)),
+    "only ranges are asked for",
+  );
   assert.deepEqual(complaints, []);
   await close();
 });
@@ -62,7 +65,7 @@ test("the first picture needs one range request of the pack, and the model then 
 test("keyboard, mouse, wheel and fingers fly the camera, and the error comes back to the target", async () => {
   const { page, complaints, close } = await open(browser, fort("?error=2"), { hasTouch: true });
   const canvas = page.locator("#canvas");
-  const camera = () => page.evaluate(() => [...globalThis.kilwa.viewer.camera()]);
+  const camera = () => cameraOf(page);
   const near = (a, b) => a.every((v, i) => Math.abs(v - b[i]) < 1e-6);
   let last = { camera: await camera(), picture: await picture(page) };
   const step = async (name, act, { moves = true } = {}) => {
@@ -120,7 +123,11 @@ test("keyboard, mouse, wheel and fingers fly the camera, and the error comes bac
   const pivoted = await step("double click", () => page.mouse.dblclick(...place));
   assert.deepEqual(pivoted.now.camera.slice(0, 2), pivoted.before.camera.slice(0, 2));
 
-  for (const [key, name] of [["1", "plan"], ["3", "east"], ["6", "oblique"]]) {
+  for (const [key, name] of [
+    ["1", "plan"],
+    ["3", "east"],
+    ["6", "oblique"],
+  ]) {
     await step(name, () => page.keyboard.press(key));
   }
   await step("minus, closer again by the button", () => page.locator("#zoom-in").click());
@@ -170,7 +177,12 @@ test("the memory limit holds during a flight, and what was forgotten comes back"
   const places = await page.evaluate(() => {
     const { viewer, session } = globalThis.kilwa;
     const { width, height } = session.canvas;
-    return [[0.3, 0.55], [0.7, 0.55], [0.5, 0.45], [0.5, 0.7]]
+    return [
+      [0.3, 0.55],
+      [0.7, 0.55],
+      [0.5, 0.45],
+      [0.5, 0.7],
+    ]
       .map(([x, y]) => [...viewer.pick(x * width, y * height)].slice(0, 3))
       .filter((place) => place.length === 3);
   });
@@ -179,7 +191,7 @@ test("the memory limit holds during a flight, and what was forgotten comes back"
   for (let round = 0; round < 2; round += 1) {
     for (const place of places) {
       await page.evaluate((place) => {
-        globalThis.kilwa.viewer.setCamera(new Float64Array([4, 0.5, 5, ...place, 0]));
+        globalThis.kilwa.viewer.setCamera({ azimuth: 4, elevation: 0.5, distance: 5, target: place, orthographic: false, roll: 0, fieldOfView: 0.7 });
         globalThis.kilwa.session.wake();
       }, place);
       await page.waitForTimeout(60);
@@ -208,13 +220,13 @@ test("a model that is not there, or is no pack, is said with the next step", asy
     return text;
   };
   assert.match(await trouble(() => ({ status: 404 })), /not there/);
-  assert.match(await trouble(() => ({ body: () => Buffer.alloc(65536, 65) })), /damaged[^]*magic bytes/);
+  assert.match(await trouble(() => ({ body: () => Buffer.alloc(65536, 65) })), /damaged[\s\S]*magic bytes/);
   const flipped = (body) => {
     const bad = Buffer.from(body);
     bad[300] ^= 4;
     return bad;
   };
-  assert.match(await trouble(() => ({ body: flipped })), /damaged[^]*checksum/);
+  assert.match(await trouble(() => ({ body: flipped })), /damaged[\s\S]*checksum/);
   // A copy that ends early: the server says so honestly, and the header knows better.
   const short = ({ range }) => ({
     body: (b) => b.subarray(0, 50_000),
@@ -255,7 +267,10 @@ test("a silent server at the start, flipped bits, short answers and refusals are
     if (number > 16) return null;
     mishaps += 1;
     return [
-      { body: flip }, { status: 503 }, { body: (b) => b.subarray(0, b.length >> 1), announce: range[1] - range[0] + 1 }, { drop: true },
+      { body: flip },
+      { status: 503 },
+      { body: (b) => b.subarray(0, b.length >> 1), announce: range[1] - range[0] + 1 },
+      { drop: true },
       { body: (b) => b.subarray(1) },
     ][number % 5];
   };
@@ -266,7 +281,10 @@ test("a silent server at the start, flipped bits, short answers and refusals are
   assert.ok(s.failures >= 5, `only ${s.failures} failures were noticed`);
   assert.ok(s.targetReached);
   assert.deepEqual(await picture(page), wanted, "the same picture as from a good server");
-  assert.deepEqual(complaints.filter((c) => !/Failed to load resource/.test(c)), []);
+  assert.deepEqual(
+    complaints.filter((c) => !/Failed to load resource/.test(c)),
+    [],
+  );
   await close();
   proxy.mishap = null;
 });
@@ -310,7 +328,7 @@ test("without WebGPU and WebGL 2 there is a sentence, the facts and the download
     };
   };
   const { page, close } = await open(browser, fort(), { wait: "trouble", before: (page) => page.addInitScript(hide) });
-  assert.match(await plate(page), /cannot draw the model[^]*WebGPU[^]*WebGL 2/);
+  assert.match(await plate(page), /cannot draw the model[\s\S]*WebGPU[\s\S]*WebGL 2/);
   assert.ok(await page.locator("#trouble-download").isVisible());
   assert.match(await page.locator("#facts").innerText(), /Triangles/);
   await close();
@@ -340,7 +358,7 @@ test("panels, views, help and hiding work by keyboard, in another language and f
   assert.notEqual((await picture(page)).hash, colour.hash);
   await page.locator("input[name=projection][value=orthographic]").check();
   await page.waitForTimeout(300);
-  assert.equal(await page.evaluate(() => globalThis.kilwa.viewer.camera()[6]), 1);
+  assert.equal(await page.evaluate(() => globalThis.kilwa.viewer.camera().orthographic), true);
   await page.locator("#tab-info").click();
   await page.waitForFunction(() => /\d/.test(document.getElementById("stats").textContent));
   await page.locator("#views-open").click();
@@ -399,7 +417,10 @@ test("axe-core finds nothing serious, in both themes, on the list, the viewer, i
       await tab.click();
       found.push(...(await serious(page, `${await tab.getAttribute("id")} ${colorScheme}`)));
     }
-    for (const [button, dialog] of [["#help-open", "#help"], ["#picture-open", "#picture"]]) {
+    for (const [button, dialog] of [
+      ["#help-open", "#help"],
+      ["#picture-open", "#picture"],
+    ]) {
       await page.locator(button).click();
       await page.locator(dialog).waitFor();
       found.push(...(await serious(page, `${dialog} ${colorScheme}`)));

@@ -78,13 +78,21 @@ test("a picture of the canvas shows what the canvas shows; one twice as large sh
   const small = await save(page);
   assert.ok(await page.locator("#picture").isHidden());
   // Away from edges, which are smoothed alike but not on the same places.
-  const spots = [[0.5, 0.5], [0.5, 0.58], [0.1, 0.1], [0.9, 0.95]];
+  const spots = [
+    [0.5, 0.5],
+    [0.5, 0.58],
+    [0.1, 0.1],
+    [0.9, 0.95],
+  ];
   const canvas = await page.evaluate(async (spots) => {
     const { width, height, pixels } = await globalThis.kilwa.viewer.readPixels();
     const at = ([x, y]) => (Math.floor(y * height) * width + Math.floor(x * width)) * 4;
     return { width, height, seen: spots.map((s) => [...pixels.slice(at(s), at(s) + 3)]) };
   }, spots);
-  assert.deepEqual(spots.map(([x, y]) => small.at(Math.floor(x * small.width), Math.floor(y * small.height))), canvas.seen);
+  assert.deepEqual(
+    spots.map(([x, y]) => small.at(Math.floor(x * small.width), Math.floor(y * small.height))),
+    canvas.seen,
+  );
   assert.equal(small.channels, 3);
   const size = await page.evaluate(() => [globalThis.kilwa.session.canvas.width, globalThis.kilwa.session.canvas.height]);
   assert.deepEqual([small.width, small.height], size);
@@ -92,11 +100,19 @@ test("a picture of the canvas shows what the canvas shows; one twice as large sh
   await page.keyboard.press("p");
   await page.locator("input[name=picture-size][value=double]").check();
   const large = await save(page);
-  assert.deepEqual([large.width, large.height], size.map((v) => v * 2));
+  assert.deepEqual(
+    [large.width, large.height],
+    size.map((v) => v * 2),
+  );
   // Brightness averaged over cells is that of the small one: the same view, finer.
   const mean = (picture, x0, y0, w, h) => {
     let sum = 0;
-    for (let y = 0; y < h; y += 2) for (let x = 0; x < w; x += 2) sum += picture.at(x0 + x, y0 + y).slice(0, 3).reduce((a, b) => a + b);
+    for (let y = 0; y < h; y += 2)
+      for (let x = 0; x < w; x += 2)
+        sum += picture
+          .at(x0 + x, y0 + y)
+          .slice(0, 3)
+          .reduce((a, b) => a + b);
     return sum / (Math.ceil(w / 2) * Math.ceil(h / 2) * 3);
   };
   for (let i = 0; i < 5; i += 1) {

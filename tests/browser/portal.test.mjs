@@ -9,9 +9,9 @@ import { archive } from "./archive.mjs";
 import { launch, open, test } from "./harness.mjs";
 
 const OBJECTS = [
-  ["gereza", "Gereza fort", "country = \"TZ\"\nname = \"Kilwa Kisiwani\"\nlatitude = -8.957\nlongitude = 39.513"],
-  ["husuni", "Husuni Kubwa", "country = \"TZ\"\nname = \"Kilwa Kisiwani\"\nlatitude = -8.951\nlongitude = 39.522"],
-  ["gede", "Great mosque of Gede", "country = \"KE\"\nname = \"Gede\"\nlatitude = -3.309\nlongitude = 40.018"],
+  ["gereza", "Gereza fort", 'country = "TZ"\nname = "Kilwa Kisiwani"\nlatitude = -8.957\nlongitude = 39.513'],
+  ["husuni", "Husuni Kubwa", 'country = "TZ"\nname = "Kilwa Kisiwani"\nlatitude = -8.951\nlongitude = 39.522'],
+  ["gede", "Great mosque of Gede", 'country = "KE"\nname = "Gede"\nlatitude = -3.309\nlongitude = 40.018'],
 ];
 const PAGES = ["/", "/map", "/collections/", "/collections/coast/", "/gereza/extract", "/gereza/extract/v1-whole.ply"];
 const COAST = '[[collection]]\nslug = "coast"\ntitle = "The Swahili coast"\ntext = "Towns of stone."\nmembers = ["gede", "gereza"]\n';
@@ -19,7 +19,9 @@ let server;
 let browser;
 
 before(async () => {
-  const texts = OBJECTS.map(([slug, title, place]) => `title = "${title}"\nslug = "${slug}"\n[rights]\nuri = "CC BY 4.0"\n[place]\n${place}\n[model]\nunits = "m"\n`);
+  const texts = OBJECTS.map(
+    ([slug, title, place]) => `title = "${title}"\nslug = "${slug}"\n[rights]\nuri = "CC BY 4.0"\n[place]\n${place}\n[model]\nunits = "m"\n`,
+  );
   server = await archive(texts, { collections: COAST, options: (own) => ["--cache", path.join(own, "cache")] });
   browser = await launch();
 });
@@ -33,7 +35,11 @@ const look = (address, options = {}) => open(browser, `${server.url}${address}`,
 test("axe-core finds nothing serious, in both themes and in Arabic", async () => {
   const axe = await readFile(path.join(path.dirname(createRequire(import.meta.url).resolve("axe-core")), "axe.min.js"), "utf8");
   const found = [];
-  for (const [colorScheme, locale] of [["light", "en"], ["dark", "en"], ["light", "ar"]]) {
+  for (const [colorScheme, locale] of [
+    ["light", "en"],
+    ["dark", "en"],
+    ["light", "ar"],
+  ]) {
     for (const address of PAGES) {
       const { page, close } = await look(address, { colorScheme, locale });
       await page.evaluate(axe);

@@ -24,7 +24,12 @@ const FILES = {
   measure: ["measure", "measure-picking", "measure-distance", "measure-table"],
 };
 const NOTES = [
-  ["The gate", [0.6, 0.5], "The seaward gate of the fort, its frame carved in coral. The door was of teak and stood until the 1970s.", "https://whc.unesco.org/en/list/144"],
+  [
+    "The gate",
+    [0.6, 0.5],
+    "The seaward gate of the fort, its frame carved in coral. The door was of teak and stood until the 1970s.",
+    "https://whc.unesco.org/en/list/144",
+  ],
   ["North-east tower", [0.35, 0.45], "Rebuilt in 1807 on the foot of the older tower.", ""],
   ["Court", [0.5, 0.45], "", ""],
 ];
@@ -38,8 +43,7 @@ function options(args) {
   return { to: path.resolve(folder ?? path.join(ROOT, "docs/screens")), isMissing: names.length < args.length, wanted: names };
 }
 
-const isWanted = (name) =>
-  (wanted.length === 0 || wanted.some((start) => name.startsWith(start))) && !(isMissing && existsSync(path.join(to, `${name}.jpg`)));
+const isWanted = (name) => (wanted.length === 0 || wanted.some((start) => name.startsWith(start))) && !(isMissing && existsSync(path.join(to, `${name}.jpg`)));
 
 /** How the page is opened: its size, theme and language. */
 function variants() {
@@ -81,12 +85,15 @@ class Shot {
 
   /** A measurement at places below shares of the canvas; none where one of them is beside the model. */
   measured(tool, ...shares) {
-    return this.page.evaluate(async ({ tool, shares }) => {
-      const { api, session } = globalThis.kilwa;
-      const [w, h] = [session.canvas.width / session.ratio, session.canvas.height / session.ratio];
-      const rays = shares.map(([x, y]) => api.pick(w * x, h * y)?.ray);
-      if (rays.every(Boolean)) await api.addMeasurement({ tool, rays });
-    }, { tool, shares });
+    return this.page.evaluate(
+      async ({ tool, shares }) => {
+        const { api, session } = globalThis.kilwa;
+        const [w, h] = [session.canvas.width / session.ratio, session.canvas.height / session.ratio];
+        const rays = shares.map(([x, y]) => api.pick(w * x, h * y)?.ray);
+        if (rays.every(Boolean)) await api.addMeasurement({ tool, rays });
+      },
+      { tool, shares },
+    );
   }
 
   /** Places on the surface below shares of the canvas. */
@@ -145,9 +152,12 @@ const scenes = {
   async notes(shot) {
     const { page } = shot;
     const places = await shot.places(NOTES.map(([, share]) => share));
-    await page.evaluate((notes) => {
-      for (const note of notes) globalThis.kilwa.api.addAnnotation(note);
-    }, NOTES.map(([title, , text, link], i) => ({ title, text, link, place: places[i] })));
+    await page.evaluate(
+      (notes) => {
+        for (const note of notes) globalThis.kilwa.api.addAnnotation(note);
+      },
+      NOTES.map(([title, , text, link], i) => ({ title, text, link, place: places[i] })),
+    );
     await shot.tab("notes");
     await shot.shoot("notes");
     await page.locator("#tour-start").click();
@@ -185,7 +195,15 @@ const scenes = {
     await shot.shoot("section-plane");
     await page.locator("#clip-plane").uncheck();
     await page.locator("#clip-box").check();
-    for (const [id, value] of [["center-x", -8], ["center-y", -6], ["center-z", 3], ["size-x", 24], ["size-y", 20], ["size-z", 12]]) await page.locator(`#box-${id}`).fill(String(value));
+    for (const [id, value] of [
+      ["center-x", -8],
+      ["center-y", -6],
+      ["center-z", 3],
+      ["size-x", 24],
+      ["size-y", 20],
+      ["size-z", 12],
+    ])
+      await page.locator(`#box-${id}`).fill(String(value));
     await page.locator("#box-turn").fill("20");
     await shot.rest();
     await shot.shoot("section-box");
@@ -201,10 +219,14 @@ const scenes = {
   async measure(shot) {
     const { page } = shot;
     const done = (count) =>
-      page.waitForFunction((count) => {
-        const items = globalThis.kilwa.measuring.tools?.items;
-        return items?.length === count && items.every(({ task }) => !["picking", "measuring"].includes(task.state));
-      }, count, { polling: 50 });
+      page.waitForFunction(
+        (count) => {
+          const items = globalThis.kilwa.measuring.tools?.items;
+          return items?.length === count && items.every(({ task }) => !["picking", "measuring"].includes(task.state));
+        },
+        count,
+        { polling: 50 },
+      );
     const use = async (name) => {
       await shot.tab("measure");
       await page.locator(".more-tools").waitFor();
@@ -304,7 +326,11 @@ async function packs() {
 async function opened(browser, url, variant, { frame, before } = {}) {
   const [width, height] = frame?.[variant.size] ?? SIZES[variant.size];
   const context = await browser.newContext({
-    viewport: { width, height }, colorScheme: variant.theme, reducedMotion: "reduce", hasTouch: variant.size === "phone", locale: variant.lang ?? "en",
+    viewport: { width, height },
+    colorScheme: variant.theme,
+    reducedMotion: "reduce",
+    hasTouch: variant.size === "phone",
+    locale: variant.lang ?? "en",
   });
   const page = await context.newPage();
   page.setDefaultTimeout(240_000);

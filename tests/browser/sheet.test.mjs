@@ -8,7 +8,7 @@ import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
 import { inflateSync } from "node:zlib";
-import { ROOT, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
+import { ROOT, cameraOf, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
 
 const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
 const [SCALE, DPI] = [500, 200];
@@ -42,7 +42,8 @@ function png(bytes) {
   for (let at = 8; at < bytes.length; ) {
     const length = bytes.readUInt32BE(at);
     const name = bytes.toString("latin1", at + 4, at + 8);
-    (chunks[name] ??= []).push(bytes.subarray(at + 8, at + 8 + length));
+    chunks[name] ??= [];
+    chunks[name].push(bytes.subarray(at + 8, at + 8 + length));
     at += length + 12;
   }
   const [head] = chunks.IHDR;
@@ -78,7 +79,12 @@ function tiff(bytes) {
     const entry = at + 2 + n * 12;
     const [tag, type, count] = [bytes.readUInt16LE(entry), bytes.readUInt16LE(entry + 2), bytes.readUInt32LE(entry + 4)];
     const from = count * sizes[type] <= 4 ? entry + 8 : bytes.readUInt32LE(entry + 8);
-    const value = { 3: (p) => bytes.readUInt16LE(p), 4: (p) => bytes.readUInt32LE(p), 5: (p) => bytes.readUInt32LE(p) / bytes.readUInt32LE(p + 4), 12: (p) => bytes.readDoubleLE(p) }[type];
+    const value = {
+      3: (p) => bytes.readUInt16LE(p),
+      4: (p) => bytes.readUInt32LE(p),
+      5: (p) => bytes.readUInt32LE(p) / bytes.readUInt32LE(p + 4),
+      12: (p) => bytes.readDoubleLE(p),
+    }[type];
     fields[tag] = Array.from({ length: count }, (_, k) => value(from + k * sizes[type]));
   }
   return fields;
@@ -111,7 +117,7 @@ function dark({ grey, width }, x, y) {
 test("a plan from the page has the size, the place and the scale of the one that kilwa render draws", async () => {
   const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
   await waitFor(page, "settled");
-  const camera = await page.evaluate(() => [...globalThis.kilwa.viewer.camera()]);
+  const camera = await cameraOf(page);
   const { name, bytes } = await save(page, { view: "plan", format: "png" });
   assert.ok(name.endsWith(".plan-1-500.png"), name);
   const here = png(bytes);
@@ -141,7 +147,7 @@ test("a plan from the page has the size, the place and the scale of the one that
   }
   assert.ok(both > 500, `${both}`);
   assert.ok(differing < both * 0.03, `${differing} of ${both} pixels differ`);
-  assert.deepEqual(await page.evaluate(() => [...globalThis.kilwa.viewer.camera()]), camera, "the view is as it was");
+  assert.deepEqual(await cameraOf(page), camera, "the view is as it was");
   assert.deepEqual(complaints, []);
   await close();
 });
@@ -190,7 +196,10 @@ test("a plan as GeoTIFF has the tags, and as PNG the world file, that kilwa rend
   assert.deepEqual(here[34735].slice(-4), [3072, 0, 1, 32737]);
   const [[width], [height], [rows]] = [here[256], here[257], here[278]];
   const strips = here[offsets].map((at, k) => inflateSync(saved.bytes.subarray(at, at + here[lengths][k])));
-  assert.equal(strips.reduce((n, s) => n + s.length, 0), width * height * 3);
+  assert.equal(
+    strips.reduce((n, s) => n + s.length, 0),
+    width * height * 3,
+  );
   assert.equal(strips.length, Math.ceil(height / rows));
   const off = Math.max(...[33550, 33922].flatMap((tag) => here[tag].map((v, k) => Math.abs(v - there[tag][k]))));
   console.log(`trust | GeoTIFF of the page beside that of kilwa render, metres | 0 | ${off}`);
@@ -223,7 +232,23 @@ test("on a sheet wider than 16,384 pixels a bar of 10 m measures 10 m to half a 
   assert.ok(Math.abs(long - wanted) <= 0.5 + 1e-9, `${long} instead of ${wanted}`);
   // The same drawing, native: the same columns show the model.
   const out = path.join(path.dirname(pack), "wide.png");
-  await promisify(execFile)(KILWA, ["render", pack, "-o", out, "--force", "--view", "south", "--scale", `1:${scale}`, "--dpi", String(DPI), "--paper", paper.join("x"), "--mode", "colour"]);
+  await promisify(execFile)(KILWA, [
+    "render",
+    pack,
+    "-o",
+    out,
+    "--force",
+    "--view",
+    "south",
+    "--scale",
+    `1:${scale}`,
+    "--dpi",
+    String(DPI),
+    "--paper",
+    paper.join("x"),
+    "--mode",
+    "colour",
+  ]);
   const there = png(await readFile(out));
   assert.deepEqual([here.width, here.height], [there.width, there.height]);
   let [both, differing] = [0, 0];

@@ -106,7 +106,8 @@ test("a picture wider than 16,384 pixels is written band by band and holds its p
   assert.deepEqual([found.width, found.height], [width, height]);
   assert.equal(found.names.at(-1), "IEND");
   assert.ok(found.parts.length > 2 && Math.max(...found.parts) < 2 << 20, `${found.parts}`);
-  for (let at = 0; at < width * height; at += 997) for (let c = 0; c < 3; c += 1) assert.equal(found.pixels[at * 3 + c], pixel(at % width, Math.floor(at / width), c));
+  for (let at = 0; at < width * height; at += 997)
+    for (let c = 0; c < 3; c += 1) assert.equal(found.pixels[at * 3 + c], pixel(at % width, Math.floor(at / width), c));
 });
 
 test("a disk that is full ends the picture with that reason, and nobody waits for ever", async () => {

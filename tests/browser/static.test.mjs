@@ -29,11 +29,27 @@ before(async () => {
     id: "urn:uuid:00000001-0000-4000-8000-000000000000",
     type: "Annotation",
     label: "The gate",
-    body: [{ type: "TextualBody", purpose: "describing", value: TEXT }, { type: "SpecificResource", purpose: "linking", source: "https://example.org/gate" }],
+    body: [
+      { type: "TextualBody", purpose: "describing", value: TEXT },
+      { type: "SpecificResource", purpose: "linking", source: "https://example.org/gate" },
+    ],
     target: { selector: { type: "PointSelector", x, y, z } },
   };
   await writeFile(path.join(folder, "notes.json"), JSON.stringify({ type: "AnnotationPage", items: [note] }));
-  const args = ["publish", pack, "--notes", path.join(folder, "notes.json"), "--to", site, "--metadata", path.join(folder, "m.toml"), "--site", "--software", "--www", WWW];
+  const args = [
+    "publish",
+    pack,
+    "--notes",
+    path.join(folder, "notes.json"),
+    "--to",
+    site,
+    "--metadata",
+    path.join(folder, "m.toml"),
+    "--site",
+    "--software",
+    "--www",
+    WWW,
+  ];
   await run(KILWA, args);
   await rm(packs, { recursive: true });
   browser = await launch();

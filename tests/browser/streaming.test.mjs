@@ -49,7 +49,10 @@ test("before the first pixel the pack costs one request of 64 KiB, asked for bef
   const at = (what, name) => seen.findIndex((e) => e[what]?.endsWith(name));
   assert.ok(at("sent", ".kilwa") < at("came", "viewer_bg.wasm"), "head and program come at the same time");
   const decoder = [at("sent", "decode_bg.wasm"), at("sent", "decode-worker.js")];
-  assert.ok(decoder.every((i) => i >= 0 && i < at("came", "viewer_bg.wasm")), "and so does what decodes");
+  assert.ok(
+    decoder.every((i) => i >= 0 && i < at("came", "viewer_bg.wasm")),
+    "and so does what decodes",
+  );
   const drawn = await page.evaluate(() => performance.getEntriesByType("resource").filter((e) => e.name.endsWith(".kilwa")));
   assert.ok(drawn.length >= 1);
   const total = seen.reduce((sum, e) => sum + (e.bytes ?? 0), 0);
@@ -125,10 +128,11 @@ test("while the browser gives no frames the model goes on coming, for two second
       });
     },
   });
-  const now = () => page.evaluate(() => {
-    const { session } = globalThis.kilwa;
-    return { frames: session.frames, decoded: session.jobs, requests: session.pack.requests };
-  });
+  const now = () =>
+    page.evaluate(() => {
+      const { session } = globalThis.kilwa;
+      return { frames: session.frames, decoded: session.jobs, requests: session.pack.requests };
+    });
   await page.waitForFunction(() => globalThis.kilwa?.session?.drawn, null, { polling: 5 });
   const first = await now();
   await page.waitForFunction(() => performance.now() - globalThis.kilwa.session.framedAt > 2500, null, { polling: 50 });
@@ -164,7 +168,10 @@ test("where frames are slow to come, what came by itself leaves as long to what 
   await waitFor(page, "settled");
   const pauses = (await page.evaluate(() => globalThis.pauses)).filter((_, k) => k !== interrupted.pause);
   assert.ok(pauses.length >= 3, "else this shows nothing");
-  assert.ok(pauses.every((ms) => ms >= 100), pauses.join(" "));
+  assert.ok(
+    pauses.every((ms) => ms >= 100),
+    pauses.join(" "),
+  );
   await close();
 });
 

@@ -61,7 +61,7 @@ test("the types, the API, the element and the messages name the same calls", asy
   const api = await read("api.js");
   const messages = names(/CALLS = new Set\(\[([^\]]+)\]/.exec(api)[1]);
   const element = names(/CALLS = \[([^\]]+)\]/.exec(await read("kilwa-viewer.js"))[1]);
-  const declared = /interface KilwaMethods \{([^]*?)\n\}/.exec(await read("kilwa-viewer.d.ts"))[1];
+  const declared = /interface KilwaMethods \{([\s\S]*?)\n\}/.exec(await read("kilwa-viewer.d.ts"))[1];
   const typed = [...declared.matchAll(/^ {2}(\w+)\(/gm)].map((m) => m[1]).sort();
   assert.deepEqual(element, messages);
   assert.deepEqual(typed, messages);

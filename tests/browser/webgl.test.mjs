@@ -89,7 +89,9 @@ test("where no WebGPU adapter answers, WebGL 2 takes over by itself", async () =
 
 test("a lost context is replaced when the browser gives another, and the picture is as it was", async () => {
   const { page, close } = await fort("&gpu=webgl");
-  await page.evaluate(() => globalThis.kilwa.viewer.setCamera(new Float64Array([1, 0.4, 40, 1, 2, 3, 0])));
+  await page.evaluate(() =>
+    globalThis.kilwa.viewer.setCamera({ azimuth: 1, elevation: 0.4, distance: 40, target: [1, 2, 3], orthographic: false, roll: 0, fieldOfView: 0.7 }),
+  );
   await page.evaluate(() => globalThis.kilwa.session.wake());
   await waitFor(page, "settled");
   const wanted = await pixels(page);

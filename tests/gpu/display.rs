@@ -6,7 +6,7 @@ use kilwa_viewer::colormap::{NO_VALUE, viridis};
 use kilwa_viewer::gpu::pool::ShownScalar;
 use kilwa_viewer::options::{Light, Scale};
 
-const CENTER: [i32; 3] = [1 << 20; 3];
+const CENTER: IVec3 = IVec3::splat(1 << 20);
 const RADIUS: f64 = 50_000.0;
 const SIZE: [u32; 2] = [96, 96];
 
@@ -35,9 +35,9 @@ impl Scenery {
 }
 
 fn view_from(standard: StandardView, distance: f64, size: [u32; 2]) -> View {
-    let lattice = kilwa_geometry::Lattice { origin: [0.0; 3], step_log2: 0 };
-    let at = CENTER.map(f64::from);
-    let bounds = Bounds { min: at.map(|x| x - RADIUS * 1.1), max: at.map(|x| x + RADIUS * 1.1) };
+    let lattice = kilwa_geometry::Lattice { origin: DVec3::ZERO, step_log2: 0 };
+    let at = CENTER.as_dvec3();
+    let bounds = Bounds { min: at - RADIUS * 1.1, max: at + RADIUS * 1.1 };
     let mut camera = Camera::standard(standard, &bounds, size);
     camera.orthographic = false;
     camera.distance = distance * RADIUS;
@@ -70,13 +70,13 @@ fn part(size: [u32; 2], x: [f64; 2], y: [f64; 2]) -> impl Iterator<Item = (u32, 
 }
 
 /// Flat squares of `half` steps round places before the south view (y is the depth), each one patch.
-fn squares(places: &[([i32; 3], i32)], tilt: i32) -> Chunk {
+fn squares(places: &[(IVec3, i32)], tilt: i32) -> Chunk {
     let mut chunk = Chunk::default();
     for (first, (center, half)) in (0..).step_by(2).zip(places) {
         let base = chunk.mesh.positions.len() as u32;
         for (x, z) in [(-1, -1), (1, -1), (1, 1), (-1, 1)] {
-            chunk.mesh.positions.push([center[0] + x * half, center[1] + (x + z) * tilt, center[2] + z * half]);
-            chunk.mesh.normals.push(normal::encode([0.0, -1.0, 0.0]));
+            chunk.mesh.positions.push(*center + IVec3::new(x * half, (x + z) * tilt, z * half));
+            chunk.mesh.normals.push(normal::encode(DVec3::NEG_Y));
             chunk.mesh.colors.push([180, 180, 180]);
         }
         chunk.mesh.triangles.extend([[base, base + 1, base + 2], [base, base + 2, base + 3]]);
@@ -137,10 +137,10 @@ fn colours_of_height_and_distance_are_those_of_the_value_and_of_nothing_else() {
     let oracle = ball.scene();
     let tilted = {
         let l = 14f64.sqrt();
-        [1.0 / l, -2.0 / l, 3.0 / l]
+        DVec3::new(1.0, -2.0, 3.0) / l
     };
-    for (mode, normal) in [(Mode::Height, [0.0, 0.0, 1.0]), (Mode::Distance, tilted)] {
-        let offset = (0..3).map(|i| normal[i] * f64::from(CENTER[i])).sum::<f64>();
+    for (mode, normal) in [(Mode::Height, DVec3::Z), (Mode::Distance, tilted)] {
+        let offset = normal.dot(CENTER.as_dvec3());
         let scale = Scale { normal, offset, range: [-40_000.0, 45_000.0] };
         for standard in [StandardView::Plan, StandardView::South, StandardView::Iso] {
             let view = view_from(standard, 3.0, SIZE);
@@ -177,8 +177,8 @@ fn probes_at(pixel: [f64; 2], r: f64) -> impl Iterator<Item = [f64; 2]> {
 #[test]
 fn a_scalar_has_the_colours_of_its_scale_and_grey_where_there_is_none() {
     // A square whose scalar grows to the right, and one that has no values.
-    let [x, y, z] = CENTER;
-    let mut chunk = squares(&[([x - 16_000, y, z], 15_000), ([x + 16_000, y, z], 15_000)], 0);
+    let IVec3 { x, y, z } = CENTER;
+    let mut chunk = squares(&[(IVec3::new(x - 16_000, y, z), 15_000), (IVec3::new(x + 16_000, y, z), 15_000)], 0);
     chunk.mesh.scalars = vec![vec![0.0; 8], vec![2.0, 6.0, 6.0, 2.0, f32::NAN, f32::NAN, f32::NAN, f32::NAN]];
     let view = view_from(StandardView::South, 3.0, SIZE);
     let mut wall = Scenery::new(chunk.clone());
@@ -216,7 +216,7 @@ fn a_scalar_has_the_colours_of_its_scale_and_grey_where_there_is_none() {
 
 #[test]
 fn eye_dome_lighting_darkens_behind_depth_steps_and_leaves_planes_as_they_are() {
-    let [x, y, z] = CENTER;
+    let IVec3 { x, y, z } = CENTER;
     for orthographic in [false, true] {
         let mut view = view_from(StandardView::South, 3.0, SIZE);
         if orthographic {
@@ -232,7 +232,7 @@ fn eye_dome_lighting_darkens_behind_depth_steps_and_leaves_planes_as_they_are() 
             assert!(plain == strong, "a plane tilted by {tilt} is not neutral (orthographic: {orthographic})");
         }
         // A small square before a large one.
-        let mut step = Scenery::new(squares(&[(CENTER, 45_000), ([x, y - 20_000, z], 15_000)], 0));
+        let mut step = Scenery::new(squares(&[(CENTER, 45_000), (IVec3::new(x, y - 20_000, z), 15_000)], 0));
         let ids = pollster::block_on(step.renderer.ids(&view, &step.draw, None)).expect("reads back");
         let plain = step.image(&view, &RenderOptions { strength: 0.0, ..options(Mode::EyeDome) });
         let strong = step.image(&view, &RenderOptions { strength: 1.0, radius: 4.0, ..options(Mode::EyeDome) });
@@ -399,13 +399,16 @@ fn far_from_the_origin_of_the_reference_system_the_picture_is_the_same() {
         let mut session =
             Session::open(SliceSource(world.bytes.clone()), &world.gpu, Budgets { uploads: 64, ..Budgets::default() })
                 .expect("opens");
-        let at = |p: [f64; 3]| p.map(|x| x + offset);
+        let at = |p: DVec3| p + offset;
         let mut seen = Vec::new();
         for (mode, name) in [(Mode::Color, "colour"), (Mode::Curvature, "curvature"), (Mode::Distance, "distance")] {
             let display = kilwa_viewer::Display {
                 mode: name.to_owned(),
-                plane: Some(kilwa_viewer::display::Plane { normal: [0.0, 0.6, 0.8], point: at([0.0, 0.0, 1.0]) }),
-                clip_plane: Some(kilwa_viewer::display::Plane { normal: [1.0, 0.5, 0.0], point: at([6.0, 0.0, 0.0]) }),
+                plane: Some(kilwa_viewer::display::Plane { normal: DVec3::new(0.0, 0.6, 0.8), point: at(DVec3::Z) }),
+                clip_plane: Some(kilwa_viewer::display::Plane {
+                    normal: DVec3::new(1.0, 0.5, 0.0),
+                    point: at(DVec3::new(6.0, 0.0, 0.0)),
+                }),
                 range: Some([-20.0, 20.0]),
                 ..kilwa_viewer::Display::default()
             };
@@ -413,7 +416,7 @@ fn far_from_the_origin_of_the_reference_system_the_picture_is_the_same() {
             assert_eq!(options.mode, mode);
             for (azimuth, distance) in [(0.7, 60.0), (2.9, 9.0), (4.0, 1.5)] {
                 let mut camera = Camera::standard(StandardView::Iso, &world.bounds, size);
-                (camera.target, camera.azimuth, camera.distance) = (at([0.5, 0.25, 2.0]), azimuth, distance);
+                (camera.target, camera.azimuth, camera.distance) = (at(DVec3::new(0.5, 0.25, 2.0)), azimuth, distance);
                 let view = session.view(&camera, size, 1.0);
                 seen.push(session.render(&view, &options).expect("renders").0);
             }

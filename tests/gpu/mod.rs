@@ -7,6 +7,7 @@ mod display;
 mod raycast;
 mod section;
 
+use glam::{DVec3, IVec3};
 use kilwa_builder::{BuildOptions, Silent, build_pack};
 use kilwa_formats::RawMesh;
 use kilwa_geometry::{Mesh, normal};
@@ -37,7 +38,7 @@ fn scene(chunks: &BTreeMap<u32, Chunk>, draw: &[DrawPatch]) -> Scene {
     for (id, patch) in (0u32..).zip(draw) {
         let mesh = &chunks[&patch.chunk].mesh;
         for t in patch.first..patch.first + patch.count {
-            triangles.push(Triangle { corners: mesh.corners(t as usize).map(|p| p.map(f64::from)), id });
+            triangles.push(Triangle { corners: mesh.corners(t as usize).map(|p| p.as_dvec3()), id });
         }
     }
     Scene::new(triangles)
@@ -182,7 +183,7 @@ impl World {
             chunks.insert(index, chunk);
         }
         let m = reader.metadata();
-        let bounds = Bounds { min: m.bounds_min, max: m.bounds_max };
+        let bounds = Bounds { min: m.bounds_min.into(), max: m.bounds_max.into() };
         Self { reader, bytes, chunks, renderer, gpu, bounds }
     }
 
@@ -215,7 +216,7 @@ fn cameras(bounds: &Bounds, size: [u32; 2]) -> Vec<(String, Camera)> {
         let mut close = iso;
         close.orbit(1.1 * k as f64, -0.2 * k as f64);
         let back = close.backward();
-        close.target = std::array::from_fn(|i| bounds.center()[i] + back[i] * bounds.radius() * 0.55);
+        close.target = bounds.center() + back * bounds.radius() * 0.55;
         close.distance = bounds.radius() * distance;
         out.push((format!("close {distance}"), close));
     }
@@ -273,20 +274,20 @@ fn a_closed_model_shows_no_background_from_inside_in_any_cut() {
 }
 
 /// A closed bumpy ball round `center`, in one chunk of several patches, in lattice steps.
-fn ball(center: [i32; 3], radius: f64, rings: u32) -> Chunk {
+fn ball(center: IVec3, radius: f64, rings: u32) -> Chunk {
     ball_with_bumps(center, radius, rings, 0.05)
 }
 
-fn ball_with_bumps(center: [i32; 3], radius: f64, rings: u32, bumps: f64) -> Chunk {
+fn ball_with_bumps(center: IVec3, radius: f64, rings: u32, bumps: f64) -> Chunk {
     let mut mesh = Mesh::default();
     let segments = rings * 2;
     for ring in 0..=rings {
         for segment in 0..segments {
             let (st, ct) = (std::f64::consts::PI * f64::from(ring) / f64::from(rings)).sin_cos();
             let (sp, cp) = (std::f64::consts::TAU * f64::from(segment) / f64::from(segments)).sin_cos();
-            let n = [st * cp, st * sp, ct];
-            let r = radius * (1.0 + bumps * (7.0 * n[0]).sin() * (9.0 * n[1]).cos());
-            mesh.positions.push(std::array::from_fn(|i| center[i] + (n[i] * r).round() as i32));
+            let n = DVec3::new(st * cp, st * sp, ct);
+            let r = radius * (1.0 + bumps * (7.0 * n.x).sin() * (9.0 * n.y).cos());
+            mesh.positions.push(center + (n * r).round().as_ivec3());
             mesh.normals.push(normal::encode(n));
             mesh.colors.push([200, 180, 150]);
         }
@@ -313,10 +314,10 @@ fn ball_with_bumps(center: [i32; 3], radius: f64, rings: u32, bumps: f64) -> Chu
 }
 
 /// The view of a ball from a distance in radii.
-fn ball_view(center: [i32; 3], radius: f64, distance: f64, turn: f64, size: [u32; 2]) -> View {
-    let lattice = kilwa_geometry::Lattice { origin: [0.0; 3], step_log2: 0 };
-    let at = center.map(f64::from);
-    let bounds = Bounds { min: at.map(|x| x - radius * 1.1), max: at.map(|x| x + radius * 1.1) };
+fn ball_view(center: IVec3, radius: f64, distance: f64, turn: f64, size: [u32; 2]) -> View {
+    let lattice = kilwa_geometry::Lattice { origin: DVec3::ZERO, step_log2: 0 };
+    let at = center.as_dvec3();
+    let bounds = Bounds { min: at - radius * 1.1, max: at + radius * 1.1 };
     let mut camera = Camera::standard(StandardView::Iso, &bounds, size);
     camera.orbit(turn, turn * 0.3);
     camera.distance = distance * radius;
@@ -328,7 +329,7 @@ fn far_out_on_the_lattice_nothing_shakes() {
     // Twice the same ball, once near the lattice's origin and once near 2^29 on every axis, as UTM coordinates come.
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
-    let (near, far) = ([1 << 20; 3], [(1 << 29) + 12_345, (1 << 29) + 777, (1 << 29) - 31]);
+    let (near, far) = (IVec3::splat(1 << 20), IVec3::new((1 << 29) + 12_345, (1 << 29) + 777, (1 << 29) - 31));
     let size = [120, 120];
     let radius = 400_000.0;
     let mut chunks = BTreeMap::new();
@@ -374,7 +375,7 @@ fn what_the_streamer_draws_is_what_the_ray_caster_sees() {
 fn tiles_make_up_the_whole_picture() {
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
-    let center = [1 << 20; 3];
+    let center = IVec3::splat(1 << 20);
     let chunk = ball(center, 50_000.0, 40);
     renderer.upload(0, &interleave(&chunk));
     let draw: Vec<DrawPatch> = (0..4).map(|k| draw_patch(0, k, &chunk.patches[k as usize])).collect();
@@ -407,7 +408,7 @@ fn tiles_make_up_the_whole_picture() {
 fn every_mode_colours_the_model_and_leaves_the_background() {
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
-    let center = [1 << 20; 3];
+    let center = IVec3::splat(1 << 20);
     let chunk = ball(center, 50_000.0, 40);
     let draw: Vec<DrawPatch> =
         (0..4).map(|k| DrawPatch { error: 0.01, level: 3, ..draw_patch(0, k, &chunk.patches[k as usize]) }).collect();
@@ -416,8 +417,8 @@ fn every_mode_colours_the_model_and_leaves_the_background() {
     let mut seen = Vec::new();
     for (mode, name) in Mode::ALL {
         // Heights and distances span the ball; the distance grows to the east.
-        let normal = if mode == Mode::Distance { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] };
-        let middle = f64::from(center[0]);
+        let normal = if mode == Mode::Distance { DVec3::X } else { DVec3::Z };
+        let middle = f64::from(center.x);
         let scale = Scale { normal, offset: middle, range: [-60_000.0, 60_000.0] };
         let background = Background::Flat([10, 200, 30]);
         let options = RenderOptions { mode, scale, background, ..RenderOptions::default() };
@@ -442,7 +443,7 @@ fn every_mode_colours_the_model_and_leaves_the_background() {
 fn chunks_that_are_not_there_are_left_out_and_evicted_ones_free_their_memory() {
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
-    let chunk = ball([1 << 20; 3], 50_000.0, 20);
+    let chunk = ball(IVec3::splat(1 << 20), 50_000.0, 20);
     let gpu_chunk: GpuChunk = interleave(&chunk);
     renderer.upload(7, &gpu_chunk);
     renderer.upload(7, &gpu_chunk);
@@ -450,7 +451,7 @@ fn chunks_that_are_not_there_are_left_out_and_evicted_ones_free_their_memory() {
     assert_eq!(renderer.chunk_bytes() as usize, gpu_chunk.vertices.len() + gpu_chunk.indices.len() * 4);
     let beyond = PatchRange { first: 1, count: u32::MAX, diamond: NO_DIAMOND };
     let draw = [draw_patch(7, 0, &beyond), draw_patch(8, 0, &chunk.patches[0])];
-    let view = ball_view([1 << 20; 3], 50_000.0, 3.0, 0.0, [32, 32]);
+    let view = ball_view(IVec3::splat(1 << 20), 50_000.0, 3.0, 0.0, [32, 32]);
     let ids = pollster::block_on(renderer.ids(&view, &draw, None)).expect("reads back");
     assert!(ids.pixels.iter().all(|(id, _)| id.is_none()));
     renderer.evict(7);

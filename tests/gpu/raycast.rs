@@ -1,12 +1,13 @@
 //! A ray-caster in f64 on the CPU, over the same triangles as a frame: the oracle of the GPU tests.
 
-use kilwa_geometry::distance::{Vec3, cross, dot, ray_triangle, sub};
+use glam::DVec3;
+use kilwa_geometry::distance::ray_triangle;
 use kilwa_stream::{Projection, View};
 
 /// A triangle with the index of its draw.
 #[derive(Clone, Copy)]
 pub(crate) struct Triangle {
-    pub(crate) corners: [Vec3; 3],
+    pub(crate) corners: [DVec3; 3],
     pub(crate) id: u32,
 }
 
@@ -17,8 +18,8 @@ pub(crate) struct Scene {
 }
 
 struct Node {
-    min: Vec3,
-    max: Vec3,
+    min: DVec3,
+    max: DVec3,
     /// First triangle and count of a leaf; or the second child and 0 (the first child is the next node).
     first: usize,
     count: usize,
@@ -43,17 +44,15 @@ impl Scene {
     }
 
     /// The ray through a point of the picture, in pixels from its top left corner.
-    pub(crate) fn ray(view: &View, [px, py]: [f64; 2]) -> (Vec3, Vec3) {
+    pub(crate) fn ray(view: &View, [px, py]: [f64; 2]) -> (DVec3, DVec3) {
         let x = (2.0 * px / f64::from(view.size[0]) - 1.0) * view.aspect();
         let y = 1.0 - 2.0 * py / f64::from(view.size[1]);
         match view.projection {
             Projection::Perspective { tan_half_height: t } => {
-                let d = |i: usize| view.forward[i] + view.right[i] * x * t + view.up[i] * y * t;
-                (view.eye, [d(0), d(1), d(2)])
+                (view.eye, view.forward + view.right * x * t + view.up * y * t)
             }
             Projection::Orthographic { half_height: h } => {
-                let o = |i: usize| view.eye[i] + view.right[i] * x * h + view.up[i] * y * h;
-                ([o(0), o(1), o(2)], view.forward)
+                (view.eye + view.right * x * h + view.up * y * h, view.forward)
             }
         }
     }
@@ -125,8 +124,8 @@ impl Scene {
     }
 
     /// Where a point is seen, in pixels; the inverse of [`Scene::ray`].
-    fn seen(view: &View, p: Vec3) -> [f64; 2] {
-        let [x, y, depth] = view.in_view(p);
+    fn seen(view: &View, p: DVec3) -> [f64; 2] {
+        let DVec3 { x, y, z: depth } = view.in_view(p);
         let half = match view.projection {
             Projection::Perspective { tan_half_height: t } => t * depth,
             Projection::Orthographic { half_height: h } => h,
@@ -139,20 +138,15 @@ impl Scene {
     pub(crate) fn plane_depth(&self, view: &View, triangle: usize, pixel: [f64; 2]) -> f64 {
         let (origin, direction) = Self::ray(view, pixel);
         let [a, b, c] = self.triangles[triangle].corners;
-        let n = cross(sub(b, a), sub(c, a));
-        dot(n, sub(a, origin)) / dot(n, direction)
+        let n = (b - a).cross(c - a);
+        n.dot(a - origin) / n.dot(direction)
     }
 }
 
 fn split(triangles: &mut [Triangle], first: usize, count: usize, nodes: &mut Vec<Node>) {
     let part = &mut triangles[first..first + count];
-    let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for p in part.iter().flat_map(|t| t.corners) {
-        for i in 0..3 {
-            min[i] = min[i].min(p[i]);
-            max[i] = max[i].max(p[i]);
-        }
-    }
+    let corners = part.iter().flat_map(|t| t.corners);
+    let (min, max) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
     let at = nodes.len();
     nodes.push(Node { min, max, first, count });
     if count <= 4 {
@@ -169,7 +163,7 @@ fn split(triangles: &mut [Triangle], first: usize, count: usize, nodes: &mut Vec
     nodes[at].count = 0;
 }
 
-fn meets(node: &Node, origin: Vec3, direction: Vec3, limit: f64) -> bool {
+fn meets(node: &Node, origin: DVec3, direction: DVec3, limit: f64) -> bool {
     let (mut near, mut far) = (0.0f64, limit);
     for i in 0..3 {
         let (a, b) = ((node.min[i] - origin[i]) / direction[i], (node.max[i] - origin[i]) / direction[i]);

@@ -1,29 +1,32 @@
 //! Cuts: what is removed is seen nowhere, what stays is seen as the ray-caster sees it, and a line follows the cut.
 
 use super::*;
+use glam::{DVec3, IVec3};
 use kilwa_viewer::pick::{Scope, nearest};
 use kilwa_viewer::section::{Clip, ClipBox, HalfSpace, box_faces};
 use kilwa_viewer::shell::native::Session;
 
 const SIZE: [u32; 2] = [96, 72];
 
-fn cuts(bounds_center: [f64; 3], radius: f64) -> Vec<(&'static str, Clip)> {
-    let half = |normal: [f64; 3], shift: f64| {
-        let l = (0..3).map(|i| normal[i] * normal[i]).sum::<f64>().sqrt();
-        let normal = normal.map(|x| x / l);
-        HalfSpace { normal, offset: (0..3).map(|i| normal[i] * bounds_center[i]).sum::<f64>() + shift * radius }
+fn cuts(bounds_center: DVec3, radius: f64) -> Vec<(&'static str, Clip)> {
+    let half = |normal: DVec3, shift: f64| {
+        let normal = normal / normal.length();
+        HalfSpace { normal, offset: normal.dot(bounds_center) + shift * radius }
     };
-    let faces = box_faces(bounds_center, [radius * 0.9, radius * 0.5, radius * 0.3], 0.6);
+    let faces = box_faces(bounds_center, DVec3::new(radius * 0.9, radius * 0.5, radius * 0.3), 0.6);
     let plane = |n, s| Clip { plane: Some(half(n, s)), bounds: None };
     vec![
-        ("from above", plane([0.0, 0.0, 1.0], 0.02)),
-        ("upright", plane([1.0, 0.4, 0.0], 0.0)),
-        ("slanted, from below", plane([0.3, -0.5, -0.8], 0.1)),
+        ("from above", plane(DVec3::Z, 0.02)),
+        ("upright", plane(DVec3::new(1.0, 0.4, 0.0), 0.0)),
+        ("slanted, from below", plane(DVec3::new(0.3, -0.5, -0.8), 0.1)),
         ("inside of a box", Clip { plane: None, bounds: Some(ClipBox { faces, remove_inside: false }) }),
         ("outside of a box", Clip { plane: None, bounds: Some(ClipBox { faces, remove_inside: true }) }),
         (
             "plane and box",
-            Clip { plane: Some(half([0.0, 1.0, 0.2], 0.0)), bounds: Some(ClipBox { faces, remove_inside: false }) },
+            Clip {
+                plane: Some(half(DVec3::new(0.0, 1.0, 0.2), 0.0)),
+                bounds: Some(ClipBox { faces, remove_inside: false }),
+            },
         ),
     ]
 }
@@ -31,7 +34,7 @@ fn cuts(bounds_center: [f64; 3], radius: f64) -> Vec<(&'static str, Clip)> {
 /// The nearest hit that a cut leaves.
 fn cast_cut(scene: &Scene, view: &View, clip: &Clip, pixel: [f64; 2]) -> Option<Hit> {
     let (origin, way) = Scene::ray(view, pixel);
-    let stays = |h: &Hit| clip.keeps(std::array::from_fn(|i| origin[i] + way[i] * h.depth));
+    let stays = |h: &Hit| clip.keeps(origin + way * h.depth);
     scene.cast_all(view, pixel).into_iter().filter(stays).min_by(|a, b| a.depth.total_cmp(&b.depth))
 }
 
@@ -58,7 +61,7 @@ fn what_a_cut_removes_is_seen_nowhere_and_what_it_leaves_is_what_the_ray_caster_
                     shown += 1;
                     let (origin, way) = Scene::ray(&view, pixel);
                     let z = distance_from_depth(&view, *depth);
-                    let point = std::array::from_fn(|i| origin[i] + way[i] * z);
+                    let point = origin + way * z;
                     let slack = z.abs() * 1e-5 + 1e-6 * radius;
                     assert!(clip.depth(point) > -slack, "{name}, {camera_name}: {} steps removed", clip.depth(point));
                 }
@@ -71,7 +74,7 @@ fn what_a_cut_removes_is_seen_nowhere_and_what_it_leaves_is_what_the_ray_caster_
                     let (origin, way) = Scene::ray(&view, p);
                     scene.cast_all(&view, p).iter().any(|h| {
                         let (low, high) = depths(&scene, &view, *h, x, y);
-                        let ends = [low, high].map(|z| clip.depth(std::array::from_fn(|i| origin[i] + way[i] * z)));
+                        let ends = [low, high].map(|z| clip.depth(origin + way * z));
                         Some(h.id) == *id
                             && ends[0].max(ends[1]) >= 0.0
                             && (low..=high).contains(&distance_from_depth(&view, *depth))
@@ -153,13 +156,13 @@ fn what_is_cut_away_wholly_is_not_loaded_and_the_picture_is_the_same() {
 fn a_line_follows_the_cut_and_the_inside_has_a_colour_of_its_own() {
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
-    let center = [1 << 20; 3];
+    let center = IVec3::splat(1 << 20);
     let chunk = ball(center, 50_000.0, 60);
     renderer.upload(0, &interleave(&chunk));
     let draw: Vec<DrawPatch> = (0..4).map(|k| draw_patch(0, k, &chunk.patches[k as usize])).collect();
     let view = ball_view(center, 50_000.0, 3.0, 0.0, SIZE);
-    let up = [0.0, 0.0, 1.0];
-    let plane = Some(HalfSpace { normal: up, offset: f64::from(center[2]) + 5_000.0 });
+    let up = DVec3::Z;
+    let plane = Some(HalfSpace { normal: up, offset: f64::from(center.z) + 5_000.0 });
     let clip = Clip { plane, bounds: None };
     let oracle = scene(&BTreeMap::from([(0, chunk)]), &draw);
     let mut image = |outline: f32, background: Background| {
@@ -183,7 +186,7 @@ fn a_line_follows_the_cut_and_the_inside_has_a_colour_of_its_own() {
                 let (o, d) = Scene::ray(&view, p);
                 oracle.cast_all(&view, p).into_iter().map(move |h| (o, d, h))
             })
-            .map(|(o, d, h)| clip.keeps(std::array::from_fn(|i| o[i] + d[i] * h.depth)))
+            .map(|(o, d, h)| clip.keeps(o + d * h.depth))
             .collect();
         assert!(sides.contains(&true) && sides.contains(&false), "a line at {x}, {y}, far from the cut");
     }

@@ -79,7 +79,7 @@ fn notes_are_part_of_the_version_of_its_lists_and_of_its_page() {
     crate::support::succeeds(&["verify", text(&object)]);
     let report = bench.publish(&pack(), FULL, &["--notes", text(&notes), "--dry-run", "--version-note", "x"]);
     let said = String::from_utf8(report.stdout).unwrap();
-    assert!(said.contains("notes: 2") && said.contains("1 annotations of the notes, which name no point"), "{said}");
+    assert!(said.contains("notes: 2") && said.contains("1 annotation of the notes, which names no point"), "{said}");
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn notes_of_another_pack_are_told() {
     notes["items"][0]["target"]["state"][0]["identity"] = "0123456789abcdef0123456789abcdef".into();
     let notes = file(&bench, &notes);
     let said = String::from_utf8(bench.publish(&pack(), FULL, &["--notes", text(&notes), "--dry-run"]).stdout).unwrap();
-    assert!(said.contains("is this meant? 1 of the notes were made on another pack (0123456789ab…)"), "{said}");
+    assert!(said.contains("is this meant? 1 of the notes was made on another pack (0123456789ab…)"), "{said}");
 }
 
 #[test]

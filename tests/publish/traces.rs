@@ -179,7 +179,7 @@ impl Traces {
         for index in 0..pack.entries().len() as u32 {
             let mesh = pack.chunk(index).expect("sound").mesh;
             for p in &mesh.positions {
-                let world = lattice.world_from_steps(p.map(f64::from));
+                let world = lattice.world_from_lattice(*p);
                 if (0..2).any(|k| self.map.iter().any(|x| (world[k] - x).abs() < 1000.0)) {
                     return Some(format!("a vertex at {world:?}"));
                 }

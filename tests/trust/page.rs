@@ -7,6 +7,7 @@ use super::phantoms::phantom;
 use super::rays::Open;
 use crate::support::{built_once, json, succeeds, text};
 use fastrand::Rng;
+use glam::DVec3;
 use kilwa_measure::clip::{ClipBox, HalfSpace, box_faces};
 use kilwa_measure::interval::Provisional;
 use kilwa_measure::{Clip, Document, Picker, Ray};
@@ -247,17 +248,17 @@ fn what_the_viewer_says_before_the_finest_surface_is_there_contains_the_final_pi
         let entries = open.reader.entries();
         let step = open.reader.header().lattice.step();
         let root = entries[0].bounds;
-        let centre = std::array::from_fn(|i| f64::midpoint(f64::from(root.min[i]), f64::from(root.max[i])));
-        let size = (0..3).map(|i| f64::from(root.max[i] - root.min[i])).fold(0.0, f64::max);
+        let centre = root.min.as_dvec3().midpoint(root.max.as_dvec3());
+        let size = f64::from((root.max - root.min).max_element());
         for round in 0..10u64 {
             let cut = Cut::random(entries, round, 1 + round as usize * 8);
             let (patches, meshes) = drawn(&open, &cut);
             for n in 0..40 {
                 let ray = open.random_ray(&mut random);
-                let way = [0, 1, 2].map(|_| between(&mut random, -1.0, 1.0));
-                let normal = way.map(|x| x / super::oracle::length(way));
-                let plane = HalfSpace { normal, offset: (0..3).map(|i| normal[i] * centre[i]).sum() };
-                let faces = box_faces(centre, [size * 0.5; 3], n as f64);
+                let way = DVec3::from([0, 1, 2].map(|_| between(&mut random, -1.0, 1.0)));
+                let normal = way / way.length();
+                let plane = HalfSpace { normal, offset: normal.dot(centre) };
+                let faces = box_faces(centre, DVec3::splat(size * 0.5), n as f64);
                 let clip = Clip {
                     plane: (n % 2 == 1).then_some(plane),
                     bounds: (n % 4 >= 2).then_some(ClipBox { faces, remove_inside: n % 8 >= 4 }),
@@ -306,7 +307,8 @@ fn a_pick_in_the_page_is_the_pick_of_the_command_line() {
         let origin = lattice.world_from_steps(ray.origin);
         let asked: Pick = serde_json::from_value(value!({ "origin": origin, "direction": ray.direction })).unwrap();
         let answer = pollster::block_on(asked.answer(&page.surface())).unwrap();
-        let numbers: Vec<String> = origin.iter().chain(&ray.direction).map(|x| format!("{x:?}")).collect();
+        let numbers: Vec<String> =
+            [origin, ray.direction].map(|v| v.to_array()).as_flattened().iter().map(|x| format!("{x:?}")).collect();
         let numbers = [
             &["measure", text(&p.pack), "coordinate", "--rays", "--json", "--"],
             &numbers.iter().map(String::as_str).collect::<Vec<_>>()[..],

@@ -1,9 +1,11 @@
 //! Picks: the same triangle as looking at every triangle finds, at any distance of the eye, never clipped geometry.
 
 use super::claim_none;
-use super::oracle::{P, between, dot, length, sub};
+use super::oracle::between;
 use super::phantoms::phantom;
 use fastrand::Rng;
+use glam::DVec3;
+use kilwa_geometry::LatticePoint;
 use kilwa_geometry::distance::ray_triangle;
 use kilwa_measure::{Picked, Picker, Plane, Ray};
 use kilwa_pack::{Chunk, NO_DIAMOND, Reader, SliceSource};
@@ -22,7 +24,7 @@ impl Open {
         Self { reader, chunks }
     }
 
-    pub(crate) fn finest(&self) -> impl Iterator<Item = [[i32; 3]; 3]> {
+    pub(crate) fn finest(&self) -> impl Iterator<Item = [LatticePoint; 3]> {
         self.chunks.iter().flat_map(|c| {
             c.patches
                 .iter()
@@ -50,21 +52,20 @@ impl Open {
 
     /// A ray from somewhere round the model towards a point near it, lattice steps.
     pub(crate) fn random_ray(&self, random: &mut Rng) -> Ray {
-        let (low, high) = self.finest().flatten().fold(([f64::MAX; 3], [f64::MIN; 3]), |(a, b), p| {
-            ([0, 1, 2].map(|k| a[k].min(f64::from(p[k]))), [0, 1, 2].map(|k| b[k].max(f64::from(p[k]))))
-        });
-        let size = length(sub(high, low));
-        let middle: P = [0, 1, 2].map(|k| (low[k] + high[k]) * 0.5);
-        let away: P = loop {
-            let d = [0, 1, 2].map(|_| between(random, -1.0, 1.0));
-            if (0.01..1.0).contains(&dot(d, d)) {
-                break d.map(|x| x / length(d));
+        let corners = self.finest().flatten().map(|p| p.as_dvec3());
+        let (low, high) = corners.fold((DVec3::MAX, DVec3::MIN), |(a, b), p| (a.min(p), b.max(p)));
+        let size = (high - low).length();
+        let middle = (low + high) * 0.5;
+        let away = loop {
+            let d = DVec3::from([0, 1, 2].map(|_| between(random, -1.0, 1.0)));
+            if (0.01..1.0).contains(&d.length_squared()) {
+                break d / d.length();
             }
         };
         let far = size * between(random, 0.7, 30.0);
-        let origin = [0, 1, 2].map(|k| middle[k] + away[k] * far);
-        let towards: P = [0, 1, 2].map(|k| between(random, low[k], high[k]));
-        Ray { origin, direction: sub(towards, origin) }
+        let origin = middle + away * far;
+        let towards = DVec3::from([0, 1, 2].map(|k| between(random, low[k], high[k])));
+        Ray { origin, direction: towards - origin }
     }
 }
 
@@ -74,7 +75,7 @@ fn ten_thousand_rays_find_what_looking_at_every_triangle_finds() {
     let (mut wrong, mut rays, mut hits) = (0, 0, 0);
     for (shape, place) in [("stepped-wall", "origin"), ("sphere", "utm"), ("bent-wall", "far"), ("ramp", "utm")] {
         let open = Open::of(&phantom(shape, place).pack);
-        let all: Vec<[P; 3]> = open.finest().map(|t| t.map(|c| c.map(f64::from))).collect();
+        let all: Vec<[DVec3; 3]> = open.finest().map(|t| t.map(|c| c.as_dvec3())).collect();
         for _ in 0..2500 {
             let ray = open.random_ray(&mut random);
             let slow = all.iter().filter_map(|t| ray_triangle(ray.origin, ray.direction, *t)).min_by(f64::total_cmp);
@@ -92,12 +93,12 @@ fn ten_thousand_rays_find_what_looking_at_every_triangle_finds() {
 fn picks_never_return_what_is_clipped_away() {
     let mut random = Rng::with_seed(12);
     let open = Open::of(&phantom("stepped-wall", "utm").pack);
-    let all: Vec<[P; 3]> = open.finest().map(|t| t.map(|c| c.map(f64::from))).collect();
+    let all: Vec<[DVec3; 3]> = open.finest().map(|t| t.map(|c| c.as_dvec3())).collect();
     let (mut clipped, mut wrong, mut rays) = (0, 0, 0);
     for _ in 0..2000 {
         let ray = open.random_ray(&mut random);
         let at = all[(random.f64() * all.len() as f64) as usize][0];
-        let plane = Plane::new(at, [0, 1, 2].map(|_| between(&mut random, -1.0, 1.0))).unwrap();
+        let plane = Plane::new(at, [0, 1, 2].map(|_| between(&mut random, -1.0, 1.0)).into()).unwrap();
         let found = open.pick(ray, vec![plane]);
         let kept = |t: &f64| plane.distance(ray.at(*t)) >= 0.0;
         let hits = all.iter().filter_map(|t| ray_triangle(ray.origin, ray.direction, *t));
@@ -118,7 +119,8 @@ fn one_ray_gives_the_same_digits_in_whatever_order_chunks_arrive() {
     let mut different = 0;
     for _ in 0..200 {
         let ray = open.random_ray(&mut random);
-        let first = open.pick(ray, Vec::new()).map(|p| (p.t.to_bits(), p.point.map(f64::to_bits), p.corners));
+        let first =
+            open.pick(ray, Vec::new()).map(|p| (p.t.to_bits(), p.point.to_array().map(f64::to_bits), p.corners));
         for _ in 0..10 {
             let mut order: Vec<usize> = (0..open.chunks.len()).collect();
             for i in (1..order.len()).rev() {
@@ -133,7 +135,7 @@ fn one_ray_gives_the_same_digits_in_whatever_order_chunks_arrive() {
                     }
                 }
             }
-            let again = picker.picked().map(|p| (p.t.to_bits(), p.point.map(f64::to_bits), p.corners));
+            let again = picker.picked().map(|p| (p.t.to_bits(), p.point.to_array().map(f64::to_bits), p.corners));
             different += usize::from(again != first);
         }
     }

@@ -20,7 +20,7 @@ fn what_means_nothing_is_refused_with_a_sentence() {
     assert!(say(&[&["area"], &line[..]].concat()).contains("lie on one line"));
     let bow = ["area", "0", "0", "0", "1", "1", "0", "1", "0", "0", "0", "1", "0", "--exact"];
     assert!(say(&bow).contains("cross each other"));
-    assert!(say(&["distance", "0", "0", "0"]).contains("at least 2 points; 1 are given"));
+    assert!(say(&["distance", "0", "0", "0"]).contains("at least 2 points; 1 is given"));
     assert!(say(&["distance", "0", "0", "0", "1"]).contains("three numbers each"));
     assert!(say(&["section", "--z", "77"]).contains("meets no surface"));
     assert!(say(&["section"]).contains("which plane"));

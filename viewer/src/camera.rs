@@ -3,34 +3,35 @@
 //!
 //! World metres, z up, north +y, east +x, all in f64. Pure: input is turned into moves here, and tested here.
 
+use glam::{BVec3, DVec3};
 use kilwa_geometry::Lattice;
-use kilwa_geometry::distance::{Vec3, cross, dot, sub};
 use kilwa_stream::{Clip, Projection, View};
 
 /// A box in world metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
     /// Smallest corner.
-    pub min: Vec3,
+    pub min: DVec3,
     /// Largest corner.
-    pub max: Vec3,
+    pub max: DVec3,
 }
 
 impl Bounds {
     /// The middle.
-    pub fn center(&self) -> Vec3 {
-        std::array::from_fn(|i| (self.min[i] + self.max[i]) * 0.5)
+    pub fn center(&self) -> DVec3 {
+        (self.min + self.max) * 0.5
     }
 
     /// Radius of the ball round the box; never 0.
     pub fn radius(&self) -> f64 {
-        let half: Vec3 = std::array::from_fn(|i| (self.max[i] - self.min[i]) * 0.5);
-        libm::sqrt(dot(half, half)).max(1e-6)
+        let half = (self.max - self.min) * 0.5;
+        half.length().max(1e-6)
     }
 
     /// All eight corners.
-    pub fn corners(&self) -> [Vec3; 8] {
-        std::array::from_fn(|k| std::array::from_fn(|i| if k >> i & 1 == 0 { self.min[i] } else { self.max[i] }))
+    pub fn corners(&self) -> [DVec3; 8] {
+        [0, 1, 2, 3, 4, 5, 6, 7]
+            .map(|k| DVec3::select(BVec3::new(k & 1 == 0, k & 2 == 0, k & 4 == 0), self.min, self.max))
     }
 }
 
@@ -72,7 +73,7 @@ impl StandardView {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
     /// The point that it turns round, world metres.
-    pub target: Vec3,
+    pub target: DVec3,
     /// Where the eye stands, seen from the target: radians from north, clockwise (east is π/2).
     pub azimuth: f64,
     /// How high the eye stands, radians, −π/2 to π/2.
@@ -118,35 +119,35 @@ impl Camera {
     }
 
     /// From the target to the eye, a unit vector.
-    pub fn backward(&self) -> Vec3 {
+    pub fn backward(&self) -> DVec3 {
         let (se, ce) = libm::sincos(self.elevation);
         let (sa, ca) = libm::sincos(self.azimuth);
-        [ce * sa, ce * ca, se]
+        DVec3::new(ce * sa, ce * ca, se)
     }
 
     /// To the right of the picture, a unit vector, level where nothing rolls.
-    pub fn right(&self) -> Vec3 {
+    pub fn right(&self) -> DVec3 {
         let (level, upright) = self.upright();
         let (sin, cos) = libm::sincos(self.roll);
-        std::array::from_fn(|i| level[i] * cos + upright[i] * sin)
+        level * cos + upright * sin
     }
 
     /// To the top of the picture, a unit vector.
-    pub fn up(&self) -> Vec3 {
-        cross(self.backward(), self.right())
+    pub fn up(&self) -> DVec3 {
+        self.backward().cross(self.right())
     }
 
     /// Right and up of a camera that looks the same way and does not roll.
-    fn upright(&self) -> (Vec3, Vec3) {
+    fn upright(&self) -> (DVec3, DVec3) {
         let (sa, ca) = libm::sincos(self.azimuth);
-        let right = [-ca, sa, 0.0];
-        (right, cross(self.backward(), right))
+        let right = DVec3::new(-ca, sa, 0.0);
+        (right, self.backward().cross(right))
     }
 
     /// The eye, world metres.
-    pub fn eye(&self) -> Vec3 {
+    pub fn eye(&self) -> DVec3 {
         let back = self.backward();
-        std::array::from_fn(|i| self.target[i] + back[i] * self.distance)
+        self.target + back * self.distance
     }
 
     /// Metres at the target that half the picture's height shows.
@@ -164,19 +165,19 @@ impl Camera {
     /// `upward` to its top, `twist` leans the picture's top to the left. There is no pole and no up.
     pub fn turn_free(&mut self, across: f64, upward: f64, twist: f64) {
         let (right, up, back) = (self.right(), self.up(), self.backward());
-        let mix = |a: Vec3, b: Vec3, angle: f64| -> Vec3 {
+        let mix = |a: DVec3, b: DVec3, angle: f64| {
             let (sin, cos) = libm::sincos(angle);
-            std::array::from_fn(|i| a[i] * cos + b[i] * sin)
+            a * cos + b * sin
         };
         let back = mix(back, right, -across);
         let (back, up) = (mix(back, up, upward), mix(up, back, -upward));
-        self.elevation = libm::asin(back[2].clamp(-1.0, 1.0));
+        self.elevation = libm::asin(back.z.clamp(-1.0, 1.0));
         // Straight above or below, the azimuth says nothing: the roll takes what it said.
-        if libm::hypot(back[0], back[1]) > 1e-9 {
-            self.azimuth = positive(libm::atan2(back[0], back[1]));
+        if libm::hypot(back.x, back.y) > 1e-9 {
+            self.azimuth = positive(libm::atan2(back.x, back.y));
         }
         let (level, upright) = self.upright();
-        self.roll = libm::atan2(-dot(up, level), dot(up, upright)) + twist;
+        self.roll = libm::atan2(-up.dot(level), up.dot(upright)) + twist;
     }
 
     /// Look about without moving the eye: the target goes round it. Radians, as for [`Camera::orbit`].
@@ -187,9 +188,9 @@ impl Camera {
     }
 
     /// Put the eye somewhere, looking the same way.
-    pub fn place_eye(&mut self, eye: Vec3) {
+    pub fn place_eye(&mut self, eye: DVec3) {
         let back = self.backward();
-        self.target = std::array::from_fn(|i| eye[i] - back[i] * self.distance);
+        self.target = eye - back * self.distance;
     }
 
     /// Move with the picture: what is at the target's depth follows a pointer that moved `dx`, `dy` pixels (y down).
@@ -203,51 +204,49 @@ impl Camera {
 
     /// Come nearer (`factor` < 1) or go away, so that the world point `toward` stays on its pixel.
     /// The distance stays within sensible multiples of the model's radius.
-    pub fn zoom(&mut self, factor: f64, toward: Vec3, bounds: &Bounds) {
+    pub fn zoom(&mut self, factor: f64, toward: DVec3, bounds: &Bounds) {
         if !(factor.is_finite() && factor > 0.0) {
             return;
         }
         let radius = bounds.radius();
         let distance = (self.distance * factor).clamp(DISTANCE_RANGE.0 * radius, DISTANCE_RANGE.1 * radius);
         let factor = distance / self.distance;
-        for (target, toward) in self.target.iter_mut().zip(toward) {
-            *target = toward + (*target - toward) * factor;
-        }
+        self.target = toward + (self.target - toward) * factor;
         self.distance = distance;
     }
 
     /// The world point under a pixel, at the target's depth. Pixels count from the top left corner.
-    pub fn point_at_target_depth(&self, pixel: [f64; 2], size: [u32; 2]) -> Vec3 {
+    pub fn point_at_target_depth(&self, pixel: [f64; 2], size: [u32; 2]) -> DVec3 {
         let (x, y) = self.plane_offset(pixel, size);
         let (right, up) = (self.right(), self.up());
-        std::array::from_fn(|i| self.target[i] + right[i] * x + up[i] * y)
+        self.target + right * x + up * y
     }
 
     /// The ray through a pixel: an origin in world metres and a unit direction.
-    pub fn ray(&self, pixel: [f64; 2], size: [u32; 2]) -> (Vec3, Vec3) {
+    pub fn ray(&self, pixel: [f64; 2], size: [u32; 2]) -> (DVec3, DVec3) {
         let through = self.point_at_target_depth(pixel, size);
         let back = self.backward();
         if self.orthographic {
-            let origin = std::array::from_fn(|i| through[i] + back[i] * self.distance);
-            return (origin, back.map(|x| -x));
+            let origin = through + back * self.distance;
+            return (origin, -back);
         }
         let eye = self.eye();
-        let d = sub(through, eye);
-        let length = libm::sqrt(dot(d, d));
-        (eye, d.map(|x| x / length))
+        let d = through - eye;
+        let length = d.length();
+        (eye, d / length)
     }
 
     /// The pixel of a world point, and how many metres before the eye it lies (before the target's plane in parallel
     /// projection, more than the distance being behind it). `None` where it is not before the eye.
-    pub fn pixel(&self, point: Vec3, size: [u32; 2]) -> Option<([f64; 2], f64)> {
-        let d = sub(point, self.eye());
-        let depth = -dot(d, self.backward());
+    pub fn pixel(&self, point: DVec3, size: [u32; 2]) -> Option<([f64; 2], f64)> {
+        let d = point - self.eye();
+        let depth = -d.dot(self.backward());
         if !self.orthographic && depth <= self.distance * 1e-3 {
             return None;
         }
         let metres = 2.0 * self.half_height() / f64::from(size[1].max(1));
         let scale = if self.orthographic { 1.0 } else { self.distance / depth } / metres;
-        let (x, y) = (dot(d, self.right()) * scale, dot(d, self.up()) * scale);
+        let (x, y) = (d.dot(self.right()) * scale, d.dot(self.up()) * scale);
         Some(([f64::from(size[0]) * 0.5 + x, f64::from(size[1]) * 0.5 - y], depth))
     }
 
@@ -257,16 +256,16 @@ impl Camera {
     }
 
     /// Turn round another point from now on, without moving the picture.
-    pub fn set_pivot(&mut self, point: Vec3) {
-        let along = dot(sub(self.eye(), point), self.backward());
+    pub fn set_pivot(&mut self, point: DVec3) {
+        let along = (self.eye() - point).dot(self.backward());
         if self.orthographic {
-            let shift = dot(sub(point, self.target), self.backward());
+            let shift = (point - self.target).dot(self.backward());
             let back = self.backward();
-            self.target = std::array::from_fn(|i| self.target[i] + back[i] * shift);
+            self.target += back * shift;
         } else if along > 0.0 {
             let (eye, back) = (self.eye(), self.backward());
             self.distance = along;
-            self.target = std::array::from_fn(|i| eye[i] - back[i] * along);
+            self.target = eye - back * along;
         }
     }
 
@@ -287,7 +286,7 @@ impl Camera {
         self.target = bounds.center();
         // In perspective the near side looks larger: the middle of the picture is found in a few rounds.
         for round in 0..8 {
-            let corners = bounds.corners().map(|c| axes.map(|axis| dot(sub(c, self.target), axis)));
+            let corners = bounds.corners().map(|c| axes.map(|axis| (c - self.target).dot(axis)));
             let needed = |[x, y, toward]: [f64; 3]| {
                 y.abs().max(x.abs() / aspect) / tan + if self.orthographic { 0.0 } else { toward }
             };
@@ -302,7 +301,7 @@ impl Camera {
                 (low + high) * 0.5
             });
             let [right, up, _] = axes;
-            self.target = std::array::from_fn(|i| self.target[i] + right[i] * middle[0] + up[i] * middle[1]);
+            self.target = self.target + right * middle[0] + up * middle[1];
         }
     }
 
@@ -311,13 +310,13 @@ impl Camera {
     pub fn view(&self, lattice: &Lattice, bounds: &Bounds, size: [u32; 2], target_pixels: f64) -> View {
         let step = lattice.step();
         let back = self.backward();
-        let forward = back.map(|x| -x);
+        let forward = -back;
         let anchor = lattice.steps_from_world(if self.orthographic { self.target } else { self.eye() });
         let (eye, projection, near, far) = if self.orthographic {
-            let from_center = dot(sub(self.target, bounds.center()), back);
+            let from_center = (self.target - bounds.center()).dot(back);
             let depth = bounds.radius() * 1.01;
             // The plane that depth is counted from touches the ball round the model, on the eye's side.
-            let eye = std::array::from_fn(|i| self.target[i] + back[i] * (depth - from_center));
+            let eye = self.target + back * (depth - from_center);
             let half_height = self.half_height() / step;
             (lattice.steps_from_world(eye), Projection::Orthographic { half_height }, 0.0, 2.0 * depth / step)
         } else {

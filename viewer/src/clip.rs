@@ -4,6 +4,7 @@
 //! infinity), which spends the precision of floats evenly.
 
 use crate::options::Tile;
+use glam::DVec3;
 use kilwa_geometry::LatticePoint;
 use kilwa_stream::{Projection, View};
 
@@ -24,9 +25,9 @@ const CELL_RANGE: (f64, f64) = (-1_073_741_824.0, 2_147_483_647.0);
 impl ClipTransform {
     /// The transform of a view, or of a tile of it.
     pub fn new(view: &View, tile: Option<Tile>) -> Self {
-        let cell: LatticePoint =
-            std::array::from_fn(|i| view.anchor[i].round().clamp(CELL_RANGE.0, CELL_RANGE.1) as i32);
-        let offset: [f64; 3] = std::array::from_fn(|i| f64::from(cell[i]) - view.eye[i]);
+        let (low, high) = (DVec3::splat(CELL_RANGE.0), DVec3::splat(CELL_RANGE.1));
+        let cell = view.anchor.round().clamp(low, high).as_ivec3();
+        let offset = cell.as_dvec3() - view.eye;
         let rows = view_rows(view, offset);
         let clip = match view.projection {
             Projection::Perspective { tan_half_height } => {
@@ -44,14 +45,8 @@ impl ClipTransform {
         };
         let clip = crop(clip, view, tile);
         let eye_from_cell = match view.projection {
-            Projection::Perspective { .. } => {
-                let e = offset.map(|x| -x as f32);
-                [e[0], e[1], e[2], 1.0]
-            }
-            Projection::Orthographic { .. } => {
-                let d = view.forward.map(|x| -x as f32);
-                [d[0], d[1], d[2], 0.0]
-            }
+            Projection::Perspective { .. } => (-offset).as_vec3().extend(1.0).to_array(),
+            Projection::Orthographic { .. } => (-view.forward).as_vec3().extend(0.0).to_array(),
         };
         Self {
             cell,
@@ -70,11 +65,8 @@ pub fn distance_from_depth(view: &View, depth: f32) -> f64 {
 }
 
 /// Rows that take a point counted from the cell to right, up and forward coordinates from the eye.
-fn view_rows(view: &View, offset: [f64; 3]) -> [[f64; 4]; 3] {
-    [view.right, view.up, view.forward].map(|axis| {
-        let shift = axis.iter().zip(offset).map(|(a, o)| a * o).sum();
-        [axis[0], axis[1], axis[2], shift]
-    })
+fn view_rows(view: &View, offset: DVec3) -> [[f64; 4]; 3] {
+    [view.right, view.up, view.forward].map(|axis| axis.extend(axis.dot(offset)).to_array())
 }
 
 fn scale(row: [f64; 4], by: f64) -> [f64; 4] {
@@ -101,11 +93,11 @@ mod tests {
 
     fn view() -> View {
         View {
-            eye: [1000.5, -2000.25, 300.125],
-            right: [1.0, 0.0, 0.0],
-            up: [0.0, 0.0, 1.0],
-            forward: [0.0, 1.0, 0.0],
-            anchor: [1000.5, -2000.25, 300.125],
+            eye: DVec3::new(1000.5, -2000.25, 300.125),
+            right: DVec3::X,
+            up: DVec3::Z,
+            forward: DVec3::Y,
+            anchor: DVec3::new(1000.5, -2000.25, 300.125),
             projection: Projection::Perspective { tan_half_height: 0.5 },
             size: [400, 200],
             near: 10.0,
@@ -116,7 +108,7 @@ mod tests {
     }
 
     fn apply(t: &ClipTransform, p: LatticePoint) -> [f64; 4] {
-        let d: [f64; 3] = std::array::from_fn(|i| f64::from(p[i] - t.cell[i]));
+        let d = (p - t.cell).as_dvec3();
         std::array::from_fn(|row| {
             let c = |k: usize| f64::from(t.clip_from_cell[k][row]);
             c(0) * d[0] + c(1) * d[1] + c(2) * d[2] + c(3)
@@ -126,7 +118,7 @@ mod tests {
     #[test]
     fn the_axis_lands_in_the_middle_and_depth_is_near_over_distance() {
         let t = ClipTransform::new(&view(), None);
-        let [x, y, z, w] = apply(&t, [1000, -1000, 300]);
+        let [x, y, z, w] = apply(&t, LatticePoint::new(1000, -1000, 300));
         assert!((x / w).abs() < 1e-3 && (y / w).abs() < 1e-3);
         assert!((distance_from_depth(&view(), (z / w) as f32) - 1000.25).abs() < 0.01);
     }
@@ -137,7 +129,7 @@ mod tests {
         let whole = ClipTransform::new(&view, None);
         let tile = Tile { offset: [100, 50], size: [50, 25] };
         let part = ClipTransform::new(&view, Some(tile));
-        let p = [1011, -1950, 311];
+        let p = LatticePoint::new(1011, -1950, 311);
         let (a, b) = (apply(&whole, p), apply(&part, p));
         let pixel =
             |c: [f64; 4], size: [f64; 2]| [(c[0] / c[3] + 1.0) * 0.5 * size[0], (1.0 - c[1] / c[3]) * 0.5 * size[1]];
@@ -148,7 +140,7 @@ mod tests {
     #[test]
     fn far_away_eyes_keep_the_cell_in_range() {
         let mut v = view();
-        v.eye = [1e12, -1e12, 0.0];
+        v.eye = DVec3::new(1e12, -1e12, 0.0);
         v.anchor = v.eye;
         let t = ClipTransform::new(&v, None);
         for i in 0..3 {

@@ -7,8 +7,8 @@
 use crate::camera::Bounds;
 use crate::options::{Background, Light, Mode, RenderOptions, Scale};
 use crate::section::{Clip, ClipState, half_space};
+use glam::DVec3;
 use kilwa_geometry::Lattice;
-use kilwa_geometry::distance::{Vec3, dot};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -207,10 +207,10 @@ impl Display {
 
     /// The plane of the mode's scale, unit normal: height counts from 0 of the reference system.
     pub fn scale_plane(&self, bounds: &Bounds) -> Plane {
-        let level = |z| Plane { normal: [0.0, 0.0, 1.0], point: [bounds.center()[0], bounds.center()[1], z] };
+        let level = |z| Plane { normal: DVec3::Z, point: bounds.center().with_z(z) };
         match (self.mode(), self.plane) {
             (Mode::Distance, Some(plane)) => Plane { normal: unit(plane.normal), ..plane },
-            (Mode::Distance, None) => level(bounds.min[2]),
+            (Mode::Distance, None) => level(bounds.min.z),
             _ => level(0.0),
         }
     }
@@ -219,7 +219,7 @@ impl Display {
     pub fn scale_range(&self, bounds: &Bounds) -> [f64; 2] {
         self.range.unwrap_or_else(|| {
             let plane = self.scale_plane(bounds);
-            let distance = |p: Vec3| (0..3).map(|i| plane.normal[i] * (p[i] - plane.point[i])).sum::<f64>();
+            let distance = |p: DVec3| plane.normal.dot(p - plane.point);
             let (low, high) = bounds
                 .corners()
                 .map(distance)
@@ -290,18 +290,17 @@ impl Display {
 }
 
 fn is_plane(plane: &Plane) -> bool {
-    let length = dot(plane.normal, plane.normal);
-    length.is_finite() && length > 1e-18 && plane.point.iter().all(|x| x.abs() <= FAR)
+    let length = plane.normal.length_squared();
+    length.is_finite() && length > 1e-18 && plane.point.abs().cmple(DVec3::splat(FAR)).all()
 }
 
 fn is_box(b: &SectionBox) -> bool {
-    let sizes = b.size.iter().all(|x| *x > 0.0 && *x <= FAR);
-    sizes && b.center.iter().all(|x| x.abs() <= FAR) && b.turn.is_finite()
+    let sizes = b.size.cmpgt(DVec3::ZERO).all() && b.size.cmple(DVec3::splat(FAR)).all();
+    sizes && b.center.abs().cmple(DVec3::splat(FAR)).all() && b.turn.is_finite()
 }
 
-fn unit(v: Vec3) -> Vec3 {
-    let length = libm::sqrt(dot(v, v));
-    v.map(|x| x / length)
+fn unit(v: DVec3) -> DVec3 {
+    v / v.length()
 }
 
 /// A background by name.
@@ -326,7 +325,7 @@ pub fn background(name: &str, dark: bool) -> Option<Background> {
 mod tests {
     use super::*;
 
-    const BOUNDS: Bounds = Bounds { min: [0.0, 0.0, 2.0], max: [30.0, 20.0, 12.0] };
+    const BOUNDS: Bounds = Bounds { min: DVec3::new(0.0, 0.0, 2.0), max: DVec3::new(30.0, 20.0, 12.0) };
 
     #[test]
     fn what_is_usual_takes_no_room_and_everything_else_comes_back() {
@@ -336,8 +335,8 @@ mod tests {
             mode: "raking".to_owned(),
             light: LightAngles { azimuth: 40.0, elevation: 7.5, with_view: true },
             on_colour: true,
-            clip_plane: Some(Plane { normal: [0.0, 0.0, 2.0], point: [1.0, 2.0, 3.0] }),
-            clip_box: Some(SectionBox { center: [1.0; 3], size: [2.0; 3], turn: 30.0, remove_inside: true }),
+            clip_plane: Some(Plane { normal: DVec3::new(0.0, 0.0, 2.0), point: DVec3::new(1.0, 2.0, 3.0) }),
+            clip_box: Some(SectionBox { center: DVec3::ONE, size: DVec3::splat(2.0), turn: 30.0, remove_inside: true }),
             range: Some([1.0, 2.5]),
             fade: Some(false),
             ..Display::default()
@@ -373,7 +372,7 @@ mod tests {
         assert_eq!(of(r#"{"mode":"height"}"#).1, [2.0, 12.0], "heights are those of the reference system");
         assert_eq!(of(r#"{"mode":"distance"}"#).1, [0.0, 10.0]);
         let east = r#"{"mode":"distance","plane":{"normal":[-4,0,0],"point":[30,0,0]}}"#;
-        assert_eq!(of(east), (Plane { normal: [-1.0, 0.0, 0.0], point: [30.0, 0.0, 0.0] }, [0.0, 30.0]));
+        assert_eq!(of(east), (Plane { normal: DVec3::NEG_X, point: DVec3::new(30.0, 0.0, 0.0) }, [0.0, 30.0]));
         assert_eq!(of(r#"{"mode":"height","range":[3,4]}"#).1, [3.0, 4.0]);
     }
 

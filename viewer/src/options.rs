@@ -1,7 +1,7 @@
 //! How the cut is shown: what the passes are told. [`crate::display`] has the same in metres, degrees and names.
 
 use crate::section::Clip;
-use kilwa_geometry::distance::Vec3;
+use glam::DVec3;
 use kilwa_stream::View;
 
 /// What colours the surface.
@@ -119,13 +119,13 @@ impl Default for Light {
 
 impl Light {
     /// Towards the light, a unit vector in world axes.
-    pub fn direction(&self, view: &View) -> Vec3 {
+    pub fn direction(&self, view: &View) -> DVec3 {
         let (sa, ca) = libm::sincos(self.azimuth);
         let (se, ce) = libm::sincos(self.elevation);
         if self.with_view {
-            return std::array::from_fn(|i| view.right[i] * sa * ce + view.up[i] * ca * ce - view.forward[i] * se);
+            return view.right * sa * ce + view.up * ca * ce - view.forward * se;
         }
-        [ce * sa, ce * ca, se]
+        DVec3::new(ce * sa, ce * ca, se)
     }
 }
 
@@ -133,7 +133,7 @@ impl Light {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
     /// Unit normal; distances grow along it.
-    pub normal: Vec3,
+    pub normal: DVec3,
     /// `normal · p` on the plane, in lattice steps.
     pub offset: f64,
     /// First and last distance of the scale, in lattice steps.
@@ -142,7 +142,7 @@ pub struct Scale {
 
 impl Default for Scale {
     fn default() -> Self {
-        Self { normal: [0.0, 0.0, 1.0], offset: 0.0, range: [0.0, 1.0] }
+        Self { normal: DVec3::Z, offset: 0.0, range: [0.0, 1.0] }
     }
 }
 

@@ -4,8 +4,9 @@
 //! event can zoom towards the surface in the very frame that it belongs to.
 
 use crate::section::Clip;
+use glam::{DVec3, IVec3};
 use kilwa_geometry::Aabb;
-use kilwa_geometry::distance::{Vec3, ray_triangle};
+use kilwa_geometry::distance::ray_triangle;
 use kilwa_measure::Ray;
 use kilwa_measure::interval::{Provisional, provisional, stretch};
 use kilwa_pack::GpuChunk;
@@ -16,7 +17,7 @@ use kilwa_stream::DrawPatch;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
     /// The place, in lattice steps.
-    pub point: Vec3,
+    pub point: DVec3,
     /// Certified error of the patch that was hit, metres: 0 where it is the finest.
     pub error: f32,
     /// Multiples of the ray's direction to the place.
@@ -37,8 +38,8 @@ pub enum Scope {
 /// form and the box of a chunk; patches whose chunk it does not give are passed over, and with `Scope::Seen` those
 /// outside the picture.
 pub fn nearest<'a>(
-    origin: Vec3,
-    direction: Vec3,
+    origin: DVec3,
+    direction: DVec3,
     patches: &[DrawPatch],
     scope: Scope,
     clip: &Clip,
@@ -62,7 +63,7 @@ pub fn nearest<'a>(
         for t in triangles.chunks_exact(3) {
             let Some(corners) = corners(mesh, t) else { continue };
             let Some(along) = ray_triangle(origin, direction, corners) else { continue };
-            let point = std::array::from_fn(|i| origin[i] + direction[i] * along);
+            let point = origin + direction * along;
             if best.is_none_or(|b| along < b.along) && clip.keeps(point) {
                 best = Some(Hit { point, error: patch.error, along });
             }
@@ -86,8 +87,8 @@ pub fn interval<'a>(
         let Some((mesh, bounds)) = chunk(patch.chunk) else { continue };
         let error = f64::from(patch.error) / step;
         let reach = error.ceil().clamp(0.0, 1e9) as i32;
-        let grown =
-            Aabb { min: bounds.min.map(|x| x.saturating_sub(reach)), max: bounds.max.map(|x| x.saturating_add(reach)) };
+        let reach = IVec3::splat(reach);
+        let grown = Aabb { min: bounds.min.saturating_sub(reach), max: bounds.max.saturating_add(reach) };
         if bounds.is_empty() || !meets(ray.origin, ray.direction, &grown, first) {
             continue;
         }
@@ -110,18 +111,18 @@ pub fn interval<'a>(
     provisional(stretches.into_iter().flat_map(within))
 }
 
-fn corners(mesh: &GpuChunk, triangle: &[u32]) -> Option<[Vec3; 3]> {
+fn corners(mesh: &GpuChunk, triangle: &[u32]) -> Option<[DVec3; 3]> {
     let corner = |v: u32| {
         let at = v as usize * VERTEX_BYTES;
         let bytes = mesh.vertices.get(at..at + 12)?;
         let x = |i: usize| f64::from(i32::from_le_bytes([bytes[i], bytes[i + 1], bytes[i + 2], bytes[i + 3]]));
-        Some([x(0), x(4), x(8)])
+        Some(DVec3::new(x(0), x(4), x(8)))
     };
     Some([corner(triangle[0])?, corner(triangle[1])?, corner(triangle[2])?])
 }
 
 /// Whether the ray meets the box before `limit`: slabs.
-fn meets(origin: Vec3, direction: Vec3, bounds: &Aabb, limit: f64) -> bool {
+fn meets(origin: DVec3, direction: DVec3, bounds: &Aabb, limit: f64) -> bool {
     if bounds.is_empty() {
         return false;
     }
@@ -151,7 +152,7 @@ mod tests {
         // Two squares across the y axis, at y = 10 and y = 20.
         let mut chunk = Chunk::default();
         for y in [10, 20] {
-            chunk.mesh.positions.extend([[0, y, 0], [8, y, 0], [8, y, 8], [0, y, 8]]);
+            chunk.mesh.positions.extend([[0, y, 0], [8, y, 0], [8, y, 8], [0, y, 8]].map(IVec3::from_array));
         }
         chunk.mesh.triangles = vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
         chunk.patches = vec![PatchRange { first: 0, count: 4, diamond: NO_DIAMOND }];
@@ -161,8 +162,8 @@ mod tests {
     #[test]
     fn the_interval_holds_the_pick_and_ends_at_the_first_finest_triangle() {
         let mesh = squares();
-        let bounds = Aabb { min: [0, 10, 0], max: [8, 20, 8] };
-        let ray = Ray { origin: [4.0, 0.0, 5.0], direction: [0.0, 2.0, 0.0] };
+        let bounds = Aabb { min: IVec3::new(0, 10, 0), max: IVec3::new(8, 20, 8) };
+        let ray = Ray { origin: DVec3::new(4.0, 0.0, 5.0), direction: DVec3::new(0.0, 2.0, 0.0) };
         let find = |errors: [f32; 2], clip: &Clip| {
             let patches = [
                 DrawPatch { error: errors[0], ..patch(0, 2, true) },
@@ -175,7 +176,7 @@ mod tests {
         assert!((all[0].0 - 4.5).abs() < 1e-6 && (all[0].1 - 5.5).abs() < 1e-6 && all.len() == 2, "{all:?}");
         let Provisional::Between { from, to } = find([0.0, 0.5], &Clip::default()) else { panic!("one surface") };
         assert!(from <= 5.0 && to >= 5.0 && to - from < 1e-6, "{from} {to}");
-        let cut = Clip { plane: Some(HalfSpace { normal: [0.0, -1.0, 0.0], offset: -15.0 }), bounds: None };
+        let cut = Clip { plane: Some(HalfSpace { normal: DVec3::new(0.0, -1.0, 0.0), offset: -15.0 }), bounds: None };
         let Provisional::Between { from, to } = find([0.0, 0.5], &cut) else { panic!("one surface stays") };
         assert!(from < 10.0 && to > 10.0 && from > 9.0, "{from} {to}");
     }
@@ -187,31 +188,32 @@ mod tests {
     #[test]
     fn the_nearest_drawn_triangle_is_hit_and_hidden_patches_are_not() {
         let mesh = squares();
-        let bounds = Aabb { min: [0, 10, 0], max: [8, 20, 8] };
+        let bounds = Aabb { min: IVec3::new(0, 10, 0), max: IVec3::new(8, 20, 8) };
         let find = |patches: &[DrawPatch], origin| {
-            nearest(origin, [0.0, 1.0, 0.0], patches, Scope::Seen, &Clip::default(), |c| {
-                (c == 7).then_some((&mesh, bounds))
-            })
+            nearest(origin, DVec3::Y, patches, Scope::Seen, &Clip::default(), |c| (c == 7).then_some((&mesh, bounds)))
         };
         let all = [patch(0, 2, true), patch(2, 2, true)];
-        let hit = find(&all, [4.0, 0.0, 5.0]).unwrap();
-        assert_eq!((hit.point, hit.error), ([4.0, 10.0, 5.0], 0.5));
-        assert_eq!(find(&all[1..], [4.0, 0.0, 5.0]).unwrap().point[1], 20.0);
-        assert_eq!(find(&[patch(0, 2, false), patch(2, 2, true)], [4.0, 0.0, 5.0]).unwrap().point[1], 20.0);
+        let hit = find(&all, DVec3::new(4.0, 0.0, 5.0)).unwrap();
+        assert_eq!((hit.point, hit.error), (DVec3::new(4.0, 10.0, 5.0), 0.5));
+        assert_eq!(find(&all[1..], DVec3::new(4.0, 0.0, 5.0)).unwrap().point[1], 20.0);
+        assert_eq!(find(&[patch(0, 2, false), patch(2, 2, true)], DVec3::new(4.0, 0.0, 5.0)).unwrap().point[1], 20.0);
         let behind = [patch(0, 2, false), patch(2, 2, false)];
-        let whole = nearest([4.0, 0.0, 5.0], [0.0, 1.0, 0.0], &behind, Scope::Whole, &Clip::default(), |_| {
+        let whole = nearest(DVec3::new(4.0, 0.0, 5.0), DVec3::Y, &behind, Scope::Whole, &Clip::default(), |_| {
             Some((&mesh, bounds))
         })
         .unwrap();
         assert_eq!(whole.point[1], 10.0, "what is outside the picture is met where it is asked for");
-        assert_eq!(find(&all, [4.0, 15.0, 5.0]).unwrap().point[1], 20.0);
-        assert!(find(&all, [9.5, 0.0, 5.0]).is_none());
-        assert!(find(&all, [4.0, 25.0, 5.0]).is_none());
-        let half = HalfSpace { normal: [0.0, -1.0, 0.0], offset: -15.0 };
+        assert_eq!(find(&all, DVec3::new(4.0, 15.0, 5.0)).unwrap().point[1], 20.0);
+        assert!(find(&all, DVec3::new(9.5, 0.0, 5.0)).is_none());
+        assert!(find(&all, DVec3::new(4.0, 25.0, 5.0)).is_none());
+        let half = HalfSpace { normal: DVec3::new(0.0, -1.0, 0.0), offset: -15.0 };
         let cut = Clip { plane: Some(half), bounds: None };
         let behind =
-            nearest([4.0, 0.0, 5.0], [0.0, 1.0, 0.0], &all, Scope::Seen, &cut, |_| Some((&mesh, bounds))).unwrap();
+            nearest(DVec3::new(4.0, 0.0, 5.0), DVec3::Y, &all, Scope::Seen, &cut, |_| Some((&mesh, bounds))).unwrap();
         assert_eq!(behind.point[1], 20.0, "what is cut away is not hit");
-        assert!(find(&[patch(2, 9, true)], [4.0, 0.0, 5.0]).is_none(), "a patch beyond the chunk is passed over");
+        assert!(
+            find(&[patch(2, 9, true)], DVec3::new(4.0, 0.0, 5.0)).is_none(),
+            "a patch beyond the chunk is passed over"
+        );
     }
 }

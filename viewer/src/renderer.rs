@@ -1,7 +1,7 @@
 //! The renderer: GPU memory of chunks, and pictures of a cut.
 
 use crate::gpu::context::{Gpu, GpuError};
-use crate::gpu::frame::{NO_FADE, TargetTraits, UniformBytes, Uniforms, draw_uniform, frame_uniform};
+use crate::gpu::frame::{Draw, NO_FADE, TargetTraits, Uniforms, draw_uniform, frame_uniform};
 use crate::gpu::pool::{Pool, ShownScalar};
 use crate::gpu::present::Present;
 use crate::gpu::readback::Readback;
@@ -347,7 +347,7 @@ impl Renderer {
 
     /// Draw calls and their uniforms. The id of a call is 1 plus the index of its first patch. With `merge`,
     /// neighbouring patches of a chunk that fade alike become one call.
-    fn calls(&self, patches: &[DrawPatch], fades: &[[f32; 2]], merge: bool) -> (Vec<Call>, Vec<UniformBytes>) {
+    fn calls(&self, patches: &[DrawPatch], fades: &[[f32; 2]], merge: bool) -> (Vec<Call>, Vec<Draw>) {
         let mut calls: Vec<Call> = Vec::new();
         let mut draws = Vec::new();
         for (index, patch) in patches.iter().enumerate() {

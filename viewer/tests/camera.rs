@@ -1,21 +1,22 @@
 //! Claims about the camera.
 
+use glam::DVec3;
 use kilwa_geometry::Lattice;
-use kilwa_geometry::distance::{cross, dot, sub};
 use kilwa_viewer::{Bounds, Camera, StandardView};
 
-const BOUNDS: Bounds = Bounds { min: [500_000.0, 4_649_776.0, 100.0], max: [500_040.0, 4_649_806.0, 112.0] };
+const BOUNDS: Bounds =
+    Bounds { min: DVec3::new(500_000.0, 4_649_776.0, 100.0), max: DVec3::new(500_040.0, 4_649_806.0, 112.0) };
 const SIZE: [u32; 2] = [1200, 800];
-const LATTICE: Lattice = Lattice { origin: [499_990.0, 4_649_700.0, 90.0], step_log2: -13 };
+const LATTICE: Lattice = Lattice { origin: DVec3::new(499_990.0, 4_649_700.0, 90.0), step_log2: -13 };
 
-fn close(a: [f64; 3], b: [f64; 3], within: f64) -> bool {
-    (0..3).all(|i| (a[i] - b[i]).abs() <= within)
+fn close(a: DVec3, b: DVec3, within: f64) -> bool {
+    a.abs_diff_eq(b, within)
 }
 
 /// The pixel of a world point.
-fn pixel(camera: &Camera, point: [f64; 3]) -> [f64; 2] {
-    let d = sub(point, camera.eye());
-    let (x, y, z) = (dot(d, camera.right()), dot(d, camera.up()), -dot(d, camera.backward()));
+fn pixel(camera: &Camera, point: DVec3) -> [f64; 2] {
+    let d = point - camera.eye();
+    let (x, y, z) = (d.dot(camera.right()), d.dot(camera.up()), -d.dot(camera.backward()));
     let scale =
         f64::from(SIZE[1]) * 0.5 / camera.half_height() * if camera.orthographic { 1.0 } else { camera.distance / z };
     [f64::from(SIZE[0]) * 0.5 + x * scale, f64::from(SIZE[1]) * 0.5 - y * scale]
@@ -24,17 +25,17 @@ fn pixel(camera: &Camera, point: [f64; 3]) -> [f64; 2] {
 #[test]
 fn elevations_look_at_the_face_they_are_named_after() {
     let from = |view| Camera::standard(view, &BOUNDS, SIZE).backward();
-    assert!(close(from(StandardView::North), [0.0, 1.0, 0.0], 1e-12));
-    assert!(close(from(StandardView::East), [1.0, 0.0, 0.0], 1e-12));
-    assert!(close(from(StandardView::South), [0.0, -1.0, 0.0], 1e-12));
-    assert!(close(from(StandardView::West), [-1.0, 0.0, 0.0], 1e-12));
-    assert!(close(from(StandardView::Plan), [0.0, 0.0, 1.0], 1e-12));
+    assert!(close(from(StandardView::North), DVec3::Y, 1e-12));
+    assert!(close(from(StandardView::East), DVec3::X, 1e-12));
+    assert!(close(from(StandardView::South), DVec3::new(0.0, -1.0, 0.0), 1e-12));
+    assert!(close(from(StandardView::West), DVec3::new(-1.0, 0.0, 0.0), 1e-12));
+    assert!(close(from(StandardView::Plan), DVec3::Z, 1e-12));
 }
 
 #[test]
 fn a_plan_has_north_up_and_east_right() {
     let plan = Camera::standard(StandardView::Plan, &BOUNDS, SIZE);
-    assert!(close(plan.up(), [0.0, 1.0, 0.0], 1e-12) && close(plan.right(), [1.0, 0.0, 0.0], 1e-12));
+    assert!(close(plan.up(), DVec3::Y, 1e-12) && close(plan.right(), DVec3::X, 1e-12));
 }
 
 #[test]
@@ -43,7 +44,7 @@ fn axes_are_orthogonal_and_right_handed_from_every_side() {
     for k in 0..500 {
         camera.orbit(0.37, if k % 2 == 0 { 0.9 } else { -1.0 });
         let (r, u, b) = (camera.right(), camera.up(), camera.backward());
-        assert!(close(cross(r, u), b, 1e-12), "{camera:?}");
+        assert!(close(r.cross(u), b, 1e-12), "{camera:?}");
         assert!(camera.elevation.abs() <= std::f64::consts::FRAC_PI_2);
         assert!(r[2] == 0.0 && u[2] >= -1e-12, "up stays up");
     }
@@ -56,8 +57,8 @@ fn every_standard_view_shows_all_of_the_model() {
             let camera = Camera::standard(view, &BOUNDS, size);
             let v = camera.view(&LATTICE, &BOUNDS, size, 1.0);
             for k in 0..8 {
-                let corner = std::array::from_fn(|i| if k >> i & 1 == 0 { BOUNDS.min[i] } else { BOUNDS.max[i] });
-                let [x, y, z] = v.in_view(LATTICE.steps_from_world(corner));
+                let corner = BOUNDS.corners()[k];
+                let DVec3 { x, y, z } = v.in_view(LATTICE.steps_from_world(corner));
                 let (half, depth) = match v.projection {
                     kilwa_stream::Projection::Perspective { tan_half_height } => (tan_half_height * z, z > v.near),
                     kilwa_stream::Projection::Orthographic { half_height } => (half_height, z >= 0.0 && z <= v.far),
@@ -73,7 +74,7 @@ fn every_standard_view_shows_all_of_the_model() {
 fn zooming_keeps_the_point_under_the_pointer() {
     for view in [StandardView::Iso, StandardView::North] {
         let mut camera = Camera::standard(view, &BOUNDS, SIZE);
-        let point = [500_010.0, 4_649_790.0, 104.0];
+        let point = DVec3::new(500_010.0, 4_649_790.0, 104.0);
         let before = pixel(&camera, point);
         for factor in [0.5, 0.8, 1.3, 0.2] {
             camera.zoom(factor, point, &BOUNDS);
@@ -88,7 +89,7 @@ fn zooming_never_runs_away_or_passes_through_the_target() {
     let mut camera = Camera::standard(StandardView::Iso, &BOUNDS, SIZE);
     for factor in [1e-9, 1e-9, 1e12, f64::NAN, 0.0, -1.0, f64::INFINITY] {
         camera.zoom(factor, BOUNDS.center(), &BOUNDS);
-        assert!(camera.distance > 0.0 && camera.distance < 1e4 && camera.target.iter().all(|x| x.is_finite()));
+        assert!(camera.distance > 0.0 && camera.distance < 1e4 && camera.target.is_finite());
     }
 }
 
@@ -108,7 +109,7 @@ fn a_ray_through_a_pixel_meets_what_is_drawn_there() {
     for view in [StandardView::Iso, StandardView::West] {
         let camera = Camera::standard(view, &BOUNDS, SIZE);
         let (origin, direction) = camera.ray([300.0, 650.0], SIZE);
-        let far: [f64; 3] = std::array::from_fn(|i| origin[i] + direction[i] * 17.0);
+        let far = origin + direction * 17.0;
         let [x, y] = pixel(&camera, far);
         assert!((x - 300.0).abs() < 1e-6 && (y - 650.0).abs() < 1e-6);
     }
@@ -118,7 +119,7 @@ fn a_ray_through_a_pixel_meets_what_is_drawn_there() {
 fn a_new_pivot_does_not_move_the_picture() {
     for view in [StandardView::Iso, StandardView::South] {
         let mut camera = Camera::standard(view, &BOUNDS, SIZE);
-        let point = [500_020.0, 4_649_780.0, 101.0];
+        let point = DVec3::new(500_020.0, 4_649_780.0, 101.0);
         let before = pixel(&camera, point);
         camera.set_pivot(point);
         let after = pixel(&camera, point);
@@ -134,8 +135,8 @@ fn turned_freely_the_camera_passes_the_poles_and_keeps_its_distance_and_its_axes
         let (before, target) = (camera.backward(), camera.target);
         camera.turn_free(0.011 * f64::from(k % 7), 0.05, 0.003);
         let (r, u, b) = (camera.right(), camera.up(), camera.backward());
-        assert!(close(cross(r, u), b, 1e-9) && (dot(b, b) - 1.0).abs() < 1e-9, "{camera:?}");
-        assert!(dot(before, b) > 0.99, "no jump at the pole: {before:?} to {b:?}");
+        assert!(close(r.cross(u), b, 1e-9) && (b.length_squared() - 1.0).abs() < 1e-9, "{camera:?}");
+        assert!(before.dot(b) > 0.99, "no jump at the pole: {before:?} to {b:?}");
         assert_eq!(target, camera.target);
         lowest = lowest.min(u[2]);
     }
@@ -160,8 +161,8 @@ fn looking_about_leaves_the_eye_where_it_is() {
     let eye = camera.eye();
     camera.look(1.1, -0.4);
     assert!(close(camera.eye(), eye, 1e-6));
-    camera.place_eye([500_001.0, 4_649_780.0, 101.6]);
-    assert!(close(camera.eye(), [500_001.0, 4_649_780.0, 101.6], 1e-6));
+    camera.place_eye(DVec3::new(500_001.0, 4_649_780.0, 101.6));
+    assert!(close(camera.eye(), DVec3::new(500_001.0, 4_649_780.0, 101.6), 1e-6));
 }
 
 #[test]
@@ -171,20 +172,20 @@ fn the_pixel_of_a_point_is_the_one_whose_ray_meets_it() {
         camera.turn_free(0.2, 0.1, 0.3);
         for at in [[0.0, 0.0], [600.0, 400.0], [1100.0, 30.0]] {
             let (origin, direction) = camera.ray(at, SIZE);
-            let point = std::array::from_fn(|i| origin[i] + direction[i] * camera.distance * 1.3);
+            let point = origin + direction * camera.distance * 1.3;
             let (found, depth) = camera.pixel(point, SIZE).unwrap();
             assert!((found[0] - at[0]).abs() < 1e-3 && (found[1] - at[1]).abs() < 1e-3, "{found:?} for {at:?}");
             assert!(depth > 0.0);
         }
     }
     let camera = Camera::standard(StandardView::Iso, &BOUNDS, SIZE);
-    let behind: [f64; 3] = std::array::from_fn(|i| camera.eye()[i] + camera.backward()[i]);
+    let behind = camera.eye() + camera.backward();
     assert!(camera.pixel(behind, SIZE).is_none());
 }
 
 #[test]
 fn a_picture_of_another_size_keeps_what_its_shorter_side_shows() {
-    let bounds = Bounds { min: [0.0; 3], max: [50.0, 50.0, 10.0] };
+    let bounds = Bounds { min: DVec3::ZERO, max: DVec3::new(50.0, 50.0, 10.0) };
     for view in [StandardView::Iso, StandardView::Plan] {
         let phone = Camera::standard(view, &bounds, [390, 700]);
         let per_pixel = |c: &Camera, size: [u32; 2]| 2.0 * c.half_height() / f64::from(size[1]);

@@ -1,5 +1,6 @@
 //! Pictures for targets that store what they get are those of targets that encode by themselves, along edges too.
 
+use glam::{DVec3, IVec3};
 use kilwa_geometry::{Lattice, normal};
 use kilwa_pack::{Chunk, NO_DIAMOND, PatchRange, interleave};
 use kilwa_stream::DrawPatch;
@@ -9,8 +10,9 @@ use kilwa_viewer::{Background, Bounds, Camera, Gpu, Image, Prefer, RenderOptions
 /// A white square that stands askew.
 fn square() -> Chunk {
     let mut chunk = Chunk::default();
-    chunk.mesh.positions = vec![[1000, 5000, 2000], [8000, 5000, 1000], [9000, 5000, 8000], [2000, 5000, 9000]];
-    chunk.mesh.normals = vec![normal::encode([0.0, -1.0, 0.0]); 4];
+    chunk.mesh.positions =
+        [[1000, 5000, 2000], [8000, 5000, 1000], [9000, 5000, 8000], [2000, 5000, 9000]].map(IVec3::from).to_vec();
+    chunk.mesh.normals = vec![normal::encode(DVec3::NEG_Y); 4];
     chunk.mesh.colors = vec![[255; 3]; 4];
     chunk.mesh.triangles = vec![[0, 1, 2], [0, 2, 3]];
     chunk.mesh.borders = vec![0; 2];
@@ -23,9 +25,9 @@ fn picture(gpu: &Gpu, format: wgpu::TextureFormat, background: Background) -> Im
     assert_eq!(samples, 4, "edges are smoothed");
     let mut renderer = Renderer::new(gpu.device.clone(), gpu.queue.clone(), format, samples);
     renderer.upload(0, &interleave(&square()));
-    let bounds = Bounds { min: [0.0; 3], max: [10_000.0; 3] };
+    let bounds = Bounds { min: DVec3::ZERO, max: DVec3::splat(10_000.0) };
     let camera = Camera::standard(StandardView::South, &bounds, [64, 64]);
-    let view = camera.view(&Lattice { origin: [0.0; 3], step_log2: 0 }, &bounds, [64, 64], 1.0);
+    let view = camera.view(&Lattice { origin: DVec3::ZERO, step_log2: 0 }, &bounds, [64, 64], 1.0);
     let patch =
         DrawPatch { chunk: 0, patch: 0, first: 0, count: 2, diamond: NO_DIAMOND, level: 0, error: 0.0, visible: true };
     let options = RenderOptions { shading: 0.0, background, ..RenderOptions::default() };

@@ -1,8 +1,6 @@
 //! Without a GPU: every shader is sound WGSL, stays inside WebGL2, and agrees with Rust about memory.
 
-use kilwa_stream::{Projection, View};
-use kilwa_viewer::RenderOptions;
-use kilwa_viewer::gpu::frame::{NO_FADE, TargetTraits, UniformBytes, draw_uniform, frame_uniform};
+use kilwa_viewer::gpu::frame::{Draw, Frame};
 use kilwa_viewer::gpu::{SHADERS, pool};
 
 fn parse(name: &str, source: &str) -> naga::Module {
@@ -78,33 +76,33 @@ fn layout(module: &naga::Module, name: &str) -> Vec<(String, usize, usize)> {
         .collect()
 }
 
-fn as_owned(uniform: &UniformBytes) -> Vec<(String, usize, usize)> {
-    uniform.fields.iter().map(|(name, at, size)| ((*name).to_owned(), *at, *size)).collect()
+/// Bytes of a field.
+fn size<T, F>(_: fn(&T) -> &F) -> usize {
+    size_of::<F>()
+}
+
+/// Fields of a Rust struct: name, offset and bytes.
+macro_rules! fields {
+    ($of:ident: $($name:ident)*) => {
+        vec![$((stringify!($name).to_owned(), std::mem::offset_of!($of, $name), size(|s: &$of| &s.$name))),*]
+    };
 }
 
 #[test]
 fn uniforms_lie_in_memory_as_the_shaders_read_them() {
-    let view = View {
-        eye: [0.0; 3],
-        right: [1.0, 0.0, 0.0],
-        up: [0.0, 0.0, 1.0],
-        forward: [0.0, 1.0, 0.0],
-        anchor: [0.0; 3],
-        projection: Projection::Perspective { tan_half_height: 0.5 },
-        size: [100, 100],
-        near: 1.0,
-        far: 10.0,
-        target_pixels: 1.0,
-        clip: kilwa_stream::Clip::default(),
-    };
-    let frame = frame_uniform(&view, &RenderOptions::default(), TargetTraits::default());
-    let draw = draw_uniform(1, 2, 3.0, NO_FADE);
+    let frame = fields!(Frame: clip_from_cell eye_from_cell light rake top bottom right up depth plane clip cell mode
+        tile_scale tile_shift shading back_tint error_low error_high range_low range_scale strength radius feature unused
+        relief_shift clip_flags on_color outline scalar_low scalar_scale smooth_cut);
+    let draw = fields!(Draw: id level error fade);
     for (name, source) in SHADERS.iter().filter(|(name, _)| *name != "present") {
         let module = parse(name, source);
-        assert_eq!(layout(&module, "Frame"), as_owned(&frame), "{name}.wgsl");
-        assert_eq!(layout(&module, "Draw"), as_owned(&draw), "{name}.wgsl");
+        assert_eq!(layout(&module, "Frame"), frame, "{name}.wgsl");
+        assert_eq!(layout(&module, "Draw"), draw, "{name}.wgsl");
     }
-    assert_eq!((frame.bytes.len() % 16, draw.bytes.len()), (0, 16));
+    for (bytes, fields) in [(size_of::<Frame>(), &frame), (size_of::<Draw>(), &draw)] {
+        assert_eq!(bytes, fields.iter().map(|(_, _, size)| size).sum::<usize>(), "the list names every field");
+        assert_eq!(bytes % 16, 0);
+    }
 }
 
 #[test]

@@ -7,17 +7,26 @@
 
 import { RECORDED } from "./tools.js";
 
+/** @import { MeasureRecord } from "../types/page.js" */
+
 /** Longer ones are left out of the address; the page offers a file. */
 export const LONGEST = 6000;
 
+/** @param {number[]} numbers */
 export function pack(numbers) {
   const bytes = new Uint8Array(numbers.length * 8);
   const view = new DataView(bytes.buffer);
-  numbers.forEach((value, at) => view.setFloat64(at * 8, value, true));
-  return btoa(String.fromCharCode(...bytes)).replaceAll("+", "-").replaceAll("/", "_").replace(/=+$/, "");
+  for (const [at, value] of numbers.entries()) view.setFloat64(at * 8, value, true);
+  return btoa(String.fromCharCode(...bytes))
+    .replaceAll("+", "-")
+    .replaceAll("/", "_")
+    .replace(/=+$/, "");
 }
 
-/** The numbers again; null where they are none, or not finite. */
+/**
+ * The numbers again; null where they are none, or not finite.
+ * @param {string} text
+ */
 export function unpack(text) {
   if (!/^[\w-]*$/.test(text)) return null;
   let raw;
@@ -32,9 +41,10 @@ export function unpack(text) {
   return numbers.every(Number.isFinite) ? numbers : null;
 }
 
+/** @param {string} name */
 const escaped = (name) => encodeURIComponent(name.slice(0, 80)).replaceAll("~", "%7E").replaceAll("!", "%21");
 
-/** @param {object[]} records measurements as in files (record.rs) */
+/** @param {(MeasureRecord & {name: string})[]} records measurements as in files (record.rs) */
 export function write(records) {
   const each = records.map(({ tool, local = [], plane, reach, interval, color, hidden, name }) => {
     const options = [];
@@ -44,16 +54,22 @@ export function write(records) {
     if (interval) options.push(`i${pack([interval])}`);
     if (color) options.push(`c${color.slice(1)}`);
     if (hidden) options.push("h");
-    return [tool, pack(local.flat()), escaped(name), ...(options.length > 0 ? [options.join(".")] : [])].join("~");
+    return [tool, pack(/** @type {number[]} */ (local.flat())), escaped(name), ...(options.length > 0 ? [options.join(".")] : [])].join("~");
   });
   return each.join("!");
 }
 
-/** The measurements of an address; what is no measurement is left out and counted. */
+/**
+ * The measurements of an address; what is no measurement is left out and counted.
+ * @param {string} text
+ */
 export function read(text) {
   const found = [];
   let left = 0;
-  for (const part of text.slice(0, 4 * LONGEST).split("!").filter(Boolean)) {
+  for (const part of text
+    .slice(0, 4 * LONGEST)
+    .split("!")
+    .filter(Boolean)) {
     const one = readOne(part.split("~"));
     if (one) found.push(one);
     else left += 1;
@@ -61,11 +77,17 @@ export function read(text) {
   return { found, left };
 }
 
+/** @param {number[]} numbers */
 const triples = (numbers) => Array.from({ length: numbers.length / 3 }, (_, at) => numbers.slice(at * 3, at * 3 + 3));
 
+/**
+ * @param {string[]} parts
+ * @returns {MeasureRecord | null}
+ */
 function readOne([tool, points, name = "", options = ""]) {
   const numbers = unpack(points ?? "");
   if (!RECORDED.has(tool) || !numbers || numbers.length % 3 !== 0) return null;
+  /** @type {MeasureRecord} */
   const one = { tool, local: triples(numbers), name: "", hidden: false, note: "", readings: [] };
   try {
     one.name = decodeURIComponent(name);
@@ -76,8 +98,8 @@ function readOne([tool, points, name = "", options = ""]) {
     const value = option.slice(1);
     const given = ["p", "r", "i"].includes(option[0]) ? unpack(value) : null;
     if (option[0] === "p" && given?.length === 6) one.plane = { point: given.slice(0, 3), normal: given.slice(3) };
-    else if (option[0] === "r" && given?.[0] > 0) [one.reach] = given;
-    else if (option[0] === "i" && given?.[0] > 0) [one.interval] = given;
+    else if (option[0] === "r" && given && given[0] > 0) [one.reach] = given;
+    else if (option[0] === "i" && given && given[0] > 0) [one.interval] = given;
     else if (option[0] === "c" && /^[0-9a-f]{6}$/.test(value)) one.color = `#${value}`;
     else if (option === "h") one.hidden = true;
   }

@@ -1,51 +1,58 @@
 // The buttons of the tool in use, over the picture: what Enter, Backspace, Esc and Shift do, for pointers and fingers.
 
+import { html } from "lit-html";
+import { $ } from "../dom.js";
 import { t } from "../i18n.js";
-import { iconButton } from "./dom.js";
+import { icon, show } from "../view.js";
 import { SNAPS } from "./tools.js";
 
-const $ = (id) => document.getElementById(id);
+/** @import { Draft } from "./draft.js" */
+
+/** Pixels between the hint and the bar below it. */
+const GAP = 8;
 
 export class Bar {
-  /** @param {import("./measure.js").Measure} measure */
-  constructor(measure) {
-    this.measure = measure;
-    const { page } = measure;
-    const button = (options) => iconButton({ sheet: "sprite", ...options });
-    this.leave = button({ name: "close", key: "measureLeave", onclick: () => page.tool("orbit") });
-    this.snap = button({ name: "magnet", sheet: "measure", key: "measureSnap", "aria-pressed": "false", onclick: () => measure.setSnap(measure.snap === "none" ? "vertex" : "none") });
-    this.back = button({ name: "undo", key: "measureBack", onclick: () => this.#then(() => measure.undoPoint(false)) });
-    this.finish = button({ name: "check", key: "measureFinish", onclick: () => this.#then(() => measure.finish()) });
-    for (const [element, key] of [[this.leave, "Esc"], [this.snap, "⇧"], [this.back, "⌫"], [this.finish, "⏎"]]) element.dataset.key = key;
-    $("measure-bar").replaceChildren(this.snap, this.back, this.finish, this.leave);
+  /** @param {{draft: Draft, leave: () => void, snap: () => string, setSnap: (snap: string) => void}} parts */
+  constructor({ draft, leave, snap, setSnap }) {
+    this.draft = draft;
+    this.leave = leave;
+    this.snap = snap;
+    this.setSnap = setSnap;
     $("measure-bar").addEventListener("keydown", (event) => {
       if (event.key !== "Escape") return;
       event.stopPropagation();
-      page.tool("orbit");
+      leave();
     });
   }
 
-  /** A button that went with its press leaves the keyboard on the picture. */
+  /**
+   * A button that went with its press leaves the keyboard on the picture.
+   * @param {() => void} run
+   */
   #then(run) {
     run();
-    if (document.activeElement?.disabled || document.activeElement === document.body) $("canvas").focus({ preventScroll: true });
+    const active = document.activeElement;
+    if (active === document.body || (active instanceof HTMLButtonElement && active.disabled)) $("canvas").focus({ preventScroll: true });
   }
 
   show() {
-    const { draft, moving, kind, snap } = this.measure;
-    const isOn = Boolean(moving) || (Boolean(draft) && kind.most > 0);
-    $("measure-bar").hidden = !isOn;
-    if (!isOn) return;
+    const { kind, drawn, moving, canFinish } = this.draft;
+    const bar = $("measure-bar");
+    bar.hidden = !moving && (!drawn || kind.max === 0);
+    if (bar.hidden) return;
     // Below the hint, which may need two lines.
-    $("measure-bar").style.setProperty("--below", `${$("hint").offsetTop + $("hint").offsetHeight + 8}px`);
-    this.snap.setAttribute("aria-pressed", String(snap !== "none"));
-    this.snap.setAttribute("aria-label", `${t("measureSnap")}: ${t(SNAPS[snap])}`);
-    this.back.disabled = !draft || draft.points.length === 0;
-    this.finish.disabled = !this.measure.canFinish;
-    this.finish.hidden = kind.most !== Infinity;
-  }
-
-  hide() {
-    $("measure-bar").hidden = true;
+    bar.style.setProperty("--below", `${$("hint").offsetTop + $("hint").offsetHeight + GAP}px`);
+    const snap = this.snap();
+    const isOn = snap !== "none";
+    const back = () => this.#then(() => this.draft.undoPoint(false));
+    const finish = () => this.#then(() => this.draft.finish());
+    const snapName = `${t("measureSnap")}: ${t(SNAPS[snap])}`;
+    show(
+      html`<button type="button" class="button icon" data-label="measureSnap" data-key="⇧" aria-label=${snapName} aria-pressed=${isOn} @click=${() => this.setSnap(isOn ? "none" : "vertex")}>${icon("magnet", "measure")}</button>
+<button type="button" class="button icon" data-label="measureBack" data-key="⌫" aria-label=${t("measureBack")} ?disabled=${!drawn || drawn.points.length === 0} @click=${back}>${icon("undo")}</button>
+<button type="button" class="button icon" data-label="measureFinish" data-key="⏎" aria-label=${t("measureFinish")} ?hidden=${kind.max !== Infinity} ?disabled=${!canFinish} @click=${finish}>${icon("check")}</button>
+<button type="button" class="button icon" data-label="measureLeave" data-key="Esc" aria-label=${t("measureLeave")} @click=${this.leave}>${icon("close")}</button>`,
+      bar,
+    );
   }
 }

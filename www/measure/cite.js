@@ -6,10 +6,13 @@ import { t } from "../i18n.js";
 import { kindName } from "./tools.js";
 import { readingName, text } from "./values.js";
 
+/** @import { MeasureRecord, MeasureTool, Reading, Uncertainty } from "../types/page.js" */
+/** @import { Engine } from "./engine.js" */
+
 /**
- * @param {object} engine
- * @param {object} measurement as in files
- * @param {{kind: object, unit: string, lang: string, published: string}} how `kind`: its tool; `published`: the title that the model was
+ * @param {Engine} engine
+ * @param {MeasureRecord & {readings: Reading[], uncertainty: Uncertainty, name: string}} measurement as in files
+ * @param {{kind: MeasureTool, unit: string, lang: string, published: string}} how `kind`: its tool; `published`: the title that the model was
  * published under, which is what others find; without it, the pack's own
  */
 export async function citation(engine, measurement, { kind, unit, lang, published }) {
@@ -23,5 +26,14 @@ export async function citation(engine, measurement, { kind, unit, lang, publishe
   const title = published || engine.pack.title;
   const capture = Number.isFinite(uncertainty.capture) ? t("citeCapture", { value: isolate(`${uncertainty.capture} m`) }) : t("citeCaptureUnknown");
   const given = date ? t("citeDate", { date: isolate(date) }) : "";
-  return t("citeSentence", { name, tool: kindName(kind), values: values.join(", "), title, identity: isolate(identity), program: isolate(program), capture, date: given });
+  return t("citeSentence", {
+    name,
+    tool: kindName(kind),
+    values: values.join(", "),
+    title,
+    identity: isolate(identity),
+    program: isolate(program),
+    capture,
+    date: given,
+  });
 }

@@ -1,9 +1,6 @@
 // Measuring, as the page sees it: questions go to a worker (measure/worker.js, wasm), bytes are fetched here through the page's own loader.
 //
 // const engine = await Engine.open({ pack, head, viewer, pages, footer, program });
-//   pack    loader.js Pack or LocalPack; head  its first bytes; viewer  a function that gives the wasm Viewer in force, for provisional values;
-//   pages   a function that gives what the viewer has of the directory (offset in the file → bytes); footer  the pack's last bytes, or null;
-//   program  a promise of the compiled module
 // engine.pack        { identity, title, crs, lattice: { origin, step_log2 }, step, capture, bytes, triangles, borders }
 // engine.pick({ origin, direction }, { clip, snap, within, provisional, progress, signal })
 //   → { local, world, normal, ray, snapped: "vertex" | "crease" | "border" | null, fetched }, or null where the ray meets nothing
@@ -14,36 +11,61 @@
 // engine.measure(task, { unit, level, progress, signal })
 //   → { readings, printed: [{ name, text }], parts: [{ what: "lattice" | "level" | "capture", value: metres | null }], uncertainty, remarks, details, task,
 //       lines?: [{ closed, flat, world, elevation? }], title?, layer?, read?: { chunks, bytes, of_chunks, of_bytes }, fetched, provisional }
-//     or { refusal: "English sentence", said: { code, values } }.  `printed` are the very digits of `kilwa measure`; a remark is { code, values, english }.
-//     said.js says both in the language of the page.
+//     or { refusal: "English sentence", said: { code, values } }.  `printed` are the very digits of `kilwa measure`; a remark is { code, values, english };
+//     messages.js has both in the language of the page.
 //   level        how far the points may still be from the finest surface, metres: then the answer is provisional, from the points alone
 // engine.shown(readings, unit)            → printed: the same readings in another unit
-// engine.cite(measurement, { unit })      → one English sentence, that of `kilwa measure --cite`; cite.js says it in the language of the page
+// engine.cite(measurement, { unit })      → one English sentence, that of `kilwa measure --cite`; cite.js writes it in the language of the page
 // engine.write(what, format, { scale })   → text; what: a document (json, csv, geojson, dxf) or an answer with lines (those and svg)
 // engine.read(text)                       → document, with `same`: false where it is of another pack; its points are counted from this pack's origin
 // engine.drawing({ view, scale, dpi, paper, bare, title, format, widest }) → a drawing to scale, for sheet.js; one at a time
-// engine.close()
-//
 // Progress: { done, all } bytes, all is 0 where nobody knows; { waiting: seconds } while the connection is gone. A signal that is aborted rejects with
 // an AbortError; a pack that changed or cannot be read with a sentence (`said` where it is the engine's, `kind` where it is the network's). Questions asked last are fetched for first.
 
-import { isPassing } from "../loader.js";
+import { isPassing } from "../answer.js";
 
 /** Requests on their way at a time. */
 const IN_FLIGHT = 6;
 
-/** Bytes of the footer and of a directory page, entries in a page, and where the header says what (docs/FORMAT.md, sections 3, 4 and 7). */
+/** Bytes of the footer and of a directory page, entries in a page, and offsets in the header (docs/FORMAT.md, sections 3, 4 and 7). */
 const [FOOTER_BYTES, PAGE_BYTES, PAGE_ENTRIES] = [80, 16_384, 127];
 const [FILE_BYTES_AT, ENTRIES_AT, PAGES_AT] = [64, 84, 112];
 
+/** Before one is open. @type {EnginePack} */
+const NO_PACK = {
+  identity: "",
+  title: "",
+  crs: null,
+  lattice: { origin: [0, 0, 0], step_log2: 0 },
+  step: 1,
+  capture: NaN,
+  bytes: 0,
+  triangles: 0,
+  program: "",
+};
+
 const aborted = () => new DOMException("the question was taken back", "AbortError");
 
+/** @import { Asking, Call, EnginePack, Need, Provisional, MeasureAnswer, MeasureRecord, PackSource, Progress, Ray, Reading, SheetPlan, Uncertainty, Viewer } from "../types/page.js" */
+
 export class Engine {
-  /** Open a pack for measuring: what is missing of its directory comes while the program does. */
+  /**
+   * Open a pack for measuring: what is missing of its directory comes while the program does.
+   * @param {object} parts
+   * @param {PackSource} parts.pack
+   * @param {Uint8Array} parts.head
+   * @param {() => Viewer | null} [parts.viewer]
+   * @param {() => Map<number, Uint8Array>} [parts.pages]
+   * @param {Uint8Array | null} [parts.footer]
+   * @param {Promise<WebAssembly.Module>} parts.program
+   */
   static async open({ pack, head, viewer = () => null, pages = () => new Map(), footer = null, program }) {
     const engine = new Engine(pack, viewer);
     try {
-      program.then((module) => engine.worker.postMessage({ module }), (error) => engine.#lost(error.message));
+      program.then(
+        (module) => engine.worker.postMessage({ module }),
+        (error) => engine.#lost(error.message),
+      );
       await engine.#open(head, pages(), footer);
     } catch (error) {
       engine.close();
@@ -53,27 +75,45 @@ export class Engine {
   }
 
   #calls = 0;
-  #open_ = new Map(); // call → { resolve, reject, progress, controller }
-  #queue = []; // { need, call, offset, length, fresh }
+  /** @type {Map<number, Call>} */
+  #pending = new Map();
+  /** @type {Need[]} */
+  #queue = [];
   #running = 0;
 
+  /**
+   * @param {PackSource} source
+   * @param {() => Viewer | null} viewer
+   */
   constructor(source, viewer) {
     this.source = source;
     this.viewer = viewer;
+    this.closed = false;
+    /** Ends what is fetched while the pack is opened. */
+    this.hold = new AbortController();
+    /** @type {EnginePack} */
+    this.pack = NO_PACK;
     this.fetched = 0;
     this.worker = new Worker(new URL("measure/worker.js", import.meta.url), { type: "module" });
-    this.worker.onmessage = ({ data }) => this.#said(data);
+    this.worker.onmessage = ({ data }) => this.#take(data);
     this.worker.onerror = (event) => this.#lost(event.message || "the measuring worker did not start");
   }
 
+  /**
+   * @param {Uint8Array} head
+   * @param {Map<number, Uint8Array>} kept pages of the directory that the viewer has
+   * @param {Uint8Array | null} given the footer, where it is there
+   */
   async #open(head, kept, given) {
-    this.hold = new AbortController();
     const view = new DataView(head.buffer, head.byteOffset);
-    const number = (at) => Number(view.getBigUint64(at, true));
+    const number = (/** @type {number} */ at) => Number(view.getBigUint64(at, true));
     const count = Math.ceil(view.getUint32(ENTRIES_AT, true) / PAGE_ENTRIES);
     const wanted = { offset: number(PAGES_AT), count: Math.max(0, count - 1) };
-    const ask = async (fresh) => {
-      const parts = [this.#directory(wanted, fresh ? new Map() : kept, fresh), (fresh ? null : given) ?? this.#range(number(FILE_BYTES_AT) - FOOTER_BYTES, FOOTER_BYTES, fresh)];
+    const ask = async (/** @type {boolean} */ fresh) => {
+      const parts = [
+        this.#directory(wanted, fresh ? new Map() : kept, fresh),
+        (fresh ? null : given) ?? this.#range(number(FILE_BYTES_AT) - FOOTER_BYTES, FOOTER_BYTES, fresh),
+      ];
       const [pages, footer] = await Promise.all(parts);
       // The worker gets copies: the page keeps its own.
       return this.#call("open", [head, pages, footer]);
@@ -85,11 +125,20 @@ export class Engine {
     });
   }
 
+  /**
+   * @param {number} offset
+   * @param {number} length
+   */
   #range(offset, length, fresh = false) {
     return this.#bytes({ offset, length, fresh }, this.hold.signal, () => {});
   }
 
-  /** Pages of the directory from the second on: those that the viewer has are not fetched again. */
+  /**
+   * Pages of the directory from the second on: those that the viewer has are not fetched again.
+   * @param {{offset: number, count: number}} wanted
+   * @param {Map<number, Uint8Array>} kept
+   * @param {boolean} fresh
+   */
   async #directory({ offset, count }, kept, fresh) {
     const out = new Uint8Array(count * PAGE_BYTES);
     const have = new Uint8Array(count);
@@ -99,6 +148,7 @@ export class Engine {
       out.set(bytes, at - offset);
       have.fill(1, first, first + Math.floor(bytes.length / PAGE_BYTES));
     }
+    /** @type {{page: number, pages: number}[]} */
     const missing = [];
     for (let page = 0; page < count; page += 1) {
       if (have[page]) continue;
@@ -106,17 +156,24 @@ export class Engine {
       if (last && last.page + last.pages === page) last.pages += 1;
       else missing.push({ page, pages: 1 });
     }
-    await Promise.all(missing.map(async ({ page, pages }) => out.set(await this.#range(offset + page * PAGE_BYTES, pages * PAGE_BYTES, fresh), page * PAGE_BYTES)));
+    await Promise.all(
+      missing.map(async ({ page, pages }) => out.set(await this.#range(offset + page * PAGE_BYTES, pages * PAGE_BYTES, fresh), page * PAGE_BYTES)),
+    );
     return out;
   }
 
-  /** Where a ray meets the finest surface first. */
+  /**
+   * Where a ray meets the finest surface first; null where it meets nothing.
+   * @param {Ray} ray
+   * @param {Asking & {clip?: object | null, snap?: string, within?: number, provisional?: (found: Provisional | null) => void}} how
+   * @returns {Promise<{local: number[], world: number[], normal: number[], ray: Ray, snapped: string | null, fetched: number} | null>}
+   */
   async pick({ origin, direction }, { clip, snap = "none", within, provisional, progress, signal } = {}) {
     signal?.throwIfAborted();
     const viewer = this.viewer();
     if (provisional && viewer) {
-      const said = viewer.provisional(new Float64Array([...origin, ...direction]));
-      provisional(said ? JSON.parse(said) : null);
+      const found = viewer.provisional(new Float64Array([...origin, ...direction]));
+      provisional(found ? JSON.parse(found) : null);
     }
     const state = clip ?? (viewer ? JSON.parse(viewer.displayState()) : {});
     const { clipPlane, clipBox } = state ?? {};
@@ -125,60 +182,95 @@ export class Engine {
     return this.#call("pick", [asked], { progress, signal });
   }
 
-  /** Measure a task of a document. */
+  /**
+   * Measure a task of a document.
+   * @param {MeasureRecord} task
+   * @param {Asking & {unit?: string, level?: number}} how
+   * @returns {Promise<MeasureAnswer>}
+   */
   async measure(task, { unit = "m", level, progress, signal } = {}) {
     signal?.throwIfAborted();
-    if (!(level > 0)) this.#leafless(this.viewer());
+    if (!level) this.#leafless(this.viewer());
     return this.#call("measure", [{ task, unit, level }], { progress, signal });
   }
 
-  /** What the viewer has decoded need not be fetched to find that it holds nothing of the finest surface. */
+  /** What the viewer has decoded need not be fetched to find that it holds nothing of the finest surface. @param {Viewer | null} viewer */
   #leafless(viewer) {
-    if (viewer) this.#call("leafless", [viewer.leafless()]).catch(() => {}); // what comes after says it
+    if (viewer) this.#call("leafless", [viewer.leafless()]).catch(() => {}); // what comes after reports it
   }
 
+  /**
+   * @param {Reading[]} readings
+   * @param {string} unit
+   */
   shown(readings, unit) {
     return this.#call("shown", [readings, unit]);
   }
 
+  /**
+   * @param {MeasureRecord} measurement
+   * @param {{unit?: string}} how
+   * @returns {Promise<string>}
+   */
   cite(measurement, { unit = "m" } = {}) {
     return this.#call("cite", [measurement, unit]);
   }
 
-  /** `size`, `paper`, `pixelsPerMm`, `metresPerPixel`, `marks`, `bands` (how many), `world`, and what is asked for band by band. */
+  /**
+   * `size`, `paper`, `pixelsPerMm`, `metresPerPixel`, `marks`, `bands` (how many), `world`, and what is asked for band by band.
+   * @param {object} asked
+   * @returns {Promise<SheetPlan>}
+   */
   async drawing(asked) {
-    const told = await this.#call("drawing", [asked]);
+    const plan = await this.#call("drawing", [asked]);
     return {
-      ...told,
+      ...plan,
       band: (number) => this.#call("band", [number]),
       strip: (rows, length) => this.#call("strip", [rows, length]),
       end: () => this.#call("drawingEnd", []),
     };
   }
 
+  /**
+   * @param {object} what a document, or an answer with lines
+   * @param {string} format
+   * @param {{scale?: number}} how
+   * @returns {Promise<string>}
+   */
   write(what, format, { scale = 50 } = {}) {
     return this.#call("write", [what, format, scale]);
   }
 
+  /**
+   * @param {string} text
+   * @returns {Promise<{same: boolean, pack: {title: string, identity: string}, measurements: MeasureRecord[]}>}
+   */
   read(text) {
     return this.#call("read", [text]);
   }
 
   close() {
     this.closed = true;
-    this.hold?.abort();
+    this.hold.abort();
     this.worker.terminate();
-    for (const [, entry] of this.#open_) {
+    for (const [, entry] of this.#pending) {
       entry.controller.abort();
       entry.reject(aborted());
     }
-    this.#open_.clear();
+    this.#pending.clear();
     this.#queue = [];
   }
 
+  /**
+   * @param {string} method
+   * @param {unknown[]} args
+   * @param {Asking} how
+   * @returns {Promise<any>}
+   */
   #call(method, args, { progress = () => {}, signal } = {}) {
     if (this.closed) return Promise.reject(aborted());
-    const call = (this.#calls += 1);
+    this.#calls += 1;
+    const call = this.#calls;
     return new Promise((resolve, reject) => {
       const controller = new AbortController();
       const cancel = () => {
@@ -187,31 +279,33 @@ export class Engine {
         reject(aborted());
       };
       signal?.addEventListener("abort", cancel, { once: true });
-      const done = (then) => (value) => {
+      const done = (/** @type {(value: any) => void} */ then) => (/** @type {any} */ value) => {
         signal?.removeEventListener("abort", cancel);
         then(value);
       };
-      this.#open_.set(call, { resolve: done(resolve), reject: done(reject), progress, controller });
+      this.#pending.set(call, { resolve: done(resolve), reject: done(reject), progress, controller });
       this.worker.postMessage({ call, method, args });
     });
   }
 
+  /** @param {number} call */
   #end(call) {
-    const entry = this.#open_.get(call);
-    this.#open_.delete(call);
+    const entry = this.#pending.get(call);
+    this.#pending.delete(call);
     this.#queue = this.#queue.filter((n) => n.call !== call);
     entry?.controller.abort();
     return entry;
   }
 
-  #said(data) {
+  /** @param {any} data a message of the worker */
+  #take(data) {
     if (data.need) {
       this.#queue.push(data);
       this.#next();
       return;
     }
     if ("all" in data) {
-      this.#open_.get(data.call)?.progress({ done: data.done, all: data.all });
+      this.#pending.get(data.call)?.progress({ done: data.done, all: data.all });
       return;
     }
     const entry = this.#end(data.call);
@@ -221,24 +315,31 @@ export class Engine {
     else entry?.resolve(data.result);
   }
 
-  /** A worker that ended takes every question with it. */
+  /**
+   * A worker that ended takes every question with it.
+   * @param {string} message
+   */
   #lost(message) {
     this.closed = true;
     this.worker.terminate();
-    for (const call of [...this.#open_.keys()]) this.#end(call)?.reject(new Error(message));
+    for (const call of [...this.#pending.keys()]) this.#end(call)?.reject(new Error(message));
   }
 
   /** The newest question first, its needs in order. */
   #next() {
     while (this.#running < IN_FLIGHT && this.#queue.length > 0) {
       const newest = Math.max(...this.#queue.map((n) => n.call));
-      const [need] = this.#queue.splice(this.#queue.findIndex((n) => n.call === newest), 1);
+      const [need] = this.#queue.splice(
+        this.#queue.findIndex((n) => n.call === newest),
+        1,
+      );
       this.#fetch(need);
     }
   }
 
+  /** @param {Need} need */
   async #fetch(need) {
-    const entry = this.#open_.get(need.call);
+    const entry = this.#pending.get(need.call);
     if (!entry) return;
     this.#running += 1;
     try {
@@ -253,7 +354,12 @@ export class Engine {
     }
   }
 
-  /** Bytes of the pack; what passes is waited for as long as somebody wants them. */
+  /**
+   * Bytes of the pack; what passes is waited for as long as somebody wants them.
+   * @param {{offset: number, length: number, fresh?: boolean}} need
+   * @param {AbortSignal} signal
+   * @param {(progress: Progress) => void} progress
+   */
   async #bytes({ offset, length, fresh = false }, signal, progress) {
     for (let attempt = 0; ; attempt += 1) {
       try {
@@ -272,7 +378,12 @@ export class Engine {
   }
 }
 
-/** Some seconds, or until the connection is back. */
+/**
+ * Some seconds, or until the connection is back.
+ * @param {number} seconds
+ * @param {AbortSignal} signal
+ * @returns {Promise<void>}
+ */
 function pause(seconds, signal) {
   return new Promise((resolve, reject) => {
     const end = () => {

@@ -3,65 +3,97 @@
 
 import { notice } from "../chrome.js";
 import { t } from "../i18n.js";
-import { why } from "../said.js";
+import { why } from "../messages.js";
 import { download, fileName } from "../store.js";
 
 export const FORMATS = [
-  ["json", "fileJson", "application/json"], ["csv", "fileCsv", "text/csv"], ["geojson", "fileGeojson", "application/geo+json"],
+  ["json", "fileJson", "application/json"],
+  ["csv", "fileCsv", "text/csv"],
+  ["geojson", "fileGeojson", "application/geo+json"],
   ["dxf", "fileDxf", "image/vnd.dxf"],
 ];
+/** @type {Record<string, string>} */
 const DRAWINGS = { svg: "image/svg+xml", dxf: "image/vnd.dxf" };
+/** @import { ForeignPack, MeasureItem, MeasureRecord, Reading, Uncertainty } from "../types/page.js" */
+/** @import { Engine } from "./engine.js" */
+/** @import { Items } from "./items.js" */
+
 const FILE_LIMIT = 64e6;
 
 export class Files {
-  /** @param {import("./measure.js").Measure} measure */
-  constructor(measure) {
-    this.measure = measure;
+  /** @param {{items: Items, engine: () => Promise<Engine>, title: () => string}} parts */
+  constructor({ items, engine, title }) {
+    this.items = items;
+    this.engine = engine;
+    this.title = title;
   }
 
-  /** One measurement as in files. */
-  measurement({ name, color, hidden, note, task }) {
-    const { readings, uncertainty } = task;
-    return { name, ...task.record(), readings, uncertainty: uncertainty ?? this.unknown, color, hidden, ...(note ? { note } : {}), ...(task.date ? { date: task.date } : {}) };
+  /**
+   * One measurement as in files.
+   * @param {MeasureItem} item
+   * @param {Engine} engine
+   * @returns {MeasureRecord & {name: string, readings: Reading[], uncertainty: Uncertainty}}
+   */
+  measurement({ name, color, hidden, note, task }, engine) {
+    const { readings, date } = task;
+    const uncertainty = task.uncertainty ?? { lattice: 2 ** engine.pack.lattice.step_log2 / Math.sqrt(12), level: 0, capture: null };
+    return { name, ...task.record(), readings, uncertainty, color, hidden, ...(note ? { note } : {}), ...(date ? { date } : {}) };
   }
 
-  /** The document of some measurements, those left out whose places are not found yet. */
-  async document(items = this.measure.items) {
-    const { identity, title, lattice, crs } = (await this.measure.engine).pack;
-    this.unknown = { lattice: 2 ** lattice.step_log2 / Math.sqrt(12), level: 0, capture: null };
+  /**
+   * The document of some measurements, those left out whose places are not found yet.
+   * @param {MeasureItem[]} items
+   */
+  async document(items) {
+    const engine = await this.engine();
+    const { identity, title, lattice, crs } = engine.pack;
     const found = items.filter(({ task }) => task.points.every((p) => p.isFinal));
     return {
-      kilwa: "measurements", version: 1, pack: { identity, title, lattice, ...(crs ? { crs } : {}) }, measurements: found.map((item) => this.measurement(item)),
+      kilwa: "measurements",
+      version: 1,
+      pack: { identity, title, lattice, ...(crs ? { crs } : {}) },
+      measurements: found.map((item) => this.measurement(item, engine)),
     };
   }
 
-  /** Offer a file. */
-  async save(format, items = this.measure.items) {
+  /**
+   * Offer a file.
+   * @param {string} format
+   * @param {MeasureItem[]} items
+   */
+  async save(format, items = this.items.all) {
     try {
-      const engine = await this.measure.engine;
+      const engine = await this.engine();
       const words = await engine.write(await this.document(items), format);
-      const [, , type] = FORMATS.find(([name]) => name === format);
-      download(fileName(this.measure.page.title, `.measurements.${format}`), new Blob([words], { type }));
+      const type = FORMATS.find(([name]) => name === format)?.[2];
+      download(fileName(this.title(), `.measurements.${format}`), new Blob([words], { type }));
     } catch (error) {
       notice(t("measureFailed", { why: why(error) }), 12000);
     }
   }
 
-  /** Offer the lines of one measurement as a drawing. */
+  /**
+   * Offer the lines of one measurement as a drawing.
+   * @param {string} format
+   * @param {MeasureItem} item
+   */
   async draw(format, { name, task }) {
     try {
-      const words = await (await this.measure.engine).write({ ...task.answer, title: name }, format);
-      download(fileName(`${this.measure.page.title} ${name}`, `.${format}`), new Blob([words], { type: DRAWINGS[format] }));
+      const words = await (await this.engine()).write({ ...task.answer, title: name }, format);
+      download(fileName(`${this.title()} ${name}`, `.${format}`), new Blob([words], { type: DRAWINGS[format] }));
     } catch (error) {
       notice(t("measureFailed", { why: why(error) }), 12000);
     }
   }
 
-  /** Read a file the person chose. One of another pack is read only when the person says so. */
+  /**
+   * Read a file the person chose. One of another pack is read only when the person wants that.
+   * @param {File} file
+   */
   async read(file) {
     try {
       if (file.size > FILE_LIMIT) throw new Error(`${file.name}: ${file.size} > ${FILE_LIMIT} bytes`);
-      const engine = await this.measure.engine;
+      const engine = await this.engine();
       const document = await engine.read(await file.text());
       if (document.same) this.#add(document, null);
       else this.#ask(document, engine.pack);
@@ -70,6 +102,10 @@ export class Files {
     }
   }
 
+  /**
+   * @param {Awaited<ReturnType<Engine["read"]>>} document
+   * @param {ForeignPack} here
+   */
   #ask(document, here) {
     const { title, identity } = document.pack;
     const key = title === here.title ? "measureOtherVersion" : "measureOtherPack";
@@ -79,10 +115,14 @@ export class Files {
     });
   }
 
-  /** `foreign`: the pack that they were made on, where it is not this one; they are then measured again, on this one. */
+  /**
+   * `foreign`: the pack that they were made on, where it is not this one; they are then measured again, on this one.
+   * @param {{measurements: MeasureRecord[]}} document
+   * @param {ForeignPack | null} foreign
+   */
   #add(document, foreign) {
     // Points of another lattice are counted from this one's origin already.
     const all = document.measurements.map((one) => (foreign ? { ...one, world: [], readings: [], foreign } : one));
-    this.measure.take(all);
+    this.items.take(all);
   }
 }

@@ -11,7 +11,12 @@ export const SMALL = [28, 22];
 /** What a label should not cover of other measurements' places, half of it. */
 const DOT = 7;
 
-/** Left upper corners for a label, the best first. */
+/**
+ * Left upper corners for a label, the best first.
+ * @param {number[]} at
+ * @param {number[]} size
+ * @param {number} rings
+ */
 function* candidates([x, y], [w, h], rings) {
   const side = [-w / 2, -w - GAP, GAP];
   yield [x - w / 2, y - GAP - h];
@@ -33,9 +38,20 @@ function* candidates([x, y], [w, h], rings) {
   }
 }
 
+/**
+ * Whether two boxes come nearer than `air`.
+ * @param {number[]} a
+ * @param {number[]} b
+ * @param {number} air
+ */
 const meet = (a, b, air) => a[0] < b[2] + air && b[0] < a[2] + air && a[1] < b[3] + air && b[1] < a[3] + air;
 
-/** A label that would stick out at a side is moved in, as long as it stays beside its place. */
+/**
+ * A label that would stick out at a side is moved in, as long as it stays beside its place.
+ * @param {number[]} corner
+ * @param {number[]} size
+ * @param {number[]} room
+ */
 function inside([left, top], [w, h], [low, high, right, bottom]) {
   return [Math.min(Math.max(left, low), right - w), Math.min(Math.max(top, high), bottom - h)];
 }
@@ -51,7 +67,7 @@ export function arrange(wanted, { room, taken, rings }) {
   const dots = wanted.flatMap(({ id, at, dots = [] }) => [at, ...dots].map(([x, y]) => ({ id, box: [x - DOT, y - DOT, x + DOT, y + DOT] })));
   const out = new Map();
   for (const { id, at, size, before = -1 } of wanted) {
-    const fits = (corner, [w, h], isKind) => {
+    const fits = (/** @type {number[]} */ corner, /** @type {number[]} */ [w, h], /** @type {boolean} */ isKind) => {
       const [left, top] = inside(corner, [w, h], room);
       const box = [left, top, left + w, top + h];
       if (w > room[2] - room[0] || boxes.some((other) => meet(box, other, AIR))) return null;
@@ -63,7 +79,13 @@ export function arrange(wanted, { room, taken, rings }) {
     const all = [...candidates(at, size, rings)].map((corner, choice) => ({ corner, choice }));
     const order = before >= 0 && all[before] ? [all[before], ...all] : all;
     const near = [...candidates(at, SMALL, 0)].map((corner) => ({ corner, choice: -1 }));
-    const tries = [[order, size, true], [order, size, false], [near, SMALL, false]];
+    /** @type {[list: {corner: number[], choice: number}[], extent: number[], isKind: boolean][]} */
+    const tries = [
+      [order, size, true],
+      [order, size, false],
+      [near, SMALL, false],
+    ];
+    /** @type {{box: number[], choice: number, isSmall: boolean} | null} */
     let found = null;
     for (const [list, extent, isKind] of tries) {
       for (const { corner, choice } of list) {

@@ -2,15 +2,31 @@
 // They follow the camera with every frame. What the model hides is dimmed; that is found out piece by piece in what time is left, so that
 // no picture waits for it.
 
-import { t } from "../i18n.js";
-import { h } from "./dom.js";
+import { html, render } from "lit-html";
+import { cameraKey } from "../camera.js";
+import { $ } from "../dom.js";
+import { Handles } from "./handles.js";
 import { arrange } from "./labels.js";
+import { isSame, pieces } from "./shapes.js";
 
-const $ = (id) => document.getElementById(id);
-/** A straight line between two points is looked at in so many pieces. */
-const PIECES = 12;
-/** Pieces of a long line. */
-const MOST_PIECES = 240;
+/** @import { MarkActions } from "./handles.js" */
+/** @import { Piece, Shape } from "./shapes.js" */
+/** @import { FrameStats } from "../types/page.js" */
+/** @import { Scene } from "../scene.js" */
+
+/**
+ * A shape and where it is on the picture.
+ * @typedef {object} Drawn
+ * @property {Shape} source
+ * @property {Piece[]} pieces
+ * @property {ArrayLike<number> & Iterable<number>} places x, y, z of the points of its pieces
+ * @property {boolean[]} dotsHidden
+ * @property {boolean} isHidden
+ * @property {Float64Array} at pixels of the places, three numbers each
+ * @property {Float64Array} dotsAt
+ * @property {Float64Array | null} anchorAt
+ */
+
 /** Milliseconds of a frame for finding out what is hidden. */
 const PATIENCE = 4;
 /** What of the page lies over the picture. */
@@ -22,30 +38,55 @@ const [NARROW, FEW] = [720, 8];
 /** Part of its distance that a place may lie behind the surface shown and still be on it. */
 const SLACK = 0.004;
 
-/**
- * What is drawn for one measurement:
- * `{ id, color, dashed, closed, paths: number[][][], dots: number[][], label: string[], anchor: number[] | null, chosen, straight }`; places are world metres.
- */
+/** Before it was projected. */
+const NOWHERE = new Float64Array();
+
 export class Marks {
-  /**
-   * @param {object} on `open(id)` a label was pressed; `drag(id, index, x, y)` a handle is dragged, to a pixel; `drop(id, index, x, y)` it was let go;
-   *   `take(id, index)` it was chosen by keyboard
-   */
+  /** @param {MarkActions} on */
   constructor(on) {
     this.on = on;
+    /** @type {Drawn[]} */
     this.shapes = [];
+    /** By the shape's id. @type {Map<string, HTMLButtonElement>} */
     this.labels = new Map();
-    this.sizes = new Map(); // of labels, CSS pixels
-    this.spots = new Map(); // where labels stand (labels.js)
-    this.handles = [];
+    /** Of labels, CSS pixels. @type {Map<string, number[]>} */
+    this.sizes = new Map();
+    /** Where labels stand. @type {ReturnType<typeof arrange>} */
+    this.spots = new Map();
+    this.handles = new Handles(on);
     this.seen = "";
+    /** What is to be looked at for whether it is hidden. @type {(() => void)[]} */
     this.queue = [];
     this.version = 0;
+    this.error = 0; // of the surface on screen, metres
+    this.picture = 0; // triangles of the last frame
+    /** @type {Scene | null} */
+    this.scene = null;
+    /** @type {ReturnType<typeof setTimeout> | undefined} */
+    this.timer = undefined;
+    /** Boxes of what lies over the picture, and when they were measured. @type {number[][] | null} */
+    this.covered = null;
+    this.coveredAt = 0;
   }
 
-  attach(viewer, session) {
-    Object.assign(this, { viewer, session });
+  /** @param {Scene} scene */
+  attach(scene) {
+    this.scene = scene;
+    this.handles.scene = scene;
     this.seen = "";
+  }
+
+  get #open() {
+    if (!this.scene) throw new Error("the model is not open");
+    return this.scene;
+  }
+
+  get viewer() {
+    return this.#open.viewer;
+  }
+
+  get session() {
+    return this.#open.session;
   }
 
   close() {
@@ -57,31 +98,36 @@ export class Marks {
     this.spots.clear();
   }
 
+  /** @param {Shape[]} shapes */
   set(shapes) {
     const had = new Map(this.shapes.map((s) => [s.source.id, s]));
     this.shapes = shapes.map((source) => {
       const old = had.get(source.id);
       const same = old && isSame(old.source, source);
-      const made = same ? { pieces: old.pieces, places: old.places, dotsHidden: old.dotsHidden } : pieces(source);
-      return { ...made, source, dotsHidden: source.dots.map((_, k) => (same ? (old.dotsHidden[k] ?? false) : false)), isHidden: old?.isHidden ?? false };
+      const made = same ? { pieces: old.pieces, places: old.places } : pieces(source);
+      const dotsHidden = source.dots.map((_, k) => (same ? (old.dotsHidden[k] ?? false) : false));
+      return { ...made, source, dotsHidden, isHidden: old?.isHidden ?? false, at: NOWHERE, dotsAt: NOWHERE, anchorAt: null };
     });
     this.#labels();
-    this.#handles();
+    this.handles.show(this.shapes.find(({ source }) => source.chosen && source.canMove) ?? null);
     this.version += 1;
     this.draw();
   }
 
-  /** After each frame of the viewer. */
+  /**
+   * After each frame of the viewer.
+   * @param {FrameStats} stats
+   */
   frame(stats) {
     this.error = Number.isFinite(stats.worstErrorMetres) ? stats.worstErrorMetres : 0;
     this.draw(stats.trianglesDrawn);
   }
 
   draw(picture = this.picture) {
-    if (!this.viewer || this.session.closed) return;
+    if (!this.scene?.isOpen) return;
     this.picture = picture;
     const { width, height } = this.session.canvas;
-    const seen = `${[...this.viewer.camera()].join()} ${width} ${height} ${picture} ${this.version}`;
+    const seen = `${cameraKey(this.viewer.camera())} ${width} ${height} ${picture} ${this.version}`;
     if (seen === this.seen) return;
     this.seen = seen;
     for (const shape of this.shapes) this.#project(shape);
@@ -89,17 +135,27 @@ export class Marks {
     this.#paint();
     this.#place();
     this.queue = this.shapes.flatMap((shape) => [
-      ...shape.pieces.map((piece) => () => (piece.hidden = this.#isHidden(shape.places, piece.middle))),
-      ...shape.source.dots.map((dot, k) => () => (shape.dotsHidden[k] = this.#isHidden(dot, 0))),
-      ...(shape.source.anchor ? [() => (shape.isHidden = this.#isHidden(shape.source.anchor, 0))] : []),
+      ...shape.pieces.map((piece) => () => {
+        piece.hidden = this.#isHidden(shape.places, piece.middle);
+      }),
+      ...shape.source.dots.map((dot, k) => () => {
+        shape.dotsHidden[k] = this.#isHidden(dot, 0);
+      }),
+      () => {
+        shape.isHidden = Boolean(shape.source.anchor) && this.#isHidden(shape.source.anchor ?? [], 0);
+      },
     ]);
     this.#look();
   }
 
+  /**
+   * @param {ArrayLike<number>} places
+   * @param {number} at
+   */
   #isHidden(places, at) {
     const [x, y, z] = [places[at * 3], places[at * 3 + 1], places[at * 3 + 2]];
     const [, , depth] = this.viewer.project(new Float64Array([x, y, z]));
-    return this.viewer.isHidden(x, y, z, 2 * (this.error ?? 0) + SLACK * Math.abs(depth));
+    return this.viewer.isHidden(x, y, z, 2 * this.error + SLACK * Math.abs(depth));
   }
 
   /** What is hidden, a little at a time. */
@@ -107,7 +163,7 @@ export class Marks {
     clearTimeout(this.timer);
     if (this.session.closed || this.queue.length === 0) return;
     const until = performance.now() + PATIENCE;
-    while (this.queue.length > 0 && performance.now() < until) this.queue.shift()();
+    while (this.queue.length > 0 && performance.now() < until) this.queue.shift()?.();
     if (this.queue.length > 0) {
       this.timer = setTimeout(() => this.#look(), 16);
       return;
@@ -117,6 +173,7 @@ export class Marks {
     this.#place();
   }
 
+  /** @param {Drawn} shape */
   #project(shape) {
     const { source } = shape;
     const dots = source.dots.flat();
@@ -130,7 +187,7 @@ export class Marks {
     const canvas = $("marks");
     const { width, height } = this.session.canvas;
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    const context = canvas.getContext("2d");
+    const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
     const { ratio } = this.session;
     context.clearRect(0, 0, width, height);
     context.lineJoin = context.lineCap = "round";
@@ -168,14 +225,20 @@ export class Marks {
     context.globalAlpha = 1;
   }
 
-  /** From places to labels that stand away from them. */
+  /**
+   * From places to labels that stand away from them.
+   * @param {CanvasRenderingContext2D} context
+   */
   #leaders(context) {
     const { ratio } = this.session;
     for (const { source, anchorAt } of this.shapes) {
       const spot = this.spots.get(source.id);
-      if (!spot?.line) continue;
+      if (!spot?.line || !anchorAt) continue;
       context.globalAlpha = 1;
-      for (const [color, wide] of [["rgb(255 255 255 / 85%)", 3.5], [source.color, 1.25]]) {
+      for (const [color, wide] of /** @type {[string, number][]} */ ([
+        ["rgb(255 255 255 / 85%)", 3.5],
+        [source.color, 1.25],
+      ])) {
         context.strokeStyle = color;
         context.lineWidth = wide * ratio;
         context.beginPath();
@@ -186,6 +249,10 @@ export class Marks {
     }
   }
 
+  /**
+   * @param {CanvasRenderingContext2D} context
+   * @param {Drawn} shape
+   */
   #fill(context, { source, dotsAt }) {
     const corners = source.dots.map((_, k) => [dotsAt[k * 3], dotsAt[k * 3 + 1]]);
     if (!corners.flat().every(Number.isFinite)) return;
@@ -197,6 +264,10 @@ export class Marks {
     context.fill();
   }
 
+  /**
+   * @param {CanvasRenderingContext2D} context
+   * @param {Drawn} shape
+   */
   #dots(context, { source, dotsAt, dotsHidden }) {
     const { ratio } = this.session;
     for (const [k] of source.dots.entries()) {
@@ -223,12 +294,17 @@ export class Marks {
       let label = this.labels.get(source.id);
       if (!label) {
         // The same stands in the table, which the keyboard reaches.
-        label = h("button", { type: "button", className: "mark-label", tabindex: "-1", onclick: () => this.on.open(source.id) });
+        label = Object.assign(document.createElement("button"), { type: "button", className: "mark-label", tabIndex: -1 });
+        const { id } = source;
+        label.addEventListener("click", () => this.on.open(id));
         this.labels.set(source.id, label);
         $("mark-labels").append(label);
       }
       if (label.dataset.lines !== source.label.join("\n")) {
-        label.replaceChildren(...source.label.map((line) => h("span", { text: line, dir: "auto" })));
+        render(
+          source.label.map((line) => html`<span dir="auto">${line}</span>`),
+          label,
+        );
         label.dataset.lines = source.label.join("\n");
         label.setAttribute("aria-label", `${source.name}: ${source.label.join(", ")}`);
         this.sizes.delete(source.id);
@@ -245,53 +321,11 @@ export class Marks {
     }
   }
 
-  #handles() {
-    const chosen = this.shapes.find(({ source }) => source.chosen && source.canMove);
-    const wanted = chosen ? chosen.source.dots.map((_, index) => ({ shape: chosen, index })) : [];
-    while (this.handles.length > wanted.length) this.handles.pop().button.remove();
-    for (const [k, { shape, index }] of wanted.entries()) {
-      const handle = (this.handles[k] ??= this.#handle());
-      Object.assign(handle, { shape, index });
-      handle.button.setAttribute("aria-label", t("measurePoint", { number: index + 1, name: shape.source.name }));
-      handle.button.style.setProperty("--mark", shape.source.color);
-    }
-  }
-
-  #handle() {
-    const button = h("button", { type: "button", className: "mark-point" });
-    const handle = { button, shape: null, index: 0 };
-    const at = (event) => {
-      const box = this.session.canvas.getBoundingClientRect();
-      return [(event.clientX - box.left) * this.session.ratio, (event.clientY - box.top) * this.session.ratio];
-    };
-    let from = null;
-    button.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0) return;
-      button.setPointerCapture(event.pointerId);
-      from = { x: event.clientX, y: event.clientY, id: handle.shape.source.id, index: handle.index, moved: false };
-      event.stopPropagation();
-    });
-    button.addEventListener("pointermove", (event) => {
-      if (!from) return;
-      from.moved ||= Math.hypot(event.clientX - from.x, event.clientY - from.y) > 4;
-      if (from.moved) this.on.drag(from.id, from.index, ...at(event), event.pointerType === "touch");
-    });
-    button.addEventListener("pointerup", (event) => {
-      const { id, index, moved } = from ?? {};
-      from = null;
-      if (moved) this.on.drop(id, index, ...at(event), event.shiftKey);
-    });
-    button.addEventListener("pointercancel", () => {
-      if (from?.moved) this.on.drop(from.id, from.index, null, null);
-      from = null;
-    });
-    // By keyboard (and a reader's press) the point is taken up, and the crosshair chooses its new place.
-    button.addEventListener("click", (event) => event.detail === 0 && this.on.take(handle.shape.source.id, handle.index));
-    $("mark-labels").append(button);
-    return handle;
-  }
-
-  /** How large a label is, measured once for its words. */
+  /**
+   * How large a label is, measured once for its words.
+   * @param {string} id
+   * @param {HTMLElement} label
+   */
   #size(id, label) {
     const known = this.sizes.get(id);
     if (known) return known;
@@ -317,14 +351,17 @@ export class Marks {
   #arrange() {
     const { ratio, canvas } = this.session;
     const [width, height] = [canvas.width / ratio, canvas.height / ratio];
-    const isOn = (x, y) => Number.isFinite(x) && x > -20 && y > -20 && x < width + 20 && y < height + 20;
+    const isOn = (/** @type {number} */ x, /** @type {number} */ y) => Number.isFinite(x) && x > -20 && y > -20 && x < width + 20 && y < height + 20;
     const wanted = [];
     for (const { source, anchorAt, dotsAt, isHidden } of this.shapes) {
       const label = this.labels.get(source.id);
       const at = anchorAt ? [anchorAt[0] / ratio, anchorAt[1] / ratio] : [NaN, NaN];
-      if (!label || !isOn(...at)) continue;
+      if (!label || !isOn(at[0], at[1])) continue;
       const rank = source.chosen ? 0 : source.id === "draft" ? 1 : isHidden ? 3 : 2;
-      const dots = source.dots.map((_, k) => [dotsAt[k * 3] / ratio, dotsAt[k * 3 + 1] / ratio]).filter((p) => isOn(...p)).slice(0, 8);
+      const dots = source.dots
+        .map((_, k) => [dotsAt[k * 3] / ratio, dotsAt[k * 3 + 1] / ratio])
+        .filter(([x, y]) => isOn(x, y))
+        .slice(0, 8);
       wanted.push({ id: source.id, at, dots, size: this.#size(source.id, label), before: this.spots.get(source.id)?.choice, rank });
     }
     wanted.sort((a, b) => a.rank - b.rank);
@@ -333,11 +370,12 @@ export class Marks {
 
   #place() {
     const { ratio, canvas } = this.session;
-    const put = (element, x, y, isOn) => {
+    const put = (/** @type {HTMLElement} */ element, /** @type {number} */ x, /** @type {number} */ y, /** @type {boolean} */ isOn) => {
       element.hidden = !isOn;
       if (isOn) element.style.transform = `translate(${(x / ratio).toFixed(1)}px, ${(y / ratio).toFixed(1)}px)`;
     };
-    const isOn = (x, y) => Number.isFinite(x) && x > -20 && y > -20 && x < canvas.width + 20 && y < canvas.height + 20;
+    const isOn = (/** @type {number} */ x, /** @type {number} */ y) =>
+      Number.isFinite(x) && x > -20 && y > -20 && x < canvas.width + 20 && y < canvas.height + 20;
     for (const shape of this.shapes) {
       const label = this.labels.get(shape.source.id);
       if (!label) continue;
@@ -346,42 +384,9 @@ export class Marks {
       label.classList.toggle("small", Boolean(spot?.isSmall));
       label.classList.toggle("behind", shape.isHidden && !shape.source.chosen);
     }
-    for (const { button, shape, index } of this.handles) {
-      const [x, y] = [shape.dotsAt?.[index * 3], shape.dotsAt?.[index * 3 + 1]];
+    for (const { button, shape, index } of this.handles.all) {
+      const [x, y] = [shape.dotsAt[index * 3], shape.dotsAt[index * 3 + 1]];
       put(button, x, y, isOn(x, y));
     }
   }
-}
-
-/** Whether the lines are those that they were; long ones are the same only as objects. */
-function isSame(a, b) {
-  if (a.paths.length !== b.paths.length || a.closed !== b.closed) return false;
-  return a.paths.every((path, k) => path === b.paths[k] || (path.length < 64 && JSON.stringify(path) === JSON.stringify(b.paths[k])));
-}
-
-/** The lines of a shape as places one behind the other, and pieces of them that are hidden or not. */
-function pieces({ paths, closed, straight }) {
-  const places = [];
-  const all = [];
-  for (const path of paths) {
-    const points = closed && path.length > 2 ? [...path, path[0]] : path;
-    const start = places.length / 3;
-    if (straight) {
-      points.forEach((p, k) => {
-        if (k === 0) return places.push(...p);
-        const before = points[k - 1];
-        for (let n = 1; n <= PIECES; n += 1) places.push(...before.map((v, i) => v + ((p[i] - v) * n) / PIECES));
-        return undefined;
-      });
-    } else {
-      for (const p of points) places.push(...p);
-    }
-    const count = places.length / 3 - start;
-    const each = straight ? 1 : Math.max(1, Math.ceil(count / MOST_PIECES));
-    for (let from = start; from < start + count - 1; from += each) {
-      const to = Math.min(from + each, start + count - 1);
-      all.push({ from, to, middle: (from + to) >> 1, hidden: false });
-    }
-  }
-  return { places, pieces: all, dotsHidden: [] };
 }

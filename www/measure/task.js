@@ -3,14 +3,32 @@
 
 import { toolOf, toolOfRecord } from "./tools.js";
 
+/** @import { Line, MeasureAnswer, MeasureRecord, MeasureTool, Message, Plane, Ray, Reading, Uncertainty } from "../types/page.js" */
+/** @import { Engine } from "./engine.js" */
+/** What a plane of cut and fill or of deviation is chosen by. @typedef {{name: string, height?: number}} PlaneChoice */
+
+/** @param {number[]} a @param {number[]} b */
 const sub = (a, b) => a.map((v, i) => v - b[i]);
+/** @param {number[]} a @param {number[]} b */
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+/** @param {number[]} v */
 const unit = (v) => v.map((x) => x / Math.hypot(...v));
 
-/** One place. `half`: how far it may be off while it is provisional, metres; null where no number can be said. */
+/** One place. `half`: how far it may be off while it is provisional, metres; null where there is no number for that. */
 export class Point {
+  /** @param {{world?: number[] | null, local?: number[] | null, ray?: Ray | null, half?: number | null}} known */
   constructor({ world = null, local = null, ray = null, half = null }) {
-    Object.assign(this, { world, local, ray, half, isMissed: false, snapped: "none" });
+    this.world = world;
+    this.local = local;
+    this.ray = ray;
+    this.half = half;
+    this.isMissed = false;
+    this.snapped = "none";
+    /** Where it is roughly, local metres. @type {number[] | null} */
+    this.rough = null;
+    /** The pixel that was pressed. @type {[number, number] | null} */
+    this.pixel = null;
+    /** @type {Promise<boolean> | null} */
     this.done = local ? Promise.resolve(true) : null;
   }
 
@@ -18,18 +36,25 @@ export class Point {
     return this.local !== null;
   }
 
-  /** Where the ray meets the finest surface. @param {object} engine @param {object} how `{clip, snap, onChange}` */
+  /**
+   * Where the ray meets the finest surface; false where it meets nothing.
+   * @param {Promise<Engine>} engine
+   * @param {{clip: object | null, snap: string, onChange: () => void}} how
+   * @returns {Promise<boolean>}
+   */
   pick(engine, { clip, snap, onChange }) {
-    const provisional = (p) => {
+    const { ray } = this;
+    if (!ray) return Promise.resolve(false);
+    const provisional = (/** @type {import("../types/page.js").Provisional | null} */ p) => {
       if (this.isFinal || !p) return;
       if (p.world) this.world = p.world;
       this.rough = p.local ?? null;
-      // Several stretches of the ray: no number can be said.
+      // Several stretches of the ray: there is no number.
       this.half = Number.isFinite(p.low) && Number.isFinite(p.high) ? Math.max(0, (p.high - p.low) / 2) : null;
       onChange();
     };
     this.done = (async () => {
-      const found = await (await engine).pick(this.ray, { clip, snap, provisional });
+      const found = await (await engine).pick(ray, { clip, snap, provisional });
       if (!found) {
         this.isMissed = true;
         return false;
@@ -44,22 +69,47 @@ export class Point {
 
 /** What is measured, and what came out. `state`: picking, measuring, final, refused, missed, failed. */
 export class Task {
+  /** @param {{kind: MeasureTool, points?: Point[], plane?: Plane | null, reach?: number | null, interval?: number | null, by?: PlaneChoice | null}} task */
   constructor({ kind, points = [], plane = null, reach = null, interval = null, by = null }) {
-    Object.assign(this, { kind, points, plane, reach, interval, by });
+    this.kind = kind;
+    this.points = points;
+    this.plane = plane;
+    this.reach = reach;
+    this.interval = interval;
+    this.by = by;
     this.tool = kind.tool ?? kind.id;
+    /** @type {"picking" | "measuring" | "final" | "refused" | "missed" | "failed"} */
     this.state = "picking";
+    /** @type {Reading[]} */
     this.readings = [];
+    /** @type {Uncertainty | null} */
     this.uncertainty = null;
+    /** @type {NonNullable<MeasureAnswer["parts"]>} */
     this.parts = [];
+    /** @type {Message[]} */
     this.remarks = [];
+    /** Closed ones end where they begin. @type {number[][][]} */
     this.lines = [];
-    this.answer = null; // what drawings are made of
-    this.refusal = null; // a function that says why there is no value
+    /** What drawings are made of. @type {MeasureAnswer | null} */
+    this.answer = null;
+    /** Why there is no value, in the language of the page. @type {(() => string) | null} */
+    this.refusal = null;
+    /** @type {MeasureAnswer["read"]} */
     this.read = null;
-    this.fitted = null; // the plane it counted from, in world coordinates
-    this.date = null; // the day it was measured, `2026-11-21`
+    /** The plane it counted from, in world coordinates. @type {Plane | null} */
+    this.fitted = null;
+    /** The day it was measured, `2026-11-21`. @type {string | null} */
+    this.date = null;
+    /** @type {AbortController | null} */
     this.abort = null;
-    this.guess = []; // readings that are not final
+    /** Readings that are not final. @type {Reading[]} */
+    this.guess = [];
+    /** While it is measured. @type {Promise<void> | null} */
+    this.running = null;
+    /** Part of its bytes that came, and seconds until the connection is tried again. @type {number | null} */
+    this.progress = null;
+    /** @type {number | null} */
+    this.waiting = null;
   }
 
   get isFinal() {
@@ -68,6 +118,7 @@ export class Task {
 
   /** The task as in files (record.rs). */
   record() {
+    /** @type {MeasureRecord} */
     const out = { tool: this.tool };
     if (this.points.length > 0) {
       out.local = this.points.map((p) => p.local);
@@ -79,19 +130,42 @@ export class Task {
     return out;
   }
 
-  /** From a file, the browser's store or an address. `origin` is the lattice's. */
+  /**
+   * From a file, the browser's store or an address; throws where it is no measurement.
+   * @param {MeasureRecord} record
+   * @param {number[]} origin the lattice's
+   */
   static of(record, origin) {
-    const { local = [], world = [], rays = [], plane = null, reach = null, interval = null, readings = [], uncertainty = null, date = null, fitted = null } = record;
+    const {
+      local = [],
+      world = [],
+      rays = [],
+      plane = null,
+      reach = null,
+      interval = null,
+      readings = [],
+      uncertainty = null,
+      date = null,
+      fitted = null,
+    } = record;
     const given = local.length > 0 ? local : rays;
-    const points = given.map((_, k) =>
-      local[k] ? new Point({ local: local[k], world: world[k] ?? local[k].map((v, i) => v + origin[i]), half: 0 }) : new Point({ ray: rays[k], world: world[k] ?? null }),
-    );
-    const task = new Task({ kind: toolOf(record.kind) ?? toolOfRecord(record), points, plane, reach, interval });
+    const points = given.map((_, k) => {
+      const at = local[k];
+      if (at) return new Point({ local: at, world: world[k] ?? at.map((v, i) => v + origin[i]), half: 0 });
+      return new Point({ ray: rays[k], world: world[k] ?? null });
+    });
+    const kind = toolOf(record.kind) ?? toolOfRecord(record);
+    if (!kind) throw new Error(`${record.tool}: no such tool`);
+    const task = new Task({ kind, points, plane, reach, interval });
     if (readings.length > 0) Object.assign(task, { readings, uncertainty, date, fitted, state: "final" });
     return task;
   }
 
-  /** The same with another point, to be measured again. A plane that followed from the points follows anew. */
+  /**
+   * The same with another point, to be measured again. A plane that followed from the points follows anew.
+   * @param {number} index
+   * @param {Point} point
+   */
   withPoint(index, point) {
     const points = this.points.map((p, k) => (k === index ? point : p));
     const follows = this.by !== null || (this.tool === "section" && this.points.length > 0);
@@ -103,14 +177,14 @@ export class Task {
     const { points } = this;
     const isOnPoints = ["angle", "plane-angle", "height", "circle", "area"].includes(this.tool) && points.length > 0;
     if (!isOnPoints || points.some((p) => p.half === null || !(p.local ?? p.rough))) return null;
-    return { task: { ...this.record(), local: points.map((p) => p.local ?? p.rough) }, level: Math.max(...points.map((p) => p.half)) };
+    return { task: { ...this.record(), local: points.map((p) => p.local ?? p.rough) }, level: Math.max(...points.map((p) => p.half ?? 0)) };
   }
 
   /** A length that is known while the points are provisional: value and how far it may be off, metres; null where there is none. */
   get provisional() {
     const isLength = ["distance", "perimeter", "along"].includes(this.tool);
-    const { points } = this;
-    if (!isLength || points.length < 2 || points.some((p) => !p.world || p.half === null)) return null;
+    const points = this.points.flatMap(({ world, half }) => (world && half !== null ? { world, half } : []));
+    if (!isLength || points.length < Math.max(2, this.points.length)) return null;
     const ring = this.tool === "perimeter" ? [...points, points[0]] : points;
     let [value, half] = [0, 0];
     for (let k = 1; k < ring.length; k += 1) {
@@ -120,10 +194,14 @@ export class Task {
     return { value, half };
   }
 
-  /** The plane that the points or the choice `by` mean, in local metres; a key of a sentence where they mean none. */
+  /**
+   * The plane that the points or the choice `by` mean, in local metres; a key of a sentence where they mean none.
+   * @param {{origin: number[], clipPlane: Plane | null}} of
+   * @returns {Plane | string | null}
+   */
   planeFrom({ origin, clipPlane }) {
-    const local = this.points.map((p) => p.local);
-    const level = (height) => ({ point: [local[0]?.[0] ?? 0, local[0]?.[1] ?? 0, height], normal: [0, 0, 1] });
+    const local = this.points.map((p) => p.local ?? []);
+    const level = (/** @type {number} */ height) => ({ point: [local[0]?.[0] ?? 0, local[0]?.[1] ?? 0, height], normal: [0, 0, 1] });
     switch (this.kind.id) {
       case "section-upright": {
         const d = sub(local[1], local[0]);
@@ -142,7 +220,7 @@ export class Task {
         return clipPlane ? { point: sub(clipPlane.point, origin), normal: unit(clipPlane.normal) } : "refuseNoClip";
       default:
         if (this.by?.name === "lowest") return level(Math.min(...local.map((p) => p[2])));
-        if (this.by?.name === "height") return level(this.by.height - origin[2]);
+        if (this.by?.name === "height") return level(Number(this.by.height) - origin[2]);
         return null;
     }
   }

@@ -4,25 +4,64 @@
 import { isolate, separator } from "../format.js";
 import { t } from "../i18n.js";
 
+/** @import { Reading } from "../types/page.js" */
+
 /** Units of length; one of it is `numerator / denominator` metres, both exact. */
+/** @type {Record<string, [numerator: number, denominator: number]>} */
 const METRES = { m: [1, 1], cm: [1, 100], mm: [1, 1000], km: [1000, 1], ft: [3048, 10_000], "us-ft": [1200, 3937], in: [254, 10_000] };
 export const UNITS = Object.keys(METRES);
 const DEGREES = 57.29577951308232;
+/** @type {Record<string, number>} */
 const POWERS = { length: 1, area: 2, volume: 3 };
 
-/** What a reading is called. */
+/** What a reading is called. @type {Record<string, string>} */
 const NAMES = {
-  "straight": "rStraight", "horizontal": "rHorizontal", "vertical": "rVertical", "ends": "rEnds", "perimeter": "rPerimeter", "along the surface": "rAlong",
-  "angle": "rAngle", "first slope": "rSlope1", "second slope": "rSlope2", "height": "rHeight", "fitted plane": "rFitted", "plan": "rPlan",
-  "out of plane": "rOut", "surface": "rSurface", "radius": "rRadius", "diameter": "rDiameter", "circumference": "rCircumference", "residual": "rResidual",
-  "volume": "rVolume", "cut": "rCut", "fill": "rFill", "net": "rNet", "base": "rBase", "above the plane": "rAbove", "below the plane": "rBelow",
-  "length": "rLength", "area of the material": "rMaterial", "way in plan": "rWay", "length on the surface": "rOnSurface", "lowest": "rLowest",
-  "highest": "rHighest", "length of all": "rAll", "mean": "rMean", "root mean square": "rRms", "standard deviation": "rDeviation", "area": "rArea",
+  straight: "rStraight",
+  horizontal: "rHorizontal",
+  vertical: "rVertical",
+  ends: "rEnds",
+  perimeter: "rPerimeter",
+  "along the surface": "rAlong",
+  angle: "rAngle",
+  "first slope": "rSlope1",
+  "second slope": "rSlope2",
+  height: "rHeight",
+  "fitted plane": "rFitted",
+  plan: "rPlan",
+  "out of plane": "rOut",
+  surface: "rSurface",
+  radius: "rRadius",
+  diameter: "rDiameter",
+  circumference: "rCircumference",
+  residual: "rResidual",
+  volume: "rVolume",
+  cut: "rCut",
+  fill: "rFill",
+  net: "rNet",
+  base: "rBase",
+  "above the plane": "rAbove",
+  "below the plane": "rBelow",
+  length: "rLength",
+  "area of the material": "rMaterial",
+  "way in plan": "rWay",
+  "length on the surface": "rOnSurface",
+  lowest: "rLowest",
+  highest: "rHighest",
+  "length of all": "rAll",
+  mean: "rMean",
+  "root mean square": "rRms",
+  "standard deviation": "rDeviation",
+  area: "rArea",
 };
 
+/** @param {string} name */
 export const readingName = (name) => (NAMES[name] ? t(NAMES[name]) : name);
 
-/** Exactly so many decimals, ties to even, as Rust prints them; JavaScript alone would round ties away from zero. */
+/**
+ * Exactly so many decimals, ties to even, as Rust prints them; JavaScript alone would round ties away from zero.
+ * @param {number} value
+ * @param {number} digits
+ */
 export function fixed(value, digits) {
   if (Object.is(value, -0)) return `-${(0).toFixed(digits)}`;
   const near = value.toFixed(digits);
@@ -33,15 +72,20 @@ export function fixed(value, digits) {
   return /[02468]$/.test(whole) ? whole : near;
 }
 
+/** @param {number} uncertainty */
 const decimals = (uncertainty) => (uncertainty > 0 ? Math.min(12, Math.max(0, 1 - Math.floor(Math.log10(uncertainty)))) : 6);
 
-/** A stored reading in a unit: value, uncertainty and symbol. */
+/**
+ * A stored reading in a unit: value, uncertainty and symbol.
+ * @param {{value: number, uncertainty: number, dimension: string}} reading
+ * @param {string} unit
+ */
 export function shown({ value, uncertainty, dimension }, unit) {
   if (dimension === "angle") return { value: value * DEGREES, uncertainty: uncertainty * DEGREES, symbol: "°" };
   if (dimension === "ratio") return { value: value * 100, uncertainty: uncertainty * 100, symbol: "%" };
   const [numerator, denominator] = METRES[unit];
   const power = POWERS[dimension] ?? 1;
-  const each = (x) => {
+  const each = (/** @type {number} */ x) => {
     for (let k = 0; k < power; k += 1) x = (x * denominator) / numerator;
     return x;
   };
@@ -50,7 +94,11 @@ export function shown({ value, uncertainty, dimension }, unit) {
   return { value: each(value), uncertainty: each(uncertainty), symbol };
 }
 
-/** As `kilwa measure` prints it. */
+/**
+ * As `kilwa measure` prints it.
+ * @param {Reading} reading
+ * @param {string} unit
+ */
 export function text(reading, unit) {
   const { value, uncertainty, symbol } = shown(reading, unit);
   if (uncertainty === 0) return `${fixed(value, 6)} ${symbol}`;
@@ -58,9 +106,14 @@ export function text(reading, unit) {
   return `${fixed(value, digits)} ± ${fixed(uncertainty, digits)} ${symbol}`;
 }
 
+/** @param {string} digits */
 const local = (digits) => digits.replace(".", separator()).replace("-", "−");
 
-/** The same digits to be read at a glance: an uncertainty below a centimetre in millimetres. */
+/**
+ * The same digits to be read at a glance: an uncertainty below a centimetre in millimetres.
+ * @param {Reading} reading
+ * @param {string} unit
+ */
 export function short(reading, unit) {
   const { value, uncertainty, symbol } = shown(reading, unit);
   const digits = uncertainty === 0 ? 6 : decimals(uncertainty);
@@ -75,9 +128,15 @@ export function short(reading, unit) {
   return isolate(`${number} ± ${spread}${sign}`);
 }
 
+/** @param {Reading} reading */
 const dimensionIsLength = ({ dimension }) => dimension === "length";
 
-/** What is not final: a length that lies within `half` of `value`, both in metres. */
+/**
+ * What is not final: a length that lies within `half` of `value`, both in metres.
+ * @param {number} value
+ * @param {number} half
+ * @param {string} unit
+ */
 export function about(value, half, unit) {
   const { value: v, uncertainty: u, symbol } = shown({ value, uncertainty: half, dimension: "length" }, unit);
   const digits = u > 0 ? Math.min(9, Math.max(0, -Math.floor(Math.log10(u)))) : 3;
@@ -87,20 +146,40 @@ export function about(value, half, unit) {
   return isolate(`≈ ${local(v.toFixed(digits))} ${symbol} ± ${local(spread.toFixed(one))} ${name}`);
 }
 
-/** Readings that stand for a measurement where there is room for few. */
+/** Readings that stand for a measurement where there is room for few. @type {Record<string, string[]>} */
 const MAIN = {
-  coordinate: ["x", "y", "z"], distance: ["straight"], perimeter: ["perimeter"], along: ["along the surface"], angle: ["angle"], "plane-angle": ["angle"],
-  height: ["height"], circle: ["diameter"], area: ["surface", "fitted plane", "plan"], volume: ["volume"],
-  "cut-fill": ["cut", "fill", "net", "above the plane", "below the plane"], section: ["length", "area of the material"], profile: ["length on the surface"],
-  contours: ["length of all"], deviation: ["root mean square", "lowest", "highest"],
+  coordinate: ["x", "y", "z"],
+  distance: ["straight"],
+  perimeter: ["perimeter"],
+  along: ["along the surface"],
+  angle: ["angle"],
+  "plane-angle": ["angle"],
+  height: ["height"],
+  circle: ["diameter"],
+  area: ["surface", "fitted plane", "plan"],
+  volume: ["volume"],
+  "cut-fill": ["cut", "fill", "net", "above the plane", "below the plane"],
+  section: ["length", "area of the material"],
+  profile: ["length on the surface"],
+  contours: ["length of all"],
+  deviation: ["root mean square", "lowest", "highest"],
 };
 
+/**
+ * @param {string} tool
+ * @param {Reading[]} readings
+ */
 export function mainReadings(tool, readings) {
-  const found = (MAIN[tool] ?? []).map((name) => readings.find((r) => r.name === name)).filter(Boolean);
+  const found = (MAIN[tool] ?? []).flatMap((name) => readings.find((r) => r.name === name) ?? []);
   return found.length > 0 ? found : readings.slice(0, 1);
 }
 
-/** The lines of a label. Where all of them are equally uncertain, it is said once. */
+/**
+ * The lines of a label. Where all of them are equally uncertain, the uncertainty has a line of its own.
+ * @param {string} tool
+ * @param {Reading[]} readings
+ * @param {string} unit
+ */
 export function mainLines(tool, readings, unit) {
   const found = mainReadings(tool, readings);
   if (found.length === 1) return [short(found[0], unit)];

@@ -2,23 +2,41 @@
 // for (`need`) and come (`got`). Messages: see engine.js.
 import init, { Engine } from "../measure.js";
 
+/** @import { SheetDrawing } from "../measure.js" */
+
 // The page fetches the program while this code is on its way, and sends it.
-let begin;
-const ready = new Promise((resolve) => (begin = resolve)).then((module) => init({ module_or_path: module }));
+/** @type {(module: WebAssembly.Module) => void} */
+let begin = () => {};
+/** @type {Promise<WebAssembly.Module>} */
+const compiled = new Promise((resolve) => {
+  begin = resolve;
+});
+const ready = compiled.then((module) => init({ module_or_path: module }));
 ready.catch(() => {}); // whoever asks hears of it
+/** The pack that is open. @type {Engine} */
 let engine;
-let drawing; // the drawing to scale that is being made
-let broken; // what a trap said: the instance is of no use after it
+/** The drawing to scale that is being made. @type {SheetDrawing | null} */
+let drawing = null;
+/** What a trap left behind: the instance is of no use after it. @type {Error | null} */
+let broken = null;
 let needs = 0;
-const waiting = new Map(); // need → { call, resolve, reject }
+/** Bytes that were asked for, by their number. @type {Map<number, {call: number, resolve: (bytes: Uint8Array) => void, reject: (error: Error) => void}>} */
+const waiting = new Map();
+/** @type {Set<number>} */
 const cancelled = new Set();
 
 const gone = () => new DOMException("the question was taken back", "AbortError");
 
-/** The two functions that a question fetches and tells with. */
+/**
+ * The two functions that a question fetches with and reports its progress with.
+ * @param {number} call
+ * @returns {[Fetch, (done: number, all: number) => void]}
+ */
 function ways(call) {
+  /** @type {Fetch} */
   const fetch = (offset, length, fresh) => {
-    const need = (needs += 1);
+    needs += 1;
+    const need = needs;
     const bytes = new Promise((resolve, reject) => {
       if (cancelled.has(call)) reject(gone());
       else waiting.set(need, { call, resolve, reject });
@@ -30,6 +48,15 @@ function ways(call) {
   return [fetch, (done, all) => postMessage({ call, done, all })];
 }
 
+/** The drawing that was begun. */
+function made() {
+  if (!drawing) throw new Error("no drawing was begun");
+  return drawing;
+}
+
+/** @typedef {(offset: number, length: number, fresh: boolean) => Promise<Uint8Array>} Fetch */
+
+/** What the page may ask; the first argument is the number of the question. @type {Record<string, (call: number, ...args: any[]) => unknown>} */
 const methods = {
   open: (_, head, pages, footer) => {
     engine = new Engine(head, pages, footer);
@@ -47,13 +74,14 @@ const methods = {
     drawing = engine.drawing(JSON.stringify(asked));
     return JSON.parse(drawing.told());
   },
-  band: (_, number) => JSON.parse(drawing.band(number)),
-  strip: (_, rows, length) => drawing.strip(rows, length),
-  drawingEnd: () => drawing.end(),
+  band: (_, number) => JSON.parse(made().band(number)),
+  strip: (_, rows, length) => made().strip(rows, length),
+  drawingEnd: () => made().end(),
   shown: (_, readings, unit) => JSON.parse(engine.shown(JSON.stringify(readings), unit)),
   cite: (_, measurement, unit) => engine.cite(JSON.stringify(measurement), unit),
 };
 
+/** @param {{got: number, bytes: Uint8Array, error?: string}} answer */
 function got({ got: need, bytes, error }) {
   const entry = waiting.get(need);
   waiting.delete(need);
@@ -61,6 +89,7 @@ function got({ got: need, bytes, error }) {
   else entry?.resolve(bytes);
 }
 
+/** @param {number} call */
 function cancel(call) {
   cancelled.add(call);
   for (const [need, entry] of waiting) {
@@ -70,7 +99,8 @@ function cancel(call) {
   }
 }
 
-onmessage = async ({ data }) => {
+/** @param {MessageEvent} event */
+async function take({ data }) {
   if (data.module) return begin(data.module);
   if (data.got) return got(data);
   if (data.cancel) return cancel(data.cancel);
@@ -87,4 +117,6 @@ onmessage = async ({ data }) => {
     cancel(call); // what was fetched ahead and not needed
     cancelled.delete(call);
   }
-};
+}
+
+addEventListener("message", take);

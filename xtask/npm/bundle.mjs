@@ -1,12 +1,13 @@
 // Bundles the page's modules: few files instead of many, each small. `node bundle.mjs WWW OUT GLUE…`; prints two lines of names: what
-// the page needs before it asks for anything, and what it needs besides before it starts. GLUE are scripts that wasm-bindgen wrote: they stay modules of their own, which program.js and the
-// worker load by address, and are only made smaller.
+// the page needs before it asks for anything, and what it needs besides before it starts. GLUE are scripts that wasm-bindgen wrote: they stay modules of their own,
+// which program.js and the worker load by address, and are only made smaller; so are the style sheets.
 import { build, transform } from "esbuild";
 import { readFile, writeFile } from "node:fs/promises";
 import { basename, join } from "node:path";
+import { fileURLToPath } from "node:url";
 
 const [, , www, out, ...glue] = process.argv;
-const entries = ["boot.js", "app.js", "list.js", "kilwa-viewer.js", "decode-worker.js", "measure/worker.js"];
+const entries = ["boot.js", "app.js", "kilwa-viewer.js", "decode-worker.js", "measure/worker.js"];
 const result = await build({
   entryPoints: entries.map((name) => join(www, name)),
   outdir: out,
@@ -18,6 +19,8 @@ const result = await build({
   charset: "utf8",
   chunkNames: "chunk-[hash]",
   external: ["./decode.js", "../measure.js"],
+  // lit-html lies beside this file.
+  nodePaths: [fileURLToPath(new URL("node_modules", import.meta.url))],
   metafile: true,
   logLevel: "warning",
 });
@@ -25,10 +28,17 @@ for (const path of glue) {
   const { code } = await transform(await readFile(path, "utf8"), { minify: true, format: "esm", target: "es2022", charset: "utf8" });
   await writeFile(join(out, basename(path)), code);
 }
+for (const name of ["style.css", "measure.css"]) {
+  const { code } = await transform(await readFile(join(www, name), "utf8"), { minify: true, loader: "css", target: "es2022", charset: "utf8" });
+  await writeFile(join(out, name), code);
+}
 // What the first one needs before it runs, and what the second one needs besides.
 const needs = (entry) => {
   const [, output] = Object.entries(result.metafile.outputs).find(([name]) => basename(name) === entry);
-  return output.imports.filter((use) => use.kind === "import-statement" && !use.external).map((use) => basename(use.path)).sort();
+  return output.imports
+    .filter((use) => use.kind === "import-statement" && !use.external)
+    .map((use) => basename(use.path))
+    .sort();
 };
 const first = needs("boot.js");
 console.log(["boot.js", ...first].join(" "));

@@ -4,7 +4,47 @@ const LANGUAGES = ["en", "fr", "pt", "sw", "ar"];
 const names = LANGUAGES.map((language) => new Intl.DisplayNames(language, { type: "region", fallback: "none" }));
 const letters = [..."ABCDEFGHIJKLMNOPQRSTUVWXYZ"];
 // Not countries: unions, worlds of their own, and codes that ISO took back or never gave.
-const NOT = new Set(["AC", "AN", "BU", "CP", "CQ", "CS", "DD", "DG", "DY", "EA", "EU", "EZ", "FQ", "FX", "HV", "IC", "JT", "MI", "NH", "NQ", "NT", "PC", "PU", "PZ", "QO", "RH", "SU", "TA", "TP", "UK", "UN", "VD", "WK", "XA", "XB", "YD", "YU", "ZR", "ZZ"]);
+const NOT = new Set([
+  "AC",
+  "AN",
+  "BU",
+  "CP",
+  "CQ",
+  "CS",
+  "DD",
+  "DG",
+  "DY",
+  "EA",
+  "EU",
+  "EZ",
+  "FQ",
+  "FX",
+  "HV",
+  "IC",
+  "JT",
+  "MI",
+  "NH",
+  "NQ",
+  "NT",
+  "PC",
+  "PU",
+  "PZ",
+  "QO",
+  "RH",
+  "SU",
+  "TA",
+  "TP",
+  "UK",
+  "UN",
+  "VD",
+  "WK",
+  "XA",
+  "XB",
+  "YD",
+  "YU",
+  "ZR",
+  "ZZ",
+]);
 const rows = letters
   .flatMap((a) => letters.map((b) => a + b))
   .filter((code) => !NOT.has(code) && names[0].of(code))

@@ -27,7 +27,16 @@ function parts(ring) {
   });
   const closing = open[0][0] + (Math.abs(open[0][0] - open.at(-1)[0]) > 180 ? turn - Math.sign(open[0][0] - open.at(-1)[0]) * 360 : turn);
   if (Math.abs(closing - unrolled[0][0]) > 180) unrolled.push([closing, open[0][1]], [closing, -90], [unrolled[0][0], -90]);
-  return [-360, 0, 360].map((shift) => unrolled.map(([lon, lat]) => [lon + shift, lat])).map((r) => cut(cut(r, (v) => v >= -180, -180), (v) => v <= 180, 180)).filter((r) => r.length > 2);
+  return [-360, 0, 360]
+    .map((shift) => unrolled.map(([lon, lat]) => [lon + shift, lat]))
+    .map((r) =>
+      cut(
+        cut(r, (v) => v >= -180, -180),
+        (v) => v <= 180,
+        180,
+      ),
+    )
+    .filter((r) => r.length > 2);
 }
 
 /** What of a ring lies on one side of a meridian, after Sutherland and Hodgman. */

@@ -43,7 +43,7 @@ const METADATA: &str = include_str!("demo.toml");
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let mut times = Vec::new();
-    timed(&mut times, "page", || web::run(&web::Args {}))?;
+    timed(&mut times, "page", || web::run(&web::Args::default()))?;
     let kilwa = timed(&mut times, "compile", || compile_kilwa(&args.profile))?;
     let folder = root()?.join("demo");
     let pack = make_pack(&mut times, &kilwa, &folder, args.triangles)?;

@@ -19,7 +19,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    web::run(&web::Args {})?;
+    web::run(&web::Args::default())?;
     let program = compile_kilwa("dev")?;
     let tests = setup::npm_packages("tests/browser")?;
     let mut node = command("node", &["screens.mjs"])?;

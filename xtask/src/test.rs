@@ -1,6 +1,6 @@
 //! `cargo xtask test`: everything that has to hold before a change is taken, in the order that shares compile work.
 //!
-//! Stages: format, lints natively and for wasm32, the page, the workspace's tests, its documentation's examples, fuzzing, the
+//! Stages: format, lints natively and for wasm32, the page, its code, the workspace's tests, its documentation's examples, fuzzing, the
 //! demo, the browser.
 //! All in the profile dev (the page in its own). Invariants: a failing stage does not stop the later ones, so that one run shows all
 //! failures; the last line is `N passed, N failed, N skipped` over all suites, where a stage that is not a suite counts only when it
@@ -9,10 +9,11 @@
 //! The short form has to end in 25 minutes on two cores, so that a change is judged while its author still thinks of it. `--long` gives every
 //! suite its full numbers: it finds what is rare, and is run before a release.
 
-use crate::process::{Ended, cargo, command, kilwa, on_path, run as run_command, watch};
+use crate::process::{Ended, cargo, command, kilwa, on_path, output, root, run as run_command, watch};
 use crate::tally::{Tally, is_noise};
 use crate::{demo, fuzz, setup, soak, trust, web};
 use anyhow::{Result, bail};
+use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -99,12 +100,13 @@ struct Row {
 
 type Stage = (&'static str, fn(Length) -> Result<Tally>);
 
-const STAGES: [Stage; 10] = [
+const STAGES: [Stage; 11] = [
     ("set up", set_up),
     ("format", format),
     ("lints", lints),
     ("lints wasm32", lints_wasm),
     ("page", page),
+    ("page code", page_code),
     ("rust tests", rust_tests),
     ("doc examples", doc_examples),
     ("fuzz", fuzzing),
@@ -209,8 +211,39 @@ fn lints_wasm(_: Length) -> Result<Tally> {
 }
 
 fn page(_: Length) -> Result<Tally> {
-    web::run(&web::Args {})?;
-    Ok(Tally::default())
+    web::run(&web::Args::default())?;
+    let mut tally = Tally::default();
+    match web::same_with_trunk()? {
+        Some(files) => println!("trunk builds the same {files} files"),
+        None => {
+            tally.skips.insert("trunk builds the same page: trunk is not installed (cargo install trunk)".to_owned());
+        }
+    }
+    Ok(tally)
+}
+
+/// The page's code: its types (www/tsconfig.json), then how it is written (biome.jsonc), with the browser tests and the tools in JavaScript.
+fn page_code(_: Length) -> Result<Tally> {
+    let tools = setup::npm_packages("xtask/npm")?;
+    let web = root()?.join("target/web");
+    let declared = web.join("bindgen/viewer/viewer.d.ts");
+    if !declared.is_file() {
+        bail!(
+            "{} is missing, which the page's code is checked against; `cargo xtask web` writes it",
+            declared.display()
+        );
+    }
+    let mut ids = command("node", &[])?;
+    let ids = output(ids.arg(tools.join("ids.mjs")).arg("www/index.html"))?;
+    fs::create_dir_all(web.join("types"))?;
+    fs::write(web.join("types/ids.d.ts"), ids + "\n")?;
+    let tool = |script: &str, args: &[&str]| {
+        let mut node = command("node", &[])?;
+        check(node.arg(tools.join("node_modules").join(script)).args(args))
+    };
+    let types = tool("typescript/bin/tsc", &["--project", "www/tsconfig.json"]);
+    let style = tool("@biomejs/biome/bin/biome", &["ci", "--error-on-warnings"]);
+    types.and(style)
 }
 
 /// Arguments that choose what is tested. Every cargo call of these stages uses the same ones, because another choice of packages unifies

@@ -1,16 +1,18 @@
 //! `cargo xtask web`: the page, ready to be served by any static host, in `www/dist`.
 //!
 //! Input: the crates `kilwa-viewer` (twice: with WebGPU, and with WebGL 2 for browsers without it) and `kilwa-decode`, `kilwa-measure-web`, and the
-//! static files of `www/`. Steps: cargo for wasm32 with the profile `web` (in `target/web` and `target/web-gl`, so that neither a
+//! static files of `www/`, the messages in `i18n/`. Steps: cargo for wasm32 with the profile `web` (in `target/web` and `target/web-gl`, so that neither a
 //! native build waits for it nor one variant replaces the other), wasm-bindgen as a library of exactly the version that the
 //! crates link, wasm-opt from npm's binaryen, a copy of the static files, a `.gz` beside everything that compresses.
+//!
+//! `trunk build` and `trunk serve` (`Trunk.toml`) make the same page: their hook is `cargo xtask web --trunk`.
 //!
 //! Invariants: `www/dist` holds what this run wrote and nothing else; a file whose bytes did not change is not touched, so
 //! that a binary that embeds the page is not rebuilt for nothing. wasm-opt is skipped where its input, version and flags are those
 //! of the last run. Fails on any step, and when the page outgrows its budget.
 
 use crate::bundle;
-use crate::process::{cargo, command, root, run as run_command};
+use crate::process::{cargo, command, on_path, root, run as run_command};
 use crate::setup;
 use anyhow::{Context, Result, bail};
 use flate2::{Compression, write::GzEncoder};
@@ -22,8 +24,15 @@ use std::time::Instant;
 use wasm_bindgen_cli_support::Bindgen;
 
 /// Build the page into www/dist.
-#[derive(clap::Args)]
-pub(crate) struct Args {}
+#[derive(clap::Args, Default)]
+pub(crate) struct Args {
+    /// As a hook of trunk: into the folder that trunk names in TRUNK_STAGING_DIR, around the index.html there
+    #[arg(long)]
+    trunk: bool,
+}
+
+/// The variable with which trunk names the folder that it publishes as www/dist after its hooks.
+const TRUNK_STAGING: &str = "TRUNK_STAGING_DIR";
 
 /// One call of cargo: its target folder, its further arguments, and the modules that come out: name of the library file, name in
 /// the page.
@@ -74,7 +83,27 @@ const COMPRESSED: [&str; 8] = ["html", "js", "mjs", "css", "json", "wasm", "svg"
 /// The files of the page: path below `www/dist` with `/`, and bytes.
 type Page = BTreeMap<String, Vec<u8>>;
 
-pub(crate) fn run(_args: &Args) -> Result<()> {
+pub(crate) fn run(args: &Args) -> Result<()> {
+    if !args.trunk {
+        return check_sizes(&build(&root()?.join("www/dist"), None)?);
+    }
+    let staging = std::env::var_os(TRUNK_STAGING).map(PathBuf::from);
+    let staging = staging.with_context(|| {
+        format!("{TRUNK_STAGING} is not set: --trunk is for trunk's hook; run `trunk build` or `trunk serve`")
+    })?;
+    // While it serves, trunk has put the script that reloads the page into it.
+    let html = staging.join("index.html");
+    let html = fs::read(&html).with_context(|| format!("cannot read {}", html.display()))?;
+    let sizes = check_sizes(&build(&staging, Some(html))?);
+    // That script counts too, and who is at work may be above the budget for a while.
+    if let Err(error) = sizes {
+        println!("web: {error:#}; `cargo xtask web` refuses that");
+    }
+    Ok(())
+}
+
+/// The page in `dist`, with another `index.html` than that of `www` where one is given.
+fn build(dist: &Path, html: Option<Vec<u8>>) -> Result<Page> {
     setup::wasm_target()?;
     let tools = setup::npm_packages("xtask/npm")?;
     let root = root()?;
@@ -95,12 +124,44 @@ pub(crate) fn run(_args: &Args) -> Result<()> {
     let glue: Vec<String> =
         page.keys().filter(|name| !name.contains('/') && has_extension(name, "js")).cloned().collect();
     add_static_files(&mut page, &root.join("www"), "")?;
+    if let Some(html) = html {
+        page.insert("index.html".to_owned(), html);
+    }
+    add_messages(&mut page)?;
     bundle::bundle(&mut page, &root.join("www"), &tools, &root.join("target/web/bundle"), &glue)?;
     add_compressed(&mut page)?;
-    let dist = root.join("www/dist");
-    let written = synchronise(&dist, &page)?;
+    let written = synchronise(dist, &page)?;
     println!("web: {} files in {}, {written} of them new or changed", page.len(), dist.display());
-    check_sizes(&page)
+    Ok(page)
+}
+
+/// Compare what `trunk build --release` makes with `www/dist`, file by file; how many files there are, and `None` where trunk is not
+/// installed.
+///
+/// # Errors
+/// A file differs, or is only in one of them; trunk fails.
+pub(crate) fn same_with_trunk() -> Result<Option<usize>> {
+    if on_path(&["trunk", "trunk.exe"]).is_none() {
+        return Ok(None);
+    }
+    let root = root()?;
+    let other = root.join("target/trunk");
+    let mut trunk = command("trunk", &["build", "--release", "--dist"])?;
+    // trunk 0.21 takes no other value than a word.
+    run_command(trunk.arg(&other).env("NO_COLOR", "true"))?;
+    let (mut ours, mut theirs) = (Page::new(), Page::new());
+    add_folder(&mut ours, &root.join("www/dist"), "", &|_| true)?;
+    add_folder(&mut theirs, &other, "", &|_| true)?;
+    let unlike: Vec<&str> = ours
+        .keys()
+        .chain(theirs.keys())
+        .filter(|name| ours.get(*name) != theirs.get(*name))
+        .map(String::as_str)
+        .collect();
+    if !unlike.is_empty() {
+        bail!("`trunk build --release` makes other files than `cargo xtask web`: {}", unlike.join(", "));
+    }
+    Ok(Some(ours.len()))
 }
 
 /// Only the decoder, as the page has it: `decode.js` and `decode_bg.wasm` in `folder`, for measurements.
@@ -128,14 +189,42 @@ fn add_module(page: &mut Page, compiled: &Path, name: &str, tools: &Path, scratc
         fs::remove_dir_all(&bound).with_context(|| format!("cannot empty {}", bound.display()))?;
     }
     let mut bindgen = Bindgen::new();
-    bindgen.input_path(compiled).out_name(name).typescript(false);
-    bindgen
+    bindgen.input_path(compiled).out_name(name).typescript(true);
+    let mut output = bindgen
         .web(true)
-        .and_then(|b| b.generate(&bound))
+        .and_then(Bindgen::generate_output)
         .with_context(|| format!("wasm-bindgen on {}", compiled.display()))?;
+    // What the module imports is called `__wbg_` and a hash, which do not compress: two letters do.
+    let mut short = BTreeMap::new();
+    for import in output.wasm_mut().imports.iter_mut().filter(|import| import.name.starts_with("__wb")) {
+        let next = format!("i{}", short.len());
+        import.name = short.entry(std::mem::take(&mut import.name)).or_insert(next).clone();
+    }
+    output.emit(&bound).with_context(|| format!("wasm-bindgen cannot write to {}", bound.display()))?;
+    let glue = bound.join(format!("{name}.js"));
+    let text = fs::read_to_string(&glue).with_context(|| format!("wasm-bindgen left no {}", glue.display()))?;
+    fs::write(&glue, renamed(&text, &short))?;
     let wasm = format!("{name}_bg.wasm");
     optimise(&bound.join(&wasm), tools, &scratch.join(format!("{name}.opt.wasm")))?;
-    add_folder(page, &bound, "", &|_| true)
+    // The declarations are for the type checker (www/tsconfig.json), not for the page.
+    add_folder(page, &bound, "", &|name| !name.ends_with(".d.ts"))
+}
+
+/// `text` with other names for some identifiers.
+fn renamed(text: &str, names: &BTreeMap<String, String>) -> String {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '$';
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    while !rest.is_empty() {
+        let word_end = rest.find(|c| !is_part(c)).unwrap_or(rest.len());
+        let (word, after) = rest.split_at(word_end);
+        out.push_str(names.get(word).map_or(word, String::as_str));
+        let gap_end = after.find(is_part).unwrap_or(after.len());
+        let (gap, next) = after.split_at(gap_end);
+        out.push_str(gap);
+        rest = next;
+    }
+    out
 }
 
 /// Replaces `module` by what wasm-opt makes of it; `kept` holds the last result, valid while the stamp beside it agrees.
@@ -169,12 +258,20 @@ fn optimise(module: &Path, tools: &Path, kept: &Path) -> Result<()> {
 /// The hand-written part of the page: everything under `www/` that is neither output nor a development tool.
 fn add_static_files(page: &mut Page, www: &Path, prefix: &str) -> Result<()> {
     let belongs = |name: &str| {
-        !name.starts_with('.')
-            && !matches!(name, "dist" | "node_modules" | "package.json" | "package-lock.json" | "README.md")
+        !name.starts_with('.') && !matches!(name, "dist" | "node_modules" | "package.json" | "tsconfig.json" | "types")
     };
     add_folder(page, www, prefix, &belongs)?;
     if !page.contains_key("index.html") {
         bail!("{} has no index.html", www.display());
+    }
+    Ok(())
+}
+
+/// The page's messages, one file for each language, from the Fluent files in `i18n/`.
+fn add_messages(page: &mut Page) -> Result<()> {
+    for code in kilwa_messages::languages() {
+        let messages = kilwa_messages::page_json(code).map_err(anyhow::Error::msg)?;
+        page.insert(format!("i18n/{code}.json"), messages.into_bytes());
     }
     Ok(())
 }
@@ -350,6 +447,16 @@ mod tests {
     }
 
     #[test]
+    fn only_whole_identifiers_are_renamed() {
+        let names =
+            BTreeMap::from([("__wbg_a_1".to_owned(), "i0".to_owned()), ("__wbg_a_12".to_owned(), "i1".to_owned())]);
+        assert_eq!(
+            renamed("{ __wbg_a_1: f(__wbg_a_12), x__wbg_a_1: 1 } // é", &names),
+            "{ i0: f(i1), x__wbg_a_1: 1 } // é"
+        );
+    }
+
+    #[test]
     fn only_text_and_wasm_get_a_compressed_twin_and_it_decompresses_to_the_same() {
         let text = "kilwa ".repeat(500);
         let mut files = page(&[("a.js", text.as_str()), ("b.png", "png"), ("c", "no extension")]);
@@ -379,6 +486,12 @@ mod tests {
             files.insert(format!("{glue}.gz"), vec![0; PAGE_GZ_MAX as usize - 1]);
         }
         assert!(check_sizes(&files).is_ok(), "only one of the two is loaded");
+    }
+
+    #[test]
+    fn the_hook_of_trunk_without_trunk_says_how_it_is_meant() {
+        let said = run(&Args { trunk: true }).unwrap_err().to_string();
+        assert!(said.contains("TRUNK_STAGING_DIR") && said.contains("trunk serve"), "{said}");
     }
 
     #[test]

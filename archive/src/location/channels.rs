@@ -8,6 +8,7 @@
 
 use super::samples::{Group, KEPT, Sample, groups, is_mark};
 use super::{AROUND_DEGREES, Location, MAP};
+use glam::DVec3;
 use kilwa_geometry::LengthUnit;
 use kilwa_pack::{PackError, Reader, Source};
 use rayon::prelude::*;
@@ -60,15 +61,12 @@ pub fn survey<S: Source + Sync>(reader: &Reader<S>) -> Result<Vec<Channel>, Pack
     if channels.is_empty() {
         return Ok(Vec::new());
     }
-    let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for bounds in reader.entries().iter().map(|e| &e.bounds).filter(|b| !b.is_empty()) {
-        for k in 0..3 {
-            min[k] = min[k].min(f64::from(bounds.min[k]));
-            max[k] = max[k].max(f64::from(bounds.max[k]));
-        }
+        (min, max) = (min.min(bounds.min.as_dvec3()), max.max(bounds.max.as_dvec3()));
     }
-    let middle: [f64; 3] = [0, 1, 2].map(|k| f64::midpoint(min[k], max[k]));
-    let half = (0..3).map(|k| (max[k] - min[k]) / 2.0).fold(1.0, f64::max);
+    let middle = min.midpoint(max);
+    let half = ((max - min) / 2.0).max_element().max(1.0);
     // Values are centred as the metadata says, so that squares of large offsets do not swallow what varies.
     let scales: Vec<[f64; 2]> = channels
         .iter()
@@ -89,8 +87,8 @@ pub fn survey<S: Source + Sync>(reader: &Reader<S>) -> Result<Vec<Channel>, Pack
             // The first vertex differs from chunk to chunk, so that small chunks are sampled too.
             let first = (index as usize).wrapping_mul(0x9e37_79b1) % stride;
             for ((read, values), scale) in read.iter_mut().zip(&chunk.mesh.scalars).zip(&scales) {
-                let mut all = chunk.mesh.positions.iter().zip(values).map(|(p, v)| (p.map(f64::from), f64::from(*v)));
-                all.clone().for_each(|(p, v)| read.sums.add([0, 1, 2].map(|k| (p[k] - middle[k]) / half), v, scale));
+                let mut all = chunk.mesh.positions.iter().zip(values).map(|(p, v)| (p.as_dvec3(), f64::from(*v)));
+                all.clone().for_each(|(p, v)| read.sums.add((p - middle) / half, v, scale));
                 let some = all.by_ref().skip(first).step_by(stride).filter(|(_, value)| value.is_finite());
                 read.samples.extend(some.map(|(p, value)| Sample { at: lattice.world_from_steps(p), value }));
             }
@@ -117,7 +115,7 @@ pub(super) struct Sums {
 }
 
 impl Sums {
-    pub(super) fn add(&mut self, [x, y, z]: [f64; 3], value: f64, [middle, half]: &[f64; 2]) {
+    pub(super) fn add(&mut self, DVec3 { x, y, z }: DVec3, value: f64, [middle, half]: &[f64; 2]) {
         if !value.is_finite() {
             return;
         }
@@ -233,7 +231,7 @@ impl Location {
             count > 0 && count as f64 > share * samples.len() as f64
         };
         let is_own = |axis: usize, unit: f64, s: &Sample| {
-            let own = s.at.get(axis).copied().unwrap_or(f64::NAN);
+            let own = s.at.to_array().get(axis).copied().unwrap_or(f64::NAN);
             let is_map = own.abs() >= MAP && !is_mark(s.value);
             let is_near = ((s.value * unit).abs() - own.abs()).abs() <= OWN * size.get(axis).copied().unwrap_or(0.0);
             is_near && (is_map || axis == 2)
@@ -299,9 +297,12 @@ mod tests {
                 let (x, y) = (f64::from(i) / 30.0 - 1.0, f64::from(j) / 30.0 - 1.0);
                 let z = (1.5 - x * x - y * y) / 2.0 + f64::from((i * 7919 + j * 104_729) % 97) * 0.0005;
                 let value = f64::from(value(x * 10.0, y * 10.0, z * 10.0));
-                sums.add([x, y, z], value, &[0.0, 1.0]);
+                sums.add(DVec3::new(x, y, z), value, &[0.0, 1.0]);
                 if value.is_finite() {
-                    samples.push(Sample { at: [565_980.0 + x * 10.0, 9_009_950.0 + y * 10.0, 38.0 + z * 10.0], value });
+                    samples.push(Sample {
+                        at: DVec3::new(565_980.0 + x * 10.0, 9_009_950.0 + y * 10.0, 38.0 + z * 10.0),
+                        value,
+                    });
                 }
             }
         }

@@ -5,6 +5,7 @@
 //! Values far from the linear fit of a group are left out.
 
 use super::channels::Sums;
+use glam::DVec3;
 use std::collections::HashMap;
 
 /// Every n-th value of a channel is kept, with n chosen so that at least this many, and fewer than twice as many, are kept of a large channel.
@@ -22,7 +23,7 @@ const ROUNDS: usize = 6;
 /// A value, and the position of its vertex in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sample {
-    pub(super) at: [f64; 3],
+    pub(super) at: DVec3,
     pub(super) value: f64,
 }
 
@@ -114,15 +115,12 @@ fn group(part: &[Sample], is_apart: bool) -> Option<Group> {
     let range =
         part.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], s| [low.min(s.value), high.max(s.value)]);
     let (mut kept, mut explained) = (part.to_vec(), 0.0f64);
-    let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for s in part {
-        for k in 0..3 {
-            (min[k], max[k]) = (min[k].min(s.at[k]), max[k].max(s.at[k]));
-        }
-    }
-    let centre = [0, 1, 2].map(|k| f64::midpoint(min[k], max[k]));
-    let half = (0..3).map(|k| (max[k] - min[k]) / 2.0).fold(f64::MIN_POSITIVE, f64::max);
-    let local = |s: &Sample| [0, 1, 2].map(|k| (s.at[k] - centre[k]) / half);
+    let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (min, max) = part.iter().fold(empty, |(min, max), s| (min.min(s.at), max.max(s.at)));
+    // glam's midpoint adds first, which overflows where this does not.
+    let centre = DVec3::from([0, 1, 2].map(|k| f64::midpoint(min[k], max[k])));
+    let half = ((max - min) / 2.0).max_element().max(f64::MIN_POSITIVE);
+    let local = |s: &Sample| (s.at - centre) / half;
     for _ in 0..ROUNDS {
         let [low, high] =
             kept.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], s| [a.min(s.value), b.max(s.value)]);
@@ -134,7 +132,7 @@ fn group(part: &[Sample], is_apart: bool) -> Option<Group> {
         explained = explained.max(sums.explained());
         let fit = sums.fit();
         let residual = |s: &Sample| {
-            let [x, y, z] = local(s);
+            let DVec3 { x, y, z } = local(s);
             ((s.value - scale[0]) / scale[1] - (fit[0] + fit[1] * x + fit[2] * y + fit[3] * z)).abs()
         };
         let mut all: Vec<f64> = kept.iter().map(residual).collect();

@@ -1,5 +1,6 @@
 //! The commented file that `kilwa metadata init` writes.
 
+use kilwa_pack::plural::counted;
 use std::fmt::Write as _;
 
 /// What is known before anybody writes: from a pack, or from answers.
@@ -39,7 +40,9 @@ pub struct Known {
 pub fn write(known: &Known) -> String {
     let mut s = String::from(HEAD);
     if let Some((triangles, vertices)) = known.counts {
-        let _ = writeln!(s, "# The pack has {triangles} triangles and {vertices} vertices.");
+        let (triangles, vertices) =
+            (counted(triangles, "triangle", "triangles"), counted(vertices, "vertex", "vertices"));
+        let _ = writeln!(s, "# The pack has {triangles} and {vertices}.");
     }
     needed(&mut s, "\n# NEEDED. What it is called.", "title", known.title.as_deref());
     optional(

@@ -2,6 +2,8 @@
 
 use super::{Body, MARGIN, Note, Notes, View, same_pack};
 use crate::date::is_day;
+use glam::DVec3;
+use kilwa_pack::plural::counted;
 use serde_json::{Map, Value, json};
 
 /// What a note and a text of it may be for (Web Annotation Data Model, W3C 2017, section 3.3.5).
@@ -30,9 +32,9 @@ const PARTS: f64 = 1e6;
 
 /// Whether a place is in a box with its margin.
 pub(super) fn is_near(place: [f64; 3], min: [f64; 3], max: [f64; 3]) -> bool {
-    let diagonal = (0..3).map(|k| (max[k] - min[k]).powi(2)).sum::<f64>().sqrt();
-    let margin = diagonal * MARGIN;
-    (0..3).all(|k| place[k] >= min[k] - margin && place[k] <= max[k] + margin)
+    let [place, min, max] = [place, min, max].map(DVec3::from);
+    let margin = max.distance(min) * MARGIN;
+    place.cmpge(min - margin).all() && place.cmple(max + margin).all()
 }
 
 /// A place of the pack in a scene with y up whose zero is at `origin` of the pack: as the preview stands in it.
@@ -60,8 +62,11 @@ impl Notes {
         let links = self.notes.iter().filter(|n| n.links().next().is_some()).count();
         let displays = self.notes.iter().filter(|n| n.view.as_ref().is_some_and(|v| v.display.is_some())).count();
         let parts = [(links, "links"), (displays, "shading and sections")];
-        let said: Vec<String> =
-            parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{what} of {n} notes")).collect();
+        let said: Vec<String> = parts
+            .iter()
+            .filter(|(n, _)| *n > 0)
+            .map(|&(n, what)| format!("{what} of {}", counted(n, "note", "notes")))
+            .collect();
         (!said.is_empty()).then(|| format!("{}, which may tell the place", said.join(" and ")))
     }
 }

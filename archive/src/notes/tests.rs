@@ -210,7 +210,7 @@ fn without_its_place_a_note_keeps_words_and_view_and_nothing_that_tells_it() {
     gate["location"] = json!({ "latitude": -8.9577 });
     gate["target"]["state"].as_array_mut().unwrap().push(json!({ "type": "TimeState", "cached": "https://a/kilwa" }));
     let notes = Notes::parse(&page(&json!([gate]))).unwrap();
-    assert!(notes.telling().unwrap().contains("links of 1 notes"), "{:?}", notes.telling());
+    assert!(notes.telling().unwrap().contains("links of 1 note"), "{:?}", notes.telling());
     let hidden = notes.clone().without_place(offset, &[]);
     let near = hidden.notes[0].place;
     assert_eq!(near, [2.873_457, 4.0, 1.25], "to a micrometre");

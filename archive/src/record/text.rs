@@ -2,6 +2,7 @@
 
 use super::{Publication, citation};
 use crate::layout::{ANNOTATIONS, CHECKSUMS, DRAWINGS, PREVIEW};
+use kilwa_pack::plural::counted;
 use std::fmt::Write as _;
 
 pub(super) fn licence(p: &Publication) -> String {
@@ -41,11 +42,11 @@ pub(super) fn readme(p: &Publication) -> String {
     let crs = f.crs.as_deref().unwrap_or("none: local coordinates");
     let _ = write!(
         s,
-        "A 3D model of {} triangles and {} vertices, {x:.2} x {y:.2} x {z:.2} m.\n\
+        "A 3D model of {} and {}, {x:.2} x {y:.2} x {z:.2} m.\n\
          Version {} of {}: {}\nUnits: metres, z up. Reference system: {crs}.\n\
          Standard uncertainty of the capture: {}.\nRights: {} ({})\n\n",
-        f.triangles,
-        f.vertices,
+        counted(f.triangles, "triangle", "triangles"),
+        counted(f.vertices, "vertex", "vertices"),
         p.version,
         p.published,
         p.note,
@@ -68,7 +69,11 @@ fn files(s: &mut String, p: &Publication) {
         write!(s, "WHAT IS IN THIS FOLDER\n\n  {pack}\n      The model: the whole mesh, and coarser forms of it.\n");
     if let Some(preview) = p.preview {
         let what = if preview.error > 0.0 {
-            format!("A coarser form of {} triangles (within {:.4} m)", preview.triangles, preview.error)
+            format!(
+                "A coarser form of {} (within {:.4} m)",
+                counted(preview.triangles, "triangle", "triangles"),
+                preview.error
+            )
         } else {
             "The whole mesh".to_owned()
         };
@@ -77,8 +82,8 @@ fn files(s: &mut String, p: &Publication) {
     if let Some(n) = &p.notes {
         let _ = write!(
             s,
-            "  {ANNOTATIONS}\n      {} notes on places of the model (W3C Web Annotations): x, y and z are metres, as in the pack.\n",
-            n.notes.notes.len()
+            "  {ANNOTATIONS}\n      {} on places of the model (W3C Web Annotations): x, y and z are metres, as in the pack.\n",
+            counted(n.notes.notes.len(), "note", "notes")
         );
     }
     let _ = write!(

@@ -162,7 +162,7 @@ impl<W: std::io::Write> std::io::Write for Counting<W> {
 /// Coarse to fine, then along the Hilbert curve of the midpoints: what a view needs of a level lies in fewer stretches of the file than
 /// in Morton's order (docs/decisions/0019-chunk-order-and-gaps.md).
 pub(crate) fn order_key(key: &DiamondKey) -> (u8, u128) {
-    (key.level, kilwa_geometry::hilbert::code(key.midpoint.map(|x| x as u32)))
+    (key.level, kilwa_geometry::hilbert::code(key.midpoint.to_array().map(|x| x as u32)))
 }
 
 /// The coarsest form: what is shown before anything is refined.

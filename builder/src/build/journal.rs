@@ -12,6 +12,7 @@ use crate::build::{INGEST, READ};
 use crate::ingest::is_file_of_ingest;
 use crate::scratch::{Scratch, ScratchError, ScratchFile, seal, unseal};
 use kilwa_pack::metadata::SourceFile;
+use kilwa_pack::plural::counted;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -95,10 +96,11 @@ impl Plan {
             }
         }
         if self.inputs.len() != before.inputs.len() {
+            let now = if self.inputs.len() == 1 { "is 1".to_owned() } else { format!("are {}", self.inputs.len()) };
             return Some(format!(
-                "it was begun with {} inputs, and now there are {}",
-                before.inputs.len(),
-                self.inputs.len()
+                "it was begun with {}, and now there {}",
+                counted(before.inputs.len(), "input", "inputs"),
+                now
             ));
         }
         let (now, then) = self.inputs.iter().zip(&before.inputs).find(|(now, then)| !now.is_like(then))?;
@@ -392,7 +394,7 @@ mod tests {
         refused(&|p| p.inputs[0].modified = Some(6), "/a.ply was changed");
         refused(&|p| p.inputs[0].path = "/b.ply".into(), "/a.ply");
         refused(&|p| p.inputs[0].placement = "y up".into(), "placed otherwise");
-        refused(&|p| p.inputs.clear(), "1 inputs");
+        refused(&|p| p.inputs.clear(), "1 input,");
         assert!(resume(&scratch, plan()).unwrap().last().is_some(), "refusing changes nothing");
     }
 }

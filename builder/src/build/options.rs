@@ -1,6 +1,7 @@
 //! What the user can choose about a build, and everything that can go wrong in one.
 
 use crate::build::precision::Precision;
+use glam::DVec3;
 use kilwa_formats::{ReadError, Up};
 use kilwa_geometry::LengthUnit;
 use std::ops::RangeInclusive;
@@ -43,7 +44,7 @@ pub struct BuildOptions {
     /// Largest leaf, see [`LEAF_TRIANGLES`].
     pub leaf_triangles: usize,
     /// Keep only triangles whose centroid lies in this box: smallest and largest corner, metres, axes of the pack.
-    pub crop: Option<[[f64; 3]; 2]>,
+    pub crop: Option<[DVec3; 2]>,
     /// Drop triangles with a corner whose `confidence` or `quality` is below this.
     pub min_confidence: Option<f32>,
     /// Drop components of fewer triangles than this.

@@ -78,7 +78,7 @@ impl BuildReport {
             triangles: s.triangles,
             vertices: s.points,
             step: s.lattice.step(),
-            extent: std::array::from_fn(|i| max[i] - min[i]),
+            extent: (max - min).to_array(),
             median_edge: s.median_edge,
             border_edges: s.border_edges,
             non_manifold_edges: s.non_manifold_edges,
@@ -129,7 +129,7 @@ pub(super) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
     let positions = "made ones rounded to a power of two of the step, at most their distance from what they stand for";
     shaped.insert("coarse-positions".to_owned(), positions.to_owned());
     shaped.insert("leaf-triangles".to_owned(), options.leaf_triangles.to_string());
-    let [bounds_min, bounds_max] = s.bounds.map(|p| s.lattice.world_from_lattice(p));
+    let [bounds_min, bounds_max] = s.bounds.map(|p| s.lattice.world_from_lattice(p).to_array());
     Metadata {
         title: options.title.clone(),
         source_units: options.units.symbol().to_owned(),

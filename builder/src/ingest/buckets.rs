@@ -5,6 +5,7 @@
 //! exact rule of the partition. Buckets are convex, so a triangle whose corners lie in one bucket belongs to it.
 
 use crate::partition::{Partition, root_of};
+use glam::I64Vec3;
 use kilwa_geometry::tetra::{SplitPlane, max_level};
 use kilwa_geometry::{LatticePoint, Tetra};
 use std::ops::Range;
@@ -31,7 +32,7 @@ pub(super) struct Buckets {
 
 impl Buckets {
     /// Buckets of about `capacity` triangles. `samples` are sums of corners, each standing for `weight` triangles.
-    pub(super) fn divide(cube_log2: u32, samples: &mut [[i64; 3]], weight: u64, capacity: u64) -> Self {
+    pub(super) fn divide(cube_log2: u32, samples: &mut [I64Vec3], weight: u64, capacity: u64) -> Self {
         let mut shape = Vec::new();
         samples.sort_unstable_by_key(|s| root_of(*s));
         for (root, tetra) in Tetra::roots(cube_log2).into_iter().enumerate() {
@@ -95,13 +96,13 @@ impl Buckets {
     }
 
     /// The bucket of a triangle with this sum of corners.
-    pub(super) fn of_sum(&self, sum: [i64; 3]) -> u32 {
+    pub(super) fn of_sum(&self, sum: I64Vec3) -> u32 {
         self.below(root_of(sum) as u32, sum)
     }
 
     /// The bucket below a node.
     #[inline]
-    fn below(&self, node: u32, sum: [i64; 3]) -> u32 {
+    fn below(&self, node: u32, sum: I64Vec3) -> u32 {
         let mut node = self.nodes[node as usize];
         loop {
             match node {
@@ -114,7 +115,7 @@ impl Buckets {
     /// The bucket of a point.
     #[inline]
     pub(super) fn of_point(&self, p: [u32; 3]) -> u32 {
-        let sum = p.map(|x| 3 * i64::from(x));
+        let sum = I64Vec3::from(p.map(|x| 3 * i64::from(x)));
         match self.grid.node(p) {
             ALL => self.of_sum(sum),
             node => self.below(node, sum),
@@ -122,7 +123,7 @@ impl Buckets {
     }
 
     /// The smallest tetrahedron at or below `node` that holds all of these points, given as sums.
-    fn holding(&self, mut node: u32, sums: &[[i64; 3]; 8]) -> u32 {
+    fn holding(&self, mut node: u32, sums: &[I64Vec3; 8]) -> u32 {
         if node == ALL {
             let root = root_of(sums[0]) as u32;
             if sums.iter().any(|s| root_of(*s) as u32 != root) {
@@ -193,7 +194,7 @@ impl Buckets {
 }
 
 /// Divide the samples of a tetrahedron; `shape` receives the walk.
-fn divide(tetra: &Tetra, samples: &mut [[i64; 3]], weight: u64, capacity: u64, deepest: u8, shape: &mut Vec<bool>) {
+fn divide(tetra: &Tetra, samples: &mut [I64Vec3], weight: u64, capacity: u64, deepest: u8, shape: &mut Vec<bool>) {
     let alike = samples.windows(2).all(|w| w[0] == w[1]);
     let split = samples.len() as u64 * weight > capacity && tetra.level < deepest && !alike;
     shape.push(split);
@@ -240,7 +241,7 @@ impl Grid {
         let last = (1i64 << (self.shift + log2)) - 1;
         let corner = |i: usize| {
             let at = |k: usize| (i64::from(cell[k]) << self.shift) + if i >> k & 1 == 1 { last } else { 0 };
-            std::array::from_fn(|k| 3 * at(k))
+            3 * I64Vec3::new(at(0), at(1), at(2))
         };
         let node = buckets.holding(node, &std::array::from_fn(corner));
         let is_bucket = buckets.nodes.get(node as usize).is_some_and(|n| matches!(n, Node::Bucket(_)));
@@ -273,17 +274,17 @@ impl Grid {
 
 /// A lattice point in words.
 pub(super) fn point_of_words(p: [u32; 3]) -> LatticePoint {
-    p.map(|x| x as i32)
+    p.map(|x| x as i32).into()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn samples(n: u64, side: u64) -> Vec<[i64; 3]> {
+    fn samples(n: u64, side: u64) -> Vec<I64Vec3> {
         let mut random = fastrand::Rng::with_seed(9);
         let mut next = || random.u64(..side);
-        (0..n).map(|_| [next() as i64 * 3, next() as i64 * 3, (next() / 7) as i64 * 3]).collect()
+        (0..n).map(|_| I64Vec3::new(next() as i64 * 3, next() as i64 * 3, (next() / 7) as i64 * 3)).collect()
     }
 
     #[test]
@@ -296,7 +297,7 @@ mod tests {
             assert_eq!(again.tetrahedra(), buckets.tetrahedra());
             for sum in s {
                 let bucket = buckets.of_sum(sum);
-                assert_eq!(buckets.of_point(sum.map(|x| (x / 3) as u32)), bucket);
+                assert_eq!(buckets.of_point(sum.to_array().map(|x| (x / 3) as u32)), bucket);
                 assert_eq!(again.of_sum(sum), bucket);
                 assert!(buckets.tetrahedra()[bucket as usize].violation(sum) < 1e-3);
             }
@@ -305,7 +306,7 @@ mod tests {
 
     #[test]
     fn samples_at_one_place_do_not_divide_for_ever() {
-        let mut s = vec![[30, 60, 90]; 5000];
+        let mut s = vec![I64Vec3::new(30, 60, 90); 5000];
         assert_eq!(Buckets::divide(20, &mut s, 10, 100).len(), 6);
     }
 }

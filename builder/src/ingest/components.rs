@@ -187,7 +187,7 @@ mod tests {
         let mut first = LocalComponents::of(&[[0, 1, 2], [1, 2, 3], [4, 5, 6]], 7);
         let mut second = LocalComponents::of(&[[0, 1, 2], [3, 4, 5]], 6);
         let mut third = LocalComponents::of(&[[0, 1, 2], [3, 4, 5]], 6);
-        let at = |x: i32| [x, 0, 0];
+        let at = |x: i32| LatticePoint::new(x, 0, 0);
         let parts = [
             joining.add(&mut first, [(3, at(1))].into_iter()).unwrap(),
             joining.add(&mut second, [(0, at(1)), (2, at(2)), (4, at(3))].into_iter()).unwrap(),

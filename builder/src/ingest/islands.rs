@@ -11,6 +11,7 @@ use super::topology::Local;
 use super::words::{Layout, append_words, read_words};
 use crate::build::options::BuildError;
 use crate::build::work::Work;
+use kilwa_pack::plural::counted;
 
 pub(super) const KEPT_BUCKETS: &str = "buckets-kept";
 pub(super) const KEPT_HALO: &str = "halo-kept";
@@ -70,7 +71,10 @@ pub(super) fn drop_islands(
         kept_before.push(kept);
     }
     if triangles == 0 {
-        let why = format!("no component has {below} triangles; give a smaller --drop-islands-below");
+        let why = format!(
+            "no component has {}; give a smaller --drop-islands-below",
+            counted(below, "triangle", "triangles")
+        );
         return Err(BuildError::Empty { why });
     }
     let mut kept_halo = Spill::create(work.scratch, KEPT_HALO, buckets.len(), work.memory / 16)?;

@@ -7,6 +7,7 @@
 //! of two and positions are divided by the step before the origin is subtracted.
 
 use crate::build::options::BuildError;
+use glam::{DVec3, I64Vec3};
 use kilwa_geometry::Lattice;
 use kilwa_geometry::lattice::MAX_COORDINATE;
 
@@ -16,15 +17,15 @@ const STEP_PER_EDGE: f64 = 1.0 / 16.0;
 const WIDEST: f64 = 3e8;
 
 /// A box in metres: smallest and largest coordinates.
-pub(super) type Box3 = [[f64; 3]; 2];
+pub(super) type Box3 = [DVec3; 2];
 
 /// Size of the largest side.
 fn extent_of(b: &Box3) -> f64 {
-    (0..3).map(|i| b[1][i] - b[0][i]).fold(0.0, f64::max).min(f64::MAX)
+    (b[1] - b[0]).max_element().clamp(0.0, f64::MAX)
 }
 
 fn magnitude_of(b: &Box3) -> f64 {
-    (0..3).map(|i| b[0][i].abs().max(b[1][i].abs())).fold(0.0, f64::max)
+    b[0].abs().max(b[1].abs()).max_element()
 }
 
 /// The coarsest step that must do: the cube holds the extent plus padding in 30 bits.
@@ -47,7 +48,7 @@ fn finest(b: &Box3) -> i32 {
 pub(super) struct Provisional {
     pub(super) step_log2: i32,
     /// In steps; whole numbers.
-    pub(super) origin: [f64; 3],
+    pub(super) origin: DVec3,
 }
 
 impl Provisional {
@@ -59,7 +60,7 @@ impl Provisional {
             step_log2 = step_log2.min((libm::log2(step).floor() as i32).max(coarsest(b)) - 1);
         }
         let inverse = libm::scalbn(1.0, -step_log2);
-        Self { step_log2, origin: b[0].map(|x| (x * inverse).floor()) }
+        Self { step_log2, origin: (b[0] * inverse).floor() }
     }
 
     pub(super) fn step(&self) -> f64 {
@@ -72,22 +73,16 @@ impl Provisional {
     }
 
     /// The cell of a position, `None` where it is not finite or outside. `per_metre` is [`Provisional::per_metre`].
-    pub(super) fn cell(&self, p: [f64; 3], per_metre: f64) -> Option<[u32; 3]> {
-        let mut out = [0; 3];
-        for i in 0..3 {
-            // A difference of whole numbers below 2^33 is exact.
-            let steps = (p[i] * per_metre).floor() - self.origin[i];
-            if !(0.0..4_294_967_295.0).contains(&steps) {
-                return None;
-            }
-            out[i] = steps as u32;
-        }
-        Some(out)
+    pub(super) fn cell(&self, p: DVec3, per_metre: f64) -> Option<[u32; 3]> {
+        // A difference of whole numbers below 2^33 is exact.
+        let steps = ((p * per_metre).floor() - self.origin).to_array();
+        let valid = steps.iter().all(|x| (0.0..4_294_967_295.0).contains(x));
+        valid.then(|| steps.map(|x| x as u32))
     }
 
     /// Metres of a cell's lower corner.
-    pub(super) fn metres(&self, cell: [f64; 3]) -> [f64; 3] {
-        std::array::from_fn(|i| (self.origin[i] + cell[i]) * self.step())
+    pub(super) fn metres(&self, cell: DVec3) -> DVec3 {
+        (self.origin + cell) * self.step()
     }
 }
 
@@ -96,7 +91,7 @@ impl Provisional {
 pub(super) struct Rounding {
     shift: u32,
     add: [u64; 3],
-    base: [i64; 3],
+    base: I64Vec3,
 }
 
 impl Rounding {
@@ -105,11 +100,12 @@ impl Rounding {
         let shift = (lattice.step_log2 - provisional.step_log2) as u32;
         let m = libm::scalbn(1.0, shift as i32);
         let per_metre = libm::scalbn(1.0, -lattice.step_log2);
-        let whole = provisional.origin.map(|o| (o / m).floor());
+        let whole = (provisional.origin / m).floor();
+        let rest = provisional.origin - whole * m;
         Self {
             shift,
-            add: std::array::from_fn(|i| (provisional.origin[i] - whole[i] * m) as u64 + (m * 0.5) as u64),
-            base: std::array::from_fn(|i| (whole[i] - lattice.origin[i] * per_metre) as i64),
+            add: rest.to_array().map(|x| x as u64 + (m * 0.5) as u64),
+            base: (whole - lattice.origin * per_metre).as_i64vec3(),
         }
     }
 
@@ -222,9 +218,11 @@ pub(super) fn choose(m: &Measured, given: Option<f64>) -> Result<(Lattice, u32),
     if given.is_none() && libm::scalbn(1.0, coarsest) > m.median {
         let why = format!(
             "it is {extent:e} m wide, but half of its edges are shorter than {:e} m, and a lattice has 2^30 steps: a \
-             vertex is astray, between {min:?} and {max:?} m; remove it, or give --step",
+             vertex is astray, between {:?} and {:?} m; remove it, or give --step",
             // If it is 0, it is too small for a number.
-            m.median.max(f64::MIN_POSITIVE.sqrt())
+            m.median.max(f64::MIN_POSITIVE.sqrt()),
+            min.to_array(),
+            max.to_array()
         );
         return Err(BuildError::TooLarge { why });
     }
@@ -234,7 +232,7 @@ pub(super) fn choose(m: &Measured, given: Option<f64>) -> Result<(Lattice, u32),
     let cube_log2 = (libm::log2(extent / step * 1.05 + 4.0).ceil() as u32).clamp(2, 30);
     let half = f64::from(1u32 << (cube_log2 - 1));
     // A multiple of the step, so that world coordinates of lattice points are exact in f64 wherever 53 bits allow.
-    let origin = std::array::from_fn(|i| (((min[i] + max[i]) * 0.5 / step).round() - half) * step);
+    let origin = (((min + max) * 0.5 / step).round() - half) * step;
     Ok((Lattice { origin, step_log2 }, cube_log2))
 }
 
@@ -268,7 +266,7 @@ mod tests {
 
     #[test]
     fn a_step_wider_than_the_model_is_refused() {
-        let measured = Measured { bounds: [[0.0; 3], [1.0; 3]], first: 0.1, median: 0.5 };
+        let measured = Measured { bounds: [DVec3::ZERO, DVec3::ONE], first: 0.1, median: 0.5 };
         for log2 in [3, 32, 40, 63, 64, 100, 1023] {
             let refused = choose(&measured, Some(libm::scalbn(1.0, log2)));
             assert!(matches!(refused, Err(BuildError::Step { .. })), "2^{log2}: {refused:?}");
@@ -283,23 +281,26 @@ mod tests {
     #[test]
     fn rounding_through_the_provisional_lattice_is_snapping_exactly_ties_included() {
         let mut random = fastrand::Rng::with_seed(1);
-        for (offset, size) in [([0.0; 3], 7.3), ([512_345.678, 4_649_776.25, -31.0], 220.0), ([-3.0, 1e-3, 0.5], 1e-4)]
-        {
-            let bounds = [offset, offset.map(|x| x + size)];
+        for (offset, size) in [
+            (DVec3::ZERO, 7.3),
+            (DVec3::new(512_345.678, 4_649_776.25, -31.0), 220.0),
+            (DVec3::new(-3.0, 1e-3, 0.5), 1e-4),
+        ] {
+            let bounds = [offset, offset + size];
             let provisional = Provisional::of(&bounds, None);
             for first in [size * 1e-5, size * 1e-2] {
                 let (lattice, cube) = choose(&Measured { bounds, first, median: size }, None).expect("lattice");
                 let rounding = Rounding::between(&provisional, &lattice);
                 let step = lattice.step();
                 for i in 0..3000 {
-                    let p: [f64; 3] = std::array::from_fn(|k| {
-                        let p = offset[k] + size * random.f64();
+                    let p = offset.map(|offset| {
+                        let p = offset + size * random.f64();
                         // A third of them exactly halfway between two lattice points.
                         if i % 3 == 0 { ((p / step).floor() + 0.5) * step } else { p }
                     });
                     let Some(cell) = provisional.cell(p, provisional.per_metre()) else { continue };
                     let point = rounding.point(cell);
-                    assert_eq!(lattice.snap(p), Some(point.map(|x| x as i32)), "{p:?} {lattice:?}");
+                    assert_eq!(lattice.snap(p), Some(point.map(|x| x as i32).into()), "{p:?} {lattice:?}");
                     assert!(point.iter().all(|x| *x > 0 && *x < 1 << cube));
                 }
             }

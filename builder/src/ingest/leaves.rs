@@ -195,7 +195,7 @@ impl Unit {
     fn part(&self, plane: &SplitPlane, order: &mut [u32], range: Range<usize>) -> usize {
         let mut first = range.start;
         for i in range {
-            if plane.child_of_sum(self.sums[order[i] as usize].map(i64::from)) == 0 {
+            if plane.child_of_sum(self.sums[order[i] as usize].map(i64::from).into()) == 0 {
                 order.swap(first, i);
                 first += 1;
             }

@@ -44,7 +44,8 @@ use crate::ingest::surface::{Finding, Ingested, LEAVES, SHARED, Surface};
 use crate::scratch::{PatchFile, Records, Scratch, ScratchError, Sum, seal, unseal};
 use buckets::Buckets;
 use crowded::Crowd;
-use kilwa_geometry::DiamondKey;
+use glam::DVec3;
+use kilwa_geometry::{DiamondKey, LatticePoint};
 use kilwa_pack::chunk::MAX_SCALARS;
 use kilwa_pack::metadata::{ScalarChannel, SourceFile};
 use serde::de::DeserializeOwned;
@@ -61,7 +62,7 @@ pub struct IngestOptions {
     /// Lattice step in metres, a power of two; `None` derives it from the mesh.
     pub step: Option<f64>,
     /// Keep only triangles whose centroid lies in this box: smallest and largest corner, metres, axes of the pack.
-    pub crop: Option<[[f64; 3]; 2]>,
+    pub crop: Option<[DVec3; 2]>,
     /// Drop triangles with a corner whose `confidence` or `quality` is below this.
     pub min_confidence: Option<f32>,
     /// Drop components of fewer triangles.
@@ -93,7 +94,7 @@ pub fn ingest(
 ) -> Result<Ingested, BuildError> {
     let mut stages = Stages { work, unchecked: BTreeMap::new() };
     let known = Known::find(&mut stages, spooled, options)?;
-    let key = |(level, midpoint): &(u8, [i32; 3])| DiamondKey { level: *level, midpoint: *midpoint };
+    let key = |(level, midpoint): &(u8, LatticePoint)| DiamondKey { level: *level, midpoint: *midpoint };
     let mut tree = leaves::tree_of(known.resolved.cube_log2, known.topology.wishes.iter().map(key));
     // The files that this stage writes carry their own checksums.
     let leaves = stages.run("leaves", &[topology::WELDED, topology::REPLIES], &[""; 0], || {

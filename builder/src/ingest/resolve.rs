@@ -18,9 +18,11 @@ use crate::build::options::BuildError;
 use crate::build::precision::Precision;
 use crate::build::work::Work;
 use crate::scratch::{ScratchError, ScratchFile};
+use glam::{DVec3, I64Vec3};
 use kilwa_formats::UNCOLOURED;
 use kilwa_formats::read::sink::{NO_POSITION, NOT_FINITE, UNUSED};
 use kilwa_geometry::Lattice;
+use kilwa_pack::plural::counted;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -44,7 +46,7 @@ pub(super) struct Resolved {
     pub(super) lattice: Lattice,
     pub(super) cube_log2: u32,
     provisional_log2: i32,
-    provisional_origin: [f64; 3],
+    provisional_origin: DVec3,
     /// Triangles in the file.
     pub(super) triangles: u64,
     /// Vertices that they use.
@@ -53,7 +55,7 @@ pub(super) struct Resolved {
     pub(super) first: f64,
     pub(super) median: f64,
     /// Sums of corners on the lattice, each standing for `weight` triangles.
-    pub(super) samples: Vec<[i64; 3]>,
+    pub(super) samples: Vec<I64Vec3>,
     pub(super) weight: u64,
     pub(super) tally: Tally,
 }
@@ -79,7 +81,10 @@ pub(super) fn resolve(work: &Work<'_>, spooled: &Spooled, options: &IngestOption
     let Some(mut bounds) = spooled.bounds.filter(|_| spooled.triangles > 0) else {
         let why = match spooled.triangles {
             0 => "the input has no triangles; give a mesh, not a point cloud".to_owned(),
-            n => format!("of {n} triangles none is left: no vertex has a finite position; check the export"),
+            n => format!(
+                "of {} none is left: no vertex has a finite position; check the export",
+                counted(n, "triangle", "triangles")
+            ),
         };
         return Err(BuildError::Empty { why });
     };
@@ -117,7 +122,7 @@ pub(super) fn resolve(work: &Work<'_>, spooled: &Spooled, options: &IngestOption
             tally.add_many(UNUSED, (spooled.vertices - used).saturating_sub(not_finite));
         }
         out.samples.iter_mut().for_each(|s| {
-            *s = rounding.point(s.map(|x| (x / 3) as u32)).map(|x| 3 * i64::from(x));
+            *s = I64Vec3::from(rounding.point(s.to_array().map(|x| (x / 3) as u32)).map(|x| 3 * i64::from(x)));
         });
         return Ok(Resolved {
             layout: run.layout,
@@ -140,8 +145,10 @@ const LOW_CONFIDENCE: &str = "triangles dropped because of --min-confidence";
 const CROPPED: &str = "triangles outside of --crop dropped";
 
 fn nothing_left(triangles: u64, tally: &Tally) -> BuildError {
-    let reasons: Vec<String> = tally.iter().map(|(kind, n, _)| format!("{n} {kind}")).collect();
-    BuildError::Empty { why: format!("of {triangles} triangles none is left ({})", reasons.join("; ")) }
+    let reasons: Vec<String> = tally.iter().map(|(kind, n, _)| format!("{kind}: {n}")).collect();
+    BuildError::Empty {
+        why: format!("of {} none is left ({})", counted(triangles, "triangle", "triangles"), reasons.join("; ")),
+    }
 }
 
 /// What the last pass over the triangles gives.
@@ -150,7 +157,7 @@ struct Measures {
     triangles: u64,
     lengths: Lengths,
     /// Sums of cells.
-    samples: Vec<[i64; 3]>,
+    samples: Vec<I64Vec3>,
     /// One bit for every triangle that is kept.
     keep: Vec<u64>,
     tally: Tally,
@@ -195,7 +202,7 @@ struct Piece {
     /// One bit for every triangle that is kept.
     keep: Vec<u64>,
     lengths: Lengths,
-    samples: Vec<[i64; 3]>,
+    samples: Vec<I64Vec3>,
     tally: Tally,
 }
 
@@ -433,7 +440,8 @@ impl<'a> Run<'a> {
             out.lengths.add(c, a);
             let mixed = (number + i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32;
             if mixed.is_multiple_of(self.weight) {
-                out.samples.push(std::array::from_fn(|k| i64::from(a[k]) + i64::from(b[k]) + i64::from(c[k])));
+                let sum = |k: usize| i64::from(a[k]) + i64::from(b[k]) + i64::from(c[k]);
+                out.samples.push(I64Vec3::new(sum(0), sum(1), sum(2)));
             }
         }
         out
@@ -453,10 +461,9 @@ impl<'a> Run<'a> {
             return false;
         }
         if let Some([min, max]) = self.options.crop {
-            let mut sum = [0.0; 3];
-            vertices.by_ref().for_each(|c| (0..3).for_each(|k| sum[k] += f64::from(c[k])));
-            let centroid = provisional.metres(sum.map(|x| x / 3.0 + 0.5));
-            if (0..3).any(|k| centroid[k] < min[k] || centroid[k] > max[k]) {
+            let sum: DVec3 = vertices.by_ref().map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into())).sum();
+            let centroid = provisional.metres(sum / 3.0 + 0.5);
+            if centroid.cmplt(min).any() || centroid.cmpgt(max).any() {
                 tally.add_many(CROPPED, 1);
                 return false;
             }
@@ -474,17 +481,14 @@ impl<'a> Run<'a> {
             return Ok(bounds);
         }
         let positions = self.work.scratch.existing(POSITIONS)?;
-        let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        let mut bounds = [DVec3::INFINITY, DVec3::NEG_INFINITY];
         for first in (0..self.spooled.vertices).step_by(ROWS) {
             let n = (self.spooled.vertices - first).min(ROWS as u64);
             let rows = positions.read(24 * first, 24 * n)?;
             for (v, row) in (first..).zip(rows.as_chunks::<24>().0) {
                 if self.used[(v / 64) as usize].load(Ordering::Relaxed) >> (v % 64) & 1 == 1 {
                     let p = position_of_row(row);
-                    for k in 0..3 {
-                        bounds[0][k] = bounds[0][k].min(p[k]);
-                        bounds[1][k] = bounds[1][k].max(p[k]);
-                    }
+                    bounds = [bounds[0].min(p), bounds[1].max(p)];
                 }
             }
         }
@@ -500,13 +504,13 @@ impl<'a> Run<'a> {
                 continue;
             }
             let row = self.triangles.read(12 * t, 12)?;
-            let mut p = [[0.0; 3]; 3];
+            let mut p = [DVec3::ZERO; 3];
             for (p, vertex) in p.iter_mut().zip(row.as_chunks::<4>().0) {
                 let bytes = positions.read(24 * u64::from(u32::from_le_bytes(*vertex)), 24)?;
                 *p = position_of_row(&bytes.as_chunks::<24>().0[0]);
             }
             let edges = [(0, 1), (1, 2), (2, 0)];
-            let length = |(a, b): (usize, usize)| (0..3).map(|k| (p[a][k] - p[b][k]).powi(2)).sum::<f64>().sqrt();
+            let length = |(a, b): (usize, usize)| p[a].distance(p[b]);
             lengths.extend(edges.map(length).into_iter().filter(|l| *l > 0.0));
         }
         lengths.sort_by(f64::total_cmp);

@@ -16,6 +16,7 @@ use super::words::Layout;
 use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::scratch::ScratchError;
+use glam::{DVec3, I64Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -131,11 +132,12 @@ pub(super) fn scatter(work: &Work<'_>, resolved: &Resolved, options: &IngestOpti
         work.stop.check()?;
     }
     if kept == 0 {
-        let why = format!(
-            "all {} triangles collapse on a lattice of {:e} m; give a smaller --step or check --units",
-            resolved.triangles,
-            resolved.lattice.step()
-        );
+        let all = match resolved.triangles {
+            1 => "the only triangle collapses".to_owned(),
+            n => format!("all {n} triangles collapse"),
+        };
+        let step = resolved.lattice.step();
+        let why = format!("{all} on a lattice of {step:e} m; give a smaller --step or check --units");
         return Err(BuildError::Empty { why });
     }
     let (cube_log2, shape) = (resolved.cube_log2, buckets.shape().to_vec());
@@ -156,7 +158,7 @@ fn piece(words: &mut [u32], layout: Layout, rounding: &Rounding, buckets: &Bucke
         }
         if p[0] == p[1] || p[1] == p[2] || p[2] == p[0] {
             out.collapsed.add(COLLAPSED, || {
-                let [x, y, z] = resolved.lattice.world_from_lattice(point_of_words(p[0]));
+                let DVec3 { x, y, z } = resolved.lattice.world_from_lattice(point_of_words(p[0]));
                 format!("at {x:.4} {y:.4} {z:.4} m")
             });
             out.bucket.push(NOWHERE);
@@ -167,7 +169,7 @@ fn piece(words: &mut [u32], layout: Layout, rounding: &Rounding, buckets: &Bucke
             out.bucket.push(of[0]);
             continue;
         }
-        let home = buckets.of_sum(std::array::from_fn(|i| p.iter().map(|p| i64::from(p[i])).sum()));
+        let home = buckets.of_sum(p.map(|p| I64Vec3::from(p.map(i64::from))).into_iter().sum());
         out.bucket.push(home);
         for k in 0..3 {
             if of[k] != home && !of[..k].contains(&of[k]) {

@@ -12,6 +12,7 @@
 use super::column::Column;
 use super::tally::Tally;
 use crate::scratch::{Scratch, ScratchError};
+use glam::{DVec3, Vec3};
 use kilwa_formats::ReadError;
 use kilwa_formats::read::sink::{MeshSink, NO_POSITION, TWICE, VertexBlock};
 use kilwa_formats::{Findings, RawMesh};
@@ -72,7 +73,7 @@ pub struct Spooled {
     /// Triangles of all inputs.
     pub triangles: u64,
     /// Smallest and largest coordinates of finite vertices, metres; absent where there is none.
-    pub(super) bounds: Option<[[f64; 3]; 2]>,
+    pub(super) bounds: Option<[DVec3; 2]>,
     pub(super) color: ColorSource,
     pub(super) vertex_colors: bool,
     pub(super) triangle_colors: bool,
@@ -136,7 +137,7 @@ pub struct Spool {
     scalars: Vec<Scalar>,
     triangles: Column,
     triangle_colors: Option<Column>,
-    bounds: [[f64; 3]; 2],
+    bounds: [DVec3; 2],
     current: Current,
     /// Names that each input declared, in its order.
     declared: Vec<Vec<String>>,
@@ -162,7 +163,7 @@ impl Spool {
             scalars: Vec::new(),
             triangles: Column::create(scratch, TRIANGLES, 12)?,
             triangle_colors: None,
-            bounds: [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]],
+            bounds: [DVec3::INFINITY, DVec3::NEG_INFINITY],
             current: Current::new(path, 0, 0),
             declared: Vec::new(),
             uncoloured: 0,
@@ -257,7 +258,7 @@ impl Spool {
         } else {
             grey(&self.scratch, &channels, vertices, &mut tally)?
         };
-        let bounds = (self.bounds[0][0] <= self.bounds[1][0]).then_some(self.bounds);
+        let bounds = (self.bounds[0].x <= self.bounds[1].x).then_some(self.bounds);
         Ok(Spooled { vertices, triangles, bounds, color, vertex_colors, triangle_colors, normals, channels, tally })
     }
 
@@ -397,13 +398,11 @@ impl MeshSink for Spool {
         let [min, max] = &mut self.bounds;
         let number = before - self.current.first_vertex;
         for (i, p) in block.positions.iter().enumerate() {
-            if p.iter().all(|x| x.is_finite()) {
-                for k in 0..3 {
-                    min[k] = min[k].min(p[k]);
-                    max[k] = max[k].max(p[k]);
-                }
+            let p = DVec3::from(*p);
+            if p.is_finite() {
+                (*min, *max) = (min.min(p), max.max(p));
             } else {
-                let place = || format!("vertex {} ({} {} {})", number + i as u64, p[0], p[1], p[2]);
+                let place = || format!("vertex {} ({} {} {})", number + i as u64, p.x, p.y, p.z);
                 self.findings.add(NO_POSITION, place);
             }
         }
@@ -496,7 +495,7 @@ impl MeshSink for Spool {
                 let first = block * CACHE_BLOCK;
                 let mut bytes = vec![0; (rows - first).min(CACHE_BLOCK) as usize * 24];
                 self.positions.read(first, &mut bytes)?;
-                *slot = (block, bytes.as_chunks::<24>().0.iter().map(position_of_row).collect());
+                *slot = (block, bytes.as_chunks::<24>().0.iter().map(|row| position_of_row(row).to_array()).collect());
             }
             into.push(slot.1[within]);
         }
@@ -514,19 +513,19 @@ impl MeshSink for Spool {
 
 fn row_of_position(p: &[f64; 3]) -> [u8; 24] {
     let mut row = [0; 24];
-    for k in 0..3 {
-        row[8 * k..8 * k + 8].copy_from_slice(&p[k].to_le_bytes());
+    for (bytes, x) in row.as_chunks_mut::<8>().0.iter_mut().zip(p) {
+        *bytes = x.to_le_bytes();
     }
     row
 }
 
 /// The position in a row of the file.
-pub(super) fn position_of_row(row: &[u8; 24]) -> [f64; 3] {
+pub(super) fn position_of_row(row: &[u8; 24]) -> DVec3 {
     let words = row.as_chunks::<8>().0;
-    std::array::from_fn(|k| f64::from_le_bytes(words[k]))
+    DVec3::new(f64::from_le_bytes(words[0]), f64::from_le_bytes(words[1]), f64::from_le_bytes(words[2]))
 }
 
 fn row_of_normal(n: &[f32; 3]) -> [u8; 4] {
-    let [a, b] = normal::encode(n.map(f64::from)).map(i16::to_le_bytes);
+    let [a, b] = normal::encode(Vec3::from(*n).as_dvec3()).map(i16::to_le_bytes);
     [a[0], a[1], b[0], b[1]]
 }

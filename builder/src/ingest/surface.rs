@@ -4,7 +4,7 @@
 use crate::partition::Partition;
 use crate::scratch::{PatchFile, Records};
 use kilwa_formats::Findings;
-use kilwa_geometry::Lattice;
+use kilwa_geometry::{Lattice, LatticePoint};
 use kilwa_pack::metadata::{ScalarChannel, SourceFile};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -22,7 +22,7 @@ pub struct Surface {
     /// The root cube is `0..=2^cube_log2`.
     pub cube_log2: u32,
     /// Smallest and largest lattice coordinates of used vertices.
-    pub bounds: [[i32; 3]; 2],
+    pub bounds: [LatticePoint; 2],
     /// Whether vertices have colours.
     pub colors: bool,
     /// Scalar channels with their ranges.

@@ -22,8 +22,9 @@ use crate::build::options::BuildError;
 use crate::build::precision::Precision;
 use crate::build::work::Work;
 use crate::scratch::{ScratchError, ScratchFile};
+use glam::I64Vec3;
 use kilwa_geometry::tetra::max_level;
-use kilwa_geometry::{Aabb, DiamondKey, normal};
+use kilwa_geometry::{Aabb, DiamondKey, LatticePoint, normal};
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -77,13 +78,13 @@ pub(super) struct Topology {
     pub(super) places: Vec<(u64, u64)>,
     pub(super) replies: Extents,
     /// Level and midpoint of the diamonds that are wanted, sorted.
-    pub(super) wishes: Vec<(u8, [i32; 3])>,
+    pub(super) wishes: Vec<(u8, LatticePoint)>,
     pub(super) counts: Counts,
     pub(super) components: Components,
     /// Median distance of a point from its neighbours, in steps: see [`Local::roughness`].
     pub(super) roughness: f64,
     /// Smallest and largest coordinates.
-    pub(super) bounds: [[i32; 3]; 2],
+    pub(super) bounds: [LatticePoint; 2],
 }
 
 /// A bucket as an indexed mesh.
@@ -377,16 +378,14 @@ impl Local {
     fn normals(&self, precision: Precision) -> Vec<u32> {
         let mut sums = vec![[0i128; 3]; self.owner.len()];
         for (vertices, points) in self.triangles.iter().zip(&self.points) {
-            let [a, b, c] = vertices.map(|v| self.weld.position(v).map(i64::from));
-            let u: [i64; 3] = std::array::from_fn(|i| b[i] - a[i]);
-            let v: [i64; 3] = std::array::from_fn(|i| c[i] - a[i]);
-            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            let [a, b, c] = vertices.map(|v| I64Vec3::from(self.weld.position(v).map(i64::from)));
+            let n = (b - a).cross(c - a);
             for p in points {
                 let s = &mut sums[*p as usize];
                 (0..3).for_each(|i| s[i] += i128::from(n[i]));
             }
         }
-        let word = |s: &[i128; 3]| word_of_normal(precision.normal(normal::encode(s.map(|x| x as f64))));
+        let word = |s: &[i128; 3]| word_of_normal(precision.normal(normal::encode(s.map(|x| x as f64).into())));
         sums.iter().zip(&self.owner).map(|(s, owner)| if *owner == self.bucket { word(s) } else { 0 }).collect()
     }
 
@@ -464,15 +463,14 @@ impl Local {
             let mixed = (x ^ y.rotate_left(21) ^ z.rotate_left(42)).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40;
             if *owner == self.bucket && mixed.is_multiple_of(ROUGHNESS_SAMPLE) {
                 slots[p as usize] = sampled.len() as u32;
-                sampled.push((p, [0i64; 3], 0i64));
+                sampled.push((p, I64Vec3::ZERO, 0i64));
             }
         }
         for (vertices, points) in self.triangles.iter().zip(&self.points) {
             for k in 0..3 {
                 if let Some((_, sum, n)) = sampled.get_mut(slots[points[k] as usize] as usize) {
-                    let at = vertices.map(|v| self.weld.position(v));
-                    let (a, b, c) = (at[k], at[(k + 1) % 3], at[(k + 2) % 3]);
-                    (0..3).for_each(|i| sum[i] += i64::from(b[i]) + i64::from(c[i]) - 2 * i64::from(a[i]));
+                    let at = vertices.map(|v| I64Vec3::from(self.weld.position(v).map(i64::from)));
+                    *sum += at[(k + 1) % 3] + at[(k + 2) % 3] - 2 * at[k];
                     *n += 2;
                 }
             }
@@ -483,7 +481,7 @@ impl Local {
                 None => normals[p as usize],
             };
             let normal = normal::decode(normal_of_word(word));
-            let away = (0..3).map(|i| normal[i] * sum[i] as f64).sum::<f64>() / n.max(1) as f64;
+            let away = normal.dot(sum.as_dvec3()) / n.max(1) as f64;
             lengths.add_square((away * ROUGHNESS_PARTS).powi(2));
         }
         lengths

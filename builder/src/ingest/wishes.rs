@@ -89,7 +89,7 @@ impl Wishes<'_> {
         let plane = tetra.split_plane();
         let mut first = 0;
         for i in 0..triangles.len() {
-            if plane.child_of_sum(self.sums[triangles[i] as usize].map(i64::from)) == 0 {
+            if plane.child_of_sum(self.sums[triangles[i] as usize].map(i64::from).into()) == 0 {
                 triangles.swap(first, i);
                 first += 1;
             }

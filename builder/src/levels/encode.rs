@@ -6,8 +6,10 @@ use crate::build::options::BuildError;
 use crate::levels::fragment::Patch;
 use crate::levels::weld::Welder;
 use crate::partition::Partition;
+use glam::DVec3;
 use kilwa_geometry::Aabb;
 use kilwa_pack::chunk::{self, Chunk, MAX_CHUNK_TRIANGLES, PatchRange};
+use kilwa_pack::plural::counted;
 use kilwa_pack::{Attributes, NO_DIAMOND};
 
 /// Patches of overfull leaves are cut into runs of this many triangles.
@@ -42,10 +44,12 @@ pub(crate) fn encode_chunk(
 }
 
 /// More triangles in one diamond than a chunk holds.
-pub(crate) fn too_large(triangles: u64, near: [f64; 3]) -> BuildError {
+pub(crate) fn too_large(triangles: u64, near: DVec3) -> BuildError {
+    let near = near.to_array();
     let why = format!(
-        "{triangles} triangles near {near:?} m can neither be divided nor simplified (loose triangles, or all at one \
-         place); a chunk holds {MAX_CHUNK_TRIANGLES}: remove small components, or weld the mesh first"
+        "{} near {near:?} m can neither be divided nor simplified (loose triangles, or all at one \
+         place); a chunk holds {MAX_CHUNK_TRIANGLES}: remove small components, or weld the mesh first",
+        counted(triangles, "triangle", "triangles")
     );
     BuildError::TooLarge { why }
 }

@@ -1,6 +1,7 @@
 //! What a level leaves in memory and in `level-NN.results`: one entry per diamond, some hundred bytes each.
 
 use crate::scratch::{Appender, Scratch, ScratchError};
+use glam::{DVec3, IVec3};
 use kilwa_geometry::{Aabb, Sphere};
 use kilwa_pack::chunk::PatchRange;
 use std::path::Path;
@@ -42,13 +43,13 @@ pub(super) fn write(scratch: &Scratch, name: &str, results: &[Refined]) -> Resul
         bytes.extend(r.diamond.to_le_bytes());
         bytes.extend(r.error.to_le_bytes());
         bytes.extend(r.color_error.to_le_bytes());
-        for x in r.sphere.center.into_iter().chain([r.sphere.radius]) {
+        for x in r.sphere.center.to_array().into_iter().chain([r.sphere.radius]) {
             bytes.extend(x.to_le_bytes());
         }
         for x in [r.triangles.0, r.triangles.1, r.vertices] {
             bytes.extend(x.to_le_bytes());
         }
-        for x in r.bounds.min.into_iter().chain(r.bounds.max) {
+        for x in r.bounds.min.to_array().into_iter().chain(r.bounds.max.to_array()) {
             bytes.extend(x.to_le_bytes());
         }
         bytes.extend(r.at.to_le_bytes());
@@ -102,8 +103,8 @@ impl Fields<'_> {
         self.take().map(u32::from_le_bytes)
     }
 
-    fn point(&mut self) -> Option<[i32; 3]> {
-        Some([self.u32()? as i32, self.u32()? as i32, self.u32()? as i32])
+    fn point(&mut self) -> Option<IVec3> {
+        Some(IVec3::new(self.u32()? as i32, self.u32()? as i32, self.u32()? as i32))
     }
 
     fn f64(&mut self) -> Option<f64> {
@@ -114,7 +115,7 @@ impl Fields<'_> {
 fn entry(f: &mut Fields<'_>) -> Option<Refined> {
     let diamond = f.u32()?;
     let (error, color_error) = (f32::from_bits(f.u32()?), f32::from_bits(f.u32()?));
-    let sphere = Sphere { center: [f.f64()?, f.f64()?, f.f64()?], radius: f.f64()? };
+    let sphere = Sphere { center: DVec3::new(f.f64()?, f.f64()?, f.f64()?), radius: f.f64()? };
     let triangles = (f.u32()?, f.u32()?);
     let vertices = f.u32()?;
     let bounds = Aabb { min: f.point()?, max: f.point()? };
@@ -140,10 +141,10 @@ mod tests {
             diamond: n,
             error: 0.1 * n as f32,
             color_error: 1.0 / 3.0,
-            sphere: Sphere { center: [1.0 / 7.0, -2.5, 1e9], radius: f64::from(n) / 3.0 },
+            sphere: Sphere { center: DVec3::new(1.0 / 7.0, -2.5, 1e9), radius: f64::from(n) / 3.0 },
             triangles: (n * 2, n),
             vertices: 9,
-            bounds: Aabb { min: [-1, 0, 1], max: [5, 6, 7] },
+            bounds: Aabb { min: IVec3::new(-1, 0, 1), max: IVec3::new(5, 6, 7) },
             patches: (0..n).map(|i| PatchRange { first: i * 10, count: 10, diamond: i }).collect(),
             at: 1 << 40,
             bytes: 77,

@@ -57,9 +57,9 @@ impl Welder {
 fn hash(mesh: &Mesh, v: usize) -> usize {
     // Multiplicative hashing (Knuth, TAOCP 6.4) by three odd constants; the high bits are the good ones.
     let p = mesh.positions[v];
-    let h = (u64::from(p[0] as u32).wrapping_mul(0x9e37_79b9_7f4a_7c15))
-        ^ (u64::from(p[1] as u32).wrapping_mul(0xc2b2_ae3d_27d4_eb4f)).rotate_left(21)
-        ^ (u64::from(p[2] as u32).wrapping_mul(0x1656_67b1_9e37_79f9)).rotate_left(42);
+    let h = (u64::from(p.x as u32).wrapping_mul(0x9e37_79b9_7f4a_7c15))
+        ^ (u64::from(p.y as u32).wrapping_mul(0xc2b2_ae3d_27d4_eb4f)).rotate_left(21)
+        ^ (u64::from(p.z as u32).wrapping_mul(0x1656_67b1_9e37_79f9)).rotate_left(42);
     let mix = |h: u64, word: u32| (h.rotate_left(23) ^ u64::from(word)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let color = mesh.colors.get(v).map(|&[r, g, b]| u32::from_le_bytes([r, g, b, 0]));
     let normal = mesh.normals.get(v).map(|[x, y]| u32::from(x.cast_unsigned()) << 16 | u32::from(y.cast_unsigned()));
@@ -79,12 +79,13 @@ fn same(a: &Mesh, i: usize, b: &Mesh, j: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::IVec3;
 
     #[test]
     fn equal_vertices_become_one_and_wedges_stay_apart() {
         let mut m = Mesh { scalars: vec![Vec::new()], ..Mesh::default() };
         for i in 0..2000 {
-            m.positions.push([i % 100, 7, 7]);
+            m.positions.push(IVec3::new(i % 100, 7, 7));
             m.colors.push([(i % 200 / 100) as u8, 0, 0]);
             m.normals.push([0, 0]);
             m.scalars[0].push(if i % 3 == 0 { f32::NAN } else { 1.0 });

@@ -12,6 +12,7 @@
 
 pub mod tree_file;
 
+use glam::I64Vec3;
 use kilwa_geometry::{DiamondKey, Tetra};
 use rustc_hash::FxHashMap;
 
@@ -158,7 +159,7 @@ impl Partition {
 }
 
 /// Which root tetrahedron holds the point `sum / 3`: the one that walks its axes in falling order of the coordinates.
-pub(crate) fn root_of(sum: [i64; 3]) -> usize {
+pub(crate) fn root_of(sum: I64Vec3) -> usize {
     let mut axes = [0, 1, 2];
     axes.sort_by_key(|&a| std::cmp::Reverse(sum[a]));
     match axes {
@@ -178,7 +179,7 @@ mod tests {
     /// Diamonds round some points, ever smaller ones; a wish without its parents each.
     fn wishes() -> Vec<DiamondKey> {
         let mut out = Vec::new();
-        for sum in [[300, 900, 1500], [2900, 100, 100], [1500, 1501, 1502]] {
+        for sum in [[300, 900, 1500], [2900, 100, 100], [1500, 1501, 1502]].map(I64Vec3::from) {
             let roots = Tetra::roots(10);
             let mut tetra = roots[root_of(sum)];
             for level in 0..14 {
@@ -200,7 +201,7 @@ mod tests {
             for parent in d.key.grandparents(10) {
                 assert!(p.diamonds[p.by_key[&parent] as usize].split, "{:?}", d.key);
             }
-            if d.key.midpoint.iter().all(|&x| x > 0 && x < 1024) {
+            if d.key.midpoint.to_array().iter().all(|&x| x > 0 && x < 1024) {
                 assert_eq!(d.tetrahedra.len(), [6, 4, 8][usize::from(d.key.level) % 3]);
             }
         }

@@ -3,7 +3,7 @@
 
 use crate::partition::{DiamondNode, Partition, TetraNode};
 use crate::scratch::{Appender, Scratch, ScratchError};
-use kilwa_geometry::{DiamondKey, Tetra};
+use kilwa_geometry::{DiamondKey, LatticePoint, Tetra};
 
 /// Name of the file.
 pub const TREE: &str = "tree";
@@ -30,14 +30,15 @@ pub fn write(scratch: &Scratch, tree: &Partition) -> Result<(), ScratchError> {
     };
     for node in &tree.tetrahedra {
         bytes.push(node.tetra.level);
-        bytes.extend(node.tetra.v.as_flattened().iter().flat_map(|x| x.to_le_bytes()));
+        let corners = node.tetra.v.map(|p| p.to_array());
+        bytes.extend(corners.as_flattened().iter().flat_map(|x| x.to_le_bytes()));
         let [a, b, c, d] = node.children.unwrap_or([NONE; 4]);
         bytes.extend([node.diamond, a, b, c, d, node.parent_diamond].iter().flat_map(|x| x.to_le_bytes()));
         put(&mut bytes)?;
     }
     for node in &tree.diamonds {
         bytes.extend([node.key.level, u8::from(node.split)]);
-        bytes.extend(node.key.midpoint.iter().flat_map(|x| x.to_le_bytes()));
+        bytes.extend(node.key.midpoint.to_array().iter().flat_map(|x| x.to_le_bytes()));
         bytes.extend((node.tetrahedra.len() as u32).to_le_bytes());
         bytes.extend(node.tetrahedra.iter().flat_map(|x| x.to_le_bytes()));
         put(&mut bytes)?;
@@ -81,7 +82,7 @@ fn parse(body: &[u8]) -> Option<Partition> {
         let diamond = fields.number()?;
         let children = [fields.number()?, fields.number()?, fields.number()?, fields.number()?];
         tree.tetrahedra.push(TetraNode {
-            tetra: Tetra { v, level },
+            tetra: Tetra { v: v.map(LatticePoint::from), level },
             diamond,
             children: (children[0] != NONE).then_some(children),
             parent_diamond: fields.number()?,
@@ -90,7 +91,7 @@ fn parse(body: &[u8]) -> Option<Partition> {
     }
     for i in 0..head[2] {
         let (level, split) = (fields.byte()?, fields.byte()? != 0);
-        let midpoint = [fields.number()? as i32, fields.number()? as i32, fields.number()? as i32];
+        let midpoint = LatticePoint::new(fields.number()? as i32, fields.number()? as i32, fields.number()? as i32);
         let key = DiamondKey { level, midpoint };
         let count = fields.number()?;
         let tetrahedra = (0..count).map(|_| fields.number()).collect::<Option<_>>()?;

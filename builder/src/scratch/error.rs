@@ -1,5 +1,6 @@
 //! What can go wrong with scratch files: always which file, what was being done, why, and what to do.
 
+use kilwa_pack::plural::counted;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -8,8 +9,9 @@ use thiserror::Error;
 pub enum ScratchError {
     /// The disk holds no more.
     #[error(
-        "the disk is full: {bytes} more bytes were to be written to {}, which already holds {held}; free space there, or \
+        "the disk is full: {} to be written to {}, which already holds {held}; free space there, or \
          give --scratch a folder on another disk",
+        counted(*bytes, "more byte was", "more bytes were"),
         path.display()
     )]
     DiskFull {

@@ -2,6 +2,7 @@
 
 use super::{ScratchError, Space};
 use kilwa_files::plain_file;
+use kilwa_pack::plural::counted;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -79,7 +80,7 @@ impl ScratchFile {
     pub fn read_into(&self, at: u64, into: &mut [u8]) -> Result<(), ScratchError> {
         read_exact_at(&self.file, into, at).map_err(|e| {
             if e.kind() == std::io::ErrorKind::UnexpectedEof {
-                let why = format!("{} bytes at {at} are not there", into.len());
+                let why = format!("at {at}, {} not there", counted(into.len(), "byte is", "bytes are"));
                 ScratchError::damaged(&self.path, why)
             } else {
                 ScratchError::io(&self.path, "read", e)
@@ -94,7 +95,10 @@ impl ScratchFile {
     pub fn read(&self, at: u64, length: u64) -> Result<Vec<u8>, ScratchError> {
         let size = usize::try_from(length).ok().filter(|_| at.checked_add(length).is_some_and(|end| end <= self.len()));
         let Some(size) = size else {
-            return Err(ScratchError::damaged(&self.path, format!("{length} bytes at {at} are not there")));
+            return Err(ScratchError::damaged(
+                &self.path,
+                format!("at {at}, {} not there", counted(length, "byte is", "bytes are")),
+            ));
         };
         let mut bytes = vec![0; size];
         self.read_into(at, &mut bytes)?;

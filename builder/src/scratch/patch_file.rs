@@ -7,7 +7,7 @@
 use super::{Scratch, ScratchError, ScratchFile};
 use crate::levels::certify::Bound;
 use crate::levels::fragment::Patch;
-use kilwa_geometry::Mesh;
+use kilwa_geometry::{LatticePoint, Mesh};
 use rustc_hash::FxHashMap;
 use std::sync::RwLock;
 
@@ -179,7 +179,7 @@ fn encode(patch: &Patch) -> Vec<u8> {
     out.extend((triangles as u32).to_le_bytes());
     out.push(flags);
     out.push(m.scalars.len() as u8);
-    out.extend(m.positions.as_flattened().iter().flat_map(|x| x.to_le_bytes()));
+    out.extend(m.positions.iter().flat_map(|p| p.to_array()).flat_map(i32::to_le_bytes));
     out.extend(m.colors.as_flattened());
     out.extend(m.normals.as_flattened().iter().flat_map(|x| x.to_le_bytes()));
     for channel in &m.scalars {
@@ -221,7 +221,8 @@ fn decode(bytes: &[u8]) -> Option<Patch> {
     let flags = take(1)?[0];
     let channels = usize::from(take(1)?[0]);
     let has = |flag: u8| flags & flag != 0;
-    let mut mesh = Mesh { positions: words(take(vertices * 12)?, i32::from_le_bytes), ..Mesh::default() };
+    let positions = words(take(vertices * 12)?, i32::from_le_bytes).into_iter().map(LatticePoint::from_array).collect();
+    let mut mesh = Mesh { positions, ..Mesh::default() };
     if has(COLORS) {
         mesh.colors = take(vertices * 3)?.as_chunks::<3>().0.to_vec();
     }

@@ -20,7 +20,7 @@ const SMALLEST_RUN: usize = 1 << 12;
 
 /// A lattice point as one integer: 30 bits an axis, sorted by x, then y, then z.
 pub fn point_key(p: LatticePoint) -> u128 {
-    (u128::from(p[0] as u32) << 64) | (u128::from(p[1] as u32) << 32) | u128::from(p[2] as u32)
+    (u128::from(p.x as u32) << 64) | (u128::from(p.y as u32) << 32) | u128::from(p.z as u32)
 }
 
 /// A point and the tetrahedron that uses it; sorts by point, then by tetrahedron.
@@ -30,7 +30,7 @@ pub fn record(point: LatticePoint, tetra: u32) -> u128 {
 
 /// The point of a record.
 pub fn point_of(record: u128) -> LatticePoint {
-    [(record >> 96) as u32 as i32, (record >> 64) as u32 as i32, (record >> 32) as u32 as i32]
+    LatticePoint::new((record >> 96) as u32 as i32, (record >> 64) as u32 as i32, (record >> 32) as u32 as i32)
 }
 
 /// The tetrahedron of a record.

@@ -1,12 +1,12 @@
 use super::*;
 use crate::levels::certify::Bound;
 use crate::levels::fragment::Patch;
-use kilwa_geometry::Mesh;
+use kilwa_geometry::{LatticePoint, Mesh};
 
 fn patch(vertices: u32, colored: bool, channels: usize, bounded: bool) -> Patch {
     let n = vertices as usize;
     let mesh = Mesh {
-        positions: (0..vertices as i32).map(|i| [i, i * 7 % 1000, 1 << 29]).collect(),
+        positions: (0..vertices as i32).map(|i| LatticePoint::new(i, i * 7 % 1000, 1 << 29)).collect(),
         colors: if colored { (0..n).map(|i| [i as u8, 2, 3]).collect() } else { Vec::new() },
         normals: (0..n).map(|i| [i as i16, -5]).collect(),
         scalars: (0..channels).map(|c| (0..n).map(|i| i as f32 + c as f32 * 0.5).collect()).collect(),
@@ -76,7 +76,7 @@ fn records_are_visited_in_order_and_once_however_little_memory_there_is() {
     let mut all: Vec<u128> = (0..300_000)
         .map(|_| {
             let state = random.u32(..);
-            record([(state >> 20) as i32, (state & 0xff) as i32, 1 << 30], state >> 28)
+            record(LatticePoint::new((state >> 20) as i32, (state & 0xff) as i32, 1 << 30), state >> 28)
         })
         .collect();
     all.chunks(1000).for_each(|c| records.append(c).unwrap());
@@ -93,15 +93,15 @@ fn records_are_visited_in_order_and_once_however_little_memory_there_is() {
         assert_eq!(visited, all);
         assert_eq!(scratch.files().unwrap().len(), 1, "runs are removed");
     }
-    let r = record([1, 1 << 30, 3], 77);
-    assert_eq!((point_of(r), tetrahedron_of(r)), ([1, 1 << 30, 3], 77));
+    let r = record(LatticePoint::new(1, 1 << 30, 3), 77);
+    assert_eq!((point_of(r), tetrahedron_of(r)), (LatticePoint::new(1, 1 << 30, 3), 77));
 }
 
 #[test]
 fn damaged_records_are_noticed_before_the_first_is_visited() {
     let scratch = Scratch::temporary().unwrap();
     let records = Records::create(&scratch, "shared").unwrap();
-    records.append(&(0..50).map(|i| record([i, 2, 3], 4)).collect::<Vec<_>>()).unwrap();
+    records.append(&(0..50).map(|i| record(LatticePoint::new(i, 2, 3), 4)).collect::<Vec<_>>()).unwrap();
     drop(records.finish().unwrap());
     let visit = || {
         let mut visited = 0;

@@ -24,7 +24,7 @@ type Triangles = Vec<([Corner; 3], u8)>;
 fn corner(m: &Mesh, v: u32) -> Corner {
     let v = v as usize;
     let scalars = m.scalars.iter().map(|s| s[v].to_bits()).collect();
-    (m.positions[v], m.colors.get(v).copied().unwrap_or_default(), m.normals[v], scalars)
+    (m.positions[v].to_array(), m.colors.get(v).copied().unwrap_or_default(), m.normals[v], scalars)
 }
 
 fn triangles_of(m: &Mesh) -> Triangles {
@@ -49,7 +49,7 @@ fn outcome(i: &Ingested) -> Outcome {
     let mut shared: BTreeMap<[i32; 3], Vec<u32>> = BTreeMap::new();
     for r in i.shared.read(0, i.shared.len() as usize).unwrap() {
         let p = kilwa_builder::scratch::point_of(r);
-        shared.entry(p).or_default().push(kilwa_builder::scratch::tetrahedron_of(r));
+        shared.entry(p.to_array()).or_default().push(kilwa_builder::scratch::tetrahedron_of(r));
     }
     for leaves in shared.values_mut() {
         leaves.sort_unstable();
@@ -60,7 +60,11 @@ fn outcome(i: &Ingested) -> Outcome {
     Outcome {
         surface: i.surface.clone(),
         tetrahedra: tree.tetrahedra.iter().map(|t| (t.tetra, t.diamond, t.children, t.parent_diamond)).collect(),
-        diamonds: tree.diamonds.iter().map(|d| (d.key.level, d.key.midpoint, d.tetrahedra.clone(), d.split)).collect(),
+        diamonds: tree
+            .diamonds
+            .iter()
+            .map(|d| (d.key.level, d.key.midpoint.to_array(), d.tetrahedra.clone(), d.split))
+            .collect(),
         leaves,
         shared,
     }
@@ -359,7 +363,7 @@ fn crop_and_confidence_drop_triangles_and_count_them() {
     raw.scalars.push(("confidence".into(), confidence));
     for memory in [LARGE, TINY] {
         let case = Case { memory, threads: 2, leaf_triangles: 100 };
-        let crop = Some([[-1.0, -1.0, -1.0], [1.0, 0.5, 1.0]]);
+        let crop = Some([[-1.0, -1.0, -1.0], [1.0, 0.5, 1.0]].map(Into::into));
         let o = IngestOptions { crop, min_confidence: Some(0.5), ..options(100) };
         let found = try_run(&[&raw], &case, &o).unwrap();
         let n = |kind: &str| found.surface.findings.get(kind).map_or(0, |f| f.count);

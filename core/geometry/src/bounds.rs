@@ -1,6 +1,7 @@
 //! Axis-aligned boxes on the lattice and bounding spheres in lattice steps.
 
 use crate::lattice::LatticePoint;
+use glam::{DVec3, IVec3};
 
 /// A closed box of lattice points. The empty box has `min > max`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,7 +14,7 @@ pub struct Aabb {
 
 impl Aabb {
     /// The empty box: the neutral element of [`Aabb::union`].
-    pub const EMPTY: Self = Self { min: [i32::MAX; 3], max: [i32::MIN; 3] };
+    pub const EMPTY: Self = Self { min: IVec3::MAX, max: IVec3::MIN };
 
     /// The smallest box round some points.
     pub fn of<'a>(points: impl IntoIterator<Item = &'a LatticePoint>) -> Self {
@@ -26,22 +27,19 @@ impl Aabb {
 
     /// Grow to contain a point.
     pub fn add(&mut self, p: LatticePoint) {
-        self.min = std::array::from_fn(|i| self.min[i].min(p[i]));
-        self.max = std::array::from_fn(|i| self.max[i].max(p[i]));
+        self.min = self.min.min(p);
+        self.max = self.max.max(p);
     }
 
     /// The smallest box round both.
     #[must_use]
     pub fn union(&self, o: &Self) -> Self {
-        Self {
-            min: std::array::from_fn(|i| self.min[i].min(o.min[i])),
-            max: std::array::from_fn(|i| self.max[i].max(o.max[i])),
-        }
+        Self { min: self.min.min(o.min), max: self.max.max(o.max) }
     }
 
     /// Whether no point lies inside.
     pub fn is_empty(&self) -> bool {
-        (0..3).any(|i| self.min[i] > self.max[i])
+        self.min.cmpgt(self.max).any()
     }
 }
 
@@ -49,14 +47,14 @@ impl Aabb {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sphere {
     /// Centre, in lattice steps.
-    pub center: [f64; 3],
+    pub center: DVec3,
     /// Radius, in lattice steps; negative for the empty ball.
     pub radius: f64,
 }
 
 impl Sphere {
     /// The empty ball: the neutral element of [`Sphere::union`].
-    pub const EMPTY: Self = Self { center: [0.0; 3], radius: -1.0 };
+    pub const EMPTY: Self = Self { center: DVec3::ZERO, radius: -1.0 };
 
     /// A ball round points: box centre, exact largest distance, inflated by 1e-12 relative against rounding.
     pub fn of(points: &[LatticePoint]) -> Self {
@@ -64,8 +62,8 @@ impl Sphere {
         if b.is_empty() {
             return Self::EMPTY;
         }
-        let center: [f64; 3] = std::array::from_fn(|i| (f64::from(b.min[i]) + f64::from(b.max[i])) * 0.5);
-        let r2 = points.iter().map(|p| dist2(center, p.map(f64::from))).fold(0.0, f64::max);
+        let center = (b.min.as_dvec3() + b.max.as_dvec3()) * 0.5;
+        let r2 = points.iter().map(|p| center.distance_squared(p.as_dvec3())).fold(0.0, f64::max);
         Self { center, radius: inflate(libm::sqrt(r2)) }
     }
 
@@ -78,7 +76,7 @@ impl Sphere {
         if o.radius < 0.0 {
             return *self;
         }
-        let d = libm::sqrt(dist2(self.center, o.center));
+        let d = self.center.distance(o.center);
         if d + o.radius <= self.radius {
             return *self;
         }
@@ -87,22 +85,18 @@ impl Sphere {
         }
         let r = (d + self.radius + o.radius) * 0.5;
         let t = (r - self.radius) / d;
-        let center = std::array::from_fn(|i| self.center[i] + (o.center[i] - self.center[i]) * t);
+        let center = self.center + (o.center - self.center) * t;
         Self { center, radius: inflate(r) }
     }
 
     /// Whether `o` lies inside, with the tolerance `slack` in steps.
     pub fn contains(&self, o: &Self, slack: f64) -> bool {
-        o.radius < 0.0 || libm::sqrt(dist2(self.center, o.center)) + o.radius <= self.radius + slack
+        o.radius < 0.0 || self.center.distance(o.center) + o.radius <= self.radius + slack
     }
 }
 
 fn inflate(r: f64) -> f64 {
     r * (1.0 + 1e-12) + 1e-6
-}
-
-fn dist2(a: [f64; 3], b: [f64; 3]) -> f64 {
-    (0..3).map(|i| (a[i] - b[i]) * (a[i] - b[i])).sum()
 }
 
 #[cfg(test)]
@@ -111,8 +105,8 @@ mod tests {
 
     #[test]
     fn the_union_ball_contains_both() {
-        let a = Sphere { center: [0.0, 0.0, 0.0], radius: 2.0 };
-        let b = Sphere { center: [5.0, 1.0, 0.0], radius: 0.5 };
+        let a = Sphere { center: DVec3::ZERO, radius: 2.0 };
+        let b = Sphere { center: DVec3::new(5.0, 1.0, 0.0), radius: 0.5 };
         let u = a.union(&b);
         assert!(u.contains(&a, 0.0) && u.contains(&b, 0.0));
         assert_eq!(Sphere::EMPTY.union(&a), a);

@@ -1,7 +1,7 @@
 //! A bounding-volume tree over triangles, split at the median of the longest axis: what distances, rays and certified
 //! errors search. Holds numbers of triangles and boxes; the triangles stay with the caller. Deterministic.
 
-use crate::distance::Vec3;
+use glam::DVec3;
 
 /// Triangles in a leaf.
 const LEAF: usize = 4;
@@ -10,21 +10,21 @@ const LEAF: usize = 4;
 #[derive(Debug, Clone, Copy)]
 pub struct Bounds {
     /// Smallest coordinates.
-    pub min: Vec3,
+    pub min: DVec3,
     /// Largest coordinates.
-    pub max: Vec3,
+    pub max: DVec3,
 }
 
 impl Bounds {
     /// Squared distance from a point to the box; 0 inside.
-    pub fn distance_squared(&self, p: Vec3) -> f64 {
+    pub fn distance_squared(&self, p: DVec3) -> f64 {
         let outside = |i: usize| (self.min[i] - p[i]).max(p[i] - self.max[i]).max(0.0);
         let (x, y, z) = (outside(0), outside(1), outside(2));
         x * x + y * y + z * z
     }
 
     /// Where the ray `origin + t * direction`, `t >= 0`, enters the box, a little early against rounding.
-    pub fn entry(&self, origin: Vec3, direction: Vec3) -> Option<f64> {
+    pub fn entry(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
         let (mut near, mut far) = (0.0f64, f64::INFINITY);
         for i in 0..3 {
             if direction[i] == 0.0 {
@@ -59,9 +59,8 @@ pub struct Bvh {
 
 impl Bvh {
     /// Build over triangles given by their corners; fewer than 2^32.
-    pub fn new(triangles: &[[Vec3; 3]]) -> Self {
-        let centres: Vec<Vec3> =
-            triangles.iter().map(|t| std::array::from_fn(|i| t[0][i] + t[1][i] + t[2][i])).collect();
+    pub fn new(triangles: &[[DVec3; 3]]) -> Self {
+        let centres: Vec<DVec3> = triangles.iter().map(|t| t[0] + t[1] + t[2]).collect();
         let mut tree = Self { nodes: Vec::new(), items: (0..triangles.len() as u32).collect() };
         if !triangles.is_empty() {
             tree.split(triangles, &centres, 0, triangles.len());
@@ -69,12 +68,12 @@ impl Bvh {
         tree
     }
 
-    fn split(&mut self, triangles: &[[Vec3; 3]], centres: &[Vec3], start: usize, end: usize) {
-        let empty = Bounds { min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3] };
+    fn split(&mut self, triangles: &[[DVec3; 3]], centres: &[DVec3], start: usize, end: usize) {
+        let empty = Bounds { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
         let (mut bounds, mut middle) = (empty, empty);
-        let grow = |b: &mut Bounds, p: &Vec3| {
-            b.min = std::array::from_fn(|i| b.min[i].min(p[i]));
-            b.max = std::array::from_fn(|i| b.max[i].max(p[i]));
+        let grow = |b: &mut Bounds, p: &DVec3| {
+            b.min = b.min.min(*p);
+            b.max = b.max.max(*p);
         };
         for &t in &self.items[start..end] {
             triangles[t as usize].iter().for_each(|p| grow(&mut bounds, p));

@@ -1,21 +1,21 @@
 //! What is cut away: a plane and a box, in lattice steps. Exact in f64; what is cut away wholly is neither loaded nor drawn.
 
 use crate::Sphere;
-use crate::distance::{Vec3, dot};
+use glam::DVec3;
 
 /// A half-space: the side of a plane that stays. `normal · p <= offset` is kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HalfSpace {
     /// Unit normal, towards what is taken away.
-    pub normal: Vec3,
+    pub normal: DVec3,
     /// `normal · p` on the plane.
     pub offset: f64,
 }
 
 impl HalfSpace {
     /// How far inside of what stays a point lies; negative where it is taken away.
-    pub fn depth(&self, point: Vec3) -> f64 {
-        self.offset - dot(self.normal, point)
+    pub fn depth(&self, point: DVec3) -> f64 {
+        self.offset - self.normal.dot(point)
     }
 }
 
@@ -30,7 +30,7 @@ pub struct ClipBox {
 
 impl ClipBox {
     /// How deep in the box a point lies; negative outside.
-    fn depth(&self, point: Vec3) -> f64 {
+    fn depth(&self, point: DVec3) -> f64 {
         self.faces.iter().map(|f| f.depth(point)).fold(f64::INFINITY, f64::min)
     }
 }
@@ -56,7 +56,7 @@ impl Clip {
     }
 
     /// How far inside of what stays a point lies; negative where it is taken away, infinite where nothing is cut.
-    pub fn depth(&self, point: Vec3) -> f64 {
+    pub fn depth(&self, point: DVec3) -> f64 {
         let plane = self.plane.map_or(f64::INFINITY, |p| p.depth(point));
         let bounds =
             self.bounds.map_or(f64::INFINITY, |b| if b.remove_inside { -b.depth(point) } else { b.depth(point) });
@@ -64,7 +64,7 @@ impl Clip {
     }
 
     /// Whether a point stays.
-    pub fn keeps(&self, point: Vec3) -> bool {
+    pub fn keeps(&self, point: DVec3) -> bool {
         self.depth(point) >= 0.0
     }
 
@@ -73,7 +73,7 @@ impl Clip {
         if !self.is_on() {
             return false;
         }
-        let far = ball.center.iter().fold(0.0f64, |far, x| far.max(x.abs()));
+        let far = ball.center.abs().max_element();
         let radius = ball.radius.max(0.0) * (1.0 + 1e-9) + SLACK + far * RELATIVE_SLACK;
         // Depth grows by at most the distance: what is deeper than the radius on the wrong side stays there all over the ball.
         self.depth(ball.center) < -radius
@@ -83,10 +83,11 @@ impl Clip {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::IVec3;
 
     fn unit_box(remove_inside: bool) -> ClipBox {
         let faces = std::array::from_fn(|k| {
-            let mut normal = [0.0; 3];
+            let mut normal = DVec3::ZERO;
             normal[k / 2] = if k % 2 == 0 { -1.0 } else { 1.0 };
             HalfSpace { normal, offset: 100.0 }
         });
@@ -96,7 +97,7 @@ mod tests {
     #[test]
     fn no_point_of_a_ball_that_is_removed_stays() {
         // A grid of balls and of points in each.
-        let plane = HalfSpace { normal: [0.6, 0.0, 0.8], offset: 30.0 };
+        let plane = HalfSpace { normal: DVec3::new(0.6, 0.0, 0.8), offset: 30.0 };
         let clips = [
             Clip { plane: Some(plane), bounds: None },
             Clip { plane: None, bounds: Some(unit_box(false)) },
@@ -106,7 +107,7 @@ mod tests {
         for clip in clips {
             let (mut removed, mut kept) = (0, 0);
             for k in 0..20 * 20 * 20 {
-                let center = [k % 20, k / 20 % 20, k / 400].map(|i| f64::from(i) * 16.0 - 160.0);
+                let center = IVec3::new(k % 20, k / 20 % 20, k / 400).as_dvec3() * 16.0 - 160.0;
                 let ball = Sphere { center, radius: f64::from(k % 7) * 9.0 };
                 if !clip.removes(&ball) {
                     kept += 1;
@@ -114,9 +115,9 @@ mod tests {
                 }
                 removed += 1;
                 for d in 0..27 {
-                    let way: Vec3 = [d % 3, d / 3 % 3, d / 9].map(|i| f64::from(i) - 1.0);
-                    let length = libm::sqrt(dot(way, way)).max(1.0);
-                    let point = std::array::from_fn(|i| center[i] + way[i] / length * ball.radius);
+                    let way = IVec3::new(d % 3, d / 3 % 3, d / 9).as_dvec3() - 1.0;
+                    let length = way.length().max(1.0);
+                    let point = center + way / length * ball.radius;
                     assert!(!clip.keeps(point), "{point:?} of {ball:?} stays");
                 }
             }
@@ -126,6 +127,6 @@ mod tests {
 
     #[test]
     fn without_a_clip_nothing_is_removed() {
-        assert!(!Clip::default().removes(&Sphere { center: [1e9; 3], radius: 0.0 }));
+        assert!(!Clip::default().removes(&Sphere { center: DVec3::splat(1e9), radius: 0.0 }));
     }
 }

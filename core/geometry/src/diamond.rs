@@ -10,15 +10,29 @@
 
 use crate::lattice::LatticePoint;
 use crate::tetra::Tetra;
+use glam::IVec3;
+use std::cmp::Ordering;
 
 /// The name of a diamond. The level follows from the midpoint and the cube; it is carried because it orders diamonds
 /// coarse to fine, which every list of them is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct DiamondKey {
     /// Level of the tetrahedra in this diamond.
     pub level: u8,
     /// Midpoint of the shared longest edge.
     pub midpoint: LatticePoint,
+}
+
+impl Ord for DiamondKey {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.level.cmp(&other.level).then_with(|| self.midpoint.to_array().cmp(&other.midpoint.to_array()))
+    }
+}
+
+impl PartialOrd for DiamondKey {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
 }
 
 impl DiamondKey {
@@ -64,10 +78,7 @@ impl DiamondKey {
                 // The centre of a cube of side s inside a cube of side 2s. The corner of the small cube that is also a
                 // corner of the large one is the one with all coordinates multiples of 2s; the three large edges at it
                 // have their midpoints one small side away along each axis.
-                let corner: LatticePoint = std::array::from_fn(|i| {
-                    let low = m[i] - s / 2;
-                    if low % (2 * s) == 0 { low } else { low + s }
-                });
+                let corner = (m - s / 2).map(|low| if low % (2 * s) == 0 { low } else { low + s });
                 for axis in 0..3 {
                     let towards = if m[axis] > corner[axis] { s } else { -s };
                     candidates.push(offset(corner, axis, towards));
@@ -75,7 +86,7 @@ impl DiamondKey {
             }
         }
         let level = self.level - 1;
-        candidates.retain(|p| p.iter().all(|&x| (0..=side).contains(&x)));
+        candidates.retain(|p| p.cmpge(IVec3::ZERO).all() && p.cmple(IVec3::splat(side)).all());
         candidates.into_iter().map(|midpoint| Self { level, midpoint }).collect()
     }
 
@@ -99,8 +110,8 @@ impl DiamondKey {
         // A cube: its diagonal begins at the corner that is also one of the cube around it.
         let s = (1i32 << cube_log2) >> (self.level / 3);
         let near: [bool; 3] = std::array::from_fn(|i| i64::from(self.midpoint[i] - s / 2) % (2 * i64::from(s)) == 0);
-        let start: LatticePoint = std::array::from_fn(|i| self.midpoint[i] + if near[i] { -s / 2 } else { s / 2 });
-        let step: LatticePoint = std::array::from_fn(|i| if near[i] { s } else { -s });
+        let step = IVec3::from(near.map(|near| if near { s } else { -s }));
+        let start = self.midpoint - step / 2;
         let walk = |axes: [usize; 3]| {
             let mut v = [start; 4];
             for i in 0..3 {
@@ -138,7 +149,7 @@ mod tests {
                 let mut said: Vec<_> = key.parents(LOG2);
                 said.sort();
                 assert_eq!(said, found.iter().copied().collect::<Vec<_>>(), "level {l} {key:?}");
-                if key.midpoint.iter().all(|&x| x > 0 && x < side) {
+                if key.midpoint.to_array().iter().all(|&x| x > 0 && x < side) {
                     assert_eq!(tets[key], [6, 4, 8][usize::from(l) % 3], "{key:?}");
                 }
             }
@@ -153,12 +164,12 @@ mod tests {
         // The corners tell tetrahedra apart; their order depends on the way down.
         let corners = |t: &Tetra| {
             let mut v = t.v;
-            v.sort_unstable();
-            v
+            v.sort_unstable_by_key(IVec3::to_array);
+            v.map(|p| p.to_array())
         };
         let mut level: Vec<(Tetra, Option<DiamondKey>)> = Tetra::roots(LOG2).map(|t| (t, None)).to_vec();
         for _ in 0..5 {
-            let mut inside: BTreeMap<DiamondKey, BTreeSet<[LatticePoint; 4]>> = BTreeMap::new();
+            let mut inside: BTreeMap<DiamondKey, BTreeSet<[[i32; 3]; 4]>> = BTreeMap::new();
             let mut above: BTreeMap<DiamondKey, BTreeSet<DiamondKey>> = BTreeMap::new();
             let mut next = Vec::new();
             for (t, from) in &level {

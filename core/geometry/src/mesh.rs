@@ -3,6 +3,7 @@
 use crate::bounds::Aabb;
 use crate::lattice::LatticePoint;
 use crate::normal::OctNormal;
+use glam::I64Vec3;
 
 /// An indexed triangle mesh on the lattice, one entry per vertex in every attribute that is present.
 ///
@@ -67,6 +68,6 @@ impl Mesh {
 }
 
 /// Three times the centroid of a triangle: exact, and what decides the tetrahedron that it goes to.
-pub fn corner_sum(corners: [LatticePoint; 3]) -> [i64; 3] {
-    std::array::from_fn(|i| corners.iter().map(|c| i64::from(c[i])).sum())
+pub fn corner_sum(corners: [LatticePoint; 3]) -> I64Vec3 {
+    corners.iter().map(|c| c.as_i64vec3()).sum()
 }

@@ -1,16 +1,18 @@
 //! Unit normals as two 16-bit octahedral coordinates (Meyer et al., "On Floating-Point Normal Vectors", 2010).
 
+use glam::DVec3;
+
 /// Octahedral coordinates in `-32767..=32767`.
 pub type OctNormal = [i16; 2];
 
 /// Encode a direction (need not be unit length). The zero vector and non-finite input encode as +z.
-pub fn encode(n: [f64; 3]) -> OctNormal {
-    let sum = n[0].abs() + n[1].abs() + n[2].abs();
+pub fn encode(n: DVec3) -> OctNormal {
+    let sum = n.abs().element_sum();
     if !(sum.is_finite() && sum > 0.0) {
         return [0, 0];
     }
-    let (mut u, mut v) = (n[0] / sum, n[1] / sum);
-    if n[2] < 0.0 {
+    let (mut u, mut v) = (n.x / sum, n.y / sum);
+    if n.z < 0.0 {
         let (a, b) = (u, v);
         u = (1.0 - b.abs()) * if a >= 0.0 { 1.0 } else { -1.0 };
         v = (1.0 - a.abs()) * if b >= 0.0 { 1.0 } else { -1.0 };
@@ -19,7 +21,7 @@ pub fn encode(n: [f64; 3]) -> OctNormal {
 }
 
 /// Decode to a unit vector.
-pub fn decode(o: OctNormal) -> [f64; 3] {
+pub fn decode(o: OctNormal) -> DVec3 {
     let [mut x, mut y] = o.map(|c| f64::from(c.max(-32767)) / 32767.0);
     let z = 1.0 - x.abs() - y.abs();
     if z < 0.0 {
@@ -27,8 +29,8 @@ pub fn decode(o: OctNormal) -> [f64; 3] {
         x = (1.0 - b.abs()) * if a >= 0.0 { 1.0 } else { -1.0 };
         y = (1.0 - a.abs()) * if b >= 0.0 { 1.0 } else { -1.0 };
     }
-    let len = libm::sqrt(x * x + y * y + z * z);
-    [x / len, y / len, z / len]
+    let n = DVec3::new(x, y, z);
+    n / n.length()
 }
 
 /// Round octahedral coordinates to `bits` bits per coordinate (2..=16), kept in the 16-bit range so that decoding does
@@ -50,10 +52,9 @@ mod tests {
         for i in 0..200 {
             for j in 0..50 {
                 let (a, b) = (f64::from(i) * 0.0314, f64::from(j) * 0.0628);
-                let n = [a.cos() * b.sin(), a.sin() * b.sin(), b.cos()];
+                let n = DVec3::new(a.cos() * b.sin(), a.sin() * b.sin(), b.cos());
                 let d = decode(encode(n));
-                let cos: f64 = (0..3).map(|k| n[k] * d[k]).sum();
-                assert!(cos > (0.01f64.to_radians()).cos() - 1e-12, "{n:?} {d:?}");
+                assert!(n.dot(d) > (0.01f64.to_radians()).cos() - 1e-12, "{n:?} {d:?}");
             }
         }
     }

@@ -5,6 +5,8 @@
 //! With Maubach's rule the tag (level mod 3) selects which vertex goes where, so that this holds at every level.
 
 use crate::lattice::LatticePoint;
+use glam::{DVec3, I64Vec3, IVec3};
+use std::cmp::Ordering;
 
 /// Levels of bisection at which a cube of side 2 is reached from a cube of side `2^log2`.
 pub fn max_level(cube_log2: u32) -> u8 {
@@ -12,12 +14,24 @@ pub fn max_level(cube_log2: u32) -> u8 {
 }
 
 /// One tetrahedron.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Tetra {
     /// Corners on the lattice; the edge `v[0]`–`v[3]` is the longest.
     pub v: [LatticePoint; 4],
     /// Bisections from the root; the roots have level 0.
     pub level: u8,
+}
+
+impl Ord for Tetra {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.v.map(|p| p.to_array()).cmp(&other.v.map(|p| p.to_array())).then(self.level.cmp(&other.level))
+    }
+}
+
+impl PartialOrd for Tetra {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
 }
 
 impl Tetra {
@@ -26,7 +40,7 @@ impl Tetra {
         let s = 1i32 << cube_log2;
         // One per permutation of the axes: walk from the origin to the far corner one axis at a time.
         [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]].map(|axes: [usize; 3]| {
-            let mut v = [[0; 3]; 4];
+            let mut v = [IVec3::ZERO; 4];
             for i in 0..3 {
                 v[i + 1] = v[i];
                 v[i + 1][axes[i]] = s;
@@ -38,7 +52,7 @@ impl Tetra {
     /// The midpoint of the longest edge: the name of the diamond that splits this tetrahedron.
     pub fn midpoint(&self) -> LatticePoint {
         // A cube of 2^30 steps has sums of 2^31.
-        std::array::from_fn(|i| i32::midpoint(self.v[0][i], self.v[3][i]))
+        ((self.v[0].as_i64vec3() + self.v[3].as_i64vec3()) / 2).as_ivec3()
     }
 
     /// The two halves. Child 0 keeps `v[0]`, child 1 keeps `v[3]`.
@@ -67,45 +81,41 @@ impl Tetra {
     pub fn split_plane(&self) -> SplitPlane {
         // It contains the midpoint and the two vertices off the longest edge; v[0] lies on its positive side.
         let m = self.midpoint();
-        let mut n = cross(sub(self.v[1], m), sub(self.v[2], m));
-        let g = gcd(gcd(n[0].unsigned_abs(), n[1].unsigned_abs()), n[2].unsigned_abs()).max(1);
-        for x in &mut n {
-            *x /= g as i128;
+        let mut n = between(m, self.v[1]).cross(between(m, self.v[2]));
+        n /= gcd(gcd(n.x.unsigned_abs(), n.y.unsigned_abs()), n.z.unsigned_abs()).max(1) as i64;
+        if n.dot(between(m, self.v[0])) < 0 {
+            n = -n;
         }
-        if dot(n, sub(self.v[0], m)) < 0 {
-            n = n.map(|x| -x);
-        }
-        SplitPlane { normal: n.map(|x| x as i64), through3: m.map(|x| 3 * i64::from(x)) }
+        SplitPlane { normal: n, through3: 3 * m.as_i64vec3() }
     }
 
     /// Its four faces, for [`Faces::violation`].
     pub fn faces(&self) -> Faces {
         Faces(std::array::from_fn(|i| {
             let [a, b, c] = [self.v[(i + 1) % 4], self.v[(i + 2) % 4], self.v[(i + 3) % 4]];
-            let mut n = cross(sub(b, a), sub(c, a)).map(|x| x as f64);
-            if (0..3).map(|k| n[k] * f64::from(self.v[i][k] - a[k])).sum::<f64>() > 0.0 {
-                n = n.map(|x| -x);
+            let mut n = between(a, b).cross(between(a, c)).as_dvec3();
+            if n.dot((self.v[i] - a).as_dvec3()) > 0.0 {
+                n = -n;
             }
-            let len = libm::sqrt(n.iter().map(|x| x * x).sum::<f64>());
-            (n.map(|x| x / len / 3.0), a.map(|x| 3 * i64::from(x)))
+            (n / n.length() / 3.0, 3 * a.as_i64vec3())
         }))
     }
 
     /// [`Faces::violation`] of a single point.
-    pub fn violation(&self, sum: [i64; 3]) -> f64 {
+    pub fn violation(&self, sum: I64Vec3) -> f64 {
         self.faces().violation(sum)
     }
 }
 
 /// The faces of a tetrahedron: normals pointing out, and three times a point of each.
 #[derive(Debug, Clone, Copy)]
-pub struct Faces([([f64; 3], [i64; 3]); 4]);
+pub struct Faces([(DVec3, I64Vec3); 4]);
 
 impl Faces {
     /// How far the point `sum / 3` lies outside the tetrahedron, as a non-negative number comparable between
     /// tetrahedra of one diamond (largest plane violation, in steps); 0 inside.
-    pub fn violation(&self, sum: [i64; 3]) -> f64 {
-        let out = |(n, a): &([f64; 3], [i64; 3])| (0..3).map(|k| n[k] * (sum[k] - a[k]) as f64).sum::<f64>();
+    pub fn violation(&self, sum: I64Vec3) -> f64 {
+        let out = |(n, a): &(DVec3, I64Vec3)| n.dot((sum - a).as_dvec3());
         self.0.iter().map(out).fold(0.0, f64::max)
     }
 }
@@ -113,25 +123,24 @@ impl Faces {
 /// A bisecting plane: its normal has components -1, 0 or 1 (the subdivision knows no others).
 #[derive(Debug, Clone, Copy)]
 pub struct SplitPlane {
-    normal: [i64; 3],
-    through3: [i64; 3],
+    normal: I64Vec3,
+    through3: I64Vec3,
 }
 
 impl SplitPlane {
     /// The child (0 or 1) that a point, given as the *sum of three vertices* (three times a triangle's centroid),
     /// belongs to. Exact; ties go to child 0.
     #[inline]
-    pub fn child_of_sum(&self, sum: [i64; 3]) -> usize {
-        usize::from((0..3).map(|i| self.normal[i] * (sum[i] - self.through3[i])).sum::<i64>() < 0)
+    pub fn child_of_sum(&self, sum: I64Vec3) -> usize {
+        usize::from(self.normal.dot(sum - self.through3) < 0)
     }
 }
 
 /// Reorder so that the longest edge is first-last, keeping child order deterministic.
 fn longest_first_last(v: [LatticePoint; 4]) -> [LatticePoint; 4] {
-    let mut best = (0, 3, -1i128);
+    let mut best = (0, 3, -1);
     for (i, j) in [(0, 3), (0, 1), (0, 2), (1, 2), (1, 3), (2, 3)] {
-        let e = sub(v[i], v[j]);
-        let l = dot(e, e);
+        let l = between(v[i], v[j]).length_squared();
         if l > best.2 {
             best = (i, j, l);
         }
@@ -143,19 +152,12 @@ fn longest_first_last(v: [LatticePoint; 4]) -> [LatticePoint; 4] {
     [v[i], b, c, v[j]]
 }
 
-fn sub(a: LatticePoint, b: LatticePoint) -> [i128; 3] {
-    std::array::from_fn(|i| i128::from(a[i]) - i128::from(b[i]))
+/// `to - from`. Corners lie within 2^30 of each other, so that a cross product of two of these and the square of one fit `i64`.
+fn between(from: LatticePoint, to: LatticePoint) -> I64Vec3 {
+    to.as_i64vec3() - from.as_i64vec3()
 }
 
-fn cross(a: [i128; 3], b: [i128; 3]) -> [i128; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn dot(a: [i128; 3], b: [i128; 3]) -> i128 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn gcd(a: u128, b: u128) -> u128 {
+fn gcd(a: u64, b: u64) -> u64 {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
@@ -163,24 +165,23 @@ fn gcd(a: u128, b: u128) -> u128 {
 mod tests {
     use super::*;
 
-    fn volume6(t: &Tetra) -> i128 {
-        dot(sub(t.v[1], t.v[0]), cross(sub(t.v[2], t.v[0]), sub(t.v[3], t.v[0]))).abs()
+    fn volume6(t: &Tetra) -> i64 {
+        let [b, c, d] = [t.v[1], t.v[2], t.v[3]].map(|p| between(t.v[0], p));
+        b.dot(c.cross(d)).abs()
     }
 
     #[test]
     fn ten_levels_keep_the_longest_edge_first_and_halve_the_volume() {
         let mut level: Vec<Tetra> = Tetra::roots(6).to_vec();
         for l in 0..10u8 {
-            let expected = [3, 2, 1][usize::from(l) % 3] * (1i128 << (6 - i128::from(l / 3))).pow(2);
+            let expected = [3, 2, 1][usize::from(l) % 3] * (1i64 << (6 - i64::from(l / 3))).pow(2);
             let mut next = Vec::new();
             for t in &level {
-                let e = sub(t.v[0], t.v[3]);
                 // Level 0 mod 3: sqrt(3) s; 1: sqrt(2) s; 2: s, where s halves every third level.
-                assert_eq!(dot(e, e), expected, "level {l}: {t:?}");
-                let unique = (0..4).flat_map(|i| (i + 1..4).map(move |j| (i, j))).filter(|&(i, j)| {
-                    let e = sub(t.v[i], t.v[j]);
-                    dot(e, e) == expected
-                });
+                assert_eq!(between(t.v[0], t.v[3]).length_squared(), expected, "level {l}: {t:?}");
+                let unique = (0..4)
+                    .flat_map(|i| (i + 1..4).map(move |j| (i, j)))
+                    .filter(|&(i, j)| between(t.v[i], t.v[j]).length_squared() == expected);
                 assert_eq!(unique.count(), 1, "the longest edge is unique");
                 for c in t.children() {
                     assert_eq!(volume6(&c) * 2, volume6(t));
@@ -198,7 +199,7 @@ mod tests {
             large = large.iter().flat_map(Tetra::children).collect();
             small = small.iter().flat_map(Tetra::children).collect();
             for (l, s) in large.iter().zip(&small) {
-                assert_eq!(l.v, s.v.map(|p| p.map(|x| x << 10)));
+                assert_eq!(l.v, s.v.map(|p| p << 10));
             }
         }
     }
@@ -208,7 +209,7 @@ mod tests {
         let mut generator = fastrand::Rng::with_seed(7);
         let mut random = || generator.i64(0..64 * 3);
         for _ in 0..2000 {
-            let sum = [random(), random(), random()];
+            let sum = I64Vec3::new(random(), random(), random());
             let mut t = *Tetra::roots(6).iter().find(|t| t.violation(sum) <= 1e-9).expect("the roots tile the cube");
             for _ in 0..9 {
                 t = t.children()[t.split_plane().child_of_sum(sum)];

@@ -6,6 +6,8 @@
 //! ears", 1975; only reflex corners can lie in an ear). A polygon that crosses itself has no triangulation: it gets its
 //! n - 2 triangles all the same, and the caller is told.
 
+use glam::DVec3;
+
 /// How well a polygon could be cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
@@ -100,7 +102,7 @@ impl Triangulator {
         let (&[a, b, c, d], &[pa, pb, pc, pd]) = (corners, self.points.as_slice()) else { return None };
         let first = cross(pa, pb, pc) > 0.0 && cross(pa, pc, pd) > 0.0;
         let second = cross(pb, pc, pd) > 0.0 && cross(pb, pd, pa) > 0.0;
-        let length = |p: [f64; 3], q: [f64; 3]| (0..3).map(|k| (p[k] - q[k]) * (p[k] - q[k])).sum::<f64>();
+        let length = |p: [f64; 3], q: [f64; 3]| DVec3::from(p).distance_squared(q.into());
         match (first, second) {
             (true, true) => Some(length(a, c) <= length(b, d)),
             (true, false) => Some(true),

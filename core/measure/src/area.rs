@@ -6,7 +6,7 @@ use crate::polygon::{is_simple, signed_area};
 use crate::refusal::{Refusal, at_least};
 use crate::region::Region;
 use crate::sum::Sum;
-use kilwa_geometry::distance::{Vec3, cross, dot, sub};
+use glam::{DVec2, DVec3};
 use serde::Serialize;
 
 /// Areas of a surface that is summed up triangle by triangle, in the square of the unit of the triangles.
@@ -20,32 +20,32 @@ pub struct Areas {
 
 impl Areas {
     /// Add one triangle.
-    pub fn add(&mut self, triangle: [Vec3; 3]) {
+    pub fn add(&mut self, triangle: [DVec3; 3]) {
         self.triangles += 1;
         self.add_part(triangle);
     }
 
-    fn add_part(&mut self, [a, b, c]: [Vec3; 3]) {
-        let n = cross(sub(b, a), sub(c, a));
-        self.surface.add(libm::sqrt(dot(n, n)) * 0.5);
+    fn add_part(&mut self, [a, b, c]: [DVec3; 3]) {
+        let n = (b - a).cross(c - a);
+        self.surface.add(n.length() * 0.5);
         self.plan.add(n[2].abs() * 0.5);
         // A corner that moves across the opposite side of length l changes the area by l / 2 for each unit.
         for (p, q) in [(a, b), (b, c), (c, a)] {
-            let d = sub(q, p);
-            self.spread[0].add(dot(d, d) * 0.25);
+            let d = q - p;
+            self.spread[0].add(d.length_squared() * 0.25);
             self.spread[1].add((d[0] * d[0] + d[1] * d[1]) * 0.25);
         }
     }
 
     /// Add the part of a triangle inside a region.
-    pub fn add_clipped(&mut self, triangle: [Vec3; 3], region: &Region) {
+    pub fn add_clipped(&mut self, triangle: [DVec3; 3], region: &Region) {
         let [u, v] = region.plane().axes();
         let n = region.plane().normal;
         let mut met = false;
         region.clip(triangle, |part| {
             met = true;
             // Back from the plane's coordinates: only directions matter for areas.
-            let world = |p: Vec3| -> Vec3 { std::array::from_fn(|i| u[i] * p[0] + v[i] * p[1] + n[i] * p[2]) };
+            let world = |p: DVec3| u * p.x + v * p.y + n * p.z;
             for i in 1..part.len() - 1 {
                 self.add_part([world(part[0]), world(part[i]), world(part[i + 1])]);
             }
@@ -101,17 +101,17 @@ impl PolygonArea {
     ///
     /// # Errors
     /// [`Refusal`] for fewer than three corners, corners on a line, and sides that cross in the fitted plane.
-    pub fn of(points: &[Vec3]) -> Result<Self, Refusal> {
+    pub fn of(points: &[DVec3]) -> Result<Self, Refusal> {
         at_least("an area", 3, points)?;
         let plane = Plane::fit(points)?;
-        let outline: Vec<[f64; 2]> = points.iter().map(|p| plane.plane.coordinates(*p)).collect();
+        let outline: Vec<DVec2> = points.iter().map(|p| plane.plane.coordinates(*p)).collect();
         if !is_simple(&outline) {
             return Err(Refusal::Crossing);
         }
-        let level: Vec<[f64; 2]> = points.iter().map(|p| [p[0] - points[0][0], p[1] - points[0][1]]).collect();
+        let level: Vec<DVec2> = points.iter().map(|p| (*p - points[0]).truncate()).collect();
         let side = |i: usize| {
-            let d = sub(points[(i + 1) % points.len()], points[i]);
-            libm::sqrt(dot(d, d))
+            let d = points[(i + 1) % points.len()] - points[i];
+            d.length()
         };
         Ok(Self {
             fitted: signed_area(&outline).abs(),
@@ -129,23 +129,34 @@ mod tests {
     #[test]
     fn an_upright_wall_has_its_full_area_along_the_surface_and_none_in_plan() {
         let mut a = Areas::default();
-        a.add([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 0.0, 3.0]]);
-        a.add([[0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 0.0, 3.0]]);
+        a.add([DVec3::ZERO, DVec3::new(4.0, 0.0, 0.0), DVec3::new(4.0, 0.0, 3.0)]);
+        a.add([DVec3::ZERO, DVec3::new(4.0, 0.0, 3.0), DVec3::new(0.0, 0.0, 3.0)]);
         assert_eq!((a.surface(), a.plan(), a.triangles()), (12.0, 0.0, 2));
-        let p = PolygonArea::of(&[[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 0.0, 3.0]]).unwrap();
+        let p = PolygonArea::of(&[
+            DVec3::ZERO,
+            DVec3::new(4.0, 0.0, 0.0),
+            DVec3::new(4.0, 0.0, 3.0),
+            DVec3::new(0.0, 0.0, 3.0),
+        ])
+        .unwrap();
         assert!((p.fitted - 12.0).abs() < 1e-12 && p.plan.abs() < 1e-12 && (p.perimeter - 14.0).abs() < 1e-12, "{p:?}");
     }
 
     #[test]
     fn a_ramp_of_sixty_degrees_has_twice_its_plan_area_and_a_region_cuts_it_exactly() {
         let rise = 3f64.sqrt();
-        let (a, b, c, d) = ([0.0, 0.0, 0.0], [1.0, 0.0, rise], [1.0, 1.0, rise], [0.0, 1.0, 0.0]);
+        let (a, b, c, d) = (DVec3::ZERO, DVec3::new(1.0, 0.0, rise), DVec3::new(1.0, 1.0, rise), DVec3::Y);
         let mut whole = Areas::default();
         whole.add([a, b, c]);
         whole.add([a, c, d]);
         assert!((whole.surface() - 2.0).abs() < 1e-12 && (whole.plan() - 1.0).abs() < 1e-12);
-        let floor = Plane::new([0.0; 3], [0.0, 0.0, 1.0]).unwrap();
-        let corners = [[0.25, 0.25, 0.0], [0.75, 0.25, 0.0], [0.75, 0.75, 0.0], [0.25, 0.75, 0.0]];
+        let floor = Plane::new(DVec3::ZERO, DVec3::Z).unwrap();
+        let corners = [
+            DVec3::new(0.25, 0.25, 0.0),
+            DVec3::new(0.75, 0.25, 0.0),
+            DVec3::new(0.75, 0.75, 0.0),
+            DVec3::new(0.25, 0.75, 0.0),
+        ];
         let region = Region::new(floor, &corners, 10.0).unwrap();
         let mut part = Areas::default();
         part.add_clipped([a, b, c], &region);

@@ -4,7 +4,7 @@ use crate::plane::Plane;
 use crate::refusal::{Refusal, Target};
 use crate::region::Region;
 use crate::sum::Sum;
-use kilwa_geometry::distance::{Vec3, cross, dot, sub};
+use glam::DVec3;
 use serde::Serialize;
 
 /// Bins of the histogram.
@@ -52,30 +52,30 @@ impl Deviation {
     }
 
     /// Add one triangle.
-    pub fn add(&mut self, triangle: [Vec3; 3], plane: &Plane) {
-        let n = cross(sub(triangle[1], triangle[0]), sub(triangle[2], triangle[0]));
-        self.add_part(libm::sqrt(dot(n, n)) * 0.5, triangle.map(|p| plane.distance(p)));
+    pub fn add(&mut self, triangle: [DVec3; 3], plane: &Plane) {
+        let n = (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]);
+        self.add_part(n.length() * 0.5, triangle.map(|p| plane.distance(p)).into());
     }
 
     /// Add the part of a triangle inside a region, whose plane is the one that distances are taken from.
-    pub fn add_clipped(&mut self, triangle: [Vec3; 3], region: &Region) {
+    pub fn add_clipped(&mut self, triangle: [DVec3; 3], region: &Region) {
         region.clip(triangle, |part| {
             for w in part[1..].windows(2) {
-                let n = cross(sub(w[0], part[0]), sub(w[1], part[0]));
-                self.add_part(libm::sqrt(dot(n, n)) * 0.5, [part[0][2], w[0][2], w[1][2]]);
+                let n = (w[0] - part[0]).cross(w[1] - part[0]);
+                self.add_part(n.length() * 0.5, DVec3::new(part[0].z, w[0].z, w[1].z));
             }
         });
     }
 
-    /// Integrals of a linear function and of its square over a triangle are exact.
-    fn add_part(&mut self, area: f64, d: [f64; 3]) {
-        let sum: f64 = d.iter().sum();
-        let squares: f64 = d.iter().map(|x| x * x).sum();
+    /// Distances at the corners. Integrals of a linear function and of its square over a triangle are exact.
+    fn add_part(&mut self, area: f64, d: DVec3) {
+        let sum = d.element_sum();
+        let squares = d.length_squared();
         self.area.add(area);
         self.first.add(area * sum / 3.0);
         self.second.add(area * (sum * sum + squares) / 12.0);
-        self.low = d.iter().fold(self.low, |a, x| a.min(*x));
-        self.high = d.iter().fold(self.high, |a, x| a.max(*x));
+        self.low = self.low.min(d.min_element());
+        self.high = self.high.max(d.max_element());
         let place = (sum / 3.0 / self.range + 1.0) * 0.5 * BINS as f64;
         let bin = if place.is_nan() { BINS / 2 } else { place.clamp(0.0, (BINS - 1) as f64) as usize };
         self.bins[bin].add(area);
@@ -120,8 +120,13 @@ mod tests {
 
     #[test]
     fn a_tilted_square_deviates_by_the_deviation_of_a_uniform_distribution() {
-        let floor = Plane::new([0.0; 3], [0.0, 0.0, 1.0]).unwrap();
-        let (a, b, c, d) = ([0.0, 0.0, -1.0], [2.0, 0.0, 1.0], [2.0, 1.0, 1.0], [0.0, 1.0, -1.0]);
+        let floor = Plane::new(DVec3::ZERO, DVec3::Z).unwrap();
+        let (a, b, c, d) = (
+            DVec3::new(0.0, 0.0, -1.0),
+            DVec3::new(2.0, 0.0, 1.0),
+            DVec3::new(2.0, 1.0, 1.0),
+            DVec3::new(0.0, 1.0, -1.0),
+        );
         let mut sum = Deviation::new(1.0);
         sum.add([a, b, c], &floor);
         sum.add([a, c, d], &floor);

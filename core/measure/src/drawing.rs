@@ -4,12 +4,13 @@
 
 use crate::profile::{ProfileLine, drawn};
 use crate::section::Section;
+use glam::{DVec2, DVec3};
 
 /// One line of a drawing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DrawnLine {
     /// Its points, metres.
-    pub points: Vec<[f64; 2]>,
+    pub points: Vec<DVec2>,
     /// Whether the last point is joined to the first.
     pub closed: bool,
     /// Height, metres, where the line is a contour.
@@ -34,11 +35,8 @@ pub struct Drawing {
 impl Drawing {
     /// A section in the coordinates of its plane: level to the right, upright up, seen against the plane's normal; `origin` is
     /// added, so that for example in an upright plane y can be the world's height.
-    pub fn of_section(section: &Section, origin: [f64; 2], layer: &str) -> Self {
-        let flat = |p: &[f64; 3]| {
-            let [x, y] = section.plane.coordinates(*p);
-            [x + origin[0], y + origin[1]]
-        };
+    pub fn of_section(section: &Section, origin: DVec2, layer: &str) -> Self {
+        let flat = |p: &DVec3| section.plane.coordinates(*p) + origin;
         let lines = section
             .polylines
             .iter()
@@ -50,7 +48,7 @@ impl Drawing {
     /// A straightened profile: way to the right, height (plus `height`) up.
     pub fn of_profile(lines: &[ProfileLine], height: f64) -> Self {
         let line = |l: &ProfileLine| DrawnLine {
-            points: l.points.iter().map(|p| [p[0], p[1] + height]).collect(),
+            points: l.points.iter().map(|p| DVec2::new(p.x, p.y + height)).collect(),
             closed: false,
             elevation: None,
         };
@@ -63,7 +61,7 @@ impl Drawing {
         let mut lines = Vec::new();
         for (height, section) in contours {
             for l in &section.polylines {
-                let points: Vec<[f64; 2]> = l.points.iter().map(|p| [p[0] + east, p[1] + north]).collect();
+                let points: Vec<DVec2> = l.points.iter().map(|p| p.truncate() + DVec2::new(east, north)).collect();
                 lines.push(DrawnLine { points, closed: l.closed, elevation: Some(height) });
             }
         }
@@ -71,12 +69,10 @@ impl Drawing {
     }
 
     /// Smallest and largest coordinates; `None` without a point.
-    pub fn bounds(&self) -> Option<([f64; 2], [f64; 2])> {
+    pub fn bounds(&self) -> Option<(DVec2, DVec2)> {
         let mut points = self.lines.iter().flat_map(|l| &l.points);
         let first = *points.next()?;
-        Some(points.fold((first, first), |(low, high), p| {
-            (std::array::from_fn(|i| low[i].min(p[i])), std::array::from_fn(|i| high[i].max(p[i])))
-        }))
+        Some(points.fold((first, first), |(low, high), p| (low.min(*p), high.max(*p))))
     }
 
     /// Length of the scale bar, metres: 1, 2 or 5 times a power of ten, at most 80 mm on paper, more than 30.
@@ -88,7 +84,7 @@ impl Drawing {
 }
 
 /// Lines of a section in world coordinates, for formats with three dimensions: the first point repeated where closed.
-pub fn world_lines(section: &Section, world_from_local: impl Fn([f64; 3]) -> [f64; 3]) -> Vec<Vec<[f64; 3]>> {
+pub fn world_lines(section: &Section, world_from_local: impl Fn(DVec3) -> DVec3) -> Vec<Vec<DVec3>> {
     section.polylines.iter().map(|l| drawn(l).into_iter().map(&world_from_local).collect()).collect()
 }
 
@@ -110,11 +106,20 @@ pub(crate) mod tests {
             layer: "SECTION".to_owned(),
             lines: vec![
                 DrawnLine {
-                    points: vec![[100.0, 5.0], [110.0, 5.0], [110.0, 8.0], [100.0, 8.0]],
+                    points: vec![
+                        DVec2::new(100.0, 5.0),
+                        DVec2::new(110.0, 5.0),
+                        DVec2::new(110.0, 8.0),
+                        DVec2::new(100.0, 8.0),
+                    ],
                     closed: true,
                     elevation: None,
                 },
-                DrawnLine { points: vec![[101.0, 6.0], [102.0, 6.5]], closed: false, elevation: Some(6.0) },
+                DrawnLine {
+                    points: vec![DVec2::new(101.0, 6.0), DVec2::new(102.0, 6.5)],
+                    closed: false,
+                    elevation: Some(6.0),
+                },
             ],
             scale: 50.0,
         }
@@ -127,7 +132,7 @@ pub(crate) mod tests {
             d.scale = scale;
             assert!((d.scale_bar() - bar).abs() < 1e-12, "1:{scale}: {}", d.scale_bar());
         }
-        assert_eq!(d.bounds(), Some(([100.0, 5.0], [110.0, 8.0])));
+        assert_eq!(d.bounds(), Some((DVec2::new(100.0, 5.0), DVec2::new(110.0, 8.0))));
         assert_eq!((short(2.50, 3), short(-0.0001, 2), short(10.0, 0)), ("2.5".into(), "0".into(), "10".into()));
     }
 }

@@ -5,6 +5,7 @@
 
 use crate::drawing::{Drawing, short};
 use crate::record::{Document, Measurement};
+use glam::{DVec2, DVec3};
 use kilwa_geometry::LengthUnit;
 use std::fmt::Write;
 
@@ -39,8 +40,8 @@ impl Writer {
         self.pair(code, format_args!("{x:?}"));
     }
 
-    fn point(&mut self, p: [f64; 3]) {
-        for (code, x) in [10, 20, 30].into_iter().zip(p) {
+    fn point(&mut self, p: DVec3) {
+        for (code, x) in [10, 20, 30].into_iter().zip(p.to_array()) {
             self.number(code, x);
         }
     }
@@ -74,7 +75,7 @@ impl Drawing {
     /// The drawing as DXF, or `None` where it has no line.
     pub fn to_dxf(&self) -> Option<String> {
         let (low, high) = self.bounds()?;
-        Some(file(&[&self.layer_name(), NOTES], [low[0], low[1], 0.0], [high[0], high[1], 0.0], |w| {
+        Some(file(&[&self.layer_name(), NOTES], low.extend(0.0), high.extend(0.0), |w| {
             self.entities(w, low, high);
         }))
     }
@@ -86,7 +87,7 @@ impl Drawing {
         if name.is_empty() || name == "0" || name == NOTES { "LINES".to_owned() } else { name }
     }
 
-    fn entities(&self, w: &mut Writer, low: [f64; 2], high: [f64; 2]) {
+    fn entities(&self, w: &mut Writer, low: DVec2, high: DVec2) {
         let layer = self.layer_name();
         for line in self.lines.iter().filter(|l| l.points.len() > 1) {
             w.entity("LWPOLYLINE", "AcDbPolyline", &layer);
@@ -103,27 +104,28 @@ impl Drawing {
         // One millimetre of paper in metres of the drawing.
         let mm = self.scale / 1000.0;
         let (y, x) = (low[1] - 6.0 * mm, low[0] - 6.0 * mm);
-        segment(w, [low[0], y], [high[0], y]);
-        segment(w, [x, low[1]], [x, high[1]]);
-        for (at, ends) in [(low[0], [y - mm, y + mm]), (high[0], [y - mm, y + mm])] {
-            segment(w, [at, ends[0]], [at, ends[1]]);
+        segment(w, DVec2::new(low.x, y), DVec2::new(high.x, y));
+        segment(w, DVec2::new(x, low.y), DVec2::new(x, high.y));
+        for at in [low.x, high.x] {
+            segment(w, DVec2::new(at, y - mm), DVec2::new(at, y + mm));
         }
         for at in [low[1], high[1]] {
-            segment(w, [x - mm, at], [x + mm, at]);
+            segment(w, DVec2::new(x - mm, at), DVec2::new(x + mm, at));
         }
-        let size = [high[0] - low[0], high[1] - low[1]].map(|d| format!("{} m", short(d, 3)));
-        text(w, [f64::midpoint(low[0], high[0]), y - 5.0 * mm, 0.0], 3.0 * mm, 0.0, &size[0]);
-        text(w, [x - 2.0 * mm, f64::midpoint(low[1], high[1]), 0.0], 3.0 * mm, 90.0, &size[1]);
+        let size = (high - low).to_array().map(|d| format!("{} m", short(d, 3)));
+        text(w, DVec3::new(f64::midpoint(low.x, high.x), y - 5.0 * mm, 0.0), 3.0 * mm, 0.0, &size[0]);
+        text(w, DVec3::new(x - 2.0 * mm, f64::midpoint(low.y, high.y), 0.0), 3.0 * mm, 90.0, &size[1]);
         let (bar, y) = (self.scale_bar(), y - 14.0 * mm);
-        segment(w, [low[0], y], [low[0] + bar, y]);
+        segment(w, DVec2::new(low.x, y), DVec2::new(low.x + bar, y));
         for k in [0.0, 0.5, 1.0] {
-            segment(w, [low[0] + bar * k, y], [low[0] + bar * k, y + 2.0 * mm]);
+            let at = DVec2::new(low.x + bar * k, y);
+            segment(w, at, DVec2::new(at.x, y + 2.0 * mm));
         }
-        text(w, [low[0], y - 4.5 * mm, 0.0], 3.0 * mm, 0.0, "0");
-        text(w, [low[0] + bar, y - 4.5 * mm, 0.0], 3.0 * mm, 0.0, &format!("{} m", short(bar, 3)));
+        text(w, DVec3::new(low.x, y - 4.5 * mm, 0.0), 3.0 * mm, 0.0, "0");
+        text(w, DVec3::new(low.x + bar, y - 4.5 * mm, 0.0), 3.0 * mm, 0.0, &format!("{} m", short(bar, 3)));
         let title = format!("{}   1:{}", self.title, short(self.scale, 3));
         for (i, words) in std::iter::once(&title).chain(&self.notes).enumerate() {
-            text(w, [low[0], y - (11.0 + 4.5 * i as f64) * mm, 0.0], 3.0 * mm, 0.0, words);
+            text(w, DVec3::new(low.x, y - (11.0 + 4.5 * i as f64) * mm, 0.0), 3.0 * mm, 0.0, words);
         }
     }
 }
@@ -132,11 +134,9 @@ impl Document {
     /// The measurements as points and lines in space, world coordinates, each with its name and first value beside it.
     pub fn to_dxf(&self) -> String {
         let points = self.measurements.iter().flat_map(|m| &m.task.world);
-        let (low, high) = points.fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(a, b), p| {
-            (std::array::from_fn(|i| a[i].min(p[i])), std::array::from_fn(|i| b[i].max(p[i])))
-        });
-        let (low, high) = if low[0] <= high[0] { (low, high) } else { ([0.0; 3], [0.0; 3]) };
-        let size = (0..3).map(|i| high[i] - low[i]).fold(0.01, f64::max) * 0.02;
+        let (low, high) = points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
+        let (low, high) = if low[0] <= high[0] { (low, high) } else { (DVec3::ZERO, DVec3::ZERO) };
+        let size = (high - low).max_element().max(0.01) * 0.02;
         file(&[MEASURED, NOTES], low, high, |w| {
             for m in &self.measurements {
                 measured(w, m, size);
@@ -172,7 +172,7 @@ fn measured(w: &mut Writer, m: &Measurement, size: f64) {
 }
 
 /// A whole file round entities.
-fn file(layers: &[&str], low: [f64; 3], high: [f64; 3], entities: impl FnOnce(&mut Writer)) -> String {
+fn file(layers: &[&str], low: DVec3, high: DVec3, entities: impl FnOnce(&mut Writer)) -> String {
     let mut w = Writer { text: String::new(), handle: 0x100 };
     let mut body = Writer { text: String::new(), handle: 0x1000 };
     entities(&mut body);
@@ -187,15 +187,15 @@ fn file(layers: &[&str], low: [f64; 3], high: [f64; 3], entities: impl FnOnce(&m
     w.text
 }
 
-fn segment(w: &mut Writer, a: [f64; 2], b: [f64; 2]) {
+fn segment(w: &mut Writer, a: DVec2, b: DVec2) {
     w.entity("LINE", "AcDbLine", NOTES);
-    w.point([a[0], a[1], 0.0]);
-    for (code, x) in [(11, b[0]), (21, b[1]), (31, 0.0)] {
+    w.point(a.extend(0.0));
+    for (code, x) in [(11, b.x), (21, b.y), (31, 0.0)] {
         w.number(code, x);
     }
 }
 
-fn text(w: &mut Writer, at: [f64; 3], height: f64, degrees: f64, words: &str) {
+fn text(w: &mut Writer, at: DVec3, height: f64, degrees: f64, words: &str) {
     w.entity("TEXT", "AcDbText", NOTES);
     w.point(at);
     w.number(40, height);
@@ -216,7 +216,7 @@ fn text(w: &mut Writer, at: [f64; 3], height: f64, degrees: f64, words: &str) {
     w.pair(100, "AcDbText");
 }
 
-fn header(w: &mut Writer, low: [f64; 3], high: [f64; 3], seed: u32) {
+fn header(w: &mut Writer, low: DVec3, high: DVec3, seed: u32) {
     w.pairs(&[(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1024"), (9, "$DWGCODEPAGE"), (3, "ANSI_1252")]);
     w.pair(9, "$HANDSEED");
     w.pair(5, format_args!("{seed:X}"));
@@ -302,12 +302,13 @@ fn objects(w: &mut Writer) {
 #[cfg(test)]
 mod tests {
     use crate::drawing::tests::square;
+    use glam::DVec2;
     use std::collections::BTreeSet;
 
     #[test]
     fn pairs_are_well_formed_handles_are_used_once_and_coordinates_read_back_exactly() {
         let mut drawing = square();
-        drawing.lines[0].points[0] = [566_000.1 + 1e-9, 0.1 + 0.2];
+        drawing.lines[0].points[0] = DVec2::new(566_000.1 + 1e-9, 0.1 + 0.2);
         drawing.title = "Kilwa مسجد".to_owned();
         let dxf = drawing.to_dxf().unwrap();
         assert!(dxf.is_ascii());

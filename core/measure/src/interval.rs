@@ -5,15 +5,15 @@
 //! ε. ε bounds a distance, not a displacement along the ray: at grazing angles a stretch is long, at silhouettes there are several.
 
 use crate::pick::Ray;
-use kilwa_geometry::distance::{Vec3, cross, dot, sub};
+use glam::DVec3;
 
 /// The stretch of a ray (parameters, `t ≥ 0`) within `error` of a triangle. It is one, because the triangle grown by `error`
 /// is convex; computed as the hull of the stretches in its prism, its three cylinders and its three balls. Slightly wide against rounding.
-pub fn stretch(ray: &Ray, [a, b, c]: [Vec3; 3], error: f64) -> Option<(f64, f64)> {
+pub fn stretch(ray: &Ray, [a, b, c]: [DVec3; 3], error: f64) -> Option<(f64, f64)> {
     let reach = error * (1.0 + 1e-9) + 1e-9;
     // Most triangles are nowhere near: a ball round the whole says so at once.
-    let centre: Vec3 = std::array::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0);
-    let far = |p: Vec3| libm::sqrt(dot(sub(p, centre), sub(p, centre)));
+    let centre: DVec3 = (a + b + c) / 3.0;
+    let far = |p: DVec3| (p - centre).length();
     ball(ray, centre, (far(a).max(far(b)).max(far(c)) + reach) * (1.0 + 1e-9))?;
     let mut hull: Option<(f64, f64)> = None;
     let mut grow = |part: Option<(f64, f64)>| {
@@ -42,35 +42,36 @@ fn quadratic(dd: f64, od: f64, oo: f64, r: f64) -> Option<(f64, f64)> {
     (root >= 0.0).then(|| ((-od - libm::sqrt(root)) / dd, (-od + libm::sqrt(root)) / dd))
 }
 
-fn ball(ray: &Ray, centre: Vec3, r: f64) -> Option<(f64, f64)> {
-    let (o, d) = (sub(ray.origin, centre), ray.direction);
-    quadratic(dot(d, d), dot(o, d), dot(o, o), r)
+fn ball(ray: &Ray, centre: DVec3, r: f64) -> Option<(f64, f64)> {
+    let (o, d) = (ray.origin - centre, ray.direction);
+    quadratic(d.length_squared(), o.dot(d), o.length_squared(), r)
 }
 
-fn cylinder(ray: &Ray, p: Vec3, q: Vec3, r: f64) -> Option<(f64, f64)> {
-    let axis = sub(q, p);
-    let square = dot(axis, axis);
+fn cylinder(ray: &Ray, p: DVec3, q: DVec3, r: f64) -> Option<(f64, f64)> {
+    let axis = q - p;
+    let square = axis.length_squared();
     if square == 0.0 {
         return None;
     }
-    let (o, d) = (sub(ray.origin, p), ray.direction);
-    let (oa, da) = (dot(o, axis), dot(d, axis));
+    let (o, d) = (ray.origin - p, ray.direction);
+    let (oa, da) = (o.dot(axis), d.dot(axis));
     let across = |x: f64, y: f64, xy: f64| xy - x * y / square;
-    let round = quadratic(across(da, da, dot(d, d)), across(oa, da, dot(o, d)), across(oa, oa, dot(o, o)), r)?;
+    let round =
+        quadratic(across(da, da, d.length_squared()), across(oa, da, o.dot(d)), across(oa, oa, o.length_squared()), r)?;
     meet(round, slab(oa, da, 0.0, square)?)
 }
 
-fn prism(ray: &Ray, [a, b, c]: [Vec3; 3], r: f64) -> Option<(f64, f64)> {
-    let n = cross(sub(b, a), sub(c, a));
-    let size = libm::sqrt(dot(n, n));
+fn prism(ray: &Ray, [a, b, c]: [DVec3; 3], r: f64) -> Option<(f64, f64)> {
+    let n = (b - a).cross(c - a);
+    let size = n.length();
     if size == 0.0 {
         return None;
     }
-    let o = sub(ray.origin, a);
-    let mut part = slab(dot(o, n), dot(ray.direction, n), -r * size, r * size)?;
+    let o = ray.origin - a;
+    let mut part = slab(o.dot(n), ray.direction.dot(n), -r * size, r * size)?;
     for (p, q) in [(a, b), (b, c), (c, a)] {
-        let inward = cross(n, sub(q, p));
-        part = meet(part, slab(dot(sub(ray.origin, p), inward), dot(ray.direction, inward), 0.0, f64::INFINITY)?)?;
+        let inward = n.cross(q - p);
+        part = meet(part, slab((ray.origin - p).dot(inward), ray.direction.dot(inward), 0.0, f64::INFINITY)?)?;
     }
     Some(part)
 }
@@ -132,10 +133,11 @@ mod tests {
     proptest! {
         #[test]
         fn the_stretch_is_exactly_where_the_ray_is_within_the_error(
-            t in prop::array::uniform3(prop::array::uniform3(-10.0f64..10.0)), o in prop::array::uniform3(-20.0f64..20.0),
-            d in prop::array::uniform3(-1.0f64..1.0), e in 0.01f64..5.0,
+            t in prop::array::uniform3(prop::array::uniform3(-10.0f64..10.0).prop_map(DVec3::from)),
+            o in prop::array::uniform3(-20.0f64..20.0).prop_map(DVec3::from),
+            d in prop::array::uniform3(-1.0f64..1.0).prop_map(DVec3::from), e in 0.01f64..5.0,
         ) {
-            prop_assume!(dot(d, d) > 0.01);
+            prop_assume!(d.length_squared() > 0.01);
             let ray = Ray { origin: o, direction: d };
             let found = stretch(&ray, t, e);
             for i in 0..2000 {

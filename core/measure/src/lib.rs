@@ -41,7 +41,6 @@ pub mod surface;
 mod svg;
 pub mod tools;
 pub mod unit;
-mod vector;
 pub mod volume;
 
 pub use area::{Areas, PolygonArea};

@@ -4,7 +4,7 @@
 use crate::drawing::{Drawing, DrawnLine};
 use crate::quantity::Uncertainty;
 use crate::record::PackName;
-use kilwa_geometry::distance::Vec3;
+use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -15,9 +15,9 @@ pub struct Line {
     /// Whether the last point is joined to the first.
     pub closed: bool,
     /// In the drawing: x to the right, y up, metres. A closed line does not repeat its first point.
-    pub flat: Vec<[f64; 2]>,
+    pub flat: Vec<DVec2>,
     /// In world coordinates. A closed line repeats its first point.
-    pub world: Vec<Vec3>,
+    pub world: Vec<DVec3>,
     /// World height, metres, where it is a contour.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub elevation: Option<f64>,
@@ -61,7 +61,7 @@ impl Format {
 
 impl Lines {
     /// A drawing's lines and the same in world coordinates.
-    pub fn new(title: &str, drawing: Drawing, world: Vec<Vec<Vec3>>) -> Self {
+    pub fn new(title: &str, drawing: Drawing, world: Vec<Vec<DVec3>>) -> Self {
         let both = drawing.lines.into_iter().zip(world);
         let line =
             |(d, world): (DrawnLine, _)| Line { closed: d.closed, flat: d.points, world, elevation: d.elevation };
@@ -99,7 +99,7 @@ impl Lines {
         let mut out = String::from("line,point,x,y,z,u,v\n");
         for (l, line) in self.lines.iter().enumerate() {
             for (p, w) in line.world.iter().enumerate() {
-                let [u, v] = line.flat.get(p % line.flat.len().max(1)).copied().unwrap_or_default();
+                let DVec2 { x: u, y: v } = line.flat.get(p % line.flat.len().max(1)).copied().unwrap_or_default();
                 let _ = writeln!(out, "{l},{p},{:?},{:?},{:?},{u:?},{v:?}", w[0], w[1], w[2]);
             }
         }

@@ -3,8 +3,7 @@
 use crate::plane::Plane;
 use crate::refusal::{Refusal, at_least};
 use crate::section::{Polyline, Section};
-use crate::vector::{add, norm, scale, unit};
-use kilwa_geometry::distance::{Vec3, cross, dot, sub};
+use glam::DVec3;
 use serde::Serialize;
 
 /// A path from point to point, metres.
@@ -24,19 +23,19 @@ pub struct PathLength {
 ///
 /// # Errors
 /// [`Refusal::TooFew`] below two points.
-pub fn length(points: &[Vec3], closed: bool) -> Result<PathLength, Refusal> {
+pub fn length(points: &[DVec3], closed: bool) -> Result<PathLength, Refusal> {
     at_least("a length", 2, points)?;
     let (first, last) = (points[0], points[points.len() - 1]);
-    let mut legs: Vec<Vec3> = points.windows(2).map(|w| sub(w[1], w[0])).collect();
+    let mut legs: Vec<DVec3> = points.windows(2).map(|w| w[1] - w[0]).collect();
     if closed {
-        legs.push(sub(first, last));
+        legs.push(first - last);
     }
-    let over = |d: &Vec3| libm::sqrt(d[0] * d[0] + d[1] * d[1]);
+    let over = |d: &DVec3| d.truncate().length();
     Ok(PathLength {
-        straight: legs.iter().map(|d| norm(*d)).sum(),
+        straight: legs.iter().map(|d| d.length()).sum(),
         horizontal: legs.iter().map(over).sum(),
         vertical: if closed { 0.0 } else { last[2] - first[2] },
-        ends: if closed { 0.0 } else { norm(sub(last, first)) },
+        ends: if closed { 0.0 } else { (last - first).length() },
     })
 }
 
@@ -45,12 +44,12 @@ pub fn length(points: &[Vec3], closed: bool) -> Result<PathLength, Refusal> {
 ///
 /// # Errors
 /// [`Refusal::Coincident`] where the points are the same or one lies behind the other as seen along the normal.
-pub fn tape_plane(a: Vec3, b: Vec3, normal: Vec3) -> Result<Plane, Refusal> {
+pub fn tape_plane(a: DVec3, b: DVec3, normal: DVec3) -> Result<Plane, Refusal> {
     at_least("a distance along the surface", 2, &[a, b])?;
     let same = Refusal::Coincident { what: "a distance along the surface" };
-    let along = unit(sub(b, a)).ok_or(same.clone())?;
-    let across = cross(along, normal);
-    if norm(across) < 1e-6 * norm(normal) {
+    let along = (b - a).try_normalize().ok_or(same.clone())?;
+    let across = along.cross(normal);
+    if across.length() < 1e-6 * normal.length() {
         return Err(same);
     }
     Plane::new(a, across)
@@ -61,7 +60,7 @@ pub fn tape_plane(a: Vec3, b: Vec3, normal: Vec3) -> Result<Plane, Refusal> {
 ///
 /// # Errors
 /// [`Refusal::Gap`] where no line joins them.
-pub fn along(section: &Section, a: Vec3, b: Vec3, tolerance: f64) -> Result<Polyline, Refusal> {
+pub fn along(section: &Section, a: DVec3, b: DVec3, tolerance: f64) -> Result<Polyline, Refusal> {
     let joined = section.polylines.iter().filter_map(|line| {
         let (from, to) = (nearest(line, a)?, nearest(line, b)?);
         (from.away <= tolerance && to.away <= tolerance).then(|| stretch(line, &from, &to))
@@ -72,7 +71,7 @@ pub fn along(section: &Section, a: Vec3, b: Vec3, tolerance: f64) -> Result<Poly
 /// A place on a line.
 struct Place {
     leg: usize,
-    point: Vec3,
+    point: DVec3,
     /// Share of the leg.
     share: f64,
     away: f64,
@@ -82,14 +81,14 @@ fn legs(line: &Polyline) -> usize {
     if line.closed { line.points.len() } else { line.points.len().saturating_sub(1) }
 }
 
-fn nearest(line: &Polyline, p: Vec3) -> Option<Place> {
+fn nearest(line: &Polyline, p: DVec3) -> Option<Place> {
     let at = |i: usize| line.points[i % line.points.len()];
     let places = (0..legs(line)).map(|leg| {
-        let (a, d) = (at(leg), sub(at(leg + 1), at(leg)));
-        let square = dot(d, d);
-        let share = if square > 0.0 { (dot(sub(p, a), d) / square).clamp(0.0, 1.0) } else { 0.0 };
-        let point = add(a, scale(d, share));
-        Place { leg, point, share, away: norm(sub(p, point)) }
+        let (a, d) = (at(leg), at(leg + 1) - at(leg));
+        let square = d.length_squared();
+        let share = if square > 0.0 { ((p - a).dot(d) / square).clamp(0.0, 1.0) } else { 0.0 };
+        let point = a + d * share;
+        Place { leg, point, share, away: (p - point).length() }
     });
     places.min_by(|p, q| p.away.total_cmp(&q.away))
 }
@@ -117,42 +116,45 @@ fn stretch(line: &Polyline, from: &Place, to: &Place) -> Polyline {
 mod tests {
     use super::*;
 
-    fn section(points: Vec<Vec3>, closed: bool) -> Section {
-        let plane = Plane::new([0.0; 3], [0.0, 1.0, 0.0]).unwrap();
+    fn section(points: Vec<DVec3>, closed: bool) -> Section {
+        let plane = Plane::new(DVec3::ZERO, DVec3::Y).unwrap();
         Section { plane, polylines: vec![Polyline { points, closed }], triangles: 4 }
     }
 
     #[test]
     fn a_path_has_its_parts() {
-        let l = length(&[[0.0; 3], [3.0, 4.0, 0.0], [3.0, 4.0, 12.0]], false).unwrap();
+        let l = length(&[DVec3::ZERO, DVec3::new(3.0, 4.0, 0.0), DVec3::new(3.0, 4.0, 12.0)], false).unwrap();
         assert_eq!((l.straight, l.horizontal, l.vertical, l.ends), (17.0, 5.0, 12.0, 13.0));
-        let l = length(&[[0.0; 3], [3.0, 4.0, 0.0], [3.0, 4.0, 12.0]], true).unwrap();
+        let l = length(&[DVec3::ZERO, DVec3::new(3.0, 4.0, 0.0), DVec3::new(3.0, 4.0, 12.0)], true).unwrap();
         assert_eq!((l.straight, l.horizontal, l.vertical), (30.0, 10.0, 0.0));
-        assert!(length(&[[0.0; 3]], false).is_err());
+        assert!(length(&[DVec3::ZERO], false).is_err());
     }
 
     #[test]
     fn along_a_step_it_is_longer_than_straight_and_round_a_ring_the_shorter_way() {
-        let step = vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0], [2.0, 0.0, 1.0]];
+        let step = vec![DVec3::ZERO, DVec3::X, DVec3::new(1.0, 0.0, 1.0), DVec3::new(2.0, 0.0, 1.0)];
         let s = section(step, false);
-        for (a, b) in [([0.5, 0.0, 0.0], [1.5, 0.0, 1.0]), ([1.5, 0.0, 1.0], [0.5, 0.0, 0.0])] {
+        for (a, b) in [
+            (DVec3::new(0.5, 0.0, 0.0), DVec3::new(1.5, 0.0, 1.0)),
+            (DVec3::new(1.5, 0.0, 1.0), DVec3::new(0.5, 0.0, 0.0)),
+        ] {
             assert!((along(&s, a, b, 1e-6).unwrap().length() - 2.0).abs() < 1e-12);
         }
-        assert_eq!(along(&s, [0.5, 0.0, 0.0], [9.0, 0.0, 1.0], 1e-3), Err(Refusal::Gap));
-        let ring = section(vec![[0.0; 3], [4.0, 0.0, 0.0], [4.0, 0.0, 1.0], [0.0, 0.0, 1.0]], true);
-        let (a, b) = ([1.0, 0.0, 0.0], [1.0, 0.0, 1.0]);
+        assert_eq!(along(&s, DVec3::new(0.5, 0.0, 0.0), DVec3::new(9.0, 0.0, 1.0), 1e-3), Err(Refusal::Gap));
+        let ring = section(vec![DVec3::ZERO, DVec3::new(4.0, 0.0, 0.0), DVec3::new(4.0, 0.0, 1.0), DVec3::Z], true);
+        let (a, b) = (DVec3::X, DVec3::new(1.0, 0.0, 1.0));
         for (a, b) in [(a, b), (b, a)] {
             assert!((along(&ring, a, b, 1e-6).unwrap().length() - 3.0).abs() < 1e-12);
         }
-        assert!((along(&ring, [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], 1e-6).unwrap().length() - 1.0).abs() < 1e-12);
+        assert!((along(&ring, DVec3::X, DVec3::new(2.0, 0.0, 0.0), 1e-6).unwrap().length() - 1.0).abs() < 1e-12);
     }
 
     #[test]
     fn the_tape_plane_holds_both_points_and_stands_on_the_surface() {
-        let (a, b, n) = ([1.0, 0.0, 2.0], [4.0, 0.0, 6.0], [0.0, -1.0, 0.0]);
+        let (a, b, n) = (DVec3::new(1.0, 0.0, 2.0), DVec3::new(4.0, 0.0, 6.0), DVec3::new(0.0, -1.0, 0.0));
         let plane = tape_plane(a, b, n).unwrap();
-        assert!(plane.distance(b).abs() < 1e-12 && dot(plane.normal, n).abs() < 1e-12);
+        assert!(plane.distance(b).abs() < 1e-12 && plane.normal.dot(n).abs() < 1e-12);
         assert!(tape_plane(a, a, n).is_err());
-        assert!(tape_plane(a, [1.0, -5.0, 2.0], n).is_err());
+        assert!(tape_plane(a, DVec3::new(1.0, -5.0, 2.0), n).is_err());
     }
 }

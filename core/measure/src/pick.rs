@@ -6,23 +6,24 @@
 
 use crate::clip::Clip;
 use crate::plane::Plane;
+use glam::DVec3;
 use kilwa_geometry::bvh::Bounds;
-use kilwa_geometry::distance::{Vec3, ray_triangle};
+use kilwa_geometry::distance::ray_triangle;
 use kilwa_geometry::{Aabb, LatticePoint};
 
 /// A half line: `origin + t * direction`, `t >= 0`. The direction need not be of unit length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
     /// Where it starts.
-    pub origin: Vec3,
+    pub origin: DVec3,
     /// Where it goes.
-    pub direction: Vec3,
+    pub direction: DVec3,
 }
 
 impl Ray {
     /// The point at parameter `t`.
-    pub fn at(&self, t: f64) -> Vec3 {
-        std::array::from_fn(|i| self.origin[i] + self.direction[i] * t)
+    pub fn at(&self, t: f64) -> DVec3 {
+        self.origin + self.direction * t
     }
 
     /// Where it enters a box of the lattice, a little early against rounding; `None` where it does not.
@@ -31,7 +32,7 @@ impl Ray {
             return None;
         }
         // A box without thickness is met too.
-        let grown = Bounds { min: b.min.map(|x| f64::from(x) - 0.5), max: b.max.map(|x| f64::from(x) + 0.5) };
+        let grown = Bounds { min: b.min.as_dvec3() - 0.5, max: b.max.as_dvec3() + 0.5 };
         grown.entry(self.origin, self.direction)
     }
 }
@@ -44,7 +45,7 @@ pub struct Hit {
     /// Number of the triangle.
     pub triangle: u32,
     /// The point.
-    pub point: Vec3,
+    pub point: DVec3,
 }
 
 /// What a final pick found.
@@ -53,7 +54,7 @@ pub struct Picked {
     /// Parameter along the ray.
     pub t: f64,
     /// The point, lattice steps.
-    pub point: Vec3,
+    pub point: DVec3,
     /// The corners of the triangle, in its own order.
     pub corners: [LatticePoint; 3],
 }
@@ -93,11 +94,11 @@ impl Picker {
 
     /// Look at one triangle of the finest surface.
     pub fn add(&mut self, corners: [LatticePoint; 3]) {
-        let Some(t) = ray_triangle(self.ray.origin, self.ray.direction, corners.map(|c| c.map(f64::from))) else {
+        let Some(t) = ray_triangle(self.ray.origin, self.ray.direction, corners.map(|c| c.as_dvec3())) else {
             return;
         };
         let first = |c: [LatticePoint; 3]| {
-            let mut c = c;
+            let mut c = c.map(|p| p.to_array());
             c.sort_unstable();
             c
         };
@@ -120,10 +121,10 @@ mod tests {
 
     #[test]
     fn clipped_triangles_are_passed_through_and_order_does_not_matter() {
-        let near = [[0, 0, 10], [100, 0, 10], [0, 100, 10]];
-        let far = [[0, 0, 20], [100, 0, 20], [0, 100, 20]];
-        let twin = [[0, 0, 20], [100, 0, 20], [100, -100, 20]];
-        let ray = Ray { origin: [25.0, 0.0, 0.0], direction: [0.0, 0.0, 1.0] };
+        let near = [[0, 0, 10], [100, 0, 10], [0, 100, 10]].map(LatticePoint::from_array);
+        let far = [[0, 0, 20], [100, 0, 20], [0, 100, 20]].map(LatticePoint::from_array);
+        let twin = [[0, 0, 20], [100, 0, 20], [100, -100, 20]].map(LatticePoint::from_array);
+        let ray = Ray { origin: DVec3::new(25.0, 0.0, 0.0), direction: DVec3::Z };
         let pick = |clips: Vec<Plane>, triangles: &[[LatticePoint; 3]]| {
             let mut p = Picker::new(ray, clips);
             for t in triangles {
@@ -132,18 +133,19 @@ mod tests {
             p.picked().copied()
         };
         assert_eq!(pick(vec![], &[far, near]).unwrap().t, 10.0);
-        let beyond = Plane::new([0.0, 0.0, 15.0], [0.0, 0.0, 1.0]).unwrap();
+        let beyond = Plane::new(DVec3::new(0.0, 0.0, 15.0), DVec3::Z).unwrap();
         assert_eq!(pick(vec![beyond], &[near, far, twin]), pick(vec![beyond], &[twin, far, near]));
         assert_eq!(pick(vec![beyond], &[near, far]).unwrap().t, 20.0);
-        let below = Plane::new([0.0, 0.0, 5.0], [0.0, 0.0, -1.0]).unwrap();
+        let below = Plane::new(DVec3::new(0.0, 0.0, 5.0), DVec3::new(0.0, 0.0, -1.0)).unwrap();
         assert_eq!(pick(vec![below], &[near, far]), None);
     }
 
     #[test]
     fn boxes_come_in_the_order_that_the_ray_meets_them() {
-        let b = |z: i32| Aabb { min: [0, 0, z], max: [10, 10, z + 5] };
-        let (far, near, aside) = (b(50), b(20), Aabb { min: [90, 0, 0], max: [99, 9, 9] });
-        let ray = Ray { origin: [5.0, 5.0, 0.0], direction: [0.0, 0.0, 2.0] };
+        let b = |z: i32| Aabb { min: LatticePoint::new(0, 0, z), max: LatticePoint::new(10, 10, z + 5) };
+        let (far, near, aside) =
+            (b(50), b(20), Aabb { min: LatticePoint::new(90, 0, 0), max: LatticePoint::new(99, 9, 9) });
+        let ray = Ray { origin: DVec3::new(5.0, 5.0, 0.0), direction: DVec3::new(0.0, 0.0, 2.0) };
         let picker = Picker::new(ray, Vec::new());
         let order = picker.order([(7, &far), (8, &near), (9, &aside), (10, &Aabb::EMPTY)]);
         assert_eq!(order.iter().map(|o| o.1).collect::<Vec<_>>(), [8, 7]);

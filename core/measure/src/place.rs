@@ -6,8 +6,8 @@ use crate::pick::{Picker, Ray};
 use crate::refusal::{Refusal, Target};
 use crate::space::Space;
 use crate::surface::Surface;
+use glam::DVec3;
 use kilwa_geometry::Aabb;
-use kilwa_geometry::distance::{Vec3, cross, dot, sub};
 use serde::Serialize;
 
 /// Chunks that are fetched before it is known whether they are needed.
@@ -17,23 +17,23 @@ const AHEAD: usize = 4;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Place {
     /// World coordinates, metres.
-    pub world: Vec3,
+    pub world: DVec3,
     /// Local metres.
     #[serde(skip)]
-    pub local: Vec3,
+    pub local: DVec3,
     /// How far it is from the position given, metres.
     pub away: f64,
     /// Unit normal of the triangle there; zero for one without area.
-    pub normal: Vec3,
+    pub normal: DVec3,
 }
 
 /// Where a ray (world coordinates) meets the finest surface first, of what `clip` (lattice steps) leaves.
 ///
 /// # Errors
 /// [`Refusal::NoRay`], [`Refusal::Misses`], or what kept the chunks from being read.
-pub async fn cast<L: Leaves>(leaves: &L, origin: Vec3, direction: Vec3, clip: &Clip) -> Result<Place, Failure> {
+pub async fn cast<L: Leaves>(leaves: &L, origin: DVec3, direction: DVec3, clip: &Clip) -> Result<Place, Failure> {
     let space = Space::new(leaves.index().header().lattice);
-    if !origin.iter().chain(&direction).all(|x| x.is_finite()) || direction == [0.0; 3] {
+    if !origin.is_finite() || !direction.is_finite() || direction == DVec3::ZERO {
         return Err(Refusal::NoRay.into());
     }
     let ray = Ray { origin: space.steps_from_local(space.local_from_world(origin)), direction };
@@ -53,7 +53,7 @@ pub async fn cast<L: Leaves>(leaves: &L, origin: Vec3, direction: Vec3, clip: &C
         hint: "check its origin and direction, which are world coordinates".to_owned(),
     })?;
     let local = space.local_from_steps(picked.point);
-    let normal = unit_normal(picked.corners.map(|c| c.map(f64::from)));
+    let normal = unit_normal(picked.corners.map(|c| c.as_dvec3()));
     let world = space.world_from_local(local);
     crate::refusal::finite(&[world])?;
     Ok(Place { world, local, away: 0.0, normal })
@@ -63,7 +63,7 @@ pub async fn cast<L: Leaves>(leaves: &L, origin: Vec3, direction: Vec3, clip: &C
 ///
 /// # Errors
 /// As for [`nearest`].
-pub async fn facing_at<L: Leaves>(leaves: &L, local: Vec3) -> Result<Place, Failure> {
+pub async fn facing_at<L: Leaves>(leaves: &L, local: DVec3) -> Result<Place, Failure> {
     let found = nearest(leaves, local).await?;
     let world = Space::new(leaves.index().header().lattice).world_from_local(local);
     Ok(Place { world, local, away: 0.0, normal: found.normal })
@@ -74,7 +74,7 @@ pub async fn facing_at<L: Leaves>(leaves: &L, local: Vec3) -> Result<Place, Fail
 ///
 /// # Errors
 /// A [`Refusal`] where the position is not finite or the pack has no surface, or what kept the chunks from being read.
-pub async fn nearest<L: Leaves>(leaves: &L, local: Vec3) -> Result<Place, Failure> {
+pub async fn nearest<L: Leaves>(leaves: &L, local: DVec3) -> Result<Place, Failure> {
     crate::refusal::finite(&[local])?;
     let space = Space::new(leaves.index().header().lattice);
     let p = space.steps_from_local(local);
@@ -82,7 +82,7 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: Vec3) -> Result<Place, Failur
     let entries = (0u32..).zip(leaves.index().entries()).filter(|(i, _)| leaves.may_hold_leaves(*i));
     let mut order: Vec<(f64, u32)> = entries.map(|(i, e)| (box_distance(p, &e.bounds), i)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let mut best: Option<(f64, Vec3, Vec3)> = None;
+    let mut best: Option<(f64, DVec3, DVec3)> = None;
     for (at, &(lower, i)) in order.iter().enumerate() {
         if best.is_some_and(|b| lower > b.0) {
             break;
@@ -90,11 +90,11 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: Vec3) -> Result<Place, Failur
         let likely = order.iter().skip(at).take(AHEAD).filter(|o| o.0 <= best.map_or(lower, |b| b.0));
         leaves.ahead(&likely.map(|o| o.1).collect::<Vec<u32>>());
         let chunk = leaves.chunk(i).await?;
-        let surface = Surface::new(finest(&chunk).map(|t| t.map(|c| c.map(f64::from))).collect());
+        let surface = Surface::new(finest(&chunk).map(|t| t.map(|c| c.as_dvec3())).collect());
         if let Some((q, t)) = surface.nearest(p) {
-            let d = libm::sqrt(dot(sub(p, q), sub(p, q)));
+            let d = (p - q).length();
             if best.is_none_or(|b| d < b.0) {
-                let normal = surface.triangles().get(t as usize).map_or([0.0; 3], |t| unit_normal(*t));
+                let normal = surface.triangles().get(t as usize).map_or(DVec3::ZERO, |t| unit_normal(*t));
                 best = Some((d, q, normal));
             }
         }
@@ -103,21 +103,21 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: Vec3) -> Result<Place, Failur
         .ok_or_else(|| Refusal::Misses { what: Target::Position, hint: "the pack contains no triangles".to_owned() })?;
     let local = space.local_from_steps(q);
     let (world, away) = (space.world_from_local(local), d * space.step());
-    crate::refusal::finite(&[world, [away; 3]])?;
+    crate::refusal::finite(&[world, DVec3::splat(away)])?;
     Ok(Place { world, local, away, normal })
 }
 
-fn unit_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
-    let n = cross(sub(b, a), sub(c, a));
-    let size = libm::sqrt(dot(n, n));
-    if size > 0.0 { n.map(|x| x / size) } else { [0.0; 3] }
+fn unit_normal([a, b, c]: [DVec3; 3]) -> DVec3 {
+    let n = (b - a).cross(c - a);
+    let size = n.length();
+    if size > 0.0 { n / size } else { DVec3::ZERO }
 }
 
 /// From a point to a box, lattice steps.
-pub(crate) fn box_distance(p: Vec3, b: &Aabb) -> f64 {
+pub(crate) fn box_distance(p: DVec3, b: &Aabb) -> f64 {
     if b.is_empty() {
         return f64::INFINITY;
     }
-    let apart = |i: usize| (f64::from(b.min[i]) - p[i]).max(p[i] - f64::from(b.max[i])).max(0.0);
-    libm::sqrt((0..3).map(|i| apart(i) * apart(i)).sum())
+    let outside = (b.min.as_dvec3() - p).max(p - b.max.as_dvec3());
+    outside.max(DVec3::ZERO).length()
 }

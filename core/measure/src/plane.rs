@@ -1,8 +1,7 @@
 //! Planes: through three points, fitted to many, and coordinates in them.
 
 use crate::refusal::{Refusal, at_least};
-use crate::vector::{norm, scale, unit};
-use kilwa_geometry::distance::{Vec3, cross, dot, sub};
+use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// Below this share of the largest spread, points count as lying on a line.
@@ -12,9 +11,9 @@ const FLAT: f64 = 1e-9;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Plane {
     /// A point of it.
-    pub point: Vec3,
+    pub point: DVec3,
     /// Unit normal.
-    pub normal: Vec3,
+    pub normal: DVec3,
 }
 
 /// A plane fitted to points, and how well.
@@ -34,9 +33,9 @@ impl Plane {
     ///
     /// # Errors
     /// [`Refusal::NotFinite`] where the normal has no direction.
-    pub fn new(point: Vec3, normal: Vec3) -> Result<Self, Refusal> {
+    pub fn new(point: DVec3, normal: DVec3) -> Result<Self, Refusal> {
         at_least("a plane", 1, &[point, normal])?;
-        let normal = unit(normal).ok_or(Refusal::Coincident { what: "the direction of a plane" })?;
+        let normal = normal.try_normalize().ok_or(Refusal::Coincident { what: "the direction of a plane" })?;
         Ok(Self { point, normal })
     }
 
@@ -44,12 +43,12 @@ impl Plane {
     ///
     /// # Errors
     /// [`Refusal::Collinear`] and [`Refusal::NotFinite`].
-    pub fn through(points: [Vec3; 3]) -> Result<Self, Refusal> {
+    pub fn through(points: [DVec3; 3]) -> Result<Self, Refusal> {
         at_least("a plane", 3, &points)?;
-        let (u, v) = (sub(points[1], points[0]), sub(points[2], points[0]));
-        let n = cross(u, v);
-        let longest = norm(u).max(norm(v)).max(norm(sub(points[2], points[1])));
-        if norm(n) <= FLAT * longest * longest {
+        let (u, v) = (points[1] - points[0], points[2] - points[0]);
+        let n = u.cross(v);
+        let longest = u.length().max(v.length()).max((points[2] - points[1]).length());
+        if n.length() <= FLAT * longest * longest {
             return Err(Refusal::Collinear { what: "a plane" });
         }
         Self::new(points[0], n)
@@ -60,20 +59,17 @@ impl Plane {
     ///
     /// # Errors
     /// [`Refusal::TooFew`], [`Refusal::Collinear`] and [`Refusal::NotFinite`].
-    pub fn fit(points: &[Vec3]) -> Result<PlaneFit, Refusal> {
+    pub fn fit(points: &[DVec3]) -> Result<PlaneFit, Refusal> {
         at_least("a fitted plane", 3, points)?;
         let count = points.len() as f64;
         // Counted from the first point: the sums stay small also far from the origin.
         let shift = points[0];
-        let centre: Vec3 =
-            std::array::from_fn(|i| shift[i] + points.iter().map(|p| p[i] - shift[i]).sum::<f64>() / count);
-        let mut covariance = [[0.0; 3]; 3];
+        let centre = shift + points.iter().map(|p| *p - shift).sum::<DVec3>() / count;
+        let mut covariance = [DVec3::ZERO; 3];
         for p in points {
-            let d = sub(*p, centre);
-            for (row, a) in covariance.iter_mut().zip(d) {
-                for (cell, b) in row.iter_mut().zip(d) {
-                    *cell += a * b;
-                }
+            let d = *p - centre;
+            for (row, a) in covariance.iter_mut().zip(d.to_array()) {
+                *row += a * d;
             }
         }
         let (values, vectors) = eigen(covariance);
@@ -91,42 +87,42 @@ impl Plane {
     }
 
     /// Signed distance: positive on the side that the normal points to.
-    pub fn distance(&self, p: Vec3) -> f64 {
-        dot(self.normal, sub(p, self.point))
+    pub fn distance(&self, p: DVec3) -> f64 {
+        self.normal.dot(p - self.point)
     }
 
     /// The foot of the perpendicular from `p`.
-    pub fn foot(&self, p: Vec3) -> Vec3 {
+    pub fn foot(&self, p: DVec3) -> DVec3 {
         let d = self.distance(p);
-        std::array::from_fn(|i| p[i] - d * self.normal[i])
+        p - d * self.normal
     }
 
     /// Two unit vectors in the plane, right-handed with the normal: the first horizontal, the second as upright as can
     /// be; in a horizontal plane east and north.
-    pub fn axes(&self) -> [Vec3; 2] {
+    pub fn axes(&self) -> [DVec3; 2] {
         let n = self.normal;
-        let level = if n[0].abs() + n[1].abs() < 1e-12 { None } else { unit([-n[1], n[0], 0.0]) };
-        let across = level.unwrap_or([1.0, 0.0, 0.0]);
-        [across, cross(n, across)]
+        let level = if n.x.abs() + n.y.abs() < 1e-12 { None } else { DVec3::new(-n.y, n.x, 0.0).try_normalize() };
+        let across = level.unwrap_or(DVec3::X);
+        [across, n.cross(across)]
     }
 
     /// Coordinates in the plane, along [`Plane::axes`], from its point.
-    pub fn coordinates(&self, p: Vec3) -> [f64; 2] {
-        let d = sub(p, self.point);
-        self.axes().map(|axis| dot(axis, d))
+    pub fn coordinates(&self, p: DVec3) -> DVec2 {
+        let d = p - self.point;
+        self.axes().map(|axis| axis.dot(d)).into()
     }
 }
 
 /// The same line of direction, pointing up, or north, or east.
-fn upward(n: Vec3) -> Vec3 {
+fn upward(n: DVec3) -> DVec3 {
     let first = [2, 1, 0].into_iter().map(|i| n[i]).find(|x| x.abs() > 1e-12).unwrap_or(1.0);
-    if first < 0.0 { scale(n, -1.0) } else { n }
+    if first < 0.0 { -n } else { n }
 }
 
 /// Eigenvalues, smallest first, and unit eigenvectors of a symmetric matrix: cyclic Jacobi rotations (Golub and Van
 /// Loan, "Matrix Computations", section 8.5), which converge for every such matrix.
-fn eigen(mut a: [[f64; 3]; 3]) -> ([f64; 3], [Vec3; 3]) {
-    let mut v = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+fn eigen(mut a: [DVec3; 3]) -> (DVec3, [DVec3; 3]) {
+    let mut v = [DVec3::X, DVec3::Y, DVec3::Z];
     for _ in 0..32 {
         let off = a[0][1] * a[0][1] + a[0][2] * a[0][2] + a[1][2] * a[1][2];
         let diagonal = a[0][0] * a[0][0] + a[1][1] * a[1][1] + a[2][2] * a[2][2];
@@ -139,11 +135,11 @@ fn eigen(mut a: [[f64; 3]; 3]) -> ([f64; 3], [Vec3; 3]) {
     }
     let mut order = [0, 1, 2];
     order.sort_by(|&i, &j| a[i][i].total_cmp(&a[j][j]));
-    (order.map(|i| a[i][i].max(0.0)), order.map(|i| std::array::from_fn(|row| v[row][i])))
+    (order.map(|i| a[i][i].max(0.0)).into(), order.map(|i| DVec3::new(v[0][i], v[1][i], v[2][i])))
 }
 
 /// The rotation that makes `a[p][q]` zero.
-fn rotate(a: &mut [[f64; 3]; 3], v: &mut [[f64; 3]; 3], p: usize, q: usize) {
+fn rotate(a: &mut [DVec3; 3], v: &mut [DVec3; 3], p: usize, q: usize) {
     if a[p][q] == 0.0 {
         return;
     }
@@ -172,42 +168,42 @@ mod tests {
     proptest! {
         #[test]
         fn points_of_a_plane_give_the_plane_back(
-            at in prop::array::uniform3(-1e3f64..1e3), n in prop::array::uniform3(-1.0f64..1.0),
+            at in prop::array::uniform3(-1e3f64..1e3).prop_map(DVec3::from), n in prop::array::uniform3(-1.0f64..1.0).prop_map(DVec3::from),
             spread in prop::collection::vec((-50.0f64..50.0, -50.0f64..50.0), 6..40), far in prop::bool::ANY,
         ) {
-            prop_assume!(norm(n) > 0.1);
-            let shift = if far { [500_000.0, 4_649_776.0, 123.456] } else { [0.0; 3] };
-            let at: Vec3 = std::array::from_fn(|i| at[i] + shift[i]);
+            prop_assume!(n.length() > 0.1);
+            let shift = if far { DVec3::new(500_000.0, 4_649_776.0, 123.456) } else { DVec3::ZERO };
+            let at = at + shift;
             let plane = Plane::new(at, n).unwrap();
             let [u, v] = plane.axes();
-            prop_assert!((dot(u, v)).abs() < 1e-12 && dot(cross(u, v), plane.normal) > 1.0 - 1e-12);
-            let points: Vec<Vec3> =
-                spread.iter().map(|(a, b)| std::array::from_fn(|i| at[i] + u[i] * a + v[i] * b)).collect();
+            prop_assert!((u.dot(v)).abs() < 1e-12 && u.cross(v).dot(plane.normal) > 1.0 - 1e-12);
+            let points: Vec<DVec3> =
+                spread.iter().map(|(a, b)| at + u * a + v * b).collect();
             let Ok(fit) = Plane::fit(&points) else { return Ok(()) };
             prop_assert!(fit.largest < 1e-6, "{fit:?}");
             if Plane::through([points[0], points[1], points[2]]).is_ok() {
-                let wide = points.iter().map(|p| norm(sub(*p, points[0]))).fold(0.0, f64::max);
+                let wide = points.iter().map(|p| (*p - points[0]).length()).fold(0.0, f64::max);
                 prop_assume!(wide > 5.0);
-                prop_assert!(dot(fit.plane.normal, plane.normal).abs() > 1.0 - 1e-4);
+                prop_assert!(fit.plane.normal.dot(plane.normal).abs() > 1.0 - 1e-4);
             }
         }
     }
 
     #[test]
     fn an_upright_plane_has_a_level_and_an_upright_axis_and_a_horizontal_one_east_and_north() {
-        let wall = Plane::new([0.0; 3], [0.0, -1.0, 0.0]).unwrap();
-        assert_eq!(wall.axes(), [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], "seen from the south, east is to the right");
-        let floor = Plane::new([0.0; 3], [0.0, 0.0, 2.0]).unwrap();
-        assert_eq!(floor.axes(), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
-        assert_eq!(floor.coordinates([3.0, 4.0, 9.0]), [3.0, 4.0]);
+        let wall = Plane::new(DVec3::ZERO, DVec3::new(0.0, -1.0, 0.0)).unwrap();
+        assert_eq!(wall.axes(), [DVec3::X, DVec3::Z], "seen from the south, east is to the right");
+        let floor = Plane::new(DVec3::ZERO, DVec3::new(0.0, 0.0, 2.0)).unwrap();
+        assert_eq!(floor.axes(), [DVec3::X, DVec3::Y]);
+        assert_eq!(floor.coordinates(DVec3::new(3.0, 4.0, 9.0)), DVec2::new(3.0, 4.0));
     }
 
     #[test]
     fn points_on_a_line_fix_no_plane() {
-        let line = [[0.0; 3], [1.0, 2.0, 3.0], [2.0, 4.0, 6.0], [4.0, 8.0, 12.0]];
+        let line = [DVec3::ZERO, DVec3::new(1.0, 2.0, 3.0), DVec3::new(2.0, 4.0, 6.0), DVec3::new(4.0, 8.0, 12.0)];
         assert!(matches!(Plane::fit(&line), Err(Refusal::Collinear { .. })));
         assert!(matches!(Plane::through([line[0], line[1], line[3]]), Err(Refusal::Collinear { .. })));
         assert!(matches!(Plane::fit(&line[..2]), Err(Refusal::TooFew { given: 2, .. })));
-        assert!(matches!(Plane::fit(&[[f64::NAN; 3]; 3]), Err(Refusal::NotFinite)));
+        assert!(matches!(Plane::fit(&[DVec3::splat(f64::NAN); 3]), Err(Refusal::NotFinite)));
     }
 }

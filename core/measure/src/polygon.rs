@@ -1,25 +1,23 @@
 //! Simple polygons in a plane: area, whether their sides cross, and a division into triangles.
 
 use crate::refusal::Refusal;
+use glam::DVec2;
 use kilwa_geometry::Triangulator;
 
-/// A point in a plane, metres.
-pub type Vec2 = [f64; 2];
-
 /// Twice the signed area of a triangle: positive counter-clockwise.
-fn turn(a: Vec2, b: Vec2, c: Vec2) -> f64 {
+fn turn(a: DVec2, b: DVec2, c: DVec2) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
 /// Signed area: positive where the points go round counter-clockwise. Exact in the sense of the shoelace formula, counted from
 /// the first point.
-pub fn signed_area(points: &[Vec2]) -> f64 {
+pub fn signed_area(points: &[DVec2]) -> f64 {
     let Some((&first, rest)) = points.split_first() else { return 0.0 };
     rest.windows(2).map(|w| turn(first, w[0], w[1])).sum::<f64>() * 0.5
 }
 
 /// Whether two sides that are not neighbours touch, or a side has no length.
-pub fn is_simple(points: &[Vec2]) -> bool {
+pub fn is_simple(points: &[DVec2]) -> bool {
     let n = points.len();
     let side = |i: usize| (points[i], points[(i + 1) % n]);
     for i in 0..n {
@@ -45,13 +43,13 @@ pub fn is_simple(points: &[Vec2]) -> bool {
     n >= 3
 }
 
-fn touch(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> bool {
+fn touch(a: DVec2, b: DVec2, c: DVec2, d: DVec2) -> bool {
     let (s, t) = (turn(a, b, c), turn(a, b, d));
     let (u, v) = (turn(c, d, a), turn(c, d, b));
     if ((s > 0.0) != (t > 0.0)) && ((u > 0.0) != (v > 0.0)) && s != 0.0 && t != 0.0 && u != 0.0 && v != 0.0 {
         return true;
     }
-    let within = |p: Vec2, q: Vec2, r: Vec2| (0..2).all(|k| r[k] >= p[k].min(q[k]) && r[k] <= p[k].max(q[k]));
+    let within = |p: DVec2, q: DVec2, r: DVec2| (0..2).all(|k| r[k] >= p[k].min(q[k]) && r[k] <= p[k].max(q[k]));
     (s == 0.0 && within(a, b, c))
         || (t == 0.0 && within(a, b, d))
         || (u == 0.0 && within(c, d, a))
@@ -62,7 +60,7 @@ fn touch(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> bool {
 ///
 /// # Errors
 /// [`Refusal::TooFew`], [`Refusal::Crossing`], and [`Refusal::Collinear`] where it encloses nothing.
-pub fn triangulate(points: &[Vec2]) -> Result<Vec<[Vec2; 3]>, Refusal> {
+pub fn triangulate(points: &[DVec2]) -> Result<Vec<[DVec2; 3]>, Refusal> {
     if points.len() < 3 {
         return Err(Refusal::TooFew { tool: "an area", needed: 3, given: points.len() });
     }
@@ -75,13 +73,13 @@ pub fn triangulate(points: &[Vec2]) -> Result<Vec<[Vec2; 3]>, Refusal> {
     if !is_simple(points) {
         return Err(Refusal::Crossing);
     }
-    let mut ring: Vec<[f64; 3]> = points.iter().map(|p| [p[0], p[1], 0.0]).collect();
+    let mut ring: Vec<[f64; 3]> = points.iter().map(|p| [p.x, p.y, 0.0]).collect();
     if area < 0.0 {
         ring.reverse();
     }
     let mut triangles = Vec::with_capacity(ring.len());
     Triangulator::default().polygon(&ring, |corners| {
-        let [a, b, c] = corners.map(|i| [ring[i][0], ring[i][1]]);
+        let [a, b, c] = corners.map(|i| DVec2::new(ring[i][0], ring[i][1]));
         // Corners in line with their neighbours enclose nothing.
         if turn(a, b, c) > 0.0 {
             triangles.push([a, b, c]);
@@ -90,9 +88,9 @@ pub fn triangulate(points: &[Vec2]) -> Result<Vec<[Vec2; 3]>, Refusal> {
     Ok(triangles)
 }
 
-fn is_on_a_line(points: &[Vec2], reach: f64) -> bool {
+fn is_on_a_line(points: &[DVec2], reach: f64) -> bool {
     let far = points.iter().copied().max_by(|a, b| {
-        let d = |p: &Vec2| (p[0] - points[0][0]).abs() + (p[1] - points[0][1]).abs();
+        let d = |p: &DVec2| (p[0] - points[0][0]).abs() + (p[1] - points[0][1]).abs();
         d(a).total_cmp(&d(b))
     });
     far.is_none_or(|far| points.iter().all(|&p| turn(points[0], far, p).abs() <= 1e-9 * reach * reach))
@@ -105,13 +103,16 @@ mod tests {
 
     #[test]
     fn a_triangle_a_square_and_a_star_have_their_areas_and_a_bow_is_refused() {
-        assert_eq!(signed_area(&[[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]]), 2.0);
-        assert_eq!(signed_area(&[[0.0, 0.0], [0.0, 2.0], [2.0, 0.0]]), -2.0);
-        let bow = [[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]];
+        assert_eq!(signed_area(&[DVec2::new(0.0, 0.0), DVec2::new(2.0, 0.0), DVec2::new(0.0, 2.0)]), 2.0);
+        assert_eq!(signed_area(&[DVec2::new(0.0, 0.0), DVec2::new(0.0, 2.0), DVec2::new(2.0, 0.0)]), -2.0);
+        let bow = [DVec2::new(0.0, 0.0), DVec2::new(1.0, 1.0), DVec2::new(1.0, 0.0), DVec2::new(0.0, 1.0)];
         assert_eq!(triangulate(&bow), Err(Refusal::Crossing));
-        assert!(matches!(triangulate(&[[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]]), Err(Refusal::Collinear { .. })));
-        assert!(matches!(triangulate(&[[0.0, 0.0], [1.0, 1.0]]), Err(Refusal::TooFew { .. })));
-        let fold = [[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 1.0]];
+        assert!(matches!(
+            triangulate(&[DVec2::new(0.0, 0.0), DVec2::new(1.0, 1.0), DVec2::new(2.0, 2.0)]),
+            Err(Refusal::Collinear { .. })
+        ));
+        assert!(matches!(triangulate(&[DVec2::new(0.0, 0.0), DVec2::new(1.0, 1.0)]), Err(Refusal::TooFew { .. })));
+        let fold = [DVec2::new(0.0, 0.0), DVec2::new(2.0, 0.0), DVec2::new(1.0, 0.0), DVec2::new(1.0, 1.0)];
         assert_eq!(triangulate(&fold), Err(Refusal::Crossing));
     }
 
@@ -121,9 +122,9 @@ mod tests {
             radii in prop::collection::vec(0.1f64..10.0, 3..30), reverse in prop::bool::ANY, shift in -1e6f64..1e6,
         ) {
             let n = radii.len() as f64;
-            let mut points: Vec<Vec2> = radii.iter().enumerate().map(|(i, r)| {
+            let mut points: Vec<DVec2> = radii.iter().enumerate().map(|(i, r)| {
                 let a = i as f64 * std::f64::consts::TAU / n;
-                [shift + r * a.cos(), r * a.sin() - shift]
+                DVec2::new(shift + r * a.cos(), r * a.sin() - shift)
             }).collect();
             if reverse { points.reverse(); }
             prop_assume!(is_simple(&points));

@@ -3,17 +3,16 @@
 use crate::plane::Plane;
 use crate::refusal::{Refusal, at_least};
 use crate::section::{Polyline, Section};
-use crate::vector::lerp;
-use kilwa_geometry::distance::{Vec3, dot, sub};
+use glam::{DVec2, DVec3};
 use serde::Serialize;
 
 /// One leg of a profile: the vertical plane through two points of the drawn line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Leg {
     /// Where it starts; only x and y count.
-    pub from: Vec3,
+    pub from: DVec3,
     /// Unit vector along it, level.
-    pub along: Vec3,
+    pub along: DVec3,
     /// Its length in plan, metres.
     pub length: f64,
     /// How far along the whole line it starts, metres.
@@ -23,16 +22,16 @@ pub struct Leg {
 impl Leg {
     /// The upright plane that holds it.
     pub fn plane(&self) -> Plane {
-        Plane { point: self.from, normal: [self.along[1], -self.along[0], 0.0] }
+        Plane { point: self.from, normal: DVec3::new(self.along.y, -self.along.x, 0.0) }
     }
 
     /// The parts of a section of [`Leg::plane`] that lie between the ends of the leg, straightened: x is the way along the whole
     /// drawn line, y the height (local metres).
     pub fn straighten(&self, section: &Section) -> Vec<ProfileLine> {
-        let flat = |p: Vec3| [dot(self.along, sub(p, self.from)), p[2]];
+        let flat = |p: DVec3| DVec2::new(self.along.dot(p - self.from), p.z);
         let mut lines = Vec::new();
         for polyline in &section.polylines {
-            let mut points: Vec<[f64; 2]> = polyline.points.iter().map(|p| flat(*p)).collect();
+            let mut points: Vec<DVec2> = polyline.points.iter().map(|p| flat(*p)).collect();
             if polyline.closed {
                 points.extend(points.first().copied());
             }
@@ -49,33 +48,33 @@ impl Leg {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ProfileLine {
     /// Way along the drawn line and height, metres.
-    pub points: Vec<[f64; 2]>,
+    pub points: Vec<DVec2>,
 }
 
 /// The legs of a drawn line, in plan.
 ///
 /// # Errors
 /// [`Refusal::TooFew`]; [`Refusal::Coincident`] where two points that follow each other lie one above the other.
-pub fn legs(points: &[Vec3]) -> Result<Vec<Leg>, Refusal> {
+pub fn legs(points: &[DVec3]) -> Result<Vec<Leg>, Refusal> {
     at_least("a profile", 2, points)?;
     let mut start = 0.0;
     let mut legs = Vec::with_capacity(points.len() - 1);
     for w in points.windows(2) {
-        let d = [w[1][0] - w[0][0], w[1][1] - w[0][1]];
-        let length = libm::hypot(d[0], d[1]);
+        let d = (w[1] - w[0]).truncate();
+        let length = libm::hypot(d.x, d.y);
         if length == 0.0 {
             return Err(Refusal::Coincident { what: "a profile" });
         }
-        legs.push(Leg { from: w[0], along: [d[0] / length, d[1] / length, 0.0], length, start });
+        legs.push(Leg { from: w[0], along: (d / length).extend(0.0), length, start });
         start += length;
     }
     Ok(legs)
 }
 
 /// The parts of a line with `0 ≤ x ≤ length`.
-fn between(points: &[[f64; 2]], length: f64) -> Vec<Vec<[f64; 2]>> {
-    let mut lines: Vec<Vec<[f64; 2]>> = Vec::new();
-    let mut current: Vec<[f64; 2]> = Vec::new();
+fn between(points: &[DVec2], length: f64) -> Vec<Vec<DVec2>> {
+    let mut lines: Vec<Vec<DVec2>> = Vec::new();
+    let mut current: Vec<DVec2> = Vec::new();
     for w in points.windows(2) {
         let (a, b) = (w[0], w[1]);
         let d = b[0] - a[0];
@@ -92,14 +91,14 @@ fn between(points: &[[f64; 2]], length: f64) -> Vec<Vec<[f64; 2]>> {
             current.clear();
             continue;
         }
-        let point = |t: f64| -> [f64; 2] {
-            let p = lerp([a[0], a[1], 0.0], [b[0], b[1], 0.0], t);
+        let point = |t: f64| -> DVec2 {
+            let p = a.lerp_monotonic(b, t);
             if t == 0.0 {
                 a
             } else if t == 1.0 {
                 b
             } else {
-                [p[0], p[1]]
+                p
             }
         };
         if from > 0.0 || current.is_empty() {
@@ -131,12 +130,12 @@ pub fn contour_heights(low: f64, high: f64, interval: f64, limit: usize) -> Resu
 
 /// The lines of a profile of one leg together with how long they are.
 pub fn total_length(lines: &[ProfileLine]) -> f64 {
-    let leg = |w: &[[f64; 2]]| libm::hypot(w[1][0] - w[0][0], w[1][1] - w[0][1]);
+    let leg = |w: &[DVec2]| libm::hypot(w[1][0] - w[0][0], w[1][1] - w[0][1]);
     lines.iter().map(|l| l.points.windows(2).map(leg).sum::<f64>()).sum()
 }
 
 /// A section's line as a closed or open list of points, for drawing: the first repeated at the end where it is closed.
-pub fn drawn(line: &Polyline) -> Vec<Vec3> {
+pub fn drawn(line: &Polyline) -> Vec<DVec3> {
     let mut points = line.points.clone();
     if line.closed {
         points.extend(line.points.first().copied());
@@ -150,27 +149,42 @@ mod tests {
 
     #[test]
     fn a_profile_keeps_what_lies_between_its_ends_and_goes_on_round_the_corner() {
-        let legs = legs(&[[0.0, 0.0, 5.0], [2.0, 0.0, 9.0], [2.0, 3.0, 0.0]]).unwrap();
+        let legs = legs(&[DVec3::new(0.0, 0.0, 5.0), DVec3::new(2.0, 0.0, 9.0), DVec3::new(2.0, 3.0, 0.0)]).unwrap();
         assert_eq!((legs[0].length, legs[1].length, legs[1].start), (2.0, 3.0, 2.0));
-        assert!(legs[1].plane().distance([2.0, 77.0, -3.0]).abs() < 1e-12);
-        let line = Polyline { points: vec![[-1.0, 0.0, 1.0], [1.0, 0.0, 2.0], [5.0, 0.0, 4.0]], closed: false };
+        assert!(legs[1].plane().distance(DVec3::new(2.0, 77.0, -3.0)).abs() < 1e-12);
+        let line = Polyline {
+            points: vec![DVec3::new(-1.0, 0.0, 1.0), DVec3::new(1.0, 0.0, 2.0), DVec3::new(5.0, 0.0, 4.0)],
+            closed: false,
+        };
         let section = Section { plane: legs[0].plane(), polylines: vec![line], triangles: 2 };
         let flat = legs[0].straighten(&section);
         assert_eq!(flat.len(), 1);
-        assert_eq!(flat[0].points, [[0.0, 1.5], [1.0, 2.0], [2.0, 2.5]]);
+        assert_eq!(flat[0].points, [DVec2::new(0.0, 1.5), DVec2::new(1.0, 2.0), DVec2::new(2.0, 2.5)]);
         let line = Polyline {
-            points: vec![[2.0, -1.0, 0.0], [2.0, 1.0, 0.0], [2.0, 1.0, 7.0], [2.0, 9.0, 7.0]],
+            points: vec![
+                DVec3::new(2.0, -1.0, 0.0),
+                DVec3::new(2.0, 1.0, 0.0),
+                DVec3::new(2.0, 1.0, 7.0),
+                DVec3::new(2.0, 9.0, 7.0),
+            ],
             closed: false,
         };
         let section = Section { plane: legs[1].plane(), polylines: vec![line], triangles: 3 };
-        assert_eq!(legs[1].straighten(&section)[0].points, [[2.0, 0.0], [3.0, 0.0], [3.0, 7.0], [5.0, 7.0]]);
+        assert_eq!(
+            legs[1].straighten(&section)[0].points,
+            [DVec2::new(2.0, 0.0), DVec2::new(3.0, 0.0), DVec2::new(3.0, 7.0), DVec2::new(5.0, 7.0)]
+        );
     }
 
     #[test]
     fn a_line_that_leaves_and_returns_becomes_two() {
-        let lines = between(&[[0.5, 0.0], [1.5, 1.0], [1.5, 2.0], [0.5, 3.0]], 1.0);
-        assert_eq!(lines, [vec![[0.5, 0.0], [1.0, 0.5]], vec![[1.0, 2.5], [0.5, 3.0]]]);
-        assert!(between(&[[2.0, 0.0], [3.0, 0.0]], 1.0).is_empty());
+        let lines =
+            between(&[DVec2::new(0.5, 0.0), DVec2::new(1.5, 1.0), DVec2::new(1.5, 2.0), DVec2::new(0.5, 3.0)], 1.0);
+        assert_eq!(
+            lines,
+            [vec![DVec2::new(0.5, 0.0), DVec2::new(1.0, 0.5)], vec![DVec2::new(1.0, 2.5), DVec2::new(0.5, 3.0)]]
+        );
+        assert!(between(&[DVec2::new(2.0, 0.0), DVec2::new(3.0, 0.0)], 1.0).is_empty());
     }
 
     #[test]
@@ -180,6 +194,6 @@ mod tests {
         assert!(contour_heights(0.1, 0.2, 0.5, 100).unwrap().is_empty());
         assert!(contour_heights(0.0, 1.0, 1e-9, 1000).is_err());
         assert!(contour_heights(0.0, 1.0, 0.0, 1000).is_err());
-        assert!(legs(&[[0.0; 3], [0.0, 0.0, 1.0]]).is_err());
+        assert!(legs(&[DVec3::ZERO, DVec3::Z]).is_err());
     }
 }

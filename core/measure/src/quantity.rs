@@ -1,5 +1,7 @@
 //! A value with its standard uncertainty, and as many digits as that allows.
 
+use glam::DVec3;
+
 /// Where the uncertainty of one measured point comes from, in metres.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Uncertainty {
@@ -28,15 +30,13 @@ impl Uncertainty {
 /// `per_axis` (JCGM 100:2008 "GUM", 5.1.2; the derivatives by central differences over one uncertainty, at least a
 /// millionth of the extent). Where `f` has no value next to the points, that direction is left out.
 pub fn propagate<const N: usize>(
-    points: &[[f64; 3]],
+    points: &[DVec3],
     per_axis: f64,
-    f: impl Fn(&[[f64; 3]]) -> Option<[f64; N]>,
+    f: impl Fn(&[DVec3]) -> Option<[f64; N]>,
 ) -> [f64; N] {
-    let extent = (0..3).map(|i| {
-        let low = points.iter().fold(f64::INFINITY, |a, p| a.min(p[i]));
-        points.iter().fold(f64::NEG_INFINITY, |a, p| a.max(p[i])) - low
-    });
-    let h = per_axis.max(1e-6 * extent.fold(0.0, f64::max));
+    let low = points.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+    let high = points.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let h = per_axis.max(1e-6 * (high - low).max_element().max(0.0));
     let mut squares = [0.0; N];
     if h <= 0.0 {
         return squares;
@@ -99,13 +99,13 @@ pub struct Length {
 
 impl Length {
     /// Between two points given in metres, each with the same uncertainty per axis.
-    pub fn between(a: [f64; 3], b: [f64; 3], per_axis: &Uncertainty) -> Self {
-        let d: [f64; 3] = std::array::from_fn(|i| b[i] - a[i]);
+    pub fn between(a: DVec3, b: DVec3, per_axis: &Uncertainty) -> Self {
+        let d = b - a;
         // Two independent points: the difference along any one direction.
         let uncertainty = libm::sqrt(2.0) * per_axis.combined();
         let of = |value| Quantity { value, uncertainty };
-        let plan = libm::sqrt(d[0] * d[0] + d[1] * d[1]);
-        Self { straight: of(libm::sqrt(plan * plan + d[2] * d[2])), horizontal: of(plan), vertical: of(d[2]) }
+        let plan = d.truncate().length();
+        Self { straight: of(libm::sqrt(plan * plan + d.z * d.z)), horizontal: of(plan), vertical: of(d.z) }
     }
 }
 
@@ -116,10 +116,10 @@ mod tests {
     #[test]
     fn a_length_has_its_parts_and_digits_follow_from_the_uncertainty() {
         let u = Uncertainty::finest(0.001, Some(0.002));
-        let l = Length::between([0.0, 0.0, 0.0], [3.0, 4.0, 12.0], &u);
+        let l = Length::between(DVec3::ZERO, DVec3::new(3.0, 4.0, 12.0), &u);
         assert_eq!((l.straight.value, l.horizontal.value, l.vertical.value), (13.0, 5.0, 12.0));
         assert_eq!(l.straight.to_string(), "13.0000 ± 0.0029");
-        let points = [[0.0, 0.0, 0.0], [3.0, 4.0, 12.0]];
+        let points = [DVec3::ZERO, DVec3::new(3.0, 4.0, 12.0)];
         let [again] = propagate(&points, u.combined(), |p| Some([Length::between(p[0], p[1], &u).straight.value]));
         assert!((again - l.straight.uncertainty).abs() < 1e-9, "{again}");
         assert_eq!(Quantity { value: 1234.5678, uncertainty: 12.0 }.to_string(), "1235 ± 12");

@@ -11,9 +11,9 @@ use crate::quantity::Uncertainty;
 use crate::said::{Said, Say, Worth};
 use crate::space::Space;
 use crate::unit::{self, Reading};
+use glam::DVec3;
 use kilwa_geometry::Lattice;
 use kilwa_geometry::LengthUnit;
-use kilwa_geometry::distance::Vec3;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 use thiserror::Error;
@@ -80,10 +80,10 @@ pub struct Task {
     pub tool: ToolName,
     /// Points on the finest surface, local metres; these count.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub local: Vec<Vec3>,
+    pub local: Vec<DVec3>,
     /// The same in world coordinates, metres, as good as doubles hold them there.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub world: Vec<Vec3>,
+    pub world: Vec<DVec3>,
     /// The plane, where the tool was given one, local metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plane: Option<Plane>,
@@ -97,7 +97,7 @@ pub struct Task {
 
 impl Task {
     /// A task on points.
-    pub fn on_points(tool: ToolName, local: Vec<Vec3>, space: &Space) -> Self {
+    pub fn on_points(tool: ToolName, local: Vec<DVec3>, space: &Space) -> Self {
         let world = local.iter().map(|p| space.world_from_local(*p)).collect();
         Self { tool, local, world, plane: None, reach: None, interval: None }
     }
@@ -109,8 +109,8 @@ impl Task {
         if from.origin == to.origin {
             return task;
         }
-        let shift: Vec3 = std::array::from_fn(|i| from.origin[i] - to.origin[i]);
-        let moved = |p: Vec3| std::array::from_fn(|i| p[i] + shift[i]);
+        let shift = from.origin - to.origin;
+        let moved = |p: DVec3| p + shift;
         task.local.iter_mut().for_each(|p| *p = moved(*p));
         if let Some(plane) = &mut task.plane {
             plane.point = moved(plane.point);
@@ -331,7 +331,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn document(values: &[f64]) -> Document {
-        let lattice = Lattice { origin: [500_000.1, 4_649_776.2, 123.456], step_log2: -11 };
+        let lattice = Lattice { origin: DVec3::new(500_000.1, 4_649_776.2, 123.456), step_log2: -11 };
         let space = Space::new(lattice);
         let pack = PackName {
             identity: "0123456789abcdef0123456789abcdef".into(),
@@ -340,7 +340,7 @@ mod tests {
             crs: Some("EPSG:32737".into()),
         };
         let mut d = Document::new(pack);
-        let local: Vec<Vec3> = values.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
+        let local: Vec<DVec3> = values.chunks_exact(3).map(|p| DVec3::from_slice(p)).collect();
         d.measurements.push(Measurement {
             name: "=gate, width".into(),
             task: Task::on_points(ToolName::Distance, local, &space),
@@ -365,7 +365,7 @@ mod tests {
             let d = document(&values);
             let back = Document::parse(d.to_json().as_bytes()).unwrap();
             let of = |d: &Document| -> Vec<u64> {
-                d.measurements[0].task.local.iter().chain(&d.measurements[0].task.world).flatten().map(|x| x.to_bits()).collect()
+                d.measurements[0].task.local.iter().chain(&d.measurements[0].task.world).flat_map(|p| p.to_array().map(f64::to_bits)).collect()
             };
             prop_assert_eq!(of(&back), of(&d));
             prop_assert_eq!(back.to_json(), d.to_json());

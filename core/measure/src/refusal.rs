@@ -1,6 +1,8 @@
 //! Why there is no number: sentences for people.
 
 use crate::said::{Said, Say, Worth};
+use glam::DVec3;
+use kilwa_pack::plural::counted;
 use thiserror::Error;
 
 /// What meets no surface.
@@ -40,7 +42,7 @@ impl std::fmt::Display for Target {
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Refusal {
     /// Not enough points.
-    #[error("{tool} needs at least {needed} points; {given} are given")]
+    #[error("{tool} needs at least {}; {} given", counted(*needed, "point", "points"), counted(*given, "is", "are"))]
     TooFew {
         /// The tool.
         tool: &'static str,
@@ -66,8 +68,9 @@ pub enum Refusal {
     Crossing,
     /// A volume of something that encloses none.
     #[error(
-        "the surface is not closed ({borders} border edges), so that it encloses no volume; draw a region and measure \
-         cut and fill against a plane instead"
+        "the surface is not closed ({}), so that it encloses no volume; draw a region and measure \
+         cut and fill against a plane instead",
+        counted(*borders, "border edge", "border edges")
     )]
     Open {
         /// Edges that only one triangle uses.
@@ -166,12 +169,12 @@ impl Say for Refusal {
 }
 
 /// All coordinates finite.
-pub(crate) fn finite(points: &[[f64; 3]]) -> Result<(), Refusal> {
-    if points.iter().flatten().all(|x| x.is_finite()) { Ok(()) } else { Err(Refusal::NotFinite) }
+pub(crate) fn finite(points: &[DVec3]) -> Result<(), Refusal> {
+    if points.iter().all(|p| p.is_finite()) { Ok(()) } else { Err(Refusal::NotFinite) }
 }
 
 /// At least so many points, all finite.
-pub(crate) fn at_least(tool: &'static str, needed: usize, points: &[[f64; 3]]) -> Result<(), Refusal> {
+pub(crate) fn at_least(tool: &'static str, needed: usize, points: &[DVec3]) -> Result<(), Refusal> {
     finite(points)?;
     if points.len() < needed { Err(Refusal::TooFew { tool, needed, given: points.len() }) } else { Ok(()) }
 }

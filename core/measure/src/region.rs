@@ -3,18 +3,17 @@
 //! Triangles are cut exactly at its walls, so that areas and volumes do not depend on how the surface is triangulated.
 
 use crate::plane::Plane;
-use crate::polygon::{Vec2, signed_area, triangulate};
+use crate::polygon::{signed_area, triangulate};
 use crate::refusal::{Refusal, at_least};
-use crate::vector::lerp;
-use kilwa_geometry::distance::{Vec3, dot, sub};
+use glam::{DVec2, DVec3};
 
 /// The prism of a polygon.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Region {
     plane: Plane,
-    axes: [Vec3; 2],
-    outline: Vec<Vec2>,
-    pieces: Vec<[Vec2; 3]>,
+    axes: [DVec3; 2],
+    outline: Vec<DVec2>,
+    pieces: Vec<[DVec2; 3]>,
     reach: f64,
 }
 
@@ -23,9 +22,9 @@ impl Region {
     ///
     /// # Errors
     /// [`Refusal`] where the polygon is degenerate.
-    pub fn new(plane: Plane, points: &[Vec3], reach: f64) -> Result<Self, Refusal> {
+    pub fn new(plane: Plane, points: &[DVec3], reach: f64) -> Result<Self, Refusal> {
         at_least("an area", 3, points)?;
-        let outline: Vec<Vec2> = points.iter().map(|p| plane.coordinates(*p)).collect();
+        let outline: Vec<DVec2> = points.iter().map(|p| plane.coordinates(*p)).collect();
         let pieces = triangulate(&outline)?;
         Ok(Self { axes: plane.axes(), plane, outline, pieces, reach })
     }
@@ -46,15 +45,15 @@ impl Region {
     }
 
     /// Whether a box (smallest and largest corner) may contain a part of it; never wrongly `false`.
-    pub fn meets(&self, low: Vec3, high: Vec3) -> bool {
-        let spread = |axis: Vec3| {
+    pub fn meets(&self, low: DVec3, high: DVec3) -> bool {
+        let spread = |axis: DVec3| {
             let d = |x: f64, from: f64, to: f64| if x >= 0.0 { (x * from, x * to) } else { (x * to, x * from) };
             (0..3).fold((0.0, 0.0), |(a, b), i| {
                 let (from, to) = d(axis[i], low[i] - self.plane.point[i], high[i] - self.plane.point[i]);
                 (a + from, b + to)
             })
         };
-        let slack = 1e-9 * (0..3).map(|i| (high[i] - low[i]).abs() + (low[i] - self.plane.point[i]).abs()).sum::<f64>();
+        let slack = 1e-9 * ((high - low).abs() + (low - self.plane.point).abs()).element_sum();
         let apart = |(from, to): (f64, f64), low: f64, high: f64| to + slack < low || from - slack > high;
         let extent = |k: usize| {
             self.outline.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p[k]), b.max(p[k])))
@@ -67,11 +66,11 @@ impl Region {
 
     /// The parts of a triangle inside: convex polygons with the triangle's orientation, handed to `each` as points with
     /// their coordinates in the plane and their signed distance from it.
-    pub fn clip(&self, triangle: [Vec3; 3], mut each: impl FnMut(&[Vec3])) {
+    pub fn clip(&self, triangle: [DVec3; 3], mut each: impl FnMut(&[DVec3])) {
         // As coordinates of the plane everything is a cut at x, y or z.
         let local = triangle.map(|p| {
-            let d = sub(p, self.plane.point);
-            [dot(self.axes[0], d), dot(self.axes[1], d), dot(self.plane.normal, d)]
+            let d = p - self.plane.point;
+            DVec3::new(self.axes[0].dot(d), self.axes[1].dot(d), self.plane.normal.dot(d))
         });
         if local.iter().all(|p| p[2] > self.reach) || local.iter().all(|p| p[2] < -self.reach) {
             return;
@@ -91,7 +90,7 @@ impl Region {
             part.extend_from_slice(&local);
             for (i, a) in piece.iter().enumerate() {
                 let b = piece[(i + 1) % 3];
-                let inside = |p: &Vec3| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);
+                let inside = |p: &DVec3| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);
                 cut(&mut part, &mut next, inside);
             }
             cut(&mut part, &mut next, |p| self.reach - p[2]);
@@ -104,7 +103,7 @@ impl Region {
 }
 
 /// Keep what is not negative (Sutherland and Hodgman, 1974).
-pub(crate) fn cut(part: &mut Vec<Vec3>, scratch: &mut Vec<Vec3>, inside: impl Fn(&Vec3) -> f64) {
+pub(crate) fn cut(part: &mut Vec<DVec3>, scratch: &mut Vec<DVec3>, inside: impl Fn(&DVec3) -> f64) {
     scratch.clear();
     for i in 0..part.len() {
         let (p, q) = (part[i], part[(i + 1) % part.len()]);
@@ -113,7 +112,7 @@ pub(crate) fn cut(part: &mut Vec<Vec3>, scratch: &mut Vec<Vec3>, inside: impl Fn
             scratch.push(p);
         }
         if (a >= 0.0) != (b >= 0.0) {
-            scratch.push(lerp(p, q, a / (a - b)));
+            scratch.push(p.lerp_monotonic(q, a / (a - b)));
         }
     }
     std::mem::swap(part, scratch);
@@ -122,14 +121,13 @@ pub(crate) fn cut(part: &mut Vec<Vec3>, scratch: &mut Vec<Vec3>, inside: impl Fn
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kilwa_geometry::distance::cross;
     use proptest::prelude::*;
 
-    fn area(points: &[Vec3]) -> f64 {
+    fn area(points: &[DVec3]) -> f64 {
         (1..points.len() - 1)
             .map(|i| {
-                let n = cross(sub(points[i], points[0]), sub(points[i + 1], points[0]));
-                dot(n, n).sqrt() * 0.5
+                let n = (points[i] - points[0]).cross(points[i + 1] - points[0]);
+                n.length() * 0.5
             })
             .sum()
     }
@@ -137,14 +135,14 @@ mod tests {
     proptest! {
         #[test]
         fn a_sheet_inside_a_region_has_the_regions_area_whatever_its_triangles(
-            radii in prop::collection::vec(0.2f64..1.0, 4..9), tilt in prop::array::uniform3(-1.0f64..1.0), split in 0.1f64..0.9,
+            radii in prop::collection::vec(0.2f64..1.0, 4..9), tilt in prop::array::uniform3(-1.0f64..1.0).prop_map(DVec3::from), split in 0.1f64..0.9,
         ) {
-            prop_assume!(dot(tilt, tilt) > 0.1);
-            let plane = Plane::new([10.0, 20.0, 30.0], tilt).unwrap();
+            prop_assume!(tilt.length_squared() > 0.1);
+            let plane = Plane::new(DVec3::new(10.0, 20.0, 30.0), tilt).unwrap();
             let [u, v] = plane.axes();
-            let at = |x: f64, y: f64| -> Vec3 { std::array::from_fn(|i| plane.point[i] + u[i] * x + v[i] * y) };
+            let at = |x: f64, y: f64| -> DVec3 { plane.point + u * x + v * y };
             let n = radii.len() as f64;
-            let points: Vec<Vec3> = radii.iter().enumerate().map(|(i, r)| {
+            let points: Vec<DVec3> = radii.iter().enumerate().map(|(i, r)| {
                 let a = i as f64 * std::f64::consts::TAU / n;
                 at(r * a.cos(), r * a.sin())
             }).collect();
@@ -157,22 +155,22 @@ mod tests {
                 region.clip([corners[i], corners[(i + 1) % 4], m], |p| sum += area(p));
             }
             prop_assert!((sum - region.area()).abs() < 1e-9, "{sum} {}", region.area());
-            let low: Vec3 = std::array::from_fn(|i| corners.iter().map(|c| c[i]).fold(f64::MAX, f64::min));
-            let high: Vec3 = std::array::from_fn(|i| corners.iter().map(|c| c[i]).fold(f64::MIN, f64::max));
+            let low: DVec3 = corners.iter().copied().fold(DVec3::MAX, DVec3::min);
+            let high: DVec3 = corners.iter().copied().fold(DVec3::MIN, DVec3::max);
             prop_assert!(region.meets(low, high));
         }
     }
 
     #[test]
     fn what_lies_beyond_the_reach_is_left_out_and_boxes_that_miss_are_known() {
-        let plane = Plane::new([0.0; 3], [0.0, 0.0, 1.0]).unwrap();
-        let square = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+        let plane = Plane::new(DVec3::ZERO, DVec3::Z).unwrap();
+        let square = [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y];
         let region = Region::new(plane, &square, 0.5).unwrap();
         let mut parts = 0;
-        region.clip([[0.0, 0.0, 0.6], [1.0, 0.0, 0.6], [0.0, 1.0, 0.6]], |_| parts += 1);
+        region.clip([DVec3::new(0.0, 0.0, 0.6), DVec3::new(1.0, 0.0, 0.6), DVec3::new(0.0, 1.0, 0.6)], |_| parts += 1);
         assert_eq!(parts, 0);
-        assert!(!region.meets([0.0, 0.0, 0.6], [1.0, 1.0, 2.0]));
-        assert!(!region.meets([1.1, 0.0, 0.0], [2.0, 1.0, 0.1]));
-        assert!(region.meets([0.9, 0.9, -9.0], [5.0, 5.0, 9.0]));
+        assert!(!region.meets(DVec3::new(0.0, 0.0, 0.6), DVec3::new(1.0, 1.0, 2.0)));
+        assert!(!region.meets(DVec3::new(1.1, 0.0, 0.0), DVec3::new(2.0, 1.0, 0.1)));
+        assert!(region.meets(DVec3::new(0.9, 0.9, -9.0), DVec3::new(5.0, 5.0, 9.0)));
     }
 }

@@ -1,6 +1,7 @@
 //! What else is known of a measurement, in sentences.
 
 use crate::said::{Said, Say, Worth};
+use kilwa_pack::plural::{counted, plural};
 use thiserror::Error;
 
 /// One of them. `Display` is English.
@@ -30,7 +31,12 @@ pub enum Remark {
     #[error("where it has holes nothing is cut or filled")]
     Holes,
     /// Of a section.
-    #[error("{lines} lines, {open} of them open, through {triangles} triangles")]
+    #[error(
+        "{}, {open} {}, through {}",
+        counted(*lines, "line", "lines"),
+        plural(*lines, "open", "of them open"),
+        counted(*triangles, "triangle", "triangles")
+    )]
     Lines {
         /// Lines.
         lines: usize,
@@ -40,7 +46,7 @@ pub enum Remark {
         triangles: u64,
     },
     /// Of contours.
-    #[error("{lines} lines at {heights} heights")]
+    #[error("{} at {}", counted(*lines, "line", "lines"), counted(*heights, "height", "heights"))]
     Heights {
         /// Lines.
         lines: usize,

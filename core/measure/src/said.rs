@@ -1,7 +1,7 @@
 //! Sentences as data: what is refused or remarked has a stable code and the values in it, so that whoever shows it can say it in the
 //! reader's language. `Display` is the English of it, which the command line prints.
 //!
-//! The page's texts are `www/i18n`: the code `refuse-few` is the key `refuseFew`, and a value's name stands in braces there
+//! The page's texts are `i18n/*/page.ftl`: the code `refuse-few` is the key `refuseFew`, and a value's name stands in braces there
 //! (`viewer/measure/tests/said.rs` compares them).
 
 use serde::Serialize;

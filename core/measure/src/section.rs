@@ -9,13 +9,12 @@
 use crate::plane::Plane;
 use crate::refusal::{Refusal, Target};
 use crate::space::Space;
-use crate::vector::{lerp, norm};
+use glam::{DVec2, DVec3};
 use kilwa_geometry::LatticePoint;
-use kilwa_geometry::distance::{Vec3, sub};
 use std::collections::BTreeMap;
 
 /// An edge of the surface: its ends, the smaller first.
-type Edge = [LatticePoint; 2];
+type Edge = [[i32; 3]; 2];
 
 /// Pieces of a section, not joined yet.
 #[derive(Debug, Clone)]
@@ -29,7 +28,7 @@ pub struct Cutter {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Polyline {
     /// Its points, local metres; a closed line does not repeat the first. Seen against the plane's normal, the material is on the left.
-    pub points: Vec<Vec3>,
+    pub points: Vec<DVec3>,
     /// Whether the last point is joined to the first.
     pub closed: bool,
 }
@@ -37,9 +36,9 @@ pub struct Polyline {
 impl Polyline {
     /// Its length, metres.
     pub fn length(&self) -> f64 {
-        let open: f64 = self.points.windows(2).map(|w| norm(sub(w[1], w[0]))).sum();
+        let open: f64 = self.points.windows(2).map(|w| (w[1] - w[0]).length()).sum();
         match (self.closed, self.points.first(), self.points.last()) {
-            (true, Some(first), Some(last)) => open + norm(sub(*first, *last)),
+            (true, Some(first), Some(last)) => open + (*first - *last).length(),
             _ => open,
         }
     }
@@ -50,7 +49,7 @@ impl Polyline {
     /// between neighbours that are `d` apart changes it by `d / 2` for each unit. Times the variance of a coordinate it is that of the area.
     pub fn squares(&self) -> f64 {
         let n = self.points.len();
-        let apart = |i: usize| norm(sub(self.points[(i + 1) % n], self.points[(i + n - 1) % n])) * 0.5;
+        let apart = |i: usize| (self.points[(i + 1) % n] - self.points[(i + n - 1) % n]).length() * 0.5;
         (0..n).map(|i| apart(i) * apart(i)).sum()
     }
 }
@@ -77,7 +76,7 @@ impl Section {
         if self.polylines.iter().any(|p| !p.closed) {
             return None;
         }
-        let flat = |p: &Polyline| -> Vec<[f64; 2]> { p.points.iter().map(|q| self.plane.coordinates(*q)).collect() };
+        let flat = |p: &Polyline| -> Vec<DVec2> { p.points.iter().map(|q| self.plane.coordinates(*q)).collect() };
         Some(self.polylines.iter().map(|p| crate::polygon::signed_area(&flat(p))).sum())
     }
 }
@@ -92,8 +91,8 @@ impl Cutter {
     pub fn meets(&self, low: LatticePoint, high: LatticePoint) -> bool {
         let (low, high) = (self.space.local_from_lattice(low), self.space.local_from_lattice(high));
         let n = self.plane.normal;
-        let far: Vec3 = std::array::from_fn(|i| if n[i] >= 0.0 { high[i] } else { low[i] });
-        let near: Vec3 = std::array::from_fn(|i| if n[i] >= 0.0 { low[i] } else { high[i] });
+        let ahead = n.cmpge(DVec3::ZERO);
+        let (far, near) = (DVec3::select(ahead, high, low), DVec3::select(ahead, low, high));
         let slack = self.space.step();
         self.plane.distance(far) >= -slack && self.plane.distance(near) <= slack
     }
@@ -110,7 +109,8 @@ impl Cutter {
         for i in 0..3 {
             let j = (i + 1) % 3;
             if above[i] != above[j] {
-                let edge = if corners[i] <= corners[j] { [corners[i], corners[j]] } else { [corners[j], corners[i]] };
+                let (a, b) = (corners[i].to_array(), corners[j].to_array());
+                let edge = if a <= b { [a, b] } else { [b, a] };
                 ends[usize::from(!above[i])] = Some(edge);
             }
         }
@@ -128,9 +128,10 @@ impl Cutter {
         self.plane.distance(self.space.local_from_lattice(p))
     }
 
-    fn crossing(&self, [a, b]: Edge) -> Vec3 {
+    fn crossing(&self, edge: Edge) -> DVec3 {
+        let [a, b] = edge.map(LatticePoint::from);
         let (da, db) = (self.distance(a), self.distance(b));
-        lerp(self.space.local_from_lattice(a), self.space.local_from_lattice(b), da / (da - db))
+        self.space.local_from_lattice(a).lerp_monotonic(self.space.local_from_lattice(b), da / (da - db))
     }
 
     /// Join the pieces.
@@ -153,7 +154,7 @@ impl Cutter {
     }
 
     fn polyline(&self, edges: &[Edge], closed: bool) -> Polyline {
-        let mut points: Vec<Vec3> = edges.iter().map(|e| self.crossing(*e)).collect();
+        let mut points: Vec<DVec3> = edges.iter().map(|e| self.crossing(*e)).collect();
         points.dedup();
         while closed && points.len() > 1 && points.first() == points.last() {
             points.pop();
@@ -204,7 +205,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn space() -> Space {
-        Space::new(Lattice { origin: [0.0; 3], step_log2: -10 })
+        Space::new(Lattice { origin: DVec3::ZERO, step_log2: -10 })
     }
 
     /// A box with its sides divided, outside counter-clockwise.
@@ -238,35 +239,36 @@ mod tests {
 
     #[test]
     fn a_block_is_cut_to_one_closed_square_with_its_area_also_exactly_through_its_corners() {
-        let triangles = block([1024, 1024, 1024], 1024, 8);
+        let triangles = block(LatticePoint::new(1024, 1024, 1024), 1024, 8);
         for z in [1.5, 1.3, 1.0 + 1.0 / 8.0, 1.0 + 1e-9] {
-            let plane = Plane::new([0.0, 0.0, z], [0.0, 0.0, 1.0]).unwrap();
+            let plane = Plane::new(DVec3::new(0.0, 0.0, z), DVec3::Z).unwrap();
             let s = cut(plane, &triangles).unwrap();
             assert_eq!(s.polylines.len(), 1, "{z}");
             assert!(s.polylines[0].closed);
             assert!((s.length() - 4.0).abs() < 1e-9 && (s.area().unwrap() - 1.0).abs() < 1e-9, "{z}: {:?}", s.area());
         }
-        let above = Plane::new([0.0, 0.0, 9.0], [0.0, 0.0, 1.0]).unwrap();
+        let above = Plane::new(DVec3::new(0.0, 0.0, 9.0), DVec3::Z).unwrap();
         assert!(matches!(cut(above, &triangles), Err(Refusal::Misses { .. })));
     }
 
     #[test]
     fn a_block_in_a_block_turned_inside_out_is_a_hole() {
-        let mut triangles = block([0, 0, 0], 4096, 4);
-        triangles.extend(block([1024, 1024, 1024], 2048, 4).iter().map(|[a, b, c]| [*a, *c, *b]));
-        let plane = Plane::new([2.0, 2.0, 2.0], [0.3, -0.2, 0.9]).unwrap();
+        let mut triangles = block(LatticePoint::new(0, 0, 0), 4096, 4);
+        triangles.extend(block(LatticePoint::new(1024, 1024, 1024), 2048, 4).iter().map(|[a, b, c]| [*a, *c, *b]));
+        let plane = Plane::new(DVec3::new(2.0, 2.0, 2.0), DVec3::new(0.3, -0.2, 0.9)).unwrap();
         let s = cut(plane, &triangles).unwrap();
         assert_eq!(s.polylines.len(), 2);
-        let outer = cut(plane, &block([0, 0, 0], 4096, 4)).unwrap().area().unwrap();
+        let outer = cut(plane, &block(LatticePoint::new(0, 0, 0), 4096, 4)).unwrap().area().unwrap();
         assert!(outer > 0.0 && s.area().unwrap() < outer);
-        let level = Plane::new([0.0, 0.0, 2.0], [0.0, 0.0, 1.0]).unwrap();
+        let level = Plane::new(DVec3::new(0.0, 0.0, 2.0), DVec3::Z).unwrap();
         assert!((cut(level, &triangles).unwrap().area().unwrap() - 12.0).abs() < 1e-9);
     }
 
     #[test]
     fn a_sheet_gives_an_open_line() {
-        let sheet = [[[0, 0, 0], [1024, 0, 0], [1024, 1024, 0]], [[0, 0, 0], [1024, 1024, 0], [0, 1024, 0]]];
-        let plane = Plane::new([0.25, 0.0, 0.0], [1.0, 0.0, 0.0]).unwrap();
+        let sheet = [[[0, 0, 0], [1024, 0, 0], [1024, 1024, 0]], [[0, 0, 0], [1024, 1024, 0], [0, 1024, 0]]]
+            .map(|t| t.map(LatticePoint::from_array));
+        let plane = Plane::new(DVec3::new(0.25, 0.0, 0.0), DVec3::X).unwrap();
         let s = cut(plane, &sheet).unwrap();
         assert_eq!((s.polylines.len(), s.polylines[0].closed, s.area()), (1, false, None));
         assert!((s.length() - 1.0).abs() < 1e-12);
@@ -275,13 +277,14 @@ mod tests {
     proptest! {
         #[test]
         fn a_closed_surface_gives_closed_lines_and_the_order_of_its_triangles_does_not_matter(
-            at in prop::array::uniform3(0.3f64..0.7), n in prop::array::uniform3(-1.0f64..1.0), seed in any::<u64>(), on in prop::bool::ANY,
+            at in prop::array::uniform3(0.3f64..0.7).prop_map(DVec3::from),
+            n in prop::array::uniform3(-1.0f64..1.0).prop_map(DVec3::from), seed in any::<u64>(), on in prop::bool::ANY,
         ) {
-            prop_assume!(norm(n) > 0.1);
-            let mut triangles = block([0, 0, 0], 1024, 8);
+            prop_assume!(n.length() > 0.1);
+            let mut triangles = block(LatticePoint::new(0, 0, 0), 1024, 8);
             // Through lattice points half of the time.
-            let at = if on { at.map(|x| (x * 8.0).round() / 8.0) } else { at };
-            let plane = Plane::new(at, if on { n.map(f64::round) } else { n });
+            let at = if on { (at * 8.0).round() / 8.0 } else { at };
+            let plane = Plane::new(at, if on { n.round() } else { n });
             let Ok(plane) = plane else { return Ok(()) };
             let Ok(first) = cut(plane, &triangles) else { return Ok(()) };
             prop_assert!(first.polylines.iter().all(|p| p.closed));

@@ -7,9 +7,9 @@ use crate::clip::Clip;
 use crate::leaves::{Failure, Leaves, finest};
 use crate::place::box_distance;
 use crate::space::Space;
-use crate::vector::{lerp, unit};
+use glam::DVec3;
 use kilwa_geometry::LatticePoint;
-use kilwa_geometry::distance::{Vec3, cross, dot, point_triangle_squared, sub};
+use kilwa_geometry::distance::point_triangle_squared;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -38,11 +38,11 @@ pub enum Snap {
 /// What kept the chunks from being read.
 pub async fn snap<L: Leaves>(
     leaves: &L,
-    local: Vec3,
+    local: DVec3,
     to: Snap,
     within: f64,
     clip: &Clip,
-) -> Result<Option<Vec3>, Failure> {
+) -> Result<Option<DVec3>, Failure> {
     if to == Snap::None || within.is_nan() || within <= 0.0 {
         return Ok(None);
     }
@@ -55,9 +55,9 @@ pub async fn snap<L: Leaves>(
         let chunk = leaves.chunk(i).await?;
         triangles.extend(finest(&chunk).filter(|t| within_reach(p, t, reach)));
     }
-    let mut best: Option<(f64, Vec3)> = None;
+    let mut best: Option<(f64, DVec3)> = None;
     for q in candidates(&triangles, p, to) {
-        let d = dot(sub(p, q), sub(p, q));
+        let d = (p - q).length_squared();
         if d <= reach * reach && clip.keeps(q) && best.is_none_or(|b| d < b.0) {
             best = Some((d, q));
         }
@@ -65,42 +65,42 @@ pub async fn snap<L: Leaves>(
     Ok(best.map(|b| space.local_from_steps(b.1)))
 }
 
-fn within_reach(p: Vec3, t: &[LatticePoint; 3], reach: f64) -> bool {
-    point_triangle_squared(p, t.map(|c| c.map(f64::from))) <= reach * reach
+fn within_reach(p: DVec3, t: &[LatticePoint; 3], reach: f64) -> bool {
+    point_triangle_squared(p, t.map(|c| c.as_dvec3())) <= reach * reach
 }
 
 /// The points that count, in an order that does not depend on that of the triangles.
-fn candidates(triangles: &[[LatticePoint; 3]], p: Vec3, to: Snap) -> Vec<Vec3> {
+fn candidates(triangles: &[[LatticePoint; 3]], p: DVec3, to: Snap) -> Vec<DVec3> {
     if to == Snap::Vertex {
         let mut corners: Vec<LatticePoint> = triangles.iter().flatten().copied().collect();
-        corners.sort_unstable();
+        corners.sort_unstable_by_key(LatticePoint::to_array);
         corners.dedup();
-        return corners.into_iter().map(|c| c.map(f64::from)).collect();
+        return corners.into_iter().map(|c| c.as_dvec3()).collect();
     }
-    let mut edges: BTreeMap<[LatticePoint; 2], Vec<Option<Vec3>>> = BTreeMap::new();
+    let mut edges: BTreeMap<[[i32; 3]; 2], Vec<Option<DVec3>>> = BTreeMap::new();
     for t in triangles {
-        let [a, b, c] = t.map(|c| c.map(f64::from));
-        let normal = unit(cross(sub(b, a), sub(c, a)));
+        let [a, b, c] = t.map(|c| c.as_dvec3());
+        let normal = (b - a).cross(c - a).try_normalize();
         for i in 0..3 {
-            let (a, b) = (t[i], t[(i + 1) % 3]);
+            let (a, b) = (t[i].to_array(), t[(i + 1) % 3].to_array());
             edges.entry([a.min(b), a.max(b)]).or_default().push(normal);
         }
     }
-    let counts = |normals: &[Option<Vec3>]| match (to, normals) {
+    let counts = |normals: &[Option<DVec3>]| match (to, normals) {
         (Snap::Border, [_]) => true,
-        (Snap::Crease, [Some(m), Some(n)]) => dot(*m, *n) < CREASE,
+        (Snap::Crease, [Some(m), Some(n)]) => m.dot(*n) < CREASE,
         _ => false,
     };
     let sharp = edges.iter().filter(|(_, normals)| counts(normals));
-    sharp.map(|([a, b], _)| closest(p, a.map(f64::from), b.map(f64::from))).collect()
+    sharp.map(|([a, b], _)| closest(p, LatticePoint::from(*a).as_dvec3(), LatticePoint::from(*b).as_dvec3())).collect()
 }
 
 /// The point of a stretch nearest to `p`.
-fn closest(p: Vec3, a: Vec3, b: Vec3) -> Vec3 {
-    let along = sub(b, a);
-    let square = dot(along, along);
-    let t = if square > 0.0 { (dot(sub(p, a), along) / square).clamp(0.0, 1.0) } else { 0.0 };
-    lerp(a, b, t)
+fn closest(p: DVec3, a: DVec3, b: DVec3) -> DVec3 {
+    let along = b - a;
+    let square = along.length_squared();
+    let t = if square > 0.0 { ((p - a).dot(along) / square).clamp(0.0, 1.0) } else { 0.0 };
+    a.lerp_monotonic(b, t)
 }
 
 #[cfg(test)]
@@ -109,25 +109,28 @@ mod tests {
 
     /// A step of a stair: a floor and a wall, sharing an edge at y = 100, x from 0 to 200.
     const STEP: [[LatticePoint; 3]; 4] = [
-        [[0, 0, 0], [200, 0, 0], [200, 100, 0]],
-        [[0, 0, 0], [200, 100, 0], [0, 100, 0]],
-        [[0, 100, 0], [200, 100, 0], [200, 100, 100]],
-        [[0, 100, 0], [200, 100, 100], [0, 100, 100]],
+        [LatticePoint::new(0, 0, 0), LatticePoint::new(200, 0, 0), LatticePoint::new(200, 100, 0)],
+        [LatticePoint::new(0, 0, 0), LatticePoint::new(200, 100, 0), LatticePoint::new(0, 100, 0)],
+        [LatticePoint::new(0, 100, 0), LatticePoint::new(200, 100, 0), LatticePoint::new(200, 100, 100)],
+        [LatticePoint::new(0, 100, 0), LatticePoint::new(200, 100, 100), LatticePoint::new(0, 100, 100)],
     ];
 
     #[test]
     fn creases_are_where_the_surface_is_bent_and_borders_where_it_ends() {
-        let p = [50.0, 95.0, 0.0];
-        assert_eq!(candidates(&STEP, p, Snap::Crease), [[50.0, 100.0, 0.0]]);
+        let p = DVec3::new(50.0, 95.0, 0.0);
+        assert_eq!(candidates(&STEP, p, Snap::Crease), [DVec3::new(50.0, 100.0, 0.0)]);
         let borders = candidates(&STEP, p, Snap::Border);
         assert_eq!(borders.len(), 6, "{borders:?}");
-        assert!(borders.contains(&[0.0, 95.0, 0.0]) && !borders.contains(&[50.0, 100.0, 0.0]));
+        assert!(borders.contains(&DVec3::new(0.0, 95.0, 0.0)) && !borders.contains(&DVec3::new(50.0, 100.0, 0.0)));
         assert_eq!(candidates(&STEP, p, Snap::Vertex).len(), 6);
-        assert_eq!(candidates(&STEP[..2], p, Snap::Crease), Vec::<Vec3>::new(), "a flat diagonal is no crease");
+        assert_eq!(candidates(&STEP[..2], p, Snap::Crease), Vec::<DVec3>::new(), "a flat diagonal is no crease");
     }
 
     #[test]
     fn a_triangle_outside_the_ball_is_not_looked_at() {
-        assert!(within_reach([50.0, 95.0, 0.0], &STEP[2], 5.0) && !within_reach([50.0, 94.0, 0.0], &STEP[2], 5.0));
+        assert!(
+            within_reach(DVec3::new(50.0, 95.0, 0.0), &STEP[2], 5.0)
+                && !within_reach(DVec3::new(50.0, 94.0, 0.0), &STEP[2], 5.0)
+        );
     }
 }

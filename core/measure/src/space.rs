@@ -1,7 +1,7 @@
 //! Where measured points live: *local metres*, counted from the lattice origin. A lattice point has them exactly (the step is a
 //! power of two), at any distance from the origin of the world; differences of world coordinates do not.
 
-use kilwa_geometry::distance::Vec3;
+use glam::DVec3;
 use kilwa_geometry::{Lattice, LatticePoint};
 
 /// Conversions of one pack.
@@ -27,30 +27,30 @@ impl Space {
     }
 
     /// Local metres of a lattice point; exact.
-    pub fn local_from_lattice(&self, p: LatticePoint) -> Vec3 {
+    pub fn local_from_lattice(&self, p: LatticePoint) -> DVec3 {
         let step = self.lattice.step();
-        p.map(|x| f64::from(x) * step)
+        p.as_dvec3() * step
     }
 
     /// Local metres of a point in lattice steps; exact.
-    pub fn local_from_steps(&self, p: Vec3) -> Vec3 {
+    pub fn local_from_steps(&self, p: DVec3) -> DVec3 {
         let step = self.lattice.step();
-        p.map(|x| x * step)
+        p * step
     }
 
     /// Lattice steps of local metres; exact.
-    pub fn steps_from_local(&self, p: Vec3) -> Vec3 {
+    pub fn steps_from_local(&self, p: DVec3) -> DVec3 {
         let inverse = libm::scalbn(1.0, -self.lattice.step_log2);
-        p.map(|x| x * inverse)
+        p * inverse
     }
 
     /// Local metres of a world position.
-    pub fn local_from_world(&self, w: Vec3) -> Vec3 {
-        std::array::from_fn(|i| w[i] - self.lattice.origin[i])
+    pub fn local_from_world(&self, w: DVec3) -> DVec3 {
+        w - self.lattice.origin
     }
 
     /// World position of local metres.
-    pub fn world_from_local(&self, p: Vec3) -> Vec3 {
-        std::array::from_fn(|i| p[i] + self.lattice.origin[i])
+    pub fn world_from_local(&self, p: DVec3) -> DVec3 {
+        p + self.lattice.origin
     }
 }

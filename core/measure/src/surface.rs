@@ -1,34 +1,35 @@
 //! A set of triangles with a search tree: nearest points and rays.
 
 use crate::pick::{Hit, Ray};
+use glam::DVec3;
 use kilwa_geometry::Bvh;
-use kilwa_geometry::distance::{Vec3, closest_on_triangle, dot, ray_triangle, sub};
+use kilwa_geometry::distance::{closest_on_triangle, ray_triangle};
 
 /// Triangles in any one unit, for example metres or lattice steps; answers come in the same.
 pub struct Surface {
-    triangles: Vec<[Vec3; 3]>,
+    triangles: Vec<[DVec3; 3]>,
     tree: Bvh,
 }
 
 impl Surface {
     /// Build the tree.
-    pub fn new(triangles: Vec<[Vec3; 3]>) -> Self {
+    pub fn new(triangles: Vec<[DVec3; 3]>) -> Self {
         let tree = Bvh::new(&triangles);
         Self { triangles, tree }
     }
 
     /// The triangles, in the order given.
-    pub fn triangles(&self) -> &[[Vec3; 3]] {
+    pub fn triangles(&self) -> &[[DVec3; 3]] {
         &self.triangles
     }
 
     /// The point of the surface nearest to `p`, with the number of its triangle; `None` where there is no surface.
     /// Ties go to the smaller number.
-    pub fn nearest(&self, p: Vec3) -> Option<(Vec3, u32)> {
-        let mut best: Option<(f64, u32, Vec3)> = None;
+    pub fn nearest(&self, p: DVec3) -> Option<(DVec3, u32)> {
+        let mut best: Option<(f64, u32, DVec3)> = None;
         let visit = |t: u32, limit: f64| {
             let q = closest_on_triangle(p, self.triangles[t as usize]);
-            let d = dot(sub(p, q), sub(p, q));
+            let d = (p - q).length_squared();
             if best.is_none_or(|b| d < b.0 || (d == b.0 && t < b.1)) {
                 best = Some((d, t, q));
                 // Equals are still looked at.
@@ -61,13 +62,13 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn soup(seed: u64, n: usize) -> Vec<[Vec3; 3]> {
+    fn soup(seed: u64, n: usize) -> Vec<[DVec3; 3]> {
         let mut generator = fastrand::Rng::with_seed(seed);
         let mut random = || generator.f64() * 256.0;
         (0..n)
             .map(|_| {
-                let base: Vec3 = [random(), random(), random()];
-                [0, 1, 2].map(|_| base.map(|x| x + random() * 0.05))
+                let base = DVec3::new(random(), random(), random());
+                [0, 1, 2].map(|_| base + DVec3::new(random(), random(), random()) * 0.05)
             })
             .collect()
     }
@@ -75,15 +76,18 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn the_tree_finds_what_looking_at_every_triangle_finds(seed in any::<u64>(), o in prop::array::uniform3(-10.0f64..266.0), d in prop::array::uniform3(-1.0f64..1.0)) {
+        fn the_tree_finds_what_looking_at_every_triangle_finds(seed in any::<u64>(),
+            o in prop::array::uniform3(-10.0f64..266.0).prop_map(DVec3::from),
+            d in prop::array::uniform3(-1.0f64..1.0).prop_map(DVec3::from),
+        ) {
             let s = Surface::new(soup(seed, 300));
             let ray = Ray { origin: o, direction: d };
             let slow = s.triangles().iter().enumerate()
                 .filter_map(|(i, t)| ray_triangle(o, d, *t).map(|at| (at, i as u32)))
                 .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             prop_assert_eq!(s.cast(&ray).map(|h| (h.t, h.triangle)), slow);
-            let near = s.nearest(o).map(|(q, _)| dot(sub(q, o), sub(q, o)));
-            let slow = s.triangles().iter().map(|t| { let e = sub(o, closest_on_triangle(o, *t)); dot(e, e) }).min_by(f64::total_cmp);
+            let near = s.nearest(o).map(|(q, _)| q.distance_squared(o));
+            let slow = s.triangles().iter().map(|t| o.distance_squared(closest_on_triangle(o, *t))).min_by(f64::total_cmp);
             prop_assert_eq!(near, slow);
         }
     }
@@ -91,7 +95,7 @@ mod tests {
     #[test]
     fn an_empty_surface_has_no_nearest_point_and_no_hit() {
         let s = Surface::new(Vec::new());
-        assert!(s.nearest([0.0; 3]).is_none());
-        assert!(s.cast(&Ray { origin: [0.0; 3], direction: [1.0, 0.0, 0.0] }).is_none());
+        assert!(s.nearest(DVec3::ZERO).is_none());
+        assert!(s.cast(&Ray { origin: DVec3::ZERO, direction: DVec3::X }).is_none());
     }
 }

@@ -1,6 +1,7 @@
 //! Drawings as SVG 1.1, in millimetres of paper: printed at 100 % it is true to scale.
 
 use crate::drawing::{Drawing, short};
+use glam::DVec2;
 use std::fmt::Write;
 
 /// Room round the drawing, mm.
@@ -17,7 +18,7 @@ impl Drawing {
         let block = 22.0 + 4.0 * self.notes.len() as f64;
         let width = (size[0] + 2.0 * MARGIN + DIMENSION).max(120.0);
         let height = size[1] + 2.0 * MARGIN + DIMENSION + block;
-        let at = |p: [f64; 2]| [MARGIN + DIMENSION + (p[0] - low[0]) * mm, MARGIN + size[1] - (p[1] - low[1]) * mm];
+        let at = |p: DVec2| DVec2::new(MARGIN + DIMENSION + (p.x - low.x) * mm, MARGIN + size[1] - (p.y - low.y) * mm);
         let mut out = String::new();
         let (w, h) = (short(width, 3), short(height, 3));
         out.push_str("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
@@ -30,13 +31,14 @@ impl Drawing {
             escape(&self.layer)
         );
         for line in &self.lines {
-            let points: Vec<String> = line.points.iter().map(|p| at(*p).map(|x| short(x, 4)).join(",")).collect();
+            let points: Vec<String> =
+                line.points.iter().map(|p| at(*p).to_array().map(|x| short(x, 4)).join(",")).collect();
             let tag = if line.closed { "polygon" } else { "polyline" };
             let of = line.elevation.map_or(String::new(), |z| format!(" data-elevation=\"{}\"", short(z, 6)));
             let _ = writeln!(out, "<{tag}{of} points=\"{}\"/>", points.join(" "));
         }
         out.push_str("</g>\n<g id=\"DIMENSIONS\" stroke=\"#555\" stroke-width=\"0.18\" font-family=\"sans-serif\" font-size=\"3\" fill=\"#333\">\n");
-        dimensions(&mut out, at(low), at(high), [high[0] - low[0], high[1] - low[1]]);
+        dimensions(&mut out, at(low), at(high), high - low);
         self.block(&mut out, MARGIN + size[1] + DIMENSION + 8.0, mm);
         out.push_str("</g>\n</svg>\n");
         Some(out)
@@ -69,21 +71,21 @@ impl Drawing {
 }
 
 /// Overall width below and height at the left.
-fn dimensions(out: &mut String, low: [f64; 2], high: [f64; 2], metres: [f64; 2]) {
+fn dimensions(out: &mut String, low: DVec2, high: DVec2, metres: DVec2) {
     let (y, x) = (low[1] + DIMENSION * 0.6, low[0] - DIMENSION * 0.6);
-    let line = |out: &mut String, a: [f64; 2], b: [f64; 2]| {
+    let line = |out: &mut String, a: DVec2, b: DVec2| {
         let [x1, y1, x2, y2] = [a[0], a[1], b[0], b[1]].map(|v| short(v, 3));
         let _ = writeln!(out, "<line x1=\"{x1}\" y1=\"{y1}\" x2=\"{x2}\" y2=\"{y2}\"/>");
     };
-    line(out, [low[0], y], [high[0], y]);
-    line(out, [x, low[1]], [x, high[1]]);
-    for (a, b) in [([low[0], y - 1.5], [low[0], y + 1.5]), ([high[0], y - 1.5], [high[0], y + 1.5])] {
-        line(out, a, b);
+    line(out, DVec2::new(low.x, y), DVec2::new(high.x, y));
+    line(out, DVec2::new(x, low.y), DVec2::new(x, high.y));
+    for end in [low.x, high.x] {
+        line(out, DVec2::new(end, y - 1.5), DVec2::new(end, y + 1.5));
     }
-    for (a, b) in [([x - 1.5, low[1]], [x + 1.5, low[1]]), ([x - 1.5, high[1]], [x + 1.5, high[1]])] {
-        line(out, a, b);
+    for end in [low.y, high.y] {
+        line(out, DVec2::new(x - 1.5, end), DVec2::new(x + 1.5, end));
     }
-    let middle = [(low[0] + high[0]) * 0.5, (low[1] + high[1]) * 0.5].map(|v| short(v, 3));
+    let middle = ((low + high) * 0.5).to_array().map(|v| short(v, 3));
     let _ = writeln!(
         out,
         "<text stroke=\"none\" text-anchor=\"middle\" x=\"{}\" y=\"{}\">{} m</text>",
@@ -108,20 +110,21 @@ fn escape(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use crate::drawing::tests::square;
+    use glam::DVec2;
 
     #[test]
     fn ten_metres_at_one_to_fifty_are_two_hundred_millimetres_and_names_are_escaped() {
         let svg = square().to_svg().unwrap();
         assert!(svg.contains("Gate &lt;west&gt; &amp; tower"));
         let polygon = svg.lines().find(|l| l.starts_with("<polygon")).unwrap();
-        let points: Vec<[f64; 2]> = polygon
+        let points: Vec<DVec2> = polygon
             .split('"')
             .nth(1)
             .unwrap()
             .split(' ')
             .map(|p| {
                 let (x, y) = p.split_once(',').unwrap();
-                [x.parse().unwrap(), y.parse().unwrap()]
+                DVec2::new(x.parse().unwrap(), y.parse().unwrap())
             })
             .collect();
         assert!((points[1][0] - points[0][0] - 200.0).abs() < 1e-3, "{points:?}");

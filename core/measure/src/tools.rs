@@ -12,7 +12,7 @@ use crate::quantity::{Uncertainty, propagate};
 use crate::refusal::{Refusal, at_least};
 use crate::space::Space;
 use crate::unit::{Dimension, Reading};
-use kilwa_geometry::distance::Vec3;
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// A tool on points.
@@ -42,7 +42,7 @@ impl PointTool {
     ///
     /// # Errors
     /// [`Refusal`] where they mean nothing.
-    pub fn measure(self, points: &[Vec3], space: &Space, point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+    pub fn measure(self, points: &[DVec3], space: &Space, point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
         match self {
             Self::Coordinate => coordinate(points, space, point),
             Self::Distance => distance(points, false, point),
@@ -59,9 +59,9 @@ impl PointTool {
 /// Readings from values and their uncertainties, propagated from the points.
 fn readings<const N: usize>(
     names: [(&str, Dimension); N],
-    points: &[Vec3],
+    points: &[DVec3],
     point: &Uncertainty,
-    f: impl Fn(&[Vec3]) -> Result<[f64; N], Refusal>,
+    f: impl Fn(&[DVec3]) -> Result<[f64; N], Refusal>,
 ) -> Result<Vec<Reading>, Refusal> {
     let values = f(points)?;
     let spread = propagate(points, point.combined(), |p| f(p).ok());
@@ -69,14 +69,14 @@ fn readings<const N: usize>(
     Ok(each.map(|((name, dimension), (value, u))| Reading::new(name, dimension, value, u)).collect())
 }
 
-fn coordinate(points: &[Vec3], space: &Space, point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+fn coordinate(points: &[DVec3], space: &Space, point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
     at_least("a coordinate", 1, points)?;
     let world = space.world_from_local(points[0]);
-    let each = ["x", "y", "z"].into_iter().zip(world);
+    let each = ["x", "y", "z"].into_iter().zip(world.to_array());
     Ok(each.map(|(name, x)| Reading::new(name, Dimension::Length, x, point.combined())).collect())
 }
 
-fn distance(points: &[Vec3], closed: bool, point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+fn distance(points: &[DVec3], closed: bool, point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
     use Dimension::Length;
     if closed {
         let names = [("perimeter", Length), ("horizontal", Length)];
@@ -96,12 +96,12 @@ fn distance(points: &[Vec3], closed: bool, point: &Uncertainty) -> Result<Vec<Re
     Ok(all)
 }
 
-fn corner(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+fn corner(points: &[DVec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
     at_least("an angle", 3, points)?;
     readings([("angle", Dimension::Angle)], &points[..3], point, |p| Ok([angle::at_corner([p[0], p[1], p[2]])?]))
 }
 
-fn planes(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+fn planes(points: &[DVec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
     at_least("an angle between planes", 6, points)?;
     let half = points.len() / 2;
     let names = [("angle", Dimension::Angle), ("first slope", Dimension::Angle), ("second slope", Dimension::Angle)];
@@ -111,7 +111,7 @@ fn planes(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal>
     })
 }
 
-fn height(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+fn height(points: &[DVec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
     at_least("a height above a plane", 4, points)?;
     readings([("height", Dimension::Length)], points, point, |p| {
         let (last, rest) = p.split_last().ok_or(Refusal::NotFinite)?;
@@ -119,11 +119,11 @@ fn height(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal>
     })
 }
 
-fn polygon(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+fn polygon(points: &[DVec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
     use Dimension::{Area, Length};
     let names = [("fitted plane", Area), ("plan", Area), ("perimeter", Length)];
     // The sign of the plan area lets it vary through zero: an upright polygon has none, and is uncertain all the same.
-    let signed = |p: &[Vec3]| signed_area(&p.iter().map(|q| [q[0] - p[0][0], q[1] - p[0][1]]).collect::<Vec<_>>());
+    let signed = |p: &[DVec3]| signed_area(&p.iter().map(|q| (*q - p[0]).truncate()).collect::<Vec<_>>());
     let mut all = readings(names, points, point, |p| PolygonArea::of(p).map(|a| [a.fitted, signed(p), a.perimeter]))?;
     all[1].quantity.value = all[1].quantity.value.abs();
     let fit = Plane::fit(points)?;
@@ -131,7 +131,7 @@ fn polygon(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal
     Ok(all)
 }
 
-fn circle(points: &[Vec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
+fn circle(points: &[DVec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
     let c = Circle::fit(points)?;
     // What the points show of their own scatter counts where it is more than what is known of each.
     let free = points.len().saturating_sub(3);
@@ -155,10 +155,10 @@ mod tests {
     use kilwa_geometry::LengthUnit;
 
     fn space() -> Space {
-        Space::new(Lattice { origin: [500_000.0, 4_649_776.0, 123.0], step_log2: -10 })
+        Space::new(Lattice { origin: DVec3::new(500_000.0, 4_649_776.0, 123.0), step_log2: -10 })
     }
 
-    fn read(tool: PointTool, points: &[Vec3]) -> Vec<String> {
+    fn read(tool: PointTool, points: &[DVec3]) -> Vec<String> {
         let u = Uncertainty::finest(space().step(), Some(0.002));
         let all = tool.measure(points, &space(), &u).unwrap();
         all.iter().map(|r| format!("{} {}", r.name, r.text(LengthUnit::Metre))).collect()
@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn every_tool_gives_its_numbers_with_their_uncertainty() {
-        let wall = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 0.0, 3.0]];
+        let wall = [DVec3::ZERO, DVec3::new(4.0, 0.0, 0.0), DVec3::new(4.0, 0.0, 3.0), DVec3::new(0.0, 0.0, 3.0)];
         assert_eq!(read(PointTool::Coordinate, &wall[1..2])[0], "x 500004.0000 ± 0.0020 m");
         assert_eq!(read(PointTool::Distance, &[wall[0], wall[2]])[0], "straight 5.0000 ± 0.0029 m");
         assert_eq!(read(PointTool::Distance, &wall[..3])[3], "ends 5.0000 ± 0.0029 m");
@@ -179,25 +179,25 @@ mod tests {
         let u = Uncertainty::finest(space().step(), None);
         let none = PointTool::Distance.measure(&[wall[0], wall[0]], &space(), &u).unwrap();
         assert!(none[0].quantity.value == 0.0 && none[0].quantity.uncertainty > 0.0);
-        let up = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.3, 0.3, 2.5]];
+        let up = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::new(0.3, 0.3, 2.5)];
         assert!(read(PointTool::Height, &up)[0].starts_with("height 2.500"));
-        let turned: Vec<Vec3> = wall[..3].iter().chain(&up[..3]).copied().collect();
+        let turned: Vec<DVec3> = wall[..3].iter().chain(&up[..3]).copied().collect();
         assert!(read(PointTool::PlaneAngle, &turned)[0].starts_with("angle 90.0"));
-        let ring = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]];
+        let ring = [DVec3::X, DVec3::Y, DVec3::new(-1.0, 0.0, 0.0), DVec3::new(0.0, -1.0, 0.0)];
         assert!(read(PointTool::Circle, &ring)[1].starts_with("diameter 2.000"));
     }
 
     #[test]
     fn points_that_mean_nothing_are_refused_with_a_sentence() {
         let u = Uncertainty::finest(space().step(), None);
-        let line = [[0.0; 3], [1.0, 1.0, 1.0], [2.0, 2.0, 2.0], [3.0, 3.0, 3.0]];
-        let say = |tool: PointTool, points: &[Vec3]| tool.measure(points, &space(), &u).unwrap_err().to_string();
+        let line = [DVec3::ZERO, DVec3::new(1.0, 1.0, 1.0), DVec3::new(2.0, 2.0, 2.0), DVec3::new(3.0, 3.0, 3.0)];
+        let say = |tool: PointTool, points: &[DVec3]| tool.measure(points, &space(), &u).unwrap_err().to_string();
         assert!(say(PointTool::Circle, &line).contains("lie on one line"));
         assert!(say(PointTool::PolygonArea, &line).contains("lie on one line"));
-        assert!(say(PointTool::Distance, &line[..1]).contains("at least 2 points; 1 are given"));
+        assert!(say(PointTool::Distance, &line[..1]).contains("at least 2 points; 1 is given"));
         assert!(say(PointTool::Angle, &[line[0], line[0], line[1]]).contains("same place"));
-        assert!(say(PointTool::Coordinate, &[[f64::NAN, 0.0, 0.0]]).contains("finite"));
-        let bow = [[0.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        assert!(say(PointTool::Coordinate, &[DVec3::new(f64::NAN, 0.0, 0.0)]).contains("finite"));
+        let bow = [DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0), DVec3::X, DVec3::Y];
         assert!(say(PointTool::PolygonArea, &bow).contains("cross"));
     }
 }

@@ -3,13 +3,13 @@
 use crate::refusal::{Refusal, Target};
 use crate::region::{Region, cut};
 use crate::sum::Sum;
-use kilwa_geometry::distance::{Vec3, cross, dot, sub};
+use glam::DVec3;
 use serde::Serialize;
 
 /// The volume that a closed surface encloses, summed up triangle by triangle (divergence theorem).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Enclosed {
-    centre: Vec3,
+    centre: DVec3,
     six_fold: Sum,
     /// The vector sum of all triangle areas, which vanishes where the surface is closed and agrees on its outside.
     flux: [Sum; 3],
@@ -20,21 +20,21 @@ pub struct Enclosed {
 
 impl Enclosed {
     /// Volumes are counted from `centre`, which should lie in the middle of the surface.
-    pub fn new(centre: Vec3) -> Self {
+    pub fn new(centre: DVec3) -> Self {
         let zero = Sum::default();
         Self { centre, six_fold: zero, flux: [zero; 3], area: zero, squares: zero, triangles: 0 }
     }
 
     /// Add one triangle, counter-clockwise seen from outside.
-    pub fn add(&mut self, triangle: [Vec3; 3]) {
-        let [a, b, c] = triangle.map(|p| sub(p, self.centre));
-        let n = cross(sub(b, a), sub(c, a));
-        self.six_fold.add(dot(a, cross(b, c)));
-        for (sum, x) in self.flux.iter_mut().zip(n) {
-            sum.add(x * 0.5);
+    pub fn add(&mut self, triangle: [DVec3; 3]) {
+        let [a, b, c] = triangle.map(|p| p - self.centre);
+        let n = (b - a).cross(c - a);
+        self.six_fold.add(a.dot(b.cross(c)));
+        for (sum, x) in self.flux.iter_mut().zip((n * 0.5).to_array()) {
+            sum.add(x);
         }
-        self.area.add(libm::sqrt(dot(n, n)) * 0.5);
-        self.squares.add(dot(n, n) * 0.25);
+        self.area.add(n.length() * 0.5);
+        self.squares.add(n.length_squared() * 0.25);
         self.triangles += 1;
     }
 
@@ -69,8 +69,8 @@ impl Enclosed {
         if borders > 0 {
             return Err(Refusal::Open { borders });
         }
-        let flux = self.flux.map(|s| s.value());
-        if libm::sqrt(dot(flux, flux)) > 1e-9 * self.area.value() {
+        let flux = DVec3::from(self.flux.map(|s| s.value()));
+        if flux.length() > 1e-9 * self.area.value() {
             return Err(Refusal::Inconsistent);
         }
         Ok(self.six_fold.value() / 6.0)
@@ -111,7 +111,7 @@ impl CutFillVolume {
 impl CutFill {
     /// Add the part of a triangle inside the region. What faces the side that the normal points to counts as top of the
     /// material, what faces away as its underside, so that overhangs come out right.
-    pub fn add(&mut self, triangle: [Vec3; 3], region: &Region) {
+    pub fn add(&mut self, triangle: [DVec3; 3], region: &Region) {
         let (mut side, mut scratch) = (Vec::with_capacity(12), Vec::with_capacity(12));
         let mut met = false;
         region.clip(triangle, |part| {
@@ -161,7 +161,7 @@ impl CutFill {
 }
 
 /// Integral of a linear function over a convex polygon seen along the third axis; signed by its orientation.
-fn prism(part: &[Vec3], height: impl Fn(&Vec3) -> f64) -> f64 {
+fn prism(part: &[DVec3], height: impl Fn(&DVec3) -> f64) -> f64 {
     let Some(a) = part.first() else { return 0.0 };
     let mut sum = 0.0;
     for w in part[1..].windows(2) {
@@ -176,9 +176,10 @@ fn prism(part: &[Vec3], height: impl Fn(&Vec3) -> f64) -> f64 {
 mod tests {
     use super::*;
     use crate::plane::Plane;
+    use glam::IVec3;
 
-    fn cube(at: Vec3, side: f64) -> Vec<[Vec3; 3]> {
-        let corner = |i: usize| -> Vec3 { std::array::from_fn(|k| at[k] + side * f64::from(((i >> k) & 1) as u32)) };
+    fn cube(at: DVec3, side: f64) -> Vec<[DVec3; 3]> {
+        let corner = |i: i32| at + side * IVec3::new(i & 1, i >> 1 & 1, i >> 2 & 1).as_dvec3();
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
             .iter()
             .flat_map(|&[a, b, c, d]| [[corner(a), corner(b), corner(c)], [corner(a), corner(c), corner(d)]])
@@ -187,7 +188,7 @@ mod tests {
 
     #[test]
     fn a_cube_far_from_the_origin_has_its_volume_and_without_a_face_none() {
-        let at = [500_000.0, 4_649_776.0, 123.456];
+        let at = DVec3::new(500_000.0, 4_649_776.0, 123.456);
         let mut v = Enclosed::new(at);
         for t in cube(at, 1.0) {
             v.add(t);
@@ -203,11 +204,16 @@ mod tests {
 
     #[test]
     fn cut_and_fill_of_a_wedge_are_its_halves_and_an_overhang_counts_its_material_only() {
-        let floor = Plane::new([0.0, 0.0, 0.0], [0.0, 0.0, 1.0]).unwrap();
-        let square = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+        let floor = Plane::new(DVec3::ZERO, DVec3::Z).unwrap();
+        let square = [DVec3::ZERO, DVec3::new(2.0, 0.0, 0.0), DVec3::new(2.0, 1.0, 0.0), DVec3::Y];
         let region = Region::new(floor, &square, 10.0).unwrap();
         // A plane that rises from -1 at x = 0 to +1 at x = 2: above and below are 0.5 each.
-        let (a, b, c, d) = ([0.0, 0.0, -1.0], [2.0, 0.0, 1.0], [2.0, 1.0, 1.0], [0.0, 1.0, -1.0]);
+        let (a, b, c, d) = (
+            DVec3::new(0.0, 0.0, -1.0),
+            DVec3::new(2.0, 0.0, 1.0),
+            DVec3::new(2.0, 1.0, 1.0),
+            DVec3::new(0.0, 1.0, -1.0),
+        );
         let mut sum = CutFill::default();
         sum.add([a, b, c], &region);
         sum.add([a, c, d], &region);
@@ -218,7 +224,7 @@ mod tests {
         );
         // A cube floating 1 m above: 0.5³ of material, no ground.
         let mut sum = CutFill::default();
-        for t in cube([0.5, 0.25, 1.0], 0.5) {
+        for t in cube(DVec3::new(0.5, 0.25, 1.0), 0.5) {
             sum.add(t, &region);
         }
         let v = sum.volumes(&region).unwrap();

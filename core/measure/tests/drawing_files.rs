@@ -3,6 +3,7 @@
 use flate2::Compression;
 use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
+use glam::DVec3;
 use kilwa_measure::sheet::file::{Form, Writer};
 use kilwa_measure::sheet::georeference::GeoReference;
 use kilwa_measure::sheet::layout::Layout;
@@ -13,7 +14,7 @@ use std::io::{Read, Write};
 use tiff::decoder::{Decoder, DecodingResult};
 use tiff::tags::Tag;
 
-const CORNERS: ([f64; 3], [f64; 3]) = ([500_000.0, 4_649_776.0, 100.0], [500_007.0, 4_649_779.0, 103.0]);
+const CORNERS: (DVec3, DVec3) = (DVec3::new(500_000.0, 4_649_776.0, 100.0), DVec3::new(500_007.0, 4_649_779.0, 103.0));
 
 /// A plan so large on paper, mm.
 fn plan(paper: [f64; 2], dpi: u32) -> Sheet {

@@ -1,6 +1,7 @@
 //! Reading and writing little-endian fields without ever indexing past the end.
 
 use crate::PackError;
+use crate::plural::counted;
 
 /// A read position in a byte slice; every read is checked.
 pub(crate) struct Cursor<'a> {
@@ -87,7 +88,7 @@ impl<'a> Cursor<'a> {
         if self.remaining() == 0 {
             return Ok(());
         }
-        Err(self.invalid(&format!("{} bytes are left over at its end", self.remaining())))
+        Err(self.invalid(&format!("{} left over at its end", counted(self.remaining(), "byte is", "bytes are"))))
     }
 
     /// An error about this part.

@@ -6,6 +6,8 @@
 use crate::bytes::Cursor;
 use crate::chunk::{MAX_CHUNK_BYTES, MAX_CHUNK_TRIANGLES, MAX_CHUNK_VERTICES};
 use crate::error::PackError;
+use crate::plural::counted;
+use glam::{DVec3, IVec3};
 use kilwa_geometry::lattice::MAX_COORDINATE;
 use kilwa_geometry::{Aabb, Sphere};
 
@@ -178,7 +180,11 @@ pub fn parse_page(bytes: &[u8], page: u32, entry_count: u32) -> Result<Vec<Direc
     }
     let expected = entries_in_page(page, entry_count);
     if magic != PAGE_MAGIC || number != page || count != expected {
-        return Err(c.invalid(&format!("it says to be page {number} with {count} entries, {expected} are expected")));
+        return Err(c.invalid(&format!(
+            "it says to be page {number} with {}, {} expected",
+            counted(count, "entry", "entries"),
+            counted(expected, "is", "are")
+        )));
     }
     c.take(PAGE_HEADER_BYTES - 32)?;
     let first = page.saturating_mul(u32::try_from(ENTRIES_PER_PAGE).unwrap_or(u32::MAX));
@@ -209,8 +215,8 @@ fn parse_entry(c: &mut Cursor<'_>) -> Result<DirectoryEntry, PackError> {
         error: c.f32()?,
         color_error: c.f32()?,
         level: u8::try_from(c.u32()?).map_err(|_| c.invalid("a level is above 255"))?,
-        sphere: Sphere { center: [c.f64()?, c.f64()?, c.f64()?], radius: c.f64()? },
-        bounds: Aabb { min: [c.i32()?, c.i32()?, c.i32()?], max: [c.i32()?, c.i32()?, c.i32()?] },
+        sphere: Sphere { center: DVec3::new(c.f64()?, c.f64()?, c.f64()?), radius: c.f64()? },
+        bounds: Aabb { min: IVec3::new(c.i32()?, c.i32()?, c.i32()?), max: IVec3::new(c.i32()?, c.i32()?, c.i32()?) },
         parents: [c.u32()?, c.u32()?, c.u32()?, c.u32()?],
         checksum: c.array()?,
         children: {
@@ -236,10 +242,10 @@ impl DirectoryEntry {
             return bad(format!("errors {} m and {} are not possible", self.error, self.color_error));
         }
         let s = &self.sphere;
-        if !s.center.iter().all(|x| x.is_finite()) || !s.radius.is_finite() {
+        if !s.center.is_finite() || !s.radius.is_finite() {
             return bad("its sphere is not finite".to_owned());
         }
-        let in_lattice = |p: [i32; 3]| p.iter().all(|x| (0..=MAX_COORDINATE).contains(x));
+        let in_lattice = |p: IVec3| p.cmpge(IVec3::ZERO).all() && p.cmple(IVec3::splat(MAX_COORDINATE)).all();
         let b = &self.bounds;
         if !(b.is_empty() && self.vertices == 0 || in_lattice(b.min) && in_lattice(b.max) && !b.is_empty()) {
             return bad("its box is not possible".to_owned());
@@ -277,11 +283,11 @@ impl DirectoryEntry {
         out.extend(self.error.to_le_bytes());
         out.extend(self.color_error.to_le_bytes());
         out.extend(u32::from(self.level).to_le_bytes());
-        for x in self.sphere.center {
+        for x in self.sphere.center.to_array() {
             out.extend(x.to_le_bytes());
         }
         out.extend(self.sphere.radius.to_le_bytes());
-        for x in self.bounds.min.iter().chain(&self.bounds.max) {
+        for x in [self.bounds.min, self.bounds.max].map(|p| p.to_array()).as_flattened() {
             out.extend(x.to_le_bytes());
         }
         for x in self.parents {

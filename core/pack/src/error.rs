@@ -1,5 +1,6 @@
 //! Everything that can be wrong with a pack, each with what, where and what to do.
 
+use crate::plural::counted;
 use thiserror::Error;
 
 /// What to do about a file of another major version.
@@ -32,7 +33,7 @@ pub enum PackError {
         bit: u32,
     },
     /// Fewer bytes than the file says there are.
-    #[error("{what} is truncated: {needed} bytes needed, {available} there; copy the file again")]
+    #[error("{what} is truncated: {} needed, {available} there; copy the file again", counted(*needed, "byte", "bytes"))]
     Truncated {
         /// The part that is short.
         what: String,

@@ -2,6 +2,8 @@
 
 use crate::bytes::Cursor;
 use crate::error::PackError;
+use crate::plural::counted;
+use glam::DVec3;
 use kilwa_geometry::{Lattice, lattice::MAX_COORDINATE};
 
 /// Bytes of the header.
@@ -101,7 +103,7 @@ impl Header {
         }
         c.u64()?; // Optional features: a reader may ignore every one of them.
         let header = Self {
-            lattice: Lattice { origin: [c.f64()?, c.f64()?, c.f64()?], step_log2: c.i32()? },
+            lattice: Lattice { origin: DVec3::new(c.f64()?, c.f64()?, c.f64()?), step_log2: c.i32()? },
             cube_log2: c.u32()?,
             file_bytes: c.u64()?,
             metadata: (c.u64()?, c.u32()?),
@@ -127,7 +129,7 @@ impl Header {
     /// Whether all values are possible, whoever made them.
     pub(crate) fn check(&self) -> Result<(), PackError> {
         let bad = |why: String| Err(PackError::invalid("header", why));
-        if !self.lattice.origin.iter().all(|x| x.is_finite()) {
+        if !self.lattice.origin.to_array().iter().all(|x| x.is_finite()) {
             return bad("the lattice origin is not finite".to_owned());
         }
         if !(-1000..=1000).contains(&self.lattice.step_log2) {
@@ -144,7 +146,7 @@ impl Header {
         }
         let (at, length) = self.metadata;
         if at < HEADER_BYTES as u64 || length == 0 || length > MAX_METADATA_BYTES {
-            return bad(format!("metadata of {length} bytes at {at} is not possible"));
+            return bad(format!("metadata of {} at {at} is not possible", counted(length, "byte", "bytes")));
         }
         let last = |(offset, bytes): (u64, u64)| offset.checked_add(bytes).filter(|&end| end <= self.file_bytes);
         let others = u64::from(self.page_count() - 1).saturating_mul(crate::PAGE_BYTES as u64);
@@ -154,7 +156,10 @@ impl Header {
             ("directory pages", (self.other_pages, others)),
         ] {
             if last(range).is_none() {
-                return bad(format!("{what} would lie outside the file of {} bytes", self.file_bytes));
+                return bad(format!(
+                    "{what} would lie outside the file of {}",
+                    counted(self.file_bytes, "byte", "bytes")
+                ));
             }
         }
         Ok(())
@@ -169,7 +174,7 @@ impl Header {
         b.extend(256u32.to_le_bytes());
         b.extend(0u64.to_le_bytes()); // required features
         b.extend(0u64.to_le_bytes()); // optional features
-        for x in self.lattice.origin {
+        for x in self.lattice.origin.to_array() {
             b.extend(x.to_le_bytes());
         }
         b.extend(self.lattice.step_log2.to_le_bytes());

@@ -31,6 +31,7 @@ pub mod header;
 pub mod index;
 pub mod json;
 pub mod metadata;
+pub mod plural;
 pub mod reader;
 pub mod relocate;
 pub mod verify;

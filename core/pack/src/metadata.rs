@@ -1,6 +1,7 @@
 //! The metadata block: JSON, for people and archives as much as for programs. FORMAT section 6.
 
 use crate::header::MAX_METADATA_BYTES;
+use crate::plural::counted;
 use crate::{Header, PackError};
 use serde::{Deserialize, Serialize};
 
@@ -115,13 +116,17 @@ impl Metadata {
         }
         if self.scalars.len() != usize::from(header.attributes.scalars) {
             return bad(format!(
-                "{} scalar channels, but {} in the header",
-                self.scalars.len(),
+                "{}, but {} in the header",
+                counted(self.scalars.len(), "scalar channel", "scalar channels"),
                 header.attributes.scalars
             ));
         }
         if self.triangles != header.triangles {
-            return bad(format!("{} triangles, but {} in the header", self.triangles, header.triangles));
+            return bad(format!(
+                "{}, but {} in the header",
+                counted(self.triangles, "triangle", "triangles"),
+                header.triangles
+            ));
         }
         Ok(())
     }

@@ -3,6 +3,7 @@
 use crate::chunk::Declared;
 use crate::footer::{FOOTER_BYTES, Footer};
 use crate::index::{Index, Pages};
+use crate::plural::counted;
 use crate::{Chunk, DirectoryEntry, HEADER_BYTES, Header, Metadata, PAGE_BYTES, PackError};
 
 /// Bytes by range: a file, a memory slice, an HTTP object.
@@ -74,7 +75,10 @@ impl<S: Source> Reader<S> {
         if there > header.file_bytes {
             return Err(PackError::invalid(
                 "pack",
-                format!("{} bytes follow its end; copy the file again", there - header.file_bytes),
+                format!(
+                    "{} its end; copy the file again",
+                    counted(there - header.file_bytes, "byte follows", "bytes follow")
+                ),
             ));
         }
         let (at, length) = header.metadata;
@@ -122,7 +126,10 @@ impl<S: Source> Reader<S> {
     pub fn chunk(&self, index: u32) -> Result<Chunk, PackError> {
         let what = format!("chunk {index}");
         let Some(entry) = self.entries().get(index as usize) else {
-            return Err(PackError::invalid(what, format!("the pack has {} chunks", self.entries().len())));
+            return Err(PackError::invalid(
+                what,
+                format!("the pack has {}", counted(self.entries().len(), "chunk", "chunks")),
+            ));
         };
         let bytes = read(&self.source, &what, entry.offset, u64::from(entry.encoded_bytes))?;
         decode_checked(&bytes, index, entry, self.header())
@@ -205,8 +212,11 @@ pub(crate) fn check_totals(header: &Header, entries: &[DirectoryEntry]) -> Resul
         return Err(PackError::invalid(
             "directory",
             format!(
-                "its chunks sum to {triangles} triangles and {vertices} vertices, the header says {} and {}",
-                header.stored_triangles, header.stored_vertices
+                "its chunks sum to {} and {}, the header says {} and {}",
+                counted(triangles, "triangle", "triangles"),
+                counted(vertices, "vertex", "vertices"),
+                header.stored_triangles,
+                header.stored_vertices
             ),
         ));
     }

@@ -5,7 +5,9 @@
 //! areas and volumes stay what they were. The new pack is another pack, with an identity of its own (FORMAT section 7).
 //! Chunks are encoded again only where channels are left out.
 
+use crate::plural::counted;
 use crate::{Attributes, DirectoryEntry, Header, Metadata, PackError, PackWriter, Reader, Source};
+use glam::DVec3;
 use kilwa_geometry::Lattice;
 use std::io::{Read, Seek, SeekFrom, Write};
 
@@ -17,7 +19,7 @@ use std::io::{Read, Seek, SeekFrom, Write};
 pub fn relocate<S: Source, W: Write>(
     reader: &Reader<S>,
     out: W,
-    origin: [f64; 3],
+    origin: DVec3,
     revise: impl FnOnce(&mut Metadata),
 ) -> Result<W, PackError> {
     let (header, mut metadata) = moved(reader, origin);
@@ -45,7 +47,7 @@ pub fn relocate_with_channels<S: Source, W: Write, T: Read + Write + Seek>(
     out: W,
     scratch: &mut T,
     keep: &[usize],
-    origin: [f64; 3],
+    origin: DVec3,
     revise: impl FnOnce(&mut Metadata),
 ) -> Result<W, PackError> {
     let all = reader.metadata().scalars.len();
@@ -54,8 +56,9 @@ pub fn relocate_with_channels<S: Source, W: Write, T: Read + Write + Seek>(
     }
     let (mut header, mut metadata) = moved(reader, origin);
     let kept: Option<Vec<_>> = keep.iter().map(|&k| metadata.scalars.get(k).cloned()).collect();
-    metadata.scalars =
-        kept.ok_or_else(|| PackError::invalid("channels", format!("the pack has {all} scalar channels")))?;
+    metadata.scalars = kept.ok_or_else(|| {
+        PackError::invalid("channels", format!("the pack has {}", counted(all, "scalar channel", "scalar channels")))
+    })?;
     let scalars = u8::try_from(keep.len()).map_err(|_| PackError::invalid("channels", "there are too many"))?;
     header.attributes = Attributes { scalars, ..header.attributes };
     revise(&mut metadata);
@@ -73,13 +76,13 @@ pub fn relocate_with_channels<S: Source, W: Write, T: Read + Write + Seek>(
 }
 
 /// Header and metadata of the pack with its lattice at `origin`.
-fn moved<S: Source>(reader: &Reader<S>, origin: [f64; 3]) -> (Header, Metadata) {
+fn moved<S: Source>(reader: &Reader<S>, origin: DVec3) -> (Header, Metadata) {
     let (from, mut header) = (reader.header().lattice, reader.header().clone());
     header.lattice = Lattice { origin, ..from };
     let mut metadata = reader.metadata().clone();
     for corner in [&mut metadata.bounds_min, &mut metadata.bounds_max] {
         // Whole steps again, so that no digit of the old place is left in the last bits.
-        *corner = header.lattice.world_from_steps(from.steps_from_world(*corner).map(f64::round));
+        *corner = header.lattice.world_from_steps(from.steps_from_world((*corner).into()).round()).into();
     }
     (header, metadata)
 }

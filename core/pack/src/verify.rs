@@ -5,6 +5,7 @@
 use crate::directory::children_of;
 use crate::reader::check_spheres;
 use crate::{Children, Chunk, DirectoryEntry, HEAD_BYTES, Header, Metadata, NO_DIAMOND, PAGE_BYTES, PackError};
+use glam::DVec3;
 use kilwa_geometry::Aabb;
 
 /// Rounding that a sphere may be short of, relative to its radius and to the coordinates.
@@ -65,12 +66,14 @@ impl Totals {
         if self.finest_bounds.is_empty() {
             return Ok(());
         }
-        let far = |a: [f64; 3], b: [f64; 3]| {
-            a.iter().zip(b).any(|(a, b)| (a - b).abs() > header.lattice.step() + a.abs() * f64::EPSILON * 4.0)
+        let far = |a: DVec3, b: DVec3| {
+            let rounding = header.lattice.step() + a.abs() * f64::EPSILON * 4.0;
+            (a - b).abs().cmpgt(rounding).any()
         };
         let corners = [self.finest_bounds.min, self.finest_bounds.max].map(|p| header.lattice.world_from_lattice(p));
         let [low, high] = corners;
-        if far(low, metadata.bounds_min) || far(high, metadata.bounds_max) {
+        if far(low, metadata.bounds_min.into()) || far(high, metadata.bounds_max.into()) {
+            let (low, high) = (low.to_array(), high.to_array());
             let why = format!("the model reaches from {low:?} to {high:?} m, which is not what the metadata says");
             return Err(PackError::invalid("metadata", why));
         }
@@ -138,12 +141,8 @@ pub fn chunk(index: u32, chunk: &Chunk, entries: &[DirectoryEntry]) -> Result<To
     }
     let sphere = &entry.sphere;
     for p in &chunk.mesh.positions {
-        let mut squared = 0.0;
-        for (x, c) in p.iter().zip(sphere.center) {
-            squared += (f64::from(*x) - c) * (f64::from(*x) - c);
-        }
-        if squared.sqrt() > sphere.radius * (1.0 + SLACK) + SLACK {
-            return bad(format!("the vertex at {p:?} lies outside its bounding sphere"));
+        if p.as_dvec3().distance(sphere.center) > sphere.radius * (1.0 + SLACK) + SLACK {
+            return bad(format!("the vertex at {:?} lies outside its bounding sphere", p.to_array()));
         }
     }
     let mut totals = Totals { chunks: 1, ..Totals::default() };

@@ -4,6 +4,7 @@
 //! `i16 u, v` (octahedral normal); `has` is 255 where the model has colours, 0 where it has none and is lit as clay. Positions stay integers so that the shader subtracts the eye exactly.
 
 use crate::{Chunk, PatchRange};
+use glam::IVec3;
 
 /// Bytes of one vertex.
 pub const VERTEX_BYTES: usize = 20;
@@ -31,7 +32,7 @@ pub struct GpuChunk {
 pub fn interleave(chunk: &Chunk) -> GpuChunk {
     let mesh = &chunk.mesh;
     let mut vertices = Vec::with_capacity(mesh.vertex_count().saturating_mul(VERTEX_BYTES));
-    for (v, &[x, y, z]) in mesh.positions.iter().enumerate() {
+    for (v, &IVec3 { x, y, z }) in mesh.positions.iter().enumerate() {
         let color = mesh.colors.get(v);
         let [r, g, b] = color.copied().unwrap_or(NEUTRAL);
         let color = u32::from_le_bytes([r, g, b, if color.is_some() { 255 } else { 0 }]);

@@ -3,6 +3,7 @@
 use crate::directory::{page_checksum, write_page};
 use crate::footer::{FOOTER_BYTES, Footer};
 use crate::header::hash_of;
+use crate::plural::counted;
 use crate::{DirectoryEntry, ENTRIES_PER_PAGE, HEAD_BYTES, HEADER_BYTES, Header, Metadata, PAGE_BYTES, PackError};
 
 /// Lays out and writes one pack, streaming: no more than one chunk and the directory are held.
@@ -89,7 +90,7 @@ impl<W: std::io::Write> PackWriter<W> {
         if self.written != self.announced.len() {
             return Err(PackError::invalid(
                 "pack",
-                format!("{} chunks written, {} announced", self.written, self.announced.len()),
+                format!("{} written, {} announced", counted(self.written, "chunk", "chunks"), self.announced.len()),
             ));
         }
         self.put_other_pages()?;

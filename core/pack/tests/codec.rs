@@ -1,6 +1,7 @@
 //! The chunk codec gives back exactly what it was given, and refuses everything else without a panic.
 
 use crate::common::height_field;
+use glam::DVec3;
 use kilwa_geometry::Mesh;
 use kilwa_pack::chunk::{Declared, decode, encode, patch_table};
 use kilwa_pack::{Attributes, Chunk, NO_DIAMOND, PatchRange};
@@ -21,7 +22,7 @@ fn soup(seed: u64, triangles: usize, wide: bool, attributes: Attributes) -> Chun
     let extent = if wide { 1 << 30 } else { 50 };
     let mut mesh = Mesh { scalars: vec![Vec::new(); usize::from(attributes.scalars)], ..Mesh::default() };
     for _ in 0..vertices {
-        mesh.positions.push([(); 3].map(|()| random.u64(..extent) as i32));
+        mesh.positions.push([(); 3].map(|()| random.u64(..extent) as i32).into());
         mesh.normals.push([(); 2].map(|()| random.i16(..)));
         if attributes.colors {
             mesh.colors.push([(); 3].map(|()| random.u8(..)));
@@ -201,8 +202,8 @@ fn sphere(n: u32) -> Chunk {
     let mut mesh = Mesh::default();
     let columns = 2 * n;
     let mut add = |u: f64, v: f64| {
-        let direction = [u.cos() * v.sin(), u.sin() * v.sin(), v.cos()];
-        mesh.positions.push(direction.map(|x| (20_000.0 + 9_000.0 * x).round() as i32));
+        let direction = DVec3::new(u.cos() * v.sin(), u.sin() * v.sin(), v.cos());
+        mesh.positions.push((20_000.0 + 9_000.0 * direction).round().as_ivec3());
         mesh.normals.push(kilwa_geometry::normal::encode(direction));
     };
     add(0.0, 0.0);
@@ -264,7 +265,7 @@ fn rounded_values_take_less_bytes_and_come_back() {
     let mut mixed = fine.clone();
     let mesh = &mut mixed.mesh;
     for v in (0..mesh.positions.len()).filter(|v| v % 41 > 4) {
-        mesh.positions[v] = mesh.positions[v].map(|x| x & !15);
+        mesh.positions[v] &= !15;
         mesh.colors[v] = mesh.colors[v].map(|x| x & !3);
     }
     let [whole, rounded] = [&fine, &mixed].map(|c| kilwa_pack::chunk::encode_parts(c, COLORED).expect("encodes"));

@@ -1,5 +1,6 @@
 //! Header, directory, metadata, footer: what is written is read back, and nothing else is accepted.
 
+use glam::DVec3;
 use kilwa_geometry::Sphere;
 use kilwa_pack::directory::{parse_page, round_up, write_page};
 use kilwa_pack::verify::{self, Totals};
@@ -22,8 +23,8 @@ fn verify_all(bytes: &[u8]) -> Result<(), PackError> {
     let mut metadata = reader.metadata().clone();
     // The test's metadata knows neither.
     metadata.border_edges = totals.finest_borders;
-    metadata.bounds_min = reader.header().lattice.world_from_lattice(totals.finest_bounds.min);
-    metadata.bounds_max = reader.header().lattice.world_from_lattice(totals.finest_bounds.max);
+    metadata.bounds_min = reader.header().lattice.world_from_lattice(totals.finest_bounds.min).to_array();
+    metadata.bounds_max = reader.header().lattice.world_from_lattice(totals.finest_bounds.max).to_array();
     totals.agree(reader.header(), &metadata)
 }
 
@@ -270,8 +271,8 @@ fn errors_and_spheres_survive_the_file_without_shrinking() {
     let chunk = crate::common::height_field(2, 1, 1, COLORED);
     let mut outer = crate::common::entry_of(&chunk, &[1], 0, f32::INFINITY, &[]);
     let mut inner = crate::common::entry_of(&chunk, &[1], 0, 0.25, &[0]);
-    inner.sphere = Sphere { center: [1.0 / 3.0, 2e9 / 7.0, 1e-9], radius: 1e5 / 3.0 };
-    outer.sphere = inner.sphere.union(&Sphere { center: [77.1, 3e8, 5.0], radius: 12.3 });
+    inner.sphere = Sphere { center: DVec3::new(1.0 / 3.0, 2e9 / 7.0, 1e-9), radius: 1e5 / 3.0 };
+    outer.sphere = inner.sphere.union(&Sphere { center: DVec3::new(77.1, 3e8, 5.0), radius: 12.3 });
     outer.offset = 1 << 40;
     let back = parse_page(&write_page(&[outer.clone(), inner.clone()], 0), 0, 2).expect("parses");
     assert_eq!(back, [outer, inner], "bit for bit: what contained before contains now");
@@ -303,7 +304,7 @@ fn the_writer_refuses_what_a_reader_would() {
     let mut writer = begin(vec![root.clone(), child(0, 1.0, &[0])]).expect("begins");
     assert!(writer.chunk(&encoded[1..]).is_err(), "not the announced bytes");
     writer.chunk(&encoded).expect("writes");
-    assert!(writer.finish().expect_err("refused").to_string().contains("1 chunks written, 2 announced"));
+    assert!(writer.finish().expect_err("refused").to_string().contains("1 chunk written, 2 announced"));
     assert_eq!(checksum(&encoded), root.checksum);
 }
 
@@ -339,8 +340,8 @@ fn a_model_of_another_size_than_announced_is_found() {
     }
     let mut metadata = reader.metadata().clone();
     metadata.border_edges = totals.finest_borders;
-    metadata.bounds_min = reader.header().lattice.world_from_lattice(totals.finest_bounds.min);
-    metadata.bounds_max = reader.header().lattice.world_from_lattice(totals.finest_bounds.max);
+    metadata.bounds_min = reader.header().lattice.world_from_lattice(totals.finest_bounds.min).to_array();
+    metadata.bounds_max = reader.header().lattice.world_from_lattice(totals.finest_bounds.max).to_array();
     totals.agree(reader.header(), &metadata).expect("sound");
     metadata.bounds_max[2] += 0.01;
     assert!(totals.agree(reader.header(), &metadata).expect_err("found").to_string().contains("the model reaches"));

@@ -1,5 +1,6 @@
 //! A pack moved to another place is the same model, and nothing in it tells the old place.
 
+use glam::DVec3;
 use kilwa_pack::{Attributes, Metadata, Reader, SliceSource, relocate};
 
 const COLOURED: Attributes = Attributes { colors: true, scalars: 0 };
@@ -11,12 +12,12 @@ fn open(bytes: Vec<u8>) -> Reader<SliceSource<Vec<u8>>> {
 #[test]
 fn every_chunk_is_the_same_and_only_origin_and_metadata_differ() {
     let old = open(crate::common::pack(40, 12, COLOURED));
-    let moved = relocate(&old, Vec::new(), [-8.0, -8.0, 0.0], |m| {
+    let moved = relocate(&old, Vec::new(), DVec3::new(-8.0, -8.0, 0.0), |m| {
         m.crs = None;
         m.sources.clear();
     });
     let new = open(moved.expect("moves"));
-    assert_eq!(new.header().lattice.origin, [-8.0, -8.0, 0.0]);
+    assert_eq!(new.header().lattice.origin, DVec3::new(-8.0, -8.0, 0.0));
     assert_eq!(new.header().lattice.step_log2, old.header().lattice.step_log2);
     assert_eq!((new.metadata().crs.as_ref(), new.metadata().sources.len()), (None, 0));
     assert_ne!(new.identity(), old.identity());
@@ -34,10 +35,10 @@ fn every_chunk_is_the_same_and_only_origin_and_metadata_differ() {
 #[test]
 fn the_bounds_move_with_the_lattice_in_whole_steps() {
     let old = open(crate::common::pack(3, 6, COLOURED));
-    let steps = |m: [f64; 3], origin: [f64; 3]| [0, 1, 2].map(|k| ((m[k] - origin[k]) * 8192.0).round());
-    let wanted = steps(old.metadata().bounds_max, old.header().lattice.origin);
-    let new = open(relocate(&old, Vec::new(), [0.0; 3], |_| ()).expect("moves"));
-    assert_eq!(new.metadata().bounds_max.map(|x| x * 8192.0), wanted, "exact: there is no far offset any more");
+    let steps = |m: DVec3, origin: DVec3| ((m - origin) * 8192.0).round();
+    let wanted = steps(old.metadata().bounds_max.into(), old.header().lattice.origin);
+    let new = open(relocate(&old, Vec::new(), DVec3::ZERO, |_| ()).expect("moves"));
+    assert_eq!(DVec3::from(new.metadata().bounds_max) * 8192.0, wanted, "exact: there is no far offset any more");
 }
 
 #[test]
@@ -46,7 +47,7 @@ fn a_damaged_chunk_is_named_and_not_copied() {
     let at = open(bytes.clone()).entries()[3].offset as usize + 9;
     bytes[at] ^= 1;
     let old = open(bytes);
-    let said = relocate(&old, Vec::new(), [0.0; 3], |_| ()).map(drop).expect_err("damaged").to_string();
+    let said = relocate(&old, Vec::new(), DVec3::ZERO, |_| ()).map(drop).expect_err("damaged").to_string();
     assert!(said.contains("chunk 3"), "{said}");
 }
 
@@ -62,7 +63,7 @@ fn channels_that_are_not_kept_are_gone_and_everything_else_is_the_same() {
     let old = open(crate::common::pack(30, 9, Attributes { colors: true, scalars: 3 }));
     for keep in [&[][..], &[1], &[2, 0], &[0, 1, 2]] {
         let mut scratch = std::io::Cursor::new(Vec::new());
-        let moved = kilwa_pack::relocate_with_channels(&old, Vec::new(), &mut scratch, keep, [0.0; 3], |_| ());
+        let moved = kilwa_pack::relocate_with_channels(&old, Vec::new(), &mut scratch, keep, DVec3::ZERO, |_| ());
         let new = open(moved.expect("moves"));
         let names = |r: &Reader<SliceSource<Vec<u8>>>| -> Vec<String> {
             r.metadata().scalars.iter().map(|s| s.name.clone()).collect()
@@ -75,7 +76,7 @@ fn channels_that_are_not_kept_are_gone_and_everything_else_is_the_same() {
         }
     }
     let mut scratch = std::io::Cursor::new(Vec::new());
-    let refused = kilwa_pack::relocate_with_channels(&old, Vec::new(), &mut scratch, &[3], [0.0; 3], |_| ());
+    let refused = kilwa_pack::relocate_with_channels(&old, Vec::new(), &mut scratch, &[3], DVec3::ZERO, |_| ());
     assert!(refused.map(drop).expect_err("no such channel").to_string().contains("3 scalar channels"));
 }
 

@@ -9,7 +9,7 @@
 //! that distance with nothing, and their sum; for the whole flight, which keeps what it has, kilobytes and requests, seconds until
 //! the first picture was there, and seconds waited at the ends of the legs.
 
-use kilwa_geometry::distance::{Vec3, cross, dot, sub};
+use glam::DVec3;
 use kilwa_geometry::normal;
 use kilwa_pack::{Chunk, NO_DIAMOND, Reader, SliceSource, parse_head};
 use kilwa_stream::{Budgets, Command, Event, FetchKind, Projection, Streamer, View, length_of};
@@ -30,25 +30,25 @@ const PLACES: usize = 8;
 /// Where the camera is and what it looks at.
 #[derive(Clone, Copy)]
 struct Pose {
-    eye: Vec3,
-    target: Vec3,
+    eye: DVec3,
+    target: DVec3,
 }
 
 impl Pose {
     fn between(self, to: Self, share: f64) -> Self {
-        let mix = |a: Vec3, b: Vec3| std::array::from_fn(|i| a[i] + (b[i] - a[i]) * share);
+        let mix = |a: DVec3, b: DVec3| a + (b - a) * share;
         Self { eye: mix(self.eye, to.eye), target: mix(self.target, to.target) }
     }
 
     fn view(self, near: f64) -> View {
-        let unit = |v: Vec3| v.map(|x| x / dot(v, v).sqrt());
-        let forward = unit(sub(self.target, self.eye));
-        let upright = if forward[2].abs() > 0.99 { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] };
-        let right = unit(cross(forward, upright));
+        let unit = |v: DVec3| v / v.length();
+        let forward = unit(self.target - self.eye);
+        let upright = if forward[2].abs() > 0.99 { DVec3::Y } else { DVec3::Z };
+        let right = unit(forward.cross(upright));
         View {
             eye: self.eye,
             right,
-            up: cross(right, forward),
+            up: right.cross(forward),
             forward,
             anchor: self.eye,
             projection: Projection::Perspective { tan_half_height: 0.577_350_269 },
@@ -133,20 +133,21 @@ impl Visit<'_> {
 
 /// Places on the finest surface, the same for every pack of a model: the vertices nearest to points spread over its box, with
 /// their normals.
-fn places(chunks: &[Chunk], low: Vec3, high: Vec3) -> Vec<(Vec3, Vec3)> {
-    let mut best = vec![(f64::INFINITY, [0.0; 3], [0.0; 3]); PLACES];
+fn places(chunks: &[Chunk], low: DVec3, high: DVec3) -> Vec<(DVec3, DVec3)> {
+    let mut best = vec![(f64::INFINITY, DVec3::ZERO, DVec3::ZERO); PLACES];
     for chunk in chunks {
         for patch in chunk.patches.iter().filter(|p| p.diamond == NO_DIAMOND) {
             for &v in chunk.mesh.triangles[patch.first as usize..][..patch.count as usize].as_flattened() {
-                let at = chunk.mesh.positions[v as usize].map(f64::from);
+                let at = chunk.mesh.positions[v as usize].as_dvec3();
                 for (k, best) in best.iter_mut().enumerate() {
                     // The R3 sequence (Roberts 2018): evenly spread for any number of points.
-                    let share = [0.819_172_5, 0.671_043_6, 0.549_700_5].map(|a| (0.5 + a * (k + 1) as f64).fract());
-                    let wanted: Vec3 = std::array::from_fn(|i| low[i] + (high[i] - low[i]) * share[i]);
-                    let d = sub(at, wanted);
+                    let share =
+                        DVec3::new(0.819_172_5, 0.671_043_6, 0.549_700_5).map(|a| (0.5 + a * (k + 1) as f64).fract());
+                    let wanted = low + (high - low) * share;
+                    let d = at - wanted;
                     // Vertices that stand twice have the same place; the first normal in order of their numbers.
-                    let key = (dot(d, d), at);
-                    if key < (best.0, best.1) {
+                    let key = (d.length_squared(), at.to_array());
+                    if key < (best.0, best.1.to_array()) {
                         *best = (key.0, at, normal::decode(chunk.mesh.normals[v as usize]));
                     }
                 }
@@ -161,9 +162,8 @@ fn fly(path: &str) -> Result<(), Failure> {
     let reader = Reader::open(SliceSource(bytes.as_slice()))?;
     let chunks: Vec<Chunk> = (0..reader.header().entry_count).map(|i| reader.chunk(i)).collect::<Result<_, _>>()?;
     let (m, lattice) = (reader.metadata(), reader.header().lattice);
-    let corner = |p: [f64; 3]| std::array::from_fn(|i| (p[i] - lattice.origin[i]) / lattice.step());
-    let (low, high): (Vec3, Vec3) = (corner(m.bounds_min), corner(m.bounds_max));
-    let size = dot(sub(high, low), sub(high, low)).sqrt();
+    let [low, high] = [m.bounds_min, m.bounds_max].map(|p| (DVec3::from(p) - lattice.origin) / lattice.step());
+    let size = (high - low).length();
 
     let head_bytes = bytes.len().min(HEAD_BYTES);
     let head = parse_head(&bytes[..head_bytes])?;
@@ -179,11 +179,11 @@ fn fly(path: &str) -> Result<(), Failure> {
         requests: 1,
         near: size * 1e-4,
     };
-    let pose = |(target, n): (Vec3, Vec3), half: i32| {
+    let pose = |(target, n): (DVec3, DVec3), half: i32| {
         // From somewhat above, never from straight above.
-        let n = [n[0] + 0.01, n[1] + 0.02, (n[2] + 0.2).min(0.7)];
-        let distance = size * 0.5f64.powi(half) / dot(n, n).sqrt();
-        Pose { eye: std::array::from_fn(|i| target[i] + n[i] * distance), target }
+        let n = DVec3::new(n.x + 0.01, n.y + 0.02, (n.z + 0.2).min(0.7));
+        let distance = size * 0.5f64.powi(half) / n.length();
+        Pose { eye: target + n * distance, target }
     };
     let (mut cold, mut fetched, mut requests, mut waited, mut first) = ([0; HALVES as usize], 0, 0, 0.0, 0.0);
     for place in places(&chunks, low, high) {

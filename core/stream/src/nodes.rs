@@ -84,14 +84,8 @@ impl Node {
         if b.is_empty() {
             return Sphere::EMPTY;
         }
-        let center = std::array::from_fn(|i| (f64::from(b.min[i]) + f64::from(b.max[i])) * 0.5);
-        let half2: f64 = (0..3)
-            .map(|i| {
-                let h = (f64::from(b.max[i]) - f64::from(b.min[i])) * 0.5;
-                h * h
-            })
-            .sum();
-        Sphere { center, radius: libm::sqrt(half2) }
+        let [low, high] = [b.min, b.max].map(|p| p.as_dvec3());
+        Sphere { center: (low + high) * 0.5, radius: ((high - low) * 0.5).length() }
     }
 }
 

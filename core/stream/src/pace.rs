@@ -140,14 +140,15 @@ impl Pace {
 mod tests {
     use super::*;
     use crate::view::Projection;
+    use glam::DVec3;
 
     fn view(x: f64) -> View {
         View {
-            eye: [x, 0.0, 0.0],
-            right: [1.0, 0.0, 0.0],
-            up: [0.0, 0.0, 1.0],
-            forward: [0.0, 1.0, 0.0],
-            anchor: [x, 0.0, 0.0],
+            eye: DVec3::new(x, 0.0, 0.0),
+            right: DVec3::X,
+            up: DVec3::Z,
+            forward: DVec3::Y,
+            anchor: DVec3::new(x, 0.0, 0.0),
             projection: Projection::Perspective { tan_half_height: 0.5 },
             size: [800, 600],
             near: 1.0,

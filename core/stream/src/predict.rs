@@ -4,7 +4,7 @@
 //! or rests predicts nothing. Pure: views and times in, a view out.
 
 use crate::view::{Projection, View};
-use kilwa_geometry::distance::{Vec3, cross, dot, sub};
+use glam::DVec3;
 
 /// How far ahead, milliseconds: about what a request and its decoding take.
 const HORIZON_MS: f64 = 600.0;
@@ -36,10 +36,9 @@ impl Predictor {
 
 /// How much the picture changed, in pixels, roughly.
 fn distance(a: &View, b: &View) -> f64 {
-    let length = |v: Vec3| libm::sqrt(dot(v, v));
     let half_pixels = f64::from(b.size[1].max(1)) * 0.5;
-    let turned = length(sub(b.forward, a.forward)) + length(sub(b.up, a.up));
-    let moved = length(sub(b.eye, a.eye));
+    let turned = b.forward.distance(a.forward) + b.up.distance(a.up);
+    let moved = b.eye.distance(a.eye);
     match (a.projection, b.projection) {
         // `near` is a fixed share of the distance to what is looked at.
         (Projection::Perspective { tan_half_height }, Projection::Perspective { .. }) => {
@@ -54,13 +53,13 @@ fn distance(a: &View, b: &View) -> f64 {
 
 /// The same movement, `times` as far again.
 fn ahead(was: &View, is: &View, times: f64) -> Option<View> {
-    let on = |a: Vec3, b: Vec3| -> Vec3 { std::array::from_fn(|i| b[i] + (b[i] - a[i]) * times) };
-    let unit = |v: Vec3| {
-        let length = libm::sqrt(dot(v, v));
-        (length > 1e-6).then(|| v.map(|x| x / length))
+    let on = |a: DVec3, b: DVec3| -> DVec3 { b + (b - a) * times };
+    let unit = |v: DVec3| {
+        let length = v.length();
+        (length > 1e-6).then(|| v / length)
     };
     let forward = unit(on(was.forward, is.forward))?;
-    let right = unit(cross(forward, on(was.up, is.up)))?;
+    let right = unit(forward.cross(on(was.up, is.up)))?;
     let projection = match (was.projection, is.projection) {
         (Projection::Orthographic { half_height: x }, Projection::Orthographic { half_height: y }) => {
             // A zoom goes on by the same factor per step, within reason.
@@ -70,7 +69,7 @@ fn ahead(was: &View, is: &View, times: f64) -> Option<View> {
         (_, projection) => projection,
     };
     let eye = on(was.eye, is.eye);
-    Some(View { eye, forward, right, up: cross(right, forward), projection, ..*is })
+    Some(View { eye, forward, right, up: right.cross(forward), projection, ..*is })
 }
 
 #[cfg(test)]
@@ -79,11 +78,11 @@ mod tests {
 
     fn at(x: f64) -> View {
         View {
-            eye: [x, 0.0, 0.0],
-            right: [1.0, 0.0, 0.0],
-            up: [0.0, 0.0, 1.0],
-            forward: [0.0, 1.0, 0.0],
-            anchor: [x, 0.0, 0.0],
+            eye: DVec3::new(x, 0.0, 0.0),
+            right: DVec3::X,
+            up: DVec3::Z,
+            forward: DVec3::Y,
+            anchor: DVec3::new(x, 0.0, 0.0),
             projection: Projection::Perspective { tan_half_height: 0.5 },
             size: [800, 600],
             near: 1.0,
@@ -122,12 +121,12 @@ mod tests {
         for k in 0..4 {
             let a = 0.1 * f64::from(k);
             let (s, c) = (libm::sin(a), libm::cos(a));
-            let view = View { forward: [s, c, 0.0], right: [c, -s, 0.0], ..at(0.0) };
+            let view = View { forward: DVec3::new(s, c, 0.0), right: DVec3::new(c, -s, 0.0), ..at(0.0) };
             turned = p.update(f64::from(k) * 100.0, &view);
         }
         let v = turned.unwrap();
         for (a, b) in [(v.right, v.up), (v.right, v.forward), (v.up, v.forward)] {
-            assert!(dot(a, b).abs() < 1e-9);
+            assert!(a.dot(b).abs() < 1e-9);
         }
         assert!(v.forward[0] > libm::sin(0.3));
     }

@@ -1,8 +1,8 @@
 //! Where the camera is, in lattice steps, and how many pixels an error takes up there.
 
+use glam::DVec3;
 use kilwa_geometry::Sphere;
 use kilwa_geometry::clip::Clip;
-use kilwa_geometry::distance::{Vec3, dot, sub};
 
 /// Weight of what lies outside the view: loaded ten times coarser, so that a turn of the head meets something.
 pub const OFF_SCREEN_WEIGHT: f64 = 0.1;
@@ -26,15 +26,15 @@ pub enum Projection {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
     /// The eye; for parallel projection the centre of the plane that depth is counted from.
-    pub eye: Vec3,
+    pub eye: DVec3,
     /// To the right of the picture.
-    pub right: Vec3,
+    pub right: DVec3,
     /// To the top of the picture.
-    pub up: Vec3,
+    pub up: DVec3,
     /// Into the picture.
-    pub forward: Vec3,
+    pub forward: DVec3,
     /// A point near what is looked at, from which the renderer counts positions (the eye, in perspective).
-    pub anchor: Vec3,
+    pub anchor: DVec3,
     /// The projection.
     pub projection: Projection,
     /// Width and height in pixels.
@@ -56,9 +56,9 @@ impl View {
     }
 
     /// Right, up and forward coordinates of a point, from the eye.
-    pub fn in_view(&self, p: Vec3) -> Vec3 {
-        let d = sub(p, self.eye);
-        [dot(d, self.right), dot(d, self.up), dot(d, self.forward)]
+    pub fn in_view(&self, p: DVec3) -> DVec3 {
+        let d = p - self.eye;
+        DVec3::new(d.dot(self.right), d.dot(self.up), d.dot(self.forward))
     }
 
     /// Whether a ball may touch what is seen: the view volume, without what is cut away (never wrongly `false`).
@@ -66,7 +66,7 @@ impl View {
         if sphere.radius < 0.0 {
             return false;
         }
-        let [x, y, z] = self.in_view(sphere.center);
+        let DVec3 { x, y, z } = self.in_view(sphere.center);
         let r = sphere.radius * (1.0 + 1e-9);
         if z + r < self.near || self.clip.removes(sphere) {
             return false;
@@ -94,17 +94,17 @@ impl View {
             Projection::Orthographic { half_height } => error * half_pixels / half_height,
             Projection::Perspective { tan_half_height } => {
                 let focal = half_pixels / tan_half_height;
-                let [x, y, z] = self.in_view(sphere.center);
-                let distance = libm::sqrt(x * x + y * y + z * z);
+                let center = self.in_view(sphere.center);
+                let distance = center.length();
                 let nearest = (distance - sphere.radius).max(self.near);
-                let cos = self.smallest_cosine([x, y, z], distance, sphere.radius, tan_half_height);
+                let cos = self.smallest_cosine(center, distance, sphere.radius, tan_half_height);
                 error * focal / (nearest * cos * cos)
             }
         }
     }
 
     /// Cosine of the largest angle off the axis that the ball reaches, no larger than the angle of the corners.
-    fn smallest_cosine(&self, [x, y, z]: Vec3, distance: f64, radius: f64, tan_half_height: f64) -> f64 {
+    fn smallest_cosine(&self, DVec3 { x, y, z }: DVec3, distance: f64, radius: f64, tan_half_height: f64) -> f64 {
         let tan_width = tan_half_height * self.aspect();
         let corner = 1.0 / libm::sqrt(1.0 + tan_half_height * tan_half_height + tan_width * tan_width);
         if distance <= radius {

@@ -2,7 +2,7 @@
 //! anew with `KILWA_BLESS=1`), every step is sound, and at every stop the target is reached, after any failure.
 
 use crate::support::{Pack, assert_sound};
-use kilwa_geometry::distance::{cross, dot};
+use glam::DVec3;
 use kilwa_stream::sim::{Decoders, Flight, Link, Simulator};
 use kilwa_stream::{Budgets, Command, Projection, Step, Streamer, View};
 use std::fmt::Write as _;
@@ -14,14 +14,14 @@ const FRAME_MS: f64 = 1000.0 / 60.0;
 const AWAY_MS: (f64, f64) = (34_500.0, 94_500.0);
 
 /// A camera inside or outside the cube of 4096 steps, looking at a place.
-fn look(eye: [f64; 3], at: [f64; 3]) -> View {
-    let unit = |v: [f64; 3]| v.map(|x| x / libm::sqrt(dot(v, v)));
-    let forward = unit(std::array::from_fn(|i| at[i] - eye[i]));
-    let right = unit(cross(forward, [0.0, 0.0, 1.0]));
+fn look(eye: DVec3, at: DVec3) -> View {
+    let unit = |v: DVec3| v / v.length();
+    let forward = unit(at - eye);
+    let right = unit(forward.cross(DVec3::Z));
     View {
         eye,
         right,
-        up: cross(right, forward),
+        up: right.cross(forward),
         forward,
         anchor: eye,
         projection: Projection::Perspective { tan_half_height: 0.4 },
@@ -35,11 +35,11 @@ fn look(eye: [f64; 3], at: [f64; 3]) -> View {
 
 /// Looks, glides, looks, glides, jumps: 150 s with four stops.
 fn flight() -> Flight {
-    let middle = [2048.0; 3];
-    let a = look([-4500.0, -5200.0, 4000.0], middle);
-    let b = look([900.0, 400.0, 2400.0], [1800.0, 2500.0, 1500.0]);
-    let c = look([3300.0, 900.0, 2600.0], [1500.0, 2500.0, 1500.0]);
-    let d = look([3000.0, 5200.0, 3000.0], middle);
+    let middle = DVec3::splat(2048.0);
+    let a = look(DVec3::new(-4500.0, -5200.0, 4000.0), middle);
+    let b = look(DVec3::new(900.0, 400.0, 2400.0), DVec3::new(1800.0, 2500.0, 1500.0));
+    let c = look(DVec3::new(3300.0, 900.0, 2600.0), DVec3::new(1500.0, 2500.0, 1500.0));
+    let d = look(DVec3::new(3000.0, 5200.0, 3000.0), middle);
     let keys = [(0.0, a), (30.0, a), (34.0, b), (60.0, b), (63.0, c), (90.0, c), (90.001, d), (150.0, d)];
     Flight::new(a, keys.into_iter().map(|(s, v)| (s * 1e3, v)).collect())
 }

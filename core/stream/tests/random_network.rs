@@ -2,6 +2,7 @@
 
 use crate::support::{Faults, Pack, World, random_view};
 use fastrand::Rng;
+use glam::DVec3;
 use kilwa_stream::{Budgets, Clip, Command, Event, Step, Streamer, View, length_of};
 use proptest::prelude::*;
 use std::collections::BTreeSet;
@@ -39,7 +40,7 @@ fn fly(pack: &Pack, seed: u64, budgets: Budgets, faults: Faults) -> Landed {
     for _ in 0..60 {
         match random.usize(..12) {
             0 | 1 => view = random_view(&mut random),
-            2..8 => view.eye = std::array::from_fn(|i| view.eye[i] + 6.0 * view.forward[i] + 3.0 * view.right[i]),
+            2..8 => view.eye = view.eye + 6.0 * view.forward + 3.0 * view.right,
             _ => {}
         }
         let mut events = world.due(now);
@@ -313,27 +314,26 @@ fn the_pixel_error_covers_every_displacement_that_can_be_seen() {
     for _ in 0..20_000 {
         let view = View { clip: Clip::default(), ..random_view(&mut random) };
         let kilwa_stream::Projection::Perspective { tan_half_height } = view.projection else { continue };
-        let center: [f64; 3] = std::array::from_fn(|_| random.f64() * 4096.0);
+        let center = DVec3::from_array(std::array::from_fn(|_| random.f64() * 4096.0));
         let sphere = kilwa_geometry::Sphere { center, radius: random.f64() * 500.0 };
         let error = 1e-4;
         let bound = view.pixel_error(&sphere, error);
-        let ball = |random: &mut Rng, r: f64| -> [f64; 3] {
+        let ball = |random: &mut Rng, r: f64| -> DVec3 {
             loop {
-                let d: [f64; 3] = std::array::from_fn(|_| random.f64() * 2.0 - 1.0);
-                let n = d.iter().map(|x| x * x).sum::<f64>();
-                if n <= 1.0 {
-                    return d.map(|x| x * r);
+                let d = DVec3::from_array(std::array::from_fn(|_| random.f64() * 2.0 - 1.0));
+                if d.length_squared() <= 1.0 {
+                    return d * r;
                 }
             }
         };
-        let project = |p: [f64; 3]| {
-            let [x, y, z] = view.in_view(p);
+        let project = |p: DVec3| {
+            let DVec3 { x, y, z } = view.in_view(p);
             let focal = 400.0 / tan_half_height;
             (z > view.near).then(|| [x / z * focal, y / z * focal])
         };
         let (at, by) = (ball(&mut random, sphere.radius), ball(&mut random, error));
-        let p = std::array::from_fn(|i| center[i] + at[i]);
-        let q = std::array::from_fn(|i| p[i] + by[i]);
+        let p = center + at;
+        let q = p + by;
         let (Some(a), Some(b)) = (project(p), project(q)) else { continue };
         if a[0].abs() > 600.0 || a[1].abs() > 400.0 {
             continue;

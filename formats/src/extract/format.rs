@@ -9,6 +9,7 @@ use super::ply::Ply;
 use super::region::Steps;
 use super::stl::Stl;
 use super::stream::Counts;
+use glam::{DVec3, Vec3};
 use kilwa_geometry::{Aabb, Lattice, LatticePoint, Mesh};
 use kilwa_pack::{Metadata, Reader, Source};
 use std::io::Write;
@@ -131,7 +132,7 @@ impl Format {
     }
 
     /// What has to be added to coordinates, where they are not in the world's own.
-    pub(super) fn offset(self, target: &Target) -> Option<[f64; 3]> {
+    pub(super) fn offset(self, target: &Target) -> Option<DVec3> {
         (self == Self::Stl && target.needs_double).then(|| target.lattice.world_from_lattice(target.center))
     }
 
@@ -185,15 +186,15 @@ impl Coordinates {
     /// A lattice point in the middle.
     fn center(&self) -> LatticePoint {
         let Aabb { min, max } = self.bounds;
-        [0, 1, 2].map(|k| min[k] + (max[k] - min[k]) / 2)
+        min + (max - min) / 2
     }
 
     /// Whether world coordinates need `double`. Steps must be normal numbers, because many programs read smaller ones as zero.
     fn need_double(&self) -> bool {
         let step = self.lattice.step();
         let side = f64::from(1u32 << self.cube_log2);
-        let far = self.lattice.world_from_steps([side; 3]);
-        let largest = far.iter().chain(&self.lattice.origin).fold(0.0f64, |m, x| m.max(x.abs()));
+        let far = self.lattice.world_from_steps(DVec3::splat(side));
+        let largest = far.abs().max(self.lattice.origin.abs()).max_element();
         // Half a unit in the last place of a float is 2^-24 of the power of two below the number.
         largest * 2f64.powi(-24) > step * 0.25 || largest > f64::from(f32::MAX) || step < f64::from(f32::MIN_POSITIVE)
     }
@@ -215,13 +216,13 @@ impl Coordinates {
     /// quarter of the median edge.
     fn fit_relative_float(&self) -> bool {
         let (step, center) = (self.lattice.step(), self.center());
-        let reach = (0..3).map(|k| f64::from(self.bounds.max[k] - center[k])).fold(0.0, f64::max);
+        let reach = f64::from((self.bounds.max - center).max_element().max(0));
         // Neighbouring floats below `reach` are at most this far apart.
         let spacing = reach * 2f64.powi(-23) * step;
         step >= f64::from(f32::MIN_POSITIVE)
             && reach * step <= f64::from(f32::MAX)
             && (reach <= Self::EXACT || spacing <= self.median_edge * 0.5)
-            && self.lattice.world_from_lattice(center).iter().all(|x| x.is_finite())
+            && self.lattice.world_from_lattice(center).is_finite()
     }
 
     /// Whether a format can represent them.
@@ -239,7 +240,7 @@ impl Coordinates {
         if self.fit(format) {
             return Ok(());
         }
-        let ([x, y, z], step) = (self.lattice.origin, self.lattice.step_log2);
+        let (DVec3 { x, y, z }, step) = (self.lattice.origin, self.lattice.step_log2);
         let others: Vec<&str> = ALL.iter().filter(|f| self.fit(**f)).map(|f| f.title()).collect();
         let center = self.center();
         let small = Self { bounds: Aabb { min: center, max: center }, ..*self };
@@ -273,7 +274,7 @@ impl Target {
         let lattice = header.lattice;
         let near = |bounds: &&Aabb| region.is_none_or(|region| region.meets(bounds));
         let all = reader.entries().iter().map(|e| &e.bounds).filter(near).fold(Aabb::EMPTY, |sum, b| sum.union(b));
-        let bounds = if all.is_empty() { Aabb { min: [0; 3], max: [0; 3] } } else { all };
+        let bounds = if all.is_empty() { Aabb { min: LatticePoint::ZERO, max: LatticePoint::ZERO } } else { all };
         // A coarse surface is no finer than its error.
         let error = Some(f64::from(chosen.error)).filter(|error| error.is_finite()).unwrap_or(0.0);
         let median_edge = reader.metadata().median_edge.max(error);
@@ -288,9 +289,8 @@ impl Target {
     }
 
     /// A position relative to [`Self::center`], in metres: exact within 2^24 steps of it.
-    pub(super) fn relative(&self, p: LatticePoint) -> [f32; 3] {
-        let step = self.lattice.step();
-        std::array::from_fn(|k| (f64::from(p[k] - self.center[k]) * step) as f32)
+    pub(super) fn relative(&self, p: LatticePoint) -> Vec3 {
+        ((p - self.center).as_dvec3() * self.lattice.step()).as_vec3()
     }
 
     /// Name and version of the program, and the promise.
@@ -316,8 +316,8 @@ mod tests {
 
     /// A cube of 2^10 steps.
     fn coordinates(step_log2: i32, origin: f64) -> Coordinates {
-        let lattice = Lattice { origin: [origin, -origin, origin], step_log2 };
-        let bounds = Aabb { min: [0; 3], max: [1024; 3] };
+        let lattice = Lattice { origin: DVec3::new(origin, -origin, origin), step_log2 };
+        let bounds = Aabb { min: LatticePoint::ZERO, max: LatticePoint::splat(1024) };
         Coordinates { lattice, cube_log2: 10, bounds, median_edge: lattice.step() * 16.0 }
     }
 
@@ -355,10 +355,10 @@ mod tests {
                     let all: Vec<f64> = (0..=1024).map(of).collect();
                     all.iter().all(|x| x.is_finite()) && all.windows(2).all(|w| w[0] < w[1])
                 };
-                let world = |p: i32| c.lattice.world_from_lattice([p; 3])[0];
+                let world = |p: i32| c.lattice.world_from_lattice(LatticePoint::splat(p)).x;
                 assert!(!c.fit(Format::Obj) || apart(&world), "2^{step} at {origin}");
                 assert!(c.need_double() || apart(&|p| f64::from(world(p) as f32)), "2^{step} at {origin}");
-                let local = |p: i32| f64::from((f64::from(p - c.center()[0]) * c.lattice.step()) as f32);
+                let local = |p: i32| f64::from((f64::from(p - c.center().x) * c.lattice.step()) as f32);
                 assert!(!c.fit(Format::Glb) || apart(&local), "2^{step} at {origin}");
             }
         }
@@ -369,7 +369,7 @@ mod tests {
         let exact = coordinates(-29, 9e6);
         assert!(exact.fit(Format::Obj), "the finest step that kilwa build derives");
         let mut between = exact;
-        between.lattice.origin = [8_388_608.0 - 2f64.powi(-30), 0.0, 0.0];
+        between.lattice.origin = DVec3::new(8_388_608.0 - 2f64.powi(-30), 0.0, 0.0);
         assert!(!between.fit(Format::Obj), "points above 2^23 m would have to be rounded");
         assert!(!coordinates(-30, 9e6).fit(Format::Obj));
     }
@@ -377,7 +377,7 @@ mod tests {
     #[test]
     fn a_wide_model_is_refused_only_if_rounding_would_collapse_its_edges() {
         let mut wide = coordinates(-10, 0.0);
-        (wide.cube_log2, wide.bounds.max) = (30, [(1 << 30) - 1; 3]);
+        (wide.cube_log2, wide.bounds.max) = (30, LatticePoint::splat((1 << 30) - 1));
         wide.median_edge = wide.lattice.step();
         assert!(!wide.fit(Format::Glb));
         assert!(wide.fit(Format::Obj));
@@ -394,7 +394,7 @@ mod tests {
         assert!(say(coordinates(-900, 0.0), Format::Glb).contains("write PLY or OBJ instead"));
         assert!(say(coordinates(-900, 5e5), Format::Stl).contains("build the pack again"));
         let mut wide = coordinates(1000, 0.0);
-        wide.bounds.max = [1 << 24; 3];
+        wide.bounds.max = LatticePoint::splat(1 << 24);
         assert!(say(wide, Format::Ply { ascii: true }).contains("--box"));
     }
 }

@@ -6,6 +6,7 @@
 use super::format::{Encoder, Target};
 use super::output::Scratch;
 use super::stream::Counts;
+use glam::DVec3;
 use kilwa_geometry::color::light_from_srgb;
 use kilwa_geometry::{Aabb, LatticePoint, Mesh, normal};
 use serde_json::json;
@@ -42,7 +43,7 @@ impl Glb {
     fn json(&self, counts: Counts) -> Vec<u8> {
         let target = &self.target;
         let place = target.lattice.world_from_lattice(target.center);
-        let [x, y, z] = if target.at_zero { [0.0; 3] } else { place };
+        let DVec3 { x, y, z } = if target.at_zero { DVec3::ZERO } else { place };
         let (vertex_bytes, index_bytes) = (counts.vertices * self.stride(), counts.triangles * 12);
         let mut attributes = json!({"POSITION": 0, "NORMAL": 1});
         let mut accessors = vec![
@@ -88,8 +89,8 @@ impl Encoder for Glb {
     fn vertex(&mut self, out: &mut Vec<u8>, mesh: &Mesh, v: usize) {
         let position = mesh.positions[v];
         self.bounds.add(position);
-        let normal = normal::decode(mesh.normals[v]).map(|x| x as f32);
-        for x in self.target.relative(position).into_iter().chain(normal) {
+        let normal = normal::decode(mesh.normals[v]).as_vec3();
+        for x in [self.target.relative(position), normal].map(|v| v.to_array()).into_iter().flatten() {
             out.extend(x.to_le_bytes());
         }
         if self.target.colors {

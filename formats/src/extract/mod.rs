@@ -24,6 +24,7 @@ pub use preview::{Preview, preview};
 pub use region::Region;
 
 use format::Target;
+use glam::DVec3;
 use kilwa_pack::{Reader, Source};
 
 /// What to extract.
@@ -57,7 +58,7 @@ pub struct Extraction {
     /// Type of the coordinates: `float`, `double` or `text`.
     pub coordinates: &'static str,
     /// What must be added to the coordinates to get world coordinates, if they are relative; metres.
-    pub offset: Option<[f64; 3]>,
+    pub offset: Option<DVec3>,
     /// Parts of the pack that the format cannot store.
     pub left_out: Vec<String>,
 }

@@ -4,6 +4,7 @@
 use super::format::{Encoder, Target, one_line};
 use super::output::Scratch;
 use super::stream::Counts;
+use glam::DVec3;
 use kilwa_geometry::{LatticePoint, Mesh};
 use std::io::Write;
 
@@ -19,7 +20,7 @@ impl Obj {
 
 impl Encoder for Obj {
     fn vertex(&mut self, out: &mut Vec<u8>, mesh: &Mesh, v: usize) {
-        let [x, y, z] = self.target.lattice.world_from_lattice(mesh.positions[v]);
+        let DVec3 { x, y, z } = self.target.lattice.world_from_lattice(mesh.positions[v]);
         // Writing to memory does not fail.
         let _ = write!(out, "v {x} {y} {z}");
         for c in mesh.colors.get(v).into_iter().flatten() {

@@ -48,9 +48,9 @@ impl Ply {
         let world = self.target.lattice.world_from_lattice(mesh.positions[v]);
         let double = self.target.needs_double;
         let mut words: Vec<String> =
-            world.iter().map(|x| if double { x.to_string() } else { (*x as f32).to_string() }).collect();
+            world.to_array().iter().map(|x| if double { x.to_string() } else { (*x as f32).to_string() }).collect();
         words.extend(mesh.colors.get(v).into_iter().flatten().map(ToString::to_string));
-        words.extend(normal::decode(mesh.normals[v]).iter().map(|x| (*x as f32).to_string()));
+        words.extend(normal::decode(mesh.normals[v]).to_array().iter().map(|x| (*x as f32).to_string()));
         words.extend(mesh.scalars.iter().map(|s| s[v].to_string()));
         out.extend(words.join(" ").into_bytes());
         out.push(b'\n');
@@ -67,7 +67,7 @@ impl Encoder for Ply {
         if self.ascii {
             return self.text(out, mesh, v);
         }
-        for x in self.target.lattice.world_from_lattice(mesh.positions[v]) {
+        for x in self.target.lattice.world_from_lattice(mesh.positions[v]).to_array() {
             if self.target.needs_double {
                 out.extend(x.to_le_bytes());
             } else {
@@ -75,8 +75,8 @@ impl Encoder for Ply {
             }
         }
         out.extend(mesh.colors.get(v).into_iter().flatten());
-        let normal = normal::decode(mesh.normals[v]).map(|x| x as f32);
-        for x in normal.into_iter().chain(mesh.scalars.iter().map(|s| s[v])) {
+        let normal = normal::decode(mesh.normals[v]).as_vec3();
+        for x in normal.to_array().into_iter().chain(mesh.scalars.iter().map(|s| s[v])) {
             out.extend(x.to_le_bytes());
         }
     }

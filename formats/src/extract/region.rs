@@ -1,5 +1,6 @@
 //! The box of `--box`: which triangles lie in it, by their centroids.
 
+use glam::DVec3;
 use kilwa_geometry::mesh::corner_sum;
 use kilwa_geometry::{Aabb, Lattice, LatticePoint, Sphere};
 use std::fmt;
@@ -8,8 +9,8 @@ use std::str::FromStr;
 /// A closed box in world coordinates, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Region {
-    min: [f64; 3],
-    max: [f64; 3],
+    min: DVec3,
+    max: DVec3,
 }
 
 impl FromStr for Region {
@@ -23,7 +24,7 @@ impl FromStr for Region {
         if !numbers.iter().all(|n| n.is_finite()) {
             return Err(wanted());
         }
-        let (min, max) = ([a, b, c], [d, e, f]);
+        let (min, max) = (DVec3::new(a, b, c), DVec3::new(d, e, f));
         if let Some(k) = (0..3).find(|&k| min[k] > max[k]) {
             let axis = ["x", "y", "z"][k];
             return Err(format!("{axis} runs from {} to {}: the smaller one comes first", min[k], max[k]));
@@ -34,8 +35,8 @@ impl FromStr for Region {
 
 impl fmt::Display for Region {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let ([a, b, c], [d, e, g]) = (self.min, self.max);
-        write!(f, "{a},{b},{c},{d},{e},{g}")
+        let (min, max) = (self.min, self.max);
+        write!(f, "{},{},{},{},{},{}", min.x, min.y, min.z, max.x, max.y, max.z)
     }
 }
 
@@ -49,32 +50,26 @@ impl Region {
 /// A box in lattice steps.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Steps {
-    min: [f64; 3],
-    max: [f64; 3],
+    min: DVec3,
+    max: DVec3,
 }
 
 impl Steps {
     /// Whether the centroid of a triangle lies in the box; a centroid on its side does.
     pub(super) fn holds(&self, corners: [LatticePoint; 3]) -> bool {
-        let sum = corner_sum(corners);
-        (0..3).all(|k| {
-            let centroid = sum[k] as f64 / 3.0;
-            self.min[k] <= centroid && centroid <= self.max[k]
-        })
+        let centroid = corner_sum(corners).as_dvec3() / 3.0;
+        self.min.cmple(centroid).all() && centroid.cmple(self.max).all()
     }
 
     /// Whether a triangle of a chunk with this box can lie in it.
     pub(super) fn meets(&self, bounds: &Aabb) -> bool {
-        (0..3).all(|k| self.min[k] <= f64::from(bounds.max[k]) && f64::from(bounds.min[k]) <= self.max[k])
+        self.min.cmple(bounds.max.as_dvec3()).all() && bounds.min.as_dvec3().cmple(self.max).all()
     }
 
     /// Whether it has a point in common with a ball.
     pub(super) fn meets_ball(&self, ball: &Sphere) -> bool {
-        let apart = (0..3).map(|k| {
-            let nearest = ball.center[k].clamp(self.min[k], self.max[k]);
-            (ball.center[k] - nearest) * (ball.center[k] - nearest)
-        });
-        ball.radius >= 0.0 && apart.sum::<f64>() <= ball.radius * ball.radius
+        let nearest = ball.center.clamp(self.min, self.max);
+        ball.radius >= 0.0 && ball.center.distance_squared(nearest) <= ball.radius * ball.radius
     }
 }
 
@@ -84,7 +79,7 @@ mod tests {
 
     #[test]
     fn six_numbers_make_a_box_and_others_are_explained() {
-        assert_eq!("-1,0,0,1,2.5,1e2".parse::<Region>().unwrap().max, [1.0, 2.5, 100.0]);
+        assert_eq!("-1,0,0,1,2.5,1e2".parse::<Region>().unwrap().max, DVec3::new(1.0, 2.5, 100.0));
         for text in ["", "1,2,3", "1,2,3,4,5,six", "0,0,0,1,1,nan", "0,0,0,1,1,1,1"] {
             assert!(text.parse::<Region>().unwrap_err().contains("six numbers"), "{text}");
         }
@@ -93,8 +88,8 @@ mod tests {
 
     #[test]
     fn the_centroid_decides() {
-        let region = Steps { min: [0.0; 3], max: [4.0, 4.0, 0.0] };
-        assert!(region.holds([[0, 0, 0], [9, 0, 0], [3, 9, 0]]), "its centroid is 4 3 0");
-        assert!(!region.holds([[0, 0, 0], [9, 0, 0], [4, 9, 0]]));
+        let region = Steps { min: DVec3::ZERO, max: DVec3::new(4.0, 4.0, 0.0) };
+        assert!(region.holds([[0, 0, 0], [9, 0, 0], [3, 9, 0]].map(LatticePoint::from_array)), "its centroid is 4 3 0");
+        assert!(!region.holds([[0, 0, 0], [9, 0, 0], [4, 9, 0]].map(LatticePoint::from_array)));
     }
 }

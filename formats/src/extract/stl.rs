@@ -4,6 +4,7 @@
 use super::format::{Encoder, Target};
 use super::output::Scratch;
 use super::stream::Counts;
+use glam::{DVec3, Vec3};
 use kilwa_geometry::{LatticePoint, Mesh};
 use std::io::{Error, Write};
 
@@ -29,20 +30,18 @@ impl Encoder for Stl {
 
     fn triangle(&mut self, out: &mut Vec<u8>, _: [u32; 3], points: [LatticePoint; 3]) {
         let [a, b, c] = points;
-        let side = |p: LatticePoint| [0, 1, 2].map(|k| f64::from(p[k] - a[k]));
-        let (u, v) = (side(b), side(c));
-        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-        let length = n.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let n = (b - a).as_dvec3().cross((c - a).as_dvec3());
+        let length = n.length();
         // A facet without area has no normal: zero, as the format has it.
-        let normal = n.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 });
+        let normal = if length > 0.0 { (n / length).as_vec3() } else { Vec3::ZERO };
         let position = |p: LatticePoint| {
             if self.target.needs_double {
                 self.target.relative(p)
             } else {
-                self.target.lattice.world_from_lattice(p).map(|x| x as f32)
+                self.target.lattice.world_from_lattice(p).as_vec3()
             }
         };
-        for x in normal.into_iter().chain(points.map(position).into_iter().flatten()) {
+        for x in std::iter::once(normal).chain(points.map(position)).flat_map(|v| v.to_array()) {
             out.extend(x.to_le_bytes());
         }
         out.extend([0; 2]);
@@ -54,7 +53,7 @@ impl Encoder for Stl {
         // It must not begin with "solid", as text files do.
         let mut header = format!("kilwa {}, metres, z up", env!("CARGO_PKG_VERSION"));
         if self.target.needs_double {
-            let [x, y, z] = self.target.lattice.world_from_lattice(self.target.center);
+            let DVec3 { x, y, z } = self.target.lattice.world_from_lattice(self.target.center);
             header = format!("kilwa, m, z up, add {x} {y} {z}");
             if header.len() > TEXT {
                 header = format!("add {x:e} {y:e} {z:e}");

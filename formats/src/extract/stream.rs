@@ -9,7 +9,7 @@ use super::choose::{Chosen, stretches};
 use super::format::Encoder;
 use super::output::Scratch;
 use super::region::Steps;
-use kilwa_geometry::Mesh;
+use kilwa_geometry::{LatticePoint, Mesh};
 use kilwa_pack::{Chunk, PackError, Reader, Source};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -21,7 +21,7 @@ const BATCH: usize = 32;
 const FORGET_FROM: usize = 1 << 16;
 
 /// All that makes a vertex: position, colour, normal, bits of the scalars.
-type Wedge = ([i32; 3], [u8; 3], [i16; 2], Box<[u32]>);
+type Wedge = (LatticePoint, [u8; 3], [i16; 2], Box<[u32]>);
 
 /// What was written.
 #[derive(Debug, Clone, Copy, Default)]
@@ -50,7 +50,7 @@ pub(super) fn stream<S: Source + Sync>(
         for (&index, chunk) in batch.iter().zip(decoded) {
             let chunk = chunk?;
             let bounds = &reader.entries()[index as usize].bounds;
-            if chunk.mesh.positions.iter().any(|p| (0..3).any(|k| p[k] < bounds.min[k] || p[k] > bounds.max[k])) {
+            if chunk.mesh.positions.iter().any(|p| p.cmplt(bounds.min).any() || p.cmpgt(bounds.max).any()) {
                 // What was forgotten would come again as another vertex: the surface would crack.
                 return Err(ExtractError::Outside { chunk: index });
             }

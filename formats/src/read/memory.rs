@@ -8,6 +8,7 @@
 use super::ReadError;
 use super::sink::{MeshSink, NO_POSITION, NOT_FINITE, TWICE, UNUSED, VertexBlock};
 use crate::{Findings, RawMesh, UNCOLOURED};
+use kilwa_pack::plural::counted;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -51,10 +52,14 @@ impl MemorySink {
             split_wedges(&mut mesh, &colors, &path)?;
         }
         if mesh.triangles.is_empty() {
-            let reasons: Vec<String> = mesh.findings.iter().map(|(kind, n, _)| format!("{n} {kind}")).collect();
+            let reasons: Vec<String> = mesh.findings.iter().map(|(kind, n, _)| format!("{kind}: {n}")).collect();
             return Err(ReadError::NoTriangles {
                 file: path,
-                found: format!("of its {delivered} triangles none is left ({})", reasons.join("; ")),
+                found: format!(
+                    "of its {} none is left ({})",
+                    counted(delivered, "triangle", "triangles"),
+                    reasons.join("; ")
+                ),
                 way_out: "Export the mesh again and give that",
             });
         }

@@ -8,6 +8,7 @@ use super::ReadError;
 use super::sink::{MeshSink, VertexBlock};
 use crate::Findings;
 use crate::Up;
+use glam::{DMat3, DVec3, Vec3};
 use kilwa_geometry::LengthUnit;
 
 /// An affine map of space that can be undone: `p` becomes `rows · (p, 1)`.
@@ -36,7 +37,7 @@ impl Placement {
             return Err("its last row is not 0 0 0 1: a projection is no way to place a mesh".to_owned());
         }
         let map = Self { rows: [a, b, c].map(|row| row.map(|v| v / last[3])) };
-        let size: f64 = map.rows.iter().map(|r| libm::sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])).product();
+        let size: f64 = map.linear().iter().map(|r| r.length()).product();
         if map.determinant().abs() <= 1e-9 * size {
             return Err("it flattens space (its determinant is zero)".to_owned());
         }
@@ -44,9 +45,9 @@ impl Placement {
     }
 
     /// Adds `offset`.
-    pub fn translation(offset: [f64; 3]) -> Self {
+    pub fn translation(offset: DVec3) -> Self {
         let mut map = Self::IDENTITY;
-        for (row, offset) in map.rows.iter_mut().zip(offset) {
+        for (row, offset) in map.rows.iter_mut().zip(offset.to_array()) {
             row[3] = offset;
         }
         map
@@ -86,6 +87,11 @@ impl Placement {
         self.determinant() < 0.0
     }
 
+    /// The rows without their offsets.
+    fn linear(&self) -> [DVec3; 3] {
+        self.rows.map(|[x, y, z, _]| DVec3::new(x, y, z))
+    }
+
     fn determinant(&self) -> f64 {
         let [a, b, c] = self.rows;
         a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
@@ -93,15 +99,10 @@ impl Placement {
 
     /// The map of normals, up to their length: the inverse transpose, which is the matrix of cofactors over the
     /// determinant.
-    fn of_normals(&self) -> [[f64; 3]; 3] {
-        let m = &self.rows;
+    fn of_normals(&self) -> DMat3 {
+        let [a, b, c] = self.linear();
         let sign = if self.mirrors() { -1.0 } else { 1.0 };
-        std::array::from_fn(|i| {
-            std::array::from_fn(|j| {
-                let (r, s, c, d) = ((i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3);
-                sign * (m[r][c] * m[s][d] - m[r][d] * m[s][c])
-            })
-        })
+        DMat3::from_cols(sign * b.cross(c), sign * c.cross(a), sign * a.cross(b)).transpose()
     }
 }
 
@@ -109,7 +110,7 @@ impl Placement {
 pub struct Placed<'s> {
     sink: &'s mut dyn MeshSink,
     placement: Placement,
-    of_normals: [[f64; 3]; 3],
+    of_normals: DMat3,
     mirrors: bool,
     positions: Vec<[f64; 3]>,
     normals: Vec<[f32; 3]>,
@@ -132,11 +133,10 @@ impl<'s> Placed<'s> {
 }
 
 /// A normal through the map, with length 1; one without a length stays so.
-fn normal(map: &[[f64; 3]; 3], n: [f32; 3]) -> [f32; 3] {
-    let n = n.map(f64::from);
-    let moved = map.map(|r| r[0] * n[0] + r[1] * n[1] + r[2] * n[2]);
-    let length = libm::sqrt(moved.iter().map(|v| v * v).sum());
-    if length > 0.0 && length.is_finite() { moved.map(|v| (v / length) as f32) } else { [0.0; 3] }
+fn normal(map: &DMat3, n: [f32; 3]) -> [f32; 3] {
+    let moved = *map * Vec3::from(n).as_dvec3();
+    let length = moved.length();
+    if length > 0.0 && length.is_finite() { (moved / length).as_vec3().into() } else { [0.0; 3] }
 }
 
 impl MeshSink for Placed<'_> {
@@ -219,7 +219,7 @@ mod tests {
 
     #[test]
     fn maps_follow_one_another_in_the_order_they_are_named() {
-        let shift = Placement::translation([1.0, 2.0, 3.0]);
+        let shift = Placement::translation(DVec3::new(1.0, 2.0, 3.0));
         let scale = Placement::to_metres(LengthUnit::Kilometre, Up::Z);
         assert_eq!(shift.then(&scale).place([0.0; 3]), [1000.0, 2000.0, 3000.0]);
         assert_eq!(scale.then(&shift).place([1.0, 0.0, 0.0]), [1001.0, 2.0, 3.0]);
@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn large_offsets_lose_nothing() {
-        let utm = Placement::translation([500_000.125, 9_000_000.5, 10.0]);
+        let utm = Placement::translation(DVec3::new(500_000.125, 9_000_000.5, 10.0));
         assert_eq!(utm.place([0.000_976_562_5, 0.0, 0.0]), [500_000.125_976_562_5, 9_000_000.5, 10.0]);
     }
 

@@ -41,7 +41,7 @@ pub(crate) fn form(language: &'static Language, said: Said, next: &str, name: Op
             let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{}</p>", t("signInFailed"));
         }
         Said::Wait(seconds) => {
-            let text = language.with("signInWait", &[("seconds", &seconds.to_string())]);
+            let text = language.with("signInWait", &[("seconds", seconds)]);
             let _ = writeln!(s, "<p class=\"problem\" role=\"alert\">{text}</p>");
         }
         Said::Done => {

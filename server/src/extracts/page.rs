@@ -118,7 +118,7 @@ pub(crate) fn why(reader: &Reader<'_>, refusal: Refusal) -> String {
         Refusal::Share(seconds) => ("extractShare", SHARE, seconds),
         Refusal::TooMany(seconds) => ("extractTooMany", STARTS, seconds),
     };
-    l.with(text, &[("count", &l.count(count as u64)), ("seconds", &l.count(seconds))])
+    l.with(text, &[("count", count as u64), ("seconds", seconds)])
 }
 
 fn formats(s: &mut String, reader: &Reader<'_>, asked: Option<Order>) {
@@ -197,7 +197,7 @@ pub(crate) fn stage(about: &About, reader: &Reader<'_>, order: Order, stage: &St
         writeln!(s, "<p dir=\"ltr\" class=\"file-name\"><code>{}-{}</code></p>", escape(&about.slug), escape(&name));
     let _ = match stage {
         Stage::Waiting(before, wait) => {
-            let text = l.with("extractQueued", &[("count", &l.count(*before as u64))]);
+            let text = l.with("extractQueued", &[("count", *before)]);
             let time = how_long(reader, *wait);
             writeln!(s, "<p role=\"status\">{text} {time}</p>\n<p class=\"quiet\">{}</p>", l.t("extractWait"))
         }
@@ -245,7 +245,7 @@ fn how_long(reader: &Reader<'_>, wait: Option<Wait>) -> String {
     if to <= 1 {
         return l.t("extractTimeShort").to_owned();
     }
-    l.with("extractTime", &[("from", &l.count(from)), ("to", &l.count(to))])
+    l.with("extractTime", &[("from", from), ("to", to)])
 }
 
 /// How much of a pack in a store was fetched, as a further sentence.

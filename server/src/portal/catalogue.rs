@@ -105,7 +105,7 @@ pub(crate) fn page(query: &Query, found: &Found, around: &Around<'_>) -> String 
     let _ = writeln!(
         s,
         "<p class=\"lead\" role=\"status\">{} <a class=\"way\" href=\"{}\">{}</a> <a class=\"jump\" href=\"#filters\">{}</a></p>",
-        l.with("results", &[("count", &l.count(found.total))]),
+        l.with("results", &[("count", found.total)]),
         escape(&address("/map", query, 0, around.reader.lang)),
         l.t("map"),
         l.t("filters")
@@ -193,7 +193,7 @@ pub(super) fn search_form(s: &mut String, path: &str, query: &Query, reader: &Re
 fn named(l: &'static Language, facet: Facet, value: &str) -> String {
     match facet {
         // The value comes from an address. A value that is not one of ours is shown unchanged, so it must be escaped.
-        Facet::Size => escape(l.t(value)),
+        Facet::Size => escape(l.find(&format!("size-{value}")).unwrap_or(value)),
         Facet::Country => escape(l.country(value)),
         _ => escape(value),
     }
@@ -339,7 +339,7 @@ pub(super) fn pager(s: &mut String, Part { page, pages }: Part, to: &dyn Fn(usiz
     if page + 1 < pages {
         link(page + 1, "next", l.t("next"));
     }
-    let numbers = [("page", &*(page + 1).to_string()), ("pages", &*pages.to_string())];
+    let numbers = [("page", page + 1), ("pages", pages)];
     let _ = writeln!(s, "<span class=\"quiet\">{}</span></nav>", l.with("page", &numbers));
 }
 

@@ -220,14 +220,13 @@ fn look(file: &Place, before: Option<&Identity>) -> io::Result<Option<Seen>> {
 pub(crate) fn list<'c>(all: impl Iterator<Item = &'c Collection>, reader: &Reader<'_>) -> String {
     let mut s = String::from("<ul class=\"collections\">\n");
     for collection in all {
-        let count = reader.language.count(collection.members.len() as u64);
         let _ = writeln!(
             s,
             "<li><a href=\"{}\" lang=\"{}\" dir=\"auto\">{}</a> <span class=\"quiet\">{}</span></li>",
             reader.to(&format!("/collections/{}/", collection.slug)),
             escape(&collection.language),
             escape(&collection.title),
-            reader.language.with("members", &[("count", &count)])
+            reader.language.with("members", &[("count", collection.members.len())])
         );
     }
     s.push_str("</ul>\n");
@@ -279,8 +278,7 @@ pub(crate) fn page(
     for paragraph in collection.text.split("\n\n").map(str::trim).filter(|p| !p.is_empty()) {
         let _ = writeln!(s, "<p class=\"prose\" {words}>{}</p>", escape(paragraph));
     }
-    let count = l.count(count as u64);
-    let _ = writeln!(s, "<p class=\"lead\">{}</p>\n<ul class=\"cards\">", l.with("members", &[("count", &count)]));
+    let _ = writeln!(s, "<p class=\"lead\">{}</p>\n<ul class=\"cards\">", l.with("members", &[("count", count)]));
     for entry in members {
         card(&mut s, entry, reader, today);
     }

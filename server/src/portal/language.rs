@@ -1,26 +1,19 @@
-//! The portal's texts in the viewer's five languages, and which one a reader wants.
+//! The portal's messages in the viewer's five languages (`i18n/`), and which language a reader wants.
 
-use std::collections::BTreeMap;
+use kilwa_messages::{Catalogue, Value};
 use std::sync::LazyLock;
 
-/// Codes and texts, in the order in which they are offered.
+/// In the order in which they are offered.
 static ALL: LazyLock<Vec<Language>> = LazyLock::new(|| {
-    let files = [
-        ("en", include_str!("texts/en.json")),
-        ("fr", include_str!("texts/fr.json")),
-        ("pt", include_str!("texts/pt.json")),
-        ("sw", include_str!("texts/sw.json")),
-        ("ar", include_str!("texts/ar.json")),
-    ];
-    // A test reads all of them; a file that is none would leave its language without words, never a page without an answer.
-    files.map(|(code, text)| Language { code, texts: serde_json::from_str(text).unwrap_or_default() }).into()
+    let all = kilwa_messages::portal().iter();
+    all.map(|messages| Language { code: messages.code(), messages }).collect()
 });
 
 /// One language.
 #[derive(Debug)]
 pub(crate) struct Language {
     pub(crate) code: &'static str,
-    texts: BTreeMap<String, String>,
+    messages: &'static Catalogue,
 }
 
 impl Language {
@@ -54,23 +47,26 @@ impl Language {
         code.and_then(Self::named).or_else(first).unwrap_or(&ALL[0])
     }
 
-    /// A text, or its key where there is none.
+    /// The message of a key, or the key if there is none.
     pub(crate) fn t<'k>(&'static self, key: &'k str) -> &'k str {
-        self.texts.get(key).map_or(key, String::as_str)
+        self.find(key).unwrap_or(key)
+    }
+
+    /// The message of a key, if there is one.
+    pub(crate) fn find(&self, key: &str) -> Option<&'static str> {
+        self.messages.text(key)
     }
 
     /// A number with its thousands apart. As in the viewer: the language's signs between the digits 0 to 9.
     pub(crate) fn count(&self, n: u64) -> String {
-        let between = match self.code {
-            "fr" => '\u{202f}',
-            "pt" => '.',
-            _ => ',',
-        };
-        kilwa_archive::numbers::grouped(n).replace('\u{202f}', &between.to_string())
+        self.messages.number(n)
     }
 
     /// A length of a file.
     pub(crate) fn size(&'static self, bytes: u64) -> String {
+        if bytes < 1000 {
+            return self.with("bytes", &[("count", bytes)]);
+        }
         let (value, unit) = kilwa_files::size::decimal(bytes);
         format!("{} {}", self.decimals(&value), self.t(unit))
     }
@@ -85,34 +81,16 @@ impl Language {
         crate::countries::name(code, self.code).unwrap_or(code)
     }
 
-    /// A text with a place filled in.
-    pub(crate) fn with(&'static self, key: &str, places: &[(&str, &str)]) -> String {
-        places.iter().fold(self.t(key).to_owned(), |text, (name, value)| text.replace(&format!("{{{name}}}"), value))
+    /// A message with its values. Numbers are given as such: they choose the plural form.
+    pub(crate) fn with<'v, V: Into<Value<'v>> + Copy>(&self, key: &str, values: &[(&str, V)]) -> String {
+        let values: Vec<_> = values.iter().map(|&(name, value)| (name, value.into())).collect();
+        self.messages.format(key, &values).unwrap_or_else(|| key.to_owned())
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn every_language_has_every_text_with_its_places() {
-        let english = &ALL[0].texts;
-        assert!(english.len() > 30);
-        for language in Language::all() {
-            let keys = |l: &BTreeMap<String, String>| l.keys().cloned().collect::<Vec<_>>();
-            assert_eq!(keys(&language.texts), keys(english), "{}", language.code);
-            for (key, text) in &language.texts {
-                let places = |s: &str| s.matches('{').count();
-                assert_eq!(places(text), places(&english[key]), "{} {key}", language.code);
-                assert!(
-                    !text.contains(['<', '&', '"']),
-                    "{} {key}: texts are put into HTML as they are",
-                    language.code
-                );
-            }
-        }
-    }
 
     #[test]
     fn numbers_are_written_as_each_language_does() {
@@ -123,6 +101,10 @@ mod tests {
         assert_eq!(of("ar").count(1_234), "1,234");
         assert_eq!((of("en").size(5_230_000), of("fr").size(5_230_000)), ("5.2 MB".into(), "5,2 Mo".into()));
         assert_eq!((of("en").size(12), of("pt").size(2_500_000_000)), ("12 bytes".into(), "2,50 GB".into()));
+        assert_eq!(
+            (of("en").size(1), of("fr").size(0), of("sw").size(2)),
+            ("1 byte".into(), "0 octet".into(), "baiti 2".into())
+        );
         assert_eq!((of("fr").country("TZ"), of("fr").country("QQ")), ("Tanzanie", "QQ"));
     }
 

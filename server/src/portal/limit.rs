@@ -15,6 +15,7 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::middleware::Next;
 use axum::response::Response;
 use kilwa_archive::record::xml::escape;
+use kilwa_messages::Value;
 use std::fmt::Write as _;
 
 /// Bytes of a query.
@@ -54,10 +55,9 @@ pub(crate) fn refused(path: &str, why: &TooMuch, reader: &Reader<'_>, headers: &
             (StatusCode::URI_TOO_LONG, l.t("tooLong").to_owned(), next)
         }
         TooMuch::Values(facet, query) => {
-            let count = l.count(VALUES_MAX as u64);
-            let said = l.with("tooMany", &[("count", &count), ("filter", l.t(facet.name()))]);
+            let said = l.with("tooMany", &[("count", VALUES_MAX.into()), ("filter", Value::from(l.t(facet.name())))]);
             let first = escape(&address(path, query, 0, reader.lang));
-            let next = format!("<a href=\"{first}\">{}</a>", l.with("tooManyNext", &[("count", &count)]));
+            let next = format!("<a href=\"{first}\">{}</a>", l.with("tooManyNext", &[("count", VALUES_MAX)]));
             (StatusCode::BAD_REQUEST, said, next)
         }
     };

@@ -231,11 +231,7 @@ pub(crate) fn page(shown: &Shown<'_>, reader: &Reader<'_>) -> String {
     let [low, high] = Projection::of(window).corners();
     let drawn = Window([low[0], low[1], high[0], high[1]]);
     let here: Vec<&Located> = shown.places.iter().filter(|p| drawn.has(p)).collect();
-    let _ = write!(
-        s,
-        "<p class=\"lead\" role=\"status\">{}",
-        l.with("mapCount", &[("count", &l.count(here.len() as u64))])
-    );
+    let _ = write!(s, "<p class=\"lead\" role=\"status\">{}", l.with("mapCount", &[("count", here.len())]));
     let list = escape(&address("/", shown.query, 0, reader.lang));
     let _ = write!(s, " <a class=\"way\" href=\"{list}\">{}</a>", l.t("list"));
     if shown.window.is_some() {
@@ -286,7 +282,7 @@ fn drawing(s: &mut String, shown: &Shown<'_>, window: Window, here: &[&Located],
             let _ = writeln!(
                 s,
                 "<a href=\"{to}\"><title>{}</title><circle class=\"target\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"22\"/><circle class=\"dot many\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius:.1}\"/><text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{count}</text></a>",
-                l.with("mapCloser", &[("count", &count)]),
+                l.with("mapCloser", &[("count", dot.places.len())]),
                 y + 4.5
             );
         }
@@ -304,7 +300,7 @@ fn places(s: &mut String, here: &[&Located], reader: &Reader<'_>) {
     let l = reader.language;
     let _ = writeln!(s, "<section class=\"places\" id=\"places\" aria-label=\"{0}\">\n<h2>{0}</h2>", l.t("places"));
     if here.len() > LISTED {
-        let _ = writeln!(s, "<p class=\"quiet\">{}</p>", l.with("mapMore", &[("count", &l.count(LISTED as u64))]));
+        let _ = writeln!(s, "<p class=\"quiet\">{}</p>", l.with("mapMore", &[("count", LISTED)]));
     }
     s.push_str("<ul>\n");
     for place in here.iter().take(LISTED) {

@@ -26,7 +26,7 @@ pub(crate) fn page(models: &[Arc<Model>], page: usize, clock: &Clock, reader: &R
         let _ = writeln!(
             s,
             "<p class=\"lead\">{} · {}: {} · {}</p>\n{}",
-            l.with("members", &[("count", &l.count(models.len() as u64))]),
+            l.with("members", &[("count", models.len())]),
             l.t("triangles"),
             l.count(triangles),
             l.size(bytes),

@@ -14,6 +14,7 @@ use kilwa_archive::checksums::{hex, sha256};
 use kilwa_archive::layout::SMALL_FILE_MAX;
 use kilwa_archive::layout::{MANIFEST, METADATA, Slug, version_folder};
 use kilwa_files::plain_file;
+use kilwa_pack::plural::counted;
 use object_store::{Attributes, ObjectStoreExt as _, PutMode, UpdateVersion};
 use std::io;
 use std::path::Path;
@@ -143,7 +144,7 @@ fn taken_over(store: &Arc<S3>, key: &str, purpose: &str) -> io::Result<Option<St
 fn refused(version: u32, lease: Duration) -> io::Error {
     io::Error::other(format!(
         "somebody else is publishing version {version} of this object at this moment; run the same command again when that is done. \
-         If they gave up, run it again after {} minutes",
-        lease.as_secs().div_ceil(60)
+         If they gave up, run it again after {}",
+        counted(lease.as_secs().div_ceil(60), "minute", "minutes")
     ))
 }

@@ -9,6 +9,7 @@ use kilwa_archive::Notes;
 use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
 use kilwa_archive::location::Location;
 use kilwa_archive::notes::NOTES_MAX;
+use kilwa_pack::plural::{counted, plural};
 use serde_json::Value;
 use std::fs::File;
 use std::io::{self, Read};
@@ -96,11 +97,12 @@ pub(super) fn check_announced(at: &Path, announced: PreviewSaid) -> io::Result<(
     }
     let written = |n: Option<f64>| n.map_or("nothing".to_owned(), |n| n.to_string());
     Err(wrong(format!(
-        "has {} triangles with an error of {} m, but {} triangles with an error of {} m were announced; use the same version of kilwa on both sides",
-        corners.unwrap_or_default() / 3,
+        "has {} with an error of {} m, but {} with an error of {} m {} announced; use the same version of kilwa on both sides",
+        counted(corners.unwrap_or_default() / 3, "triangle", "triangles"),
         written(error),
-        announced.triangles,
-        announced.error
+        counted(announced.triangles, "triangle", "triangles"),
+        announced.error,
+        plural(announced.triangles, "was", "were")
     )))
 }
 

@@ -11,6 +11,7 @@ use kilwa_archive::checksums::{is_sha256, sha256_of};
 use kilwa_archive::date::day_of;
 use kilwa_files::atomic::{self, Access};
 use kilwa_files::plain_file;
+use kilwa_pack::plural::counted;
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
 use std::fs::{self, File, OpenOptions};
@@ -96,10 +97,10 @@ impl Uploads {
         let before = record(&folder);
         if let Some(other) = before.as_ref().filter(|r| r.who != who && !self.is_stale(&folder, now)) {
             return Err(Refusal::conflict(format!(
-                "somebody else uploads a version of {} since {}; what they sent lapses {} days after they last went on",
+                "somebody else uploads a version of {} since {}; what they sent lapses {} after they last went on",
                 intent.slug,
                 day_of(other.begun),
-                self.limits.days
+                counted(self.limits.days, "day", "days")
             )));
         }
         let begun = before.filter(|r| r.who == who).map_or(now, |r| r.begun);
@@ -161,8 +162,10 @@ impl Uploads {
         let path = staging.folder.join(&said.sha256);
         let there = staging.length(&said).map_err(|e| Refusal::disk("read what is there", &e))?;
         if there != offset {
-            let said =
-                format!("{there} bytes of it are there, so that what follows begins at {there}, not at {offset}");
+            let said = format!(
+                "{} there, so that what follows begins at {there}, not at {offset}",
+                counted(there, "byte of it is", "bytes of it are")
+            );
             return Err(Refusal { offset: Some(there), ..Refusal::conflict(said) });
         }
         let coming = self.claim_part((said.bytes - offset).min(BODY_MAX))?;

@@ -7,6 +7,7 @@ use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, Slug, THUMBN
 use kilwa_archive::metadata::Metadata;
 use kilwa_archive::record::Preview;
 use kilwa_archive::rights::Rights;
+use kilwa_pack::plural::counted;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -247,7 +248,11 @@ impl Intent {
         }
         if total > limits.version_bytes {
             let status = axum::http::StatusCode::PAYLOAD_TOO_LARGE;
-            let said = format!("the version has {total} bytes; this server takes {}", limits.version_bytes);
+            let said = format!(
+                "the version has {}; this server takes {}",
+                counted(total, "byte", "bytes"),
+                limits.version_bytes
+            );
             return Err(Refusal::new(status, said));
         }
         let posters = [POSTER].into_iter().chain(THUMBNAILS.map(|(name, _)| name));

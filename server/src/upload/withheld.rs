@@ -7,6 +7,7 @@
 
 use super::wire::Intent;
 use super::{plain, written};
+use glam::DVec3;
 use kilwa_archive::layout::PREVIEW;
 use kilwa_archive::location::{Location, channels};
 use kilwa_archive::metadata::plain_accuracy;
@@ -93,14 +94,11 @@ pub(super) fn check_pack<S: Source + Sync>(intent: &Intent, reader: &Reader<S>) 
 /// The middle of all that the directory lists is where `kilwa publish` puts it.
 fn check_place<S: Source>(intent: &Intent, reader: &Reader<S>) -> Result<(), String> {
     let (lattice, metadata) = (reader.header().lattice, reader.metadata());
-    let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for bounds in reader.entries().iter().map(|e| &e.bounds).filter(|b| !b.is_empty()) {
-        for k in 0..3 {
-            min[k] = min[k].min(f64::from(bounds.min[k]));
-            max[k] = max[k].max(f64::from(bounds.max[k]));
-        }
+        (min, max) = (min.min(bounds.min.as_dvec3()), max.max(bounds.max.as_dvec3()));
     }
-    if min[0] > max[0] {
+    if min.x > max.x {
         return Err("the pack contains no triangles".to_owned());
     }
     let (low, high, tolerance) =

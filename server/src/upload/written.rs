@@ -1,8 +1,10 @@
 //! Whether a pack that claims to be without its location is what `kilwa publish --redact-location` writes. When it is read and written again, the bytes must
 //! be the same, so that nothing is hidden in unknown members, reserved bytes or spare digits of numbers; and its numbers must fit the model.
 
+use glam::DVec3;
 use kilwa_archive::compare::CompareWriter;
 use kilwa_archive::metadata::plain_accuracy;
+use kilwa_pack::plural::counted;
 use kilwa_pack::{Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, Reader, Source, relocate};
 
 /// Options that shape a pack.
@@ -54,10 +56,16 @@ fn check_numbers(m: &Metadata, header: &Header) -> Result<(), String> {
         return Err(format!("the repair {kind:?} of its pack has a number in its name"));
     }
     if m.vertices > header.stored_vertices || m.vertices > m.triangles.saturating_mul(3) {
-        return Err(format!("its pack states {} vertices, more than its triangles can have", m.vertices));
+        return Err(format!(
+            "its pack states {}, more than its triangles can have",
+            counted(m.vertices, "vertex", "vertices")
+        ));
     }
     if m.border_edges > m.triangles.saturating_mul(3) {
-        return Err(format!("its pack states {} border edges, more than its triangles have edges", m.border_edges));
+        return Err(format!(
+            "its pack states {}, more than its triangles have edges",
+            counted(m.border_edges, "border edge", "border edges")
+        ));
     }
     m.capture_accuracy.map_or(Ok(()), plain_accuracy).map_err(|what| format!("capture_accuracy of its pack {what}"))
 }
@@ -99,7 +107,7 @@ fn check_edge<S: Source + Sync>(reader: &Reader<S>) -> Result<(), String> {
     let step = reader.header().lattice.step();
     // If no sampled chunk has any of the finest triangles, the bounding box limits the edge.
     let size = reader.metadata();
-    let largest = (0..3).map(|k| (size.bounds_max[k] - size.bounds_min[k]).powi(2)).sum::<f64>().sqrt();
+    let largest = DVec3::from(size.bounds_max).distance(size.bounds_min.into());
     let median = edges.get(edges.len() / 2).map_or(largest, |edge| edge * step);
     if (0.0..=EDGE * median.max(step)).contains(&stated) {
         Ok(())
@@ -114,9 +122,9 @@ fn finest_edges(chunk: &Chunk, edges: &mut Vec<f64>) {
         let triangles = chunk.mesh.triangles.iter().skip(patch.first as usize).take(patch.count as usize);
         for &[a, b, c] in triangles {
             for (from, to) in [(a, b), (b, c), (c, a)] {
-                let at = |v: u32| chunk.mesh.positions.get(v as usize).map(|p| p.map(f64::from));
+                let at = |v: u32| chunk.mesh.positions.get(v as usize).map(|p| p.as_dvec3());
                 if let (Some(p), Some(q)) = (at(from), at(to)) {
-                    edges.push((0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>().sqrt());
+                    edges.push(p.distance(q));
                 }
             }
         }

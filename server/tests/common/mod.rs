@@ -97,7 +97,7 @@ pub(crate) fn pack_in(title: &str, crs: Option<&str>) -> Vec<u8> {
 pub(crate) fn pack_at(title: &str, crs: Option<&str>, origin: [f64; 3], channels: &[(&str, [f32; 3])]) -> Vec<u8> {
     let attributes = Attributes { colors: true, scalars: channels.len() as u8 };
     let mut chunk = Chunk::default();
-    chunk.mesh.positions = vec![[0, 0, 0], [1000, 0, 0], [0, 800, 400]];
+    chunk.mesh.positions = [[0, 0, 0], [1000, 0, 0], [0, 800, 400]].map(Into::into).to_vec();
     chunk.mesh.normals = vec![[0, 0]; 3];
     chunk.mesh.colors = vec![[200, 190, 170]; 3];
     chunk.mesh.scalars = channels.iter().map(|(_, values)| values.to_vec()).collect();
@@ -105,7 +105,7 @@ pub(crate) fn pack_at(title: &str, crs: Option<&str>, origin: [f64; 3], channels
     chunk.mesh.borders = vec![7];
     chunk.patches = vec![PatchRange { first: 0, count: 1, diamond: NO_DIAMOND }];
     let encoded = encode(&chunk, attributes).unwrap();
-    let lattice = Lattice { origin, step_log2: -10 };
+    let lattice = Lattice { origin: origin.into(), step_log2: -10 };
     let step = lattice.step();
     let bounds = Aabb::of(&chunk.mesh.positions);
     let entry = DirectoryEntry {
@@ -116,7 +116,7 @@ pub(crate) fn pack_at(title: &str, crs: Option<&str>, origin: [f64; 3], channels
         level: 0,
         error: f32::INFINITY,
         color_error: 0.0,
-        sphere: Sphere { center: [500.0, 400.0, 200.0], radius: 900.0 },
+        sphere: Sphere { center: [500.0, 400.0, 200.0].into(), radius: 900.0 },
         bounds,
         parents: [NO_DIAMOND; 4],
         checksum: kilwa_pack::checksum(&encoded),

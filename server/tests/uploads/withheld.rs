@@ -347,7 +347,7 @@ async fn a_withheld_location_is_searched_for_outside_the_texts_of_the_pack() {
             "3 border edges of the finest level are there, 9009946 are announced",
         ),
         (
-            stating(|_, e| (e.sphere.center, e.sphere.radius) = ([565_987.0, 9_009_946.0, 0.0], 1e8)),
+            stating(|_, e| (e.sphere.center, e.sphere.radius) = ([565_987.0, 9_009_946.0, 0.0].into(), 1e8)),
             "the directory of its pack has bounding spheres",
         ),
         (stating(|_, e| e.sphere.radius = 9_009_946.0), "the directory of its pack has bounding spheres"),
@@ -367,7 +367,7 @@ async fn announced_numbers_are_compared_with_the_files() {
         version
     };
     let open = || Version::new("fort", 1, pack(true_place(), &[]));
-    let what = "preview.glb has 1 triangles with an error of 0 m";
+    let what = "preview.glb has 1 triangle with an error of 0 m";
     are_refused(vec![
         (announced(withheld(pack(MIDDLE, &[])), 1, 39.600_27), what),
         (announced(withheld(pack(MIDDLE, &[])), 9_009_946, 0.0), what),

@@ -1,11 +1,11 @@
 //! The fort as one signed distance field: plan, ruin, relief, ground and stray crumbs. Negative inside, metres.
 
-use super::Vec3;
 use super::ground::{Ground, broad, ground, standing};
 use super::masonry::{MOST_IN, MOST_OUT, face};
 use super::plan::{HALF_X, HALF_Y, PARAPET, Plan};
 use super::solid::{Form, Solid};
 use crate::noise::{derive, hash2, noise3, unit};
+use glam::DVec3;
 
 /// A distance that is certainly further than anything that matters.
 const FAR: f64 = 1e3;
@@ -55,7 +55,7 @@ impl Field {
     }
 
     /// What matters within `reach` metres of a place.
-    pub(super) fn near(&self, p: Vec3, reach: f64) -> Near {
+    pub(super) fn near(&self, p: DVec3, reach: f64) -> Near {
         let close = |solids: &[Solid]| -> Vec<Solid> {
             solids.iter().filter(|s| s.distance(p) < reach * 1.1 + SLACK).copied().collect()
         };
@@ -69,26 +69,26 @@ impl Field {
     }
 
     /// Whether everything is further than `reach` from a place, or it lies that deep inside.
-    pub(super) fn clear(&self, near: &Near, p: Vec3, reach: f64) -> bool {
+    pub(super) fn clear(&self, near: &Near, p: DVec3, reach: f64) -> bool {
         let d = self.rough(near, p);
         d.all > reach + MOST_OUT + SLACK || (d.all < -(reach + MOST_IN + SLACK) && d.walls.min(d.ground) == d.all)
     }
 
     /// Distances without relief.
-    pub(super) fn rough(&self, near: &Near, p: Vec3) -> Distance {
+    pub(super) fn rough(&self, near: &Near, p: DVec3) -> Distance {
         let walls = Self::masonry(near, p, standing(self.seed, p[0], p[1]));
         let earth = (p[2] - broad(self.seed, p[0], p[1])) * 0.85;
         combine(near, p, walls, earth, nearest(&near.crumbs, p))
     }
 
     /// Distance without relief, where the ground is known to be about `g`.
-    pub(super) fn free(near: &Near, p: Vec3, g: &Ground) -> f64 {
+    pub(super) fn free(near: &Near, p: DVec3, g: &Ground) -> f64 {
         let walls = Self::masonry(near, p, g.standing);
         combine(near, p, walls, (p[2] - g.height) * 0.85, nearest(&near.crumbs, p)).all
     }
 
     /// Distances with relief, on ground known to be `g`.
-    pub(super) fn fine(&self, near: &Near, p: Vec3, g: &Ground) -> Distance {
+    pub(super) fn fine(&self, near: &Near, p: DVec3, g: &Ground) -> Distance {
         let mut walls = Self::masonry(near, p, g.standing);
         if walls < MOST_OUT + 0.02 && walls > -(MOST_IN + 0.02) {
             walls -= face(self.seed, p, self.step).relief;
@@ -96,8 +96,8 @@ impl Field {
         let earth = (p[2] - g.height) * 0.85;
         let mut crumbs = nearest(&near.crumbs, p);
         if crumbs < 0.4 {
-            crumbs += 0.06 * noise3(derive(self.seed, 0x82), p.map(|x| x * 8.0));
-            crumbs += 0.11 * noise3(derive(self.seed, 0x83), p.map(|x| x * 3.1));
+            crumbs += 0.06 * noise3(derive(self.seed, 0x82), p * 8.0);
+            crumbs += 0.11 * noise3(derive(self.seed, 0x83), p * 3.1);
         }
         combine(near, p, walls, earth, crumbs)
     }
@@ -107,7 +107,7 @@ impl Field {
         ground(self.seed, x, y, self.step)
     }
 
-    fn masonry(near: &Near, p: Vec3, standing: f64) -> f64 {
+    fn masonry(near: &Near, p: DVec3, standing: f64) -> f64 {
         let walls = nearest(&near.walls, p).max((p[2] - standing.max(0.2)) * 0.6);
         walls.max(-nearest(&near.openings, p)).min(nearest(&near.fittings, p))
     }
@@ -117,7 +117,7 @@ impl Field {
 /// smaller than `smallest` in radius, so that a coarse sampling still meets them.
 fn crumbs(seed: u64, smallest: f64) -> Vec<Solid> {
     let salt = derive(seed, 0x81);
-    let ball = |radius: f64, at| Solid::new(Form::Ball { radius: radius.max(smallest) }, at);
+    let ball = |radius: f64, at: [f64; 3]| Solid::new(Form::Ball { radius: radius.max(smallest) }, at);
     let stray = (0..30).map(|k| {
         let (h, g) = (hash2(salt, k, 0), hash2(salt, k, 1));
         let along = 2.0 * unit(h, 0) - 1.0;
@@ -144,11 +144,11 @@ fn crumbs(seed: u64, smallest: f64) -> Vec<Solid> {
     stray.chain(bushes).collect()
 }
 
-fn nearest(solids: &[Solid], p: Vec3) -> f64 {
+fn nearest(solids: &[Solid], p: DVec3) -> f64 {
     solids.iter().fold(FAR, |d, s| d.min(s.distance(p)))
 }
 
-fn combine(near: &Near, p: Vec3, walls: f64, ground: f64, crumbs: f64) -> Distance {
+fn combine(near: &Near, p: DVec3, walls: f64, ground: f64, crumbs: f64) -> Distance {
     let shafts = -nearest(&near.shafts, p);
     let (walls, ground) = (walls.max(shafts), ground.max(shafts));
     let all = silted(walls, ground).min(crumbs);

@@ -3,9 +3,9 @@
 //! The stones are cells in space, not on a wall: courses by height, and in each course jittered cells in plan. So every
 //! face, corner and tower shows them without any unwrapping, and they run through the wall as real stones do.
 
-use super::Vec3;
 use super::plan::{GATE_X, HALF_X, HALF_Y};
 use crate::noise::{cell, derive, fractal3, hash3, lerp, noise3, smooth, unit};
+use glam::DVec3;
 
 /// The relief never stands out further than this, in metres.
 pub(super) const MOST_OUT: f64 = 0.12;
@@ -34,8 +34,8 @@ const LENGTH: f64 = 0.5;
 
 /// The masonry at a place of the fort's frame, as far as a sampling `step` metres apart can show it: edges are no
 /// sharper than the step, and the finest relief comes in only where it is sampled.
-pub(super) fn face(seed: u64, p: Vec3, step: f64) -> Face {
-    let decay = fractal3(derive(seed, 0x71), [p[0], p[1], p[2] * 1.3], 3.1, 3, 0.55);
+pub(super) fn face(seed: u64, p: DVec3, step: f64) -> Face {
+    let decay = fractal3(derive(seed, 0x71), DVec3::new(p.x, p.y, p.z * 1.3), 3.1, 3, 0.55);
     // Salt eats the foot of the wall, rain its head.
     let worn = smooth(0.05, 0.85, decay + 0.35 * smooth(0.9, 0.0, p[2]) + 0.12 * smooth(4.0, 6.5, p[2]));
     let coat = fractal3(derive(seed, 0x72), p, 2.3, 3, 0.6) - 0.8 * worn + kept_plaster(p);
@@ -56,7 +56,7 @@ pub(super) fn face(seed: u64, p: Vec3, step: f64) -> Face {
 }
 
 /// How much better than elsewhere plaster has kept: well in the rooms and round the gate, badly on the weather sides.
-fn kept_plaster(p: Vec3) -> f64 {
+fn kept_plaster(p: DVec3) -> f64 {
     let inside = smooth(0.3, -0.4, (p[0].abs() - HALF_X + 0.9).max(p[1].abs() - HALF_Y + 0.9));
     let gate = smooth(2.7, 1.7, (p[0] - GATE_X).abs()) * smooth(-HALF_Y + 1.5, -HALF_Y, p[1]) * smooth(5.4, 4.6, p[2]);
     -0.16 + 0.3 * inside * smooth(4.6, 3.6, p[2]) + 0.62 * gate * smooth(0.3, 1.2, p[2])
@@ -68,9 +68,9 @@ pub(super) fn grain_octaves(step: f64) -> u32 {
 }
 
 /// The stone at a place, and the distance to its nearest neighbour's.
-fn stone(seed: u64, p: Vec3) -> (u64, f64) {
+fn stone(seed: u64, p: DVec3) -> (u64, f64) {
     let salt = derive(seed, 0x74);
-    let sway = 0.1 * noise3(derive(seed, 0x75), [p[0] * 0.7, p[1] * 0.7, p[2] * 0.9]);
+    let sway = 0.1 * noise3(derive(seed, 0x75), DVec3::new(p.x * 0.7, p.y * 0.7, p.z * 0.9));
     let (course, v) = cell(p[2] + sway, COURSE);
     let (ix, x) = cell(p[0] + 0.37 * course as f64, LENGTH);
     let (iy, y) = cell(p[1] + 0.61 * course as f64, LENGTH);

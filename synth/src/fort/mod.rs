@@ -19,11 +19,9 @@ mod solid;
 use super::noise::{derive, hash2};
 use super::piece::{Piece, Site, tiling};
 use field::Field;
+use glam::DVec3;
 use net::BLOCK;
 use rayon::prelude::*;
-
-/// A point or vector, metres.
-type Vec3 = [f64; 3];
 
 /// Half the side of the square that holds the site, and its lowest and highest place, in metres.
 const REACH: f64 = 28.0;
@@ -33,9 +31,9 @@ const HIGHEST: f64 = 13.4;
 const TURN: [f64; 2] = [0.956_304_755_963_035_4, -0.292_371_704_722_736_8];
 
 /// The fort's frame from the site's.
-fn fort_from_site(p: Vec3) -> Vec3 {
+fn fort_from_site(p: DVec3) -> DVec3 {
     let [c, s] = TURN;
-    [c * p[0] + s * p[1], c * p[1] - s * p[0], p[2]]
+    DVec3::new(c * p.x + s * p.y, c * p.y - s * p.x, p.z)
 }
 
 /// The fort at one sampling density.

@@ -7,7 +7,7 @@
 
 use super::field::{Field, Near};
 use super::ground::Ground;
-use super::{LOWEST, REACH, Vec3, fort_from_site, paint, scan};
+use super::{DVec3, LOWEST, REACH, fort_from_site, paint, scan};
 use crate::noise::{self, derive, hash3, unit};
 use crate::piece::{Piece, Vertex};
 
@@ -67,9 +67,9 @@ pub(super) fn block(field: &Field, block: [u32; 3], painted: bool) -> Piece {
 }
 
 /// The place of a grid corner in the site's frame.
-fn site(step: f64, first: [i64; 3], l: Local) -> Vec3 {
+fn site(step: f64, first: [i64; 3], l: Local) -> DVec3 {
     let at = |k: usize| (first[k] + i64::from(l[k])) as f64 * step;
-    [at(0) - REACH, at(1) - REACH, at(2) + LOWEST]
+    DVec3::new(at(0) - REACH, at(1) - REACH, at(2) + LOWEST)
 }
 
 fn slot(l: Local) -> usize {
@@ -191,9 +191,11 @@ impl Block<'_> {
         }
         let [a, b, c, d] = ring;
         let at = ring.map(|v| self.piece.vertices[v as usize].position);
-        let apart = |p: Vec3, q: Vec3| (0..3).map(|k| (p[k] - q[k]) * (p[k] - q[k])).sum::<f64>();
-        let halves =
-            if apart(at[0], at[2]) <= apart(at[1], at[3]) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
+        let halves = if at[0].distance_squared(at[2]) <= at[1].distance_squared(at[3]) {
+            [[a, b, c], [a, c, d]]
+        } else {
+            [[a, b, d], [b, c, d]]
+        };
         for t in halves {
             if t.iter().all(|v| self.kept[*v as usize]) {
                 self.piece.triangles.push(t);
@@ -208,18 +210,18 @@ impl Block<'_> {
             return self.cells[at];
         }
         let (mut crossing, slope) = self.crossing(cell);
-        let length = (slope[0] * slope[0] + slope[1] * slope[1] + slope[2] * slope[2]).sqrt().max(1e-9);
-        let normal = slope.map(|x| x / length);
+        let length = slope.length().max(1e-9);
+        let normal = slope / length;
         let whole: [i64; 3] = std::array::from_fn(|k| self.first[k] + i64::from(cell[k]));
         let h = hash3(derive(self.field.seed, 0x91), whole[0], whole[1], whole[2]);
-        let push: Vec3 = std::array::from_fn(|k| (unit(h, k as u32) - 0.5) * JITTER);
-        let across = push[0] * normal[0] + push[1] * normal[1] + push[2] * normal[2];
+        let push = (DVec3::new(unit(h, 0), unit(h, 1), unit(h, 2)) - 0.5) * JITTER;
+        let across = push.dot(normal);
         let grain = SCANNER_NOISE * noise::normal(noise::mix(h ^ 0x55)) / self.field.step;
-        for k in 0..3 {
-            crossing[k] = (crossing[k] + push[k] + (grain - across) * normal[k]).clamp(0.02, 0.98);
-        }
+        let inside = |c: DVec3| c.clamp(DVec3::splat(0.02), DVec3::splat(0.98));
+        crossing = inside(crossing + push + (grain - across) * normal);
         let corner = site(self.field.step, self.first, cell);
-        let place = |c: Vec3| -> Vec3 { std::array::from_fn(|k| corner[k] + c[k] * self.field.step) };
+        let step = self.field.step;
+        let place = |c: DVec3| corner + c * step;
         let (p, across) = (fort_from_site(place(crossing)), fort_from_site(normal));
         // High above the ground and below the ruin's edge, what the cell's corner has will do.
         let mut ground = self.ground(cell);
@@ -230,10 +232,7 @@ impl Block<'_> {
         // The mean of the crossings lies a little off the surface, in a pattern that the eye finds: one Newton step.
         let steepness = (length / (4.0 * self.field.step)).max(1.0);
         let off = (distance.all / (steepness * self.field.step)).clamp(-0.4, 0.4);
-        for k in 0..3 {
-            crossing[k] = (crossing[k] - off * normal[k]).clamp(0.02, 0.98);
-        }
-        let position = place(crossing);
+        let position = place(inside(crossing - off * normal));
         let edge = cell.iter().any(|c| *c == -1 || *c == BLOCK as i32 - 1);
         let key = whole.iter().fold(0_u64, |key, c| key << 21 | ((c + 1) as u64 & 0x1f_ffff));
         let shared = edge.then_some((key, u32::from(cell[0] == BLOCK as i32 - 1)));
@@ -252,7 +251,7 @@ impl Block<'_> {
     }
 
     /// Mean of the crossings of a cell's edges, in cells, and the mean slope.
-    fn crossing(&mut self, cell: Local) -> (Vec3, Vec3) {
+    fn crossing(&mut self, cell: Local) -> (DVec3, DVec3) {
         let mut value = [0.0_f64; 8];
         for (k, v) in value.iter_mut().enumerate() {
             let l = [cell[0] + (k & 1) as i32, cell[1] + (k >> 1 & 1) as i32, cell[2] + (k >> 2) as i32];
@@ -273,6 +272,6 @@ impl Block<'_> {
                 }
             }
         }
-        (sum.map(|s| s / count), slope)
+        (DVec3::from(sum) / count, slope.into())
     }
 }

@@ -1,18 +1,18 @@
 //! The colours of the fort: coral rag, lime plaster, mortar, lichen, moss, damp, earth, grass and sand.
 
-use super::Vec3;
 use super::field::{Distance, Field, Near};
 use super::ground::Ground;
 use super::masonry::face;
 use super::plan::{HALF_X, HALF_Y};
 use crate::noise::{self, derive, fractal2, fractal3, lerp, noise2, noise3, smooth, unit};
+use glam::DVec3;
 
 /// A place of the surface that wants a colour.
 pub(super) struct Spot {
     /// In the fort's frame.
-    pub(super) p: Vec3,
+    pub(super) p: DVec3,
     /// Outward, unit.
-    pub(super) normal: Vec3,
+    pub(super) normal: DVec3,
     /// What is near.
     pub(super) distance: Distance,
     /// The ground here.
@@ -32,10 +32,10 @@ pub(super) fn color(field: &Field, near: &Near, spot: &Spot) -> [u8; 3] {
     let d = &spot.distance;
     let seed = field.seed;
     let mut c = if d.crumbs < d.walls.min(d.ground) {
-        let leaf = noise3(derive(seed, 0xb1), spot.p.map(|x| x * 8.0));
+        let leaf = noise3(derive(seed, 0xb1), spot.p * 8.0);
         blend([98.0, 112.0, 58.0], [132.0, 122.0, 84.0], 0.5 + leaf)
     } else {
-        let ragged = 0.05 * noise3(derive(seed, 0xb2), spot.p.map(|x| x * 6.0));
+        let ragged = 0.05 * noise3(derive(seed, 0xb2), spot.p * 6.0);
         let earthen = smooth(-0.03, 0.07, d.walls - d.ground + ragged);
         if earthen == 0.0 {
             masonry(seed, spot, field.step)
@@ -60,7 +60,7 @@ pub(super) fn color(field: &Field, near: &Near, spot: &Spot) -> [u8; 3] {
 fn shade(near: &Near, spot: &Spot) -> f64 {
     let mut light = 1.0;
     for (reach, weight) in [(0.18, 0.16), (0.6, 0.2)] {
-        let q: Vec3 = std::array::from_fn(|k| spot.p[k] + spot.normal[k] * reach);
+        let q = spot.p + spot.normal * reach;
         let free = (Field::free(near, q, &spot.ground) / reach).clamp(0.0, 1.0);
         light -= weight * (1.0 - free);
     }
@@ -99,7 +99,7 @@ fn weathered(seed: u64, spot: &Spot, mut c: Rgb, cloud: f64) -> Rgb {
     let (p, n) = (spot.p, spot.normal);
     let above = p[2] - spot.ground.height;
     // Rain draws dark tongues down from the heads of walls.
-    let tongue = fractal3(derive(seed, 0xb7), [p[0] * 1.6, p[1] * 1.6, p[2] * 0.22], 1.0, 3, 0.6);
+    let tongue = fractal3(derive(seed, 0xb7), DVec3::new(p.x * 1.6, p.y * 1.6, p.z * 0.22), 1.0, 3, 0.6);
     let rain = smooth(0.05, 0.7, tongue + 0.14 * (above - 3.6)) * smooth(0.5, 2.0, above);
     c = blend(c, [104.0, 99.0, 90.0], 0.5 * rain);
     // Lichen where it is light: black-grey crusts and orange spots.

@@ -1,13 +1,13 @@
 //! What the scanner did not see: the site's ragged outline, heads of walls, shadows at the foot of things, the well.
 
-use super::Vec3;
 use super::field::Distance;
 use super::plan::{DRUM, WELL};
 use crate::noise::{derive, fractal2, fractal3, noise3, smooth};
+use glam::DVec3;
 
 /// Whether a place of the surface was seen. `p` and `normal` are in the fort's frame.
-pub(super) fn seen(seed: u64, p: Vec3, normal: Vec3, d: &Distance) -> bool {
-    let [x, y, z] = p;
+pub(super) fn seen(seed: u64, p: DVec3, normal: DVec3, d: &Distance) -> bool {
+    let DVec3 { x, y, z } = p;
     // The outline of the survey: a rounded square, frayed.
     let (u, v) = (x / 24.2, y / 23.0);
     let reach = (u * u * u * u + v * v * v * v).sqrt().sqrt();
@@ -16,7 +16,7 @@ pub(super) fn seen(seed: u64, p: Vec3, normal: Vec3, d: &Distance) -> bool {
         return false;
     }
     let (wx, wy) = (x - WELL[0], y - WELL[1]);
-    if wx * wx + wy * wy < 1.0 && z < -1.9 - 0.25 * noise3(derive(seed, 0xa2), p.map(|c| c * 2.0)) {
+    if wx * wx + wy * wy < 1.0 && z < -1.9 - 0.25 * noise3(derive(seed, 0xa2), p * 2.0) {
         return false;
     }
     if d.walls < d.ground {
@@ -32,7 +32,7 @@ pub(super) fn seen(seed: u64, p: Vec3, normal: Vec3, d: &Distance) -> bool {
     }
     // Shadows of low things on the ground, longer than wide.
     let (a, b) = (0.8 * x + 0.6 * y, 0.8 * y - 0.6 * x);
-    let patch = fractal3(derive(seed, 0xa4), [a * 0.55, b * 1.3, 0.0], 1.0, 3, 0.6);
+    let patch = fractal3(derive(seed, 0xa4), DVec3::new(a * 0.55, b * 1.3, 0.0), 1.0, 3, 0.6);
     patch < shadow_limit(d.walls)
 }
 

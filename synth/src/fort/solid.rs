@@ -4,7 +4,7 @@
 //! values bounds rather than exact distances; they never change faster than about 1.1 per metre, which is what the
 //! extraction relies on. Source of the forms: Quilez, "Distance functions" (iquilezles.org).
 
-use super::Vec3;
+use glam::DVec3;
 
 /// What a solid is, before it is placed.
 #[derive(Debug, Clone, Copy)]
@@ -38,15 +38,15 @@ pub(super) enum Repeat {
 pub(super) struct Solid {
     form: Form,
     repeat: Repeat,
-    at: Vec3,
+    at: DVec3,
     turn: [f64; 2],
     tip: [f64; 2],
 }
 
 impl Solid {
     /// A solid with its foot at a place.
-    pub(super) fn new(form: Form, at: Vec3) -> Self {
-        Self { form, repeat: Repeat::Once, at, turn: [1.0, 0.0], tip: [1.0, 0.0] }
+    pub(super) fn new(form: Form, at: impl Into<DVec3>) -> Self {
+        Self { form, repeat: Repeat::Once, at: at.into(), turn: [1.0, 0.0], tip: [1.0, 0.0] }
     }
 
     /// Turned counter-clockwise seen from above, in degrees.
@@ -70,74 +70,73 @@ impl Solid {
     }
 
     /// Signed distance, or a bound of it.
-    pub(super) fn distance(&self, p: Vec3) -> f64 {
-        let d = [p[0] - self.at[0], p[1] - self.at[1], p[2] - self.at[2]];
+    pub(super) fn distance(&self, p: DVec3) -> f64 {
+        let d = p - self.at;
         let [c, s] = self.turn;
-        let q = [c * d[0] + s * d[1], c * d[1] - s * d[0], d[2]];
+        let q = DVec3::new(c * d.x + s * d.y, c * d.y - s * d.x, d.z);
         let [c, s] = self.tip;
-        let q = [c * q[0] + s * q[2], q[1], c * q[2] - s * q[0]];
+        let q = DVec3::new(c * q.x + s * q.z, q.y, c * q.z - s * q.x);
         match self.repeat {
             Repeat::Once => self.form.distance(q),
             Repeat::Row { count, pitch } => {
                 let half = f64::from(count - 1) / 2.0;
-                let k = ((q[0] / pitch + half).round()).clamp(0.0, 2.0 * half) - half;
-                self.form.distance([q[0] - k * pitch, q[1], q[2]])
+                let k = ((q.x / pitch + half).round()).clamp(0.0, 2.0 * half) - half;
+                self.form.distance(DVec3::new(q.x - k * pitch, q.y, q.z))
             }
             Repeat::Ring { count, radius } => {
                 let sector = std::f64::consts::TAU / f64::from(count);
-                let angle = libm::atan2(q[0], q[1]);
+                let angle = libm::atan2(q.x, q.y);
                 let k = (angle / sector).round() * sector;
                 let (s, c) = libm::sincos(k);
-                self.form.distance([c * q[0] - s * q[1], s * q[0] + c * q[1] - radius, q[2]])
+                self.form.distance(DVec3::new(c * q.x - s * q.y, s * q.x + c * q.y - radius, q.z))
             }
         }
     }
 }
 
 impl Form {
-    fn distance(&self, q: Vec3) -> f64 {
+    fn distance(&self, q: DVec3) -> f64 {
         match *self {
             Self::Block { half, height, batter } => {
-                let lean = batter * q[2].clamp(0.0, height);
-                boxed([
-                    q[0].abs() - half[0] + lean,
-                    q[1].abs() - half[1] + lean,
-                    (q[2] - height / 2.0).abs() - height / 2.0,
-                ])
+                let lean = batter * q.z.clamp(0.0, height);
+                boxed(DVec3::new(
+                    q.x.abs() - half[0] + lean,
+                    q.y.abs() - half[1] + lean,
+                    (q.z - height / 2.0).abs() - height / 2.0,
+                ))
             }
             Self::Drum { radius, height, batter } => {
-                let r = (q[0] * q[0] + q[1] * q[1]).sqrt();
-                let side = r - radius + batter * q[2].clamp(0.0, height);
-                boxed([side, f64::NEG_INFINITY, (q[2] - height / 2.0).abs() - height / 2.0])
+                let r = (q.x * q.x + q.y * q.y).sqrt();
+                let side = r - radius + batter * q.z.clamp(0.0, height);
+                boxed(DVec3::new(side, f64::NEG_INFINITY, (q.z - height / 2.0).abs() - height / 2.0))
             }
             Self::Arch { half_width, half_depth, spring, rise } => {
-                let x = q[0].abs();
-                let outline = if q[2] < spring {
+                let x = q.x.abs();
+                let outline = if q.z < spring {
                     x - half_width
                 } else {
                     let bow = (half_width * half_width + rise * rise) / (2.0 * half_width);
-                    let (u, v) = (x + bow - half_width, q[2] - spring);
+                    let (u, v) = (x + bow - half_width, q.z - spring);
                     (u * u + v * v).sqrt() - bow
                 };
-                outline.max(-q[2]).max(q[1].abs() - half_depth)
+                outline.max(-q.z).max(q.y.abs() - half_depth)
             }
             Self::Stair { steps, run, rise, half_width } => {
                 let length = f64::from(steps) * run;
-                let step = (q[0] / run).floor().clamp(0.0, f64::from(steps) - 1.0);
-                let tread = q[2] - (step + 1.0) * rise;
+                let step = (q.x / run).floor().clamp(0.0, f64::from(steps) - 1.0);
+                let tread = q.z - (step + 1.0) * rise;
                 // The next riser is nearer than this tread where one stands in front of it.
-                let riser = ((step + 1.0) * run - q[0]).max(q[2] - (step + 2.0) * rise);
+                let riser = ((step + 1.0) * run - q.x).max(q.z - (step + 2.0) * rise);
                 let profile = if step + 1.5 < f64::from(steps) { tread.min(riser) } else { tread };
-                let ends = (-q[0]).max(q[0] - length).max(q[1].abs() - half_width);
-                profile.max(ends).max(-q[2] - 0.5)
+                let ends = (-q.x).max(q.x - length).max(q.y.abs() - half_width);
+                profile.max(ends).max(-q.z - 0.5)
             }
-            Self::Ball { radius } => (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]).sqrt() - radius,
+            Self::Ball { radius } => q.length() - radius,
         }
     }
 }
 
 /// Distance to a box from the distances to its three pairs of sides.
-fn boxed(d: Vec3) -> f64 {
-    let out = d.map(|x| x.max(0.0));
-    (out[0] * out[0] + out[1] * out[1] + out[2] * out[2]).sqrt() + d[0].max(d[1]).max(d[2]).min(0.0)
+fn boxed(d: DVec3) -> f64 {
+    d.max(DVec3::ZERO).length() + d.max_element().min(0.0)
 }

@@ -81,7 +81,7 @@ mod tests {
     fn one_triangle() -> (Vec<u8>, Attributes) {
         let attributes = Attributes { colors: true, scalars: 0 };
         let mut chunk = Chunk::default();
-        chunk.mesh.positions = vec![[1, 2, 3], [40, 2, 3], [1, 50, 3]];
+        chunk.mesh.positions = [[1, 2, 3], [40, 2, 3], [1, 50, 3]].map(Into::into).to_vec();
         chunk.mesh.normals = vec![[0, 0]; 3];
         chunk.mesh.colors = vec![[9, 8, 7]; 3];
         chunk.mesh.triangles = vec![[0, 1, 2]];

@@ -1,7 +1,7 @@
 //! What the page asks and what it is told, as JSON: doubles go through it unchanged, in both directions.
 
+use glam::DVec3;
 use kilwa_geometry::LengthUnit;
-use kilwa_geometry::distance::Vec3;
 use kilwa_measure::clip::ClipState;
 use kilwa_measure::job::{Subject, of_points, pack_name};
 use kilwa_measure::leaves::Failure;
@@ -60,8 +60,8 @@ impl Say for QuestionError {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Pick {
-    origin: Vec3,
-    direction: Vec3,
+    origin: DVec3,
+    direction: DVec3,
     /// The state of the display; only what it cuts away counts.
     #[serde(default)]
     clip: ClipState,

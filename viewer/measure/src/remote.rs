@@ -8,6 +8,7 @@
 use kilwa_geometry::{Aabb, LatticePoint};
 use kilwa_measure::leaves::{finest, part};
 use kilwa_measure::{Failure, Leaves, Read};
+use kilwa_pack::plural::counted;
 use kilwa_pack::reader::decode_checked;
 use kilwa_pack::{Chunk, DirectoryEntry, Index, PackError};
 use std::cell::{Cell, RefCell};
@@ -97,7 +98,9 @@ impl<'a, F: Fetch> Remote<'a, F> {
 
     fn entry(&self, chunk: u32) -> Result<&'a DirectoryEntry, Failure> {
         let entries = self.index.entries();
-        entries.get(chunk as usize).ok_or_else(|| Failure::Source(format!("the pack has {} chunks", entries.len())))
+        entries
+            .get(chunk as usize)
+            .ok_or_else(|| Failure::Source(format!("the pack has {}", counted(entries.len(), "chunk", "chunks"))))
     }
 
     fn send(&self, chunk: u32) {

@@ -1,6 +1,7 @@
 //! Drawings to scale, as the page asks for them ([`kilwa_measure::sheet`]): the page draws and deflates band by band, here is what each part looks at
 //! and what stands between the bands in the file.
 
+use glam::DVec3;
 use kilwa_measure::sheet::file::{Ending, Form, Writer};
 use kilwa_measure::sheet::georeference::GeoReference;
 use kilwa_measure::sheet::layout::{Layout, Title};
@@ -37,7 +38,7 @@ pub struct SheetFile {
     size: [u32; 2],
     layout: Layout,
     /// Middle of the model's box, world metres.
-    middle: [f64; 3],
+    middle: DVec3,
     widest: u32,
     place: Option<GeoReference>,
     writer: Option<Writer>,
@@ -58,7 +59,7 @@ impl SheetFile {
         let view = View::from_name(&asked.view).ok_or(SheetError::Oblique)?;
         let paper = asked.paper.as_deref().map(Paper::parse).transpose()?;
         let m = index.metadata();
-        let bounds = (m.bounds_min, m.bounds_max);
+        let bounds = (m.bounds_min.into(), m.bounds_max.into());
         let sheet = Sheet::new(view, bounds, (asked.scale, asked.dpi), paper.as_ref(), asked.bare)?;
         let size = sheet.pixels()?;
         let title = Title {
@@ -70,7 +71,7 @@ impl SheetFile {
             spacing: m.median_edge,
         };
         let layout = if asked.bare { Layout::default() } else { Layout::of(&sheet, &title) };
-        let middle = std::array::from_fn(|i| f64::midpoint(m.bounds_min[i], m.bounds_max[i]));
+        let middle = DVec3::from([0, 1, 2].map(|k| f64::midpoint(m.bounds_min[k], m.bounds_max[k])));
         let place = GeoReference::of(&sheet, m.crs.as_deref());
         let writer = form.map(|f| Writer::new(f, &sheet, &layout, &title.name, place.clone())).transpose()?;
         let widest = asked.widest.clamp(64, WIDEST);

@@ -7,9 +7,6 @@ use kilwa_measure_web::question::QuestionError;
 use kilwa_pack::PackError;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
-
-const LANGUAGES: [&str; 5] = ["en", "fr", "pt", "sw", "ar"];
 
 fn no_json() -> serde_json::Error {
     serde_json::from_str::<Value>("{").expect_err("cut off")
@@ -169,14 +166,29 @@ fn key(code: &str) -> String {
     })
 }
 
-/// The names in braces.
-fn places(text: &str) -> BTreeSet<String> {
-    text.split('{').skip(1).filter_map(|rest| rest.split_once('}')).map(|(name, _)| name.to_owned()).collect()
+/// The names of the values in a message, as `www/i18n.js` reads it: a text with names in braces, plural forms of the number that
+/// `$` names, or a list of these.
+fn places(message: &Value) -> BTreeSet<String> {
+    match message {
+        Value::String(text) => {
+            text.split('{').skip(1).filter_map(|rest| rest.split_once('}')).map(|(name, _)| name.to_owned()).collect()
+        }
+        Value::Array(parts) => parts.iter().flat_map(places).collect(),
+        Value::Object(forms) => {
+            let number = forms["$"].as_str().map(ToOwned::to_owned);
+            forms.iter().filter(|(key, _)| *key != "$").flat_map(|(_, form)| places(form)).chain(number).collect()
+        }
+        _ => panic!("{message} is not a message"),
+    }
+}
+
+fn messages(language: &str) -> BTreeMap<String, Value> {
+    let json = kilwa_messages::page_json(language).unwrap_or_else(|e| panic!("{e}"));
+    serde_json::from_str(&json).expect("an object")
 }
 
 #[test]
 fn every_code_has_a_text_in_all_five_languages_with_a_place_for_each_value_and_no_other() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../www/i18n");
     let mut codes = BTreeMap::new();
     for one in all() {
         let said = one.said();
@@ -192,20 +204,13 @@ fn every_code_has_a_text_in_all_five_languages_with_a_place_for_each_value_and_n
         }
     }
     assert!(codes.len() > 35, "{}", codes.len());
-    for language in LANGUAGES {
-        let text = std::fs::read_to_string(folder.join(format!("{language}.json"))).expect("there");
-        let strings: BTreeMap<String, String> = serde_json::from_str(&text).expect("strings");
+    let english = messages("en");
+    for language in kilwa_messages::languages() {
+        let all = messages(language);
         for (code, names) in &codes {
-            let words = strings.get(&key(code)).unwrap_or_else(|| panic!("{language}: {code} has no text"));
-            assert_eq!(&places(words), names, "{language}: {code}");
-            assert!(
-                language == "en" || strings[&key(code)] != english(&folder)[&key(code)],
-                "{language}: {code} is English"
-            );
+            let message = all.get(&key(code)).unwrap_or_else(|| panic!("{language}: {code} has no text"));
+            assert_eq!(&places(message), names, "{language}: {code}");
+            assert!(language == "en" || *message != english[&key(code)], "{language}: {code} is English");
         }
     }
-}
-
-fn english(folder: &Path) -> BTreeMap<String, String> {
-    serde_json::from_str(&std::fs::read_to_string(folder.join("en.json")).expect("there")).expect("strings")
 }

@@ -1,10 +1,11 @@
-//! The uniforms of `shaders/frame.wgsl`, written byte by byte, and the buffers that hold them.
+//! The uniforms of `shaders/frame.wgsl`, as structs of the same layout, and the buffers that hold them.
 
 use super::RELIEF_FORMAT;
 use super::target::{texture, view_of};
 use crate::clip::ClipTransform;
 use crate::options::{Background, RenderOptions};
 use crate::section::Clip;
+use glam::DVec3;
 use kilwa_geometry::color::light_from_srgb;
 use kilwa_geometry::distance::dot;
 use kilwa_stream::{Projection, View};
@@ -12,36 +13,60 @@ use kilwa_stream::{Projection, View};
 /// Range of the error view's scale: a tenth of a millimetre to a metre, log2 of metres.
 pub(crate) const ERROR_SCALE: (f32, f32) = (-13.0, 0.0);
 
-/// A uniform struct as bytes, with the fields' names and offsets for the layout test.
-#[derive(Debug, Clone, Default)]
-pub struct UniformBytes {
-    /// The bytes, little-endian.
-    pub bytes: Vec<u8>,
-    /// Name, offset and length of every field.
-    pub fields: Vec<(&'static str, usize, usize)>,
+/// The struct `Frame` of `shaders/frame.wgsl`, field by field as it lies in memory; a test compares the layouts.
+#[derive(Debug, Clone, Copy, PartialEq, bytemuck::NoUninit)]
+#[repr(C)]
+#[allow(missing_docs)] // the shader explains the fields
+pub struct Frame {
+    pub clip_from_cell: [[f32; 4]; 4],
+    pub eye_from_cell: [f32; 4],
+    pub light: [f32; 4],
+    pub rake: [f32; 4],
+    pub top: [f32; 4],
+    pub bottom: [f32; 4],
+    pub right: [f32; 4],
+    pub up: [f32; 4],
+    pub depth: [f32; 4],
+    pub plane: [f32; 4],
+    pub clip: [[f32; 4]; 7],
+    pub cell: [i32; 3],
+    pub mode: u32,
+    pub tile_scale: f32,
+    pub tile_shift: f32,
+    pub shading: f32,
+    pub back_tint: f32,
+    pub error_low: f32,
+    pub error_high: f32,
+    pub range_low: f32,
+    pub range_scale: f32,
+    pub strength: f32,
+    pub radius: f32,
+    pub feature: f32,
+    pub unused: u32,
+    pub relief_shift: [i32; 2],
+    pub clip_flags: u32,
+    pub on_color: u32,
+    pub outline: f32,
+    pub scalar_low: f32,
+    pub scalar_scale: f32,
+    pub smooth_cut: u32,
 }
 
-impl UniformBytes {
-    fn floats(&mut self, name: &'static str, values: &[f32]) {
-        self.fields.push((name, self.bytes.len(), values.len() * 4));
-        self.bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
-    }
-
-    fn uint(&mut self, name: &'static str, value: u32) {
-        self.fields.push((name, self.bytes.len(), 4));
-        self.bytes.extend(value.to_le_bytes());
-    }
-
-    fn ints(&mut self, name: &'static str, values: &[i32]) {
-        self.fields.push((name, self.bytes.len(), values.len() * 4));
-        self.bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
-    }
+/// The struct `Draw` of `shaders/frame.wgsl`, likewise.
+#[derive(Debug, Clone, Copy, PartialEq, bytemuck::NoUninit)]
+#[repr(C)]
+#[allow(missing_docs)] // the shader explains the fields
+pub struct Draw {
+    pub id: u32,
+    pub level: u32,
+    pub error: f32,
+    pub fade: u32,
 }
 
-/// The struct `Frame`.
-pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits) -> UniformBytes {
+/// The uniforms of a frame.
+pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits) -> Frame {
     let clip = ClipTransform::new(view, options.tile);
-    let light: [f64; 3] = std::array::from_fn(|i| 0.62 * view.up[i] - 0.48 * view.right[i] - 0.62 * view.forward[i]);
+    let light = 0.62 * view.up - 0.48 * view.right - 0.62 * view.forward;
     let (top, bottom) = match options.background {
         Background::Flat(c) => (opaque(c), opaque(c)),
         Background::Gradient(top, bottom) => (opaque(top), opaque(bottom)),
@@ -53,46 +78,46 @@ pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits)
     });
     let mode = crate::Mode::ALL.iter().position(|(m, _)| *m == options.mode).unwrap_or(0);
     let (per_depth, per_pixel, depth) = footprint(view);
-    let cell = clip.cell.map(f64::from);
+    let cell = clip.cell.as_dvec3();
     let range_scale = reciprocal(options.scale.range[1] - options.scale.range[0]);
     let scalar_scale = reciprocal(f64::from(options.scalar_range[1] - options.scalar_range[0]));
     let flags = u32::from(options.clip.plane.is_some())
         | u32::from(options.clip.bounds.is_some()) << 1
         | u32::from(options.clip.bounds.is_some_and(|b| b.remove_inside)) << 2;
-    let mut out = UniformBytes::default();
-    out.floats("clip_from_cell", clip.clip_from_cell.as_flattened());
-    out.floats("eye_from_cell", &clip.eye_from_cell);
-    out.floats("light", &four(light, 0.0));
-    out.floats("rake", &four(options.light.direction(view), 0.0));
-    out.floats("top", &top);
-    out.floats("bottom", &bottom);
-    out.floats("right", &four(view.right, per_depth));
-    out.floats("up", &four(view.up, per_pixel));
-    out.floats("depth", &depth);
-    out.floats("plane", &four(options.scale.normal, dot(options.scale.normal, cell) - options.scale.offset));
-    out.floats("clip", half_spaces(&options.clip, cell).as_flattened());
-    out.ints("cell", &clip.cell);
-    out.uint("mode", mode as u32);
-    out.floats("tile_scale", &[scale]);
-    out.floats("tile_shift", &[shift]);
-    out.floats("shading", &[options.shading]);
-    out.floats("back_tint", &[if options.mark_back_faces { 1.0 } else { 0.0 }]);
-    out.floats("error_low", &[ERROR_SCALE.0]);
-    out.floats("error_high", &[ERROR_SCALE.1]);
-    out.floats("range_low", &[options.scale.range[0] as f32]);
-    out.floats("range_scale", &[range_scale]);
-    out.floats("strength", &[options.strength]);
-    out.floats("radius", &[options.radius]);
-    out.floats("feature", &[options.feature as f32]);
-    out.uint("unused", 0);
-    out.ints("relief_shift", &target.relief_shift);
-    out.uint("clip_flags", flags);
-    out.uint("on_color", u32::from(options.on_color));
-    out.floats("outline", &[options.outline]);
-    out.floats("scalar_low", &[options.scalar_range[0]]);
-    out.floats("scalar_scale", &[scalar_scale]);
-    out.uint("smooth_cut", u32::from(target.smooth_cut));
-    out
+    Frame {
+        clip_from_cell: clip.clip_from_cell,
+        eye_from_cell: clip.eye_from_cell,
+        light: four(light, 0.0),
+        rake: four(options.light.direction(view), 0.0),
+        top,
+        bottom,
+        right: four(view.right, per_depth),
+        up: four(view.up, per_pixel),
+        depth,
+        plane: four(options.scale.normal, options.scale.normal.dot(cell) - options.scale.offset),
+        clip: half_spaces(&options.clip, cell),
+        cell: clip.cell.to_array(),
+        mode: mode as u32,
+        tile_scale: scale,
+        tile_shift: shift,
+        shading: options.shading,
+        back_tint: if options.mark_back_faces { 1.0 } else { 0.0 },
+        error_low: ERROR_SCALE.0,
+        error_high: ERROR_SCALE.1,
+        range_low: options.scale.range[0] as f32,
+        range_scale,
+        strength: options.strength,
+        radius: options.radius,
+        feature: options.feature as f32,
+        unused: 0,
+        relief_shift: target.relief_shift,
+        clip_flags: flags,
+        on_color: u32::from(options.on_color),
+        outline: options.outline,
+        scalar_low: options.scalar_range[0],
+        scalar_scale,
+        smooth_cut: u32::from(target.smooth_cut),
+    }
 }
 
 /// What a frame's target adds to the view and the options.
@@ -104,8 +129,8 @@ pub struct TargetTraits {
     pub smooth_cut: bool,
 }
 
-fn four(v: [f64; 3], w: f64) -> [f32; 4] {
-    [v[0] as f32, v[1] as f32, v[2] as f32, w as f32]
+fn four(v: DVec3, w: f64) -> [f32; 4] {
+    v.extend(w).as_vec4().to_array()
 }
 
 /// 1 over the length of a scale; a scale without length is a step.
@@ -128,13 +153,13 @@ fn footprint(view: &View) -> (f64, f64, [f32; 4]) {
 }
 
 /// The half-spaces of a cut, counted from the cell: the plane, then the box.
-fn half_spaces(clip: &Clip, cell: [f64; 3]) -> [[f32; 4]; 7] {
+fn half_spaces(clip: &Clip, cell: DVec3) -> [[f32; 4]; 7] {
     let mut out = [[0.0; 4]; 7];
     let plane = clip.plane.iter().map(|p| (0, p));
     let faces = clip.bounds.iter().flat_map(|b| (1..).zip(&b.faces));
     for (slot, half) in plane.chain(faces) {
         // The subtraction in f64: close to the cell, where f32 is fine, stays what matters.
-        out[slot] = four(half.normal, half.offset - dot(half.normal, cell));
+        out[slot] = four(half.normal, half.offset - half.normal.dot(cell));
     }
     out
 }
@@ -142,15 +167,10 @@ fn half_spaces(clip: &Clip, cell: [f64; 3]) -> [[f32; 4]; 7] {
 /// All pixels: the draw does not fade.
 pub const NO_FADE: [f32; 2] = [0.0, 1.0];
 
-/// The struct `Draw`. `fade`: it has the pixels whose noise lies between two shares.
-pub fn draw_uniform(id: u32, level: u32, error: f32, fade: [f32; 2]) -> UniformBytes {
+/// The uniforms of a draw call. `fade`: it has the pixels whose noise lies between two shares.
+pub fn draw_uniform(id: u32, level: u32, error: f32, fade: [f32; 2]) -> Draw {
     let [low, high] = fade.map(|x| (x.clamp(0.0, 1.0) * 65535.0).round() as u32);
-    let mut out = UniformBytes::default();
-    out.uint("id", id);
-    out.uint("level", level);
-    out.floats("error", &[error]);
-    out.uint("fade", low | high << 16);
-    out
+    Draw { id, level, error, fade: low | high << 16 }
 }
 
 /// Linear values of an opaque sRGB colour.
@@ -173,10 +193,12 @@ pub(crate) struct Uniforms {
     /// Bytes from one `Draw` to the next.
     pub(crate) stride: u32,
     capacity: usize,
+    /// The bytes of the last frame's draws, kept so that a frame allocates nothing.
+    staging: Vec<u8>,
 }
 
-const FRAME_BYTES: u64 = 416;
-const DRAW_BYTES: u64 = 16;
+const FRAME_BYTES: u64 = size_of::<Frame>() as u64;
+const DRAW_BYTES: u64 = size_of::<Draw>() as u64;
 
 impl Uniforms {
     pub(crate) fn new(device: &wgpu::Device) -> Self {
@@ -204,6 +226,7 @@ impl Uniforms {
             draw_group: group,
             stride,
             capacity,
+            staging: Vec::new(),
         }
     }
 
@@ -213,32 +236,26 @@ impl Uniforms {
     }
 
     /// Write the uniforms of the relief pass.
-    pub(crate) fn write_relief(&self, queue: &wgpu::Queue, frame: &UniformBytes) {
-        queue.write_buffer(&self.relief_frame, 0, &frame.bytes);
+    pub(crate) fn write_relief(&self, queue: &wgpu::Queue, frame: &Frame) {
+        queue.write_buffer(&self.relief_frame, 0, bytemuck::bytes_of(frame));
     }
 
     /// Write a frame's uniforms; `draws` in order of their dynamic offsets.
-    pub(crate) fn write(
-        &mut self,
-        device: &wgpu::Device,
-        queue: &wgpu::Queue,
-        frame: &UniformBytes,
-        draws: &[UniformBytes],
-    ) {
-        queue.write_buffer(&self.frame, 0, &frame.bytes);
+    pub(crate) fn write(&mut self, device: &wgpu::Device, queue: &wgpu::Queue, frame: &Frame, draws: &[Draw]) {
+        queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
         if draws.len() > self.capacity {
             self.capacity = draws.len().next_power_of_two();
             self.draws = buffer(device, "draws", self.capacity as u64 * u64::from(self.stride));
             self.draw_group = draw_group(device, &self.draw_layout, &self.draws);
         }
-        let mut bytes = vec![0; draws.len() * self.stride as usize];
-        for (slot, draw) in bytes.chunks_exact_mut(self.stride as usize).zip(draws) {
-            for (to, from) in slot.iter_mut().zip(&draw.bytes) {
-                *to = *from;
-            }
+        self.staging.clear();
+        for draw in draws {
+            let end = self.staging.len() + self.stride as usize;
+            self.staging.extend_from_slice(bytemuck::bytes_of(draw));
+            self.staging.resize(end, 0);
         }
-        if !bytes.is_empty() {
-            queue.write_buffer(&self.draws, 0, &bytes);
+        if !draws.is_empty() {
+            queue.write_buffer(&self.draws, 0, &self.staging);
         }
     }
 

@@ -8,6 +8,7 @@ use crate::gpu::relief::REACH;
 use crate::options::{Mode, RenderOptions, Tile};
 use crate::renderer::{IdImage, Image, Renderer};
 use kilwa_pack::directory::parse_page;
+use kilwa_pack::plural::counted;
 use kilwa_pack::reader::decode_checked;
 use kilwa_pack::{GpuChunk, HEAD_BYTES, Metadata, PAGE_BYTES, PackError, Source, interleave, parse_head};
 use kilwa_stream::{Budgets, Command, DrawPatch, Event, FetchKind, Stats, Step, Streamer, View, length_of};
@@ -21,7 +22,7 @@ pub enum SessionError {
     #[error(transparent)]
     Pack(#[from] PackError),
     /// The pack could not be read.
-    #[error("cannot read the pack at byte {offset} ({length} bytes): {source}")]
+    #[error("cannot read the pack at byte {offset} ({}): {source}", counted(*length, "byte", "bytes"))]
     Read {
         /// First byte asked for.
         offset: u64,
@@ -85,7 +86,7 @@ impl<S: Source> Session<S> {
 
     /// The model's box, world metres.
     pub fn bounds(&self) -> Bounds {
-        Bounds { min: self.metadata.bounds_min, max: self.metadata.bounds_max }
+        Bounds { min: self.metadata.bounds_min.into(), max: self.metadata.bounds_max.into() }
     }
 
     /// The streamer, for its figures.

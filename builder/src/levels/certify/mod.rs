@@ -21,7 +21,7 @@ mod walk;
 
 use crate::levels::simplify::{PRUNED, Simplified};
 use kilwa_geometry::Mesh;
-use kilwa_geometry::distance::{ABSOLUTE_SLACK, DISTANCE_SLACK, cross, point_triangle_squared, sub};
+use kilwa_geometry::distance::{ABSOLUTE_SLACK, DISTANCE_SLACK, point_triangle_squared};
 use overlay::Cover;
 use surface::{Candidates, NONE, Surface};
 use walk::Walker;
@@ -119,11 +119,10 @@ impl<'a> Direction<'a> {
     fn cover(&mut self, t: u32, start: u32, sure: f64, mut report: impl FnMut(u32, f64)) -> f64 {
         let corners = self.from.triangles[t as usize];
         let triangle = self.from.triangle(t);
-        let mut along = cross(sub(triangle[1], triangle[0]), sub(triangle[2], triangle[0]));
+        let mut along = (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]);
         let others = corners.into_iter().filter_map(|p| self.from.others.of(p).first());
         for p in others {
-            let n = self.to.normals[*p as usize];
-            along = std::array::from_fn(|i| along[i] + n[i]);
+            along += self.to.normals[*p as usize];
         }
         let unimportant = sure * UNIMPORTANT;
         let (from, to) = (self.from, self.to);
@@ -211,7 +210,6 @@ mod tests {
     use crate::build::precision::Precision;
     use crate::levels::simplify::simplify;
     use kilwa_geometry::LatticePoint;
-    use kilwa_geometry::distance::Vec3;
     use proptest::prelude::*;
     use std::collections::HashSet;
 
@@ -223,7 +221,8 @@ mod tests {
             for x in 0..=n {
                 let z = 500 + (((x * 31 + y * 17 + seed) * 7919).rem_euclid(rough.max(1)));
                 let back = if fold && x > n / 2 { 2 * (n / 2) - x } else { x };
-                m.positions.push([back * 10 + 300, y * 10, if fold && x > n / 2 { z - 70 } else { z }]);
+                let z = if fold && x > n / 2 { z - 70 } else { z };
+                m.positions.push(LatticePoint::new(back * 10 + 300, y * 10, z));
                 m.normals.push([0, 0]);
             }
         }
@@ -241,14 +240,14 @@ mod tests {
     }
 
     fn sampled(from: &Mesh, to: &Mesh) -> f64 {
-        let tri = |m: &Mesh, t| m.corners(t).map(|p| p.map(f64::from));
+        let tri = |m: &Mesh, t| m.corners(t).map(|p| p.as_dvec3());
         let mut worst = 0.0f64;
         for t in 0..from.triangle_count() {
             let [a, b, c] = tri(from, t);
             for i in 0..=5 {
                 for j in 0..=(5 - i) {
                     let (u, v) = (f64::from(i) / 5.0, f64::from(j) / 5.0);
-                    let p: Vec3 = std::array::from_fn(|k| a[k] + (b[k] - a[k]) * u + (c[k] - a[k]) * v);
+                    let p = a + (b - a) * u + (c - a) * v;
                     let all = (0..to.triangle_count()).map(|s| point_triangle_squared(p, tri(to, s)));
                     worst = worst.max(all.fold(f64::MAX, f64::min).sqrt());
                 }
@@ -326,7 +325,7 @@ mod tests {
         let n = 16;
         for x in 0..=n {
             for (y, z) in [(0, 0), (100, 0), (100, 100), (0, 100)] {
-                m.positions.push([x * 13 + (x * x) % 5, y, z]);
+                m.positions.push(LatticePoint::new(x * 13 + (x * x) % 5, y, z));
                 m.normals.push([0, 0]);
             }
         }
@@ -350,10 +349,10 @@ mod tests {
     fn where_thousands_of_islands_are_left_out_the_bound_says_so() {
         let mut m = Mesh::default();
         for i in 0..1500i32 {
-            let at = [(i * 7919) % 10_007, (i * 104_729) % 10_009, (i * 1299) % 5003];
+            let at = LatticePoint::new((i * 7919) % 10_007, (i * 104_729) % 10_009, (i * 1299) % 5003);
             let first = m.positions.len() as u32;
             for d in [[0, 0, 0], [9 + i % 30, 0, 0], [0, 11, 0], [0, 0, 8]] {
-                m.positions.push(std::array::from_fn(|k| at[k] + d[k]));
+                m.positions.push(at + LatticePoint::from(d));
                 m.normals.push([0, 0]);
             }
             for t in [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]] {

@@ -9,8 +9,9 @@
 use super::polygon::{Cut, Polygon};
 use super::surface::{Candidates, Surface, Triangle};
 use super::view::{Frame, ON_LINE, Seen};
+use glam::DVec3;
 use kilwa_geometry::bvh::{Bounds, Bvh};
-use kilwa_geometry::distance::{Vec3, cross, dot, point_triangle_squared, sub};
+use kilwa_geometry::distance::point_triangle_squared;
 
 /// Halvings after which a piece that is still loose is compared with everything.
 const TRUSTED: u32 = 3;
@@ -37,21 +38,19 @@ pub(super) struct Cover<'a> {
 struct Opposite {
     number: u32,
     triangle: Triangle,
-    low: Vec3,
-    high: Vec3,
+    low: DVec3,
+    high: DVec3,
 }
 
 impl Opposite {
     fn new(number: u32, triangle: Triangle) -> Self {
         let [a, b, c] = triangle;
-        let low = std::array::from_fn(|i| a[i].min(b[i]).min(c[i]));
-        let high = std::array::from_fn(|i| a[i].max(b[i]).max(c[i]));
-        Self { number, triangle, low, high }
+        Self { number, triangle, low: a.min(b).min(c), high: a.max(b).max(c) }
     }
 
     /// Squared distance to the box.
-    fn box_squared(&self, p: &Vec3) -> f64 {
-        (0..3).map(|i| (self.low[i] - p[i]).max(p[i] - self.high[i]).max(0.0).powi(2)).sum()
+    fn box_squared(&self, p: &DVec3) -> f64 {
+        (self.low - *p).max(*p - self.high).max(DVec3::ZERO).length_squared()
     }
 }
 
@@ -72,7 +71,7 @@ impl<'a> Cover<'a> {
     pub(super) fn triangle(
         &mut self,
         t: &Triangle,
-        direction: Vec3,
+        direction: DVec3,
         candidates: &mut Candidates,
         unimportant: f64,
         report: &mut impl FnMut(u32, f64),
@@ -101,7 +100,7 @@ impl<'a> Cover<'a> {
     fn look(
         &mut self,
         t: &Triangle,
-        direction: Vec3,
+        direction: DVec3,
         candidates: &[u32],
         limit: f64,
         report: &mut impl FnMut(u32, f64),
@@ -271,29 +270,25 @@ const WORTH_CUTTING: f64 = 0.05;
 /// Divide a piece: along the side of `near` that it sticks out over, so that one part lies over `near` alone (there the
 /// bound is exact, being the distance to a plane); where no side divides it well, across its longest edge.
 fn divide(piece: &Triangle, near: &Triangle, part: &mut impl FnMut(Triangle)) {
-    let length = |k: usize| {
-        let e = sub(piece[k], piece[(k + 1) % 3]);
-        dot(e, e)
-    };
+    let length = |k: usize| piece[k].distance_squared(piece[(k + 1) % 3]);
     let longest = (0..3).max_by(|&a, &b| length(a).total_cmp(&length(b))).unwrap_or(0);
-    let n = cross(sub(near[1], near[0]), sub(near[2], near[0]));
+    let n = (near[1] - near[0]).cross(near[2] - near[0]);
     let enough = length(longest).sqrt() * WORTH_CUTTING;
     let mut best: Option<([f64; 3], f64)> = None;
     for k in 0..3 {
         // Pointing out of the triangle across this side.
-        let out = cross(sub(near[(k + 1) % 3], near[k]), n);
-        let len = dot(out, out).sqrt();
+        let out = (near[(k + 1) % 3] - near[k]).cross(n);
+        let len = out.length();
         if len <= 0.0 {
             continue;
         }
-        let s = piece.map(|p| dot(sub(p, near[k]), out) / len);
+        let s = piece.map(|p| (p - near[k]).dot(out) / len);
         let (low, high) = (s.iter().copied().fold(f64::MAX, f64::min), s.iter().copied().fold(f64::MIN, f64::max));
         if low < -enough && high > enough && best.is_none_or(|b| high > b.1) {
             best = Some((s, high));
         }
     }
-    let between =
-        |i: usize, j: usize, t: f64| -> Vec3 { std::array::from_fn(|x| piece[i][x] + (piece[j][x] - piece[i][x]) * t) };
+    let between = |i: usize, j: usize, t: f64| piece[i].lerp_monotonic(piece[j], t);
     let Some((s, _)) = best else {
         let (i, j, k) = (longest, (longest + 1) % 3, (longest + 2) % 3);
         let m = between(i, j, 0.5);

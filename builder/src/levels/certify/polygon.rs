@@ -1,10 +1,12 @@
 //! Convex polygons in the plane of a triangle, and cutting them along lines.
 
+use glam::DVec2;
+
 /// Most corners a piece may have; one that would get more is not cut.
 const MOST: usize = 12;
 
 /// A point in the plane.
-pub(super) type Point2 = [f64; 2];
+pub(super) type Point2 = DVec2;
 
 /// A convex polygon, counter-clockwise.
 #[derive(Clone, Copy)]
@@ -38,13 +40,13 @@ pub(super) enum Cut {
 impl Line {
     /// Through two points. What is within `eps` of the line counts as on it.
     pub(super) fn through(a: Point2, b: Point2, eps: f64) -> Self {
-        let direction = [b[0] - a[0], b[1] - a[1]];
-        Self { from: a, direction, tolerance: eps * (direction[0].abs() + direction[1].abs()) }
+        let direction = b - a;
+        Self { from: a, direction, tolerance: eps * direction.abs().element_sum() }
     }
 
     /// Twice the signed area between the line's two points and `p`.
     pub(super) fn side(&self, p: &Point2) -> f64 {
-        self.direction[0] * (p[1] - self.from[1]) - self.direction[1] * (p[0] - self.from[0])
+        self.direction.perp_dot(*p - self.from)
     }
 
     /// Whether a point is outside or on the line.
@@ -55,7 +57,7 @@ impl Line {
 
 impl Polygon {
     pub(super) fn triangle(corners: [Point2; 3]) -> Self {
-        let mut all = [[0.0; 2]; MOST];
+        let mut all = [DVec2::ZERO; MOST];
         all[..3].copy_from_slice(&corners);
         Self { corners: all, count: 3 }
     }
@@ -65,7 +67,7 @@ impl Polygon {
     }
 
     fn empty() -> Self {
-        Self { corners: [[0.0; 2]; MOST], count: 0 }
+        Self { corners: [DVec2::ZERO; MOST], count: 0 }
     }
 
     fn push(&mut self, p: Point2) {
@@ -106,7 +108,7 @@ impl Polygon {
             }
             if (si > line.tolerance && sj < -line.tolerance) || (si < -line.tolerance && sj > line.tolerance) {
                 let t = si / (si - sj);
-                let m = [p[0] + (q[0] - p[0]) * t, p[1] + (q[1] - p[1]) * t];
+                let m = p.lerp_monotonic(q, t);
                 left.push(m);
                 right.push(m);
             }

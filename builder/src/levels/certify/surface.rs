@@ -1,6 +1,6 @@
 //! One of the two surfaces that are compared, and how its points correspond to those of the other.
 
-use kilwa_geometry::distance::{Vec3, cross, sub};
+use glam::DVec3;
 use kilwa_geometry::{LatticePoint, Mesh};
 use rustc_hash::FxHashMap;
 
@@ -10,7 +10,7 @@ pub(super) const NONE: u32 = u32::MAX;
 /// at all of them for each of them would take quadratic time. Fewer candidates give a looser bound, never a wrong one.
 pub(super) const HUB: usize = 128;
 
-pub(super) type Triangle = [Vec3; 3];
+pub(super) type Triangle = [DVec3; 3];
 
 /// For each of some things a list of numbers, all in one array.
 pub(super) struct Lists {
@@ -46,7 +46,7 @@ impl Lists {
 /// A surface. Points are positions: two vertices at one place are one point.
 pub(super) struct Surface {
     /// Position of each point, relative to a common origin.
-    pub(super) points: Vec<Vec3>,
+    pub(super) points: Vec<DVec3>,
     /// The points of each triangle.
     pub(super) triangles: Vec<[u32; 3]>,
     /// The triangles round each point.
@@ -57,7 +57,7 @@ pub(super) struct Surface {
     /// Whether any point is a hub.
     pub(super) has_hubs: bool,
     /// The sum of the area vectors round each point.
-    pub(super) normals: Vec<Vec3>,
+    pub(super) normals: Vec<DVec3>,
     /// For each point, points of the other surface that it corresponds to.
     pub(super) others: Lists,
 }
@@ -71,22 +71,19 @@ impl Surface {
         count: usize,
         others: impl Iterator<Item = (u32, u32)> + Clone,
     ) -> Self {
-        let mut points = vec![[0.0; 3]; count];
+        let mut points = vec![DVec3::ZERO; count];
         for (corners, vertices) in triangles.iter().zip(&mesh.triangles) {
             for k in 0..3 {
                 let p = mesh.positions[vertices[k] as usize];
-                points[corners[k] as usize] = std::array::from_fn(|i| f64::from(p[i] - origin[i]));
+                points[corners[k] as usize] = (p - origin).as_dvec3();
             }
         }
-        let mut normals = vec![[0.0; 3]; count];
+        let mut normals = vec![DVec3::ZERO; count];
         for t in &triangles {
             let [a, b, c] = t.map(|p| points[p as usize]);
-            let n = cross(sub(b, a), sub(c, a));
+            let n = (b - a).cross(c - a);
             for p in t {
-                let sum: &mut Vec3 = &mut normals[*p as usize];
-                for i in 0..3 {
-                    sum[i] += n[i];
-                }
+                normals[*p as usize] += n;
             }
         }
         let corners = triangles.iter().zip(0u32..).flat_map(|(t, i)| t.map(|p| (p, i)));

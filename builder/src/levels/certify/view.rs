@@ -2,7 +2,7 @@
 
 use super::polygon::{Line, Point2};
 use super::surface::Triangle;
-use kilwa_geometry::distance::{Vec3, dot, sub};
+use glam::DVec3;
 
 /// Distance in steps within which a point counts as on a line. Far below [`kilwa_geometry::distance::ABSOLUTE_SLACK`],
 /// far above the rounding of coordinates.
@@ -16,31 +16,31 @@ const FLAT: f64 = 0.2;
 
 /// The direction in which two surfaces are compared, as the third of three axes.
 pub(super) struct Frame {
-    origin: Vec3,
-    axes: [Vec3; 3],
+    origin: DVec3,
+    axes: [DVec3; 3],
 }
 
 impl Frame {
     /// Looking along `direction`, from `origin`. `None` where there is no direction.
-    pub(super) fn along(direction: Vec3, origin: Vec3) -> Option<Self> {
-        let l = dot(direction, direction).sqrt();
+    pub(super) fn along(direction: DVec3, origin: DVec3) -> Option<Self> {
+        let l = direction.length();
         if !(l > 0.0 && l.is_finite()) {
             return None;
         }
-        let z = direction.map(|c| c / l);
+        let z = direction / l;
         // Duff et al., "Building an orthonormal basis, revisited", JCGT 2017.
-        let sign = 1f64.copysign(z[2]);
-        let a = -1.0 / (sign + z[2]);
-        let b = z[0] * z[1] * a;
-        let x = [1.0 + sign * z[0] * z[0] * a, sign * b, -sign * z[0]];
-        let y = [b, sign + z[1] * z[1] * a, -z[1]];
+        let sign = 1f64.copysign(z.z);
+        let a = -1.0 / (sign + z.z);
+        let b = z.x * z.y * a;
+        let x = DVec3::new(1.0 + sign * z.x * z.x * a, sign * b, -sign * z.x);
+        let y = DVec3::new(b, sign + z.y * z.y * a, -z.y);
         Some(Self { origin, axes: [x, y, z] })
     }
 
     /// Coordinates in the frame.
-    pub(super) fn inside(&self, p: Vec3) -> Vec3 {
-        let d = sub(p, self.origin);
-        [dot(d, self.axes[0]), dot(d, self.axes[1]), dot(d, self.axes[2])]
+    pub(super) fn inside(&self, p: DVec3) -> DVec3 {
+        let d = p - self.origin;
+        DVec3::new(d.dot(self.axes[0]), d.dot(self.axes[1]), d.dot(self.axes[2]))
     }
 }
 
@@ -48,34 +48,34 @@ impl Frame {
 pub(super) struct Seen {
     pub(super) flat: [Point2; 3],
     pub(super) edges: [Line; 3],
-    /// Height over the frame's plane: `plane[0] + plane[1] x + plane[2] y`.
-    plane: [f64; 3],
+    /// Height over the frame's plane: `plane.x + plane.y x + plane.z y`.
+    plane: DVec3,
     steepness: f64,
 }
 
 impl Seen {
     /// Of its corners in the frame; `None` where it is seen from behind or is too steep.
     pub(super) fn of([a, b, c]: Triangle) -> Option<Self> {
-        let (u, v) = (sub(b, a), sub(c, a));
-        let area = u[0] * v[1] - u[1] * v[0];
-        let squares = u[0] * u[0] + u[1] * u[1] + v[0] * v[0] + v[1] * v[1];
+        let (u, v) = (b - a, c - a);
+        let area = u.x * v.y - u.y * v.x;
+        let squares = u.x * u.x + u.y * u.y + v.x * v.x + v.y * v.y;
         if area <= THINNEST * squares {
             return None;
         }
         let over = 1.0 / area;
-        let gx = (u[2] * v[1] - v[2] * u[1]) * over;
-        let gy = (u[0] * v[2] - v[0] * u[2]) * over;
+        let gx = (u.z * v.y - v.z * u.y) * over;
+        let gy = (u.x * v.z - v.x * u.z) * over;
         let steepness = gx * gx + gy * gy;
         if steepness > STEEPEST || steepness.is_nan() {
             return None;
         }
-        let flat = [[a[0], a[1]], [b[0], b[1]], [c[0], c[1]]];
+        let flat = [a, b, c].map(DVec3::truncate);
         let edges = [
             Line::through(flat[0], flat[1], ON_LINE),
             Line::through(flat[1], flat[2], ON_LINE),
             Line::through(flat[2], flat[0], ON_LINE),
         ];
-        Some(Self { flat, edges, plane: [a[2] - gx * a[0] - gy * a[1], gx, gy], steepness })
+        Some(Self { flat, edges, plane: DVec3::new(a.z - gx * a.x - gy * a.y, gx, gy), steepness })
     }
 
     /// Whether a height difference may be much more than the distance.
@@ -84,20 +84,20 @@ impl Seen {
     }
 
     /// The point of this triangle's plane over a point of the frame's.
-    pub(super) fn lift(&self, p: &Point2, frame: &Frame) -> Vec3 {
-        let h = self.plane[0] + self.plane[1] * p[0] + self.plane[2] * p[1];
-        let [x, y, z] = &frame.axes;
-        std::array::from_fn(|i| frame.origin[i] + x[i] * p[0] + y[i] * p[1] + z[i] * h)
+    pub(super) fn lift(&self, p: &Point2, frame: &Frame) -> DVec3 {
+        let h = self.plane.x + self.plane.y * p.x + self.plane.z * p.y;
+        let [x, y, z] = frame.axes;
+        frame.origin + x * p.x + y * p.y + z * h
     }
 
     /// The height of this triangle's plane over a point of the frame's.
     pub(super) fn height(&self, p: &Point2) -> f64 {
-        self.plane[0] + self.plane[1] * p[0] + self.plane[2] * p[1]
+        self.plane.x + self.plane.y * p.x + self.plane.z * p.y
     }
 
     /// The largest height difference between the planes of two triangles at some points.
     pub(super) fn height_over(&self, own: &Self, points: &[Point2]) -> f64 {
-        let d: [f64; 3] = std::array::from_fn(|i| self.plane[i] - own.plane[i]);
-        points.iter().map(|p| (d[0] + d[1] * p[0] + d[2] * p[1]).abs()).fold(0.0, f64::max)
+        let d = self.plane - own.plane;
+        points.iter().map(|p| (d.x + d.y * p.x + d.z * p.y).abs()).fold(0.0, f64::max)
     }
 }

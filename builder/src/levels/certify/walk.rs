@@ -10,7 +10,8 @@
 use super::polygon::{Cut, Point2, Polygon};
 use super::surface::{Candidates, NONE, Surface, Triangle};
 use super::view::{Frame, ON_LINE, Seen};
-use kilwa_geometry::distance::{Vec3, cross, dot, point_triangle_squared, sub};
+use glam::DVec3;
+use kilwa_geometry::distance::point_triangle_squared;
 
 /// Opposite triangles after which the walk is given up.
 const MOST_TRIANGLES: usize = 48;
@@ -51,7 +52,7 @@ pub(super) struct Walker<'a> {
 
 impl<'a> Walker<'a> {
     pub(super) fn new(from: &Surface, to: &'a Surface) -> Self {
-        let nowhere = Flat { at: [0.0; 2], sides: [0.0; 3], height: 0.0, walk: 0, outside: 0 };
+        let nowhere = Flat { at: Point2::ZERO, sides: [0.0; 3], height: 0.0, walk: 0, outside: 0 };
         Self {
             to,
             flat: vec![nowhere; to.points.len()],
@@ -69,7 +70,7 @@ impl<'a> Walker<'a> {
         &mut self,
         t: &Triangle,
         names: [u32; 3],
-        direction: Vec3,
+        direction: DVec3,
         starts: impl Iterator<Item = u32>,
         limit: f64,
     ) -> bool {
@@ -115,9 +116,9 @@ impl<'a> Walker<'a> {
             self.look(p, walk);
         }
         let [a, b, d] = corners.map(|p| &self.flat[p as usize]);
-        let (u, v) = ([b.at[0] - a.at[0], b.at[1] - a.at[1]], [d.at[0] - a.at[0], d.at[1] - a.at[1]]);
-        let area = u[0] * v[1] - u[1] * v[0];
-        let squares = u[0] * u[0] + u[1] * u[1] + v[0] * v[0] + v[1] * v[1];
+        let (u, v) = (b.at - a.at, d.at - a.at);
+        let area = u.perp_dot(v);
+        let squares = u.x * u.x + u.y * u.y + v.x * v.x + v.y * v.y;
         if area <= THINNEST * squares {
             return Visit::Lost;
         }
@@ -147,7 +148,7 @@ impl<'a> Walker<'a> {
         // corners may touch in both cases, its centroid tells.
         if !onwards.contains(&true) {
             let own = &walk.own.flat;
-            let centroid: Point2 = std::array::from_fn(|i| (own[0][i] + own[1][i] + own[2][i]) / 3.0);
+            let centroid = (own[0] + own[1] + own[2]) / 3.0;
             if (0..3).any(|k| side(corners_at[k], corners_at[(k + 1) % 3], centroid) <= 0.0) {
                 return Visit::Beside;
             }
@@ -185,19 +186,19 @@ impl<'a> Walker<'a> {
     fn look(&mut self, p: u32, walk: &Walk) {
         let f = &mut self.flat[p as usize];
         if f.walk != self.walk {
-            let [x, y, z] = walk.frame.inside(self.to.points[p as usize]);
-            let at = [x, y];
+            let inside = walk.frame.inside(self.to.points[p as usize]);
+            let at = inside.truncate();
             let sides = [0, 1, 2].map(|k: usize| walk.own.edges[k].side(&at) - walk.own.edges[k].tolerance);
             let outside = (0..3).map(|k| u32::from(sides[k] <= 0.0) << k).sum();
-            *f = Flat { at, sides, height: z - walk.own.height(&at), walk: self.walk, outside };
+            *f = Flat { at, sides, height: inside.z - walk.own.height(&at), walk: self.walk, outside };
         }
     }
 
     /// Whether distances along the direction are much more than those to the plane of `c`; `area` is twice its area as seen.
     fn is_steep(&self, c: u32, area: f64) -> bool {
         let [p, q, r] = self.to.triangle(c);
-        let n = cross(sub(q, p), sub(r, p));
-        area * area < FLAT * dot(n, n)
+        let n = (q - p).cross(r - p);
+        area * area < FLAT * n.length_squared()
     }
 
     /// The largest distance of the piece over `c` to it, not along the direction but to the nearest point.
@@ -245,7 +246,7 @@ enum Visit {
 
 /// Twice the area of a triangle, above 0 where `p` is on the left of the line from `a` to `b`.
 fn side(a: Point2, b: Point2, p: Point2) -> f64 {
-    (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+    (b - a).perp_dot(p - a)
 }
 
 /// Which part of the segment between two points is inside the triangle.

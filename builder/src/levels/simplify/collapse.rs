@@ -1,8 +1,8 @@
 //! One edge collapse: where the merged point goes, whether the collapse is allowed, and doing it.
 
 use super::{Collapse, Kind, NONE, Point, Quadric, Room, Simplifier, kind, local};
+use glam::DVec3;
 use kilwa_geometry::LatticePoint;
-use kilwa_geometry::distance::{Vec3, cross, dot, sub};
 use kilwa_geometry::lattice::MAX_COORDINATE;
 
 impl Simplifier<'_> {
@@ -37,13 +37,9 @@ impl Simplifier<'_> {
     /// The lattice point near the quadric's minimum, or the best of both ends and the middle.
     fn best_position(&self, a: u32, b: u32, quadric: &Quadric) -> LatticePoint {
         let (pa, pb) = (&self.points[a as usize], &self.points[b as usize]);
-        let mid: Vec3 = std::array::from_fn(|i| (pa.local[i] + pb.local[i]) * 0.5);
-        let e = sub(pa.local, pb.local);
-        let reach = dot(e, e);
-        let near = |p: &Vec3| {
-            let d = sub(*p, mid);
-            dot(d, d) <= reach
-        };
+        let mid = (pa.local + pb.local) * 0.5;
+        let reach = pa.local.distance_squared(pb.local);
+        let near = |p: &DVec3| p.distance_squared(mid) <= reach;
         if let Some(p) = quadric.minimum().filter(near).and_then(|p| self.round(p)) {
             return p;
         }
@@ -57,16 +53,10 @@ impl Simplifier<'_> {
         best.1
     }
 
-    fn round(&self, p: Vec3) -> Option<LatticePoint> {
-        let mut out = [0; 3];
-        for i in 0..3 {
-            let x = p[i].round() + f64::from(self.center[i]);
-            if !(0.0..=f64::from(MAX_COORDINATE)).contains(&x) {
-                return None;
-            }
-            out[i] = x as i32;
-        }
-        Some(out)
+    fn round(&self, p: DVec3) -> Option<LatticePoint> {
+        let nearest = p.round() + self.center.as_dvec3();
+        let valid = nearest.cmpge(DVec3::ZERO).all() && nearest.cmple(DVec3::splat(f64::from(MAX_COORDINATE))).all();
+        valid.then(|| nearest.as_ivec3())
     }
 
     /// Collapse an edge where it is allowed; whether it was.
@@ -240,12 +230,12 @@ impl Simplifier<'_> {
     }
 
     /// Whether triangle `(from, p, q)` keeps its orientation and an area when `from` moves to `to`.
-    pub(super) fn keeps_shape(&self, from: u32, p: u32, q: u32, to: Vec3) -> bool {
+    pub(super) fn keeps_shape(&self, from: u32, p: u32, q: u32, to: DVec3) -> bool {
         let (lp, lq) = (self.points[p as usize].local, self.points[q as usize].local);
-        let e = sub(lq, lp);
-        let before = cross(e, sub(self.points[from as usize].local, lp));
-        let after = cross(e, sub(to, lp));
-        let (b2, a2, d) = (dot(before, before), dot(after, after), dot(before, after));
+        let e = lq - lp;
+        let before = e.cross(self.points[from as usize].local - lp);
+        let after = e.cross(to - lp);
+        let (b2, a2, d) = (before.length_squared(), after.length_squared(), before.dot(after));
         if a2 <= 0.0 {
             return false;
         }

@@ -19,7 +19,7 @@ mod settle;
 mod wedge;
 
 use crate::build::precision::Precision;
-use kilwa_geometry::distance::{Vec3, dot, sub};
+use glam::DVec3;
 use kilwa_geometry::{LatticePoint, Mesh};
 use quadric::Quadric;
 use rustc_hash::FxHashMap;
@@ -73,7 +73,7 @@ enum Kind {
 
 struct Point {
     /// Position relative to the fragment's centre.
-    local: Vec3,
+    local: DVec3,
     at: LatticePoint,
     quadric: Quadric,
     kind: Kind,
@@ -177,7 +177,7 @@ impl<'a> Simplifier<'a> {
     fn new<S: BuildHasher>(mesh: &'a Mesh, locked: &HashSet<LatticePoint, S>) -> Self {
         let center = {
             let b = mesh.bounds();
-            std::array::from_fn(|i| i32::midpoint(b.min[i], b.max[i]))
+            ((b.min.as_i64vec3() + b.max.as_i64vec3()) / 2).as_ivec3()
         };
         let mut occupied: FxHashMap<LatticePoint, u32> = FxHashMap::default();
         occupied.reserve(mesh.vertex_count());
@@ -400,8 +400,8 @@ impl<'a> Simplifier<'a> {
     fn color_cost(&self, a: u32, b: u32) -> f64 {
         let (pa, pb) = (&self.points[a as usize], &self.points[b as usize]);
         let d = self.wedges.color_distance(self.wedge[pa.head as usize], self.wedge[pb.head as usize]);
-        let e = sub(pa.local, pb.local);
-        let l2 = dot(e, e);
+        let e = pa.local - pb.local;
+        let l2 = e.length_squared();
         COLOR_WEIGHT * d * l2 * l2
     }
 
@@ -455,8 +455,8 @@ fn kind(neighbours: &[Neighbour]) -> Kind {
     }
 }
 
-fn local(p: LatticePoint, center: LatticePoint) -> Vec3 {
-    std::array::from_fn(|i| f64::from(p[i]) - f64::from(center[i]))
+fn local(p: LatticePoint, center: LatticePoint) -> DVec3 {
+    p.as_dvec3() - center.as_dvec3()
 }
 
 #[cfg(test)]
@@ -467,7 +467,7 @@ mod tests {
         let mut m = Mesh { scalars: vec![Vec::new()], ..Mesh::default() };
         for y in 0..=n {
             for x in 0..=n {
-                m.positions.push([x as i32 * 10, y as i32 * 10, 500]);
+                m.positions.push(LatticePoint::new(x as i32 * 10, y as i32 * 10, 500));
                 m.normals.push([0, 0]);
                 m.colors.push([100, 150, 200]);
                 m.scalars[0].push(if (x, y) == (n / 2, n / 2) { f32::NAN } else { 7.0 });
@@ -498,11 +498,15 @@ mod tests {
     #[test]
     fn a_fan_of_twenty_thousand_triangles_is_simplified_in_reasonable_time() {
         let n = 20_000u32;
-        let mut m = Mesh { positions: vec![[1_000_000; 3]], normals: vec![[0, 0]; n as usize + 1], ..Mesh::default() };
+        let mut m = Mesh {
+            positions: vec![LatticePoint::splat(1_000_000)],
+            normals: vec![[0, 0]; n as usize + 1],
+            ..Mesh::default()
+        };
         for i in 0..n {
             let angle = f64::from(i) / f64::from(n) * std::f64::consts::TAU;
             let (x, y) = (900_000.0 * libm::cos(angle), 900_000.0 * libm::sin(angle));
-            m.positions.push([1_000_000 + x as i32, 1_000_000 + y as i32, 1_000_000]);
+            m.positions.push(LatticePoint::new(1_000_000 + x as i32, 1_000_000 + y as i32, 1_000_000));
             m.triangles.push([0, 1 + i, 1 + (i + 1) % n]);
             m.borders.push(2);
         }
@@ -553,7 +557,7 @@ mod tests {
             let [a, b, c] = fine.triangles[t];
             let at = fine.corners(t);
             let middle = fine.push_vertex_of(&fine.clone(), a as usize);
-            fine.positions[middle as usize] = std::array::from_fn(|k| (at[0][k] + at[1][k] + at[2][k]) / 3);
+            fine.positions[middle as usize] = (at[0] + at[1] + at[2]) / 3;
             fine.triangles[t] = [a, b, middle];
             fine.triangles.extend([[b, c, middle], [c, a, middle]]);
             fine.borders.extend([0, 0]);
@@ -568,7 +572,7 @@ mod tests {
         let mut fine = sheet(12);
         let n = fine.positions.len() as u32;
         for i in 0..40u32 {
-            fine.positions.push([i as i32 * 3, i as i32 * 2, 540]);
+            fine.positions.push(LatticePoint::new(i as i32 * 3, i as i32 * 2, 540));
             fine.normals.push([0, 0]);
             fine.colors.push([1, 2, 3]);
             fine.scalars[0].push(1.0);
@@ -592,12 +596,12 @@ mod tests {
             assert!(coarse.positions.contains(p));
         }
         let edges = |m: &Mesh| {
-            let mut found: Vec<[LatticePoint; 2]> = (0..m.triangle_count())
+            let mut found: Vec<[[i32; 3]; 2]> = (0..m.triangle_count())
                 .flat_map(|t| {
-                    let c = m.corners(t);
+                    let c = m.corners(t).map(|p| p.to_array());
                     [0, 1, 2].map(|k| [c[k].min(c[(k + 1) % 3]), c[k].max(c[(k + 1) % 3])])
                 })
-                .filter(|e| e.iter().all(|p| locked.contains(p)))
+                .filter(|e| e.iter().all(|p| locked.contains(&LatticePoint::from(*p))))
                 .collect();
             found.sort_unstable();
             found

@@ -5,7 +5,7 @@
 //! absence means for the error the certifier finds as for everything else.
 
 use super::{NONE, Simplifier};
-use kilwa_geometry::distance::Vec3;
+use glam::DVec3;
 
 /// Fragments of no more triangles than this are small enough as they are.
 const SMALL: usize = 1024;
@@ -25,8 +25,8 @@ struct Found {
     root: u32,
     triangles: usize,
     locked: bool,
-    min: Vec3,
-    max: Vec3,
+    min: DVec3,
+    max: DVec3,
 }
 
 impl Simplifier<'_> {
@@ -83,31 +83,25 @@ impl Simplifier<'_> {
             let r = find(root, self.point[t * 3]);
             if number[r as usize] == NONE {
                 number[r as usize] = all.len() as u32;
-                all.push(Found { root: r, triangles: 0, locked: false, min: [f64::MAX; 3], max: [f64::MIN; 3] });
+                all.push(Found { root: r, triangles: 0, locked: false, min: DVec3::MAX, max: DVec3::MIN });
             }
             let c = &mut all[number[r as usize] as usize];
             c.triangles += 1;
             for k in 0..3 {
                 let p = &self.points[self.point[t * 3 + k] as usize];
                 c.locked |= p.locked;
-                for i in 0..3 {
-                    c.min[i] = c.min[i].min(p.local[i]);
-                    c.max[i] = c.max[i].max(p.local[i]);
-                }
+                c.min = c.min.min(p.local);
+                c.max = c.max.max(p.local);
             }
         }
-        let whole = all.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(a, b), c| {
-            (std::array::from_fn(|i| a[i].min(c.min[i])), std::array::from_fn(|i| b[i].max(c.max[i])))
-        });
+        let whole = all.iter().fold((DVec3::MAX, DVec3::MIN), |(a, b), c| (a.min(c.min), b.max(c.max)));
         let mut out: Vec<Component> = all
             .into_iter()
             .filter(|c| !c.locked)
             .map(|Found { root, triangles, min, max, .. }| {
-                let size: f64 = (0..3).map(|i| (max[i] - min[i]).powi(2)).sum();
-                let cell: [u32; 3] = std::array::from_fn(|i| {
-                    let width = (whole.1[i] - whole.0[i]).max(1.0);
-                    (((min[i] + max[i]) * 0.5 - whole.0[i]) / width * 1023.0) as u32
-                });
+                let size = max.distance_squared(min);
+                let width = (whole.1 - whole.0).max(DVec3::ONE);
+                let cell = (((min + max) * 0.5 - whole.0) / width * 1023.0).to_array().map(|x| x as u32);
                 Component { size: libm::log2(size.max(1.0)) as i32, place: morton(cell), root, triangles }
             })
             .collect();

@@ -7,7 +7,6 @@
 
 use super::{NONE, Simplifier, local};
 use kilwa_geometry::LatticePoint;
-use kilwa_geometry::distance::{cross, dot, sub};
 use kilwa_geometry::lattice::MAX_COORDINATE;
 
 /// One fine triangle in so many tells how rough the surface is.
@@ -37,8 +36,8 @@ impl Simplifier<'_> {
         let (mut sum, mut weight) = (0.0, 0.0);
         for t in (0..self.alive.len()).step_by(SAMPLE) {
             let corners = self.source.corners(t).map(|p| local(p, self.center));
-            let n = cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]));
-            let double_area = dot(n, n).sqrt();
+            let n = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+            let double_area = n.length();
             if double_area <= 0.0 {
                 continue;
             }
@@ -46,7 +45,7 @@ impl Simplifier<'_> {
                 let p = self.now(self.point_of_vertex[v as usize]);
                 let point = &self.points[p as usize];
                 if point.made && !point.locked {
-                    let away = dot(n, sub(point.local, corners[0]));
+                    let away = n.dot(point.local - corners[0]);
                     sum += away * away / double_area;
                     weight += double_area;
                 }
@@ -57,15 +56,14 @@ impl Simplifier<'_> {
 
     fn settle_point(&mut self, p: u32, grain: u32) {
         let (at, quadric) = (self.points[p as usize].at, self.points[p as usize].quadric);
-        let low = at.map(|x| x >> grain << grain);
-        let mut corners: [(f64, LatticePoint); 8] = std::array::from_fn(|i| {
-            let corner: LatticePoint = std::array::from_fn(|k| {
-                // An axis that is a multiple already has one choice.
-                low[k] + if i >> k & 1 == 1 && low[k] != at[k] { 1 << grain } else { 0 }
-            });
+        let low = at >> grain << grain;
+        let mut corners = [0, 1, 2, 3, 4, 5, 6, 7].map(|i| {
+            // An axis that is a multiple already has one choice.
+            let steps = LatticePoint::new(i & 1, i >> 1 & 1, i >> 2 & 1) << grain;
+            let corner = low + LatticePoint::select(at.cmpne(low), steps, LatticePoint::ZERO);
             (quadric.at(local(corner, self.center)), corner)
         });
-        corners.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        corners.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.to_array().cmp(&b.1.to_array())));
         if let Some(&(_, to)) = corners.iter().find(|c| self.may_settle(p, c.1)) {
             self.occupied.remove(&at);
             self.occupied.insert(to, p);
@@ -77,7 +75,7 @@ impl Simplifier<'_> {
 
     /// Whether a point may lie there: nothing else does, and no triangle turns over or loses its area.
     fn may_settle(&self, p: u32, to: LatticePoint) -> bool {
-        to.iter().all(|x| (0..=MAX_COORDINATE).contains(x))
+        to.to_array().iter().all(|x| (0..=MAX_COORDINATE).contains(x))
             && self.occupied.get(&to).is_none_or(|other| *other == p)
             && self.corners_at(p).all(|c| {
                 let [q, r] = self.others(c);
@@ -101,7 +99,7 @@ mod tests {
             for x in 0..=n {
                 // A Weyl sequence with its high bits: as good as noise here.
                 let z = ((x as u32 * 25 + y as u32).wrapping_mul(0x9E37_79B1) >> 12) as i32 % rough.max(1);
-                m.positions.push([x * 512 + 1001, y * 512 + 2001, 5001 + z / 2 * 2]);
+                m.positions.push(LatticePoint::new(x * 512 + 1001, y * 512 + 2001, 5001 + z / 2 * 2));
                 m.normals.push([0, 0]);
             }
         }

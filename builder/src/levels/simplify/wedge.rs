@@ -2,6 +2,7 @@
 //! each fine vertex with weight 1, and rounded ([`Precision::coarse`]). A vertex that nothing was merged into keeps its attributes bit for bit.
 
 use crate::build::precision::Precision;
+use glam::Vec3;
 use kilwa_geometry::color::{light_from_srgb_f32, srgb_from_light_f32};
 use kilwa_geometry::{Mesh, normal};
 
@@ -9,9 +10,9 @@ use kilwa_geometry::{Mesh, normal};
 #[derive(Clone, Copy)]
 struct Sum {
     /// Linear light.
-    color: [f32; 3],
+    color: Vec3,
     weight: f32,
-    normal: [f32; 3],
+    normal: Vec3,
     changed: bool,
 }
 
@@ -26,9 +27,9 @@ impl<'a> Wedges<'a> {
     pub(super) fn new(source: &'a Mesh) -> Self {
         let sums = (0..source.vertex_count())
             .map(|v| Sum {
-                color: source.colors.get(v).map_or([0.0; 3], |c| c.map(light_from_srgb_f32)),
+                color: source.colors.get(v).map_or(Vec3::ZERO, |c| c.map(light_from_srgb_f32).into()),
                 weight: 1.0,
-                normal: [0.0; 3],
+                normal: Vec3::ZERO,
                 changed: false,
             })
             .collect();
@@ -38,21 +39,17 @@ impl<'a> Wedges<'a> {
     /// Squared difference of two colours in linear light.
     pub(super) fn color_distance(&self, a: u32, b: u32) -> f64 {
         let (a, b) = (&self.sums[a as usize], &self.sums[b as usize]);
-        (0..3).map(|i| f64::from(a.color[i] / a.weight - b.color[i] / b.weight).powi(2)).sum()
+        (a.color / a.weight - b.color / b.weight).as_dvec3().length_squared()
     }
 
-    fn normal_sum(&self, w: usize) -> [f32; 3] {
-        if self.sums[w].changed {
-            self.sums[w].normal
-        } else {
-            normal::decode(self.source.normals[w]).map(|x| x as f32)
-        }
+    fn normal_sum(&self, w: usize) -> Vec3 {
+        if self.sums[w].changed { self.sums[w].normal } else { normal::decode(self.source.normals[w]).as_vec3() }
     }
 
     /// Add what one vertex stands for to another.
     pub(super) fn merge(&mut self, from: u32, to: u32) {
         let (from, to) = (from as usize, to as usize);
-        let (added, mut normal) = (self.normal_sum(from), self.normal_sum(to));
+        let (added, normal) = (self.normal_sum(from), self.normal_sum(to));
         let Sum { color, weight, .. } = self.sums[from];
         let own = self.sums[to].weight;
         for channel in &mut self.scalars {
@@ -68,23 +65,20 @@ impl<'a> Wedges<'a> {
         let sum = &mut self.sums[to];
         sum.weight += weight;
         sum.changed = true;
-        for i in 0..3 {
-            sum.color[i] += color[i];
-            normal[i] += added[i];
-        }
-        sum.normal = normal;
+        sum.color += color;
+        sum.normal = normal + added;
     }
 
     /// Append the attributes of a vertex to a mesh.
     pub(super) fn emit(&self, w: usize, precision: Precision, out: &mut Mesh) {
         let sum = &self.sums[w];
         if let Some(c) = self.source.colors.get(w) {
-            let mean = sum.color.map(|x| srgb_from_light_f32(x / sum.weight));
+            let mean = (sum.color / sum.weight).to_array().map(srgb_from_light_f32);
             // Equal colours stay equal.
             out.colors.push(if !sum.changed || mean == *c { *c } else { precision.coarse().color(mean) });
         }
         out.normals.push(if sum.changed {
-            precision.coarse().normal_within(normal::encode(sum.normal.map(f64::from)), precision)
+            precision.coarse().normal_within(normal::encode(sum.normal.as_dvec3()), precision)
         } else {
             self.source.normals[w]
         });

@@ -1,6 +1,7 @@
 //! The finest surface and the tree by a plain construction in memory, to compare the out-of-core ingest with: every
 //! edge length sorted, vertices welded in hash maps, tetrahedra split one after the other. Step derived, metres, z up.
 
+use glam::{DVec3, I64Vec3};
 use kilwa_formats::RawMesh;
 use kilwa_geometry::lattice::MAX_COORDINATE;
 use kilwa_geometry::mesh::corner_sum;
@@ -49,7 +50,7 @@ pub(crate) fn plain(raw: &RawMesh) -> Plain {
     let step = 2f64.powi(step_log2);
     let cube_log2 = ((extent / step * 1.05 + 4.0).log2().ceil() as u32).clamp(2, 30);
     let half = f64::from(1u32 << (cube_log2 - 1));
-    let origin = std::array::from_fn(|i| (((min[i] + max[i]) * 0.5 / step).round() - half) * step);
+    let origin = (((DVec3::from(min) + DVec3::from(max)) * 0.5 / step).round() - half) * step;
     let mut out = Plain {
         lattice: Lattice { origin, step_log2 },
         cube_log2,
@@ -75,7 +76,7 @@ impl Plain {
         let mut index: HashMap<WedgeKey, u32> = HashMap::new();
         let mut used: HashSet<u32> = HashSet::new();
         for t in &raw.triangles {
-            let at = t.map(|v| self.lattice.snap(raw.positions[v as usize]).expect("inside"));
+            let at = t.map(|v| self.lattice.snap(raw.positions[v as usize].into()).expect("inside"));
             used.extend(t);
             if at[0] == at[1] || at[1] == at[2] || at[2] == at[0] {
                 self.collapsed += 1;
@@ -83,9 +84,9 @@ impl Plain {
             }
             let corners = t.map(|v| {
                 let i = v as usize;
-                let position = self.lattice.snap(raw.positions[i]).expect("inside");
+                let position = self.lattice.snap(raw.positions[i].into()).expect("inside");
                 let color = raw.colors.get(i).copied().unwrap_or_default();
-                let given = raw.normals.get(i).map(|n| n.map(f64::from));
+                let given = raw.normals.get(i).map(|n| n.map(f64::from).into());
                 let normal = given.map_or([0, 0], |n| normal::quantize(normal::encode(n), NORMAL_BITS));
                 let scalars: Vec<u32> = raw.scalars.iter().map(|(_, s)| s[i].to_bits()).collect();
                 let next = mesh.positions.len() as u32;
@@ -111,15 +112,15 @@ impl Plain {
         let mesh = &mut self.mesh;
         self.points = mesh.positions.iter().collect::<HashSet<_>>().len() as u64;
         mesh.borders = vec![0; mesh.triangles.len()];
-        let mut edges: HashMap<[LatticePoint; 2], Vec<(usize, usize)>> = HashMap::new();
+        let mut edges: HashMap<[[i32; 3]; 2], Vec<(usize, usize)>> = HashMap::new();
         let mut sums: HashMap<LatticePoint, [i128; 3]> = HashMap::new();
         for t in 0..mesh.triangles.len() {
             let c = mesh.corners(t);
             for k in 0..3 {
-                let (a, b) = (c[k], c[(k + 1) % 3]);
+                let (a, b) = (c[k].to_array(), c[(k + 1) % 3].to_array());
                 edges.entry([a.min(b), a.max(b)]).or_default().push((t, k));
             }
-            let p = c.map(|p| p.map(i128::from));
+            let p = c.map(|p| p.to_array().map(i128::from));
             let u: [i128; 3] = std::array::from_fn(|i| p[1][i] - p[0][i]);
             let v: [i128; 3] = std::array::from_fn(|i| p[2][i] - p[0][i]);
             let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
@@ -139,7 +140,7 @@ impl Plain {
             mesh.normals = mesh
                 .positions
                 .iter()
-                .map(|p| normal::quantize(normal::encode(sums[p].map(|x| x as f64)), NORMAL_BITS))
+                .map(|p| normal::quantize(normal::encode(sums[p].map(|x| x as f64).into()), NORMAL_BITS))
                 .collect();
         }
     }
@@ -182,7 +183,7 @@ pub(crate) struct Partition {
 
 struct Splitter<'a> {
     tree: Partition,
-    sums: Vec<[i64; 3]>,
+    sums: Vec<I64Vec3>,
     extents: &'a dyn Fn(u32) -> i64,
     leaf_triangles: usize,
     scratch: Vec<u32>,
@@ -192,7 +193,7 @@ struct Splitter<'a> {
 
 /// Partition a mesh whose coordinates lie inside the cube `0..=2^cube_log2`.
 pub(crate) fn partition(mesh: &Mesh, cube_log2: u32, leaf_triangles: usize) -> Partition {
-    let sums: Vec<[i64; 3]> = (0..mesh.triangle_count()).map(|t| corner_sum(mesh.corners(t))).collect();
+    let sums: Vec<I64Vec3> = (0..mesh.triangle_count()).map(|t| corner_sum(mesh.corners(t))).collect();
     let extents = |t: u32| {
         let c = mesh.corners(t as usize);
         (0..3)
@@ -330,7 +331,7 @@ impl Splitter<'_> {
 }
 
 /// Which root tetrahedron holds the point `sum / 3`: the one that walks its axes in falling order of the coordinates.
-fn root_of(sum: [i64; 3]) -> usize {
+fn root_of(sum: I64Vec3) -> usize {
     let mut axes = [0, 1, 2];
     axes.sort_by_key(|&a| std::cmp::Reverse(sum[a]));
     match axes {

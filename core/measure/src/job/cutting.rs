@@ -9,7 +9,7 @@ use crate::refusal::Target;
 use crate::{
     Cutter, Dimension, Drawing, Failure, Leaves, Plane, PointTool, Read, Reading, Refusal, Remark, Section, path,
 };
-use kilwa_geometry::distance::{Vec3, dot};
+use glam::{DVec2, DVec3};
 use serde_json::json;
 use std::collections::BTreeMap;
 
@@ -53,7 +53,7 @@ pub(super) async fn section<L: Leaves>(s: &Subject<'_, L>, task: &Task, plane: P
 fn flat<L: Leaves>(s: &Subject<'_, L>, section: &Section, layer: &str) -> Drawing {
     let origin = s.space.world_from_local(section.plane.point);
     let [u, v] = section.plane.axes();
-    Drawing::of_section(section, [dot(u, origin), dot(v, origin)], layer)
+    Drawing::of_section(section, DVec2::new(u.dot(origin), v.dot(origin)), layer)
 }
 
 /// Along a line given in local metres.
@@ -61,7 +61,7 @@ pub(super) async fn profile<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resul
     let legs = legs(&task.local)?;
     let (mut lines, mut world) = (Vec::new(), Vec::new());
     let mut read = Read::default();
-    let height = s.space.world_from_local([0.0; 3])[2];
+    let height = s.space.world_from_local(DVec3::ZERO).z;
     for leg in &legs {
         let (section, more) = match cut(s, leg.plane()).await {
             Ok(found) => found,
@@ -70,10 +70,10 @@ pub(super) async fn profile<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resul
         };
         read = read.and(more);
         for line in leg.straighten(&section) {
-            let back = |p: &[f64; 2]| {
+            let back = |p: &DVec2| {
                 let along = p[0] - leg.start;
-                let at = [leg.from[0] + leg.along[0] * along, leg.from[1] + leg.along[1] * along, p[1]];
-                s.space.world_from_local(at)
+                let at = leg.from + leg.along * along;
+                s.space.world_from_local(DVec3::new(at.x, at.y, p.y))
             };
             world.push(line.points.iter().map(back).collect());
             lines.push(line);
@@ -114,11 +114,14 @@ pub(super) async fn contours<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
         low,
         high,
     })?;
-    let base = s.space.world_from_local([0.0; 3])[2];
+    let base = s.space.world_from_local(DVec3::ZERO).z;
     let local: Vec<f64> = heights.iter().map(|h| h - base).collect();
     let space = s.space;
     let cutter = |i: usize| {
-        Cutter::new(space, Plane { point: [0.0, 0.0, local.get(i).copied().unwrap_or(0.0)], normal: [0.0, 0.0, 1.0] })
+        Cutter::new(
+            space,
+            Plane { point: DVec3::new(0.0, 0.0, local.get(i).copied().unwrap_or(0.0)), normal: DVec3::Z },
+        )
     };
     let mut all: BTreeMap<usize, Cutter> = BTreeMap::new();
     let step = s.space.step();
@@ -154,7 +157,7 @@ pub(super) async fn contours<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
         let hint = format!("no multiple of {metres} m lies between {low} and {high} m");
         return Err(Refusal::Misses { what: Target::Contours, hint }.into());
     }
-    let origin = s.space.world_from_local([0.0; 3]);
+    let origin = s.space.world_from_local(DVec3::ZERO);
     let drawing = Drawing::of_contours(sections.iter().map(|(h, c)| (*h, c)), origin[0], origin[1]);
     let world = sections.iter().flat_map(|(_, c)| world_lines(c, |p| s.space.world_from_local(p))).collect();
     let length: f64 = sections.iter().map(|(_, c)| c.length()).sum();
@@ -175,7 +178,7 @@ pub(super) async fn along<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<
     let mut length = 0.0;
     for w in places.windows(2) {
         let (a, b) = (w[0], w[1]);
-        let normal: Vec3 = std::array::from_fn(|i| a.normal[i] + b.normal[i]);
+        let normal: DVec3 = a.normal + b.normal;
         let plane = path::tape_plane(a.local, b.local, normal)?;
         let (section, read) = cut(s, plane).await?;
         length += path::along(&section, a.local, b.local, 2.0 * s.space.step())?.length();

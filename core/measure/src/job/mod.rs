@@ -17,8 +17,8 @@ use crate::space::Space;
 use crate::tools::PointTool;
 use crate::unit::Reading;
 use crate::{Failure, Leaves, Read};
+use glam::DVec3;
 use kilwa_geometry::LengthUnit;
-use kilwa_geometry::distance::Vec3;
 use kilwa_pack::Index;
 use serde_json::{Map, Value, json};
 
@@ -85,9 +85,9 @@ impl<'a, L: Leaves> Subject<'a, L> {
     }
 
     /// The whole model's box, local metres.
-    fn bounds(&self) -> (Vec3, Vec3) {
+    fn bounds(&self) -> (DVec3, DVec3) {
         let m = self.leaves.index().metadata();
-        (self.space.local_from_world(m.bounds_min), self.space.local_from_world(m.bounds_max))
+        (self.space.local_from_world(m.bounds_min.into()), self.space.local_from_world(m.bounds_max.into()))
     }
 
     /// A plane in world coordinates.
@@ -182,7 +182,7 @@ fn on_points<L: Leaves>(s: &Subject<'_, L>, task: &Task, tool: PointTool) -> Res
 
 /// A plane that a person or a file gave: its normal of unit length.
 fn sound(plane: Plane) -> Result<Plane, Refusal> {
-    let unit = (crate::vector::norm(plane.normal) - 1.0).abs() < 1e-12;
+    let unit = (plane.normal.length() - 1.0).abs() < 1e-12;
     crate::refusal::finite(&[plane.point, plane.normal])?;
     if unit { Ok(plane) } else { Plane::new(plane.point, plane.normal) }
 }
@@ -195,8 +195,8 @@ mod tests {
     #[test]
     fn an_uncertainty_that_overflows_is_refused() {
         let coordinate = |step_log2| {
-            let space = Space::new(Lattice { origin: [0.0; 3], step_log2 });
-            let task = Task::on_points(ToolName::Coordinate, vec![[space.step(); 3]], &space);
+            let space = Space::new(Lattice { origin: DVec3::ZERO, step_log2 });
+            let task = Task::on_points(ToolName::Coordinate, vec![DVec3::splat(space.step())], &space);
             of_points(&task, &space, &Uncertainty::finest(space.step(), None))
         };
         assert!(coordinate(-13).is_ok());

@@ -7,7 +7,7 @@ use crate::refusal::Target;
 use crate::{
     Areas, CutFill, Deviation, Dimension, Enclosed, Failure, Leaves, Plane, PointTool, Reading, Refusal, Region, Remark,
 };
-use kilwa_geometry::distance::{Vec3, dot, sub};
+use glam::DVec3;
 use kilwa_geometry::{Aabb, LatticePoint};
 use serde_json::json;
 
@@ -72,7 +72,8 @@ pub(super) async fn volume<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result
         return Err(Refusal::Open { borders }.into());
     }
     let (low, high) = s.bounds();
-    let centre: Vec3 = std::array::from_fn(|i| f64::midpoint(low[i], high[i]));
+    // glam's midpoint adds first, which overflows where this does not.
+    let centre = DVec3::from([0, 1, 2].map(|k| f64::midpoint(low[k], high[k])));
     let mut sum = Enclosed::new(centre);
     let read = s
         .leaves
@@ -166,7 +167,7 @@ pub(super) async fn deviation<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Res
             .await?;
         (sum.figures()?, plane, read)
     } else {
-        let near = |corners: &[Vec3], largest: f64| (2.0 * largest).max(0.05 * extent(corners));
+        let near = |corners: &[DVec3], largest: f64| (2.0 * largest).max(0.05 * extent(corners));
         let (region, _) = region(&places, from, task.reach, near)?;
         let range = region.reach();
         let mut sum = Deviation::new(range);
@@ -214,9 +215,9 @@ fn region(
     places: &[Place],
     plane: Option<Plane>,
     reach: Option<f64>,
-    default_reach: impl Fn(&[Vec3], f64) -> f64,
+    default_reach: impl Fn(&[DVec3], f64) -> f64,
 ) -> Result<(Region, bool), Refusal> {
-    let corners: Vec<Vec3> = places.iter().map(|p| p.local).collect();
+    let corners: Vec<DVec3> = places.iter().map(|p| p.local).collect();
     let fitted = plane.is_none();
     let (plane, largest) = if let Some(plane) = plane {
         let plane = sound(plane)?;
@@ -231,8 +232,8 @@ fn region(
 
 /// The plane with its normal towards the side that the surface faces at the places.
 fn facing(plane: Plane, places: &[Place]) -> Plane {
-    let towards: f64 = places.iter().map(|p| dot(p.normal, plane.normal)).sum();
-    let normal = if towards < 0.0 { plane.normal.map(|x| -x) } else { plane.normal };
+    let towards: f64 = places.iter().map(|p| p.normal.dot(plane.normal)).sum();
+    let normal = if towards < 0.0 { -plane.normal } else { plane.normal };
     Plane { point: plane.point, normal }
 }
 
@@ -243,9 +244,9 @@ fn checked(reach: Option<f64>) -> Result<Option<f64>, Refusal> {
     }
 }
 
-fn extent(points: &[Vec3]) -> f64 {
+fn extent(points: &[DVec3]) -> f64 {
     let Some(first) = points.first() else { return 0.0 };
-    points.iter().map(|p| libm::sqrt(dot(sub(*p, *first), sub(*p, *first)))).fold(0.0, f64::max)
+    points.iter().map(|p| (*p - *first).length()).fold(0.0, f64::max)
 }
 
 fn meets<L: Leaves>(s: &Subject<'_, L>, region: &Region, b: &Aabb) -> bool {

@@ -13,7 +13,7 @@ mod pdf;
 mod tiff;
 
 use crate::said::{Said, Say, Worth};
-use kilwa_geometry::distance::{Vec3, dot};
+use glam::DVec3;
 use layout::Frame;
 use paper::Paper;
 use thiserror::Error;
@@ -47,21 +47,21 @@ impl View {
     }
 
     /// Which way its right and up point in the world.
-    pub fn axes(self) -> [Vec3; 2] {
-        let up = [0.0, 0.0, 1.0];
+    pub fn axes(self) -> [DVec3; 2] {
+        let up = DVec3::Z;
         match self {
-            Self::Plan => [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-            Self::South => [[1.0, 0.0, 0.0], up],
-            Self::North => [[-1.0, 0.0, 0.0], up],
-            Self::East => [[0.0, 1.0, 0.0], up],
-            Self::West => [[0.0, -1.0, 0.0], up],
+            Self::Plan => [DVec3::X, DVec3::Y],
+            Self::South => [DVec3::X, up],
+            Self::North => [DVec3::NEG_X, up],
+            Self::East => [DVec3::Y, up],
+            Self::West => [DVec3::NEG_Y, up],
         }
     }
 
     /// Smallest and largest coordinates of a box (its smallest and largest corner, metres) along the drawing's axes.
-    pub fn extent(self, low: Vec3, high: Vec3) -> [(f64, f64); 2] {
+    pub fn extent(self, low: DVec3, high: DVec3) -> [(f64, f64); 2] {
         self.axes().map(|axis| {
-            let (a, b) = (dot(axis, low), dot(axis, high));
+            let (a, b) = (axis.dot(low), axis.dot(high));
             (a.min(b), a.max(b))
         })
     }
@@ -71,7 +71,7 @@ impl View {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Part {
     /// The point in its middle, world metres, in the middle of the box's depth.
-    pub target: Vec3,
+    pub target: DVec3,
     /// Half of what it shows upwards, metres.
     pub half_height: f64,
 }
@@ -192,7 +192,7 @@ impl Sheet {
     /// [`SheetError`].
     pub fn new(
         view: View,
-        (low, high): (Vec3, Vec3),
+        (low, high): (DVec3, DVec3),
         (scale, dpi): (f64, u32),
         paper: Option<&Paper>,
         bare: bool,
@@ -261,15 +261,15 @@ impl Sheet {
     }
 
     /// What a part of the picture looks at: its left upper pixel and its size; `middle` is that of the model's box.
-    pub fn part(&self, middle: Vec3, at: [u32; 2], size: [u32; 2]) -> Part {
+    pub fn part(&self, middle: DVec3, at: [u32; 2], size: [u32; 2]) -> Part {
         let (pixel, corner) = (self.metres_per_pixel(), self.corner());
         let centre = [
             corner[0] + (f64::from(at[0]) + f64::from(size[0]) * 0.5) * pixel,
             corner[1] - (f64::from(at[1]) + f64::from(size[1]) * 0.5) * pixel,
         ];
         let axes = self.view.axes();
-        let shift = [centre[0] - dot(axes[0], middle), centre[1] - dot(axes[1], middle)];
-        let target = std::array::from_fn(|i| middle[i] + axes[0][i] * shift[0] + axes[1][i] * shift[1]);
+        let shift = [centre[0] - axes[0].dot(middle), centre[1] - axes[1].dot(middle)];
+        let target = middle + axes[0] * shift[0] + axes[1] * shift[1];
         Part { target, half_height: f64::from(size[1]) * pixel * 0.5 }
     }
 }

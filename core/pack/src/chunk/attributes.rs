@@ -87,6 +87,8 @@ fn round_to(x: i32, grain: u8) -> i32 {
 
 /// Positions, one for every link. Those of a decoder that are out of range are found by whoever checks the mesh.
 pub(super) fn positions<C: Coder>(coder: &mut C, links: &[Link], values: &mut [LatticePoint], wanted: Option<Vec<u8>>) {
+    // The coder takes positions and colours alike, as triples of numbers.
+    let values: &mut [[i32; 3]] = bytemuck::cast_slice_mut(values);
     let weights = if C::ENCODES { Weights::best(values, links) } else { Weights::default() }.code(coder);
     let grains = Grained::new(coder, wanted, values.len());
     let depth = if C::ENCODES {
@@ -102,7 +104,7 @@ pub(super) fn positions<C: Coder>(coder: &mut C, links: &[Link], values: &mut [L
 fn positions_with<C: Coder>(
     coder: &mut C,
     links: &[Link],
-    values: &mut [LatticePoint],
+    values: &mut [[i32; 3]],
     weights: Weights,
     mut grains: Grained,
     depth: u32,

@@ -9,6 +9,7 @@ mod predict;
 mod range;
 
 use crate::error::PackError;
+use crate::plural::counted;
 use kilwa_geometry::Mesh;
 use kilwa_geometry::lattice::MAX_COORDINATE;
 
@@ -53,7 +54,7 @@ impl Chunk {
         let vertex = |v: u32| {
             let v = v as usize;
             CanonicalVertex {
-                position: mesh.positions.get(v).copied().unwrap_or_default(),
+                position: mesh.positions.get(v).copied().unwrap_or_default().to_array(),
                 color: mesh.colors.get(v).copied(),
                 normal: mesh.normals.get(v).copied().unwrap_or_default(),
                 scalars: mesh.scalars.iter().filter_map(|s| s.get(v)).map(|x| x.to_bits()).collect(),
@@ -85,7 +86,7 @@ impl Chunk {
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct CanonicalVertex {
     /// Lattice position.
-    pub position: kilwa_geometry::LatticePoint,
+    pub position: [i32; 3],
     /// Colour, where the pack has them.
     pub color: Option<[u8; 3]>,
     /// Normal.
@@ -204,10 +205,10 @@ pub fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -> Resul
         || declared.vertices as usize > 3 * declared.triangles as usize
     {
         return bad(format!(
-            "{} triangles and {} vertices cannot be in {} bytes",
-            declared.triangles,
-            declared.vertices,
-            bytes.len()
+            "{} and {} cannot be in {}",
+            counted(declared.triangles, "triangle", "triangles"),
+            counted(declared.vertices, "vertex", "vertices"),
+            counted(bytes.len(), "byte", "bytes")
         ));
     }
     let chunk = payload::decode(bytes, declared, attributes)?;
@@ -232,7 +233,11 @@ fn check(chunk: &Chunk, attributes: Attributes) -> Result<(), PackError> {
         return bad(format!("{} triangles and {vertices} vertices are too many", mesh.triangles.len()));
     }
     if vertices > mesh.triangles.len().saturating_mul(3) {
-        return bad(format!("{vertices} vertices, more than its {} triangles can use", mesh.triangles.len()));
+        return bad(format!(
+            "{}, more than its {} can use",
+            counted(vertices, "vertex", "vertices"),
+            counted(mesh.triangles.len(), "triangle", "triangles")
+        ));
     }
     if mesh.normals.len() != vertices
         || mesh.colors.len() != if attributes.colors { vertices } else { 0 }
@@ -245,7 +250,7 @@ fn check(chunk: &Chunk, attributes: Attributes) -> Result<(), PackError> {
     if mesh.borders.iter().any(|&b| b > 7) {
         return bad("border bits above 7".to_owned());
     }
-    if !mesh.positions.as_flattened().iter().all(|x| (0..=MAX_COORDINATE).contains(x)) {
+    if !bytemuck::cast_slice::<_, i32>(&mesh.positions).iter().all(|x| (0..=MAX_COORDINATE).contains(x)) {
         return bad("a position lies outside the lattice".to_owned());
     }
     if mesh.triangles.as_flattened().iter().any(|&v| v as usize >= vertices) {
@@ -259,7 +264,7 @@ fn check(chunk: &Chunk, attributes: Attributes) -> Result<(), PackError> {
         next = next.saturating_add(patch.count);
     }
     if next as usize != mesh.triangles.len() {
-        return bad(format!("its patches hold {next} triangles of {}", mesh.triangles.len()));
+        return bad(format!("its patches hold {} of {}", counted(next, "triangle", "triangles"), mesh.triangles.len()));
     }
     Ok(())
 }

@@ -8,7 +8,7 @@ use super::range::{Bit, Coder, Decoder, Encoder};
 use super::{Attributes, Chunk, Declared, MAX_PER_BYTE, PatchRange};
 use crate::bytes::{Cursor, push_varint};
 use crate::{NO_DIAMOND, PackError};
-use kilwa_geometry::Mesh;
+use kilwa_geometry::{LatticePoint, Mesh};
 
 /// Number of the codec described here.
 const CODEC: u8 = 1;
@@ -74,7 +74,8 @@ pub(super) fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -
     let coded_length = if triangles == 0 { 0 } else { parts.varint()? as usize };
     let coded = parts.take(coded_length)?;
     let mut coder = Decoder::new(coded, parts.take(parts.remaining())?);
-    let mut mesh = Mesh { positions: vec![[0; 3]; vertices], normals: vec![[0; 2]; vertices], ..Mesh::default() };
+    let mut mesh =
+        Mesh { positions: vec![LatticePoint::ZERO; vertices], normals: vec![[0; 2]; vertices], ..Mesh::default() };
     if triangles > 0 {
         let limits = limits(&mesh.positions, &[(); 0], &patches)?;
         let made = machine(&mut coder, &mut Unknown, Limits { triangles: declared.triangles, ..limits })?;
@@ -149,7 +150,7 @@ impl<C: Coder> Parts<'_, C> {
         match part {
             1 => borders(self.coder, self.made, mesh),
             2 => {
-                let points = mesh.positions.iter().copied();
+                let points = mesh.positions.iter().map(|p| p.to_array());
                 let grains = if C::ENCODES { attributes::grains(points) } else { None };
                 attributes::positions(self.coder, &self.links, &mut mesh.positions, grains);
             }

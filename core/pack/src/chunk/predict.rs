@@ -4,6 +4,7 @@
 
 use super::border::{Link, NONE, Parallelogram};
 use super::range::Coder;
+use glam::DVec3;
 use kilwa_geometry::{Mesh, normal};
 
 /// Weights are in units of 1 / 64.
@@ -139,22 +140,16 @@ pub(super) fn beside(link: Link) -> [u32; 2] {
 /// Predict all normals from the chunk's own triangles: the sum of the cross products at each vertex, in the order of
 /// `triangles`, in `f64`, as octahedral coordinates. Chunk borders see only their own side.
 pub(super) fn normals(mesh: &Mesh) -> Vec<normal::OctNormal> {
-    let mut sums = vec![[0.0f64; 3]; mesh.positions.len()];
-    let at = |v: u32| mesh.positions.get(v as usize).copied().unwrap_or_default().map(f64::from);
+    let mut sums = vec![DVec3::ZERO; mesh.positions.len()];
+    let at = |v: u32| mesh.positions.get(v as usize).copied().unwrap_or_default().as_dvec3();
     for &[a, b, c] in &mesh.triangles {
         let (p, q, r) = (at(a), at(b), at(c));
-        let [ux, uy, uz] = minus(q, p);
-        let [vx, vy, vz] = minus(r, p);
-        let n = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx];
+        let n = (q - p).cross(r - p);
         for corner in [a, b, c] {
             if let Some(sum) = sums.get_mut(corner as usize) {
-                add(sum, n);
+                *sum += n;
             }
         }
     }
     sums.into_iter().map(normal::encode).collect()
-}
-
-fn minus([ax, ay, az]: [f64; 3], [bx, by, bz]: [f64; 3]) -> [f64; 3] {
-    [ax - bx, ay - by, az - bz]
 }

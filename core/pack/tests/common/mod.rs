@@ -1,6 +1,7 @@
 //! Chunks, entries and small packs to test with; deterministic.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+use glam::DVec3;
 use kilwa_geometry::{Aabb, Lattice, Mesh, Sphere, normal};
 use kilwa_pack::metadata::{ScalarChannel, SourceFile};
 use kilwa_pack::{Attributes, Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, PackWriter, PatchRange};
@@ -22,7 +23,8 @@ pub(crate) fn height_field(n: usize, patches: usize, seed: u64, attributes: Attr
             let relief = 0.05 * (x * 7.0).sin() * (y * 5.0).cos() + 0.004 * (x * 61.0).sin() * (y * 83.0).sin();
             let jitter = [gauss(&mut random) * 0.002, gauss(&mut random) * 0.002];
             let z = relief + gauss(&mut random) * 0.00015;
-            mesh.positions.push([x + jitter[0] + 3.0, y + jitter[1] + 5.0, z + 1.0].map(|c| (c * step) as i32));
+            let at = DVec3::new(x + jitter[0] + 3.0, y + jitter[1] + 5.0, z + 1.0);
+            mesh.positions.push((at * step).as_ivec3());
             if attributes.colors {
                 let base = 130.0 + 40.0 * (x * 11.0).sin() * (y * 13.0).sin();
                 let grey = gauss(&mut random) * 3.5;
@@ -58,15 +60,12 @@ pub(crate) fn height_field(n: usize, patches: usize, seed: u64, attributes: Attr
 
 /// Area-weighted normals of the whole field, to 10 bits, as the builder makes them.
 fn area_weighted(mesh: &Mesh) -> Vec<[i16; 2]> {
-    let mut sums = vec![[0.0f64; 3]; mesh.positions.len()];
+    let mut sums = vec![DVec3::ZERO; mesh.positions.len()];
     for (t, triangle) in mesh.triangles.iter().enumerate() {
-        let [p, q, r] = mesh.corners(t).map(|c| c.map(f64::from));
-        let [u, v] = [q, r].map(|x| [x[0] - p[0], x[1] - p[1], x[2] - p[2]]);
-        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        let [p, q, r] = mesh.corners(t).map(|c| c.as_dvec3());
+        let n = (q - p).cross(r - p);
         for corner in triangle {
-            for k in 0..3 {
-                sums[*corner as usize][k] += n[k];
-            }
+            sums[*corner as usize] += n;
         }
     }
     sums.into_iter().map(|n| normal::quantize(normal::encode(n), 10)).collect()
@@ -84,7 +83,7 @@ pub(crate) fn entry_of(chunk: &Chunk, encoded: &[u8], level: u8, error: f32, par
         level,
         error,
         color_error: if error.is_finite() { error * 100.0 } else { 0.0 },
-        sphere: Sphere { center: [30_000.0, 45_000.0, 8000.0], radius: 40_000.0 - f64::from(level) },
+        sphere: Sphere { center: DVec3::new(30_000.0, 45_000.0, 8000.0), radius: 40_000.0 - f64::from(level) },
         bounds: if chunk.mesh.positions.is_empty() { Aabb::EMPTY } else { chunk.mesh.bounds() },
         parents: all,
         checksum: kilwa_pack::checksum(encoded),
@@ -120,7 +119,7 @@ pub(crate) fn metadata(attributes: Attributes, triangles: u64) -> Metadata {
 /// A header; the writer fills in offsets and counts.
 pub(crate) fn header(attributes: Attributes, triangles: u64) -> Header {
     Header {
-        lattice: Lattice { origin: [500_000.0, 9_000_000.0, -3.5], step_log2: -13 },
+        lattice: Lattice { origin: DVec3::new(500_000.0, 9_000_000.0, -3.5), step_log2: -13 },
         cube_log2: 17,
         file_bytes: 0,
         metadata: (0, 0),

@@ -1,7 +1,7 @@
 //! A recorded flight: where the camera is at every moment.
 
 use crate::view::{Projection, View};
-use kilwa_geometry::distance::{Vec3, cross, dot};
+use glam::DVec3;
 
 /// Key frames in order of time; between two of them the eye goes straight and the direction turns evenly.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,22 +53,18 @@ impl Flight {
     }
 }
 
-fn mix(a: Vec3, b: Vec3, t: f64) -> Vec3 {
-    std::array::from_fn(|i| a[i] + (b[i] - a[i]) * t)
-}
-
-fn unit(v: Vec3, otherwise: Vec3) -> Vec3 {
-    let length = libm::sqrt(dot(v, v));
-    if length > 1e-9 { v.map(|x| x / length) } else { otherwise }
+fn unit(v: DVec3, otherwise: DVec3) -> DVec3 {
+    let length = v.length();
+    if length > 1e-9 { v / length } else { otherwise }
 }
 
 fn between(a: &View, b: &View, t: f64) -> View {
     if a == b || t <= 0.0 {
         return *a;
     }
-    let forward = unit(mix(a.forward, b.forward, t), a.forward);
-    let near_up = mix(a.up, b.up, t);
-    let right = unit(cross(forward, near_up), a.right);
+    let forward = unit(a.forward.lerp_monotonic(b.forward, t), a.forward);
+    let near_up = a.up.lerp_monotonic(b.up, t);
+    let right = unit(forward.cross(near_up), a.right);
     let number = |x: f64, y: f64| if x == y { x } else { x + (y - x) * t };
     let projection = match (a.projection, b.projection) {
         (Projection::Perspective { tan_half_height: x }, Projection::Perspective { tan_half_height: y }) => {
@@ -80,11 +76,11 @@ fn between(a: &View, b: &View, t: f64) -> View {
         _ => a.projection,
     };
     View {
-        eye: mix(a.eye, b.eye, t),
+        eye: a.eye.lerp_monotonic(b.eye, t),
         right,
-        up: cross(right, forward),
+        up: right.cross(forward),
         forward,
-        anchor: mix(a.anchor, b.anchor, t),
+        anchor: a.anchor.lerp_monotonic(b.anchor, t),
         projection,
         near: number(a.near, b.near),
         far: number(a.far, b.far),

@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test file uses its part")]
 
 use fastrand::Rng;
-use kilwa_geometry::distance::dot;
+use glam::DVec3;
 use kilwa_geometry::{Aabb, DiamondKey, Lattice, Sphere, Tetra};
 use kilwa_pack::{
     Attributes, DirectoryEntry, ENTRIES_PER_PAGE, Head, Header, Metadata, NO_DIAMOND, PatchRange, directory,
@@ -195,7 +195,7 @@ fn all_tetras(split: &BTreeSet<DiamondKey>) -> Vec<Tetra> {
 
 fn head(entries: &[DirectoryEntry], end: u64) -> Head {
     let header = Header {
-        lattice: Lattice { origin: [0.0; 3], step_log2: -12 },
+        lattice: Lattice { origin: DVec3::ZERO, step_log2: -12 },
         cube_log2: CUBE_LOG2,
         file_bytes: end + (1 << 40),
         metadata: (256, 100),
@@ -235,13 +235,13 @@ fn head(entries: &[DirectoryEntry], end: u64) -> Head {
 /// A camera on a sphere round the cube, or inside it.
 pub(crate) fn random_view(random: &mut Rng) -> View {
     let side = f64::from(1 << CUBE_LOG2);
-    let eye: [f64; 3] = std::array::from_fn(|_| (random.f64() * 2.0 - 0.5) * side);
+    let eye = DVec3::from_array(std::array::from_fn(|_| random.f64() * 2.0 - 0.5)) * side;
     let (a, h) = (random.f64() * 6.3, random.f64() * 1.8 - 0.9);
     let r = libm::sqrt(1.0 - h * h);
     let (sin, cos) = libm::sincos(a);
-    let forward = [r * cos, r * sin, h];
-    let right = [sin, -cos, 0.0];
-    let up = kilwa_geometry::distance::cross(right, forward);
+    let forward = DVec3::new(r * cos, r * sin, h);
+    let right = DVec3::new(sin, -cos, 0.0);
+    let up = right.cross(forward);
     let projection = if random.usize(..5) == 0 {
         Projection::Orthographic { half_height: side * (0.02 + random.f64()) }
     } else {
@@ -268,13 +268,13 @@ fn random_clip(random: &mut Rng) -> Clip {
     let (a, h) = (random.f64() * 6.3, random.f64() * 2.0 - 1.0);
     let r = libm::sqrt(1.0 - h * h);
     let (sin, cos) = libm::sincos(a);
-    let normal = [r * cos, r * sin, h];
-    let at: [f64; 3] = std::array::from_fn(|_| random.f64() * side);
-    let plane = HalfSpace { normal, offset: dot(normal, at) };
+    let normal = DVec3::new(r * cos, r * sin, h);
+    let at = DVec3::from_array(std::array::from_fn(|_| random.f64() * side));
+    let plane = HalfSpace { normal, offset: normal.dot(at) };
     let half = side * 0.5 * random.f64();
     let faces = std::array::from_fn(|k| {
         let sign = if k % 2 == 0 { -1.0 } else { 1.0 };
-        let normal = std::array::from_fn(|i| if i == k / 2 { sign } else { 0.0 });
+        let normal = DVec3::AXES[k / 2] * sign;
         HalfSpace { normal, offset: sign * at[k / 2] + half }
     });
     match random.usize(..4) {

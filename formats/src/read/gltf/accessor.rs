@@ -4,6 +4,7 @@ use super::super::ReadError;
 use super::Context;
 use super::buffers::{Buffers, ViewBytes};
 use super::schema::{Root, Sparse};
+use kilwa_pack::plural::counted;
 
 /// Most zeros that an accessor without a view may stand for, however small the file.
 const FREE_ZEROS: u64 = 1 << 16;
@@ -220,7 +221,8 @@ impl Accessor {
         if self.component.is_index() && self.width == 1 {
             return Ok(());
         }
-        let found = format!("indices of {} components of the type {:?}", self.width, self.component);
+        let found =
+            format!("indices of {} of the type {:?}", counted(self.width, "component", "components"), self.component);
         Err(context.part(format!("accessors[{}]", self.index), found, "SCALAR indices of unsigned integers"))
     }
 }
@@ -237,17 +239,21 @@ impl Layout {
     /// Refuse elements that do not lie in the view, or in each other.
     fn check(&self, view: &ViewBytes, number: usize, part: &str, context: &Context<'_>) -> Result<(), ReadError> {
         if self.stride < self.size {
-            let found = format!("elements of {} bytes every {} bytes in bufferViews[{number}]", self.size, self.stride);
+            let found = format!(
+                "elements of {} every {} in bufferViews[{number}]",
+                counted(self.size, "byte", "bytes"),
+                counted(self.stride, "byte", "bytes")
+            );
             return Err(context.part(part.to_owned(), found, "elements that do not overlap"));
         }
         let spaces = self.count.saturating_sub(1);
         let end = spaces.checked_mul(self.stride).and_then(|n| n.checked_add(self.size)?.checked_add(self.offset));
         if self.count > 0 && end.is_none_or(|end| end > view.len()) {
             let found = format!(
-                "{} elements of {} bytes every {} bytes from byte {} of bufferViews[{number}], which has {}",
-                self.count,
-                self.size,
-                self.stride,
+                "{} of {} every {} from byte {} of bufferViews[{number}], which has {}",
+                counted(self.count, "element", "elements"),
+                counted(self.size, "byte", "bytes"),
+                counted(self.stride, "byte", "bytes"),
                 self.offset,
                 view.len()
             );

@@ -11,6 +11,7 @@ use base64::Engine;
 use base64::alphabet;
 use base64::engine::DecodePaddingMode;
 use base64::engine::general_purpose::{GeneralPurpose, GeneralPurposeConfig};
+use kilwa_pack::plural::counted;
 use kilwa_pack::visible::visible;
 use meshoptimizer_rs::codec;
 use percent_encoding::percent_decode_str;
@@ -141,7 +142,10 @@ impl<'a> Buffers<'a> {
     ) -> Result<ViewBytes, ReadError> {
         let there = self.open(root, buffer, part, context)?;
         if offset.checked_add(length).is_none_or(|end| end > there) {
-            let found = format!("{length} bytes from byte {offset} of buffers[{buffer}], which has {there}");
+            let found = format!(
+                "{} from byte {offset} of buffers[{buffer}], which has {there}",
+                counted(length, "byte", "bytes")
+            );
             return Err(context.part(part.to_owned(), found, "bytes that are there; copy or export the file again"));
         }
         Ok(ViewBytes::Stored(buffer, offset, length))

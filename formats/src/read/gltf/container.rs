@@ -2,6 +2,7 @@
 
 use super::super::{Bytes, Place, ReadError};
 use super::{Context, tally};
+use kilwa_pack::plural::counted;
 use std::io::{Read, SeekFrom};
 
 /// First bytes of a GLB.
@@ -41,7 +42,7 @@ pub(super) fn open(
         expected: expected.to_owned(),
     };
     let (Some(version), Some(length)) = (word(&start, 4), word(&start, 8)) else {
-        let found = format!("a file of {total} bytes");
+        let found = format!("a file of {}", counted(total, "byte", "bytes"));
         return Err(malformed(total, found, "a header of 12 bytes; the file is cut: copy or export it again"));
     };
     if version != 2 {
@@ -49,7 +50,7 @@ pub(super) fn open(
     }
     let length = u64::from(length);
     if length > total {
-        let found = format!("{total} bytes in all");
+        let found = format!("{} in all", counted(total, "byte", "bytes"));
         return Err(malformed(total, found, &format!("{length}, as the header says; the file is cut: copy it again")));
     }
     let mut container = Container { json: Vec::new(), binary: None, trailing: total - length };
@@ -59,7 +60,7 @@ pub(super) fn open(
         let (bytes, kind) = (u64::from(word(&header, 0).unwrap_or(0)), word(&header, 4).unwrap_or(0));
         let first = at + CHUNK_HEADER;
         if bytes > length - first {
-            let found = format!("a chunk of {bytes} bytes");
+            let found = format!("a chunk of {}", counted(bytes, "byte", "bytes"));
             let expected = format!("at most {}, the rest of the file; it is cut: copy it again", length - first);
             return Err(malformed(at, found, &expected));
         }

@@ -11,6 +11,7 @@ use super::material::{Material, Texture};
 use super::schema::{Primitive, Root};
 use super::strip::{Assembler, Mode};
 use super::transform::Transform;
+use kilwa_pack::plural::counted;
 use std::collections::HashMap;
 
 /// Elements read at a time.
@@ -157,7 +158,7 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
             let Some(&index) = from.attributes.get(name) else { return Ok(None) };
             let accessor = Accessor::open(self.root, &mut self.buffers, index, &self.context)?;
             if !widths.contains(&accessor.width) {
-                let found = format!("{} components of {name}", accessor.width);
+                let found = format!("{} of {name}", counted(accessor.width, "component", "components"));
                 return Err(self.context.part(format!("accessors[{index}]"), found, &format!("one of {widths:?}")));
             }
             Ok(Some(accessor))
@@ -175,7 +176,11 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
         let count = positions.count;
         for other in [&normals, &colors, &coordinates].into_iter().flatten() {
             if other.count != count {
-                let found = format!("{} elements for {count} positions", other.count);
+                let found = format!(
+                    "{} for {}",
+                    counted(other.count, "element", "elements"),
+                    counted(count, "position", "positions")
+                );
                 return Err(self.context.part(format!("accessors[{}]", other.index), found, "one for each position"));
             }
         }
@@ -206,7 +211,7 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
             let Some(&id) = ids.and_then(|ids| ids.get(name)) else { return Ok(None) };
             let (width, values) = decoded.values(id, &self.context)?;
             if !widths.contains(&width) {
-                let found = format!("{width} components of {name} in its Draco stream");
+                let found = format!("{} of {name} in its Draco stream", counted(width, "component", "components"));
                 return Err(self.context.part(part.to_owned(), found, &format!("one of {widths:?}")));
             }
             let about = from.attributes.get(name).and_then(|&i| self.root.accessors.get(i));

@@ -1,6 +1,9 @@
 //! The parts of glTF 2.0 JSON that carry a surface and its colours, as the specification names them (Khronos, "glTF 2.0
 //! Specification", section 5). All else in the file is not looked at, so that damage there refuses nothing.
 //!
+//! The types are our own because those of the crate `gltf-json` have f32 transforms, cut indices to 32 bits and take several times
+//! the memory; three tests beside this file fail with them.
+//!
 //! What few elements have is boxed: a file may have millions of elements of which each is two bytes of text. What they take
 //! in memory is known before they are read (`tally`).
 

@@ -7,6 +7,7 @@
 use super::Context;
 use super::json::string_length;
 use crate::read::ReadError;
+use kilwa_pack::plural::counted;
 
 /// Bytes for an object: an element of a list that doubles, and what is kept of a node beside it.
 const OBJECT: u64 = 320;
@@ -76,7 +77,13 @@ pub(super) fn check(json: &[u8], most: u64, context: &Context<'_>) -> Result<(),
         return Ok(());
     }
     let Tally { objects, lists, strings, .. } = tally;
-    let what = format!("its JSON of {} bytes has {objects} objects, {lists} lists and {strings} strings", json.len());
+    let what = format!(
+        "its JSON of {} has {}, {} and {}",
+        counted(json.len(), "byte", "bytes"),
+        counted(objects, "object", "objects"),
+        counted(lists, "list", "lists"),
+        counted(strings, "string", "strings")
+    );
     Err(too_large(&what, needed, most, context))
 }
 

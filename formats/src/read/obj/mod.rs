@@ -34,6 +34,7 @@ use super::texture::detail::Detail;
 use super::{Input, MeshSink, Place, ReadError};
 use crate::Findings;
 use corners::{Corners, To};
+use kilwa_pack::plural::counted;
 use kilwa_pack::visible::visible;
 use lines::{Lines, word};
 use material::Material;
@@ -112,10 +113,10 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
     };
     source.done();
     if delivered == 0 {
-        let reasons: Vec<String> = findings.iter().map(|(kind, n, _)| format!("{n} {kind}")).collect();
+        let reasons: Vec<String> = findings.iter().map(|(kind, n, _)| format!("{kind}: {n}")).collect();
         return Err(ReadError::NoTriangles {
             file: path.to_owned(),
-            found: format!("of its {} faces none is left ({})", survey.faces, reasons.join("; ")),
+            found: format!("of its {} none is left ({})", counted(survey.faces, "face", "faces"), reasons.join("; ")),
             way_out: "Export the mesh again and give that",
         });
     }
@@ -306,17 +307,22 @@ fn libraries_named(
 fn no_faces(path: &Path, survey: &Survey) -> ReadError {
     let others = match survey.others {
         0 => String::new(),
-        n => format!(" and {n} lines, points or free-form elements, which are not read"),
+        n => format!(
+            " and {} not read",
+            counted(n, "line, point or free-form element, which is", "lines, points or free-form elements, which are")
+        ),
     };
     let (found, way_out) = match (survey.vertices, survey.faces) {
         (0, 0) => (format!("it has no vertices and no faces{others}"), "Export the mesh again and give that"),
-        (0, n) => (format!("it has {n} faces and no vertices"), "It is cut or damaged: export it again"),
+        (0, n) => {
+            (format!("it has {} and no vertices", counted(n, "face", "faces")), "It is cut or damaged: export it again")
+        }
         (n, _) if survey.others > 0 => (
-            format!("it has {n} vertices, no faces{others}"),
+            format!("it has {}, no faces{others}", counted(n, "vertex", "vertices")),
             "Convert curves and surfaces to a mesh in the program that made it and give that",
         ),
         (n, _) => (
-            format!("it has {n} points and no faces"),
+            format!("it has {} and no faces", counted(n, "point", "points")),
             "Make a mesh of it first (for example Poisson reconstruction in CloudCompare or MeshLab) and give that",
         ),
     };

@@ -2,6 +2,7 @@
 
 use super::lines::{number, numbers, word};
 use crate::read::source::quote;
+use kilwa_pack::plural::counted;
 
 /// A corner of a face: numbers from 0 of position, and of texture coordinates and normal where it has them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,7 +29,10 @@ pub(super) type Fault = (String, String);
 pub(super) fn vertex(rest: &[u8]) -> Result<Vertex, Fault> {
     let (v, n) = numbers::<7>(rest).map_err(bad_number)?;
     if n < 3 {
-        return Err((format!("a vertex of {n} numbers"), "x, y and z; the file is cut or damaged".to_owned()));
+        return Err((
+            format!("a vertex of {}", counted(n, "number", "numbers")),
+            "x, y and z; the file is cut or damaged".to_owned(),
+        ));
     }
     let color = match n {
         6 => Some([v[3], v[4], v[5]]),
@@ -49,7 +53,7 @@ pub(super) fn uv(rest: &[u8]) -> Result<[f64; 2], Fault> {
 /// `vn x y z`.
 pub(super) fn normal(rest: &[u8]) -> Result<[f64; 3], Fault> {
     match numbers::<3>(rest).map_err(bad_number)? {
-        (_, n @ 0..3) => Err((format!("a normal of {n} numbers"), "x, y and z".to_owned())),
+        (_, n @ 0..3) => Err((format!("a normal of {}", counted(n, "number", "numbers")), "x, y and z".to_owned())),
         (normal, _) => Ok(normal),
     }
 }

@@ -101,7 +101,7 @@ fn what_is_wrong_is_refused_with_what_was_expected() {
 fn a_file_without_faces_is_refused_with_what_it_has() {
     assert!(refusal(SQUARE).contains("4 points and no faces"));
     assert!(refusal("o nothing\n").contains("no vertices and no faces"));
-    assert!(refusal("f 1 2 3\n").contains("1 faces and no vertices"));
+    assert!(refusal("f 1 2 3\n").contains("1 face and no vertices"));
     let curves = refusal(&format!("{SQUARE}cstype bspline\ndeg 3\ncurv 0 1 1 2 3 4\nend\nl 1 2\n"));
     assert!(curves.contains("2 lines, points or free-form elements"), "{curves}");
     assert!(refusal(&format!("{SQUARE}f 1 1 2\nf 1 2\n")).contains("of its 2 faces none is left"));

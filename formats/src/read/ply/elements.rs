@@ -10,6 +10,7 @@ use super::scalar::Scalar;
 use crate::Findings;
 use crate::read::faces::{Faces, MAX_CORNERS};
 use crate::read::sink::MeshSink;
+use kilwa_pack::plural::counted;
 
 /// Vertices handed on at a time.
 pub(super) const BLOCK: usize = 4096;
@@ -278,7 +279,7 @@ fn length(rows: &mut impl Rows, row: Row<'_>, field: &Field, count: Scalar, item
         Ok(n) => Err(rows.fault(
             row,
             field,
-            format!("a list of {n} values"),
+            format!("a list of {}", counted(n, "value", "values")),
             "no more than the rest of the file can hold; the file is cut or damaged".to_owned(),
         )),
         Err(_) => Err(rows.fault(row, field, format!("a list of {n} values"), "0 or more".to_owned())),

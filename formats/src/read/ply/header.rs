@@ -7,6 +7,7 @@
 use super::scalar::{NAMES, Order, Scalar};
 use super::{Place, ReadError};
 use crate::read::source::{Source, quote};
+use kilwa_pack::plural::counted;
 
 /// A header longer than this is no header (real ones are below 10 kB).
 const MAX_HEADER: u64 = 1 << 20;
@@ -138,8 +139,9 @@ impl Header {
                     Place::Line(element.line),
                     format!("\"element {} {}\"", element.name, element.count),
                     format!(
-                        "at most {holds} rows, because only {} bytes follow and a row takes at least {row}; the file is cut or its header is wrong: export or copy it again",
-                        left - slack.min(left),
+                        "at most {}, because only {} and a row takes at least {row}; the file is cut or its header is wrong: export or copy it again",
+                        counted(holds, "row", "rows"),
+                        counted(left - slack.min(left), "byte follows", "bytes follow"),
                     ),
                 ));
             }

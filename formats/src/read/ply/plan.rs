@@ -8,6 +8,7 @@ use super::scalar::Scalar;
 use super::{Place, ReadError};
 use crate::Findings;
 use kilwa_pack::chunk::MAX_SCALARS;
+use kilwa_pack::plural::counted;
 use std::path::Path;
 
 /// What a kept scalar of a vertex is.
@@ -157,7 +158,9 @@ impl Plan {
         for (element, _) in
             header.elements.iter().zip(&self.elements).filter(|(e, p)| matches!(p, ElementPlan::Skip(_)) && e.count > 0)
         {
-            findings.add("elements of the file not kept", || format!("{} ({} rows)", element.name, element.count));
+            findings.add("elements of the file not kept", || {
+                format!("{} ({})", element.name, counted(element.count, "row", "rows"))
+            });
         }
     }
 
@@ -253,7 +256,9 @@ fn inventory(header: &Header, vertices: u64) -> String {
     match (names.is_empty(), vertices) {
         (true, _) => "it declares no elements at all".to_owned(),
         (false, 0) => format!("it has no vertices; its header declares {}", names.join(", ")),
-        (false, n) => format!("it has {n} points and no faces; its header declares {}", names.join(", ")),
+        (false, n) => {
+            format!("it has {} and no faces; its header declares {}", counted(n, "point", "points"), names.join(", "))
+        }
     }
 }
 

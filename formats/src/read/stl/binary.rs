@@ -4,6 +4,7 @@ use super::super::ReadError;
 use super::colors::Colors;
 use super::facets::Facets;
 use super::{BEFORE, Bytes, FACET, HEADER};
+use kilwa_pack::plural::counted;
 
 /// Facets that the header counts.
 fn count(start: &[u8]) -> Option<u64> {
@@ -65,9 +66,9 @@ pub(super) fn read(bytes: &mut Bytes<'_>, start: &[u8], facets: &mut Facets<'_>)
     // Some writers leave the count at 0 because they do not know it when they begin.
     let wanted = if said == 0 { whole } else { said.min(whole) };
     if said == 0 && whole > 0 {
-        facets
-            .findings()
-            .add("headers that count no facets; those that are there were read", || format!("{whole} facets"));
+        facets.findings().add("headers that count no facets; those that are there were read", || {
+            counted(whole, "facet", "facets").to_string()
+        });
     }
     facets.findings().add_many("facets that the header counts and the file does not have", said.saturating_sub(whole));
     let left = there - wanted * FACET as u64;

@@ -1,6 +1,7 @@
 //! Facets on their way to the sink, in blocks of constant size.
 
 use super::super::{MeshSink, ReadError, VertexBlock};
+use glam::DVec3;
 
 /// Facets in a block.
 const BLOCK: usize = 1 << 14;
@@ -46,13 +47,10 @@ impl<'a> Facets<'a> {
     /// Count a facet whose given normal contradicts its corners: turned by more than 120 degrees, so that the rounding
     /// of slivers does not count.
     pub(super) fn check_normal(&mut self, normal: [f64; 3], corners: &[[f64; 3]; 3], place: impl FnOnce() -> String) {
-        let [a, b, c] = corners;
-        let side = |p: &[f64; 3]| [p[0] - a[0], p[1] - a[1], p[2] - a[2]];
-        let (u, v) = (side(b), side(c));
-        let cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        let lengths = libm::sqrt(dot(normal, normal) * dot(cross, cross));
-        if lengths > 0.0 && dot(normal, cross) < -0.5 * lengths {
+        let [a, b, c] = corners.map(DVec3::from);
+        let (given, made) = (DVec3::from(normal), (b - a).cross(c - a));
+        let lengths = libm::sqrt(given.length_squared() * made.length_squared());
+        if lengths > 0.0 && given.dot(made) < -0.5 * lengths {
             self.findings().add(CONTRADICTS, place);
         }
     }

@@ -10,6 +10,7 @@ mod room;
 
 use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 pub(crate) use kilwa_geometry::color::{light_from_srgb, srgb_from_light};
+use kilwa_pack::plural::counted;
 use std::io::Cursor;
 
 /// The most bytes that a decoded picture may take where nothing else is said: 3 a texel, so that one of 16384 × 16384 fits.
@@ -58,7 +59,8 @@ pub struct Texture {
 
 fn too_little(memory: u64, need: &str) -> Refusal {
     Refusal::Memory(format!(
-        "decoding it takes {need} of memory, but {memory} bytes are allowed; give a larger --memory (twice what it takes), or a smaller picture"
+        "decoding it takes {need} of memory, but {} allowed; give a larger --memory (twice what it takes), or a smaller picture",
+        counted(memory, "byte is", "bytes are")
     ))
 }
 
@@ -88,12 +90,16 @@ impl Texture {
         let (width, height) = decoder.dimensions();
         let texels = u64::from(width) * u64::from(height);
         if texels == 0 || texels > most / 3 {
-            let why = format!("it has {width} × {height} = {texels} texels; at most {} are read", most / 3);
+            let why = format!(
+                "it has {width} × {height} = {}; at most {} are read",
+                counted(texels, "texel", "texels"),
+                most / 3
+            );
             return Err(Refusal::Unreadable(why));
         }
         let need = room::needed(format, bytes, texels, decoder.color_type());
         if need > memory {
-            return Err(too_little(memory, &format!("{need} bytes")));
+            return Err(too_little(memory, &counted(need, "byte", "bytes").to_string()));
         }
         make_room(need);
         // A TIFF takes more where its strips are large: for that there is what is left.

@@ -5,6 +5,7 @@
 //! milliseconds. Numbers of bytes and requests are `f64`, exact up to 2^53. Errors are sentences; one whose `kind`
 //! is `noGpu` means that nothing can be drawn here.
 
+mod camera;
 mod display;
 mod loss;
 mod navigation;
@@ -283,7 +284,7 @@ impl Viewer {
 }
 
 fn bounds(metadata: &Metadata) -> Bounds {
-    Bounds { min: metadata.bounds_min, max: metadata.bounds_max }
+    Bounds { min: metadata.bounds_min.into(), max: metadata.bounds_max.into() }
 }
 
 /// The error of a browser that gives no device to draw with.

@@ -1,11 +1,11 @@
 //! Where the viewer looks from: camera, standard views, what is under a pixel.
 
 use super::Viewer;
-use crate::camera::{Camera, DEFAULT_FIELD_OF_VIEW, StandardView};
+use crate::camera::{Camera, StandardView};
 use crate::pick::{Scope, interval, nearest};
 use crate::section::Clip;
 use crate::walk;
-use kilwa_geometry::distance::{Vec3, dot, sub};
+use glam::{DVec2, DVec3};
 use kilwa_measure::Ray;
 use kilwa_measure::interval::Provisional;
 use kilwa_pack::{GpuChunk, NO_DIAMOND};
@@ -49,11 +49,11 @@ impl Viewer {
             return false;
         }
         let (sin, cos) = libm::sincos(self.camera.azimuth);
-        let across = [-sin * forward - cos * right, -cos * forward + sin * right];
+        let across = DVec2::new(-sin * forward - cos * right, -cos * forward + sin * right);
         let eye = self.camera.eye();
         let there = walk::step(eye, across, seconds, height, |from, way| self.cast(from, way));
         // What would not be seen is not moved, so that a standing person is a still picture.
-        let moved = (0..3).any(|i| (there[i] - eye[i]).abs() > height * 1e-4);
+        let moved = (there - eye).abs().max_element() > height * 1e-4;
         if moved {
             self.camera.place_eye(there);
         }
@@ -63,17 +63,17 @@ impl Viewer {
     /// Height of the surface below a place, metres; not a number where there is none.
     #[wasm_bindgen(js_name = groundBelow)]
     pub fn ground_below(&self, x: f64, y: f64, z: f64) -> f64 {
-        walk::ground([x, y, z], |from, way| self.cast(from, way)).unwrap_or(f64::NAN)
+        walk::ground(DVec3::new(x, y, z), |from, way| self.cast(from, way)).unwrap_or(f64::NAN)
     }
 
     /// The eye, x, y, z in metres.
     pub fn eye(&self) -> Vec<f64> {
-        self.camera.eye().to_vec()
+        self.camera.eye().to_array().to_vec()
     }
 
     /// Pixels of places: for each x, y, z its pixel x, y and its depth in metres, not numbers where it is not before the eye.
     pub fn project(&self, places: &[f64]) -> Vec<f64> {
-        let pixel = |p: &[f64]| self.camera.pixel([p[0], p[1], p[2]], self.size());
+        let pixel = |p: &[f64]| self.camera.pixel(DVec3::from_slice(p), self.size());
         let nowhere = ([f64::NAN; 2], f64::NAN);
         places.chunks_exact(3).map(|p| pixel(p).unwrap_or(nowhere)).flat_map(|([x, y], depth)| [x, y, depth]).collect()
     }
@@ -92,7 +92,7 @@ impl Viewer {
         let (origin, direction) = self.camera.ray(pixel, self.size());
         let Some(hit) = self.hit(pixel[0], pixel[1]) else { return false };
         let seen = self.streamer.header().lattice.world_from_steps(hit.point);
-        dot(sub(seen, origin), direction) + slack < dot(sub([x, y, z], origin), direction)
+        (seen - origin).dot(direction) + slack < ([x, y, z] - origin).dot(direction)
     }
 
     /// Move with the picture, by pixels.
@@ -136,39 +136,6 @@ impl Viewer {
         self.camera.fit(&self.bounds, self.size());
     }
 
-    /// The camera: azimuth, elevation (radians), distance, target x, y, z (metres), 1 where parallel, roll and vertical
-    /// opening angle (radians).
-    pub fn camera(&self) -> Vec<f64> {
-        let c = &self.camera;
-        let [x, y, z] = c.target;
-        vec![c.azimuth, c.elevation, c.distance, x, y, z, f64::from(c.orthographic), c.roll, c.field_of_view]
-    }
-
-    /// Take a camera that [`Viewer::camera`] gave; false when it is none. Roll and opening angle may be left out.
-    #[wasm_bindgen(js_name = setCamera)]
-    pub fn set_camera(&mut self, camera: &[f64]) -> bool {
-        let &[azimuth, elevation, distance, x, y, z, orthographic, ref rest @ ..] = camera else { return false };
-        let roll = rest.first().copied().unwrap_or(0.0);
-        let field_of_view = rest.get(1).copied().unwrap_or(DEFAULT_FIELD_OF_VIEW);
-        let is_sane = camera.iter().all(|v| v.is_finite())
-            && distance > 0.0
-            && rest.len() <= 2
-            && (0.01..=2.8).contains(&field_of_view);
-        if is_sane {
-            self.camera.azimuth = 0.0;
-            self.camera.elevation = 0.0;
-            self.camera.orbit(azimuth, elevation);
-            self.camera.target = [x, y, z];
-            self.camera.orthographic = orthographic != 0.0;
-            self.camera.distance = distance;
-            self.camera.roll = roll;
-            self.camera.field_of_view = field_of_view;
-            // Brings the distance into its range.
-            self.camera.zoom(1.0, self.camera.target, &self.bounds);
-        }
-        is_sane
-    }
-
     /// Metres that one pixel shows at the pivot.
     #[wasm_bindgen(js_name = metresPerPixel)]
     pub fn metres_per_pixel(&self) -> f64 {
@@ -182,7 +149,7 @@ impl Viewer {
     pub fn provisional(&self, ray: &[f64]) -> String {
         let &[x, y, z, u, v, w] = ray else { return String::new() };
         let lattice = &self.streamer.header().lattice;
-        let ray = Ray { origin: lattice.steps_from_world([x, y, z]), direction: [u, v, w] };
+        let ray = Ray { origin: lattice.steps_from_world(DVec3::new(x, y, z)), direction: DVec3::new(u, v, w) };
         let chunk = |chunk| Some((self.decoded.get(&chunk)?, self.streamer.entry(chunk)?.bounds));
         let clip = &self.options.clip;
         let (between, count) = match interval(&ray, &self.draw, clip, lattice.step(), chunk) {
@@ -190,12 +157,12 @@ impl Viewer {
             Provisional::Between { from, to } => (Some((from, to)), 1),
             Provisional::Several(all) => (None, all.len()),
         };
-        let metres = libm::sqrt(dot(ray.direction, ray.direction)) * lattice.step();
+        let metres = ray.direction.length() * lattice.step();
         let hit = nearest(ray.origin, ray.direction, &self.draw, Scope::Whole, clip, chunk);
         let at = hit.map(|h| h.along).or(between.map(|(from, to)| f64::midpoint(from, to)));
         let error = hit.map(|h| f64::from(h.error)).or(between.map(|(from, to)| (to - from) * 0.5 * metres));
-        let local = at.map(|at| ray.at(at).map(|x| x * lattice.step()));
-        let world = local.map(|p| [0, 1, 2].map(|i| p[i] + lattice.origin[i]));
+        let local = at.map(|at| ray.at(at) * lattice.step());
+        let world = local.map(|p| p + lattice.origin);
         serde_json::json!({
             "low": between.map(|b| b.0 * metres),
             "high": between.map(|b| b.1 * metres),
@@ -216,14 +183,14 @@ impl Viewer {
     /// What is under a pixel: x, y, z and the certified error there, metres; empty where there is nothing.
     pub fn pick(&self, x: f64, y: f64) -> Vec<f64> {
         let Some(hit) = self.hit(x, y) else { return Vec::new() };
-        let [x, y, z] = self.streamer.header().lattice.world_from_steps(hit.point);
+        let DVec3 { x, y, z } = self.streamer.header().lattice.world_from_steps(hit.point);
         vec![x, y, z, f64::from(hit.error)]
     }
 }
 
 impl Viewer {
     /// Metres from a place along a unit vector to the nearest surface of the cut, also outside the picture.
-    fn cast(&self, from: Vec3, way: Vec3) -> Option<f64> {
+    fn cast(&self, from: DVec3, way: DVec3) -> Option<f64> {
         let lattice = &self.streamer.header().lattice;
         let origin = lattice.steps_from_world(from);
         let hit = nearest(origin, way, &self.draw, Scope::Whole, &Clip::default(), |chunk| {

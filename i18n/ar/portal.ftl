@@ -1,0 +1,162 @@
+### Messages of the portal: the server's own pages. They are put into HTML as they are, so that they hold no <, & or double quotes.
+
+dir = rtl
+name = العربية
+title = النماذج
+search = بحث
+searchLabel = البحث في النماذج
+sort = الترتيب
+relevance = الأقرب
+byTitle = العنوان
+newest = الأحدث
+largest = الأكبر
+apply = عرض
+clear = مسح الكل
+filters = عوامل التصفية
+results = النماذج الموجودة: { $count }
+none = لا توجد نتائج.
+noneNext = جرّب كلمات أو عوامل تصفية أقل، أو شاهد كل النماذج.
+all = كل النماذج
+page = صفحة { $page } من { $pages }
+previous = السابقة
+next = التالية
+pages = الصفحات
+country = البلد
+kind = النوع
+period = الحقبة
+licence = الترخيص
+size = الحجم
+subject = الموضوع
+size-under-1m = أقل من مليون مثلث
+size-1m-10m = من مليون إلى 10 ملايين
+size-10m-100m = من 10 إلى 100 مليون
+size-over-100m = أكثر من 100 مليون
+triangles = المثلثات
+file = الملف
+embargo = متاح للعموم ابتداءً من { $day }
+restricted = غير متاح للعموم
+feed = النماذج الجديدة (خلاصة)
+packs = الحزم
+language = اللغة
+failed = البحث غير متاح الآن.
+failedNext = النماذج نفسها متاحة: كل العناوين تعمل. حاول بعد دقيقة.
+remove = إزالة
+chosen = المختار
+version = الإصدار { $number } بتاريخ { $day }
+signIn = تسجيل الدخول
+signOut = تسجيل الخروج
+userName = اسم المستخدم
+password = كلمة المرور
+signInWrong = الاسم أو كلمة المرور غير صحيحة.
+signInWait = كانت المحاولات كثيرة. حاول مرة أخرى بعد { $seconds ->
+        [zero] { $seconds } ثانية
+        [one] ثانية واحدة
+        [two] ثانيتين
+        [few] { $seconds } ثوانٍ
+        [many] { $seconds } ثانية
+       *[other] { $seconds } ثانية
+    }.
+signedIn = سجّلت الدخول باسم { $name }.
+goOn = متابعة
+bytes = { $count ->
+        [zero] { $count } بايت
+        [one] بايت واحد
+        [two] بايتان
+        [few] { $count } بايتات
+        [many] { $count } بايتًا
+       *[other] { $count } بايت
+    }
+kB = ك.ب
+MB = م.ب
+GB = غ.ب
+extent = الامتداد
+spacing = أدق تباعد
+reference = النظام المرجعي
+local = محلي
+notStated = غير مذكور
+broken = لا يمكن عرض هذا الملف.
+withdrawn = سُحب.
+download = تنزيل الحزمة
+empty = لا يوجد نموذج هنا بعد.
+emptyNext = أنشئ حزمة بالأمر kilwa build وضعها في هذا المجلد ثم أعد تحميل الصفحة.
+map = خريطة
+mapCount = النماذج على الخريطة: { $count }
+mapNone = لا يوجد لأي من هذه النماذج مكان معلن.
+mapSource = حدود اليابسة: ناتشورال إيرث، تقريبية.
+mapWhole = الخريطة كاملة
+mapCloser = النماذج هنا: { $count }. تكبير
+mapMore = أُدرج أول { $count }؛ كبّر لرؤية البقية.
+places = الأماكن
+list = قائمة
+collections = المجموعات
+members = النماذج: { $count }
+collectionFeed = هذه المجموعة كتغذية
+noCollections = لا توجد مجموعة بعد.
+extractTitle = التنزيلات
+extractLead = الشبكة لبرامج أخرى، دون شقوق، وبالحجم الذي تحتاجه. تُعدّ عند الطلب.
+extractFormat = الصيغة
+extractSize = الحجم
+extractWhole = كاملة
+extractTriangles = عدد المثلثات على الأكثر
+extractError = ضمن هذا العدد من الأمتار من السطح
+extractMake = إعداد الملف
+extractBack = العودة إلى النموذج
+extractQueued = ملفك ينتظر دوره: { $count } قبله.
+extractRunning = يجري إعداد ملفك: { $percent } %.
+extractWait = تتحدث هذه الصفحة تلقائيًا. يمكنك إغلاقها والعودة إلى عنوانها.
+extractReady = الملف جاهز. يبدأ التنزيل تلقائيًا.
+extractFailed = تعذّر إعداد الملف.
+extractFull = قرص الخادم ممتلئ. على المسؤول إخلاء مساحة؛ حاول لاحقًا.
+extractFetched = جُلب من مخزن الأرشيف حتى الآن: { $size }.
+extractHalted = لا يستجيب مخزن الأرشيف حاليًا. يستمر إعداد ملفك حين يستجيب؛ تتحدّث هذه الصفحة من تلقاء نفسها.
+extractAway = لا يستجيب مخزن الأرشيف أو لا يعطي النموذج حاليًا؛ اطلبه ثانيةً بعد دقيقة.
+extractBusy = يجري إعداد ملفات كثيرة جدًا الآن. حاول مجددًا بعد { $seconds ->
+        [zero] { $seconds } ثانية
+        [one] ثانية واحدة
+        [two] ثانيتين
+        [few] { $seconds } ثوانٍ
+        [many] { $seconds } ثانية
+       *[other] { $seconds } ثانية
+    }.
+extractTooLarge = سيكون ذلك نحو { $size }، وهذا الخادم يحفظ ملفات حتى { $most }. اطلب مثلثات أقل أو نزّل الحزمة.
+extractWrong = هذا ليس حجمًا: عدد صحيح من المثلثات من 1 فصاعدًا، أو أمتار مثل 0.01.
+extractUnknown = لا يجري إعداد شيء في هذا العنوان. اطلب الملف مجددًا.
+extractPack = كما نُشر
+preview = معاينة
+plyWhat = ألوان وكل الخصائص؛ لبرامج السحب النقطية والشبكات
+glbWhat = ألوان؛ للويب وبلندر والعروض
+objWhat = نص وألوان؛ تفتح في كل مكان تقريبًا
+stlWhat = الشكل وحده؛ للطباعة ثلاثية الأبعاد
+parts = هذا الأرشيف
+signOutEverywhere = تسجيل الخروج من جميع الأجهزة
+signInFailed = لا يستطيع الخادم تسجيل دخول أحد حاليًا. حاول مرة أخرى بعد دقيقة.
+tooLong = هذا العنوان طويل جدًا.
+tooLongNext = اختر عوامل تصفية أقل، أو ابحث بكلمات أقل.
+tooMany = الحد الأقصى لعدد القيم المختارة من عامل تصفية واحد هو { $count }: { $filter }.
+tooManyNext = المتابعة مع أول { $count }
+extractTime = الوقت المتبقي المقدَّر: من { $from } إلى { $to } د.
+extractTimeShort = الوقت المتبقي المقدَّر: أقل من دقيقة.
+extractTimeUnknown = لا يمكن تقدير المدة بعد.
+extractShare = لشبكتك { $count ->
+        [zero] { $count } ملف
+        [one] ملف واحد
+        [two] ملفان
+        [few] { $count } ملفات
+        [many] { $count } ملفًا
+       *[other] { $count } ملف
+    } في قائمة الانتظار، وهو الحد الأقصى لشبكة واحدة. حاول مرة أخرى بعد { $seconds ->
+        [zero] { $seconds } ثانية
+        [one] ثانية واحدة
+        [two] ثانيتين
+        [few] { $seconds } ثوانٍ
+        [many] { $seconds } ثانية
+       *[other] { $seconds } ثانية
+    }.
+extractTooMany = عدد الملفات الجديدة التي طلبتها شبكتك في الدقائق العشر الأخيرة: { $count }، وهو الحد الأقصى لشبكة واحدة. حاول مرة أخرى بعد { $seconds ->
+        [zero] { $seconds } ثانية
+        [one] ثانية واحدة
+        [two] ثانيتين
+        [few] { $seconds } ثوانٍ
+        [many] { $seconds } ثانية
+       *[other] { $seconds } ثانية
+    }.

@@ -1,0 +1,141 @@
+### Messages of the portal: the server's own pages. They are put into HTML as they are, so that they hold no <, & or double quotes.
+
+dir = ltr
+name = English
+title = Models
+search = Search
+searchLabel = Search models
+sort = Order
+relevance = Best match
+byTitle = Title
+newest = Newest
+largest = Largest
+apply = Show
+clear = Clear all
+filters = Filters
+results = Models found: { $count }
+none = Nothing matches.
+noneNext = Try fewer words or fewer filters, or see all models.
+all = All models
+page = Page { $page } of { $pages }
+previous = Previous
+next = Next
+pages = Pages
+country = Country
+kind = Kind
+period = Period
+licence = Licence
+size = Size
+subject = Subject
+size-under-1m = under 1 million triangles
+size-1m-10m = 1 to 10 million
+size-10m-100m = 10 to 100 million
+size-over-100m = over 100 million
+triangles = Triangles
+file = File
+embargo = Public from { $day } on
+restricted = Not public
+feed = New models (feed)
+packs = Packs
+language = Language
+failed = The list cannot be searched at the moment.
+failedNext = The models themselves can be seen: every address still works. Try again in a minute.
+remove = remove
+chosen = Chosen
+version = Version { $number } of { $day }
+signIn = Sign in
+signOut = Sign out
+userName = User name
+password = Password
+signInWrong = Name or password is not right.
+signInWait = There were too many attempts. Try again in { $seconds ->
+        [one] { $seconds } second
+       *[other] { $seconds } seconds
+    }.
+signedIn = You are signed in as { $name }.
+goOn = Continue
+bytes = { $count ->
+        [one] { $count } byte
+       *[other] { $count } bytes
+    }
+kB = kB
+MB = MB
+GB = GB
+extent = Extent
+spacing = Finest spacing
+reference = Reference system
+local = local
+notStated = not stated
+broken = This file cannot be shown.
+withdrawn = Withdrawn.
+download = Download pack
+empty = There is no model here yet.
+emptyNext = Make a pack with kilwa build, put it into this folder, and load this page again.
+map = Map
+mapCount = Models on the map: { $count }
+mapNone = None of these models has a public place.
+mapSource = Outline of the land: Natural Earth, coarse.
+mapWhole = The whole map
+mapCloser = Models here: { $count }. Look closer
+mapMore = The first { $count } are listed; look closer to see the others.
+places = Places
+list = List
+collections = Collections
+members = Models: { $count }
+collectionFeed = This collection as a feed
+noCollections = There is no collection yet.
+extractTitle = Downloads
+extractLead = The mesh for other programs, without cracks, at the size that you need. It is made when it is asked for.
+extractFormat = Format
+extractSize = Size
+extractWhole = Whole
+extractTriangles = At most so many triangles
+extractError = Within so many metres of the surface
+extractMake = Make the file
+extractBack = Back to the model
+extractQueued = Your file waits for its turn: { $count } before it.
+extractRunning = Your file is being made: { $percent } %.
+extractWait = This page looks again by itself. You can close it and come back to its address.
+extractReady = The file is ready. The download begins by itself.
+extractFailed = The file could not be made.
+extractFull = The server’s disk is full. Its keeper has to make room; try again later.
+extractFetched = Fetched from the archive’s storage so far: { $size }.
+extractHalted = The archive’s storage does not answer at the moment. Your file goes on when it does; this page looks again by itself.
+extractAway = The archive’s storage does not answer, or does not give the model at the moment; ask again in a minute.
+extractBusy = Too many files are being made at the moment. Try again in { $seconds ->
+        [one] { $seconds } second
+       *[other] { $seconds } seconds
+    }.
+extractTooLarge = That would be about { $size }, and this server keeps files up to { $most }. Ask for fewer triangles, or download the pack.
+extractWrong = That is no size: a whole number of triangles from 1 on, or metres such as 0.01.
+extractUnknown = Nothing is being made at this address. Ask for the file again.
+extractPack = As it was published
+preview = Preview
+plyWhat = colours, all attributes; for point cloud and mesh programs
+glbWhat = colours; for the web, Blender, presentations
+objWhat = text, colours; opens almost everywhere
+stlWhat = shape alone; for 3D printing
+parts = This archive
+signOutEverywhere = Sign out everywhere
+signInFailed = The server cannot sign anybody in at the moment. Try again in a minute.
+tooLong = This address is too long.
+tooLongNext = Choose fewer filters, or search with fewer words.
+tooMany = At most { $count } values of one filter can be chosen at once: { $filter }.
+tooManyNext = Use only the first { $count }
+extractTime = Estimated time left: { $from } to { $to } min.
+extractTimeShort = Estimated time left: less than 1 min.
+extractTimeUnknown = The time left cannot be estimated yet.
+extractShare = Your network already has { $count ->
+        [one] { $count } file
+       *[other] { $count } files
+    } in the queue, the limit for one network. Try again in { $seconds ->
+        [one] { $seconds } second
+       *[other] { $seconds } seconds
+    }.
+extractTooMany = Your network has asked for { $count ->
+        [one] { $count } new file
+       *[other] { $count } new files
+    } in the last ten minutes, the limit for one network. Try again in { $seconds ->
+        [one] { $seconds } second
+       *[other] { $seconds } seconds
+    }.

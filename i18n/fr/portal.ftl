@@ -1,0 +1,148 @@
+### Messages of the portal: the server's own pages. They are put into HTML as they are, so that they hold no <, & or double quotes.
+
+dir = ltr
+name = Français
+title = Modèles
+search = Rechercher
+searchLabel = Rechercher des modèles
+sort = Ordre
+relevance = Pertinence
+byTitle = Titre
+newest = Récents
+largest = Grands d’abord
+apply = Afficher
+clear = Tout effacer
+filters = Filtres
+results = Modèles trouvés : { $count }
+none = Aucun résultat.
+noneNext = Essayez moins de mots ou moins de filtres, ou voyez tous les modèles.
+all = Tous les modèles
+page = Page { $page } sur { $pages }
+previous = Précédente
+next = Suivante
+pages = Pages
+country = Pays
+kind = Genre
+period = Période
+licence = Licence
+size = Taille
+subject = Sujet
+size-under-1m = moins d’un million de triangles
+size-1m-10m = 1 à 10 millions
+size-10m-100m = 10 à 100 millions
+size-over-100m = plus de 100 millions
+triangles = Triangles
+file = Fichier
+embargo = Public à partir du { $day }
+restricted = Non public
+feed = Nouveaux modèles (flux)
+packs = Paquets
+language = Langue
+failed = La recherche n’est pas disponible pour le moment.
+failedNext = Les modèles restent visibles : toutes les adresses fonctionnent. Réessayez dans une minute.
+remove = enlever
+chosen = Choisi
+version = Version { $number } du { $day }
+signIn = Se connecter
+signOut = Se déconnecter
+userName = Nom d’utilisateur
+password = Mot de passe
+signInWrong = Le nom ou le mot de passe n’est pas juste.
+signInWait = Il y a eu trop d’essais. Réessayez dans { $seconds ->
+        [one] { $seconds } seconde
+        [many] { $seconds } de secondes
+       *[other] { $seconds } secondes
+    }.
+signedIn = Vous êtes connecté comme { $name }.
+goOn = Continuer
+bytes = { $count ->
+        [one] { $count } octet
+        [many] { $count } d’octets
+       *[other] { $count } octets
+    }
+kB = ko
+MB = Mo
+GB = Go
+extent = Étendue
+spacing = Pas le plus fin
+reference = Système de référence
+local = local
+notStated = non indiquée
+broken = Ce fichier ne peut pas être affiché.
+withdrawn = Retiré.
+download = Télécharger le paquet
+empty = Il n’y a pas encore de modèle ici.
+emptyNext = Créez un paquet avec kilwa build, placez-le dans ce dossier et rechargez cette page.
+map = Carte
+mapCount = Modèles sur la carte : { $count }
+mapNone = Aucun de ces modèles n’a de lieu public.
+mapSource = Contour des terres : Natural Earth, approximatif.
+mapWhole = Toute la carte
+mapCloser = Modèles ici : { $count }. Agrandir
+mapMore = Les { $count } premiers sont listés ; agrandissez pour voir les autres.
+places = Lieux
+list = Liste
+collections = Collections
+members = Modèles : { $count }
+collectionFeed = Cette collection en flux
+noCollections = Il n’y a pas encore de collection.
+extractTitle = Téléchargements
+extractLead = Le maillage pour d’autres programmes, sans fissures, à la taille voulue. Il est préparé à la demande.
+extractFormat = Format
+extractSize = Taille
+extractWhole = Entier
+extractTriangles = Au plus tant de triangles
+extractError = À tant de mètres de la surface au plus
+extractMake = Préparer le fichier
+extractBack = Retour au modèle
+extractQueued = Votre fichier attend son tour : { $count } avant lui.
+extractRunning = Votre fichier est en préparation : { $percent } %.
+extractWait = Cette page se rafraîchit d’elle-même. Vous pouvez la fermer et revenir à son adresse.
+extractReady = Le fichier est prêt. Le téléchargement commence de lui-même.
+extractFailed = Le fichier n’a pas pu être préparé.
+extractFull = Le disque du serveur est plein. Son responsable doit faire de la place ; réessayez plus tard.
+extractFetched = Obtenu du stockage de l’archive jusqu’ici : { $size }.
+extractHalted = Le stockage de l’archive ne répond pas pour le moment. La préparation reprendra dès qu’il répondra ; cette page se met à jour d’elle-même.
+extractAway = Le stockage de l’archive ne répond pas, ou ne donne pas le modèle pour le moment ; redemandez dans une minute.
+extractBusy = Trop de fichiers sont en préparation. Réessayez dans { $seconds ->
+        [one] { $seconds } seconde
+        [many] { $seconds } de secondes
+       *[other] { $seconds } secondes
+    }.
+extractTooLarge = Cela ferait environ { $size }, et ce serveur garde des fichiers jusqu’à { $most }. Demandez moins de triangles, ou téléchargez le paquet.
+extractWrong = Ce n’est pas une taille : un nombre entier de triangles à partir de 1, ou des mètres comme 0.01.
+extractUnknown = Rien n’est en préparation à cette adresse. Demandez le fichier à nouveau.
+extractPack = Tel que publié
+preview = Aperçu
+plyWhat = couleurs, tous les attributs ; pour les logiciels de nuages de points et de maillages
+glbWhat = couleurs ; pour le web, Blender, présentations
+objWhat = texte, couleurs ; s’ouvre presque partout
+stlWhat = la forme seule ; pour l’impression 3D
+parts = Cette archive
+signOutEverywhere = Se déconnecter partout
+signInFailed = Le serveur ne peut connecter personne pour le moment. Réessayez dans une minute.
+tooLong = Cette adresse est trop longue.
+tooLongNext = Choisissez moins de filtres, ou cherchez avec moins de mots.
+tooMany = On peut choisir au plus { $count } valeurs d’un même filtre : { $filter }.
+tooManyNext = Continuer avec les { $count } premières
+extractTime = Temps restant estimé : { $from } à { $to } min.
+extractTimeShort = Temps restant estimé : moins de 1 min.
+extractTimeUnknown = La durée ne peut pas encore être estimée.
+extractShare = Votre réseau a déjà { $count ->
+        [one] { $count } fichier
+        [many] { $count } de fichiers
+       *[other] { $count } fichiers
+    } dans la file, le maximum pour un réseau. Réessayez dans { $seconds ->
+        [one] { $seconds } seconde
+        [many] { $seconds } de secondes
+       *[other] { $seconds } secondes
+    }.
+extractTooMany = Votre réseau a demandé { $count ->
+        [one] { $count } nouveau fichier
+        [many] { $count } de nouveaux fichiers
+       *[other] { $count } nouveaux fichiers
+    } ces dix dernières minutes, le maximum pour un réseau. Réessayez dans { $seconds ->
+        [one] { $seconds } seconde
+        [many] { $seconds } de secondes
+       *[other] { $seconds } secondes
+    }.

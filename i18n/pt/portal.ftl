@@ -1,0 +1,148 @@
+### Messages of the portal: the server's own pages. They are put into HTML as they are, so that they hold no <, & or double quotes.
+
+dir = ltr
+name = Português
+title = Modelos
+search = Pesquisar
+searchLabel = Pesquisar modelos
+sort = Ordem
+relevance = Relevância
+byTitle = Título
+newest = Mais recentes
+largest = Maiores
+apply = Mostrar
+clear = Limpar tudo
+filters = Filtros
+results = Modelos encontrados: { $count }
+none = Nada encontrado.
+noneNext = Tente menos palavras ou menos filtros, ou veja todos os modelos.
+all = Todos os modelos
+page = Página { $page } de { $pages }
+previous = Anterior
+next = Seguinte
+pages = Páginas
+country = País
+kind = Género
+period = Período
+licence = Licença
+size = Tamanho
+subject = Assunto
+size-under-1m = menos de 1 milhão de triângulos
+size-1m-10m = 1 a 10 milhões
+size-10m-100m = 10 a 100 milhões
+size-over-100m = mais de 100 milhões
+triangles = Triângulos
+file = Ficheiro
+embargo = Público a partir de { $day }
+restricted = Não público
+feed = Novos modelos (feed)
+packs = Pacotes
+language = Língua
+failed = De momento não é possível pesquisar.
+failedNext = Os modelos continuam visíveis: todos os endereços funcionam. Tente de novo dentro de um minuto.
+remove = retirar
+chosen = Escolhido
+version = Versão { $number } de { $day }
+signIn = Entrar
+signOut = Sair
+userName = Nome de utilizador
+password = Palavra-passe
+signInWrong = O nome ou a palavra-passe não está certo.
+signInWait = Houve demasiadas tentativas. Tente de novo dentro de { $seconds ->
+        [one] { $seconds } segundo
+        [many] { $seconds } de segundos
+       *[other] { $seconds } segundos
+    }.
+signedIn = Entrou como { $name }.
+goOn = Continuar
+bytes = { $count ->
+        [one] { $count } byte
+        [many] { $count } de bytes
+       *[other] { $count } bytes
+    }
+kB = kB
+MB = MB
+GB = GB
+extent = Extensão
+spacing = Espaçamento mais fino
+reference = Sistema de referência
+local = local
+notStated = não indicada
+broken = Este ficheiro não pode ser mostrado.
+withdrawn = Retirado.
+download = Transferir o pacote
+empty = Ainda não há nenhum modelo aqui.
+emptyNext = Crie um pacote com kilwa build, coloque-o nesta pasta e recarregue esta página.
+map = Mapa
+mapCount = Modelos no mapa: { $count }
+mapNone = Nenhum destes modelos tem um local público.
+mapSource = Contorno da terra: Natural Earth, aproximado.
+mapWhole = O mapa inteiro
+mapCloser = Modelos aqui: { $count }. Aproximar
+mapMore = Os primeiros { $count } estão listados; aproxime para ver os outros.
+places = Locais
+list = Lista
+collections = Coleções
+members = Modelos: { $count }
+collectionFeed = Esta coleção como feed
+noCollections = Ainda não há nenhuma coleção.
+extractTitle = Transferências
+extractLead = A malha para outros programas, sem fendas, no tamanho de que precisa. É preparada a pedido.
+extractFormat = Formato
+extractSize = Tamanho
+extractWhole = Inteiro
+extractTriangles = No máximo tantos triângulos
+extractError = A tantos metros da superfície no máximo
+extractMake = Preparar o ficheiro
+extractBack = Voltar ao modelo
+extractQueued = O seu ficheiro aguarda a vez: { $count } antes dele.
+extractRunning = O seu ficheiro está a ser preparado: { $percent } %.
+extractWait = Esta página atualiza-se sozinha. Pode fechá-la e voltar ao seu endereço.
+extractReady = O ficheiro está pronto. A transferência começa sozinha.
+extractFailed = O ficheiro não pôde ser preparado.
+extractFull = O disco do servidor está cheio. O responsável tem de libertar espaço; tente mais tarde.
+extractFetched = Obtido do armazenamento do arquivo até agora: { $size }.
+extractHalted = O armazenamento do arquivo não responde de momento. A preparação continua quando responder; esta página atualiza-se sozinha.
+extractAway = O armazenamento do arquivo não responde, ou não dá o modelo de momento; peça de novo daqui a um minuto.
+extractBusy = Estão a ser preparados demasiados ficheiros. Tente de novo dentro de { $seconds ->
+        [one] { $seconds } segundo
+        [many] { $seconds } de segundos
+       *[other] { $seconds } segundos
+    }.
+extractTooLarge = Seriam cerca de { $size }, e este servidor guarda ficheiros até { $most }. Peça menos triângulos, ou transfira o pacote.
+extractWrong = Isso não é um tamanho: um número inteiro de triângulos a partir de 1, ou metros como 0.01.
+extractUnknown = Nada está a ser preparado neste endereço. Peça o ficheiro de novo.
+extractPack = Como foi publicado
+preview = Pré-visualização
+plyWhat = cores, todos os atributos; para programas de nuvens de pontos e malhas
+glbWhat = cores; para a web, Blender, apresentações
+objWhat = texto, cores; abre em quase todo o lado
+stlWhat = só a forma; para impressão 3D
+parts = Este arquivo
+signOutEverywhere = Terminar todas as sessões
+signInFailed = O servidor não pode iniciar sessões neste momento. Tente de novo daqui a um minuto.
+tooLong = Este endereço é demasiado longo.
+tooLongNext = Escolha menos filtros, ou pesquise com menos palavras.
+tooMany = Podem escolher-se no máximo { $count } valores de um filtro: { $filter }.
+tooManyNext = Continuar com os primeiros { $count }
+extractTime = Tempo restante estimado: { $from } a { $to } min.
+extractTimeShort = Tempo restante estimado: menos de 1 min.
+extractTimeUnknown = Ainda não é possível estimar a duração.
+extractShare = A sua rede já tem { $count ->
+        [one] { $count } ficheiro
+        [many] { $count } de ficheiros
+       *[other] { $count } ficheiros
+    } na fila, o máximo para uma rede. Tente de novo daqui a { $seconds ->
+        [one] { $seconds } segundo
+        [many] { $seconds } de segundos
+       *[other] { $seconds } segundos
+    }.
+extractTooMany = A sua rede pediu { $count ->
+        [one] { $count } ficheiro novo
+        [many] { $count } de ficheiros novos
+       *[other] { $count } ficheiros novos
+    } nos últimos dez minutos, o máximo para uma rede. Tente de novo daqui a { $seconds ->
+        [one] { $seconds } segundo
+        [many] { $seconds } de segundos
+       *[other] { $seconds } segundos
+    }.

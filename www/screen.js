@@ -1,0 +1,123 @@
+// What the page shows of the model that is open, beside the picture itself: progress, title and facts, the figures of each frame.
+
+import { cameraKey } from "./camera.js";
+import * as chrome from "./chrome.js";
+import { Cube } from "./cube.js";
+import { $ } from "./dom.js";
+import { showFacts } from "./facts.js";
+import * as format from "./format.js";
+import { t } from "./i18n.js";
+import { Status } from "./status.js";
+
+/** @import { FrameStats } from "./types/page.js" */
+/** @import { Current } from "./current.js" */
+/** @import { Model } from "./model.js" */
+
+/** Milliseconds without a move after which the camera rests. */
+const REST_MS = 200;
+
+export class Screen {
+  /** The camera of the last frame. */
+  #seen = "";
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  #resting;
+
+  /**
+   * @param {object} parts
+   * @param {Current} parts.current
+   * @param {import("./measuring.js").Measuring} parts.measuring
+   * @param {import("./section.js").Section} parts.section
+   * @param {import("./link.js").Address} parts.address
+   * @param {import("./api.js").Api} parts.api
+   */
+  constructor({ current, measuring, section, address, api }) {
+    this.current = current;
+    this.measuring = measuring;
+    this.section = section;
+    this.address = address;
+    this.api = api;
+    this.status = new Status();
+    this.cube = new Cube((view) => current.scene?.standardView(view));
+  }
+
+  /** No pack was named. */
+  welcome() {
+    document.body.dataset.state = "welcome";
+    $("loading").hidden = true;
+    $("welcome").hidden = false;
+  }
+
+  /** A pack will be opened, in place of what was. */
+  loading() {
+    document.body.dataset.state = "loading";
+    document.body.dataset.pack = "";
+    $("welcome").hidden = $("trouble").hidden = true;
+    $("loading").hidden = false;
+  }
+
+  /**
+   * @param {number} done
+   * @param {number} total
+   */
+  progress(done, total) {
+    if (this.current.scene) return;
+    $("loading-bar").value = total ? done / total : 0;
+    $("loading-text").textContent = t("loadingBytes", { done: format.bytes(done), total: format.bytes(total || done) });
+  }
+
+  /**
+   * Until something is tried again, before there is a picture.
+   * @param {number} seconds
+   */
+  waits(seconds) {
+    $("loading-text").textContent = t("offlineFirst", { seconds });
+  }
+
+  /** @param {Model} model */
+  about({ title, info }) {
+    $("title").textContent = title;
+    $("about-title").textContent = title;
+    document.title = `${title} - Kilwa`;
+    $("canvas").setAttribute("aria-label", `${t("canvas")}: ${title}`);
+    showFacts($("facts"), info);
+  }
+
+  /** Something of the model is there. */
+  first() {
+    document.body.dataset.state = "ready";
+    $("loading").hidden = true;
+    $("cube").hidden = false;
+    this.api.emit("ready", null);
+    const { pack } = this.current.opened.model;
+    if (pack.whole) chrome.notice(t("noRangeSmall", { size: format.bytes(Number(pack.bytes)) }), 12000);
+  }
+
+  /** @param {FrameStats} stats */
+  frame(stats) {
+    const { scene, notes } = this.current.opened;
+    const { viewer, session, loupe, walk } = scene;
+    this.status.show(stats, viewer, session);
+    if (!$("info").hidden) this.status.list($("stats"), stats, session);
+    const camera = viewer.camera();
+    this.cube.show(camera);
+    notes.pins?.frame(stats);
+    this.measuring.frame(stats);
+    loupe.frame();
+    this.section.frame();
+    walk.frame(stats);
+    this.address.later();
+    this.api.emit("frame", stats);
+    const seen = cameraKey(camera);
+    if (this.#seen === seen) return;
+    this.#seen = seen;
+    clearTimeout(this.#resting);
+    this.#resting = setTimeout(() => this.current.isOpen && this.api.emit("camera", this.api.getCamera()), REST_MS);
+  }
+
+  /** There is another view to go back or forward to, or none. */
+  viewButtons() {
+    const flight = this.current.scene?.flight;
+    $("view-back").disabled = !flight?.canGoBack;
+    $("view-forward").disabled = !flight?.canGoForward;
+  }
+}
